@@ -1,0 +1,40 @@
+"""Errors a user is meant to read: one line that names the file, what is wrong and what to do."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+
+class MqslamError(Exception):
+    """Base of every error mqslam raises on purpose; the command line prints it and exits with 2."""
+
+
+class DataError(MqslamError):
+    """A recording, trajectory or odometry file that cannot be used.
+
+    Args:
+        path: the file or folder at fault.
+        problem: what is wrong with it.
+        remedy: what the user can do about it.
+    """
+
+    def __init__(self, path: Path | str, problem: str, remedy: str = "") -> None:
+        super().__init__(f"{path}: {problem}" + (f"; {remedy}" if remedy else ""))
+        self.path = Path(path)
+        self.problem = problem
+        self.remedy = remedy
+
+    def __reduce__(self) -> tuple[type[DataError], tuple[Path, str, str]]:
+        return type(self), (self.path, self.problem, self.remedy)
+
+
+class ConfigError(MqslamError):
+    """A setting that is unknown or out of range."""
+
+
+class OutputError(MqslamError):
+    """A result that cannot be written where it was asked for."""
+
+
+class EstimationError(MqslamError):
+    """Data from which no motion can be estimated, such as a recording without returns."""

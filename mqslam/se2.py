@@ -1,0 +1,92 @@
+"""Planar rigid motions as arrays (..., 3): x [m], y [m], yaw [rad]; REP 103. Yaw is never wrapped here but by `wrap`."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Array = NDArray[np.float64]
+
+
+def wrap(angle: ArrayLike) -> Array:
+    """The angle [rad] brought into [-pi, pi)."""
+    return np.asarray((np.asarray(angle, dtype=np.float64) + np.pi) % (2.0 * np.pi) - np.pi)
+
+
+def compose(a: ArrayLike, b: ArrayLike) -> Array:
+    """Pose b, given in the frame of pose a, in the frame a is given in."""
+    a, b = np.asarray(a, dtype=np.float64), np.asarray(b, dtype=np.float64)
+    c, s = np.cos(a[..., 2]), np.sin(a[..., 2])
+    return np.stack(
+        [
+            a[..., 0] + c * b[..., 0] - s * b[..., 1],
+            a[..., 1] + s * b[..., 0] + c * b[..., 1],
+            a[..., 2] + b[..., 2],
+        ],
+        axis=-1,
+    )
+
+
+def inverse(a: ArrayLike) -> Array:
+    """The motion that undoes a."""
+    a = np.asarray(a, dtype=np.float64)
+    c, s = np.cos(a[..., 2]), np.sin(a[..., 2])
+    return np.stack([-c * a[..., 0] - s * a[..., 1], s * a[..., 0] - c * a[..., 1], -a[..., 2]], axis=-1)
+
+
+def between(a: ArrayLike, b: ArrayLike) -> Array:
+    """Pose b in the frame of pose a."""
+    return compose(inverse(a), b)
+
+
+def transform(pose: ArrayLike, points: ArrayLike) -> Array:
+    """Points (N, 2) [m] of the pose's frame in the frame the pose is given in."""
+    pose, points = np.asarray(pose, dtype=np.float64), np.asarray(points, dtype=np.float64)
+    c, s = np.cos(pose[2]), np.sin(pose[2])
+    return np.asarray(points @ np.array([[c, s], [-s, c]]) + pose[:2])
+
+
+def exp(twist: ArrayLike, duration: ArrayLike = 1.0) -> Array:
+    """The motion made by a constant body twist (vx [m/s], vy [m/s], omega [rad/s]) in a duration [s]."""
+    d = np.asarray(twist, dtype=np.float64) * np.asarray(duration, dtype=np.float64)[..., None]
+    a, b = _arc(d[..., 2])
+    return np.stack([a * d[..., 0] - b * d[..., 1], b * d[..., 0] + a * d[..., 1], d[..., 2]], axis=-1)
+
+
+def log(pose: ArrayLike) -> Array:
+    """The constant body twist that makes this motion in unit time; inverse of `exp` for |yaw| < 2 pi."""
+    p = np.asarray(pose, dtype=np.float64)
+    a, b = _arc(p[..., 2])
+    n = a * a + b * b
+    return np.stack(
+        [(a * p[..., 0] + b * p[..., 1]) / n, (-b * p[..., 0] + a * p[..., 1]) / n, p[..., 2]], axis=-1
+    )
+
+
+def _arc(w: Array) -> tuple[Array, Array]:
+    """sin(w)/w and (1 - cos(w))/w, continued through w = 0."""
+    a = np.sinc(w / np.pi)
+    half = np.sinc(w / (2.0 * np.pi))
+    return np.asarray(a), np.asarray(0.5 * w * half * half)
+
+
+def adjoint(pose: ArrayLike) -> Array:
+    """The (3, 3) matrix that carries a perturbation in the pose's own frame to the frame the pose is given in."""
+    x, y, yaw = np.asarray(pose, dtype=np.float64)
+    c, s = np.cos(yaw), np.sin(yaw)
+    return np.array([[c, -s, y], [s, c, -x], [0.0, 0.0, 1.0]])
+
+
+def interpolate(times: ArrayLike, poses: ArrayLike, at: ArrayLike) -> Array:
+    """Poses (M, 3) at times `at` (M,) on the constant-twist arcs through poses (N, 3) at increasing times (N,).
+
+    Outside the times the first or last arc is continued.
+    """
+    t, p, q = np.asarray(times, dtype=np.float64), np.asarray(poses, dtype=np.float64), np.asarray(at, dtype=np.float64)
+    if len(t) == 1:
+        return np.repeat(p, len(q), axis=0)
+    i = np.clip(np.searchsorted(t, q, side="right") - 1, 0, len(t) - 2)
+    step = between(p[i], p[i + 1])
+    step[..., 2] = wrap(step[..., 2])
+    fraction = (q - t[i]) / (t[i + 1] - t[i])
+    return compose(p[i], exp(log(step), fraction))
