@@ -28,6 +28,10 @@ class Returns:
     def __len__(self) -> int:
         return len(self.ranges)
 
+    def take(self, chosen: NDArray[np.bool_]) -> Returns:
+        """The returns a mask (N,) chooses."""
+        return Returns(self.ranges[chosen], self.azimuths[chosen], self.times[chosen], self.intensities[chosen])
+
     @classmethod
     def concatenate(cls, parts: Sequence[Returns]) -> Returns:
         """All returns of several parts, in their order."""

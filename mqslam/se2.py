@@ -1,4 +1,4 @@
-"""Planar rigid motions as arrays (..., 3): x [m], y [m], yaw [rad]; REP 103. Yaw is never wrapped here but by `wrap`."""
+"""Planar rigid motions as arrays (..., 3): x [m], y [m], yaw [rad], REP 103; yaw is wrapped by `wrap` alone."""
 
 from __future__ import annotations
 

@@ -81,7 +81,7 @@ class RadarStream(ABC):
     @property
     def start_times(self) -> NDArray[np.float64]:
         """(N,) start of every revolution [s] since the stream's start."""
-        return (self.stamps_us - self.start_us) * 1e-6
+        return np.asarray((self.stamps_us - self.start_us) * 1e-6, dtype=np.float64)
 
     @property
     def period_s(self) -> float:

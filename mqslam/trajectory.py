@@ -72,14 +72,21 @@ def read_tum(path: Path) -> Trajectory:
             values = [float(word) for word in words]
             if len(values) != 8 or not np.isfinite(values).all():
                 raise ValueError
-            whole, _, fraction = words[0].partition(".")
-            stamp = int(whole) * 1_000_000 + int((fraction + "000000")[:6]) if whole.isdigit() else round(values[0] * 1e6)
+            stamp = _microseconds(words[0])
         except ValueError:
             raise DataError(path, f"line {number} is not 't x y z qx qy qz qw'", "give a TUM trajectory") from None
         qx, qy, qz, qw = values[4:]
         stamps.append(stamp)
         poses.append((values[1], values[2], yaw_of_quaternion(qx, qy, qz, qw)))
     return checked(path, np.array(stamps, dtype=np.int64), np.array(poses, dtype=np.float64).reshape(-1, 3))
+
+
+def _microseconds(seconds: str) -> int:
+    """A stamp [us] of decimal seconds, which a float would round."""
+    whole, _, fraction = seconds.partition(".")
+    if whole.isdigit() and (fraction.isdigit() or not fraction):
+        return int(whole) * 1_000_000 + int((fraction + "000000")[:6])
+    return round(float(seconds) * 1e6)
 
 
 def yaw_of_quaternion(qx: float, qy: float, qz: float, qw: float) -> float:

@@ -1,0 +1,1 @@
+"""Factors: a measurement in, a GTSAM factor out, one kind per file."""

@@ -1,0 +1,48 @@
+"""The between-factor of odometry, with noise as large as its disagreement with psi says."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import gtsam
+import numpy as np
+from mqslam.factors.noise import between_noise
+from numpy.typing import NDArray
+
+from mqslam import se2
+from mqslam.config import GraphConfig
+from mqslam.measurement import RelativeMotion
+
+
+def odometry_between(a: int, b: int, motion: RelativeMotion, config: GraphConfig) -> gtsam.BetweenFactorPose2:
+    """The motion from key a to key b with its own covariance."""
+    noise = between_noise(motion.covariance, motion.pose[2], config.floor_m, config.floor_rad, config.huber)
+    return gtsam.BetweenFactorPose2(a, b, gtsam.Pose2(*motion.pose), noise)
+
+
+def odometry_covariance(
+    odometry: Sequence[RelativeMotion], measured: Sequence[RelativeMotion], span_s: float
+) -> NDArray[np.float64]:
+    """Covariance (3, 3) of one odometry edge such that edges chained over a span disagree with psi as they do.
+
+    Wheel odometry errs by scale and bias, which a step hardly shows and a span adds up. Taking the disagreement over
+    spans [s], and sharing it over the span's edges as if they erred independently, gives every edge the weight the whole
+    span deserves.
+    """
+    duration = odometry[-1].t1 - odometry[0].t0
+    count = max(1, min(len(odometry), round(len(odometry) * span_s / max(duration, 1e-9))))
+    misses = []
+    for begin in range(0, len(odometry) - count + 1, max(1, count // 2)):
+        span = slice(begin, begin + count)
+        miss = se2.between(_chained(measured[span]), _chained(odometry[span]))
+        miss[2] = se2.wrap(miss[2])
+        misses.append(miss)
+    squares = np.median(np.square(misses), axis=0) / 0.4549  # median of a chi-square with one degree of freedom
+    return np.diag(squares / count + 1e-10)
+
+
+def _chained(motions: Sequence[RelativeMotion]) -> se2.Array:
+    pose = np.zeros(3)
+    for motion in motions:
+        pose = se2.compose(pose, motion.pose)
+    return pose

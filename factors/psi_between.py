@@ -1,0 +1,15 @@
+"""The between-factor of a front end's measurement: psi's, or that of the front end standing in for it."""
+
+from __future__ import annotations
+
+import gtsam
+from mqslam.factors.noise import between_noise
+
+from mqslam.config import GraphConfig
+from mqslam.measurement import RelativeMotion
+
+
+def psi_between(a: int, b: int, motion: RelativeMotion, config: GraphConfig) -> gtsam.BetweenFactorPose2:
+    """The motion from key a to key b with the covariance of its score's curvature and the floor of the settings."""
+    noise = between_noise(motion.covariance, motion.pose[2], config.floor_m, config.floor_rad, config.huber)
+    return gtsam.BetweenFactorPose2(a, b, gtsam.Pose2(*motion.pose), noise)

@@ -1,0 +1,52 @@
+"""The odometry front end: a dead-reckoned or given trajectory, cut into relative motions."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+
+import numpy as np
+
+from mqslam import se2
+from mqslam.errors import EstimationError
+from mqslam.frontend import Context
+from mqslam.measurement import RelativeMotion
+from mqslam.returns import Window
+
+# what a wheel odometry of which nothing is known is taken to be worth; the graph estimates better where it can
+SIGMA_TRAVEL = 0.05  # standard deviation of travel, per metre
+SIGMA_REST_M = 0.01  # standard deviation of the position over a window at rest [m]
+SIGMA_YAW_RATE = 0.02  # standard deviation of the yaw rate [rad/s]
+
+
+class OdometryFrontEnd:
+    """Reads motions off the odometry of the context."""
+
+    def __init__(self, context: Context) -> None:
+        if context.odometry is None:
+            raise EstimationError("the odometry front end needs odometry; give --odometry FILE or another --frontend")
+        self._odometry = context.odometry
+        self._start_us = context.start_us
+
+    def measure(self, windows: Iterable[Window]) -> Iterator[RelativeMotion]:
+        """The motion from the start of each window to the start of the next, where the odometry reaches that far.
+
+        Raises:
+            EstimationError: the odometry does not cover the windows.
+        """
+        before: Window | None = None
+        for window in windows:
+            if before is not None:
+                yield self._between(before.t0, window)
+            before = window
+
+    def _between(self, t0: float, window: Window) -> RelativeMotion:
+        stamps = self._start_us + np.round(np.array([t0, window.t0]) * 1e6).astype(np.int64)
+        if not self._odometry.covers(int(stamps[0]), int(stamps[1])):
+            raise EstimationError(f"the odometry does not cover {t0:.2f} s to {window.t0:.2f} s of the recording")
+        first, last = self._odometry.at(stamps)
+        pose = se2.between(first, last)
+        along = SIGMA_REST_M + SIGMA_TRAVEL * float(np.hypot(pose[0], pose[1]))
+        yaw = SIGMA_YAW_RATE * (window.t0 - t0)
+        return RelativeMotion(
+            t0, window.t0, pose, np.diag([along**2, along**2, yaw**2]), points=len(window.returns)
+        )

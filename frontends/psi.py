@@ -1,0 +1,85 @@
+"""The psi front end: the motion that makes the map crispest is the measurement."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterable, Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mqslam import se2
+from mqslam.errors import EstimationError
+from mqslam.frontend import Context
+from mqslam.measurement import RelativeMotion
+from mqslam.psi.tracker import Tracked, Tracker
+from mqslam.returns import Window
+
+_FIRST = 3  # revolutions that start the tracker together
+
+
+class PsiFrontEnd:
+    """Odometry by psi over a running map; another odometry serves as a start of the search, never as information."""
+
+    def __init__(self, context: Context) -> None:
+        self._context = context
+
+    def measure(self, windows: Iterable[Window]) -> Iterator[RelativeMotion]:
+        """The motion from the start of each window to the start of the next.
+
+        Raises:
+            EstimationError: fewer than two revolutions, or hardly any returns in the first ones.
+        """
+        stream = iter(windows)
+        head = list(itertools.islice(stream, _FIRST))
+        if len(head) < 2:
+            raise EstimationError(f"{len(head)} revolutions hold no motion; two at least are needed")
+        tracker = Tracker(self._context.config, self._context.revolution_s)
+        tracker.start(head, self._odometry_twist(head[0].t0, head[-1].t1))
+        before = tracker.first(head[0])
+        for window in itertools.chain(head[1:], stream):
+            twist = self._odometry_twist(before.t0, window.t0)
+            psi_odometry = float("nan")
+            if twist is not None:
+                now = self._odometry_twist(window.t0, window.t1)
+                assert now is not None
+                pose = se2.compose(before.pose, se2.exp(twist, window.t0 - before.t0))
+                psi_odometry = tracker.score(window, np.r_[pose, now])
+            after = tracker.follow(window, twist)
+            yield _relative(before, after, psi_odometry)
+            before = after
+
+    def _odometry_twist(self, t0: float, t1: float) -> se2.Array | None:
+        """Mean twist (3,) of the odometry between two times [s]; None where there is none."""
+        odometry, start_us = self._context.odometry, self._context.start_us
+        if odometry is None or t1 <= t0:
+            return None
+        stamps = start_us + np.round(np.array([t0, t1]) * 1e6).astype(np.int64)
+        if not odometry.covers(int(stamps[0]), int(stamps[1])):
+            return None
+        first, last = odometry.at(stamps)
+        return se2.log(se2.between(first, last)) / (t1 - t0)
+
+
+def _relative(a: Tracked, b: Tracked, psi_odometry: float) -> RelativeMotion:
+    """The motion between two tracked revolutions, their errors given the map taken as independent."""
+    pose = se2.between(a.pose, b.pose)
+    c, s = np.cos(a.pose[2]), np.sin(a.pose[2])
+    by_end = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
+    by_start = -by_end.copy()
+    by_start[0, 2], by_start[1, 2] = pose[1], -pose[0]
+    covariance: NDArray[np.float64] = (
+        by_start @ a.covariance[:3, :3] @ by_start.T + by_end @ b.covariance[:3, :3] @ by_end.T
+    )
+    found = b.evaluation
+    return RelativeMotion(
+        t0=a.t0,
+        t1=b.t0,
+        pose=pose,
+        covariance=0.5 * (covariance + covariance.T),
+        status=b.status,
+        psi=found.psi,
+        psi_odometry=psi_odometry,
+        points=len(found.matched),
+        matched=float(found.matched.mean()) if len(found.matched) else 0.0,
+    )

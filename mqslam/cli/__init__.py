@@ -1,0 +1,46 @@
+"""The command line: one file per command, heavy imports inside the commands."""
+
+from __future__ import annotations
+
+import sys
+
+import typer
+
+import mqslam
+from mqslam.cli.info import info
+from mqslam.cli.run import run
+from mqslam.cli.simulate import simulate
+from mqslam.errors import MqslamError
+
+app = typer.Typer(
+    name="mqslam",
+    help="Offline radar SLAM in which the measurement is map quality.",
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+app.command()(run)
+app.command()(info)
+app.command()(simulate)
+
+
+def _version(asked: bool) -> None:
+    if asked:
+        typer.echo(f"mqslam {mqslam.__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def _top(
+    version: bool = typer.Option(False, "--version", callback=_version, is_eager=True, help="Print the version."),
+) -> None:
+    """Offline radar SLAM in which the measurement is map quality."""
+
+
+def main() -> None:
+    """Entry point: a mistake a user can mend is one line on stderr and exit code 2."""
+    try:
+        app()
+    except MqslamError as error:
+        print(f"mqslam: error: {error}", file=sys.stderr)
+        sys.exit(2)

@@ -1,0 +1,24 @@
+"""Arguments and options that several commands share."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+Data = Annotated[Path, typer.Argument(help="A recording: an Oxford-style folder, a rosbag (.bag, folder, .mcap), a .npz.")]
+Format = Annotated[str | None, typer.Option("--format", help="Layout of DATA; guessed from the path by default.")]
+RangeResolution = Annotated[
+    float | None, typer.Option("--range-resolution", help="Length of a range bin [m], where DATA does not say or errs.")
+]
+ConfigOption = Annotated[
+    str | None, typer.Option("--config", "-c", help="Settings: a YAML file, or the name of one that ships.")
+]
+Json = Annotated[bool, typer.Option("--json", help="Print the numbers as JSON.")]
+Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print errors only.")]
+Jobs = Annotated[int, typer.Option("--jobs", "-j", min=1, help="Processes to use; the result does not depend on it.")]
+Force = Annotated[bool, typer.Option("--force", help="Replace what is at --out.")]
+
+CORES = os.cpu_count() or 1

@@ -1,0 +1,73 @@
+"""Progress of long stages: a bar with rate and remaining time on a terminal, plain lines elsewhere."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+from rich.console import Console
+
+_TITLES = {
+    "simulate": "simulating",
+    "detect": "reading and detecting",
+    "windows": "measuring motion",
+    "render": "rendering maps",
+}
+_LINE_EVERY_S = 10.0
+
+Progress = Callable[[str, int, int], None]
+
+
+@contextmanager
+def progress(console: Console, quiet: bool) -> Iterator[Progress]:
+    """A callable (stage, done, total) that shows how far a stage has come."""
+    if quiet:
+        yield lambda stage, done, total: None
+    elif console.is_terminal:
+        with _bars(console) as bars:
+            yield bars
+    else:
+        yield _Lines(console)
+
+
+@contextmanager
+def _bars(console: Console) -> Iterator[Progress]:
+    from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemainingColumn
+    from rich.progress import Progress as Bars
+
+    columns = (
+        TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(),
+        TextColumn("{task.fields[rate]}"), TimeRemainingColumn(),
+    )  # fmt: skip
+    with Bars(*columns, console=console) as bars:
+        tasks: dict[str, tuple[int, float]] = {}
+
+        def show(stage: str, done: int, total: int) -> None:
+            if stage not in tasks:
+                task = bars.add_task(_TITLES.get(stage, stage), total=total, rate="")
+                tasks[stage] = (int(task), time.monotonic())
+            task_id, begin = tasks[stage]
+            rate = done / max(time.monotonic() - begin, 1e-6)
+            bars.update(bars.task_ids[task_id], completed=done, rate=f"{rate:.1f}/s" if rate < 1e4 else "")
+
+        yield show
+
+
+class _Lines:
+    """A line when a stage begins to show, every few seconds, and when it is done."""
+
+    def __init__(self, console: Console) -> None:
+        self._console = console
+        self._begin: dict[str, float] = {}
+        self._last = 0.0
+
+    def __call__(self, stage: str, done: int, total: int) -> None:
+        now = time.monotonic()
+        begin = self._begin.setdefault(stage, now)
+        if done < total and now - self._last < _LINE_EVERY_S:
+            return
+        self._last = now
+        elapsed = now - begin
+        rate = f", {done / elapsed:.0f}/s, {(total - done) * elapsed / done:.0f} s left" if elapsed > 0.5 else ""
+        self._console.print(f"{_TITLES.get(stage, stage)}: {done}/{total}{rate}", highlight=False)

@@ -1,0 +1,136 @@
+"""`mqslam run`: a recording to its optimised map, with a report."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from mqslam.cli.options import CORES, ConfigOption, Data, Force, Format, Jobs, Json, Quiet, RangeResolution
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+    from mqslam.stream import RadarStream
+    from mqslam.trajectory import Trajectory
+
+
+def run(
+    data: Data,
+    out: Annotated[Path, typer.Option("--out", "-o", help="Folder for the results; must not exist yet.")],
+    frontend: Annotated[str, typer.Option(help="psi, kiss_icp, odometry, or one that is installed.")] = "psi",
+    config: ConfigOption = None,
+    odometry: Annotated[
+        str, typer.Option(help="auto: the recording's own if it has one; none; or a file (TUM, or CSV t[us],v,omega).")
+    ] = "auto",
+    format: Format = None,
+    range_resolution: RangeResolution = None,
+    jobs: Jobs = CORES,
+    force: Force = False,
+    as_json: Json = False,
+    quiet: Quiet = False,
+) -> None:
+    """Run a recording through front end, pose graph and map, and report how good the map is.
+
+    Example: mqslam run drive --out result
+    """
+    from rich.console import Console
+
+    from mqslam.cli.progress import progress
+    from mqslam.config import load_config
+    from mqslam.outputs import check_free, whole_folder, write_run
+    from mqslam.readers import open_recording
+    from mqslam.slam import Slam
+    from mqslam.summary import run_warnings, summarise
+
+    settings = load_config(config)
+    check_free(out, force)
+    console = Console(stderr=True)
+    stream = open_recording(data, format, range_resolution or settings.sensor.range_resolution_m)
+    track, notes = choose_odometry(stream, odometry)
+    log = [*stream.notes, *notes]
+    if not quiet:
+        for note in log:
+            console.print(f"note: {note}", highlight=False, soft_wrap=True)
+    with progress(console, quiet or as_json) as show:
+        result = Slam(settings, frontend, jobs, show).run(stream, track)
+    summary = summarise(result, stream)
+    warnings = run_warnings(result, stream) + notes
+    with whole_folder(out, force) as folder:
+        write_run(folder, result, stream, summary, warnings, log_text(summary, log, warnings))
+    if as_json:
+        typer.echo(json.dumps(summary, indent=1))
+    elif not quiet:
+        for warning in warnings:
+            console.print(f"warning: {warning}", style="yellow", highlight=False, soft_wrap=True)
+        Console(soft_wrap=True).print(summary_table(summary))
+        typer.echo(f"report: {out / 'report.html'}")
+
+
+def choose_odometry(stream: RadarStream, choice: str) -> tuple[Trajectory | None, list[str]]:
+    """The odometry a run uses, and what the user should know about the choice.
+
+    Raises:
+        DataError: a file that cannot be read or does not cover the recording.
+    """
+    from mqslam.errors import DataError
+    from mqslam.readers import read_odometry
+
+    if choice == "none":
+        return None, []
+    last = int(stream.stamps_us[-1])
+    if choice != "auto":
+        track = read_odometry(Path(choice))
+        if not track.covers(stream.start_us, last):
+            raise DataError(
+                choice, "does not cover the recording", f"it must span {stream.start_us} to {last} us, in the radar's clock"
+            )
+        return track, []
+    if stream.odometry is not None and not stream.odometry.covers(stream.start_us, last):
+        return None, ["the recording's odometry does not cover it and is not used"]
+    return stream.odometry, []
+
+
+def log_text(summary: dict[str, Any], notes: list[str], warnings: list[str]) -> str:
+    """The lines of run.log."""
+    dataset = summary["dataset"]
+    lines = [f"mqslam {summary['mqslam_version']} on {dataset['path']} ({dataset['format']})"]
+    lines += [f"note: {note}" for note in notes] + [f"warning: {warning}" for warning in warnings]
+    lines += [f"{stage}: {seconds:.2f} s" for stage, seconds in summary["runtime_s"].items()]
+    lines.append(f"verdict: {summary['verdict']['status']}: {'; '.join(summary['verdict']['reasons'])}")
+    return "\n".join(lines) + "\n"
+
+
+def summary_table(summary: dict[str, Any]) -> Table:
+    """The numbers a person asks for first."""
+    from rich.table import Table
+
+    table = Table(title=None, show_edge=False, pad_edge=False)
+    table.add_column("")
+    table.add_column("odometry", justify="right")
+    table.add_column("optimised", justify="right")
+    psi = summary["psi"]
+    table.add_row("psi per point", f"{psi['per_point_odometry']:.4f}", f"{psi['per_point_optimised']:.4f}")
+    table.add_row("matched points", f"{psi['matched_odometry']:.1%}", f"{psi['matched_optimised']:.1%}")
+    before, after = summary["evaluation_odometry"], summary["evaluation"]
+    if before and after:
+        for key, label, unit in (
+            ("ate_rmse_m", "ATE", "m"),
+            ("drift_percent", "drift", "%"),
+            ("drift_deg_per_100m", "drift", "deg/100 m"),
+            ("rpe_v_rms", "speed error", "m/s"),
+            ("rpe_w_rms", "yaw rate error", "rad/s"),
+        ):
+            if after[key] is not None:
+                table.add_row(f"{label} [{unit}]".replace("[", r"\["), f"{before[key]:.4g}", f"{after[key]:.4g}")
+    dataset, runtime, verdict = summary["dataset"], summary["runtime_s"], summary["verdict"]
+    speed = dataset["duration_s"] / max(runtime["total"], 1e-9)
+    table.caption = (
+        f"{dataset['revolutions']} revolutions, {dataset['duration_s']:.1f} s, {dataset['length_m']:.1f} m; "
+        f"{runtime['total']:.1f} s of computing, {speed:.1f} times real time\n"
+        f"verdict: {verdict['status']}: {'; '.join(verdict['reasons'])}"
+    )
+    table.caption_justify = "left"
+    return table

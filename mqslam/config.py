@@ -1,0 +1,165 @@
+"""All settings as one tree; every setting has its unit and reason where it is defined."""
+
+from __future__ import annotations
+
+import difflib
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+import yaml
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from mqslam.detector import DetectorConfig
+from mqslam.errors import ConfigError
+from mqslam.psi.minimiser import EstimatorConfig
+from mqslam.psi.published import PsiConfig
+
+
+class SensorConfig(BaseModel):
+    """What a recording does not say about its radar."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    range_resolution_m: float | None = Field(
+        None, gt=0.0, description="length of a range bin [m]; null takes the recording's or its format's"
+    )
+    doppler_beta: float = Field(
+        0.0, description="range shift per closing speed [s], signed by the chirp; about 0.049 on the Oxford unit"
+    )
+
+
+class TrackerConfig(BaseModel):
+    """Settings of odometry by psi over a running map."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    keyframe_m: float = Field(5.0, gt=0.0, description="a revolution joins the map after this much travel [m]")
+    keyframe_rad: float = Field(0.1, gt=0.0, description="or after this much turning [rad]")
+    keyframes: int = Field(20, ge=1, description="revolutions the map holds")
+    sigma_position_m: float = Field(0.01, gt=0.0, description="process noise of the start pose per revolution [m]")
+    sigma_yaw: float = Field(0.0003, gt=0.0, description="process noise of the start yaw per revolution [rad]")
+    sigma_vx: float = Field(1.0, gt=0.0, description="change of forward speed per revolution of 0.25 s [m/s]")
+    sigma_vy: float = Field(0.15, gt=0.0, description="change of sideways speed per revolution of 0.25 s [m/s]")
+    sigma_omega: float = Field(0.12, gt=0.0, description="change of yaw rate per revolution of 0.25 s [rad/s]")
+    speed_min: float = Field(-5.0, description="slowest speed of the cold start's search [m/s]")
+    speed_max: float = Field(40.0, description="fastest speed of the cold start's search [m/s]")
+    omega_max: float = Field(1.0, gt=0.0, description="fastest turn of the cold start's search [rad/s]")
+    lost_share: float = Field(
+        0.5, gt=0.0, lt=1.0, description="a matched share below this part of the usual one means the track may be lost"
+    )
+    degenerate_m: float = Field(
+        0.5, gt=0.0, description="a standard deviation above this in any direction makes a measurement degenerate [m]"
+    )
+    degenerate_rad: float = Field(0.05, gt=0.0, description="the same for yaw [rad]")
+
+
+class KissIcpConfig(BaseModel):
+    """Settings of the KISS-ICP front end."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    voxel_size_m: float = Field(1.0, gt=0.0, description="voxel of its map [m]; 1.0 measured best on radar returns")
+    max_range_m: float = Field(150.0, gt=0.0, description="farther returns are dropped [m]")
+    deskew: bool = Field(True, description="whether each return is moved by the last motion")
+    sigma_m: float = Field(0.1, gt=0.0, description="standard deviation of its position per revolution [m]")
+    sigma_yaw: float = Field(0.01, gt=0.0, description="standard deviation of its yaw per revolution [rad]")
+
+
+class GraphConfig(BaseModel):
+    """Settings of the pose graph."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    floor_m: float = Field(0.01, gt=0.0, description="least standard deviation of an edge's position [m]")
+    floor_rad: float = Field(0.0003, gt=0.0, description="least standard deviation of an edge's yaw [rad]")
+    huber: float = Field(1.345, gt=0.0, description="residual beyond which an edge's pull grows only linearly [sigma]")
+    odometry_span_s: float = Field(
+        10.0, gt=0.0, description="odometry noise is what it disagrees with psi over this span [s]"
+    )
+
+
+class MapConfig(BaseModel):
+    """Settings of the rendered map."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    cell_m: float = Field(0.2, gt=0.0, description="cell of the nav2 map [m]")
+    travel_m: float = Field(0.1, ge=0.0, description="a revolution nearer to the last rendered one adds nothing [m]")
+    travel_rad: float = Field(0.01, ge=0.0, description="unless it has turned by more than this [rad]")
+
+
+class Config(BaseModel):
+    """Every setting of a run."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    sensor: SensorConfig = SensorConfig()
+    detector: DetectorConfig = DetectorConfig()
+    psi: PsiConfig = PsiConfig()
+    estimator: EstimatorConfig = EstimatorConfig()
+    tracker: TrackerConfig = TrackerConfig()
+    kiss_icp: KissIcpConfig = KissIcpConfig()
+    graph: GraphConfig = GraphConfig()
+    map: MapConfig = MapConfig()
+
+
+def load_config(name: str | Path | None = None) -> Config:
+    """The default settings, changed by a YAML file or by one that ships with mqslam (`oxford`, `default`).
+
+    Raises:
+        ConfigError: no such file, not YAML, or a setting that is unknown or out of range.
+    """
+    if name is None:
+        return Config()
+    path = Path(name)
+    shipped = resources.files("mqslam.configs") / f"{name}.yaml"
+    try:
+        if path.is_file():
+            text = path.read_text(encoding="utf-8")
+        elif shipped.is_file():
+            text = shipped.read_text(encoding="utf-8")
+        else:
+            raise ConfigError(f"{name}: no such configuration; give a YAML file or one of {', '.join(shipped_names())}")
+        tree = yaml.safe_load(text)
+    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+        first = str(error).splitlines()[0]
+        raise ConfigError(f"{name}: is not a readable YAML file ({first})") from error
+    if tree is None:
+        tree = {}
+    if not isinstance(tree, dict):
+        raise ConfigError(f"{name}: must hold settings as 'section: {{key: value}}'")
+    try:
+        return Config.model_validate(tree)
+    except ValidationError as error:
+        raise ConfigError(f"{name}: {_explain(error)}") from error
+
+
+def shipped_names() -> list[str]:
+    """Configurations that come with mqslam."""
+    folder = resources.files("mqslam.configs")
+    return sorted(entry.name[:-5] for entry in folder.iterdir() if entry.name.endswith(".yaml"))
+
+
+def dump_yaml(config: Config) -> str:
+    """Every setting as YAML that `load_config` reads back."""
+    text: str = yaml.safe_dump(config.model_dump(mode="json"), sort_keys=False)
+    return text
+
+
+def _explain(error: ValidationError) -> str:
+    """The first fault of a settings tree in one line, with the nearest known name for an unknown one."""
+    fault = error.errors()[0]
+    where = ".".join(str(part) for part in fault["loc"])
+    if fault["type"] != "extra_forbidden":
+        return f"{where}: {fault['msg']}"
+    known = _keys(fault["loc"][:-1])
+    near = difflib.get_close_matches(str(fault["loc"][-1]), known, 1)
+    return f"unknown setting {where}; " + (f"did you mean {near[0]}?" if near else f"known are {', '.join(known)}")
+
+
+def _keys(parents: tuple[Any, ...]) -> list[str]:
+    node: Any = Config
+    for parent in parents:
+        node = node.model_fields[parent].annotation
+    return list(node.model_fields)

@@ -1,0 +1,113 @@
+"""How far an estimated trajectory is from ground truth. Nothing here may be used to estimate."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mqslam import se2
+from mqslam.trajectory import Trajectory
+
+_SEGMENT_LENGTHS_M = np.arange(100.0, 801.0, 100.0)
+_SEGMENT_START_STEP = 4
+_SLACK_US = 2_000
+
+
+@dataclass(frozen=True, slots=True)
+class Evaluation:
+    """Errors of an estimate, each taken at the stamps of the ground truth.
+
+    Args:
+        ate_rmse_m: position error [m], root mean square after the best rigid alignment, without scale.
+        drift_percent: translation error [%] of KITTI's segments of 100 to 800 m, or None on a path under 100 m.
+        drift_deg_per_100m: rotation error [deg / 100 m] of the same segments, or None.
+        rpe_v_rms: forward speed error [m/s] from stamp to stamp, root mean square.
+        rpe_w_rms: yaw rate error [rad/s] from stamp to stamp, root mean square.
+        rpe_v_bias: mean forward speed error [m/s], positive where the estimate is too fast.
+        rpe_w_bias: mean yaw rate error [rad/s].
+    """
+
+    ate_rmse_m: float
+    drift_percent: float | None
+    drift_deg_per_100m: float | None
+    rpe_v_rms: float
+    rpe_w_rms: float
+    rpe_v_bias: float
+    rpe_w_bias: float
+
+
+def evaluate(estimate: Trajectory, truth: Trajectory) -> Evaluation | None:
+    """Compare an estimate with ground truth at the truth's own stamps, as far as the estimate's span covers them.
+
+    Returns:
+        The errors, or None where the two share fewer than 3 stamps.
+    """
+    shared = _shared(estimate, truth)
+    if shared is None:
+        return None
+    stamps_us, estimated, true = shared
+    placed = se2.transform(_alignment(estimated, true), estimated[:, :2])
+    drift = _drift(estimated, true)
+    seconds = np.diff(stamps_us) * 1e-6
+    step_error = se2.between(estimated[:-1], estimated[1:]) - se2.between(true[:-1], true[1:])
+    speed_error = step_error[:, 0] / seconds
+    rate_error = se2.wrap(step_error[:, 2]) / seconds
+    return Evaluation(
+        ate_rmse_m=_rms(np.hypot(*(placed - true[:, :2]).T)),
+        drift_percent=None if drift is None else 100.0 * drift[0],
+        drift_deg_per_100m=None if drift is None else 100.0 * float(np.rad2deg(drift[1])),
+        rpe_v_rms=_rms(speed_error),
+        rpe_w_rms=_rms(rate_error),
+        rpe_v_bias=float(speed_error.mean()),
+        rpe_w_bias=float(rate_error.mean()),
+    )
+
+
+def alignment(estimate: Trajectory, truth: Trajectory) -> se2.Array | None:
+    """The rigid motion (3,) that lays the estimate's positions best on the truth's, or None below 3 shared stamps."""
+    shared = _shared(estimate, truth)
+    return None if shared is None else _alignment(shared[1], shared[2])
+
+
+def _shared(estimate: Trajectory, truth: Trajectory) -> tuple[NDArray[np.int64], se2.Array, se2.Array] | None:
+    """Stamps (M,) of the truth inside the estimate's span and the poses (M, 3) of both at them; None if M < 3."""
+    first, last = estimate.stamps_us[0] - _SLACK_US, estimate.stamps_us[-1] + _SLACK_US
+    inside = (truth.stamps_us >= first) & (truth.stamps_us <= last)
+    if np.count_nonzero(inside) < 3:
+        return None
+    stamps_us = truth.stamps_us[inside]
+    return stamps_us, estimate.at(stamps_us), truth.poses[inside]
+
+
+def _alignment(estimated: se2.Array, true: se2.Array) -> se2.Array:
+    """The rigid motion (3,) with the least sum of squared distances between positions of poses (M, 3)."""
+    centre, target = estimated[:, :2].mean(axis=0), true[:, :2].mean(axis=0)
+    a, b = estimated[:, :2] - centre, true[:, :2] - target
+    yaw = np.arctan2(np.sum(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]), np.sum(a * b))
+    offset = target - se2.transform(np.array([0.0, 0.0, yaw]), centre[None])[0]
+    return np.array([*offset, yaw])
+
+
+def _drift(estimated: se2.Array, true: se2.Array) -> tuple[float, float] | None:
+    """Mean translation [m/m] and rotation [rad/m] error over KITTI's segments; None where no segment fits.
+
+    Source: A. Geiger et al., "Are we ready for autonomous driving? The KITTI vision benchmark suite", 2012.
+    """
+    travelled = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(true[:, :2], axis=0).T))])
+    begin = np.arange(0, len(true), _SEGMENT_START_STEP)
+    wanted = travelled[begin, None] + _SEGMENT_LENGTHS_M
+    end = np.searchsorted(travelled, wanted)
+    which, length = np.nonzero(end < len(true))
+    if len(which) == 0:
+        return None
+    i, j, metres = begin[which], end[which, length], _SEGMENT_LENGTHS_M[length]
+    error = se2.between(se2.between(true[i], true[j]), se2.between(estimated[i], estimated[j]))
+    translation = np.hypot(error[:, 0], error[:, 1]) / metres
+    rotation = np.abs(se2.wrap(error[:, 2])) / metres
+    return float(translation.mean()), float(rotation.mean())
+
+
+def _rms(values: se2.Array) -> float:
+    return float(np.sqrt(np.mean(np.square(values))))

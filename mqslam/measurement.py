@@ -1,0 +1,44 @@
+"""A measurement of relative motion: what every front end hands on."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+class Status(StrEnum):
+    """How far a measurement can be trusted."""
+
+    CONVERGED = "converged"
+    DEGENERATE = "degenerate"  # a direction is not observed: the covariance is large along it
+    AMBIGUOUS = "ambiguous"  # two motions explain the window about equally well
+    LOST = "lost"  # too little of the window fits the map; the motion is the prediction
+
+
+@dataclass(frozen=True, slots=True)
+class RelativeMotion:
+    """The sensor's motion from t0 to t1.
+
+    Args:
+        t0, t1: [s] since the stream's start.
+        pose: (3,) x [m], y [m], yaw [rad] of the pose at t1 in the frame of the pose at t0.
+        covariance: (3, 3) of x, y, yaw, in the frame of the pose at t0 [m, m, rad].
+        status: how far it can be trusted.
+        psi: the window's score at its minimum; NaN where the front end has none.
+        psi_odometry: the window's score under the odometry's motion; NaN without odometry.
+        points: number of returns used.
+        matched: share of them that found a neighbour in the map; NaN where the front end does not say.
+    """
+
+    t0: float
+    t1: float
+    pose: NDArray[np.float64]
+    covariance: NDArray[np.float64]
+    status: Status = Status.CONVERGED
+    psi: float = float("nan")
+    psi_odometry: float = float("nan")
+    points: int = 0
+    matched: float = float("nan")

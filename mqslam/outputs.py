@@ -1,0 +1,151 @@
+"""What a run leaves in its folder."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import shutil
+import tempfile
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import gtsam
+import numpy as np
+
+from mqslam.config import dump_yaml
+from mqslam.errors import OutputError
+from mqslam.files import write_text
+from mqslam.graph import PoseGraph
+from mqslam.gridmap import write_nav2_map
+from mqslam.measurement import RelativeMotion
+from mqslam.pointmap import write_ply
+from mqslam.report import Report, WindowScores, write_report
+from mqslam.slam import Run
+from mqslam.stream import RadarStream
+from mqslam.trajectory import write_tum
+
+_COLUMNS = [
+    "t0", "t1", "dx", "dy", "dyaw", "cov_xx", "cov_xy", "cov_xyaw", "cov_yy", "cov_yyaw", "cov_yawyaw",
+    "psi", "psi_odometry", "points", "matched", "status",
+]  # fmt: skip
+
+
+@contextmanager
+def whole_folder(out: Path, force: bool) -> Iterator[Path]:
+    """A folder aside that takes the name `out` when the block ends without an error.
+
+    Args:
+        out: must not exist, or be empty, unless `force` says that it may be replaced.
+
+    Raises:
+        OutputError: it exists, or cannot be written.
+    """
+    check_free(out, force)
+    try:
+        out.parent.mkdir(parents=True, exist_ok=True)
+        aside = Path(tempfile.mkdtemp(prefix=f".{out.name}.", dir=out.parent))
+        aside.chmod(0o755)
+    except OSError as error:
+        raise OutputError(f"{out}: cannot be made ({error.strerror}); choose another --out") from error
+    try:
+        yield aside
+        if force and out.exists():
+            shutil.rmtree(out)
+        aside.rename(out)
+    except OSError as error:
+        raise OutputError(f"{out}: cannot be written ({error.strerror}); free space or choose another --out") from error
+    finally:
+        shutil.rmtree(aside, ignore_errors=True)
+
+
+def check_free(out: Path, force: bool) -> None:
+    """See that a folder may be written before hours are spent on what goes into it.
+
+    Raises:
+        OutputError: it exists with content and `force` is not given, or it is a file.
+    """
+    if out.is_file() or (out.is_dir() and any(out.iterdir()) and not force):
+        raise OutputError(f"{out}: exists already; choose another --out or give --force to replace it")
+
+
+def write_run(
+    folder: Path, run: Run, stream: RadarStream, summary: dict[str, Any], warnings: Sequence[str], log: str
+) -> None:
+    """Write every result file of a run into an existing folder.
+
+    Raises:
+        OutputError: a file cannot be written.
+    """
+    settings = dump_yaml(run.config)
+    write_tum(folder / "trajectory.tum", run.optimised)
+    write_tum(folder / "odometry.tum", run.odometry)
+    write_text(folder / "measurements.csv", measurements_csv(run.measurements))
+    write_text(folder / "graph.g2o", g2o(run.graph, run.values))
+    write_text(folder / "config.yaml", settings)
+    write_ply(folder / "map.ply", run.map_optimised)
+    write_nav2_map(folder, run.map_optimised, run.config.map.cell_m)
+    write_report(
+        folder / "report.html",
+        Report(
+            title=stream.path.resolve().name,
+            summary=summary,
+            odometry=run.odometry,
+            optimised=run.optimised,
+            ground_truth=stream.ground_truth,
+            map_odometry=run.map_odometry,
+            map_optimised=run.map_optimised,
+            windows=window_scores(run.measurements),
+            warnings=tuple(warnings),
+            settings_yaml=settings,
+        ),
+    )
+    write_text(folder / "run.log", log)
+    write_text(folder / "summary.json", json.dumps(summary, indent=1) + "\n")
+
+
+def measurements_csv(measurements: Sequence[RelativeMotion]) -> str:
+    """One row per measurement; covariance of dx [m], dy [m], dyaw [rad] in the frame of the pose at t0."""
+    text = io.StringIO()
+    rows = csv.writer(text, lineterminator="\n")
+    rows.writerow(_COLUMNS)
+    for m in measurements:
+        upper = m.covariance[np.triu_indices(3)]
+        numbers = [*m.pose, *upper, m.psi, m.psi_odometry]
+        rows.writerow(
+            [f"{m.t0:.6f}", f"{m.t1:.6f}", *(f"{n:.9g}" for n in numbers), m.points, f"{m.matched:.4f}", m.status.value]
+        )
+    return text.getvalue()
+
+
+def window_scores(measurements: Sequence[RelativeMotion]) -> WindowScores:
+    """The measurements as the report plots them."""
+    return WindowScores(
+        t0=np.array([m.t0 for m in measurements]),
+        t1=np.array([m.t1 for m in measurements]),
+        psi_minimum=np.array([m.psi for m in measurements]),
+        psi_odometry=np.array([m.psi_odometry for m in measurements]),
+        points=np.array([m.points for m in measurements], dtype=np.int64),
+        matched=np.array([m.matched for m in measurements]),
+        status=tuple(m.status.value for m in measurements),
+    )
+
+
+def g2o(graph: PoseGraph, values: gtsam.Values) -> str:
+    """The graph in g2o's text form; GTSAM's own writer takes no robust noise, so the Gaussian under it is written."""
+    lines = []
+    for k in range(graph.size):
+        pose = values.atPose2(gtsam.symbol("x", k))
+        lines.append(f"VERTEX_SE2 {k} {pose.x():.9g} {pose.y():.9g} {pose.theta():.9g}")
+    for i in range(graph.factors.size()):
+        factor = graph.factors.at(i)
+        if not isinstance(factor, gtsam.BetweenFactorPose2):
+            continue
+        a, b = (gtsam.Symbol(key).index() for key in factor.keys())
+        z = factor.measured()
+        information = factor.noiseModel().noise().information()
+        upper = " ".join(f"{v:.9g}" for v in np.asarray(information)[np.triu_indices(3)])
+        lines.append(f"EDGE_SE2 {a} {b} {z.x():.9g} {z.y():.9g} {z.theta():.9g} {upper}")
+    return "\n".join(lines) + "\n"

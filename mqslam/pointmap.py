@@ -1,0 +1,54 @@
+"""A rendered map: every return of a run placed in the world by a trajectory."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mqslam.files import written_whole
+
+_VERTEX = [("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("intensity", "<f4"), ("time", "<f8"), ("psi", "<f4")]
+
+
+@dataclass(frozen=True, slots=True)
+class PointMap:
+    """Returns in the world frame, each with its part of the score.
+
+    Args:
+        points: (N, 2) [m], world frame.
+        times: (N,) [s] since the stream's start.
+        intensities: (N,) received power, 0..255.
+        psi: (N,) share of the map's score that each point carries.
+        matched: (N,) bool, whether the point found a neighbour that takes part in the score.
+    """
+
+    points: NDArray[np.float64]
+    times: NDArray[np.float64]
+    intensities: NDArray[np.float64]
+    psi: NDArray[np.float64]
+    matched: NDArray[np.bool_]
+
+    def __len__(self) -> int:
+        return len(self.points)
+
+
+def write_ply(path: Path, pointmap: PointMap) -> None:
+    """Write a binary little-endian PLY with the vertex properties x, y, z, intensity, time and psi; z is 0.
+
+    Open3D's tensor reader (`open3d.t.io.read_point_cloud`) keeps all of them; time is a double, the rest are floats.
+
+    Raises:
+        OutputError: the file cannot be written.
+    """
+    from plyfile import PlyData, PlyElement
+
+    vertices = np.zeros(len(pointmap), dtype=_VERTEX)
+    vertices["x"], vertices["y"] = pointmap.points.T
+    vertices["intensity"] = pointmap.intensities
+    vertices["time"] = pointmap.times
+    vertices["psi"] = pointmap.psi
+    with written_whole(path) as aside:
+        PlyData([PlyElement.describe(vertices, "vertex")], byte_order="<").write(str(aside))

@@ -1,0 +1,138 @@
+"""The minimiser of psi: Newton steps on an annealed score, from wide selection to tight.
+
+A wide start finds the basin, a tight end finds its bottom: the widths shrink from step to step, so that the start need
+not be good and the end is not blurred by neighbours that belong to something else.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict, Field
+
+from mqslam.psi.estimator import Evaluation, Scale, evaluate
+from mqslam.psi.neighbours import CellGrid, NeighbourCache
+from mqslam.psi.place import PointSet
+
+
+class EstimatorConfig(BaseModel):
+    """Settings of the score that the estimator minimises, and of the way it does so."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    s: float = Field(0.7, gt=0.0, description="neighbours farther than this take no part, at the end of annealing [m]")
+    s_start: float = Field(2.5, gt=0.0, description="the same at the start of annealing [m]")
+    beta_s: float = Field(0.3, gt=0.0, description="width of the spatial kernel at the end [m]")
+    beta_s_start: float = Field(1.25, gt=0.0, description="the same at the start [m]")
+    c: float = Field(2.0, gt=0.0, description="offset that quarters a point's weight at the end [standard deviations]")
+    c_start: float = Field(5.0, gt=0.0, description="the same at the start [standard deviations]")
+    shrink: float = Field(0.6, gt=0.0, lt=1.0, description="factor on the widths from step to step")
+    steps: int = Field(12, ge=1, description="most Newton steps")
+    beta_t: float = Field(0.06, gt=0.0, description="fade of pairs less than one turn apart [s]")
+    xi: float = Field(0.02, gt=0.0, lt=1.0, description="least kappa of a selected neighbour")
+    blur_m: float = Field(0.15, ge=0.0, description="scatter of one object's returns between views, isotropic [m]")
+    sigma_range_m: float = Field(0.15, gt=0.0, description="error of a return along the ray [m]")
+    sigma_azimuth: float = Field(0.008, gt=0.0, description="error of a return across the ray [rad]")
+    stabiliser: float = Field(
+        0.15, ge=0.0, description="share of Gauss-Newton curvature added to the re-selecting curvature, to keep steps safe"
+    )
+    correlation: float = Field(
+        10.0, ge=1.0, description="returns that repeat one another: information is divided by this against a prior"
+    )
+
+    def scale(self, step: int) -> Scale:
+        """Widths at one step of the annealing."""
+        f = self.shrink**step
+        return Scale(max(self.s, self.s_start * f), max(self.beta_s, self.beta_s_start * f), max(self.c, self.c_start * f))
+
+    @property
+    def final(self) -> Scale:
+        """Widths at the end of the annealing."""
+        return Scale(self.s, self.beta_s, self.c)
+
+
+@dataclass(frozen=True, slots=True)
+class Prior:
+    """A Gaussian over the state.
+
+    Args:
+        mean: (Q,).
+        information: (Q, Q) inverse covariance.
+    """
+
+    mean: NDArray[np.float64]
+    information: NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class Minimum:
+    """Where the minimiser ended.
+
+    Args:
+        state: (Q,).
+        evaluation: the score there, at the final widths.
+        converged: whether the last step was below rounding of the result.
+    """
+
+    state: NDArray[np.float64]
+    evaluation: Evaluation
+    converged: bool
+
+
+def minimise(
+    start: NDArray[np.float64],
+    render: Callable[[NDArray[np.float64]], PointSet],
+    references: PointSet | None,
+    prior: Prior,
+    config: EstimatorConfig,
+    revolution_s: float,
+    tolerances: NDArray[np.float64],
+    grid: CellGrid | None = None,
+    first_step: int = 0,
+) -> Minimum:
+    """Minimise psi plus the prior over the state.
+
+    Args:
+        start: (Q,) state to begin at.
+        render: the points of a state; their jacobians are (N, 2, Q).
+        references: points to compare with, or None to compare the rendered points with each other.
+        prior: Gaussian over the state.
+        config: settings.
+        revolution_s: duration of a turn [s].
+        tolerances: (Q,) steps smaller than these end the search once the widths are final.
+        grid: the references sorted into cells, if there are any.
+        first_step: position in the annealing to begin at; later for good starts.
+    """
+    state = np.array(start, dtype=np.float64)
+    cache = NeighbourCache()
+    converged = False
+
+    def score(scale: Scale) -> Evaluation:
+        queries = render(state)
+        others = queries if references is None else references
+        lists = cache.lists(queries.points, others.points, scale.s, grid)
+        return evaluate(
+            queries, others, lists, scale, revolution_s, config.beta_t, config.xi, config.blur_m, references is None
+        )
+
+    for step in range(first_step, config.steps):
+        scale = config.scale(step)
+        found = score(scale)
+        curvature = (found.curvature + config.stabiliser * found.information) / config.correlation + prior.information
+        gradient = found.gradient / config.correlation + prior.information @ (state - prior.mean)
+        values, vectors = np.linalg.eigh(_scaled(curvature, tolerances))
+        values = np.maximum(np.abs(values), 1e-9)
+        move = -tolerances * (vectors @ ((vectors.T @ (tolerances * gradient)) / values))
+        state = state + move
+        if scale == config.final and np.all(np.abs(move) < tolerances):
+            converged = True
+            break
+    return Minimum(state, score(config.final), converged)
+
+
+def _scaled(matrix: NDArray[np.float64], units: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The matrix in units of the tolerances, so that metres and radians have comparable eigenvalues."""
+    return np.asarray(matrix * units[:, None] * units[None, :])

@@ -1,0 +1,196 @@
+"""Neighbour candidates: a cell grid over reference points, and lists that stay valid while points move a little.
+
+Between nearby motions the candidates hardly change. A list is taken with a radius larger than the score asks for (the
+skin of a Verlet list) and serves until points have moved so far that a neighbour could be missing from it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numba as nb
+import numpy as np
+from numpy.typing import NDArray
+
+
+@dataclass(frozen=True, slots=True)
+class CellGrid:
+    """Reference points sorted by square cells.
+
+    Args:
+        points: (M, 2) m, in the order of their cells.
+        order: (M,) index of each sorted point among the points as given.
+        keys: (M,) cell of each sorted point, increasing.
+        corner: (2,) m, lower corner of the first cell.
+        cell: side of a cell [m].
+        rows: number of cells in y.
+    """
+
+    points: NDArray[np.float64]
+    order: NDArray[np.int64]
+    keys: NDArray[np.int64]
+    corner: NDArray[np.float64]
+    cell: float
+    rows: int
+
+
+def cell_grid(points: NDArray[np.float64], cell: float) -> CellGrid:
+    """Sort points (M, 2) m into cells of side `cell` [m]."""
+    if len(points) == 0:
+        return CellGrid(points, np.empty(0, np.int64), np.empty(0, np.int64), np.zeros(2), cell, 1)
+    corner = points.min(axis=0) - cell
+    index = np.floor((points - corner) / cell).astype(np.int64)
+    rows = int(index[:, 1].max()) + 2
+    keys = index[:, 0] * rows + index[:, 1]
+    order = np.argsort(keys, kind="stable")
+    return CellGrid(np.ascontiguousarray(points[order]), order, keys[order], corner, cell, rows)
+
+
+@dataclass(frozen=True, slots=True)
+class CandidateLists:
+    """For every query point the reference points within `radius` [m], as offsets (N + 1,) into indices (K,)."""
+
+    offsets: NDArray[np.int64]
+    indices: NDArray[np.int64]
+    radius: float
+
+
+def candidates(grid: CellGrid, queries: NDArray[np.float64], radius: float) -> CandidateLists:
+    """Lists of the reference points within radius [m] of queries (N, 2) m; a query that is one of them is listed too."""
+    offsets = _count(grid.points, grid.keys, grid.corner, grid.cell, grid.rows, queries, radius)
+    indices = _fill(
+        grid.points, grid.order, grid.keys, grid.corner, grid.cell, grid.rows, queries, radius, offsets
+    )
+    return CandidateLists(offsets, indices, radius)
+
+
+@nb.njit(cache=True, inline="always")
+def _first(keys: NDArray[np.int64], key: int) -> int:
+    low, high = 0, len(keys)
+    while low < high:
+        middle = (low + high) // 2
+        if keys[middle] < key:
+            low = middle + 1
+        else:
+            high = middle
+    return low
+
+
+@nb.njit(cache=True, nogil=True)
+def _count(
+    points: NDArray[np.float64],
+    keys: NDArray[np.int64],
+    corner: NDArray[np.float64],
+    cell: float,
+    rows: int,
+    queries: NDArray[np.float64],
+    radius: float,
+) -> NDArray[np.int64]:
+    offsets = np.zeros(len(queries) + 1, np.int64)
+    for i in range(len(queries)):
+        x, y = queries[i, 0], queries[i, 1]
+        low = max(0, int(np.floor((y - radius - corner[1]) / cell)))
+        high = min(rows - 1, int(np.floor((y + radius - corner[1]) / cell)))
+        found = 0
+        if low <= high:
+            left = max(0, int(np.floor((x - radius - corner[0]) / cell)))
+            right = int(np.floor((x + radius - corner[0]) / cell))
+            for column in range(left, right + 1):
+                if column * rows > keys[-1]:
+                    break
+                for k in range(_first(keys, column * rows + low), len(keys)):
+                    if keys[k] > column * rows + high:
+                        break
+                    dx, dy = points[k, 0] - x, points[k, 1] - y
+                    if dx * dx + dy * dy < radius * radius:
+                        found += 1
+        offsets[i + 1] = offsets[i] + found
+    return offsets
+
+
+@nb.njit(cache=True, nogil=True)
+def _fill(
+    points: NDArray[np.float64],
+    order: NDArray[np.int64],
+    keys: NDArray[np.int64],
+    corner: NDArray[np.float64],
+    cell: float,
+    rows: int,
+    queries: NDArray[np.float64],
+    radius: float,
+    offsets: NDArray[np.int64],
+) -> NDArray[np.int64]:
+    indices = np.empty(offsets[-1], np.int64)
+    for i in range(len(queries)):
+        if offsets[i] == offsets[i + 1]:
+            continue
+        x, y = queries[i, 0], queries[i, 1]
+        low = max(0, int(np.floor((y - radius - corner[1]) / cell)))
+        high = min(rows - 1, int(np.floor((y + radius - corner[1]) / cell)))
+        left = max(0, int(np.floor((x - radius - corner[0]) / cell)))
+        right = int(np.floor((x + radius - corner[0]) / cell))
+        slot = offsets[i]
+        for column in range(left, right + 1):
+            if column * rows > keys[-1]:
+                break
+            for k in range(_first(keys, column * rows + low), len(keys)):
+                if keys[k] > column * rows + high:
+                    break
+                dx, dy = points[k, 0] - x, points[k, 1] - y
+                if dx * dx + dy * dy < radius * radius:
+                    indices[slot] = order[k]
+                    slot += 1
+    return indices
+
+
+class NeighbourCache:
+    """Candidate lists reused between evaluations at nearby motions.
+
+    A list of radius R taken at positions q0 (queries) and m0 (references) serves positions q, m and selection radius s
+    as long as s + max|q - q0| + max|m - m0| <= R, and is renewed when it is wastefully large.
+    """
+
+    def __init__(self, skin: float = 0.3, waste: float = 2.0) -> None:
+        self.skin = skin
+        self.waste = waste
+        self._lists: CandidateLists | None = None
+        self._queries = np.empty((0, 2))
+        self._references = np.empty((0, 2))
+        self._grid: CellGrid | None = None
+        self.builds = 0
+
+    def lists(
+        self, queries: NDArray[np.float64], references: NDArray[np.float64], s: float, grid: CellGrid | None = None
+    ) -> CandidateLists:
+        """Lists that hold every reference within s [m] of each query, and more.
+
+        Args:
+            queries: (N, 2) m.
+            references: (M, 2) m.
+            s: selection radius [m].
+            grid: the references sorted, where they do not move between calls.
+        """
+        if self._lists is not None and len(queries) == len(self._queries) and len(references) == len(self._references):
+            moved = _furthest(queries, self._queries)
+            if grid is None:
+                moved += moved if queries is references else _furthest(references, self._references)
+            need = s + moved
+            same = grid is None or grid is self._grid
+            if same and need <= self._lists.radius <= self.waste * (s + self.skin):
+                return self._lists
+        radius = s + self.skin
+        self._grid = grid
+        self._lists = candidates(grid or cell_grid(references, radius), queries, radius)
+        self._queries, self._references = queries.copy(), references.copy()
+        self.builds += 1
+        return self._lists
+
+
+@nb.njit(cache=True, nogil=True)
+def _furthest(a: NDArray[np.float64], b: NDArray[np.float64]) -> float:
+    """The largest distance between points of the same index [m]."""
+    largest = 0.0
+    for i in range(len(a)):
+        dx, dy = a[i, 0] - b[i, 0], a[i, 1] - b[i, 1]
+        largest = max(largest, dx * dx + dy * dy)
+    return np.sqrt(largest)

@@ -1,0 +1,110 @@
+"""Render returns as points: where each lies in the world under a motion, how that depends on the motion, how sure it is."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numba as nb
+import numpy as np
+from numpy.typing import NDArray
+
+from mqslam import se2
+from mqslam.motion import MotionModel, integrate
+from mqslam.returns import Returns
+
+
+@dataclass(frozen=True, slots=True)
+class Beam:
+    """What is known of the sensor's own errors.
+
+    Args:
+        sigma_range: standard deviation of a return along the ray [m].
+        sigma_azimuth: standard deviation across the ray [rad].
+        doppler_beta: range shift per closing speed [s]; the true range is the measured one plus beta times closing speed.
+    """
+
+    sigma_range: float
+    sigma_azimuth: float
+    doppler_beta: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class PointSet:
+    """Rendered returns.
+
+    Args:
+        points: (N, 2) m, world frame.
+        jacobians: (N, 2, 3 + P) derivative of each point by the start pose (x, y, yaw) and the P motion parameters.
+        covariances: (N, 3) xx, xy, yy [m^2] of each point, world frame.
+        times: (N,) [s] since the stream's start.
+    """
+
+    points: NDArray[np.float64]
+    jacobians: NDArray[np.float64]
+    covariances: NDArray[np.float64]
+    times: NDArray[np.float64]
+
+    def __len__(self) -> int:
+        return len(self.points)
+
+
+def place(
+    returns: Returns, t0: float, start: se2.Array, theta: se2.Array, model: MotionModel, beam: Beam
+) -> PointSet:
+    """Render returns under a start pose (3,) at time t0 [s] and motion parameters (P,)."""
+    points, jacobians, covariances = _place(
+        returns.ranges, returns.azimuths, returns.times - t0, np.asarray(start, dtype=np.float64),
+        np.asarray(theta, dtype=np.float64), *model.arrays, beam.doppler_beta, beam.sigma_range, beam.sigma_azimuth,
+    )  # fmt: skip
+    return PointSet(points, jacobians, covariances, returns.times)
+
+
+@nb.njit(cache=True, nogil=True)
+def _place(
+    ranges: NDArray[np.float64],
+    azimuths: NDArray[np.float64],
+    times: NDArray[np.float64],
+    start: NDArray[np.float64],
+    theta: NDArray[np.float64],
+    components: NDArray[np.int64],
+    powers: NDArray[np.int64],
+    beta: float,
+    sigma_range: float,
+    sigma_azimuth: float,
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    n, size = len(ranges), len(theta)
+    poses, d_poses, twists = integrate(theta, components, powers, times)
+    points = np.empty((n, 2))
+    jacobians = np.empty((n, 2, 3 + size))
+    covariances = np.empty((n, 3))
+    c0, s0 = np.cos(start[2]), np.sin(start[2])
+    for i in range(n):
+        ca, sa = np.cos(azimuths[i]), np.sin(azimuths[i])
+        r = ranges[i] + beta * (twists[i, 0] * ca + twists[i, 1] * sa)
+        c, s = np.cos(poses[i, 2]), np.sin(poses[i, 2])
+        ahead, left = c * ca - s * sa, s * ca + c * sa  # the beam, in the frame of the window's start
+        x, y = poses[i, 0] + r * ahead, poses[i, 1] + r * left
+        dx, dy = c0 * x - s0 * y, s0 * x + c0 * y
+        points[i, 0] = start[0] + dx
+        points[i, 1] = start[1] + dy
+        jacobians[i, 0, 0] = 1.0
+        jacobians[i, 1, 0] = 0.0
+        jacobians[i, 0, 1] = 0.0
+        jacobians[i, 1, 1] = 1.0
+        jacobians[i, 0, 2] = -dy
+        jacobians[i, 1, 2] = dx
+        for p in range(size):
+            d_range = 0.0
+            if beta != 0.0 and components[p] != 2:
+                d_range = beta * times[i] ** powers[p] * (ca if components[p] == 0 else sa)
+            jx = d_poses[i, 0, p] - d_poses[i, 2, p] * r * left + d_range * ahead
+            jy = d_poses[i, 1, p] + d_poses[i, 2, p] * r * ahead + d_range * left
+            jacobians[i, 0, 3 + p] = c0 * jx - s0 * jy
+            jacobians[i, 1, 3 + p] = s0 * jx + c0 * jy
+        ux, uy = c0 * ahead - s0 * left, s0 * ahead + c0 * left
+        along = sigma_range * sigma_range
+        across = (ranges[i] * sigma_azimuth) ** 2
+        covariances[i, 0] = along * ux * ux + across * uy * uy
+        covariances[i, 1] = (along - across) * ux * uy
+        covariances[i, 2] = along * uy * uy + across * ux * ux
+    return points, jacobians, covariances

@@ -1,0 +1,78 @@
+"""Recordings on disk as `RadarStream`s: one module per layout, one line per module."""
+
+from __future__ import annotations
+
+import difflib
+import importlib
+import math
+from pathlib import Path
+from typing import Protocol, cast
+
+from mqslam.errors import ConfigError, DataError
+from mqslam.readers.odometry import read_odometry
+from mqslam.stream import RadarStream
+
+__all__ = ["FORMATS", "open_recording", "read_odometry"]
+
+
+class Reader(Protocol):
+    """What the module of a layout offers; the registry imports it when it is asked."""
+
+    def recognises(self, path: Path) -> bool:
+        """Whether the path looks like a recording of this layout; reads names only."""
+
+    def open_stream(self, path: Path, range_resolution: float | None) -> RadarStream:
+        """Index the recording; `range_resolution` [m] overrides what the layout says."""
+
+
+FORMATS = {
+    "oxford": "mqslam.readers.oxford",
+    "rosbag": "mqslam.readers.rosbag",
+    "native": "mqslam.readers.native",
+}
+
+
+def open_recording(path: Path, format: str | None = None, range_resolution: float | None = None) -> RadarStream:
+    """Open a recording without reading its revolutions.
+
+    Args:
+        path: a file or folder in one of the layouts of `FORMATS`.
+        format: name of the layout; None guesses it from the path.
+        range_resolution: length of a range bin [m]; None takes it from the recording or the layout's default.
+
+    Raises:
+        ConfigError: a format nobody knows, or a range resolution that is no length.
+        DataError: nothing there, no known layout, or a recording that cannot be used.
+    """
+    if range_resolution is not None and not (math.isfinite(range_resolution) and range_resolution > 0.0):
+        raise ConfigError(f"range resolution {range_resolution}: is no length; give metres above zero, such as 0.0438")
+    if format is not None and format not in FORMATS:
+        near = difflib.get_close_matches(format.lower(), FORMATS, n=1, cutoff=0.4)
+        hint = f"did you mean '{near[0]}'? " if near else ""
+        raise ConfigError(f"format '{format}': is unknown; {hint}known: {', '.join(FORMATS)}")
+    try:
+        if not path.exists():
+            raise DataError(path, "does not exist", "check the path")
+        if path.is_dir() and not any(path.iterdir()):
+            raise DataError(path, "is an empty folder", "give the folder or file that holds the recording")
+        return (_reader(format) if format else _guess(path)).open_stream(path, range_resolution)
+    except OSError as error:
+        raise DataError(path, f"cannot be read ({error.strerror or error})", "check its permissions") from error
+
+
+def _reader(format: str) -> Reader:
+    return cast(Reader, importlib.import_module(FORMATS[format]))
+
+
+def _guess(path: Path) -> Reader:
+    """The first reader that recognises the path."""
+    for format in FORMATS:
+        reader = _reader(format)
+        if reader.recognises(path):
+            return reader
+    raise DataError(
+        path,
+        "is no recording in a known layout",
+        f"name its layout ({', '.join(FORMATS)}), or give a folder with radar/<t>.png, a .bag, a ROS 2 bag folder, "
+        "an .mcap or an .npz",
+    )

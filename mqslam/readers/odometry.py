@@ -1,0 +1,70 @@
+"""Odometry files: poses as TUM, or body twists as CSV that are chained into poses."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mqslam import se2
+from mqslam.errors import DataError
+from mqslam.trajectory import Trajectory, checked, read_tum
+
+
+def read_odometry(path: Path) -> Trajectory:
+    """Read an odometry file: TUM, or CSV with the header `t,v,omega` and optionally `vy`.
+
+    In the CSV t is in us, v and vy in m/s, omega in rad/s (REP 103). The twist of a row holds until the next row's
+    stamp, so the poses lie on exact constant-twist arcs; the first pose is the origin.
+
+    Raises:
+        DataError: unreadable, neither layout, a number that is none, or stamps that do not increase.
+    """
+    try:
+        with path.open(encoding="utf-8") as lines:
+            first = next((line for line in lines if line.strip() and not line.lstrip().startswith("#")), "")
+    except (OSError, UnicodeDecodeError) as error:
+        raise DataError(path, "is not a readable text file", "give TUM or a CSV with columns t,v,omega") from error
+    return _read_twists(path, first) if "," in first else read_tum(path)
+
+
+def chained(steps: se2.Array) -> se2.Array:
+    """Poses (N + 1, 3) from the origin on, of motions (N, 3) each given in the frame the one before ends in."""
+    yaw = np.concatenate([[0.0], np.cumsum(steps[:, 2])])
+    c, s = np.cos(yaw[:-1]), np.sin(yaw[:-1])
+    x = np.cumsum(c * steps[:, 0] - s * steps[:, 1])
+    y = np.cumsum(s * steps[:, 0] + c * steps[:, 1])
+    return np.column_stack([np.concatenate([[0.0], x]), np.concatenate([[0.0], y]), yaw])
+
+
+def read_numbers(path: Path, columns: list[int]) -> NDArray[np.float64]:
+    """The given columns (N, len(columns)) of a CSV whose first line is a header.
+
+    Raises:
+        DataError: a row that is too short or holds something other than finite numbers.
+    """
+    try:
+        text = path.read_text(encoding="utf-8").split("\n")
+        rows = [line for line in text if line.strip() and not line.startswith("#")][1:]
+        table = np.loadtxt(rows, delimiter=",", usecols=columns, ndmin=2) if rows else np.empty((0, len(columns)))
+        if not np.isfinite(table).all():
+            raise ValueError(f"row {int(np.argmin(np.isfinite(table).all(axis=1))) + 2} is not finite")
+    except (OSError, ValueError) as error:
+        reason = str(error).splitlines()[0]
+        raise DataError(path, f"is not a table of numbers ({reason})", "repair or remove it") from error
+    return table
+
+
+def _read_twists(path: Path, header: str) -> Trajectory:
+    names = [name.strip().lower() for name in header.split(",")]
+    missing = [name for name in ("t", "v", "omega") if name not in names]
+    if missing:
+        raise DataError(path, f"has no column {', '.join(missing)}", "give a CSV whose header is t,v,omega[,vy]")
+    wanted = [names.index(name) for name in ("t", "v", "omega", "vy") if name in names]
+    table = read_numbers(path, wanted)
+    stamps = np.round(table[:, 0]).astype(np.int64)
+    lateral = table[:, 3] if "vy" in names else np.zeros(len(table))
+    twists = np.column_stack([table[:, 1], lateral, table[:, 2]])
+    steps = se2.exp(twists[:-1], np.diff(stamps) * 1e-6) if len(stamps) > 1 else np.empty((0, 3))
+    return checked(path, stamps, chained(steps)[: len(stamps)])

@@ -1,0 +1,92 @@
+"""Render a whole run: every return where the trajectory had the sensor at the return's own time, and psi of the result."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mqslam import se2
+from mqslam.config import Config
+from mqslam.pointmap import PointMap
+from mqslam.psi.estimator import evaluate
+from mqslam.psi.neighbours import candidates, cell_grid
+from mqslam.psi.place import PointSet
+from mqslam.returns import Returns, Window
+
+_CHUNK = 50_000  # points scored at a time: bounds the memory of neighbour lists
+
+
+def render(windows: Sequence[Window], poses: se2.Array, config: Config, revolution_s: float, jobs: int = 1) -> PointMap:
+    """The map of a run and each point's share of psi.
+
+    Args:
+        windows: one per revolution.
+        poses: (len(windows), 3) pose at the start of each.
+        config: all settings.
+        revolution_s: duration of a turn [s].
+        jobs: threads that score.
+    """
+    keep = moving(poses, config.map.travel_m, config.map.travel_rad)
+    returns = Returns.concatenate([w.returns for w, kept in zip(windows, keep, strict=True) if kept])
+    points = place_along(returns, np.array([w.t0 for w in windows]), poses, config)
+    shares, matched = score_points(points, revolution_s, config, jobs)
+    return PointMap(points.points, returns.times, returns.intensities, shares, matched)
+
+
+def moving(poses: se2.Array, travel_m: float, travel_rad: float) -> NDArray[np.bool_]:
+    """(N,) poses (N, 3) that have moved on since the last one kept: a parked stretch is rendered once."""
+    keep = np.zeros(len(poses), dtype=bool)
+    last = poses[0]
+    for k, pose in enumerate(poses):
+        if k == 0 or np.hypot(*(pose[:2] - last[:2])) >= travel_m or abs(pose[2] - last[2]) >= travel_rad:
+            keep[k] = True
+            last = pose
+    return keep
+
+
+def place_along(returns: Returns, times: NDArray[np.float64], poses: se2.Array, config: Config) -> PointSet:
+    """Points of returns under poses (K, 3) at times (K,) [s], interpolated at each return's own time."""
+    at = se2.interpolate(times, poses, returns.times)
+    ranges = returns.ranges
+    beta = config.sensor.doppler_beta
+    if beta != 0.0 and len(times) > 1:
+        i = np.clip(np.searchsorted(times, returns.times, side="right") - 1, 0, len(times) - 2)
+        twists = se2.log(se2.between(poses[:-1], poses[1:])) / np.diff(times)[:, None]
+        closing = twists[i, 0] * np.cos(returns.azimuths) + twists[i, 1] * np.sin(returns.azimuths)
+        ranges = ranges + beta * closing
+    heading = at[:, 2] + returns.azimuths
+    c, s = np.cos(heading), np.sin(heading)
+    points = np.column_stack([at[:, 0] + ranges * c, at[:, 1] + ranges * s])
+    along = config.estimator.sigma_range_m**2
+    across = (ranges * config.estimator.sigma_azimuth) ** 2
+    covariances = np.column_stack(
+        [along * c * c + across * s * s, (along - across) * c * s, along * s * s + across * c * c]
+    )
+    return PointSet(points, np.empty((len(returns), 2, 0)), covariances, returns.times)
+
+
+def score_points(
+    points: PointSet, revolution_s: float, config: Config, jobs: int
+) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+    """Each point's share of psi (N,) against all others, charges included, and whether it was matched (N,).
+
+    Matched means a neighbour seen at least about one revolution earlier or later: any other pass over the place counts.
+    """
+    estimator = config.estimator
+    grid = cell_grid(points.points, estimator.s)
+
+    def part(begin: int) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+        span = slice(begin, begin + _CHUNK)
+        some = PointSet(points.points[span], points.jacobians[span], points.covariances[span], points.times[span])
+        found = evaluate(
+            some, points, candidates(grid, some.points, estimator.s), estimator.final, revolution_s,
+            estimator.beta_t, estimator.xi, estimator.blur_m, moving_references=False,
+        )  # fmt: skip
+        return found.shares, found.matched
+
+    with ThreadPoolExecutor(jobs) as pool:
+        parts = list(pool.map(part, range(0, len(points), _CHUNK)))
+    return np.concatenate([p[0] for p in parts]), np.concatenate([p[1] for p in parts])

@@ -1,0 +1,68 @@
+"""What a report is made of."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mqslam.pointmap import PointMap
+from mqslam.trajectory import Trajectory
+
+
+@dataclass(frozen=True, slots=True)
+class WindowScores:
+    """The score of every window, as measurements.csv lists it.
+
+    Args:
+        t0: (W,) start of the window [s] since the stream's start.
+        t1: (W,) its end [s].
+        psi_minimum: (W,) psi of the window's map under the motion found.
+        psi_odometry: (W,) psi of the same returns under odometry, NaN where there is none.
+        points: (W,) number of returns.
+        matched: (W,) share of the returns with a neighbour that takes part in the score, 0..1.
+        status: W times "converged", or why the window gave no full measurement.
+    """
+
+    t0: NDArray[np.float64]
+    t1: NDArray[np.float64]
+    psi_minimum: NDArray[np.float64]
+    psi_odometry: NDArray[np.float64]
+    points: NDArray[np.int64]
+    matched: NDArray[np.float64]
+    status: tuple[str, ...]
+
+    def __len__(self) -> int:
+        return len(self.t0)
+
+
+@dataclass(frozen=True, slots=True)
+class Report:
+    """A finished run as the report shows it.
+
+    Args:
+        title: heading of the page, usually the name of the recording.
+        summary: content of summary.json; a key that is absent or None is shown as not available.
+        odometry: trajectory before optimisation.
+        optimised: trajectory after it.
+        ground_truth: for comparison only, in any fixed frame, or None.
+        map_odometry: map rendered under `odometry`.
+        map_optimised: map rendered under `optimised`.
+        windows: the score of every window.
+        warnings: what the reader has to know before the numbers.
+        settings_yaml: every setting used, as in config.yaml.
+    """
+
+    title: str
+    summary: Mapping[str, Any]
+    odometry: Trajectory
+    optimised: Trajectory
+    ground_truth: Trajectory | None
+    map_odometry: PointMap
+    map_optimised: PointMap
+    windows: WindowScores
+    warnings: tuple[str, ...]
+    settings_yaml: str

@@ -1,0 +1,213 @@
+"""Drives: the pose of the radar at any time."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mqslam import se2
+from mqslam.simulator.scene import BLOCK, LANE, Scene
+
+Times = NDArray[np.float64]
+
+
+class Drive(ABC):
+    """A smooth motion of the sensor through a scene."""
+
+    @abstractmethod
+    def poses(self, times: Times) -> se2.Array:
+        """Poses (N, 3) x [m], y [m], yaw [rad] in the scene's frame at times (N,) [s]; yaw is continuous."""
+
+    @abstractmethod
+    def twists(self, times: Times) -> se2.Array:
+        """Body velocities (N, 3) forward [m/s], left [m/s], yaw rate [rad/s] at times (N,) [s]."""
+
+
+@dataclass(frozen=True)
+class ConstantDrive(Drive):
+    """An exact constant-twist arc.
+
+    Args:
+        v: forward speed [m/s].
+        omega: yaw rate [rad/s].
+        start: pose at time zero, x [m], y [m], yaw [rad].
+    """
+
+    v: float
+    omega: float
+    start: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+    def poses(self, times: Times) -> se2.Array:
+        return se2.compose(np.array(self.start), se2.exp(np.array([self.v, 0.0, self.omega]), times))
+
+    def twists(self, times: Times) -> se2.Array:
+        return np.tile([self.v, 0.0, self.omega], (len(times), 1))
+
+
+@dataclass(frozen=True)
+class SampledDrive(Drive):
+    """The C1 cubic through sampled poses with sampled velocities; the ends are continued.
+
+    Args:
+        times: (N,) [s], increasing.
+        samples: (N, 3) x [m], y [m], yaw [rad], yaw unwrapped.
+        rates: (N, 3) their derivatives in the scene's frame [m/s, m/s, rad/s].
+    """
+
+    times: Times
+    samples: se2.Array
+    rates: se2.Array
+
+    def poses(self, times: Times) -> se2.Array:
+        i, f, step = self._place(times)
+        a, b, ra, rb = self._ends(i, step)
+        return (
+            (1.0 + 2.0 * f) * (1.0 - f) ** 2 * a
+            + f * (1.0 - f) ** 2 * ra
+            + f**2 * (3.0 - 2.0 * f) * b
+            - f**2 * (1.0 - f) * rb
+        )
+
+    def twists(self, times: Times) -> se2.Array:
+        i, f, step = self._place(times)
+        a, b, ra, rb = self._ends(i, step)
+        rate = (6.0 * f * (1.0 - f) * (b - a) + (1.0 - f) * (1.0 - 3.0 * f) * ra + f * (3.0 * f - 2.0) * rb) / step
+        yaw = self.poses(times)[:, 2]
+        c, s = np.cos(yaw), np.sin(yaw)
+        ahead, left = c * rate[:, 0] + s * rate[:, 1], c * rate[:, 1] - s * rate[:, 0]
+        return np.column_stack([ahead, left, rate[:, 2]])
+
+    def _place(self, times: Times) -> tuple[NDArray[np.intp], Times, Times]:
+        """Interval (N,), place in it (N, 1) 0..1 and its duration (N, 1) [s]."""
+        i = np.clip(np.searchsorted(self.times, times, side="right") - 1, 0, len(self.times) - 2)
+        step = (self.times[i + 1] - self.times[i])[:, None]
+        return i, (times - self.times[i])[:, None] / step, step
+
+    def _ends(self, i: NDArray[np.intp], step: Times) -> tuple[se2.Array, se2.Array, se2.Array, se2.Array]:
+        return self.samples[i], self.samples[i + 1], self.rates[i] * step, self.rates[i + 1] * step
+
+
+def loop_drive(
+    duration_s: float,
+    *,
+    size: tuple[float, float] = (BLOCK[0] + 2.0 * LANE, BLOCK[1] + 2.0 * LANE),
+    speed: float = 9.0,
+    corner_speed: float = 5.0,
+    acceleration: float = 2.0,
+    curvature: float = 0.11,
+    from_standstill: bool = False,
+) -> SampledDrive:
+    """Counter-clockwise rounds of a rectangle about the origin: straights, and corners entered and left gradually.
+
+    The default rectangle is the right-hand lane round the middle block of a street scene, one round of which takes
+    about 47 s; it starts in the middle of the side at least y, heading along x.
+
+    Args:
+        duration_s: how long to drive [s].
+        size: of the rectangle along x and y [m].
+        speed: on the straights [m/s].
+        corner_speed: in the corners [m/s].
+        acceleration: greatest change of speed [m/s^2].
+        curvature: in the middle of a corner [1/m].
+        from_standstill: start at rest instead of at speed.
+    """
+    places, lap, curvatures, limits = _lap(size, curvature, corner_speed, speed)
+    distance = np.arange(0.0, speed * duration_s + 10.0, 0.1)
+    limit = np.interp(distance % places[-1], places, limits)
+    speeds = _within_acceleration(distance, limit, acceleration, from_standstill)
+    step = 2.0 * np.diff(distance) / (speeds[1:] + speeds[:-1])
+    reached = np.concatenate([[0.0], np.cumsum(step)])
+    times = np.arange(0.0, duration_s + 0.5, 0.02)
+    i = np.clip(np.searchsorted(reached, times, side="right") - 1, 0, len(step) - 1)
+    late, gain = times - reached[i], (speeds[i + 1] - speeds[i]) / step[i]
+    place = (distance[i] + speeds[i] * late + 0.5 * gain * late**2) % places[-1]
+    v = speeds[i] + gain * late
+    poses = se2.interpolate(places, lap, place)
+    poses[:, 2] = np.unwrap(poses[:, 2])
+    rates = np.c_[v * np.cos(poses[:, 2]), v * np.sin(poses[:, 2]), v * np.interp(place, places, curvatures)]
+    return SampledDrive(times, poses, rates)
+
+
+def _lap(
+    size: tuple[float, float], curvature: float, corner_speed: float, speed: float
+) -> tuple[Times, se2.Array, Times, Times]:
+    """One round: places (N,) [m], poses (N, 3), curvatures (N,) [1/m] and speed limits (N,) [m/s] along it."""
+    corner, bend, spacing = _corner(curvature)
+    reach = corner[-1, 0]
+    along, across = size[0] - 2.0 * reach, size[1] - 2.0 * reach
+    poses = [np.array([[0.0, -size[1] / 2.0, 0.0]])]
+    places, curvatures, limits = [np.zeros(1)], [np.zeros(1)], [np.full(1, speed)]
+
+    def add(piece: se2.Array, curvature: Times, spacing: float, limit: float) -> None:
+        poses.append(se2.compose(poses[-1][-1], piece))
+        places.append(places[-1][-1] + spacing * np.arange(1, len(piece) + 1))
+        curvatures.append(curvature)
+        limits.append(np.full(len(piece), limit))
+
+    def add_straight(length: float) -> None:
+        number = max(1, round(length / 0.25))
+        piece = np.linspace([0.0, 0.0, 0.0], [length, 0.0, 0.0], number + 1)[1:]
+        add(piece, np.zeros(number), length / number, speed)
+
+    add_straight(along / 2.0)
+    for length in (across, along, across, along / 2.0):
+        add(corner, bend, spacing, corner_speed)
+        add_straight(length)
+    return np.concatenate(places), np.concatenate(poses), np.concatenate(curvatures), np.concatenate(limits)
+
+
+def _corner(curvature: float, ramp: float = 5.0) -> tuple[se2.Array, Times, float]:
+    """A left turn by 90 degrees whose curvature [1/m] rises and falls linearly over `ramp` [m].
+
+    Returns:
+        poses (N, 3) in the frame of its start, which is left out; curvatures there (N,) [1/m]; their spacing [m].
+    """
+    length = np.pi / 2.0 / curvature + ramp
+    place = np.linspace(0.0, length, round(length / 0.1) + 1)
+    bend = curvature * np.minimum(1.0, np.minimum(place, length - place) / ramp)
+    turned = 0.5 * (bend[1:] + bend[:-1])
+    spacing = place[1]
+    turned *= np.pi / 2.0 / (turned.sum() * spacing)
+    poses = np.zeros((len(place), 3))
+    for i, k in enumerate(turned):
+        poses[i + 1] = se2.compose(poses[i], se2.exp(np.array([1.0, 0.0, k]), spacing))
+    return poses[1:], bend[1:], float(spacing)
+
+
+def _within_acceleration(distance: Times, limit: Times, acceleration: float, from_standstill: bool) -> Times:
+    """Greatest speeds (N,) [m/s] at distances (N,) [m] that keep to the limits (N,) [m/s] and the acceleration."""
+    squared = limit**2
+    if from_standstill:
+        squared[0] = 0.0
+    gain = 2.0 * acceleration * (distance[1] - distance[0])
+    for i in range(1, len(squared)):
+        squared[i] = min(squared[i], squared[i - 1] + gain)
+    for i in range(len(squared) - 2, -1, -1):
+        squared[i] = min(squared[i], squared[i + 1] + gain)
+    return np.sqrt(squared)
+
+
+def with_way_made(scene: Scene, drive: Drive, duration_s: float) -> Scene:
+    """The scene with moving vehicles put elsewhere on their lanes until none runs into the drive.
+
+    Args:
+        scene: vehicles that do not give way.
+        drive: the sensor's motion.
+        duration_s: how long the drive takes [s].
+    """
+    times = np.arange(0.0, duration_s, 0.05)
+    x, y, _ = drive.poses(times).T
+    movers = scene.movers.copy()
+    for mover in movers:
+        c, s = np.cos(mover[2]), np.sin(mover[2])
+        along, across = c * (x - mover[0]) + s * (y - mover[1]), c * (y - mover[1]) - s * (x - mover[0])
+        met = np.abs(across) < 0.5 * mover[7] + 1.2
+        for place in mover[4] + np.arange(0.0, mover[3], 10.0):
+            ahead = along - (place + mover[5] * times) % mover[3]
+            if not np.any(met & (np.abs(ahead) < 0.5 * mover[6] + 2.5)):
+                mover[4] = place
+                break
+    return replace(scene, movers=movers)

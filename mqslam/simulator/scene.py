@@ -1,0 +1,246 @@
+"""Scenes the simulated radar drives through: walls, poles and moving vehicles, in a fixed world frame."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+LANE = 1.75
+"""Distance of a lane's middle from the street's middle [m]; traffic keeps right."""
+BLOCK = (100.0, 72.0)
+"""Spacing of the street middles of a street scene [m], along x and along y."""
+WALL_OPACITY, VEHICLE_OPACITY, POLE_OPACITY = 0.95, 0.35, 0.5
+"""Share of the beam that does not pass; the antenna sits on a roof, so much of it passes over and through things."""
+
+
+def _rows(columns: int) -> Array:
+    return np.empty((0, columns))
+
+
+@dataclass(frozen=True)
+class Scene:
+    """What reflects; a reflectivity of 1 is a house wall, and a lamp post among the poles.
+
+    Args:
+        walls: (W, 6) x0 [m], y0 [m], x1 [m], y1 [m], reflectivity, opacity 0..1; parked vehicles are four walls each.
+        poles: (P, 4) x [m], y [m], radius [m], reflectivity.
+        movers: (M, 9) vehicles on straight lanes: lane start x [m], y [m], heading [rad], lane length [m], place along
+            the lane at time zero [m], speed [m/s], vehicle length [m], width [m], reflectivity. A vehicle that reaches
+            the lane's end starts it again.
+    """
+
+    walls: Array = field(default_factory=lambda: _rows(6))
+    poles: Array = field(default_factory=lambda: _rows(4))
+    movers: Array = field(default_factory=lambda: _rows(9))
+
+
+def street_scene(seed: int, *, movers: int = 10) -> Scene:
+    """Nine blocks of a city: broken facades, gaps and a park, lamps, trees, parked and moving vehicles.
+
+    The middle block is centred at the origin; the lanes around it that a counter-clockwise drive keeps to are free of
+    moving vehicles, which do not give way.
+
+    Args:
+        seed: another seed is another city.
+        movers: number of moving vehicles.
+    """
+    rng = np.random.default_rng([seed, 1])
+    walls: list[Array] = []
+    poles: list[Array] = []
+    park = int(rng.integers(8))
+    around = [(i, j) for i in (-1, 0, 1) for j in (-1, 0, 1) if (i, j) != (0, 0)]
+    for i, j in [(0, 0), *around]:
+        centre = np.array([i * BLOCK[0], j * BLOCK[1]])
+        if (i, j) == around[park]:
+            spread = rng.uniform(-0.38, 0.38, (30, 2)) * BLOCK
+            poles.append(_poles(centre + spread, rng.uniform(0.15, 0.4, 30), rng.uniform(0.8, 2.5, 30)))
+        else:
+            _block(rng, centre, np.array(BLOCK) / 2.0 - 9.5, walls, poles)
+    for start, heading, length in _streets():
+        _furnish(rng, start, heading, length, walls, poles)
+    return Scene(np.concatenate(walls), np.concatenate(poles), _traffic(rng, movers))
+
+
+def corridor_scene(*, width: float = 14.0, length: float = 4000.0) -> Scene:
+    """Two endless featureless parallel walls along x: motion along them cannot be seen.
+
+    Args:
+        width: distance between the walls [m].
+        length: of each wall [m], centred at the origin.
+    """
+    ends, half = length / 2.0, width / 2.0
+    return Scene(np.array([[-ends, y, ends, y, 1.0, WALL_OPACITY] for y in (-half, half)]))
+
+
+def yard_scene(seed: int, *, movers: int = 0) -> Scene:
+    """A yard at the origin with buildings around it, 10 to 150 m away, trees, lamps and parked vehicles.
+
+    Args:
+        seed: another seed is another yard.
+        movers: number of vehicles that drive past.
+    """
+    rng = np.random.default_rng([seed, 2])
+    walls: list[Array] = []
+    poles: list[Array] = []
+    taken: list[tuple[float, float, float]] = []
+    for near, far, wanted in ((22.0, 45.0, 4), (45.0, 90.0, 7), (90.0, 140.0, 9)):
+        for _ in range(20 * wanted):
+            if wanted == 0:
+                break
+            bearing, distance, yaw = rng.uniform(-np.pi, np.pi), rng.uniform(near, far), rng.uniform(-np.pi, np.pi)
+            length, depth = rng.uniform(12.0, 32.0), rng.uniform(8.0, 14.0)
+            x, y, reach = distance * np.cos(bearing), distance * np.sin(bearing), np.hypot(length, depth) / 2.0
+            if distance - reach < 10.0 or any(np.hypot(x - a, y - b) < reach + c for a, b, c in taken):
+                continue
+            taken.append((x, y, reach))
+            wanted -= 1
+            along = np.array([np.cos(yaw), np.sin(yaw)])
+            inward = np.array([-along[1], along[0]])
+            if inward @ (x, y) < 0.0:
+                along, inward = -along, -inward
+            corner = np.array([x, y]) - along * length / 2.0 - inward * depth / 2.0
+            _building(rng, corner, along, inward, length, depth, walls, poles)
+    for number, low, high in ((25, 0.15, 0.35), (15, 0.06, 0.1)):
+        bearings, distances = rng.uniform(-np.pi, np.pi, number), rng.uniform(9.0, 110.0, number)
+        places = np.c_[distances * np.cos(bearings), distances * np.sin(bearings)]
+        poles.append(_poles(places, rng.uniform(low, high, number), rng.uniform(0.5, 2.0, number)))
+    for _ in range(8):
+        bearing, distance = rng.uniform(-np.pi, np.pi), rng.uniform(9.0, 40.0)
+        place = distance * np.array([np.cos(bearing), np.sin(bearing)])
+        walls.append(_vehicle(rng, place, rng.uniform(-np.pi, np.pi)))
+    lanes = [(np.array([-200.0, y]), 0.0, 400.0) for y in (-18.0, 18.0)]
+    return Scene(np.concatenate(walls), np.concatenate(poles), _on_lanes(rng, lanes, movers))
+
+
+def _poles(places: Array, radii: Array, reflectivities: Array) -> Array:
+    return np.column_stack([places, radii, reflectivities])
+
+
+def _box(centre: Array, yaw: float, length: float, width: float, reflectivity: float, opacity: float) -> Array:
+    """The four sides of a rectangle as walls (4, 6)."""
+    along = 0.5 * length * np.array([np.cos(yaw), np.sin(yaw)])
+    across = 0.5 * width * np.array([-np.sin(yaw), np.cos(yaw)])
+    corners = centre + np.array([along + across, across - along, -along - across, along - across])
+    return np.hstack([corners, np.roll(corners, -1, axis=0), np.full((4, 2), (reflectivity, opacity))])
+
+
+def _vehicle(rng: np.random.Generator, centre: Array, yaw: float) -> Array:
+    """A parked vehicle: four walls (4, 6)."""
+    length, width = rng.uniform(3.8, 5.0), rng.uniform(1.7, 1.95)
+    return _box(centre, yaw, length, width, rng.uniform(0.5, 2.0), VEHICLE_OPACITY)
+
+
+def _building(
+    rng: np.random.Generator,
+    corner: Array,
+    along: Array,
+    inward: Array,
+    length: float,
+    depth: float,
+    walls: list[Array],
+    poles: list[Array],
+) -> None:
+    """Add a house: a front of bays at different depths, plain sides and back, bright reflectors in some of its corners.
+
+    Args:
+        corner: (2,) [m] left end of the front, seen with `inward` to the left of `along`.
+        along: (2,) unit vector along the front.
+        inward: (2,) unit vector from the street into the house.
+        length: of the front [m].
+        depth: of the house [m].
+        walls: the scene's walls so far; extended.
+        poles: the scene's poles so far; extended.
+    """
+    bays = max(2, round(length / rng.uniform(3.0, 5.0)))
+    cuts = np.concatenate([[0.0], np.sort(rng.uniform(1.0, length - 1.0, bays - 1)), [length]])
+    recess = rng.choice([0.0, 0.25, 0.6, 1.2, 2.0], bays)
+    outline = [(cuts[b + side], recess[b]) for b in range(bays) for side in (0, 1)]
+    outline += [(length, depth), (0.0, depth), outline[0]]
+    places = np.array(outline)
+    world = corner + places[:, :1] * along + places[:, 1:] * inward
+    pieces = np.c_[world[:-1], world[1:]]
+    pieces = pieces[np.hypot(*(pieces[:, 2:] - pieces[:, :2]).T) > 0.05]
+    reflectivity = rng.lognormal(0.0, 0.6, len(pieces))
+    walls.append(np.c_[pieces, reflectivity, np.full(len(pieces), WALL_OPACITY)])
+    bright = world[: 2 * bays][rng.random(2 * bays) < 0.5]
+    poles.append(_poles(bright, np.full(len(bright), 0.05), rng.lognormal(0.0, 0.7, len(bright))))
+
+
+def _block(rng: np.random.Generator, centre: Array, half: Array, walls: list[Array], poles: list[Array]) -> None:
+    """Add the houses of one block, in rows along its four sides, with gaps; half: (2,) [m] half its size."""
+    depth = 11.0
+    for quarter in range(4):
+        along = np.array([(1.0, 0.0), (0.0, 1.0), (-1.0, 0.0), (0.0, -1.0)][quarter])
+        inward = np.array([-along[1], along[0]])
+        row, away = (half[0], half[1]) if quarter % 2 == 0 else (half[1] - depth - 3.0, half[0])
+        place = -row
+        while row - place > 8.0:
+            length = min(rng.uniform(10.0, 24.0), row - place)
+            corner = centre + place * along - (away - rng.uniform(0.0, 2.5)) * inward
+            _building(rng, corner, along, inward, length, depth - 2.5, walls, poles)
+            place += length + (rng.uniform(3.0, 7.0) if rng.random() < 0.3 else 0.0)
+
+
+def _streets() -> Iterator[tuple[Array, float, float]]:
+    """Middle of every street: start (2,) [m], heading [rad], length [m]; all that bound the nine blocks."""
+    for k in (-1.5, -0.5, 0.5, 1.5):
+        yield np.array([-1.5 * BLOCK[0], k * BLOCK[1]]), 0.0, 3.0 * BLOCK[0]
+        yield np.array([k * BLOCK[0], -1.5 * BLOCK[1]]), np.pi / 2.0, 3.0 * BLOCK[1]
+
+
+def _furnish(
+    rng: np.random.Generator, start: Array, heading: float, length: float, walls: list[Array], poles: list[Array]
+) -> None:
+    """Add lamps, trees and parked vehicles on both sides of a street, away from the crossings."""
+    along = np.array([np.cos(heading), np.sin(heading)])
+    left = np.array([-along[1], along[0]])
+    crossing = length / 3.0
+
+    def free(place: float) -> bool:
+        return 13.0 < place % crossing < crossing - 13.0
+
+    for side in (-1.0, 1.0):
+        lamps = np.arange(rng.uniform(0.0, 20.0), length, rng.uniform(22.0, 30.0))
+        trees = np.cumsum(rng.uniform(7.0, 30.0, int(length / 15.0)))
+        for places, offset, radius, bright in ((lamps, 6.3, (0.06, 0.1), 1.0), (trees, 7.2, (0.15, 0.35), 1.5)):
+            kept = np.array([p for p in places if free(p) and p < length])
+            at = start + kept[:, None] * along + side * offset * left
+            n = len(kept)
+            poles.append(_poles(at, rng.uniform(*radius, n), bright * rng.lognormal(0.0, 0.4, n)))
+        place = rng.uniform(0.0, 10.0)
+        while place < length:
+            if free(place) and rng.random() < 0.5:
+                centre = start + place * along + side * (4.7 + rng.uniform(-0.15, 0.15)) * left
+                walls.append(_vehicle(rng, centre, heading + rng.normal(0.0, 0.03)))
+            place += rng.uniform(6.0, 9.0)
+
+
+def _traffic(rng: np.random.Generator, number: int) -> Array:
+    """Vehicles (number, 9) on the lanes of a street scene that a drive round its middle block leaves free."""
+    inner, outer = [], []
+    for quarter in range(4):
+        heading = quarter * np.pi / 2.0
+        along = np.array([np.cos(heading), np.sin(heading)])
+        right = np.array([along[1], -along[0]])
+        away, end = np.array(BLOCK[::-1] if quarter % 2 == 0 else BLOCK) / 2.0 * (1.0, 3.0)
+        inner.append(((away - LANE) * right + end * along, heading + np.pi, 2.0 * end))
+        outer.append(((3.0 * away - LANE) * right + end * along, heading + np.pi, 2.0 * end))
+        outer.append(((3.0 * away + LANE) * right - end * along, heading, 2.0 * end))
+    return _on_lanes(rng, [*inner, *inner, *inner, *outer], number)
+
+
+def _on_lanes(rng: np.random.Generator, lanes: list[tuple[Array, float, float]], number: int) -> Array:
+    """Vehicles (number, 9) on lanes (start, heading, length) drawn at random, a lane at a time at one speed."""
+    speeds = rng.uniform(5.0, 10.0, len(lanes))
+    movers = np.empty((number, 9))
+    for m in range(number):
+        lane = int(rng.integers(len(lanes)))
+        start, heading, length = lanes[lane]
+        size = (rng.uniform(3.8, 5.2), rng.uniform(1.7, 2.0)) if rng.random() < 0.85 else (11.0, 2.5)
+        movers[m] = [*start, heading, length, rng.uniform(0.0, length), speeds[lane], *size, rng.uniform(0.7, 2.5)]
+    return movers

@@ -1,0 +1,133 @@
+"""The simulated radar: every azimuth is cast from the pose the sensor has at that azimuth's own time."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mqslam import se2
+from mqslam.errors import ConfigError
+from mqslam.simulator.beam import COUNTS_PER_DECADE, render
+from mqslam.simulator.scene import Scene
+
+ENCODER = 5600
+"""Encoder steps per turn, clockwise, as the Oxford layout stores azimuths."""
+
+
+@dataclass(frozen=True)
+class SensorModel:
+    """A clockwise spinning radar that stores power in half decibels; the defaults are a Navtech CTS350-X.
+
+    Args:
+        turn_rate_hz: revolutions per second.
+        azimuths: per revolution.
+        range_resolution: length of a range bin [m].
+        max_range: [m]; the last bins end there at most.
+        beam_width_deg: one-way half-power width of the beam.
+        cells: thin parts the beam is cut into, over three beam widths.
+        spread_bins: standard deviation of an echo along the range [bins].
+        wall_level: counts of a wall at right angles, 10 m away.
+        pole_level: counts of a lamp post in the middle of the beam, 10 m away.
+        noise_level: counts of the mean thermal noise; 0 is none.
+        speckle: share of an echo's power that fluctuates, 0..1.
+        roughness: standard deviation of a surface's depth [m].
+        saturation_probability: of an azimuth whose noise is 15 to 25 dB higher.
+        clutter_probability: of a bin with an echo of nothing.
+        doppler_beta: range shift per closing speed [s]: measured range = true range - doppler_beta * closing speed.
+    """
+
+    turn_rate_hz: float = 4.0
+    azimuths: int = 400
+    range_resolution: float = 0.0438
+    max_range: float = 165.0
+    beam_width_deg: float = 1.8
+    cells: int = 12
+    spread_bins: float = 0.7
+    wall_level: float = 125.0
+    pole_level: float = 115.0
+    noise_level: float = 18.0
+    speckle: float = 0.7
+    roughness: float = 0.03
+    saturation_probability: float = 0.01
+    clutter_probability: float = 5e-5
+    doppler_beta: float = 0.0
+
+    def __post_init__(self) -> None:
+        positive = ("turn_rate_hz", "range_resolution", "max_range", "beam_width_deg", "spread_bins")
+        for name in positive:
+            if not (np.isfinite(getattr(self, name)) and getattr(self, name) > 0.0):
+                raise ConfigError(f"simulator: {name} is {getattr(self, name)}; it must be above 0")
+        if not 4 <= self.azimuths <= ENCODER:
+            raise ConfigError(f"simulator: azimuths is {self.azimuths}; choose 4 to {ENCODER}")
+        if self.bins < 8:
+            raise ConfigError(f"simulator: {self.max_range} m hold {self.bins} range bins; raise max_range")
+
+    @property
+    def bins(self) -> int:
+        """Range bins per azimuth."""
+        return int(self.max_range / self.range_resolution + 1e-9)
+
+    @property
+    def encoders(self) -> NDArray[np.int64]:
+        """(A,) encoder steps clockwise from straight ahead, rounded as a recording stores them."""
+        return np.round(np.arange(self.azimuths) * ENCODER / self.azimuths).astype(np.int64)
+
+    @property
+    def angles(self) -> NDArray[np.float64]:
+        """(A,) azimuths [rad] counter-clockwise from straight ahead, from 0 down to a turn."""
+        return np.asarray(-2.0 * np.pi / ENCODER * self.encoders)
+
+
+def render_revolution(
+    scene: Scene,
+    poses: se2.Array,
+    twists: se2.Array,
+    times: NDArray[np.float64],
+    sensor: SensorModel,
+    seed: int | tuple[int, ...],
+) -> NDArray[np.uint8]:
+    """Received power (A, B) of one revolution; bin b is centred at (b + 0.5) range resolutions.
+
+    Args:
+        scene: what reflects.
+        poses: (A, 3) of the sensor at each azimuth, scene frame.
+        twists: (A, 3) body velocity of the sensor at each azimuth [m/s, m/s, rad/s].
+        times: (A,) of each azimuth [s]; they place the moving vehicles.
+        sensor: the radar.
+        seed: of this revolution's noise; the same seed gives the same bytes.
+    """
+    width = np.deg2rad(sensor.beam_width_deg)
+    borders = np.linspace(-1.5 * width, 1.5 * width, sensor.cells + 1)
+    pattern = np.exp(-8.0 * np.log(2.0) * (0.5 * (borders[1:] + borders[:-1]) / width) ** 2)
+    return np.asarray(
+        render(
+            scene.walls,
+            scene.poles,
+            scene.movers,
+            np.ascontiguousarray(poses),
+            np.ascontiguousarray(twists),
+            times,
+            sensor.angles,
+            sensor.bins,
+            sensor.range_resolution,
+            np.c_[np.sin(borders), np.cos(borders)],
+            pattern / pattern.sum(),
+            width,
+            sensor.spread_bins,
+            _power(sensor.wall_level),
+            _power(sensor.pole_level),
+            _power(sensor.noise_level) if sensor.noise_level > 0.0 else 0.0,
+            sensor.speckle,
+            sensor.roughness,
+            sensor.saturation_probability,
+            sensor.clutter_probability,
+            sensor.doppler_beta,
+            np.random.SeedSequence(seed).generate_state(1)[0],
+        )
+    )
+
+
+def _power(level: float) -> float:
+    return float(10.0 ** (level / COUNTS_PER_DECADE))

@@ -1,0 +1,180 @@
+"""A simulated drive written as a recording in the Oxford layout."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import shutil
+import tempfile
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import asdict
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+from PIL import Image
+
+from mqslam import se2
+from mqslam.errors import ConfigError, OutputError
+from mqslam.files import new_folder, write_text
+from mqslam.simulator.drive import ConstantDrive, Drive, loop_drive, with_way_made
+from mqslam.simulator.odometry import OdometryModel
+from mqslam.simulator.scene import Scene, corridor_scene, street_scene, yard_scene
+from mqslam.simulator.sensor import SensorModel
+from mqslam.simulator.stream import SimulatedStream, simulated_stream
+from mqslam.trajectory import Trajectory, write_tum
+
+SCENES = ("street", "corridor", "yard")
+"""Names `simulate` knows."""
+OXFORD_COLUMNS = (
+    "source_timestamp,destination_timestamp,x,y,z,roll,pitch,yaw,source_radar_timestamp,destination_radar_timestamp"
+)
+"""First line of an Oxford ground-truth file."""
+
+
+def simulate(
+    out: Path,
+    *,
+    scene: str = "street",
+    duration_s: float = 60.0,
+    turn_rate_hz: float = 4.0,
+    azimuths: int = 400,
+    range_resolution: float = 0.175,
+    max_range: float = 120.0,
+    seed: int = 1,
+    movers: int | None = None,
+    doppler_beta: float = 0.0,
+    jobs: int = 1,
+    progress: Callable[[int, int], None] | None = None,
+) -> SimulatedStream:
+    """Simulate a drive and write it, whole or not at all; the same arguments give the same bytes, whatever `jobs` is.
+
+    Args:
+        out: folder to make; it must not hold anything.
+        scene: `street` (rounds of a block), `corridor` (straight on between endless walls) or `yard` (a slow circle).
+        duration_s: how long to drive [s].
+        turn_rate_hz: revolutions per second.
+        azimuths: per revolution.
+        range_resolution: length of a range bin [m].
+        max_range: [m].
+        seed: of the scene and all noise.
+        movers: number of moving vehicles; as the scene has them if None.
+        doppler_beta: range shift per closing speed [s].
+        jobs: revolutions rendered at the same time.
+        progress: called with (revolutions written, revolutions in all).
+
+    Returns:
+        The stream that was written.
+
+    Raises:
+        ConfigError: a parameter that makes no sense.
+        OutputError: the folder has content or cannot be written.
+    """
+    if jobs < 1:
+        raise ConfigError(f"simulator: jobs is {jobs}; it must be 1 or more")
+    if seed < 0:
+        raise ConfigError(f"simulator: seed is {seed}; it must be 0 or more")
+    sensor = SensorModel(turn_rate_hz, azimuths, range_resolution, max_range, doppler_beta=doppler_beta)
+    errors = OdometryModel()
+    world, drive = _world(scene, seed, duration_s, movers)
+    stream = simulated_stream(world, drive, duration_s=duration_s, sensor=sensor, seed=seed, odometry=errors)
+    truth = stream.ground_truth
+    assert truth is not None
+    parameters = {
+        "scene": scene,
+        "duration_s": duration_s,
+        "seed": seed,
+        "movers": len(world.movers),
+        "revolutions": len(stream),
+        "length_m": round(truth.length_m, 3),
+        "range_resolution_m": sensor.range_resolution,
+        "sensor": asdict(sensor),
+        "odometry": asdict(errors),
+    }
+    with _folder_written_whole(out) as folder:
+        (folder / "radar").mkdir()
+        (folder / "gt").mkdir()
+        _write_revolutions(folder, stream, jobs, progress)
+        write_text(folder / "radar.timestamps", "".join(f"{t} 1\n" for t in stream.stamps_us))
+        write_tum(folder / "gt" / "poses_tum.txt", truth)
+        write_text(folder / "gt" / "radar_odometry.csv", _oxford_ground_truth(truth))
+        wheels = stream.wheel_odometry
+        rows = zip(wheels.stamps_us, wheels.v, wheels.omega, strict=True)
+        write_text(folder / "odom.csv", "t,v,omega\n" + "".join(f"{t},{v:.5f},{w:.6f}\n" for t, v, w in rows))
+        write_text(folder / "simulation.json", json.dumps(parameters, indent=1) + "\n")
+    return stream
+
+
+def _world(scene: str, seed: int, duration_s: float, movers: int | None) -> tuple[Scene, Drive]:
+    """The scene and the drive through it that go by a name."""
+    if movers is not None and movers < 0:
+        raise ConfigError(f"simulator: movers is {movers}; it must be 0 or more")
+    if not (np.isfinite(duration_s) and duration_s > 0.0):
+        raise ConfigError(f"simulator: duration is {duration_s} s; it must be above 0")
+    if scene == "street":
+        drive = loop_drive(duration_s)
+        return with_way_made(street_scene(seed, movers=10 if movers is None else movers), drive, duration_s), drive
+    if scene == "yard":
+        return yard_scene(seed, movers=movers or 0), ConstantDrive(1.0, -0.192)
+    if scene == "corridor":
+        if movers:
+            raise ConfigError("simulator: nothing moves in the corridor; leave movers out")
+        return corridor_scene(length=2.0 * (8.0 * duration_s + 1000.0)), ConstantDrive(8.0, 0.0)
+    raise ConfigError(f"simulator: there is no scene '{scene}'; choose one of {', '.join(SCENES)}")
+
+
+def _write_revolutions(
+    folder: Path, stream: SimulatedStream, jobs: int, progress: Callable[[int, int], None] | None
+) -> None:
+    """Write every revolution, `jobs` at a time; the kernel and the PNG encoder let other threads run."""
+    with ThreadPoolExecutor(jobs) as pool:
+        try:
+            for done, _ in enumerate(pool.map(partial(_write_revolution, folder, stream), range(len(stream))), 1):
+                if progress is not None:
+                    progress(done, len(stream))
+        except BaseException:
+            pool.shutdown(wait=False, cancel_futures=True)
+            raise
+
+
+def _write_revolution(folder: Path, stream: SimulatedStream, k: int) -> None:
+    """Render revolution k and write it: per row 8 bytes time [us], 2 bytes encoder, 1 byte valid, then the power."""
+    stamps, encoders = stream.azimuth_stamps(k), stream.sensor.encoders.astype("<u2")
+    head = [stamps.astype("<i8").view(np.uint8).reshape(-1, 8), encoders.view(np.uint8).reshape(-1, 2)]
+    valid = np.full((len(stamps), 1), 255, dtype=np.uint8)
+    image = Image.fromarray(np.hstack([*head, valid, stream[k].power]))
+    image.save(folder / "radar" / f"{stamps[0]}.png", compress_level=1)
+
+
+def _oxford_ground_truth(truth: Trajectory) -> str:
+    """The poses of revolutions in the frames of those before them; Oxford frames are y right, yaw clockwise."""
+    moves = se2.between(truth.poses[:-1], truth.poses[1:])
+    lines = [OXFORD_COLUMNS]
+    for later, earlier, (x, y, yaw) in zip(truth.stamps_us[1:], truth.stamps_us[:-1], moves.tolist(), strict=True):
+        lines.append(f"{later},{earlier},{x:.6f},{-y:.6f},0,0,0,{-yaw:.6f},{later},{earlier}")
+    return "\n".join(lines) + "\n"
+
+
+@contextlib.contextmanager
+def _folder_written_whole(out: Path) -> Iterator[Path]:
+    """A new folder beside `out`; it becomes `out` when the block ends without an error, else it is removed."""
+    out = out.absolute()
+    existed = out.exists()
+    new_folder(out)
+    try:
+        aside = Path(tempfile.mkdtemp(prefix=f".{out.name}.", dir=out.parent))
+        try:
+            yield aside
+            aside.chmod(0o755)
+            aside.replace(out)
+        except BaseException:
+            shutil.rmtree(aside, ignore_errors=True)
+            raise
+    except BaseException as error:
+        if not existed:
+            out.rmdir()
+        if isinstance(error, OSError):
+            problem = f"{out}: cannot be written ({error.strerror}); free space or choose another --out"
+            raise OutputError(problem) from error
+        raise

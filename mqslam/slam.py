@@ -1,0 +1,161 @@
+"""Offline radar SLAM in which the measurement is map quality: the method on one screen.
+
+    recording -> windows of returns -> relative motions -> pose graph -> trajectory -> map -> psi
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+
+import gtsam
+from gtsam.symbol_shorthand import X
+
+from mqslam import frontend as frontends
+from mqslam import se2
+from mqslam.config import Config
+from mqslam.detection import Progress, detect_all
+from mqslam.factors.odometry_between import odometry_between, odometry_covariance
+from mqslam.factors.psi_between import psi_between
+from mqslam.frontend import Context
+from mqslam.graph import PoseGraph, chain, optimise, pose_graph, poses_of
+from mqslam.measurement import RelativeMotion
+from mqslam.pointmap import PointMap
+from mqslam.render import render
+from mqslam.returns import Window
+from mqslam.stream import RadarStream
+from mqslam.trajectory import Trajectory
+
+
+@dataclass(frozen=True)
+class Run:
+    """Everything a finished run knows.
+
+    Args:
+        frontend: name of the front end.
+        config: every setting used.
+        measurements: relative motions of the front end, one per pair of successive revolutions.
+        odometry: trajectory before optimisation: the odometry given, or the front end's measurements chained.
+        optimised: trajectory after it.
+        graph: all factors and the values they started from.
+        values: the optimised values.
+        map_odometry, map_optimised: the run rendered under both.
+        odometry_factors: number of odometry edges in the graph.
+        runtime_s: seconds by stage.
+    """
+
+    frontend: str
+    config: Config
+    measurements: list[RelativeMotion]
+    odometry: Trajectory
+    optimised: Trajectory
+    graph: PoseGraph
+    values: gtsam.Values
+    map_odometry: PointMap
+    map_optimised: PointMap
+    odometry_factors: int
+    runtime_s: dict[str, float]
+
+
+class Slam:
+    """Takes a recording through front end, graph and map.
+
+    Args:
+        config: all settings.
+        frontend: name of the front end.
+        jobs: processes that read and detect, threads that score.
+        progress: called as stages go on.
+
+    Raises:
+        ConfigError: there is no front end of that name.
+    """
+
+    def __init__(self, config: Config, frontend: str, jobs: int, progress: Progress) -> None:
+        self._config = config
+        self._name = frontend
+        self._frontend = frontends.load(frontend)
+        self._jobs = jobs
+        self._progress = progress
+        self._runtime_s: dict[str, float] = {}
+
+    def run(self, stream: RadarStream, odometry: Trajectory | None) -> Run:
+        """From a recording to its optimised map.
+
+        Args:
+            stream: the recording.
+            odometry: dead-reckoned poses that cover the recording, or None.
+
+        Raises:
+            DataError: a revolution that cannot be read.
+            EstimationError: data that holds no motion.
+        """
+        with self._stage("total"):
+            windows, cost = detect_all(stream, self._config.detector, self._jobs, self._progress)
+            self._runtime_s |= {"read": cost.read_s, "detect": cost.detect_s}
+            context = Context(self._config, stream.period_s, stream.start_us, odometry)
+            with self._stage("windows"):
+                measurements = self._measure(windows, context)
+            with self._stage("optimise"):
+                initial = chain(m.pose for m in measurements)
+                edges = self._odometry(windows, context, measurements)
+                graph = self._graph(initial, measurements, edges)
+                values = optimise(graph)
+                poses = poses_of(values, graph.size)
+            with self._stage("render"):
+                before = chain(m.pose for m in edges) if edges else initial
+                map_before, map_after = self._render(windows, before, poses, stream.period_s)
+        return Run(
+            frontend=self._name,
+            config=self._config,
+            measurements=measurements,
+            odometry=Trajectory(stream.stamps_us, before),
+            optimised=Trajectory(stream.stamps_us, poses),
+            graph=graph,
+            values=values,
+            map_odometry=map_before,
+            map_optimised=map_after,
+            odometry_factors=len(edges),
+            runtime_s=self._runtime_s,
+        )
+
+    def _measure(self, windows: list[Window], context: Context) -> list[RelativeMotion]:
+        measurements = []
+        for motion in self._frontend(context).measure(windows):
+            measurements.append(motion)
+            self._progress("windows", len(measurements) + 1, len(windows))
+        return measurements
+
+    def _odometry(
+        self, windows: list[Window], context: Context, measurements: list[RelativeMotion]
+    ) -> list[RelativeMotion]:
+        """Odometry's own motions with noise as large as they disagree with the front end's; none where it is that."""
+        if context.odometry is None or self._name == "odometry":
+            return []
+        motions = list(frontends.load("odometry")(context).measure(windows))
+        noise = odometry_covariance(motions, measurements, self._config.graph.odometry_span_s)
+        return [replace(motion, covariance=noise) for motion in motions]
+
+    def _graph(
+        self, initial: se2.Array, measurements: list[RelativeMotion], odometry: list[RelativeMotion]
+    ) -> PoseGraph:
+        settings = self._config.graph
+        factors = [psi_between(X(k), X(k + 1), m, settings) for k, m in enumerate(measurements)]
+        factors += [odometry_between(X(k), X(k + 1), m, settings) for k, m in enumerate(odometry)]
+        return pose_graph(initial, factors)
+
+    def _render(
+        self, windows: list[Window], before: se2.Array, after: se2.Array, revolution_s: float
+    ) -> tuple[PointMap, PointMap]:
+        first = render(windows, before, self._config, revolution_s, self._jobs)
+        self._progress("render", 1, 2)
+        second = render(windows, after, self._config, revolution_s, self._jobs)
+        self._progress("render", 2, 2)
+        return first, second
+
+    @contextmanager
+    def _stage(self, name: str) -> Iterator[None]:
+        begin = time.perf_counter()
+        yield
+        self._runtime_s[name] = time.perf_counter() - begin

@@ -1,0 +1,23 @@
+"""Fixtures shared by the tests: small recordings and the real sample where it is at hand."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from recordings import write_oxford
+
+
+@pytest.fixture
+def oxford(tmp_path: Path) -> Path:
+    """A small recording in the Oxford layout."""
+    return write_oxford(tmp_path / "drive")
+
+
+@pytest.fixture(scope="session")
+def oxford_tiny() -> Path:
+    """The eleven real revolutions, which the project does not ship."""
+    folder = Path(__file__).parents[2] / "shared" / "data" / "oxford_tiny"
+    if not folder.is_dir():
+        pytest.skip(f"the real sample is not at {folder}")
+    return folder

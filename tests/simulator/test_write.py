@@ -1,0 +1,125 @@
+"""A written simulation is a whole recording in the Oxford layout, or nothing."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from mqslam import se2
+from mqslam.errors import ConfigError, OutputError
+from mqslam.simulator import SimulatedStream, simulate
+from mqslam.trajectory import read_tum
+
+SMALL: dict[str, Any] = {"duration_s": 1.3, "azimuths": 90, "range_resolution": 0.5, "max_range": 60.0}
+
+
+def everything(folder: Path) -> dict[str, bytes]:
+    return {str(p.relative_to(folder)): p.read_bytes() for p in sorted(folder.rglob("*")) if p.is_file()}
+
+
+@pytest.fixture(scope="module")
+def written(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, SimulatedStream]:
+    out = tmp_path_factory.mktemp("simulated") / "deep" / "drive"
+    return out, simulate(out, **SMALL)
+
+
+def test_every_file_of_the_layout_is_there(written: tuple[Path, SimulatedStream]) -> None:
+    out, stream = written
+    stamps = [line.split()[0] for line in (out / "radar.timestamps").read_text().splitlines()]
+    assert len(stamps) == len(stream) == 5
+    radar = {f"radar/{t}.png" for t in stamps}
+    others = {"radar.timestamps", "gt/poses_tum.txt", "gt/radar_odometry.csv", "odom.csv", "simulation.json"}
+    assert set(everything(out)) == radar | others
+    assert list(out.parent.iterdir()) == [out]
+
+
+def test_images_hold_what_the_stream_renders(written: tuple[Path, SimulatedStream]) -> None:
+    out, stream = written
+    for k in (0, 4):
+        image = np.array(Image.open(out / "radar" / f"{stream.stamps_us[k]}.png"))
+        turn = stream[k]
+        times = image[:, :8].copy().view("<i8")[:, 0]
+        encoders = image[:, 8:10].copy().view("<u2")[:, 0]
+        assert image.dtype == np.uint8 and np.all(image[:, 10] == 255)
+        np.testing.assert_allclose((times - stream.start_us) * 1e-6, turn.times, atol=1e-9)
+        np.testing.assert_allclose(-2.0 * np.pi * encoders / 5600, turn.azimuths, atol=1e-12)
+        assert np.array_equal(image[:, 11:], turn.power)
+
+
+def test_ground_truth_is_the_drive_in_both_frames(written: tuple[Path, SimulatedStream]) -> None:
+    out, stream = written
+    truth = read_tum(out / "gt" / "poses_tum.txt")
+    assert np.array_equal(truth.stamps_us, stream.stamps_us)
+    np.testing.assert_allclose(truth.poses, stream.drive.poses(stream.start_times), atol=2e-6)
+    rows = np.loadtxt(out / "gt" / "radar_odometry.csv", delimiter=",", skiprows=1)
+    moves = se2.between(truth.poses[:-1], truth.poses[1:])
+    np.testing.assert_allclose(rows[:, [2, 3, 7]] * [1.0, -1.0, -1.0], moves, atol=5e-6)
+    assert np.array_equal(rows[:, 0], truth.stamps_us[1:]) and np.array_equal(rows[:, 1], truth.stamps_us[:-1])
+
+
+def test_odometry_rows_span_the_recording(written: tuple[Path, SimulatedStream]) -> None:
+    out, stream = written
+    assert (out / "odom.csv").read_text().startswith("t,v,omega\n")
+    rows = np.loadtxt(out / "odom.csv", delimiter=",", skiprows=1)
+    assert rows[0, 0] == stream.start_us and rows[-1, 0] >= stream.end_us
+    assert np.all(np.diff(rows[:, 0]) == 50_000)
+
+
+def test_parameters_are_written(written: tuple[Path, SimulatedStream]) -> None:
+    out, stream = written
+    parameters = json.loads((out / "simulation.json").read_text())
+    assert parameters["range_resolution_m"] == stream.range_resolution == 0.5
+    assert parameters["sensor"]["azimuths"] == 90 and parameters["seed"] == 1 and parameters["scene"] == "street"
+
+
+@pytest.mark.parametrize("scene", ["street", "corridor", "yard"])
+def test_bytes_depend_on_the_arguments_and_not_on_the_jobs(tmp_path: Path, scene: str) -> None:
+    runs = {"one": {"seed": 3}, "two": {"seed": 3, "jobs": 2}, "other": {"seed": 4}}
+    for name, changes in runs.items():
+        simulate(tmp_path / name, scene=scene, **SMALL, **changes)
+    one, two, other = (everything(tmp_path / name) for name in runs)
+    assert one == two
+    assert all(one[name] != other[name] for name in one if name.startswith("radar/"))
+
+
+def test_progress_counts_the_revolutions(tmp_path: Path) -> None:
+    seen: list[tuple[int, int]] = []
+    simulate(tmp_path / "out", **SMALL, progress=lambda done, total: seen.append((done, total)))
+    assert seen == [(k, 5) for k in range(1, 6)]
+
+
+def test_an_interrupted_simulation_leaves_nothing(tmp_path: Path) -> None:
+    def interrupt(done: int, total: int) -> None:
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        simulate(tmp_path / "out", **SMALL, progress=interrupt)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_folder_with_content_is_left_alone(tmp_path: Path) -> None:
+    (tmp_path / "mine").write_text("kept")
+    with pytest.raises(OutputError, match="exists already"):
+        simulate(tmp_path, **SMALL)
+    assert everything(tmp_path) == {"mine": b"kept"}
+
+
+def test_an_empty_folder_is_filled(tmp_path: Path) -> None:
+    (tmp_path / "out").mkdir()
+    simulate(tmp_path / "out", **SMALL)
+    assert (tmp_path / "out" / "simulation.json").exists()
+
+
+@pytest.mark.parametrize(
+    "bad",
+    [{"scene": "moon"}, {"duration_s": 0.0}, {"duration_s": 0.1}, {"movers": -1}, {"jobs": 0}, {"seed": -1}],
+)
+def test_impossible_parameters_are_refused_and_nothing_is_made(tmp_path: Path, bad: dict[str, Any]) -> None:
+    with pytest.raises(ConfigError):
+        simulate(tmp_path / "out", **{**SMALL, **bad})
+    assert list(tmp_path.iterdir()) == []
