@@ -15,6 +15,7 @@ from mqslam.measurement import RelativeMotion
 from mqslam.psi.tracker import Tracked, Tracker
 from mqslam.returns import Window
 
+UNSTEADY_SHARE = 0.38  # how much of an unsteady twist's travel ends up as error of a start pose; measured
 _FIRST = 3  # revolutions that start the tracker together
 
 
@@ -62,14 +63,16 @@ class PsiFrontEnd:
 
 
 def _relative(a: Tracked, b: Tracked, psi_odometry: float) -> RelativeMotion:
-    """The motion between two tracked revolutions, their errors given the map taken as independent."""
+    """The motion between two tracked revolutions: their errors given the map, and what a constant twist leaves out."""
     pose = se2.between(a.pose, b.pose)
     c, s = np.cos(a.pose[2]), np.sin(a.pose[2])
     by_end = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
     by_start = -by_end.copy()
     by_start[0, 2], by_start[1, 2] = pose[1], -pose[0]
     covariance: NDArray[np.float64] = (
-        by_start @ a.covariance[:3, :3] @ by_start.T + by_end @ b.covariance[:3, :3] @ by_end.T
+        by_start @ a.covariance[:3, :3] @ by_start.T
+        + by_end @ b.covariance[:3, :3] @ by_end.T
+        + np.diag(b.unsteadiness) * (UNSTEADY_SHARE * (b.t0 - a.t0)) ** 2
     )
     found = b.evaluation
     return RelativeMotion(

@@ -3,9 +3,9 @@
 psi is a sum over points, so its minimiser is an M-estimator and curvature alone has no scale: with H the curvature that
 knows of re-selection, and g_c the summed score of the returns of one object (a square cell of the map),
 
-    Sigma = H^-1 (sum_c g_c g_c^T + P^-1) H^-1,
+    Sigma = H^-1 (sum_c g_c g_c^T) H^-1.
 
-P being the prior's covariance, where there is a prior.
+Where a direction is hardly observed H is hardly positive there, and Sigma comes out large along it.
 """
 
 from __future__ import annotations
@@ -14,33 +14,32 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mqslam.psi.estimator import Evaluation
-from mqslam.psi.minimiser import EstimatorConfig
 
-CLUSTER_M = 2.0
+CLUSTER_M = 2.0  # returns this close are of one object and err together
+_LEAST = 1e-3  # share of Gauss-Newton's curvature below which a direction counts as not observed at all
 
 
 def sandwich(
-    found: Evaluation,
-    points: NDArray[np.float64],
-    prior_information: NDArray[np.float64],
-    config: EstimatorConfig,
+    found: Evaluation, points: NDArray[np.float64], known: NDArray[np.float64] | None = None
 ) -> NDArray[np.float64]:
     """Covariance (Q, Q) of the state at a minimum.
 
     Args:
         found: the evaluation at the minimum.
         points: (N, 2) m, where the returns lie, to tell which belong to one object.
-        prior_information: (Q, Q), zero without a prior.
-        config: settings the minimum was found with.
+        known: (Q, Q) information about the state besides psi, in the curvature's scale.
     """
-    size = len(prior_information)
-    curvature = (found.curvature + config.stabiliser * found.information) / config.correlation + prior_information
-    spread = clustered(found.scores, points) / config.correlation**2 + prior_information
-    # a direction that nothing holds must come out uncertain, not singular
-    floor = np.diag(1e-9 + 1e-9 * np.diag(found.information))
-    inverse = np.linalg.pinv(_positive(curvature) + floor, hermitian=True)
-    covariance = inverse @ (spread + floor) @ inverse
-    return np.asarray(0.5 * (covariance + covariance.T)).reshape(size, size)
+    if known is None:
+        known = np.zeros_like(found.curvature)
+    units = 1.0 / np.sqrt(np.maximum(np.diag(found.information + known), 1e-12))
+    scale = units[:, None] * units[None, :]
+    values, vectors = np.linalg.eigh((found.curvature + known) * scale)
+    spread = vectors.T @ ((clustered(found.scores, points) + known) * scale) @ vectors
+    inverse = 1.0 / np.maximum(values, _LEAST)
+    # a direction that psi does not hold at all varies by as much as its curvature fails to bound it
+    spread += np.diag(np.where(values < _LEAST, 1.0, 0.0) * _LEAST)
+    covariance = (vectors * inverse) @ spread @ (vectors * inverse).T * scale
+    return np.asarray(0.5 * (covariance + covariance.T))
 
 
 def clustered(scores: NDArray[np.float64], points: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -52,10 +51,3 @@ def clustered(scores: NDArray[np.float64], points: NDArray[np.float64]) -> NDArr
     sums = np.zeros((int(members.max()) + 1, scores.shape[1]))
     np.add.at(sums, members, scores)
     return np.asarray(sums.T @ sums)
-
-
-def _positive(matrix: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The symmetric matrix with its negative eigenvalues set to zero."""
-    units = 1.0 / np.sqrt(np.maximum(np.abs(np.diag(matrix)), 1e-12))
-    values, vectors = np.linalg.eigh(matrix * units[:, None] * units[None, :])
-    return np.asarray((vectors * np.maximum(values, 0.0)) @ vectors.T / units[:, None] / units[None, :])

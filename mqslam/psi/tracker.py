@@ -23,10 +23,12 @@ from mqslam.psi.localmap import LocalMap
 from mqslam.psi.minimiser import Minimum, Prior, minimise
 from mqslam.psi.neighbours import candidates
 from mqslam.psi.place import PointSet, place
+from mqslam.psi.unsteadiness import Unsteadiness
 from mqslam.psi.window import beam_of, estimate_window, search_twist
 from mqslam.returns import Returns, Window
 
 STATE_TOLERANCES = np.array([1e-3, 1e-3, 2e-5, 5e-3, 5e-3, 1e-4])  # m, m, rad, m/s, m/s, rad/s
+PREDICTION_GAIN = 0.22  # variance left of psi's own once the state before has smoothed it; measured, see BENCHMARKS.md
 _NOISE_PERIOD_S = 0.25  # process noise is stated per revolution of this length
 _USUAL_MEMORY = 0.95  # the usual matched share forgets with this factor per revolution
 
@@ -38,7 +40,8 @@ class Tracked:
     Args:
         t0: its start [s].
         state: (6,) start pose in the tracker's frame and twist.
-        covariance: (6, 6) of the state, given the map, by the sandwich of psi's curvature.
+        covariance: (6, 6) of the state, given the map, from psi's curvature.
+        unsteadiness: (3,) variance of the twist that a constant twist leaves out [m^2/s^2, m^2/s^2, rad^2/s^2].
         evaluation: psi at the minimum.
         status: how far it can be trusted.
     """
@@ -46,6 +49,7 @@ class Tracked:
     t0: float
     state: se2.Array
     covariance: NDArray[np.float64]
+    unsteadiness: NDArray[np.float64]
     evaluation: Evaluation
     status: Status
 
@@ -74,6 +78,7 @@ class Tracker:
         self._t0 = 0.0
         self._keyframe: se2.Array | None = None
         self._usual_share = 0.0
+        self._unsteadiness = Unsteadiness()
 
     def start(self, windows: list[Window], twist: se2.Array | None) -> None:
         """Find the motion of the first revolutions from psi alone and begin the map with the first.
@@ -124,7 +129,7 @@ class Tracker:
         empty = Evaluation(
             np.zeros(0), np.zeros(0, dtype=bool), np.zeros((0, 6)), np.zeros((6, 6)), np.zeros((6, 6))
         )
-        return Tracked(window.t0, self._state, self._covariance, empty, Status.CONVERGED)
+        return Tracked(window.t0, self._state, self._covariance, np.zeros(3), empty, Status.CONVERGED)
 
     def follow(self, window: Window, twist: se2.Array | None = None) -> Tracked:
         """Match the next revolution to the map.
@@ -147,13 +152,18 @@ class Tracker:
             found, share, status = self._recover(window, prior, found)
         if status is Status.LOST:
             self._state, self._covariance = predicted, covariance
-            tracked = Tracked(window.t0, predicted, covariance, found.evaluation, status)
+            unsteady = self._unsteadiness.variance
+            tracked = Tracked(window.t0, predicted, covariance, unsteady, found.evaluation, status)
         else:
             self._state = found.state
             self._covariance = self._posterior(found.evaluation, information)
             placed = self._place(window, found.state)
-            spread = sandwich(found.evaluation, placed.points, information, self._estimator)
-            tracked = Tracked(window.t0, found.state, spread, found.evaluation, self._judge(found.evaluation))
+            measured = self._measured(found.evaluation, placed, covariance)
+            self._unsteadiness.add(found.state[3:], np.diag(measured)[3:])
+            unsteady = self._unsteadiness.variance
+            tracked = Tracked(
+                window.t0, found.state, measured, unsteady, found.evaluation, self._judge(found.evaluation)
+            )
             memory = _USUAL_MEMORY if self._usual_share > 0.0 else 0.0
             self._usual_share = memory * self._usual_share + (1.0 - memory) * share
             if self._far_from_keyframe():
@@ -201,6 +211,15 @@ class Tracker:
         if np.linalg.eigvalsh(information * units[:, None] * units[None, :])[0] < 1.0:
             return Status.DEGENERATE
         return Status.CONVERGED
+
+    def _measured(
+        self, found: Evaluation, placed: PointSet, predicted: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """Covariance (6, 6) of the state by psi's curvature; what psi does not observe is as sure as the prediction."""
+        known = np.zeros((6, 6))  # a vehicle hardly slides: without this, vy would seem as free as vx
+        known[4, 4] = self._estimator.correlation / self._config.tracker.sigma_vy**2
+        spread = PREDICTION_GAIN * sandwich(found, placed.points, known)
+        return np.asarray(np.linalg.inv(np.linalg.inv(spread) + np.linalg.inv(predicted)))
 
     def _posterior(self, found: Evaluation, prior_information: NDArray[np.float64]) -> NDArray[np.float64]:
         config = self._estimator

@@ -70,7 +70,7 @@ def estimate_window(
         return without_start(place(returns, t0, np.zeros(3), theta, model, beam))
 
     found = minimise(model.from_twist(start), render, None, free, config, revolution_s, tolerances)
-    covariance = sandwich(found.evaluation, render(found.state).points, np.zeros_like(free.information), config)
+    covariance = sandwich(found.evaluation, render(found.state).points)
     return WindowMotion(found.state, covariance, found)
 
 
