@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import gtsam
-from mqslam.factors.noise import between_noise
 
 from mqslam.config import GraphConfig
+from mqslam.factors.noise import between_noise
 from mqslam.measurement import RelativeMotion
 
 
 def psi_between(a: int, b: int, motion: RelativeMotion, config: GraphConfig) -> gtsam.BetweenFactorPose2:
     """The motion from key a to key b with the covariance of its score's curvature and the floor of the settings."""
-    noise = between_noise(motion.covariance / config.cancelling, motion.pose[2], config.floor_m, config.floor_rad, config.huber)
+    covariance = motion.covariance / config.cancelling
+    noise = between_noise(covariance, motion.pose[2], config.floor_m, config.floor_rad, config.huber)
     return gtsam.BetweenFactorPose2(a, b, gtsam.Pose2(*motion.pose), noise)

@@ -40,4 +40,5 @@ def _cells(returns: Returns) -> NDArray[np.int64]:
     """Polar cell of each return."""
     around = int(np.ceil(2.0 * np.pi / AZIMUTH_RAD))
     column = np.floor((returns.azimuths % (2.0 * np.pi)) / AZIMUTH_RAD).astype(np.int64)
-    return np.floor(returns.ranges / RANGE_M).astype(np.int64) * around + np.minimum(column, around - 1)
+    ring = np.floor(returns.ranges / RANGE_M).astype(np.int64)
+    return np.asarray(ring * around + np.minimum(column, around - 1), dtype=np.int64)

@@ -90,9 +90,9 @@ def _peaks(
     for a in range(azimuths):
         if not usable[a]:
             continue
-        total = 0
+        total = np.int64(0)
         for b in range(min(width, bins)):
-            total += power[a, b]
+            total += np.int64(power[a, b])
         smooth[:] = 0.0
         for b in range(half, bins - half):
             smooth[b] = total / width
@@ -107,7 +107,7 @@ def _peaks(
             shift = 0.5 * (smooth[b - 1] - smooth[b + 1]) / bend if bend < 0.0 else 0.0
             slot = count
             if count == strongest:
-                slot = np.argmin(values[a])
+                slot = int(np.argmin(values[a]))
                 if values[a, slot] >= here:
                     continue
             else:

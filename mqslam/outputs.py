@@ -145,7 +145,10 @@ def g2o(graph: PoseGraph, values: gtsam.Values) -> str:
             continue
         a, b = (gtsam.Symbol(key).index() for key in factor.keys())
         z = factor.measured()
-        information = factor.noiseModel().noise().information()
-        upper = " ".join(f"{v:.9g}" for v in np.asarray(information)[np.triu_indices(3)])
+        robust = factor.noiseModel()
+        assert isinstance(robust, gtsam.noiseModel.Robust)
+        gaussian = robust.noise()
+        assert isinstance(gaussian, gtsam.noiseModel.Gaussian)
+        upper = " ".join(f"{v:.9g}" for v in gaussian.information()[np.triu_indices(3)])
         lines.append(f"EDGE_SE2 {a} {b} {z.x():.9g} {z.y():.9g} {z.theta():.9g} {upper}")
     return "\n".join(lines) + "\n"

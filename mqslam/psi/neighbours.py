@@ -193,4 +193,4 @@ def _furthest(a: NDArray[np.float64], b: NDArray[np.float64]) -> float:
     for i in range(len(a)):
         dx, dy = a[i, 0] - b[i, 0], a[i, 1] - b[i, 1]
         largest = max(largest, dx * dx + dy * dy)
-    return np.sqrt(largest)
+    return float(np.sqrt(largest))

@@ -1,4 +1,4 @@
-"""The readable twin of `mqslam.psi.published`: the equations as they stand, with a KD-tree; slow, and what tests trust."""
+"""Readable twins of `mqslam.psi.published` and `mqslam.psi.estimator`: the equations as they stand; slow, what tests trust."""
 
 from __future__ import annotations
 
@@ -6,6 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from mqslam.psi.estimator import Evaluation, Scale
+from mqslam.psi.place import PointSet
 from mqslam.psi.published import PsiConfig, PsiScore, checked
 
 
@@ -42,7 +44,7 @@ def score_reference(
             continue
         matched[i] = True
         pairs += len(j)
-        best = np.lexsort((s, -kappa))[0]
+        best = np.lexsort((j, s, -kappa))[0]
         apart = s - s[best]
         lorentz = numerator / np.pi / (apart**2 + (config.tau / 2) ** 2)  # (9)
         weight = kappa if config.factor == "kappa" else s
@@ -62,3 +64,54 @@ def score_reference(
     pairs_psi = float(shares.sum())
     shares[~matched] = config.charge
     return PsiScore(pairs_psi, config.charge * int((~matched).sum()), pairs, matched, shares, gradient)
+
+
+def evaluate_reference(
+    queries: PointSet,
+    references: PointSet,
+    scale: Scale,
+    revolution_s: float,
+    beta_t: float,
+    xi: float,
+    blur: float,
+    moving_references: bool,
+) -> Evaluation:
+    """Score the query points against the reference points; arguments and result as `mqslam.psi.estimator.evaluate`."""
+    n, size = len(queries), queries.jacobians.shape[2]
+    shares = np.full(n, scale.c**2 / 4.0)  # the largest L^2 d^2
+    matched = np.zeros(n, dtype=bool)
+    scores, information, curvature = np.zeros((n, size)), np.zeros((size, size)), np.zeros((size, size))
+    tree = cKDTree(references.points)
+    for i in range(n):
+        near = np.array(tree.query_ball_point(queries.points[i], scale.s), dtype=np.int64)
+        offset = references.points[near] - queries.points[i]
+        distance = np.hypot(offset[:, 0], offset[:, 1])
+        early = np.minimum((np.abs(queries.times[i] - references.times[near]) - revolution_s) / beta_t, 0.0)
+        kappa = np.exp(-((distance / scale.beta_s) ** 2)) * np.exp(-(early**2))
+        selected = (distance < scale.s) & (kappa >= xi)
+        if not selected.any():
+            continue
+        matched[i] = True
+        near, offset, kappa = near[selected], offset[selected], kappa[selected] / kappa[selected].sum()
+        centroid = kappa @ offset
+        e = -centroid
+        scatter = np.einsum("k,ka,kb->ab", kappa, offset - centroid, offset - centroid)  # S_kappa
+        sigma = _matrix(queries.covariances[i] + kappa @ references.covariances[near]) + blur**2 * np.eye(2)
+        jacobian = queries.jacobians[i]
+        if moving_references:
+            jacobian = jacobian - np.einsum("k,kap->ap", kappa, references.jacobians[near])
+        inverse = np.linalg.inv(sigma)
+        d2 = e @ inverse @ e
+        lorentz = 1.0 / (1.0 + d2 / scale.c**2)  # L
+        shares[i] = lorentz**2 * d2  # S^2
+        scores[i] = lorentz**2 * jacobian.T @ inverse @ e
+        information += lorentz**2 * jacobian.T @ inverse @ jacobian
+        followed = np.eye(2) - 2.0 * scatter / scale.beta_s**2  # how the offset changes as the point moves
+        curvature += lorentz**2 * jacobian.T @ inverse @ followed @ jacobian
+    return Evaluation(shares, matched, scores, information, 0.5 * (curvature + curvature.T))
+
+
+def _matrix(terms: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The symmetric (2, 2) matrix of its terms xx, xy, yy."""
+    xx, xy, yy = terms
+    return np.array([[xx, xy], [xy, yy]])

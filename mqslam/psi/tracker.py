@@ -139,7 +139,7 @@ class Tracker:
             twist: (3,) mean twist since the last revolution according to odometry, used as a start only.
         """
         predicted, covariance = self._predict(window.t0 - self._t0)
-        information = np.linalg.inv(covariance)
+        information = np.asarray(np.linalg.inv(covariance), dtype=np.float64)
         prior = Prior(predicted, information)
         begin = predicted
         if twist is not None:

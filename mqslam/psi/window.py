@@ -103,8 +103,8 @@ def search_twist(
         for k, omega in enumerate(yaw_rates):
             twist = np.array([v, 0.0, omega])
             scores[i, k] = window_score(returns, t0, revolution_s, config, beam, twist).psi
-    i, k = np.unravel_index(np.argmin(scores), scores.shape)
-    return np.array([speeds[i], 0.0, yaw_rates[k]]), scores
+    best = np.unravel_index(np.argmin(scores), scores.shape)
+    return np.array([speeds[best[0]], 0.0, yaw_rates[best[1]]]), scores
 
 
 def window_score(

@@ -1,0 +1,40 @@
+# make demo   set up .venv, simulate a drive, run it, say where the report is
+# make test   set up .venv, check style and types, run the tests
+# make bench  the measurements of BENCHMARKS.md that take minutes
+
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+READY := $(VENV)/.ready
+TYPED := build/typed
+
+.PHONY: demo test lint types bench clean
+
+$(READY): pyproject.toml
+	@$(PYTHON) -c 'import sys; sys.exit(0 if sys.version_info >= (3, 11) else "mqslam needs Python 3.11 or newer: make PYTHON=python3.11 ...")'
+	$(PYTHON) -m venv $(VENV)
+	$(BIN)/pip install --quiet --disable-pip-version-check --editable '.[test]'
+	sh .ci/system-libraries $(BIN)/python
+	touch $(READY)
+
+demo: $(READY)
+	@rm -rf demo/run && mkdir -p demo
+	@test -d demo/drive || $(BIN)/mqslam simulate demo/drive
+	$(BIN)/mqslam run demo/drive --out demo/run
+	@echo "open demo/run/report.html in a browser; trajectory, map and numbers lie beside it"
+
+test: $(READY) lint
+	$(BIN)/python -m pytest -m 'not slow'
+
+lint: $(READY) types
+	$(BIN)/ruff check .
+
+types: $(READY)
+	rm -rf $(TYPED) && $(BIN)/pip install --quiet --disable-pip-version-check --no-deps --target $(TYPED) .
+	MYPYPATH=$(TYPED) $(BIN)/mypy --strict -p mqslam
+
+bench: $(READY)
+	$(BIN)/python -m pytest -m slow
+
+clean:
+	rm -rf $(VENV) build demo .mypy_cache .ruff_cache .pytest_cache *.egg-info
