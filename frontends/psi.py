@@ -15,7 +15,7 @@ from mqslam.measurement import RelativeMotion
 from mqslam.psi.tracker import Tracked, Tracker
 from mqslam.returns import Window
 
-UNSTEADY_SHARE = 0.38  # how much of an unsteady twist's travel ends up as error of a start pose; measured
+UNSTEADY_SHARE = 0.41  # how much of an unsteady twist's travel ends up as error of a start pose; measured
 _FIRST = 3  # revolutions that start the tracker together
 
 

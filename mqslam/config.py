@@ -48,10 +48,6 @@ class TrackerConfig(BaseModel):
     lost_share: float = Field(
         0.5, gt=0.0, lt=1.0, description="a matched share below this part of the usual one means the track may be lost"
     )
-    degenerate_m: float = Field(
-        0.5, gt=0.0, description="a standard deviation above this in any direction makes a measurement degenerate [m]"
-    )
-    degenerate_rad: float = Field(0.05, gt=0.0, description="the same for yaw [rad]")
 
 
 class KissIcpConfig(BaseModel):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import json
+import os
 import shutil
 import tempfile
 from collections.abc import Iterator, Sequence
@@ -61,14 +62,26 @@ def whole_folder(out: Path, force: bool) -> Iterator[Path]:
         shutil.rmtree(aside, ignore_errors=True)
 
 
-def check_free(out: Path, force: bool) -> None:
+def check_free(out: Path, force: bool, recording: Path | None = None) -> None:
     """See that a folder may be written before hours are spent on what goes into it.
 
+    Args:
+        out: the folder.
+        force: whether what it holds may be replaced.
+        recording: what the result is computed from, which must not be replaced by it.
+
     Raises:
-        OutputError: it exists with content and `force` is not given, or it is a file.
+        OutputError: it exists with content and `force` is not given, holds the recording, is a file or cannot be made.
     """
+    if out.name in ("", ".."):
+        raise OutputError(f"{out}: is no name of a new folder; choose another --out")
     if out.is_file() or (out.is_dir() and any(out.iterdir()) and not force):
         raise OutputError(f"{out}: exists already; choose another --out or give --force to replace it")
+    if recording is not None and recording.resolve().is_relative_to(out.resolve()):
+        raise OutputError(f"{out}: holds the recording; choose another --out")
+    above = next(folder for folder in out.absolute().parents if folder.exists())
+    if not (above.is_dir() and os.access(above, os.W_OK)):
+        raise OutputError(f"{out}: cannot be made ({above} is no folder to write to); choose another --out")
 
 
 def write_run(

@@ -19,7 +19,7 @@ from mqslam.config import Config
 from mqslam.detection import Progress, detect_all
 from mqslam.factors.odometry_between import odometry_between, odometry_covariance
 from mqslam.factors.psi_between import psi_between
-from mqslam.frontend import Context
+from mqslam.frontend import Context, FrontEnd
 from mqslam.graph import PoseGraph, chain, optimise, pose_graph, poses_of
 from mqslam.measurement import RelativeMotion
 from mqslam.pointmap import PointMap
@@ -92,11 +92,12 @@ class Slam:
             EstimationError: data that holds no motion.
         """
         with self._stage("total"):
+            context = Context(self._config, stream.period_s, stream.start_us, odometry)
+            frontend = self._frontend(context)
             windows, cost = detect_all(stream, self._config.detector, self._jobs, self._progress)
             self._runtime_s |= {"read": cost.read_s, "detect": cost.detect_s}
-            context = Context(self._config, stream.period_s, stream.start_us, odometry)
             with self._stage("windows"):
-                measurements = self._measure(windows, context)
+                measurements = self._measure(frontend, windows)
             with self._stage("optimise"):
                 initial = chain(m.pose for m in measurements)
                 edges = self._odometry(windows, context, measurements)
@@ -120,9 +121,9 @@ class Slam:
             runtime_s=self._runtime_s,
         )
 
-    def _measure(self, windows: list[Window], context: Context) -> list[RelativeMotion]:
+    def _measure(self, frontend: FrontEnd, windows: list[Window]) -> list[RelativeMotion]:
         measurements = []
-        for motion in self._frontend(context).measure(windows):
+        for motion in frontend.measure(windows):
             measurements.append(motion)
             self._progress("windows", len(measurements) + 1, len(windows))
         return measurements

@@ -11,7 +11,7 @@ import typer
 Data = Annotated[Path, typer.Argument(help="A recording: an Oxford-style folder, a rosbag (.bag, folder, .mcap), a .npz.")]
 Format = Annotated[str | None, typer.Option("--format", help="Layout of DATA; guessed from the path by default.")]
 RangeResolution = Annotated[
-    float | None, typer.Option("--range-resolution", help="Length of a range bin [m], where DATA does not say or errs.")
+    float | None, typer.Option("--range-resolution", help=r"Length of a range bin \[m], where DATA does not say or errs.")
 ]
 ConfigOption = Annotated[
     str | None, typer.Option("--config", "-c", help="Settings: a YAML file, or the name of one that ships.")

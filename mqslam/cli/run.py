@@ -23,7 +23,7 @@ def run(
     frontend: Annotated[str, typer.Option(help="psi, kiss_icp, odometry, or one that is installed.")] = "psi",
     config: ConfigOption = None,
     odometry: Annotated[
-        str, typer.Option(help="auto: the recording's own if it has one; none; or a file (TUM, or CSV t[us],v,omega).")
+        str, typer.Option(help=r"auto: the recording's own if it has one; none; or a file (TUM, or CSV t\[us],v,omega).")
     ] = "auto",
     format: Format = None,
     range_resolution: RangeResolution = None,
@@ -46,7 +46,7 @@ def run(
     from mqslam.summary import run_warnings, summarise
 
     settings = load_config(config)
-    check_free(out, force)
+    check_free(out, force, data)
     console = Console(stderr=True)
     stream = open_recording(data, format, range_resolution or settings.sensor.range_resolution_m)
     track, notes = choose_odometry(stream, odometry)

@@ -43,7 +43,8 @@ class Evaluation:
     Args:
         shares: (N,) each point's share of psi, charges included.
         matched: (N,) bool, whether a neighbour was selected.
-        scores: (N, Q) gradient g_i of each point's share by the Q state variables, halved.
+        scores: (N, Q) g_i = L^2 J^T Sigma^-1 e of each point by the Q state variables: half the gradient of its share in
+            a sum of c^2 d^2 / (c^2 + d^2), whose minimum the step looks for.
         information: (Q, Q) Gauss-Newton curvature, sum L^2 J^T Sigma^-1 J.
         curvature: (Q, Q) curvature with re-selection, symmetrised.
     """

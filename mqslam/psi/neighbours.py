@@ -87,6 +87,8 @@ def _count(
     radius: float,
 ) -> NDArray[np.int64]:
     offsets = np.zeros(len(queries) + 1, np.int64)
+    if len(keys) == 0:
+        return offsets
     for i in range(len(queries)):
         x, y = queries[i, 0], queries[i, 1]
         low = max(0, int(np.floor((y - radius - corner[1]) / cell)))

@@ -11,7 +11,8 @@ neighbour costs nothing, so maps that do not overlap are the best of all. `unmat
 separate term, in units of the most a single pair can cost, (2 s / (pi tau))^2; zero gives the score as printed.
 
 Nothing transcendental is needed: kappa > xi is q < -ln xi with q = ((s - alpha_s)/beta_s)^2 + ((t - alpha_t)/beta_t)^2,
-and the largest kappa is the least q. Ties go to the smaller distance. The readable twin is `mqslam.psi.reference`.
+and the largest kappa is the least q. Ties go to the smaller distance, then to the first of the points.
+The readable twin is `mqslam.psi.reference`.
 """
 
 from __future__ import annotations
@@ -192,7 +193,10 @@ def _score(
             chosen[count] = j
             distance[count] = d
             exponent[count] = q
-            if q < exponent[best] or (q == exponent[best] and d < distance[best]):
+            if q < exponent[best] or (
+                q == exponent[best]
+                and (d < distance[best] or (d == distance[best] and j < chosen[best]))
+            ):
                 best = count
             count += 1
         counts[i] = count

@@ -1,4 +1,4 @@
-"""Readable twins of `mqslam.psi.published` and `mqslam.psi.estimator`: the equations as they stand; slow, what tests trust."""
+"""Readable twins of `mqslam.psi.published` and `mqslam.psi.estimator`: the equations as they stand; slow, and trusted."""
 
 from __future__ import annotations
 

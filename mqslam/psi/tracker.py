@@ -18,17 +18,18 @@ from mqslam.errors import EstimationError
 from mqslam.measurement import Status
 from mqslam.motion import ACCELERATED_TWIST, CONSTANT_TWIST
 from mqslam.psi.covariance import sandwich
-from mqslam.psi.estimator import Evaluation, evaluate
+from mqslam.psi.estimator import Evaluation, Scale, evaluate
 from mqslam.psi.localmap import LocalMap
 from mqslam.psi.minimiser import Minimum, Prior, minimise
 from mqslam.psi.neighbours import candidates
+from mqslam.psi.observability import loosened, weak_directions
 from mqslam.psi.place import PointSet, place
 from mqslam.psi.unsteadiness import Unsteadiness
 from mqslam.psi.window import beam_of, estimate_window, search_twist
 from mqslam.returns import Returns, Window
 
 STATE_TOLERANCES = np.array([1e-3, 1e-3, 2e-5, 5e-3, 5e-3, 1e-4])  # m, m, rad, m/s, m/s, rad/s
-PREDICTION_GAIN = 0.22  # variance left of psi's own once the state before has smoothed it; measured, see BENCHMARKS.md
+PREDICTION_GAIN = 0.2  # variance left of psi's own once the state before has smoothed it; measured, see BENCHMARKS.md
 _NOISE_PERIOD_S = 0.25  # process noise is stated per revolution of this length
 _USUAL_MEMORY = 0.95  # the usual matched share forgets with this factor per revolution
 
@@ -150,6 +151,11 @@ class Tracker:
         status = Status.CONVERGED if share > 0.0 else Status.LOST
         if share < self._config.tracker.lost_share * self._usual_share:
             found, share, status = self._recover(window, prior, found)
+        weak = weak_directions(self._evaluate(window, found.state, self._estimator.scale(0)), 3)
+        if len(weak) and status is not Status.LOST:
+            coasting = begin if twist is not None else predicted
+            found = self._minimise(window, coasting, self._held(Prior(coasting, information), weak))
+            status = Status.DEGENERATE
         if status is Status.LOST:
             self._state, self._covariance = predicted, covariance
             unsteady = self._unsteadiness.variance
@@ -160,9 +166,9 @@ class Tracker:
             placed = self._place(window, found.state)
             measured = self._measured(found.evaluation, placed, covariance)
             self._unsteadiness.add(found.state[3:], np.diag(measured)[3:])
-            unsteady = self._unsteadiness.variance
+            measured[:3, :3] = loosened(measured[:3, :3], weak, self._spans)
             tracked = Tracked(
-                window.t0, found.state, measured, unsteady, found.evaluation, self._judge(found.evaluation)
+                window.t0, found.state, measured, self._unsteadiness.variance, found.evaluation, status
             )
             memory = _USUAL_MEMORY if self._usual_share > 0.0 else 0.0
             self._usual_share = memory * self._usual_share + (1.0 - memory) * share
@@ -173,13 +179,13 @@ class Tracker:
 
     def score(self, window: Window, state: se2.Array) -> float:
         """psi of a revolution against the map under another state (6,)."""
-        return self._evaluate(window, state).psi
+        return self._evaluate(window, state, self._estimator.final).psi
 
-    def _evaluate(self, window: Window, state: se2.Array) -> Evaluation:
+    def _evaluate(self, window: Window, state: se2.Array, scale: Scale) -> Evaluation:
         placed, config = self._place(window, state), self._estimator
-        lists = candidates(self._map.grid, placed.points, config.s)
+        lists = candidates(self._map.grid, placed.points, scale.s)
         return evaluate(
-            placed, self._map.points, lists, config.final, self._revolution_s, config.beta_t, config.xi, config.blur_m,
+            placed, self._map.points, lists, scale, self._revolution_s, config.beta_t, config.xi, config.blur_m,
             moving_references=False,
         )  # fmt: skip
 
@@ -203,15 +209,6 @@ class Tracker:
         lost = share < self._config.tracker.lost_share * self._usual_share
         return best, share, Status.LOST if lost else Status.CONVERGED
 
-    def _judge(self, found: Evaluation) -> Status:
-        """Whether every direction is observed by the returns themselves, whatever the prediction says."""
-        settings, config = self._config.tracker, self._estimator
-        information = (found.curvature + config.stabiliser * found.information)[:3, :3] / config.correlation
-        units = np.array([settings.degenerate_m, settings.degenerate_m, settings.degenerate_rad])
-        if np.linalg.eigvalsh(information * units[:, None] * units[None, :])[0] < 1.0:
-            return Status.DEGENERATE
-        return Status.CONVERGED
-
     def _measured(
         self, found: Evaluation, placed: PointSet, predicted: NDArray[np.float64]
     ) -> NDArray[np.float64]:
@@ -220,6 +217,25 @@ class Tracker:
         known[4, 4] = self._estimator.correlation / self._config.tracker.sigma_vy**2
         spread = PREDICTION_GAIN * sandwich(found, placed.points, known)
         return np.asarray(np.linalg.inv(np.linalg.inv(spread) + np.linalg.inv(predicted)))
+
+    @property
+    def _spans(self) -> NDArray[np.float64]:
+        """(3,) how far a start pose may be off when nothing is known of it [m, m, rad]."""
+        settings = self._config.tracker
+        travel = 0.5 * max(settings.speed_max, -settings.speed_min) * self._revolution_s
+        return np.array([travel, travel, settings.omega_max * self._revolution_s])
+
+    def _held(self, prior: Prior, weak: NDArray[np.float64]) -> Prior:
+        """The prior made stiff along directions (K, 3) that psi does not observe, for the pose and for the twist."""
+        c, s = np.cos(prior.mean[2]), np.sin(prior.mean[2])
+        to_body = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
+        information = prior.information.copy()
+        for direction in weak:
+            for block, tolerance in ((slice(0, 3), direction), (slice(3, 6), to_body @ direction)):
+                unit = STATE_TOLERANCES[block]
+                along = tolerance / unit / np.linalg.norm(tolerance / unit) / unit
+                information[block, block] += np.outer(along, along)
+        return Prior(prior.mean, information)
 
     def _posterior(self, found: Evaluation, prior_information: NDArray[np.float64]) -> NDArray[np.float64]:
         config = self._estimator

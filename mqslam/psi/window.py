@@ -6,20 +6,27 @@ are ours.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import minimum_filter
 
 from mqslam import se2
+from mqslam.measurement import Status
 from mqslam.motion import CONSTANT_TWIST, MotionModel
 from mqslam.psi.covariance import sandwich
-from mqslam.psi.estimator import Evaluation, evaluate
+from mqslam.psi.estimator import Evaluation, Scale, evaluate
 from mqslam.psi.minimiser import EstimatorConfig, Minimum, Prior, minimise
 from mqslam.psi.neighbours import candidates, cell_grid
+from mqslam.psi.observability import loosened, weak_directions
 from mqslam.psi.place import Beam, PointSet, place
 from mqslam.returns import Returns
 
+SPANS = {0: 20.0, 1: 20.0, 2: 1.0}  # standard deviation of a component nothing is known of [m/s, m/s, rad/s]
+_STARTS = 3  # basins of the exhaustive search that are refined
+_DIFFERENT = 25.0  # squared distance, in units of the covariances, beyond which two motions are not the same
+_AS_GOOD = 1.05  # psi of a rival, over the best, up to which the window cannot tell them apart
 TOLERANCES = {0: 5e-3, 1: 5e-3, 2: 1e-4}  # step that ends the search, by twist component [m/s, m/s, rad/s]
 
 
@@ -31,11 +38,14 @@ class WindowMotion:
         theta: (P,) parameters of the motion model.
         covariance: (P, P) of the parameters.
         minimum: where the minimiser ended.
+        status: converged; degenerate, where a direction is not observed and the covariance is large along it; ambiguous,
+            where another motion explains the window about as well.
     """
 
     theta: se2.Array
     covariance: NDArray[np.float64]
     minimum: Minimum
+    status: Status
 
 
 def beam_of(config: EstimatorConfig, doppler_beta: float) -> Beam:
@@ -70,8 +80,51 @@ def estimate_window(
         return without_start(place(returns, t0, np.zeros(3), theta, model, beam))
 
     found = minimise(model.from_twist(start), render, None, free, config, revolution_s, tolerances)
-    covariance = sandwich(found.evaluation, render(found.state).points)
-    return WindowMotion(found.state, covariance, found)
+    points = render(found.state)
+    covariance = sandwich(found.evaluation, points.points)
+    weak = weak_directions(_score(points, config.scale(0), revolution_s, config), model.size)
+    if len(weak):
+        covariance = loosened(covariance, weak, np.array([SPANS[component] for component in model.components]))
+    return WindowMotion(found.state, covariance, found, Status.DEGENERATE if len(weak) else Status.CONVERGED)
+
+
+def find_window_motion(
+    returns: Returns,
+    t0: float,
+    revolution_s: float,
+    config: EstimatorConfig,
+    beam: Beam,
+    speeds: NDArray[np.float64],
+    yaw_rates: NDArray[np.float64],
+    model: MotionModel = CONSTANT_TWIST,
+) -> WindowMotion:
+    """The motion of a window without any start: exhaustive search, then the best basins refined.
+
+    Args:
+        returns: two revolutions of returns at least.
+        speeds, yaw_rates: grid of the search [m/s], [rad/s]; its steps must be within the annealing's reach.
+        model: motion model of the window; further arguments as for `estimate_window`.
+    """
+    two = returns.take(returns.times < t0 + 2.0 * revolution_s)
+    _, scores = search_twist(two, t0, revolution_s, config, beam, speeds, yaw_rates)
+    starts = [np.array([speeds[i], 0.0, yaw_rates[k]]) for i, k in _basins(scores)[:_STARTS]]
+    found = [estimate_window(returns, t0, revolution_s, config, beam, start, model) for start in starts]
+    found.sort(key=lambda motion: motion.minimum.evaluation.psi)
+    best = found[0]
+    for other in found[1:]:
+        apart = other.theta - best.theta
+        different = apart @ np.linalg.solve(best.covariance + other.covariance, apart) > _DIFFERENT
+        if different and other.minimum.evaluation.psi < _AS_GOOD * best.minimum.evaluation.psi:
+            return replace(best, status=Status.AMBIGUOUS)
+    return best
+
+
+def _basins(scores: NDArray[np.float64]) -> list[tuple[int, int]]:
+    """Cells of a score grid that no neighbour beats, best first."""
+    lowest = minimum_filter(scores, size=3, mode="nearest") == scores
+    cells = np.argwhere(lowest)
+    order = np.argsort(scores[lowest], kind="stable")
+    return [(int(i), int(k)) for i, k in cells[order]]
 
 
 def without_start(points: PointSet) -> PointSet:
@@ -113,7 +166,11 @@ def window_score(
     """The estimator's score of a window under a constant twist (3,), at the widest scale."""
     placed = place(returns, t0, np.zeros(3), twist, CONSTANT_TWIST, beam)
     points = PointSet(placed.points, np.empty((len(returns), 2, 0)), placed.covariances, placed.times)
-    scale = config.scale(0)
+    return _score(points, config.scale(0), revolution_s, config)
+
+
+def _score(points: PointSet, scale: Scale, revolution_s: float, config: EstimatorConfig) -> Evaluation:
+    """A window's points scored against each other."""
     lists = candidates(cell_grid(points.points, scale.s), points.points, scale.s)
     return evaluate(
         points, points, lists, scale, revolution_s, config.beta_t, config.xi, config.blur_m, moving_references=True

@@ -1,0 +1,158 @@
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from psi.clouds import TURN_S, point_set
+
+from mqslam.psi.estimator import Evaluation, Scale, evaluate
+from mqslam.psi.neighbours import candidates, cell_grid
+from mqslam.psi.place import PointSet
+from mqslam.psi.reference import evaluate_reference
+
+SCALE = Scale(s=1.5, beta_s=0.6, c=2.0)
+SETTINGS = {"revolution_s": TURN_S, "beta_t": 0.06, "xi": 0.02, "blur": 0.15}
+
+
+def evaluated(queries: PointSet, references: PointSet, scale: Scale = SCALE, more: float = 0.0) -> Evaluation:
+    lists = candidates(cell_grid(references.points, 1.0), queries.points, scale.s + more)
+    return evaluate(queries, references, lists, scale, **SETTINGS, moving_references=queries is references)
+
+
+def assert_equal(one: Evaluation, other: Evaluation, rtol: float = 1e-9) -> None:
+    np.testing.assert_array_equal(one.matched, other.matched)
+    for name in ("shares", "scores", "information", "curvature"):
+        there = getattr(other, name)
+        np.testing.assert_allclose(
+            getattr(one, name), there, rtol=rtol, atol=rtol * np.abs(there).max(initial=0.0), err_msg=name
+        )
+    assert one.psi == pytest.approx(other.psi, rel=rtol)
+
+
+@given(
+    seed=st.integers(0, 2**32 - 2), counts=st.tuples(st.integers(0, 30), st.integers(0, 30)),
+    side=st.sampled_from([1.0, 5.0, 40.0]), moving=st.booleans(), parameters=st.sampled_from([0, 2, 6]),
+    scale=st.sampled_from([SCALE, Scale(0.7, 0.3, 2.0), Scale(2.5, 1.25, 5.0)]),
+)  # fmt: skip
+@settings(max_examples=150, deadline=None)
+def test_the_kernel_equals_the_reference(
+    seed: int, counts: tuple[int, int], side: float, moving: bool, parameters: int, scale: Scale
+) -> None:
+    queries = point_set(seed, counts[0], side, parameters)
+    references = queries if moving else point_set(seed + 1, counts[1], side, parameters)
+    if not moving:  # a map has no jacobians
+        references = replace(references, jacobians=np.zeros((0, 2, 0)))
+    reference = evaluate_reference(queries, references, scale, **SETTINGS, moving_references=moving)
+    assert_equal(evaluated(queries, references, scale), reference)
+
+
+def test_the_comparison_is_of_crowded_neighbourhoods_too() -> None:
+    queries, references = point_set(1, 200), point_set(2, 200)
+    for others in (queries, references):
+        found = evaluated(queries, others)
+        assert 150 < found.matched.sum() <= 200
+        moving = others is queries
+        assert_equal(found, evaluate_reference(queries, others, SCALE, **SETTINGS, moving_references=moving))
+
+
+def test_points_without_a_neighbour_are_charged_and_pull_nowhere() -> None:
+    queries, references = point_set(1, 10), point_set(2, 10)
+    far = replace(references, points=references.points + 100.0)
+    for others in (far, point_set(2, 0)):
+        found = evaluated(queries, others)
+        assert not found.matched.any()
+        np.testing.assert_array_equal(found.shares, np.full(10, SCALE.c**2 / 4.0))
+        np.testing.assert_array_equal(found.gradient, np.zeros(3))
+        np.testing.assert_array_equal(found.curvature, np.zeros((3, 3)))
+
+
+@given(seed=st.integers(0, 2**32 - 2), side=st.sampled_from([1.0, 5.0, 40.0]))
+@settings(max_examples=50, deadline=None)
+def test_no_point_costs_more_than_an_unmatched_one(seed: int, side: float) -> None:
+    found = evaluated(point_set(seed, 30, side), point_set(seed + 1, 30, side))
+    assert np.all(found.shares >= 0.0)
+    assert np.all(found.shares <= SCALE.c**2 / 4.0 * (1.0 + 1e-12))
+
+
+def one_pair(apart: float, times: tuple[float, float] = (0.0, 1.0)) -> tuple[PointSet, PointSet]:
+    """A query at the origin and a reference beside it, both of unit covariance less the blur's."""
+
+    def single(x: float, t: float) -> PointSet:
+        own = 0.5 * (1.0 - SETTINGS["blur"] ** 2)
+        return PointSet(np.array([[x, 0.0]]), np.eye(2)[None], np.array([[own, 0.0, own]]), np.array([t]))
+
+    return single(0.0, times[0]), single(apart, times[1])
+
+
+def test_a_pair_costs_what_the_chain_of_equations_says_and_the_most_at_c() -> None:
+    wide = Scale(10.0, 10.0, 2.0)
+    for d in (0.0, 0.5, 2.0, 4.0):
+        found = evaluated(*one_pair(d), wide)
+        assert found.shares[0] == pytest.approx((d / (1.0 + d**2 / 4.0)) ** 2)
+        assert found.scores[0] == pytest.approx([-d / (1.0 + d**2 / 4.0) ** 2, 0.0])
+    assert evaluated(*one_pair(2.0), wide).shares[0] == pytest.approx(wide.c**2 / 4.0)
+
+
+@pytest.mark.parametrize(("apart_s", "matched"), [(0.0, False), (0.05, False), (0.2, True), (0.25, True), (90.0, True)])
+def test_only_neighbours_about_a_turn_apart_or_more_take_part(apart_s: float, matched: bool) -> None:
+    for times in ((10.0, 10.0 + apart_s), (10.0 + apart_s, 10.0)):
+        assert evaluated(*one_pair(0.1, times)).matched[0] == matched
+
+
+def test_a_neighbour_takes_part_while_its_kappa_reaches_xi_and_it_lies_within_s() -> None:
+    reach = SCALE.beta_s * np.sqrt(-np.log(SETTINGS["xi"]))
+    assert reach < SCALE.s
+    assert [evaluated(*one_pair(f * reach)).matched[0] for f in (0.999, 1.001)] == [True, False]
+    wide = replace(SCALE, beta_s=10.0)
+    assert [evaluated(*one_pair(f * wide.s), wide).matched[0] for f in (0.999, 1.001)] == [True, False]
+
+
+def test_the_scores_are_half_the_gradient_of_a_bounded_loss_that_the_weights_make() -> None:
+    """With one neighbour a point nothing is re-selected, and c^2 d^2 / (c^2 + d^2) has the scores as gradient."""
+    lattice = 10.0 * np.array([[k % 8, k // 8] for k in range(40)])
+    queries = replace(point_set(4, 40, parameters=5), points=lattice)
+    near = lattice + np.random.default_rng(4).normal(0.0, 0.1, (40, 2))
+    references = replace(point_set(5, 40), points=near, times=queries.times + 1.0)
+
+    def losses(theta: np.ndarray) -> np.ndarray:
+        shares = evaluated(replace(queries, points=queries.points + queries.jacobians @ theta), references).shares
+        # share = u / (1 + u / c^2)^2 with u = d^2, solved for u where u < c^2
+        c2 = SCALE.c**2
+        u = 2.0 * shares / (1.0 - 2.0 * shares / c2 + np.sqrt(1.0 - 4.0 * shares / c2))
+        return np.asarray(c2 * u / (c2 + u))
+
+    found = evaluated(queries, references)
+    small = found.shares < 0.9 * SCALE.c**2 / 4.0
+    assert found.matched.all()
+    assert small.sum() > 30
+    step = 1e-6
+    for p in range(5):
+        up, down = (losses(sign * step * np.eye(5)[p]) for sign in (1.0, -1.0))
+        difference = 0.5 * (up - down) / (2.0 * step)
+        within = small & (np.abs(found.scores[:, p]) > 1e-3)
+        np.testing.assert_allclose(difference[within], found.scores[within, p], rtol=1e-4)
+
+
+def test_the_curvature_knows_that_neighbours_are_selected_anew_as_a_point_moves() -> None:
+    around = np.array([[0.3, 0.1], [-0.3, -0.1], [0.1, -0.4], [-0.1, 0.4]])  # their centroid is the query: L = 1, e = 0
+    query, _ = one_pair(0.0)
+    references = PointSet(around, np.zeros((0, 2, 0)), np.tile([0.05, 0.01, 0.02], (4, 1)), np.full(4, 1.0))
+    found = evaluated(query, references)
+    step = 1e-6
+    slope = np.empty((2, 2))
+    for p in range(2):
+        up, down = (
+            evaluated(replace(query, points=query.points + sign * step * np.eye(2)[p]), references).gradient
+            for sign in (1.0, -1.0)
+        )
+        slope[:, p] = (up - down) / (2.0 * step)
+    np.testing.assert_allclose(found.curvature, 0.5 * (slope + slope.T), rtol=1e-6)
+    np.testing.assert_array_less(np.linalg.eigvalsh(found.curvature), 0.8 * np.linalg.eigvalsh(found.information))
+
+
+def test_lists_that_hold_more_than_needed_give_the_same_score() -> None:
+    queries, references = point_set(1, 100), point_set(2, 100)
+    assert_equal(evaluated(queries, references, more=2.0), evaluated(queries, references), rtol=1e-12)

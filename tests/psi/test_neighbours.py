@@ -1,0 +1,111 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from mqslam.psi.neighbours import CandidateLists, NeighbourCache, candidates, cell_grid
+
+Points = NDArray[np.float64]
+
+
+def sets(lists: CandidateLists) -> list[list[int]]:
+    spans = zip(lists.offsets[:-1], lists.offsets[1:], strict=True)
+    return [sorted(lists.indices[a:b].tolist()) for a, b in spans]
+
+
+def by_tree(references: Points, queries: Points, radius: float) -> list[list[int]]:
+    return [sorted(found) for found in cKDTree(references).query_ball_point(queries, radius)]
+
+
+def square(seed: int, count: int, side: float = 10.0) -> Points:
+    return np.random.default_rng(seed).uniform(-side / 2.0, side / 2.0, (count, 2))
+
+
+def holds_all_within(lists: CandidateLists, references: Points, queries: Points, radius: float) -> bool:
+    wanted = by_tree(references, queries, radius)
+    return all(set(want) <= set(found) for want, found in zip(wanted, sets(lists), strict=True))
+
+
+@given(
+    seed=st.integers(0, 2**32 - 2), counts=st.tuples(st.integers(0, 60), st.integers(0, 60)),
+    side=st.sampled_from([0.5, 10.0, 1000.0]), cell=st.floats(0.05, 20.0), radius=st.floats(0.05, 8.0),
+    x=st.floats(-1e4, 1e4),
+)  # fmt: skip
+@settings(max_examples=200, deadline=None)
+def test_candidates_are_those_of_a_tree(
+    seed: int, counts: tuple[int, int], side: float, cell: float, radius: float, x: float
+) -> None:
+    references, queries = square(seed, counts[0], side) + [x, 0.0], square(seed + 1, counts[1], 1.2 * side) + [x, 0.0]
+    lists = candidates(cell_grid(references, cell), queries, radius)
+    assert lists.radius == radius
+    assert sets(lists) == by_tree(references, queries, radius)
+
+
+def test_points_in_one_place_are_all_listed_and_a_query_finds_itself() -> None:
+    references = np.repeat(square(1, 5), 4, axis=0)
+    lists = candidates(cell_grid(references, 1.0), references, 1e-6)
+    assert sets(lists) == [list(range(4 * (k // 4), 4 * (k // 4) + 4)) for k in range(20)]
+
+
+def test_an_empty_grid_has_no_candidates() -> None:
+    lists = candidates(cell_grid(np.empty((0, 2)), 1.0), square(1, 7), 3.0)
+    assert sets(lists) == [[]] * 7
+
+
+@pytest.mark.parametrize("off", [(-1e6, 0.0), (1e6, 0.0), (0.0, -1e6), (0.0, 1e6), (11.0, 0.0), (0.0, -11.0)])
+def test_queries_outside_the_grid_find_nothing(off: tuple[float, float]) -> None:
+    queries = square(2, 10) + off
+    assert sets(candidates(cell_grid(square(1, 50), 1.0), queries, 0.9)) == [[]] * 10
+
+
+@pytest.mark.parametrize("with_map", [True, False])
+def test_cached_lists_hold_every_neighbour_while_points_move(with_map: bool) -> None:
+    cache, rng = NeighbourCache(skin=0.3), np.random.default_rng(6)
+    queries = square(1, 60)
+    references = square(2, 60) if with_map else queries
+    grid = cell_grid(references, 1.0) if with_map else None
+    calls = 40
+    for _ in range(calls):
+        queries = queries + rng.uniform(-0.04, 0.04, queries.shape)
+        references = references if with_map else queries
+        lists = cache.lists(queries, references, 1.0, grid)
+        assert holds_all_within(lists, references, queries, 1.0)
+    assert 1 < cache.builds < calls / 2
+
+
+def test_lists_are_kept_until_points_have_moved_by_the_skin() -> None:
+    cache, start = NeighbourCache(skin=0.3), square(1, 20)
+    fixed = square(2, 20)
+    grid = cell_grid(fixed, 1.0)
+
+    def builds(moved: float, map_moved: bool) -> int:
+        queries = start + [moved, 0.0]
+        cache.lists(queries, queries if map_moved else fixed, 1.0, None if map_moved else grid)
+        return cache.builds
+
+    assert [builds(m, False) for m in (0.0, 0.1, 0.29, 0.0, 0.31, 0.4)] == [1, 1, 1, 1, 2, 2]
+    assert [builds(m, True) for m in (0.0, 0.1, 0.14, 0.0, 0.16)] == [3, 3, 3, 3, 4]
+
+
+def test_lists_are_renewed_for_a_wider_selection_and_for_one_far_narrower() -> None:
+    cache, points = NeighbourCache(skin=0.3, waste=2.0), square(1, 20)
+    built = []
+    for s in (1.0, 0.9, 1.3, 1.31, 0.51, 0.49):
+        lists = cache.lists(points, points, s)
+        assert holds_all_within(lists, points, points, s)
+        built.append(cache.builds)
+    assert built == [1, 1, 1, 2, 2, 3]
+
+
+def test_another_map_or_another_number_of_points_is_never_served_from_the_cache() -> None:
+    cache, queries = NeighbourCache(), square(1, 20)
+    for seed, count in ((2, 30), (3, 30), (4, 31)):
+        references = square(seed, count)
+        lists = cache.lists(queries, references, 1.0, cell_grid(references, 1.0))
+        assert holds_all_within(lists, references, queries, 1.0)
+    lists = cache.lists(queries[:9], references, 1.0)
+    assert len(lists.offsets) == 10
