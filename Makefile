@@ -30,7 +30,7 @@ lint: $(READY) types
 	$(BIN)/ruff check .
 
 types: $(READY)
-	rm -rf $(TYPED) && $(BIN)/pip install --quiet --disable-pip-version-check --no-deps --target $(TYPED) .
+	rm -rf build && $(BIN)/pip install --quiet --disable-pip-version-check --no-deps --target $(TYPED) .
 	MYPYPATH=$(TYPED) $(BIN)/mypy --strict -p mqslam
 
 bench: $(READY)

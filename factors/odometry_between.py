@@ -6,11 +6,11 @@ from collections.abc import Sequence
 
 import gtsam
 import numpy as np
-from mqslam.factors.noise import between_noise
 from numpy.typing import NDArray
 
 from mqslam import se2
 from mqslam.config import GraphConfig
+from mqslam.factors.noise import between_noise
 from mqslam.measurement import RelativeMotion
 
 

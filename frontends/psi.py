@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterable, Iterator
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,11 +13,9 @@ from mqslam import se2
 from mqslam.errors import EstimationError
 from mqslam.frontend import Context
 from mqslam.measurement import RelativeMotion
-from mqslam.psi.tracker import Tracked, Tracker
+from mqslam.psi.tracker import START_REVOLUTIONS, Tracked, Tracker
+from mqslam.psi.unsteadiness import Unsteadiness
 from mqslam.returns import Window
-
-UNSTEADY_SHARE = 0.41  # how much of an unsteady twist's travel ends up as error of a start pose; measured
-_FIRST = 3  # revolutions that start the tracker together
 
 
 class PsiFrontEnd:
@@ -32,12 +31,12 @@ class PsiFrontEnd:
             EstimationError: fewer than two revolutions, or hardly any returns in the first ones.
         """
         stream = iter(windows)
-        head = list(itertools.islice(stream, _FIRST))
+        head = list(itertools.islice(stream, START_REVOLUTIONS))
         if len(head) < 2:
             raise EstimationError(f"{len(head)} revolutions hold no motion; two at least are needed")
         tracker = Tracker(self._context.config, self._context.revolution_s)
-        tracker.start(head, self._odometry_twist(head[0].t0, head[-1].t1))
-        before = tracker.first(head[0])
+        unsteadiness = Unsteadiness()
+        before = tracker.start(head, self._odometry_twist(head[0].t0, head[-1].t1))
         for window in itertools.chain(head[1:], stream):
             twist = self._odometry_twist(before.t0, window.t0)
             psi_odometry = float("nan")
@@ -45,9 +44,11 @@ class PsiFrontEnd:
                 now = self._odometry_twist(window.t0, window.t1)
                 assert now is not None
                 pose = se2.compose(before.pose, se2.exp(twist, window.t0 - before.t0))
-                psi_odometry = tracker.score(window, np.r_[pose, now])
+                psi_odometry = tracker.score(window, pose, now)
             after = tracker.follow(window, twist)
-            yield _relative(before, after, psi_odometry)
+            motion = _relative(before, after, psi_odometry)
+            unsteadiness.add(motion.pose, np.diag(motion.covariance))
+            yield replace(motion, covariance=motion.covariance + np.diag(unsteadiness.variance))
             before = after
 
     def _odometry_twist(self, t0: float, t1: float) -> se2.Array | None:
@@ -63,16 +64,14 @@ class PsiFrontEnd:
 
 
 def _relative(a: Tracked, b: Tracked, psi_odometry: float) -> RelativeMotion:
-    """The motion between two tracked revolutions: their errors given the map, and what a constant twist leaves out."""
+    """The motion between two tracked revolutions, their errors given the map taken as independent."""
     pose = se2.between(a.pose, b.pose)
     c, s = np.cos(a.pose[2]), np.sin(a.pose[2])
     by_end = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
     by_start = -by_end.copy()
     by_start[0, 2], by_start[1, 2] = pose[1], -pose[0]
     covariance: NDArray[np.float64] = (
-        by_start @ a.covariance[:3, :3] @ by_start.T
-        + by_end @ b.covariance[:3, :3] @ by_end.T
-        + np.diag(b.unsteadiness) * (UNSTEADY_SHARE * (b.t0 - a.t0)) ** 2
+        by_start @ a.covariance[:3, :3] @ by_start.T + by_end @ b.covariance[:3, :3] @ by_end.T
     )
     found = b.evaluation
     return RelativeMotion(

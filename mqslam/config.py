@@ -24,8 +24,10 @@ class SensorConfig(BaseModel):
     range_resolution_m: float | None = Field(
         None, gt=0.0, description="length of a range bin [m]; null takes the recording's or its format's"
     )
-    doppler_beta: float = Field(
-        0.0, description="range shift per closing speed [s], signed by the chirp; about 0.049 on the Oxford unit"
+    doppler_beta: float | None = Field(
+        None,
+        description="range shift per closing speed [s], signed by the chirp, about 0.049 on the Oxford unit; "
+        "null measures it by psi",
     )
 
 
@@ -39,9 +41,12 @@ class TrackerConfig(BaseModel):
     keyframes: int = Field(20, ge=1, description="revolutions the map holds")
     sigma_position_m: float = Field(0.01, gt=0.0, description="process noise of the start pose per revolution [m]")
     sigma_yaw: float = Field(0.0003, gt=0.0, description="process noise of the start yaw per revolution [rad]")
-    sigma_vx: float = Field(1.0, gt=0.0, description="change of forward speed per revolution of 0.25 s [m/s]")
-    sigma_vy: float = Field(0.15, gt=0.0, description="change of sideways speed per revolution of 0.25 s [m/s]")
-    sigma_omega: float = Field(0.12, gt=0.0, description="change of yaw rate per revolution of 0.25 s [rad/s]")
+    sigma_vx: float = Field(0.6, gt=0.0, description="jump of forward speed per 0.25 s besides acceleration [m/s]")
+    sigma_vy: float = Field(0.15, gt=0.0, description="change of sideways speed per 0.25 s [m/s]")
+    sigma_omega: float = Field(0.08, gt=0.0, description="jump of yaw rate per 0.25 s besides acceleration [rad/s]")
+    sigma_ax: float = Field(4.0, gt=0.0, description="change of forward acceleration per 0.25 s [m/s^2]")
+    sigma_alpha: float = Field(0.6, gt=0.0, description="change of yaw acceleration per 0.25 s [rad/s^2]")
+    persistence: float = Field(0.9, ge=0.0, le=1.0, description="part of an acceleration that is left after 0.25 s")
     speed_min: float = Field(-5.0, description="slowest speed of the cold start's search [m/s]")
     speed_max: float = Field(40.0, description="fastest speed of the cold start's search [m/s]")
     omega_max: float = Field(1.0, gt=0.0, description="fastest turn of the cold start's search [rad/s]")

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from mqslam import se2
 from mqslam.config import Config
+from mqslam.errors import EstimationError
 from mqslam.pointmap import PointMap
 from mqslam.psi.estimator import evaluate
 from mqslam.psi.neighbours import candidates, cell_grid
@@ -28,9 +29,14 @@ def render(windows: Sequence[Window], poses: se2.Array, config: Config, revoluti
         config: all settings.
         revolution_s: duration of a turn [s].
         jobs: threads that score.
+
+    Raises:
+        EstimationError: the revolutions hold no returns.
     """
     keep = moving(poses, config.map.travel_m, config.map.travel_rad)
     returns = Returns.concatenate([w.returns for w, kept in zip(windows, keep, strict=True) if kept])
+    if not len(returns):
+        raise EstimationError(f"no returns in {int(keep.sum())} revolutions to render; lower detector.threshold")
     points = place_along(returns, np.array([w.t0 for w in windows]), poses, config)
     shares, matched = score_points(points, revolution_s, config, jobs)
     return PointMap(points.points, returns.times, returns.intensities, shares, matched)
@@ -51,7 +57,7 @@ def place_along(returns: Returns, times: NDArray[np.float64], poses: se2.Array, 
     """Points of returns under poses (K, 3) at times (K,) [s], interpolated at each return's own time."""
     at = se2.interpolate(times, poses, returns.times)
     ranges = returns.ranges
-    beta = config.sensor.doppler_beta
+    beta = config.sensor.doppler_beta or 0.0
     if beta != 0.0 and len(times) > 1:
         i = np.clip(np.searchsorted(times, returns.times, side="right") - 1, 0, len(times) - 2)
         twists = se2.log(se2.between(poses[:-1], poses[1:])) / np.diff(times)[:, None]

@@ -23,6 +23,7 @@ from mqslam.frontend import Context, FrontEnd
 from mqslam.graph import PoseGraph, chain, optimise, pose_graph, poses_of
 from mqslam.measurement import RelativeMotion
 from mqslam.pointmap import PointMap
+from mqslam.psi.doppler import measure_doppler
 from mqslam.render import render
 from mqslam.returns import Window
 from mqslam.stream import RadarStream
@@ -93,11 +94,13 @@ class Slam:
         """
         with self._stage("total"):
             context = Context(self._config, stream.period_s, stream.start_us, odometry)
-            frontend = self._frontend(context)
+            self._frontend(context)  # says what it lacks before the recording is read
             windows, cost = detect_all(stream, self._config.detector, self._jobs, self._progress)
             self._runtime_s |= {"read": cost.read_s, "detect": cost.detect_s}
             with self._stage("windows"):
-                measurements = self._measure(frontend, windows)
+                self._config = with_doppler(self._config, windows, stream.period_s)
+                context = replace(context, config=self._config)
+                measurements = self._measure(self._frontend(context), windows)
             with self._stage("optimise"):
                 initial = chain(m.pose for m in measurements)
                 edges = self._odometry(windows, context, measurements)
@@ -160,3 +163,11 @@ class Slam:
         begin = time.perf_counter()
         yield
         self._runtime_s[name] = time.perf_counter() - begin
+
+
+def with_doppler(config: Config, windows: list[Window], revolution_s: float) -> Config:
+    """The settings with the Doppler shift measured, where they leave it open."""
+    if config.sensor.doppler_beta is not None:
+        return config
+    beta = round(measure_doppler(windows, config, revolution_s), 4)
+    return config.model_copy(update={"sensor": config.sensor.model_copy(update={"doppler_beta": beta})})

@@ -90,8 +90,8 @@ def _microseconds(seconds: str) -> int:
 
 
 def yaw_of_quaternion(qx: float, qy: float, qz: float, qw: float) -> float:
-    """Yaw [rad] of a rotation given as a quaternion."""
-    return float(np.arctan2(2.0 * (qw * qz + qx * qy), 1.0 - 2.0 * (qy * qy + qz * qz)))
+    """Yaw [rad] of a rotation given as a quaternion, of any length."""
+    return float(np.arctan2(2.0 * (qw * qz + qx * qy), qw * qw + qx * qx - qy * qy - qz * qz))
 
 
 def checked(path: Path, stamps_us: NDArray[np.int64], poses: se2.Array) -> Trajectory:

@@ -7,6 +7,8 @@ from pathlib import Path
 import pytest
 from recordings import write_oxford
 
+from mqslam.simulator import simulate
+
 
 @pytest.fixture
 def oxford(tmp_path: Path) -> Path:
@@ -21,3 +23,11 @@ def oxford_tiny() -> Path:
     if not folder.is_dir():
         pytest.skip(f"the real sample is not at {folder}")
     return folder
+
+
+@pytest.fixture(scope="session")
+def street(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Twelve simulated seconds of a street, with wheel odometry that slips and ground truth; nobody may change it."""
+    out = tmp_path_factory.mktemp("street") / "drive"
+    simulate(out, scene="street", duration_s=12.0, movers=3, seed=1)
+    return out

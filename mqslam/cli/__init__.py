@@ -40,7 +40,7 @@ def _top(
 def main() -> None:
     """Entry point: a mistake a user can mend is one line on stderr and exit code 2."""
     try:
-        app()
+        app(prog_name="mqslam")
     except MqslamError as error:
         print(f"mqslam: error: {error}", file=sys.stderr)
         sys.exit(2)

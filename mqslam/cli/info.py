@@ -16,9 +16,6 @@ def info(
 
     Example: mqslam info drive
     """
-    from rich.console import Console
-    from rich.table import Table
-
     from mqslam.info import describe
     from mqslam.readers import open_recording
 
@@ -26,21 +23,21 @@ def info(
     if as_json:
         typer.echo(json.dumps(found, indent=1))
         return
-    table = Table(show_header=False, box=None, pad_edge=False)
-    table.add_row("format", found["format"])
-    table.add_row("path", found["path"])
-    table.add_row("revolutions", str(found["revolutions"]))
-    table.add_row("duration", f"{found['duration_s']:.2f} s")
-    table.add_row("turn rate", f"{found['turn_rate_hz']:.3f} Hz")
-    table.add_row("azimuths", f"{found['azimuths']} per revolution")
-    table.add_row("range", f"{found['bins']} bins of {found['range_resolution_m']:.4g} m: {found['max_range_m']:.1f} m")
+    rows = [
+        ("format", found["format"]),
+        ("path", found["path"]),
+        ("revolutions", found["revolutions"]),
+        ("duration", f"{found['duration_s']:.2f} s"),
+        ("turn rate", f"{found['turn_rate_hz']:.3f} Hz"),
+        ("azimuths", f"{found['azimuths']} per revolution"),
+        ("range", f"{found['bins']} bins of {found['range_resolution_m']:.4g} m: {found['max_range_m']:.1f} m"),
+    ]
     for name in ("odometry", "ground_truth"):
         track = found[name]
-        table.add_row(
-            name.replace("_", " "), "none" if track is None else f"{track['poses']} poses, {track['length_m']:.1f} m"
-        )
+        extent = "none" if track is None else f"{track['poses']} poses, {track['length_m']:.1f} m"
+        rows.append((name.replace("_", " "), extent))
     gaps = [f"{g['missing_s']:.2f} s after revolution {g['after_revolution']}" for g in found["gaps"]]
-    table.add_row("gaps", ", ".join(gaps) or "none")
-    for note in found["notes"]:
-        table.add_row("note", note)
-    Console(soft_wrap=True).print(table)
+    rows.append(("gaps", ", ".join(gaps) or "none"))
+    rows += [("note", note) for note in found["notes"]]
+    for name, value in rows:
+        typer.echo(f"{name:<14}{value}")

@@ -47,7 +47,7 @@ def run(
 
     settings = load_config(config)
     check_free(out, force, data)
-    console = Console(stderr=True)
+    console = Console(stderr=True, markup=False)
     stream = open_recording(data, format, range_resolution or settings.sensor.range_resolution_m)
     track, notes = choose_odometry(stream, odometry)
     log = [*stream.notes, *notes]

@@ -9,6 +9,8 @@ import typer
 
 from mqslam.cli.options import CORES, Jobs, Quiet
 
+_MOVERS = 6
+
 
 def simulate(
     out: Annotated[Path, typer.Argument(help="Folder to write the recording into; must not exist yet.")],
@@ -18,7 +20,9 @@ def simulate(
     azimuths: Annotated[int, typer.Option(min=8, help="Azimuths per turn.")] = 400,
     range_resolution: Annotated[float, typer.Option(min=0.01, help=r"Length of a range bin \[m].")] = 0.175,
     max_range: Annotated[float, typer.Option(min=5.0, help=r"Farthest bin \[m].")] = 120.0,
-    movers: Annotated[int, typer.Option(min=0, help="Moving vehicles.")] = 6,
+    movers: Annotated[
+        int | None, typer.Option(min=0, help=f"Moving vehicles; {_MOVERS} by default, none in the corridor.")
+    ] = None,
     doppler: Annotated[float, typer.Option(help=r"Range shift per closing speed \[s].")] = 0.0,
     seed: Annotated[int, typer.Option(help="Same seed, same bytes.")] = 1,
     jobs: Jobs = CORES,
@@ -33,7 +37,9 @@ def simulate(
     from mqslam.cli.progress import progress
     from mqslam.simulator import simulate as write
 
-    console = Console(stderr=True)
+    console = Console(stderr=True, markup=False)
+    if movers is None:
+        movers = 0 if scene == "corridor" else _MOVERS
     with progress(console, quiet) as show:
         write(
             out, scene=scene, duration_s=duration, turn_rate_hz=turn_rate, azimuths=azimuths,

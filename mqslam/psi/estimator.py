@@ -1,8 +1,9 @@
 """psi as the estimator minimises it: one centroid residual per point, weighed by what the sensor knows of it.
 
 For every query point the selected neighbours' kappa-weighted centroid gives one offset e_i with covariance Sigma_i; with
-d^2 = e^T Sigma^-1 e the published chain becomes L = 1 / (1 + d^2/c^2), S = L d, psi = sum S^2, and a point without a
-selected neighbour is charged the most a matched one can cost, so that maps without overlap are never the best.
+d^2 = e^T Sigma^-1 e the published chain becomes L = 1 / (1 + d^2/c^2), S^2 = L d^2, psi = sum S^2, and a point without a
+selected neighbour is charged the most a matched one can cost, c^2, so that maps without overlap are never the best.
+(With S = L d as in (10), far offsets would cost less than near ones; L d^2 grows with d and its slope is L^2 times d's.)
 
 The step is Newton's on the equations sum L^2 J^T Sigma^-1 e = 0. Their derivative must know that neighbours are
 re-selected as a point moves: the centroid follows it by 2 S_kappa / beta_s^2 (S_kappa: scatter of the neighbours), which
@@ -43,8 +44,7 @@ class Evaluation:
     Args:
         shares: (N,) each point's share of psi, charges included.
         matched: (N,) bool, whether a neighbour was selected.
-        scores: (N, Q) g_i = L^2 J^T Sigma^-1 e of each point by the Q state variables: half the gradient of its share in
-            a sum of c^2 d^2 / (c^2 + d^2), whose minimum the step looks for.
+        scores: (N, Q) g_i = L^2 J^T Sigma^-1 e: half the gradient of each point's share by the Q state variables.
         information: (Q, Q) Gauss-Newton curvature, sum L^2 J^T Sigma^-1 J.
         curvature: (Q, Q) curvature with re-selection, symmetrised.
     """
@@ -128,7 +128,7 @@ def _evaluate(
     information = np.zeros((size, size))
     curvature = np.zeros((size, size))
     limit = -np.log(xi)
-    charge = 0.25 * c * c  # the largest L^2 d^2 over d
+    charge = c * c  # the limit of L d^2
     j = np.empty((2, size))
     for i in range(n):
         sum_k = 0.0
@@ -197,7 +197,7 @@ def _evaluate(
         d2 = ex * fx + ey * fy
         lorentz = 1.0 / (1.0 + d2 / (c * c))
         weight = lorentz * lorentz
-        shares[i] = weight * d2
+        shares[i] = lorentz * d2
         b = 2.0 / (beta_s * beta_s)
         # Sigma^-1 (I - 2 S_kappa / beta_s^2)
         hxx = ixx * (1.0 - b * sxx) - ixy * b * sxy

@@ -23,11 +23,11 @@ class EstimatorConfig(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
-    s: float = Field(0.7, gt=0.0, description="neighbours farther than this take no part, at the end of annealing [m]")
+    s: float = Field(0.6, gt=0.0, description="neighbours farther than this take no part, at the end of annealing [m]")
     s_start: float = Field(2.5, gt=0.0, description="the same at the start of annealing [m]")
-    beta_s: float = Field(0.3, gt=0.0, description="width of the spatial kernel at the end [m]")
+    beta_s: float = Field(0.25, gt=0.0, description="width of the spatial kernel at the end [m]")
     beta_s_start: float = Field(1.25, gt=0.0, description="the same at the start [m]")
-    c: float = Field(2.0, gt=0.0, description="offset that quarters a point's weight at the end [standard deviations]")
+    c: float = Field(1.5, gt=0.0, description="offset that quarters a point's weight at the end [standard deviations]")
     c_start: float = Field(5.0, gt=0.0, description="the same at the start [standard deviations]")
     shrink: float = Field(0.6, gt=0.0, lt=1.0, description="factor on the widths from step to step")
     steps: int = Field(12, ge=1, description="most Newton steps")

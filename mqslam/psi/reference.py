@@ -78,7 +78,7 @@ def evaluate_reference(
 ) -> Evaluation:
     """Score the query points against the reference points; arguments and result as `mqslam.psi.estimator.evaluate`."""
     n, size = len(queries), queries.jacobians.shape[2]
-    shares = np.full(n, scale.c**2 / 4.0)  # the largest L^2 d^2
+    shares = np.full(n, scale.c**2)  # the limit of L d^2
     matched = np.zeros(n, dtype=bool)
     scores, information, curvature = np.zeros((n, size)), np.zeros((size, size)), np.zeros((size, size))
     tree = cKDTree(references.points)
@@ -103,7 +103,7 @@ def evaluate_reference(
         inverse = np.linalg.inv(sigma)
         d2 = e @ inverse @ e
         lorentz = 1.0 / (1.0 + d2 / scale.c**2)  # L
-        shares[i] = lorentz**2 * d2  # S^2
+        shares[i] = lorentz * d2  # S^2
         scores[i] = lorentz**2 * jacobian.T @ inverse @ e
         information += lorentz**2 * jacobian.T @ inverse @ jacobian
         followed = np.eye(2) - 2.0 * scatter / scale.beta_s**2  # how the offset changes as the point moves

@@ -1,7 +1,8 @@
-"""How far a revolution's motion is from the constant twist it is modelled by.
+"""How far the sensor's motion is from what the motion model can follow.
 
-What the model cannot follow shows in how the twist jumps from revolution to revolution, beyond what its own covariance
-explains. Second differences are used, because steady acceleration does no harm: it shifts all poses alike.
+What the model leaves out (potholes, a gear change, a jittering truth) shows in how relative motions jump from revolution
+to revolution beyond what their covariance explains. Third differences of the poses are used: steady speed, acceleration
+and turning drop out of them.
 """
 
 from __future__ import annotations
@@ -11,28 +12,33 @@ from numpy.typing import NDArray
 
 _MEMORY = 40  # revolutions the estimate looks back on
 _MEDIAN_OF_CHI2 = 0.4549  # of a chi-square with one degree of freedom, to turn a median of squares into a variance
+_GAIN = 10.0  # variance of a third difference of poses over that of a first one, for poses that err independently
+# how much of the jumps ends up as error of a relative motion, measured on the twin and the simulator (BENCHMARKS.md);
+# sideways jumps hardly show, because vy is held, and are taken from the forward ones
+_FORWARD, _SIDEWAYS, _YAW = 1.7, 0.5, 1.0
 
 
 class Unsteadiness:
-    """Variance of the twist that a constant twist per revolution leaves out, from the last revolutions."""
+    """Variance of relative motions that the motion model leaves out, from the last revolutions."""
 
     def __init__(self) -> None:
-        self._twists: list[NDArray[np.float64]] = []
+        self._motions: list[NDArray[np.float64]] = []
         self._squares: list[NDArray[np.float64]] = []
         self._expected: list[NDArray[np.float64]] = []
 
-    def add(self, twist: NDArray[np.float64], variances: NDArray[np.float64]) -> None:
-        """Take the next revolution's twist (3,) and the variances (3,) its covariance gives it."""
-        self._twists = [*self._twists[-2:], twist]
-        if len(self._twists) == 3:
-            a, b, c = self._twists
-            self._squares = [*self._squares[-_MEMORY + 1 :], (c - 2.0 * b + a) ** 2 / 3.0]
-            self._expected = [*self._expected[-_MEMORY + 1 :], 2.0 * variances]
+    def add(self, motion: NDArray[np.float64], variances: NDArray[np.float64]) -> None:
+        """Take the next relative motion (3,) m, m, rad, and the variances (3,) its covariance gives it."""
+        self._motions = [*self._motions[-2:], motion]
+        if len(self._motions) == 3:
+            a, b, c = self._motions
+            self._squares = [*self._squares[-_MEMORY + 1 :], (c - 2.0 * b + a) ** 2 / _GAIN]
+            self._expected = [*self._expected[-_MEMORY + 1 :], variances]
 
     @property
     def variance(self) -> NDArray[np.float64]:
-        """(3,) of vx [m^2/s^2], vy [m^2/s^2], omega [rad^2/s^2]; zero as long as too little is known."""
+        """(3,) of x [m^2], y [m^2], yaw [rad^2]; zero as long as too little is known."""
         if not self._squares:
             return np.zeros(3)
         seen = np.median(self._squares, axis=0) / _MEDIAN_OF_CHI2
-        return np.asarray(np.maximum(seen - np.median(self._expected, axis=0), 0.0))
+        x, _, yaw = np.maximum(seen - np.median(self._expected, axis=0), 0.0)
+        return np.array([_FORWARD**2 * x, _SIDEWAYS**2 * x, _YAW**2 * yaw])

@@ -26,7 +26,7 @@ from mqslam.returns import Returns
 SPANS = {0: 20.0, 1: 20.0, 2: 1.0}  # standard deviation of a component nothing is known of [m/s, m/s, rad/s]
 _STARTS = 3  # basins of the exhaustive search that are refined
 _DIFFERENT = 25.0  # squared distance, in units of the covariances, beyond which two motions are not the same
-_AS_GOOD = 1.05  # psi of a rival, over the best, up to which the window cannot tell them apart
+_AS_GOOD = 1.25  # psi of a rival, over the best, up to which the window cannot tell them apart
 TOLERANCES = {0: 5e-3, 1: 5e-3, 2: 1e-4}  # step that ends the search, by twist component [m/s, m/s, rad/s]
 
 

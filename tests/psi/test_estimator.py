@@ -64,7 +64,7 @@ def test_points_without_a_neighbour_are_charged_and_pull_nowhere() -> None:
     for others in (far, point_set(2, 0)):
         found = evaluated(queries, others)
         assert not found.matched.any()
-        np.testing.assert_array_equal(found.shares, np.full(10, SCALE.c**2 / 4.0))
+        np.testing.assert_array_equal(found.shares, np.full(10, SCALE.c**2))
         np.testing.assert_array_equal(found.gradient, np.zeros(3))
         np.testing.assert_array_equal(found.curvature, np.zeros((3, 3)))
 
@@ -74,7 +74,7 @@ def test_points_without_a_neighbour_are_charged_and_pull_nowhere() -> None:
 def test_no_point_costs_more_than_an_unmatched_one(seed: int, side: float) -> None:
     found = evaluated(point_set(seed, 30, side), point_set(seed + 1, 30, side))
     assert np.all(found.shares >= 0.0)
-    assert np.all(found.shares <= SCALE.c**2 / 4.0 * (1.0 + 1e-12))
+    assert np.all(found.shares <= SCALE.c**2 * (1.0 + 1e-12))
 
 
 def one_pair(apart: float, times: tuple[float, float] = (0.0, 1.0)) -> tuple[PointSet, PointSet]:
@@ -87,13 +87,14 @@ def one_pair(apart: float, times: tuple[float, float] = (0.0, 1.0)) -> tuple[Poi
     return single(0.0, times[0]), single(apart, times[1])
 
 
-def test_a_pair_costs_what_the_chain_of_equations_says_and_the_most_at_c() -> None:
+def test_a_pair_costs_what_the_chain_of_equations_says_and_never_less_for_lying_farther_apart() -> None:
     wide = Scale(10.0, 10.0, 2.0)
     for d in (0.0, 0.5, 2.0, 4.0):
         found = evaluated(*one_pair(d), wide)
-        assert found.shares[0] == pytest.approx((d / (1.0 + d**2 / 4.0)) ** 2)
+        assert found.shares[0] == pytest.approx(d**2 / (1.0 + d**2 / 4.0))
         assert found.scores[0] == pytest.approx([-d / (1.0 + d**2 / 4.0) ** 2, 0.0])
-    assert evaluated(*one_pair(2.0), wide).shares[0] == pytest.approx(wide.c**2 / 4.0)
+    shares = [evaluated(*one_pair(d), wide).shares[0] for d in np.linspace(0.0, 9.0, 19)]
+    assert np.all(np.diff(shares) > 0.0)
 
 
 @pytest.mark.parametrize(("apart_s", "matched"), [(0.0, False), (0.05, False), (0.2, True), (0.25, True), (90.0, True)])
@@ -110,22 +111,18 @@ def test_a_neighbour_takes_part_while_its_kappa_reaches_xi_and_it_lies_within_s(
     assert [evaluated(*one_pair(f * wide.s), wide).matched[0] for f in (0.999, 1.001)] == [True, False]
 
 
-def test_the_scores_are_half_the_gradient_of_a_bounded_loss_that_the_weights_make() -> None:
-    """With one neighbour a point nothing is re-selected, and c^2 d^2 / (c^2 + d^2) has the scores as gradient."""
+def test_the_scores_are_half_the_gradient_of_the_shares() -> None:
+    """With one neighbour a point nothing is re-selected."""
     lattice = 10.0 * np.array([[k % 8, k // 8] for k in range(40)])
     queries = replace(point_set(4, 40, parameters=5), points=lattice)
     near = lattice + np.random.default_rng(4).normal(0.0, 0.1, (40, 2))
     references = replace(point_set(5, 40), points=near, times=queries.times + 1.0)
 
     def losses(theta: np.ndarray) -> np.ndarray:
-        shares = evaluated(replace(queries, points=queries.points + queries.jacobians @ theta), references).shares
-        # share = u / (1 + u / c^2)^2 with u = d^2, solved for u where u < c^2
-        c2 = SCALE.c**2
-        u = 2.0 * shares / (1.0 - 2.0 * shares / c2 + np.sqrt(1.0 - 4.0 * shares / c2))
-        return np.asarray(c2 * u / (c2 + u))
+        return evaluated(replace(queries, points=queries.points + queries.jacobians @ theta), references).shares
 
     found = evaluated(queries, references)
-    small = found.shares < 0.9 * SCALE.c**2 / 4.0
+    small = found.shares < 0.9 * SCALE.c**2
     assert found.matched.all()
     assert small.sum() > 30
     step = 1e-6

@@ -39,7 +39,8 @@ def holds_all_within(lists: CandidateLists, references: Points, queries: Points,
 def test_candidates_are_those_of_a_tree(
     seed: int, counts: tuple[int, int], side: float, cell: float, radius: float, x: float
 ) -> None:
-    references, queries = square(seed, counts[0], side) + [x, 0.0], square(seed + 1, counts[1], 1.2 * side) + [x, 0.0]
+    away = np.array([x, 0.0])
+    references, queries = square(seed, counts[0], side) + away, square(seed + 1, counts[1], 1.2 * side) + away
     lists = candidates(cell_grid(references, cell), queries, radius)
     assert lists.radius == radius
     assert sets(lists) == by_tree(references, queries, radius)
@@ -83,7 +84,7 @@ def test_lists_are_kept_until_points_have_moved_by_the_skin() -> None:
     grid = cell_grid(fixed, 1.0)
 
     def builds(moved: float, map_moved: bool) -> int:
-        queries = start + [moved, 0.0]
+        queries = start + np.array([moved, 0.0])
         cache.lists(queries, queries if map_moved else fixed, 1.0, None if map_moved else grid)
         return cache.builds
 

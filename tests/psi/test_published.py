@@ -166,7 +166,7 @@ def test_as_printed_a_map_that_does_not_overlap_is_the_best_of_all_and_with_the_
     times = np.repeat([0.0, TURN_S], 30)
 
     def maps(config: PsiConfig) -> tuple[float, float, float]:
-        crisp, blurred, apart = (np.r_[world, world + [dx, 0.0]] for dx in (0.05, 0.5, 500.0))
+        crisp, blurred, apart = (np.r_[world, world + np.array([dx, 0.0])] for dx in (0.05, 0.5, 500.0))
         return tuple(score(points, times, TURN_S, config).psi for points in (crisp, blurred, apart))  # type: ignore
 
     crisp, blurred, apart = maps(PsiConfig(unmatched=0.0))

@@ -174,7 +174,7 @@ def test_numbers_of_the_summary_are_shown_with_units(written: Path) -> None:
         "0.41 °/100 m",
         "812.5 MB",
         "/data/<run>",
-        "20 windows: 19 ok, 1 lost",
+        "20 windows: 19 converged, 1 lost",
     ):
         assert shown in text, shown
     assert "drift\n–" in re.sub(r"\n+", "\n", text)

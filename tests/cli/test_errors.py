@@ -1,0 +1,210 @@
+"""A mistake a user can mend is one line on stderr and exit code 2, and nothing is written."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from commands import contents, mqslam
+from recordings import KINDS, START_US, TURN_US, bag_path, bag_writer, write_oxford
+
+from mqslam import detection
+
+Arguments = list[str | Path]
+
+
+def missing_folder(folder: Path) -> Arguments:
+    return [folder / "nowhere"]
+
+
+def empty_folder(folder: Path) -> Arguments:
+    (folder / "empty").mkdir()
+    return [folder / "empty"]
+
+
+def truncated_image(folder: Path) -> Arguments:
+    drive = write_oxford(folder / "drive", revolutions=9)
+    image = drive / "radar" / f"{START_US + 4 * TURN_US}.png"
+    image.write_bytes(image.read_bytes()[:2000])
+    return [drive]
+
+
+def no_returns(folder: Path) -> Arguments:
+    return [write_oxford(folder / "drive"), "--config", settings(folder, "detector: {threshold: 255}")]
+
+
+def no_returns_but_odometry(folder: Path) -> Arguments:
+    drive, *rest = no_returns(folder)
+    (folder / "drive" / "odom.csv").write_text(f"t,v,omega\n{START_US},1,0\n{END_US},1,0\n")
+    return [drive, *rest, "--frontend", "odometry"]
+
+
+def one_revolution(folder: Path) -> Arguments:
+    return [write_oxford(folder / "drive", revolutions=1)]
+
+
+def bag_without_radar(kind: str) -> Callable[[Path], Arguments]:
+    def build(folder: Path) -> Arguments:
+        path = bag_path(folder, kind)
+        with bag_writer(path, kind) as bag:
+            camera, wheels = bag.topic("/camera", "sensor_msgs/msg/Image"), bag.topic("/odom", "nav_msgs/msg/Odometry")
+            for stamp in range(START_US, START_US + 3000, 1000):
+                bag.write(camera, stamp, bag.image(stamp, np.zeros((48, 64), np.uint8)))
+                bag.write(wheels, stamp, bag.odometry(stamp, np.zeros(3)))
+        return [path]
+
+    return build
+
+
+def settings(folder: Path, text: str) -> Path:
+    (folder / "settings.yaml").write_text(text)
+    return folder / "settings.yaml"
+
+
+def config(text: str) -> Callable[[Path], Arguments]:
+    return lambda folder: [write_oxford(folder / "drive"), "--config", settings(folder, text)]
+
+
+def option(*words: str) -> Callable[[Path], Arguments]:
+    return lambda folder: [write_oxford(folder / "drive"), *words]
+
+
+def odometry(text: str) -> Callable[[Path], Arguments]:
+    def build(folder: Path) -> Arguments:
+        (folder / "wheels.csv").write_text(text)
+        return [write_oxford(folder / "drive"), "--odometry", folder / "wheels.csv"]
+
+    return build
+
+
+END_US = START_US + 6 * TURN_US
+CASES: dict[str, tuple[Callable[[Path], Arguments], str]] = {
+    "missing folder": (missing_folder, "nowhere: does not exist"),
+    "empty folder": (empty_folder, "empty: is an empty folder"),
+    "truncated image": (truncated_image, f"{START_US + 4 * TURN_US}.png: is not a readable PNG"),
+    "no returns": (no_returns, "lower detector.threshold"),
+    "no returns but odometry": (no_returns_but_odometry, "lower detector.threshold"),
+    "one revolution": (one_revolution, "two at least"),
+    **{f"{kind} without radar": (bag_without_radar(kind), "has no radar (topics: /camera") for kind in KINDS},
+    "unknown setting": (config("psi: {bta_s: 1.0}"), "unknown setting psi.bta_s; did you mean beta_s?"),
+    "unknown section": (config("detecter: {}"), "unknown setting detecter; did you mean detector?"),
+    "setting out of range": (config("map: {cell_m: -1}"), "map.cell_m"),
+    "settings that are no YAML": (config("psi: [\n"), "is not a readable YAML file"),
+    "settings that are a list": (config("- 1\n"), "must hold settings"),
+    "missing settings": (option("--config", "nothing.yaml"), "nothing.yaml: no such configuration"),
+    "unknown front end": (option("--frontend", "kiss_ipc"), "front end kiss_ipc: unknown; did you mean kiss_icp?"),
+    "unknown format": (option("--format", "oxfrod"), "did you mean 'oxford'?"),
+    "range resolution": (option("--range-resolution", "-1"), "is no length"),
+    "missing odometry": (option("--odometry", "nothing.csv"), "nothing.csv: is not a readable text file"),
+    "odometry that starts late": (
+        odometry(f"t,v,omega\n{START_US + 700_000},1,0\n{END_US},1,0\n"),
+        f"wheels.csv: does not cover the recording; it must span {START_US} to",
+    ),
+    "odometry that stops early": (
+        odometry(f"t,v,omega\n{START_US},1,0\n{START_US + 500_000},1,0\n"),
+        "wheels.csv: does not cover the recording",
+    ),
+    "front end without its odometry": (option("--frontend", "odometry", "--odometry", "none"), "needs odometry"),
+}
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_an_error_is_one_line_and_nothing_is_written(tmp_path: Path, case: str) -> None:
+    build, message = CASES[case]
+    arguments = build(tmp_path)
+    before = contents(tmp_path)
+    shown = mqslam("run", *arguments, "--out", tmp_path / "out", "--quiet")
+    assert shown.code == 2 and shown.out == ""
+    assert shown.err.startswith("mqslam: error: ") and shown.err.count("\n") == 1, shown.err
+    assert message in shown.err
+    assert contents(tmp_path) == before
+
+
+@pytest.mark.parametrize("case", ["truncated image", "missing settings"])
+def test_the_installed_command_ends_the_same_way(tmp_path: Path, case: str) -> None:
+    build, message = CASES[case]
+    command = [Path(sys.executable).with_name("mqslam"), "run", *build(tmp_path), "--out", "out"]
+    before = contents(tmp_path)
+    shown = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=120)
+    *earlier, last = shown.stderr.splitlines()
+    assert shown.returncode == 2 and shown.stdout == ""
+    assert last.startswith("mqslam: error: ") and message in last
+    assert all(line.startswith(("note: ", "reading and detecting: ")) for line in earlier), earlier
+    assert contents(tmp_path) == before
+
+
+def test_an_error_in_a_worker_is_the_same_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(detection, "_WORTH_A_POOL", 1)
+    arguments = truncated_image(tmp_path)
+    shown = mqslam("run", *arguments, "--out", tmp_path / "out", "--jobs", "2", "--quiet")
+    assert shown.code == 2 and shown.err.count("\n") == 1
+    assert f"mqslam: error: {arguments[0]}/radar/{START_US + 4 * TURN_US}.png: is not a readable PNG" in shown.err
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("existing", ["folder", "file"])
+def test_an_existing_result_is_left_alone(oxford: Path, tmp_path: Path, existing: str) -> None:
+    out = tmp_path / "out"
+    if existing == "folder":
+        out.mkdir()
+    (out / "mine" if existing == "folder" else out).write_text("kept")
+    before = contents(tmp_path)
+    shown = mqslam("run", oxford, "--out", out, "--quiet")
+    assert shown.code == 2 and shown.err.count("\n") == 1
+    assert shown.err.startswith(f"mqslam: error: {out}: exists already; choose another --out")
+    assert contents(tmp_path) == before
+
+
+def test_a_failed_run_leaves_the_result_it_was_to_replace(tmp_path: Path) -> None:
+    arguments = truncated_image(tmp_path)
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "mine").write_text("kept")
+    before = contents(tmp_path)
+    assert mqslam("run", *arguments, "--out", tmp_path / "out", "--force", "--quiet").code == 2
+    assert contents(tmp_path) == before
+
+
+@pytest.mark.parametrize("out", ["drive", "."])
+def test_force_never_replaces_the_recording(
+    oxford: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, out: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    before = contents(tmp_path)
+    for name in (Path(out), tmp_path / out):
+        shown = mqslam("run", "drive", "--out", name, "--force", "--quiet")
+        assert shown.code == 2 and shown.err.count("\n") == 1 and "choose another --out" in shown.err
+    assert contents(tmp_path) == before
+
+
+def test_a_place_that_cannot_be_written_is_refused_before_the_work(
+    oxford: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(detection, "detect_stretch", lambda *_: pytest.fail("the work began"))
+    (tmp_path / "file").write_text("kept")
+    before = contents(tmp_path)
+    shown = mqslam("run", oxford, "--out", tmp_path / "file" / "out", "--quiet")
+    assert shown.code == 2 and "cannot be made" in shown.err and shown.err.count("\n") == 1
+    assert contents(tmp_path) == before
+
+
+def test_a_write_that_fails_leaves_nothing(street: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    from mqslam import outputs
+
+    def full(*_: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(outputs, "write_report", full)
+    shown = mqslam("run", street, "--out", tmp_path / "out", "--frontend", "odometry", "--quiet")
+    assert shown.code == 2 and "No space left on device" in shown.err and shown.err.count("\n") == 1
+    assert contents(tmp_path) == {}
+
+
+@pytest.mark.parametrize("words", [["--jobs", "0"], ["--jobs", "x"], ["--nonsense"]])
+def test_a_wrong_option_ends_with_the_usage(oxford: Path, tmp_path: Path, words: list[str]) -> None:
+    shown = mqslam("run", oxford, "--out", tmp_path / "out", *words)
+    assert shown.code == 2 and "Usage: mqslam run" in shown.err and words[0] in shown.err
+    assert not (tmp_path / "out").exists()

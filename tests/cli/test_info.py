@@ -1,0 +1,75 @@
+"""`mqslam info` says what is in a recording, to people and to programs."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+from commands import contents, mqslam
+from recordings import KINDS, START_US, TURN_US, bag_path, write_bag, write_oxford
+
+from mqslam.info import describe
+from mqslam.readers import open_recording
+
+
+def table_of(text: str) -> dict[str, str]:
+    """The lines of the table by their first column."""
+    return {line[:14].strip(): line[14:] for line in text.splitlines()}
+
+
+def test_a_person_reads_a_line_per_fact(tmp_path: Path) -> None:
+    drive = write_oxford(tmp_path / "drive", revolutions=9, skip=(4, 5))
+    (drive / "odom.csv").write_text(f"t,v,omega\n{START_US},2,0\n{START_US + 9 * TURN_US},2,0\n")
+    before = contents(tmp_path)
+    shown = mqslam("info", drive)
+    assert (shown.code, shown.err) == (0, "")
+    table = table_of(shown.out)
+    assert table.pop("note").startswith("range resolution 0.0438 m assumed")
+    assert table == {
+        "format": "oxford",
+        "path": str(drive),
+        "revolutions": "7",
+        "duration": "2.25 s",
+        "turn rate": "4.000 Hz",
+        "azimuths": "40 per revolution",
+        "range": "200 bins of 0.0438 m: 8.8 m",
+        "odometry": "2 poses, 4.5 m",
+        "ground truth": "none",
+        "gaps": "0.50 s after revolution 3",
+    }
+    assert contents(tmp_path) == before
+
+
+def test_programs_read_the_same_as_json(oxford: Path) -> None:
+    shown = mqslam("info", oxford, "--json")
+    assert shown.code == 0
+    assert json.loads(shown.out) == describe(open_recording(oxford))
+
+
+def test_a_range_resolution_given_overrides_the_recordings(street: Path) -> None:
+    recorded, given = (json.loads(mqslam("info", street, "--json", *w).out) for w in ([], ["--range-resolution", "0.2"]))
+    assert recorded["range_resolution_m"] == 0.175 and given["range_resolution_m"] == 0.2
+    assert recorded["odometry"]["length_m"] == pytest.approx(recorded["ground_truth"]["length_m"], rel=0.1)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_bags_are_described_like_the_recording_they_were_made_of(oxford: Path, tmp_path: Path, kind: str) -> None:
+    bag = write_bag(open_recording(oxford), bag_path(tmp_path, kind), kind)
+    expected, found = (json.loads(mqslam("info", path, "--json").out) for path in (oxford, bag))
+    assert found["format"] == "rosbag"
+    for key in ("revolutions", "duration_s", "turn_rate_hz", "azimuths", "bins", "gaps"):
+        assert found[key] == expected[key], key
+
+
+def test_paths_with_brackets_are_shown_as_they_are(tmp_path: Path) -> None:
+    drive = write_oxford(tmp_path / "drive [red]")
+    assert table_of(mqslam("info", drive).out)["path"] == str(drive)
+
+
+def test_what_is_no_recording_is_one_line_and_exit_code_2(tmp_path: Path) -> None:
+    (tmp_path / "notes.txt").write_text("hello")
+    for path in (tmp_path, tmp_path / "nowhere"):
+        shown = mqslam("info", path)
+        assert shown.code == 2 and shown.out == ""
+        assert shown.err.startswith(f"mqslam: error: {path}: ") and shown.err.count("\n") == 1

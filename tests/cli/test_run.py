@@ -1,0 +1,385 @@
+"""One command takes a recording to its map: every file it leaves is whole and right."""
+
+from __future__ import annotations
+
+import csv
+import json
+import re
+import subprocess
+import sys
+from collections.abc import Callable
+from concurrent.futures import ProcessPoolExecutor
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+from commands import mqslam
+from plyfile import PlyData
+from recordings import KINDS, bag_path, write_bag
+
+from mqslam import detection, se2
+from mqslam.config import Config, load_config
+from mqslam.readers import open_recording
+from mqslam.trajectory import Trajectory, read_tum
+
+FILES = {
+    "summary.json", "trajectory.tum", "odometry.tum", "measurements.csv", "map.ply", "map.pgm", "map.yaml", "graph.g2o",
+    "config.yaml", "report.html", "run.log",
+}  # fmt: skip
+KEYS = {
+    "mqslam_version": None,
+    "dataset": {"format", "path", "revolutions", "duration_s", "length_m"},
+    "psi": {
+        "odometry", "optimised", "per_point_odometry", "per_point_optimised", "matched_odometry", "matched_optimised",
+    },
+    "verdict": {"status", "reasons"},
+    "factors": {"odometry", "psi", "loop", "loop_rejected"},
+    "evaluation": {"ate_rmse_m", "drift_percent", "drift_deg_per_100m"},
+    "runtime_s": {"read", "detect", "windows", "loops", "optimise", "render", "total"},
+    "peak_rss_mb": None,
+}  # fmt: skip
+COLUMNS = [
+    "t0", "t1", "dx", "dy", "dyaw", "cov_xx", "cov_xy", "cov_xyaw", "cov_yy", "cov_yyaw", "cov_yawyaw",
+    "psi", "psi_odometry", "points", "matched", "status",
+]  # fmt: skip
+REVOLUTIONS = 48
+
+
+def strict_json(text: str) -> dict[str, Any]:
+    """JSON as other languages read it: without NaN and Infinity."""
+
+    def refuse(constant: str) -> None:
+        raise AssertionError(f"{constant} is no JSON")
+
+    found: dict[str, Any] = json.loads(text, parse_constant=refuse)
+    return found
+
+
+def summary_of(out: Path) -> dict[str, Any]:
+    return strict_json((out / "summary.json").read_text())
+
+
+def rows_of(out: Path) -> list[dict[str, str]]:
+    return list(csv.DictReader((out / "measurements.csv").read_text().splitlines()))
+
+
+def but_doppler(config: Config) -> Config:
+    """Settings without the Doppler shift, which a run measures and writes where it is left open."""
+    return config.model_copy(update={"sensor": config.sensor.model_copy(update={"doppler_beta": 0.0})})
+
+
+def lines_of(out: Path, kind: str) -> list[list[str]]:
+    return [line.split()[1:] for line in (out / "graph.g2o").read_text().splitlines() if line.startswith(kind)]
+
+
+def error_m(estimate: Trajectory, truth: Trajectory) -> float:
+    """RMS of the position [m] after the first poses have been laid on each other."""
+    there = truth.at(estimate.stamps_us)
+    apart = se2.between(estimate.poses[0], estimate.poses) - se2.between(there[0], there)
+    return float(np.sqrt((apart[:, :2] ** 2).sum(axis=1).mean()))
+
+
+@pytest.fixture(scope="module")
+def quick(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A settings file that leaves nothing to be measured beforehand."""
+    settings = tmp_path_factory.mktemp("settings") / "quick.yaml"
+    settings.write_text("sensor: {doppler_beta: 0.0}\n")
+    return settings
+
+
+@pytest.fixture(scope="module")
+def run(street: Path, tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Path]:
+    """Runs the street with options and says where the results are."""
+
+    def command(*options: str | Path) -> Path:
+        out = tmp_path_factory.mktemp("run") / "deep" / "out"
+        result = mqslam("run", street, "--out", out, "--jobs", "1", *options)
+        assert result.code == 0, result.err
+        return out
+
+    return command
+
+
+@pytest.fixture(scope="module")
+def result(run: Callable[..., Path]) -> Path:
+    """The street with all defaults."""
+    return run()
+
+
+@pytest.fixture(scope="module")
+def without_odometry(run: Callable[..., Path], tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
+    """The street without odometry and with a settings file, and that file."""
+    settings = tmp_path_factory.mktemp("settings") / "mine.yaml"
+    settings.write_text("sensor: {doppler_beta: 0.0}\nmap: {cell_m: 0.5}\ntracker: {keyframes: 10}\n")
+    return run("--odometry", "none", "--config", settings), settings
+
+
+def test_a_run_leaves_every_file_and_nothing_beside_them(result: Path) -> None:
+    assert {path.name for path in result.iterdir()} == FILES
+    assert all(path.stat().st_size > 0 for path in result.iterdir())
+    assert list(result.parent.iterdir()) == [result]
+
+
+def test_the_summary_has_the_stable_keys(result: Path, street: Path) -> None:
+    summary = summary_of(result)
+    for key, inner in KEYS.items():
+        assert key in summary
+        if inner is not None:
+            assert inner <= summary[key].keys(), key
+    assert summary["dataset"]["format"] == "oxford" and summary["dataset"]["path"] == str(street)
+    assert summary["dataset"]["revolutions"] == REVOLUTIONS
+    assert summary["dataset"]["duration_s"] == pytest.approx(12.0, abs=0.01)
+    truth = read_tum(street / "gt" / "poses_tum.txt")
+    assert summary["dataset"]["length_m"] == pytest.approx(truth.length_m, rel=0.02)
+    assert summary["factors"] == {"odometry": REVOLUTIONS - 1, "psi": REVOLUTIONS - 1, "loop": 0, "loop_rejected": 0}
+    assert summary["verdict"]["status"] == "pass" and summary["verdict"]["reasons"]
+    runtime = summary["runtime_s"]
+    assert 0.0 < sum(runtime.values()) - runtime["total"] <= runtime["total"] + 1e-6
+    assert 20.0 < summary["peak_rss_mb"] < 20_000.0
+
+
+def test_the_optimised_map_is_crisper_than_the_odometrys(result: Path) -> None:
+    psi = summary_of(result)["psi"]
+    assert psi["per_point_optimised"] < 0.8 * psi["per_point_odometry"]
+    assert psi["matched_optimised"] > psi["matched_odometry"]
+
+
+def test_the_optimised_trajectory_is_closer_to_truth_than_the_odometry(result: Path, street: Path) -> None:
+    truth = read_tum(street / "gt" / "poses_tum.txt")
+    before, after = (error_m(read_tum(result / f"{name}.tum"), truth) for name in ("odometry", "trajectory"))
+    assert after < 0.3 * before and after < 0.5
+    summary = summary_of(result)
+    assert summary["evaluation"]["ate_rmse_m"] < 0.3 * summary["evaluation_odometry"]["ate_rmse_m"]
+
+
+@pytest.mark.parametrize("name", ["trajectory", "odometry"])
+def test_evo_reads_a_pose_per_revolution(result: Path, street: Path, name: str) -> None:
+    file_interface = pytest.importorskip("evo.tools.file_interface")
+    track = file_interface.read_tum_trajectory_file(str(result / f"{name}.tum"))
+    assert track.check()[0]
+    np.testing.assert_allclose(track.timestamps * 1e6, open_recording(street).stamps_us, rtol=0.0, atol=1.0)
+    yaws = 2.0 * np.arctan2(track.orientations_quat_wxyz[:, 3], track.orientations_quat_wxyz[:, 0])
+    ours = read_tum(result / f"{name}.tum")
+    np.testing.assert_allclose(track.positions_xyz[:, :2], ours.poses[:, :2])
+    np.testing.assert_allclose(se2.wrap(yaws - ours.poses[:, 2]), 0.0, atol=1e-8)
+
+
+def test_measurements_have_a_row_per_pair_of_revolutions(result: Path) -> None:
+    assert (result / "measurements.csv").read_text().splitlines()[0].split(",") == COLUMNS
+    rows = rows_of(result)
+    assert len(rows) == REVOLUTIONS - 1
+    assert float(rows[0]["t0"]) == 0.0
+    assert all(a["t1"] == b["t0"] for a, b in pairwise(rows))
+    for row in rows:
+        upper = [float(row[name]) for name in COLUMNS[5:11]]
+        covariance = np.zeros((3, 3))
+        covariance[np.triu_indices(3)] = upper
+        assert np.linalg.eigvalsh(covariance, UPLO="U")[0] > 0.0
+        assert float(row["psi"]) > 0.0 and float(row["psi_odometry"]) > 0.0
+        assert int(row["points"]) > 100 and 0.3 < float(row["matched"]) <= 1.0
+        assert row["status"] == "converged"
+
+
+def test_measured_motions_are_those_of_the_truth(result: Path, street: Path) -> None:
+    truth = read_tum(street / "gt" / "poses_tum.txt").poses
+    measured = np.array([[float(row[name]) for name in ("dx", "dy", "dyaw")] for row in rows_of(result)])
+    error = measured - se2.between(truth[:-1], truth[1:])
+    assert np.sqrt((error[:, :2] ** 2).mean()) < 0.02 and np.sqrt((error[:, 2] ** 2).mean()) < 0.003
+
+
+def test_the_point_map_carries_the_score_it_is_judged_by(result: Path) -> None:
+    vertices = PlyData.read(str(result / "map.ply"))["vertex"]
+    assert [p.name for p in vertices.properties] == ["x", "y", "z", "intensity", "time", "psi"]
+    summary = summary_of(result)
+    assert np.sum(vertices["psi"], dtype=np.float64) == pytest.approx(summary["psi"]["optimised"], rel=1e-4)
+    assert np.mean(vertices["psi"], dtype=np.float64) == pytest.approx(summary["psi"]["per_point_optimised"], rel=1e-4)
+    assert np.all(vertices["z"] == 0.0) and np.isfinite(vertices["x"]).all() and np.isfinite(vertices["y"]).all()
+    assert vertices["time"].min() >= 0.0 and 11.0 < vertices["time"].max() <= summary["dataset"]["duration_s"]
+
+
+def test_open3d_reads_the_point_map(result: Path) -> None:
+    o3d = pytest.importorskip("open3d", exc_type=ImportError)
+    cloud = o3d.t.io.read_point_cloud(str(result / "map.ply"))
+    vertices = PlyData.read(str(result / "map.ply"))["vertex"]
+    np.testing.assert_allclose(cloud.point["positions"].numpy()[:, 0], vertices["x"])
+    np.testing.assert_allclose(cloud.point["psi"].numpy().ravel(), vertices["psi"])
+
+
+def test_the_nav2_map_shows_the_points_where_they_are(result: Path) -> None:
+    settings = yaml.safe_load((result / "map.yaml").read_text())
+    assert settings["image"] == "map.pgm" and settings["resolution"] == Config().map.cell_m
+    header = re.match(rb"P5\s+(?:#.*\n)?(\d+)\s+(\d+)\s+255\s", (result / "map.pgm").read_bytes())
+    assert header is not None
+    width, height = int(header[1]), int(header[2])
+    cells = np.frombuffer((result / "map.pgm").read_bytes()[header.end() :], np.uint8).reshape(height, width)
+    vertices = PlyData.read(str(result / "map.ply"))["vertex"]
+    points = np.column_stack([vertices["x"], vertices["y"]]).astype(float)
+    column, up = np.floor((points - settings["origin"][:2]) / settings["resolution"] + 1e-3).astype(int).T
+    occupied = cells[height - 1 - up, column] == 0
+    assert occupied.mean() > 0.2 and 0.0 < (cells == 0).mean() < 0.1
+
+
+def test_the_graph_has_a_vertex_per_revolution_and_an_edge_per_factor(result: Path) -> None:
+    vertices, edges = lines_of(result, "VERTEX_SE2"), lines_of(result, "EDGE_SE2")
+    assert [int(v[0]) for v in vertices] == list(range(REVOLUTIONS))
+    poses = np.array([[float(word) for word in v[1:]] for v in vertices])
+    apart = poses - read_tum(result / "trajectory.tum").poses
+    np.testing.assert_allclose(apart[:, :2], 0.0, atol=1e-5)
+    np.testing.assert_allclose(se2.wrap(apart[:, 2]), 0.0, atol=1e-5)
+    successive = [(str(k), str(k + 1)) for k in range(REVOLUTIONS - 1)]
+    assert sorted((e[0], e[1]) for e in edges) == sorted(2 * successive)
+    assert all(len(e) == 11 and float(e[5]) > 0.0 for e in edges)
+
+
+def test_the_settings_used_are_written_and_read_back_equal(result: Path, without_odometry: tuple[Path, Path]) -> None:
+    assert but_doppler(load_config(result / "config.yaml")) == but_doppler(Config())
+    out, settings = without_odometry
+    written = load_config(out / "config.yaml")
+    assert written == load_config(settings) != Config()
+    assert written.map.cell_m == 0.5 and written.tracker.keyframes == 10
+    assert yaml.safe_load((out / "map.yaml").read_text())["resolution"] == 0.5
+
+
+def test_report_and_log_tell_the_verdict(result: Path) -> None:
+    summary = summary_of(result)
+    report, log = (result / "report.html").read_text(), (result / "run.log").read_text()
+    assert report.lower().startswith("<!doctype html") and report.rstrip().endswith("</html>")
+    assert not re.search(r"(src|href)=[\"']https?:", report)
+    assert summary["verdict"]["reasons"][0] in report
+    assert f"mqslam {summary['mqslam_version']}" in log
+    assert f"verdict: pass: {summary['verdict']['reasons'][0]}" in log
+
+
+def test_without_odometry_psi_alone_makes_the_trajectory(without_odometry: tuple[Path, Path], street: Path) -> None:
+    out, _ = without_odometry
+    summary = summary_of(out)
+    assert summary["factors"]["odometry"] == 0 and len(lines_of(out, "EDGE_SE2")) == REVOLUTIONS - 1
+    assert all(row["psi_odometry"] == "nan" for row in rows_of(out))
+    assert error_m(read_tum(out / "trajectory.tum"), read_tum(street / "gt" / "poses_tum.txt")) < 0.5
+
+
+def test_odometry_of_a_file_replaces_the_recordings(run: Callable[..., Path], quick: Path, street: Path) -> None:
+    given = street / "gt" / "poses_tum.txt"
+    out = run("--odometry", given, "--config", quick)
+    assert summary_of(out)["factors"]["odometry"] == REVOLUTIONS - 1
+    assert error_m(read_tum(out / "odometry.tum"), read_tum(given)) < 1e-4
+
+
+def test_the_odometry_front_end_follows_the_odometry(run: Callable[..., Path], quick: Path, result: Path) -> None:
+    out = run("--frontend", "odometry", "--config", quick)
+    summary = summary_of(out)
+    assert summary["frontend"] == "odometry" and summary["factors"]["odometry"] == 0
+    assert error_m(read_tum(out / "trajectory.tum"), read_tum(result / "odometry.tum")) < 1e-4
+
+
+def test_kiss_icp_is_run_on_the_same_data(run: Callable[..., Path], quick: Path, street: Path) -> None:
+    out = run("--frontend", "kiss_icp", "--config", quick)
+    summary = summary_of(out)
+    assert summary["frontend"] == "kiss_icp" and summary["verdict"]["status"] in ("pass", "warn", "fail")
+    assert {path.name for path in out.iterdir()} == FILES
+    truth = read_tum(street / "gt" / "poses_tum.txt")
+    assert error_m(read_tum(out / "trajectory.tum"), truth) < 0.1 * truth.length_m
+
+
+def test_the_number_of_jobs_changes_no_byte(
+    street: Path, result: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    workers: list[int] = []
+
+    class Pool(ProcessPoolExecutor):
+        def __init__(self, count: int, **options: Any) -> None:
+            workers.append(count)
+            super().__init__(count, **options)
+
+    monkeypatch.setattr(detection, "_WORTH_A_POOL", 1)
+    monkeypatch.setattr(detection, "ProcessPoolExecutor", Pool)
+    out = tmp_path / "out"
+    assert mqslam("run", street, "--out", out, "--jobs", "2", "--config", result / "config.yaml", "--quiet").code == 0
+    assert workers == [2]
+    for name in ("trajectory.tum", "odometry.tum", "measurements.csv", "graph.g2o", "map.ply", "map.pgm"):
+        assert (out / name).read_bytes() == (result / name).read_bytes(), name
+
+
+def test_json_is_the_summary_and_nothing_else(street: Path, quick: Path, tmp_path: Path) -> None:
+    shown = mqslam("run", street, "--out", tmp_path / "out", "--frontend", "odometry", "--config", quick, "--json")
+    assert strict_json(shown.out) == summary_of(tmp_path / "out")
+    assert shown.err == ""
+
+
+def test_the_installed_command_shows_progress_a_table_and_the_report(
+    street: Path, quick: Path, tmp_path: Path
+) -> None:
+    installed = Path(sys.executable).with_name("mqslam")
+    command = [installed, "run", street, "--out", "out", "--frontend", "odometry", "--config", quick]
+    shown = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=True, timeout=120)
+    for title in ("reading and detecting: 48/48", "measuring motion: 48/48", "rendering maps: 2/2"):
+        assert title in shown.stderr
+    assert "psi per point" in shown.stdout and "verdict: " in shown.stdout and "ATE [m]" in shown.stdout
+    assert shown.stdout.splitlines()[-1] == "report: out/report.html"
+    assert "\x1b" not in shown.stdout + shown.stderr
+
+
+def test_force_replaces_an_earlier_result_whole(street: Path, quick: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    out.mkdir()
+    (out / "earlier").write_text("gone")
+    done = mqslam("run", street, "--out", out, "--frontend", "odometry", "--config", quick, "--force", "--quiet")
+    assert (done.code, done.out, done.err) == (0, "", "")
+    assert {path.name for path in out.iterdir()} == FILES and list(tmp_path.iterdir()) == [out]
+
+
+def test_odometry_that_stops_early_is_not_used_and_said(street: Path, quick: Path, tmp_path: Path) -> None:
+    drive = tmp_path / "drive"
+    drive.mkdir()
+    for name in ("radar", "radar.timestamps", "simulation.json"):
+        (drive / name).symlink_to(street / name)
+    (drive / "odom.csv").write_text("\n".join((street / "odom.csv").read_text().splitlines()[:50]) + "\n")
+    shown = mqslam("run", drive, "--out", tmp_path / "out", "--config", quick)
+    assert shown.code == 0 and "odometry does not cover it" in shown.err
+    assert "odometry does not cover it" in (tmp_path / "out" / "run.log").read_text()
+    summary = summary_of(tmp_path / "out")
+    assert summary["factors"]["odometry"] == 0 and summary["evaluation"] is None
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_bag_of_the_same_revolutions_gives_the_same_trajectory(
+    street: Path, without_odometry: tuple[Path, Path], tmp_path: Path, kind: str
+) -> None:
+    expected, settings = without_odometry
+    bag = write_bag(open_recording(street), bag_path(tmp_path, kind), kind)
+    options = ["--odometry", "none", "--config", settings, "--range-resolution", "0.175", "--quiet"]
+    assert mqslam("run", bag, "--out", tmp_path / "out", *options).code == 0
+    assert summary_of(tmp_path / "out")["dataset"]["format"] == "rosbag"
+    assert (tmp_path / "out" / "trajectory.tum").read_bytes() == (expected / "trajectory.tum").read_bytes()
+
+
+@pytest.fixture(scope="module")
+def real(oxford_tiny: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The real sample's results, without odometry."""
+    out = tmp_path_factory.mktemp("real") / "out"
+    assert mqslam("run", oxford_tiny, "--odometry", "none", "--out", out, "--quiet").code == 0
+    return out
+
+
+def test_real_radar_is_followed_without_odometry(real: Path, oxford_tiny: Path) -> None:
+    judge = oxford_tiny.parents[1] / "tools" / "score_run.py"
+    if not judge.is_file():
+        pytest.skip(f"no {judge}")
+    command = [sys.executable, judge, real / "trajectory.tum", oxford_tiny / "gt" / "radar_odometry.csv", "--json"]
+    score = json.loads(subprocess.run(command, capture_output=True, text=True, check=True).stdout)
+    assert score["stamps"] >= 10
+    assert score["rpe_v_rms"] <= 0.40 and score["rpe_w_rms"] <= 0.012
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_bag_of_real_revolutions_gives_the_same_trajectory(
+    real: Path, oxford_tiny: Path, tmp_path: Path, kind: str
+) -> None:
+    bag = write_bag(open_recording(oxford_tiny), bag_path(tmp_path, kind), kind)
+    settings = real / "config.yaml"  # what the run of the sample used, whatever of it was measured
+    options = ["--odometry", "none", "--config", settings, "--range-resolution", "0.0438", "--quiet"]
+    assert mqslam("run", bag, "--out", tmp_path / "out", *options).code == 0
+    assert (tmp_path / "out" / "trajectory.tum").read_bytes() == (real / "trajectory.tum").read_bytes()

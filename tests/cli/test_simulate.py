@@ -1,0 +1,67 @@
+"""`mqslam simulate` hands every option on and writes a recording that `mqslam run` takes."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+from commands import contents, mqslam
+
+SMALL = ["--duration", "1.5", "--azimuths", "90", "--range-resolution", "0.5", "--max-range", "60", "--quiet"]
+
+
+def test_every_option_reaches_the_simulation(tmp_path: Path) -> None:
+    options = {
+        "--scene": "yard", "--duration": 2.0, "--turn-rate": 2.0, "--azimuths": 90, "--range-resolution": 0.5,
+        "--max-range": 60.0, "--movers": 2, "--doppler": 0.01, "--seed": 7, "--jobs": 2,
+    }  # fmt: skip
+    words = [str(word) for pair in options.items() for word in pair]
+    assert mqslam("simulate", tmp_path / "drive", *words, "--quiet").code == 0
+    written = json.loads((tmp_path / "drive" / "simulation.json").read_text())
+    sensor = written["sensor"]
+    found = {
+        "--scene": written["scene"], "--duration": written["duration_s"], "--turn-rate": sensor["turn_rate_hz"],
+        "--azimuths": sensor["azimuths"], "--range-resolution": sensor["range_resolution"],
+        "--max-range": sensor["max_range"], "--movers": written["movers"], "--doppler": sensor["doppler_beta"],
+        "--seed": written["seed"], "--jobs": 2,
+    }  # fmt: skip
+    assert found == options
+    described = json.loads(mqslam("info", tmp_path / "drive", "--json").out)
+    assert (described["revolutions"], described["azimuths"], described["bins"]) == (4, 90, 120)
+    assert described["turn_rate_hz"] == pytest.approx(2.0) and described["range_resolution_m"] == 0.5
+
+
+def test_the_same_seed_gives_the_same_bytes(tmp_path: Path) -> None:
+    for name, words in {"one": ["--seed", "3"], "two": ["--seed", "3", "--jobs", "2"], "three": ["--seed", "4"]}.items():
+        assert mqslam("simulate", tmp_path / name, *SMALL, *words).code == 0
+    one, two, three = (contents(tmp_path / name) for name in ("one", "two", "three"))
+    assert one == two != three
+
+
+def test_progress_and_the_place_are_told_unless_quiet(tmp_path: Path) -> None:
+    loud = mqslam("simulate", tmp_path / "loud [1]", *SMALL[:-1])
+    assert loud.out == "" and "simulating: 6/6" in loud.err and f"wrote {tmp_path / 'loud [1]'}" in loud.err
+    quiet = mqslam("simulate", tmp_path / "quiet", *SMALL)
+    assert (quiet.out, quiet.err) == ("", "")
+
+
+@pytest.mark.parametrize("words", [["--scene", "moon"], ["--seed", "-1"], ["--scene", "corridor", "--movers", "2"]])
+def test_an_impossible_wish_is_one_line_and_nothing_is_made(tmp_path: Path, words: list[str]) -> None:
+    shown = mqslam("simulate", tmp_path / "drive", *SMALL, *words)
+    assert shown.code == 2 and shown.out == ""
+    assert shown.err.startswith("mqslam: error: ") and shown.err.count("\n") == 1
+    assert contents(tmp_path) == {}
+
+
+@pytest.mark.parametrize("scene", ["street", "yard", "corridor"])
+def test_every_scene_can_be_had_by_its_name_alone(tmp_path: Path, scene: str) -> None:
+    shown = mqslam("simulate", tmp_path / "drive", *SMALL, "--scene", scene)
+    assert shown.code == 0, shown.err
+
+
+def test_a_folder_with_content_is_left_alone(tmp_path: Path) -> None:
+    (tmp_path / "mine").write_text("kept")
+    shown = mqslam("simulate", tmp_path, *SMALL)
+    assert shown.code == 2 and "exists already" in shown.err and shown.err.count("\n") == 1
+    assert contents(tmp_path) == {"mine": b"kept"}

@@ -1,0 +1,123 @@
+from __future__ import annotations
+
+import gtsam
+import numpy as np
+import pytest
+from gtsam.symbol_shorthand import X
+
+from mqslam import se2
+from mqslam.config import GraphConfig
+from mqslam.factors.noise import between_noise
+from mqslam.factors.odometry_between import odometry_between, odometry_covariance
+from mqslam.factors.prior import SIGMA_M, SIGMA_RAD, prior
+from mqslam.factors.psi_between import psi_between
+from mqslam.measurement import RelativeMotion
+
+FLAT = GraphConfig(floor_m=1e-9, floor_rad=1e-9, cancelling=1.0)  # the covariance as given
+COVARIANCE = np.array([[0.04, 0.01, 0.002], [0.01, 0.01, -0.001], [0.002, -0.001, 0.0009]])
+MOTION = RelativeMotion(0.0, 0.25, np.array([3.0, 0.4, 1.1]), COVARIANCE)
+
+
+def gaussian(factor: gtsam.BetweenFactorPose2) -> np.ndarray:
+    return np.asarray(factor.noiseModel().noise().covariance())
+
+
+@pytest.mark.parametrize("make", [psi_between, odometry_between])
+def test_a_factor_holds_the_motion_between_its_keys(make: object) -> None:
+    assert callable(make)
+    factor = make(X(4), X(5), MOTION, FLAT)
+    assert list(factor.keys()) == [X(4), X(5)]
+    measured = factor.measured()
+    np.testing.assert_allclose([measured.x(), measured.y(), measured.theta()], MOTION.pose)
+    start = np.array([10.0, -4.0, 2.0])
+    values = gtsam.Values()
+    values.insert(X(4), gtsam.Pose2(*start))
+    values.insert(X(5), gtsam.Pose2(*se2.compose(start, MOTION.pose)))
+    assert factor.error(values) == pytest.approx(0.0, abs=1e-15)
+
+
+def test_the_noise_is_the_covariance_in_the_frame_in_which_gtsam_states_errors() -> None:
+    """Poses drawn with the covariance have, in GTSAM's own errors, the covariance of the noise model."""
+    rng = np.random.default_rng(3)
+    small = 1e-6 * COVARIANCE  # where errors are linear
+    draws = rng.multivariate_normal(np.zeros(3), small, 20000)
+    truth = gtsam.Pose2(*MOTION.pose)
+    local = np.array([truth.localCoordinates(gtsam.Pose2(*(MOTION.pose + d))) for d in draws])
+    noise = between_noise(small, MOTION.pose[2], 1e-12, 1e-12, 1.345)
+    sampled, stated = np.cov(local.T), np.asarray(noise.noise().covariance())
+    scale = np.sqrt(np.outer(np.diag(stated), np.diag(stated)))
+    np.testing.assert_allclose(sampled / scale, stated / scale, atol=0.04)
+
+
+def test_psi_and_odometry_differ_in_what_cancels_along_a_chain() -> None:
+    config = GraphConfig(floor_m=1e-9, floor_rad=1e-9, cancelling=40.0)
+    ratio = gaussian(odometry_between(X(0), X(1), MOTION, config)) / gaussian(psi_between(X(0), X(1), MOTION, config))
+    np.testing.assert_allclose(ratio, 40.0, rtol=1e-6)
+
+
+def test_the_floor_is_added_in_square() -> None:
+    config = FLAT.model_copy(update={"floor_m": 0.3, "floor_rad": 0.02})
+    more = gaussian(psi_between(X(0), X(1), MOTION, config)) - gaussian(psi_between(X(0), X(1), MOTION, FLAT))
+    np.testing.assert_allclose(more, np.diag([0.09, 0.09, 0.0004]), atol=1e-12)
+
+
+def test_a_residual_beyond_huber_pulls_only_linearly() -> None:
+    factor = psi_between(X(0), X(1), RelativeMotion(0.0, 0.25, np.zeros(3), np.eye(3)), FLAT)
+
+    def error(x: float) -> float:
+        values = gtsam.Values()
+        values.insert(X(0), gtsam.Pose2())
+        values.insert(X(1), gtsam.Pose2(x, 0.0, 0.0))
+        return float(factor.error(values))
+
+    assert error(1.0) == pytest.approx(0.5)
+    assert error(12.0) - error(11.0) == pytest.approx(FLAT.huber, rel=1e-6)
+
+
+def test_the_prior_holds_the_pose_it_is_given() -> None:
+    factor = prior(X(0), np.array([1.0, 2.0, 0.3]))
+    at = factor.prior()
+    np.testing.assert_allclose([at.x(), at.y(), at.theta()], [1.0, 2.0, 0.3])
+    np.testing.assert_allclose(factor.noiseModel().sigmas(), [SIGMA_M, SIGMA_M, SIGMA_RAD])
+
+
+def run(poses: np.ndarray) -> list[RelativeMotion]:
+    return [RelativeMotion(0.25 * k, 0.25 * (k + 1), pose, COVARIANCE) for k, pose in enumerate(poses)]
+
+
+def straight(count: int = 200) -> np.ndarray:
+    return np.tile([2.0, 0.0, 0.0], (count, 1))
+
+
+def test_odometry_noise_grows_with_its_bias() -> None:
+    measured = run(straight())
+    sigmas = []
+    for bias in (0.0, 0.001, 0.003):
+        odometry = run(straight() + np.array([0.0, 0.0, bias]))
+        covariance = odometry_covariance(odometry, measured, 10.0)
+        np.testing.assert_allclose(covariance, np.diag(np.diag(covariance)))
+        sigmas.append(np.sqrt(np.diag(covariance)))
+    assert sigmas[0][2] < 1e-4 < sigmas[1][2] < sigmas[2][2]
+    # forty edges a span, each a fortieth of the variance of the span's whole disagreement, 40 * bias
+    assert sigmas[1][2] == pytest.approx(40 * 0.001 / np.sqrt(40) / np.sqrt(0.4549), rel=1e-2)
+
+
+def test_independent_odometry_noise_is_found_as_large_as_it_is() -> None:
+    rng = np.random.default_rng(8)
+    noise = rng.normal(0.0, [0.05, 0.02, 1e-4], (4000, 3))
+    covariance = odometry_covariance(run(straight(4000) + noise), run(straight(4000)), 10.0)
+    assert np.sqrt(covariance[0, 0]) == pytest.approx(0.05, rel=0.25)
+    assert np.sqrt(covariance[2, 2]) == pytest.approx(1e-4, rel=0.25)
+
+
+def test_a_few_wild_spans_do_not_set_the_noise() -> None:
+    wild = straight(400)
+    wild[100] = [2.0, 0.0, 2.0]
+    few = odometry_covariance(run(wild), run(straight(400)), 10.0)
+    np.testing.assert_allclose(few, odometry_covariance(run(straight(400)), run(straight(400)), 10.0))
+
+
+@pytest.mark.parametrize("span_s", [0.01, 10.0, 1e6])
+def test_the_span_may_be_shorter_than_an_edge_or_longer_than_the_run(span_s: float) -> None:
+    covariance = odometry_covariance(run(straight(7) + np.array([0.1, 0.0, 0.0])), run(straight(7)), span_s)
+    np.testing.assert_array_less(0.0, np.diag(covariance))

@@ -1,0 +1,146 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from drives import constant, drive, joined
+
+from mqslam.config import Config
+from mqslam.measurement import Status
+from mqslam.motion import ACCELERATED_TWIST, CONSTANT_VELOCITY
+from mqslam.psi.window import WindowMotion, beam_of, estimate_window, find_window_motion, search_twist, window_score
+from mqslam.returns import Returns
+from mqslam.simulator import ConstantDrive, Drive, Scene, corridor_scene, street_scene, yard_scene
+
+ESTIMATOR = Config().estimator
+TURN_S = 0.25
+SPEEDS, YAW_RATES = np.arange(-12.0, 20.1, 0.8), np.linspace(-0.6, 0.6, 13)
+OFF = np.array([1.0, 0.0, 0.05])  # how far off the searches start
+
+
+def window(scene: Scene, motion: Drive, seed: int, beta: float = 0.0, revolutions: int = 3) -> Returns:
+    _, windows = drive(scene, motion, revolutions * TURN_S, seed, beta, max_range=100.0)
+    return joined(windows)
+
+
+def estimated(returns: Returns, start: np.ndarray, beta: float = 0.0) -> WindowMotion:
+    return estimate_window(returns, 0.0, TURN_S, ESTIMATOR, beam_of(ESTIMATOR, beta), start)
+
+
+def in_yard(seed: int) -> tuple[Scene, ConstantDrive]:
+    return yard_scene(seed), ConstantDrive(3.0, 0.15)
+
+
+def on_street(seed: int) -> tuple[Scene, ConstantDrive]:
+    return street_scene(seed, movers=0), constant(6.0, 0.05)
+
+
+@pytest.mark.parametrize("place", [in_yard, on_street])
+def test_the_motion_is_recovered_from_a_start_far_off(place: object) -> None:
+    assert callable(place)
+    errors = []
+    for seed in range(1, 7):
+        scene, motion = place(seed)
+        truth = np.array([motion.v, 0.0, motion.omega])
+        found = estimated(window(scene, motion, seed), truth + OFF * (-1) ** seed)
+        assert found.status is Status.CONVERGED
+        np.testing.assert_array_less(0.0, np.linalg.eigvalsh(found.covariance))
+        errors.append(found.theta - truth)
+    rms = np.sqrt(np.mean(np.square(errors), axis=0))
+    np.testing.assert_array_less(rms, [0.05, 0.05, 0.002])
+    np.testing.assert_array_less(np.abs(np.mean(errors, axis=0)), [0.03, 0.02, 0.0015])
+
+
+def test_the_start_does_not_show_in_the_result() -> None:
+    scene, motion = on_street(3)
+    returns, truth = window(scene, motion, 3), np.array([motion.v, 0.0, motion.omega])
+    ends = [estimated(returns, truth + sign * OFF).theta for sign in (-1.0, 0.0, 1.0)]
+    np.testing.assert_array_less(np.ptp(ends, axis=0), [5e-3, 5e-3, 2e-4])
+
+
+def test_the_search_lands_in_the_basin_of_the_truth() -> None:
+    for place, seed in ((on_street, 1), (in_yard, 2)):
+        scene, motion = place(seed)
+        returns = window(scene, motion, seed, revolutions=2)
+        beam = beam_of(ESTIMATOR, 0.0)
+        twist, scores = search_twist(returns, 0.0, TURN_S, ESTIMATOR, beam, SPEEDS, YAW_RATES)
+        assert scores.shape == (41, 13)
+        assert abs(twist[0] - motion.v) <= 0.8
+        assert twist[1] == 0.0
+        assert abs(twist[2] - motion.omega) <= 0.1 + 1e-9
+        at = int(np.abs(SPEEDS - twist[0]).argmin()), int(np.abs(YAW_RATES - twist[2]).argmin())
+        assert scores[at] == scores.min() == window_score(returns, 0.0, TURN_S, ESTIMATOR, beam, twist).psi
+        truth = np.array([motion.v, 0.0, motion.omega])
+        np.testing.assert_array_less(np.abs(estimated(returns, twist).theta - truth), [0.2, 0.15, 0.01])
+
+
+@pytest.mark.parametrize("beta", [0.05, -0.05])
+def test_a_known_doppler_shift_gives_a_crisper_map_and_no_false_slide(beta: float) -> None:
+    known, unknown = [], []
+    for seed in range(1, 5):
+        motion = constant(14.0, 0.0)
+        returns = window(street_scene(seed, movers=0), motion, seed, beta)
+        known.append(estimated(returns, np.array([14.0, 0.0, 0.0]), beta))
+        unknown.append(estimated(returns, np.array([14.0, 0.0, 0.0])))
+    slides = [np.mean([w.theta[1] for w in found]) for found in (known, unknown)]
+    assert abs(slides[0]) < 0.02 < 0.05 < abs(slides[1])
+    assert abs(np.mean([w.theta[0] for w in known]) - 14.0) < 0.05
+    for with_it, without in zip(known, unknown, strict=True):
+        assert with_it.minimum.evaluation.psi < 0.9 * without.minimum.evaluation.psi
+
+
+def test_each_model_estimates_its_own_parameters() -> None:
+    scene, motion = on_street(1)
+    returns = window(scene, motion, 1)
+    start = np.array([motion.v, 0.0, motion.omega])
+    for model, truth, bounds in (
+        (CONSTANT_VELOCITY, [6.0, 0.05], [0.1, 0.005]),
+        (ACCELERATED_TWIST, [6.0, 0.0, 0.05, 0.0, 0.0], [0.2, 0.1, 0.01, 0.6, 0.04]),
+    ):
+        beam = beam_of(ESTIMATOR, 0.0)
+        found = estimate_window(returns, 0.0, TURN_S, ESTIMATOR, beam, start, model)
+        assert found.covariance.shape == (model.size, model.size)
+        np.testing.assert_array_less(np.linalg.eigvalsh(-found.covariance), 0.0)
+        np.testing.assert_array_less(np.abs(found.theta - truth), bounds)
+
+
+def test_a_window_needs_no_start() -> None:
+    scene, motion = on_street(2)
+    found = find_window_motion(window(scene, motion, 2), 0.0, TURN_S, ESTIMATOR, beam_of(ESTIMATOR, 0.0), SPEEDS, YAW_RATES)
+    assert found.status is Status.CONVERGED
+    np.testing.assert_array_less(np.abs(found.theta - [motion.v, 0.0, motion.omega]), [0.1, 0.05, 0.005])
+
+
+def past_a_fence(spacing: float, v: float, seed: int) -> Returns:
+    """Three revolutions past two endless rows of equal posts, of which those within 40 m are seen."""
+    rng, rows = np.random.default_rng(seed), []
+    for k in range(3):
+        for y in (-7.0, 5.0):
+            for x in np.arange(-100.0, 100.0, spacing):
+                t = k * TURN_S
+                for _ in range(3):  # the time at which the beam, the post and the moving sensor meet
+                    t = (k + (-np.arctan2(y, x - v * t) % (2.0 * np.pi)) / (2.0 * np.pi)) * TURN_S
+                if abs(x - v * t) < 40.0:
+                    range_m = np.hypot(x - v * t, y) + rng.normal(0.0, 0.05)
+                    rows.append((range_m, np.arctan2(y, x - v * t) + rng.normal(0.0, 0.001), t, 100.0))
+    return Returns(*np.array(sorted(rows, key=lambda row: row[2])).T.copy())
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_a_fence_of_equal_posts_is_not_taken_for_a_sure_motion(seed: int) -> None:
+    """A metre and a half between posts looks like six metres a second more or less."""
+    returns = past_a_fence(1.5, 4.0, seed)
+    found = find_window_motion(returns, 0.0, TURN_S, ESTIMATOR, beam_of(ESTIMATOR, 0.0), SPEEDS, YAW_RATES)
+    assert found.status in (Status.AMBIGUOUS, Status.DEGENERATE)
+    assert abs((found.theta[0] - 4.0 + 3.0) % 6.0 - 3.0) < 0.2
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3, 4])
+def test_a_corridor_is_degenerate_with_the_covariance_large_along_it(seed: int) -> None:
+    returns = window(corridor_scene(), ConstantDrive(5.0, 0.0), seed)
+    found = estimated(returns, np.array([5.0 + (-1) ** seed, 0.0, 0.0]))
+    assert found.status is Status.DEGENERATE
+    assert abs(found.theta[1]) < 0.05
+    assert abs(found.theta[2]) < 0.005
+    assert found.covariance[0, 0] > 1000.0 * found.covariance[1, 1]
+    assert abs(found.theta[0] - 5.0) < 3.0 * np.sqrt(found.covariance[0, 0])
+    np.testing.assert_array_less(0.0, np.linalg.eigvalsh(found.covariance))

@@ -1,0 +1,112 @@
+"""Settings: every one is explained, a wrong one is refused by name, and a file reads back what was written."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from pydantic import BaseModel, ValidationError
+
+from mqslam.config import Config, dump_yaml, load_config, shipped_names
+from mqslam.errors import ConfigError
+
+
+def settings(model: type[BaseModel], prefix: str = "") -> Iterator[tuple[str, str | None]]:
+    """Name and description of every setting of a tree."""
+    for name, field in model.model_fields.items():
+        if isinstance(field.annotation, type) and issubclass(field.annotation, BaseModel):
+            yield from settings(field.annotation, f"{prefix}{name}.")
+        else:
+            yield prefix + name, field.description
+
+
+def refusal(tmp_path: Path, text: str) -> str:
+    """The message with which a settings file is refused."""
+    file = tmp_path / "mine.yaml"
+    file.write_text(text)
+    with pytest.raises(ConfigError) as caught:
+        load_config(file)
+    assert str(caught.value).startswith(f"{file}: ") and "\n" not in str(caught.value)
+    return str(caught.value).removeprefix(f"{file}: ")
+
+
+def test_every_setting_says_what_it_is() -> None:
+    found = dict(settings(Config))
+    assert len(found) > 30
+    assert [name for name, description in found.items() if not description] == []
+
+
+def test_no_file_and_the_shipped_default_are_the_defaults() -> None:
+    assert load_config() == load_config("default") == Config()
+
+
+def test_every_shipped_configuration_loads() -> None:
+    assert {"default", "oxford"} <= set(shipped_names())
+    for name in shipped_names():
+        assert isinstance(load_config(name), Config)
+    assert load_config("oxford").sensor.range_resolution_m == 0.0438
+
+
+def test_a_file_changes_what_it_names_and_nothing_else(tmp_path: Path) -> None:
+    (tmp_path / "mine.yaml").write_text("tracker: {keyframes: 7}\npsi: {tau: 0.5}\n")
+    changed = load_config(tmp_path / "mine.yaml")
+    assert changed.tracker.keyframes == 7 and changed.psi.tau == 0.5
+    tracker = Config().tracker.model_copy(update={"keyframes": 7})
+    assert changed == Config(tracker=tracker, psi=Config().psi.model_copy(update={"tau": 0.5}))
+
+
+def test_a_file_goes_before_a_shipped_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("oxford").write_text("map: {cell_m: 3.0}")
+    assert load_config("oxford").map.cell_m == 3.0
+
+
+@pytest.mark.parametrize("text", ["", "# nothing\n", "{}", "map: {}"])
+def test_a_file_without_settings_is_the_default(tmp_path: Path, text: str) -> None:
+    (tmp_path / "mine.yaml").write_text(text)
+    assert load_config(tmp_path / "mine.yaml") == Config()
+
+
+@pytest.mark.parametrize("name", ["default", "oxford"])
+def test_what_is_written_is_read_back_equal(tmp_path: Path, name: str) -> None:
+    config = load_config(name)
+    (tmp_path / "written.yaml").write_text(dump_yaml(config))
+    assert load_config(tmp_path / "written.yaml") == config
+    assert all(f"{setting.split('.')[-1]}:" in dump_yaml(config) for setting, _ in settings(Config))
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("psi: {bta_s: 1}", "unknown setting psi.bta_s; did you mean beta_s?"),
+        ("trackr: {}", "unknown setting trackr; did you mean tracker?"),
+        ("map: {zzzz: 1}", "unknown setting map.zzzz; known are cell_m, travel_m, travel_rad"),
+        ("map: {cell_m: -1}", "map.cell_m: Input should be greater than 0"),
+        ("map: {cell_m: wide}", "map.cell_m: Input should be a valid number"),
+        ("map: 3", "map: Input should be"),
+        ("1: 2", "Keys should be strings"),
+        ("- map", "must hold settings"),
+        ("map", "must hold settings"),
+        ("map: [", "is not a readable YAML file"),
+        ("!!python/object/apply:os.getcwd []", "is not a readable YAML file"),
+    ],
+)
+def test_a_wrong_setting_is_refused_in_one_line(tmp_path: Path, text: str, message: str) -> None:
+    assert message in refusal(tmp_path, text)
+
+
+def test_a_file_that_is_no_text_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "mine.yaml").write_bytes(b"\xff\xfe\x00\x81")
+    with pytest.raises(ConfigError, match="is not a readable YAML file"):
+        load_config(tmp_path / "mine.yaml")
+
+
+def test_an_unknown_name_is_answered_with_the_shipped_ones() -> None:
+    with pytest.raises(ConfigError, match=r"oxfrod: no such configuration; .* default.*oxford"):
+        load_config("oxfrod")
+
+
+def test_settings_do_not_change_after_they_were_read() -> None:
+    with pytest.raises(ValidationError):
+        Config().map.cell_m = 1.0  # type: ignore[misc]

@@ -1,0 +1,59 @@
+"""A wheel installs one import package, with its data, and nothing beside it."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+import sys
+import zipfile
+from configparser import ConfigParser
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[1]
+SOURCES = ("pyproject.toml", "README.md", "LICENSE", "mqslam", "frontends", "factors", "configs")
+
+
+@pytest.fixture(scope="module")
+def wheel(tmp_path_factory: pytest.TempPathFactory) -> zipfile.ZipFile:
+    """The wheel of a copy of the sources, so that nothing left by earlier builds gets in."""
+    folder = tmp_path_factory.mktemp("sources")
+    for name in SOURCES:
+        if (ROOT / name).is_dir():
+            shutil.copytree(ROOT / name, folder / name, ignore=shutil.ignore_patterns("__pycache__"))
+        else:
+            shutil.copy(ROOT / name, folder / name)
+    command = [sys.executable, "-m", "pip", "wheel", "--quiet", "--no-deps", "--wheel-dir", folder / "out", folder]
+    built = subprocess.run(command, capture_output=True, text=True)
+    if "No matching distribution found for setuptools" in built.stderr:
+        pytest.skip("the build needs setuptools from the package index, which cannot be reached")
+    assert built.returncode == 0, built.stderr
+    (found,) = (folder / "out").glob("mqslam-*.whl")
+    return zipfile.ZipFile(found)
+
+
+def test_nothing_but_mqslam_lands_in_site_packages(wheel: zipfile.ZipFile) -> None:
+    tops = {name.split("/")[0] for name in wheel.namelist()}
+    assert {top for top in tops if not top.endswith(".dist-info")} == {"mqslam"}
+
+
+def test_every_module_and_configuration_is_in_the_wheel(wheel: zipfile.ZipFile) -> None:
+    expected = {
+        (f"mqslam/{path.relative_to(ROOT)}" if part != "mqslam" else str(path.relative_to(ROOT)))
+        for part in ("mqslam", "frontends", "factors", "configs")
+        for path in (ROOT / part).rglob("*")
+        if path.suffix in (".py", ".yaml", ".typed") and "__pycache__" not in path.parts
+    }
+    assert {"mqslam/frontends/psi.py", "mqslam/factors/prior.py", "mqslam/configs/oxford.yaml"} <= expected
+    assert {name for name in wheel.namelist() if ".dist-info/" not in name} == expected
+
+
+def test_the_command_and_the_front_ends_are_registered(wheel: zipfile.ZipFile) -> None:
+    (name,) = (name for name in wheel.namelist() if name.endswith("entry_points.txt"))
+    entries = ConfigParser()
+    entries.read_string(wheel.read(name).decode())
+    assert entries["console_scripts"]["mqslam"] == "mqslam.cli:main"
+    assert {"psi", "odometry", "kiss_icp"} <= set(entries["mqslam.frontends"])
+    for target in entries["mqslam.frontends"].values():
+        assert target.split(":")[0].replace(".", "/") + ".py" in wheel.namelist()
