@@ -55,7 +55,7 @@ def test_every_return_is_a_point_with_its_share(still_street: tuple[list[Window]
     found, returns = render(windows, poses, CONFIG, TURN_S), joined(windows)
     np.testing.assert_array_equal(found.times, returns.times)
     np.testing.assert_array_equal(found.intensities, returns.intensities)
-    charge = CONFIG.estimator.c**2 / 4.0
+    charge = CONFIG.estimator.c**2
     np.testing.assert_array_equal(found.psi[~found.matched], charge)
     assert np.all(found.psi <= charge * (1.0 + 1e-12))
     assert found.matched.mean() > 0.8

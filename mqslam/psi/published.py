@@ -135,7 +135,7 @@ def checked(points: NDArray[np.float64], times: NDArray[np.float64]) -> None:
         raise ValueError("points and times must be finite")
 
 
-@nb.njit(cache=True, nogil=True)
+@nb.njit(cache=True, nogil=True, error_model="numpy")
 def _score(
     points: NDArray[np.float64],
     times: NDArray[np.float64],
@@ -157,79 +157,80 @@ def _score(
     n, size = len(points), jacobians.shape[2]
     shares = np.zeros(n)
     counts = np.zeros(n, np.int64)
-    gradient = np.zeros(size)
+    pull = np.zeros((n, 2))  # derivative of the pair sum by the position of each point
     limit = -np.log(xi)
     half = 0.5 * tau
     top = (tau if whole_tau else half) / np.pi
+    latest = 0.0 if plateau else np.inf  # the time term beyond alpha_t
     longest = 0
     for i in range(n):
         longest = max(longest, offsets[i + 1] - offsets[i])
     chosen = np.empty(longest, np.int64)
     distance = np.empty(longest)
     exponent = np.empty(longest)
-    pull = np.empty((longest, 2))  # derivative of the share by the position of each neighbour
+    away = np.empty((longest, 2))
     for i in range(n):
+        x, y, t = points[i, 0], points[i, 1], times[i]
         count = 0
-        best = 0
-        for k in range(offsets[i], offsets[i + 1]):
+        for k in range(offsets[i], offsets[i + 1]):  # no branches: which candidates are chosen is hard to predict
             j = indices[k]
-            if j == i:
-                continue
-            dx = points[i, 0] - points[j, 0]
-            dy = points[i, 1] - points[j, 1]
-            d2 = dx * dx + dy * dy
-            if d2 >= s * s:
-                continue
-            late = (abs(times[i] - times[j]) - alpha_t) / beta_t
-            if plateau and late > 0.0:
-                late = 0.0
-            if late * late >= limit:
-                continue
-            d = np.sqrt(d2)
+            dx = x - points[j, 0]
+            dy = y - points[j, 1]
+            d = np.sqrt(dx * dx + dy * dy)
+            late = (abs(t - times[j]) - alpha_t) / beta_t
+            late = min(late, latest)
             off = (d - alpha_s) / beta_s
             q = off * off + late * late
-            if q >= limit:
-                continue
             chosen[count] = j
             distance[count] = d
             exponent[count] = q
+            away[count, 0] = dx
+            away[count, 1] = dy
+            count += int(q < limit) & int(d < s) & int(j != i)
+        best = 0
+        for k in range(1, count):
+            q, d = exponent[k], distance[k]
             if q < exponent[best] or (
-                q == exponent[best]
-                and (d < distance[best] or (d == distance[best] and j < chosen[best]))
+                q == exponent[best] and (d < distance[best] or (d == distance[best] and chosen[k] < chosen[best]))
             ):
-                best = count
-            count += 1
+                best = k
         counts[i] = count
         if count == 0:
             continue
         centre = distance[best]
         share = 0.0
         d_centre = 0.0
+        pull_x = 0.0
+        pull_y = 0.0
         for k in range(count):
             apart = distance[k] - centre
-            lorentz = top / (apart * apart + half * half)
-            slope = -2.0 * apart * lorentz / (apart * apart + half * half)
+            narrow = 1.0 / (apart * apart + half * half)
+            lorentz = top * narrow
             weight = np.exp(-exponent[k]) if by_kappa else distance[k]
             cost = lorentz * weight
             share += cost * cost
             if size:
-                if by_kappa:
-                    d_weight = -2.0 * (distance[k] - alpha_s) / (beta_s * beta_s) * weight
-                else:
-                    d_weight = 1.0
-                d_centre -= 2.0 * cost * slope * weight
-                d_distance = 2.0 * cost * (slope * weight + lorentz * d_weight)
-                inverse = 1.0 / distance[k] if distance[k] > 0.0 else 0.0
-                pull[k, 0] = d_distance * (points[i, 0] - points[chosen[k], 0]) * inverse
-                pull[k, 1] = d_distance * (points[i, 1] - points[chosen[k], 1]) * inverse
+                # derivative of the share by the distance, over the distance; coincident points have no direction
+                bend = -4.0 * cost * cost * apart * narrow
+                d_centre -= bend
+                d_weight = -2.0 * (distance[k] - alpha_s) / (beta_s * beta_s) * weight if by_kappa else 1.0
+                slope = bend + 2.0 * cost * lorentz * d_weight
+                slope = slope / distance[k] if distance[k] > 0.0 else 0.0
+                sx, sy = slope * away[k, 0], slope * away[k, 1]
+                pull_x += sx
+                pull_y += sy
+                pull[chosen[k], 0] -= sx
+                pull[chosen[k], 1] -= sy
         shares[i] = share
         if size:
-            inverse = 1.0 / centre if centre > 0.0 else 0.0
-            pull[best, 0] += d_centre * (points[i, 0] - points[chosen[best], 0]) * inverse
-            pull[best, 1] += d_centre * (points[i, 1] - points[chosen[best], 1]) * inverse
-            for k in range(count):
-                j = chosen[k]
-                for p in range(size):
-                    gradient[p] += pull[k, 0] * (jacobians[i, 0, p] - jacobians[j, 0, p])
-                    gradient[p] += pull[k, 1] * (jacobians[i, 1, p] - jacobians[j, 1, p])
+            slope = d_centre / centre if centre > 0.0 else 0.0
+            sx, sy = slope * away[best, 0], slope * away[best, 1]
+            pull[i, 0] += pull_x + sx
+            pull[i, 1] += pull_y + sy
+            pull[chosen[best], 0] -= sx
+            pull[chosen[best], 1] -= sy
+    gradient = np.zeros(size)
+    for i in range(n):
+        for p in range(size):
+            gradient[p] += pull[i, 0] * jacobians[i, 0, p] + pull[i, 1] * jacobians[i, 1, p]
     return shares, counts, gradient
