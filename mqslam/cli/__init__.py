@@ -8,7 +8,9 @@ import typer
 
 import mqslam
 from mqslam.cli.info import info
+from mqslam.cli.paper import paper
 from mqslam.cli.run import run
+from mqslam.cli.score import score
 from mqslam.cli.simulate import simulate
 from mqslam.errors import MqslamError
 
@@ -22,6 +24,8 @@ app = typer.Typer(
 app.command()(run)
 app.command()(info)
 app.command()(simulate)
+app.command()(score)
+app.add_typer(paper, name="paper")
 
 
 def _version(asked: bool) -> None:

@@ -1,0 +1,1 @@
+"""Loop closures: places passed twice, tied by psi."""

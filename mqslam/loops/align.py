@@ -1,0 +1,163 @@
+"""The relative pose of two submaps by psi: a global search inside a gate, the annealed minimum, its covariance.
+
+The search correlates the two submaps as blurred images at several yaws (the widest, cheapest form of the score); the
+best peaks are refined by psi, which has the last word.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.fft import irfft2, next_fast_len, rfft2
+from scipy.ndimage import gaussian_filter, maximum_filter
+
+from mqslam import se2
+from mqslam.psi.covariance import sandwich
+from mqslam.psi.estimator import Evaluation, evaluate
+from mqslam.psi.minimiser import EstimatorConfig, Prior, minimise
+from mqslam.psi.neighbours import CellGrid, candidates, cell_grid
+from mqslam.psi.observability import weak_directions
+from mqslam.psi.place import PointSet
+
+_PIXEL_M = 0.75  # of the images that are correlated
+_BLUR_PIXELS = 1.0
+_PEAKS = 3  # of the correlation that are refined
+ANY_TIME = 0.0  # turns between neighbours: submaps are compared whatever their times
+_TOLERANCES = np.array([1e-3, 1e-3, 2e-5])
+_SAME_M = 1.5  # refined poses nearer than this are one
+
+
+@dataclass(frozen=True, slots=True)
+class Alignment:
+    """Where one submap lies in the other.
+
+    Args:
+        pose: (3,) of the query's frame in the reference's.
+        covariance: (3, 3) of it [m, m, rad].
+        matched: share of the query's points with a neighbour.
+        psi: score per point.
+        rival: score per point of the best other pose in the gate; infinite if there is none.
+        observed: whether the maps hold every direction.
+    """
+
+    pose: se2.Array
+    covariance: NDArray[np.float64]
+    matched: float
+    psi: float
+    rival: float
+    observed: bool
+
+
+def align(
+    reference: PointSet,
+    query: PointSet,
+    guess: se2.Array,
+    reach_m: float,
+    reach_rad: float,
+    config: EstimatorConfig,
+) -> Alignment:
+    """The pose of a submap in another's frame.
+
+    Args:
+        reference, query: submaps in their own frames.
+        guess: (3,) pose of the query's frame in the reference's, right to reach_m [m] and reach_rad [rad].
+    """
+    grid = cell_grid(reference.points, 1.0)
+    free = Prior(guess, np.zeros((3, 3)))
+    found = []
+    for start in _search(reference.points, query.points, guess, reach_m, reach_rad):
+        minimum = minimise(
+            start, lambda pose: moved(query, pose), reference, free, config, ANY_TIME, _TOLERANCES, grid
+        )
+        off = se2.between(guess, minimum.state)
+        if np.hypot(off[0], off[1]) <= reach_m + 1.0 and abs(off[2]) <= reach_rad + 0.05:
+            found.append(minimum)
+    if not found:
+        return Alignment(guess, np.eye(3), 0.0, np.inf, np.inf, observed=False)
+    found.sort(key=lambda minimum: minimum.evaluation.psi)
+    best = found[0]
+    rivals = [m for m in found[1:] if np.hypot(*(m.state - best.state)[:2]) > _SAME_M]
+    points = moved(query, best.state)
+    wide = _scored(reference, grid, points, config, wide=True)
+    return Alignment(
+        pose=best.state,
+        covariance=sandwich(best.evaluation, points.points),
+        matched=float(best.evaluation.matched.mean()),
+        psi=best.evaluation.psi / len(query),
+        rival=rivals[0].evaluation.psi / len(query) if rivals else np.inf,
+        observed=len(weak_directions(wide, 3)) == 0,
+    )
+
+
+def cross_score(reference: PointSet, query: PointSet, pose: se2.Array, config: EstimatorConfig) -> float:
+    """psi per point of the query laid into the reference at a pose (3,)."""
+    found = _scored(reference, cell_grid(reference.points, 1.0), moved(query, pose), config, wide=False)
+    return found.psi / len(query)
+
+
+def moved(points: PointSet, pose: se2.Array) -> PointSet:
+    """A rigid submap at a pose (3,), with derivatives by that pose."""
+    c, s = np.cos(pose[2]), np.sin(pose[2])
+    x, y = points.points.T
+    dx, dy = c * x - s * y, s * x + c * y
+    jacobians = np.zeros((len(points), 2, 3))
+    jacobians[:, 0, 0] = jacobians[:, 1, 1] = 1.0
+    jacobians[:, 0, 2], jacobians[:, 1, 2] = -dy, dx
+    xx, xy, yy = points.covariances.T
+    covariances = np.column_stack([
+        c * c * xx - 2.0 * c * s * xy + s * s * yy,
+        c * s * (xx - yy) + (c * c - s * s) * xy,
+        s * s * xx + 2.0 * c * s * xy + c * c * yy,
+    ])  # fmt: skip
+    return PointSet(np.column_stack([pose[0] + dx, pose[1] + dy]), jacobians, covariances, points.times)
+
+
+def _scored(reference: PointSet, grid: CellGrid, points: PointSet, config: EstimatorConfig, *, wide: bool) -> Evaluation:
+    scale = config.scale(0) if wide else config.final
+    lists = candidates(grid, points.points, scale.s)
+    return evaluate(
+        points, reference, lists, scale, ANY_TIME, config.beta_t, config.xi, config.blur_m, moving_references=False
+    )
+
+
+def _search(
+    reference: NDArray[np.float64], query: NDArray[np.float64], guess: se2.Array, reach_m: float, reach_rad: float
+) -> list[se2.Array]:
+    """The best peaks (3,) of the correlation of two point sets, within the gate around a guess."""
+    extent = float(np.abs(query).max()) + 1.0
+    step = _PIXEL_M / (0.5 * extent)  # turns the middle of the submap by a pixel
+    count = int(np.ceil(reach_rad / step))
+    lowest = guess[:2] - extent - reach_m
+    side = next_fast_len(int(np.ceil(2.0 * (extent + reach_m) / _PIXEL_M)) + 1, real=True)
+    spectrum = rfft2(_image(reference, lowest, side))
+    cells = int(np.ceil(reach_m / _PIXEL_M))
+    span = np.arange(-cells, cells + 1)
+    inside = np.hypot(*np.meshgrid(span, span, indexing="ij")) <= cells + 0.5
+    peaks: list[tuple[float, se2.Array]] = []
+    for yaw in guess[2] + np.linspace(-count, count, 2 * count + 1) * step:
+        turned = se2.transform(np.array([guess[0], guess[1], yaw]), query)
+        correlation = irfft2(spectrum * np.conj(rfft2(_image(turned, lowest, side))), s=(side, side))
+        local = np.where(inside, correlation[np.ix_(span, span)], -np.inf)
+        tops = np.argwhere((maximum_filter(local, size=5) == local) & inside)
+        for i, k in tops[np.argsort(-local[tops[:, 0], tops[:, 1]], kind="stable")][:_PEAKS]:
+            at = guess[:2] + np.array([span[i], span[k]]) * _PIXEL_M
+            peaks.append((float(local[i, k]), np.array([at[0], at[1], yaw])))
+    peaks.sort(key=lambda peak: -peak[0])
+    chosen: list[se2.Array] = []
+    for _, pose in peaks:
+        if all(np.hypot(*(pose - other)[:2]) > 2.0 * _SAME_M for other in chosen):
+            chosen.append(pose)
+        if len(chosen) == _PEAKS:
+            break
+    return chosen
+
+
+def _image(points: NDArray[np.float64], lowest: NDArray[np.float64], side: int) -> NDArray[np.float64]:
+    """Points as a blurred square image; a pixel counts once however many points it holds."""
+    cells = np.floor((points - lowest) / _PIXEL_M).astype(np.int64)
+    cells = cells[((cells >= 0) & (cells < side)).all(axis=1)]
+    image = np.zeros((side, side))
+    image[cells[:, 0], cells[:, 1]] = 1.0
+    return np.asarray(gaussian_filter(image, _BLUR_PIXELS))
