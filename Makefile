@@ -34,7 +34,7 @@ types: $(READY)
 	MYPYPATH=$(TYPED) $(BIN)/mypy --strict -p mqslam
 
 bench: $(READY)
-	$(BIN)/python -m pytest -m slow
+	$(BIN)/python tests/bench/run.py
 
 clean:
 	rm -rf $(VENV) build demo .mypy_cache .ruff_cache .pytest_cache *.egg-info

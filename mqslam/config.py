@@ -92,6 +92,7 @@ class LoopConfig(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
 
     enabled: bool = Field(True, description="whether loops are looked for")
+    rounds: int = Field(2, ge=1, description="searches; each starts from the trajectory the one before has mended")
     spacing_m: float = Field(5.0, gt=0.0, description="path between revolutions that are tried and rendered [m]")
     least_path_m: float = Field(60.0, gt=0.0, description="shorter ways round are odometry, not loops [m]")
     reach_m: float = Field(12.0, gt=0.0, description="two passes this far apart still see the same things [m]")
@@ -108,7 +109,7 @@ class LoopConfig(BaseModel):
     sure_m: float = Field(0.3, gt=0.0, description="largest standard deviation of a loop's position [m]")
     kept: float = Field(1.1, ge=1.0, description="a loop stays if psi under the final poses is within this of its own")
     floor_m: float = Field(0.05, gt=0.0, description="standard deviation of a loop besides its own: submaps bend [m]")
-    floor_rad: float = Field(0.001, gt=0.0, description="the same for yaw [rad]")
+    floor_rad: float = Field(0.0015, gt=0.0, description="the same for yaw [rad]")
     cauchy: float = Field(3.0, gt=0.0, description="residual at which a loop's pull begins to fade [sigma]")
 
 

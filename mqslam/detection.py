@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from multiprocessing import get_context
+from typing import Protocol
 
 from mqslam.artefacts import drop_fixed
 from mqslam.detector import DetectorConfig, detect
@@ -44,31 +45,62 @@ def detect_stretch(stream: RadarStream, config: DetectorConfig, start: int, stop
     return Detected(found, read_s, detect_s)
 
 
-def detect_all(stream: RadarStream, config: DetectorConfig, jobs: int, progress: Progress) -> tuple[list[Window], Detected]:
+class Store(Protocol):
+    """Keeps the returns of stretches of revolutions, so that a run can be resumed."""
+
+    def returns(self, begin: int, end: int) -> list[Returns] | None:
+        """The returns of the revolutions begin <= k < end, if they were kept."""
+        ...
+
+    def keep_returns(self, begin: int, end: int, returns: Sequence[Returns]) -> None:
+        """Keep the returns of a stretch of revolutions."""
+        ...
+
+
+def detect_all(
+    stream: RadarStream, config: DetectorConfig, jobs: int, progress: Progress, store: Store | None = None
+) -> tuple[list[Window], Detected]:
     """One window of returns per revolution; the same for any number of jobs.
+
+    Args:
+        stream: the recording.
+        config: settings.
+        jobs: processes that read and detect.
+        progress: called as stretches are done.
+        store: where stretches are kept, and looked for first.
 
     Raises:
         DataError: a revolution that cannot be read.
     """
     total = len(stream)
     spans = [(k, min(k + _CHUNK, total)) for k in range(0, total, _CHUNK)]
-    parts: list[Detected] = []
+    parts: dict[int, Detected] = {}
+    for begin, end in spans:
+        kept = store.returns(begin, end) if store else None
+        if kept is not None:
+            parts[begin] = Detected(kept, 0.0, 0.0)
+
+    def done(begin: int, end: int, found: Detected) -> None:
+        parts[begin] = found
+        if store:
+            store.keep_returns(begin, end, found.returns)
+        progress("detect", sum(len(part.returns) for part in parts.values()), total)
+
+    missing = [(begin, end) for begin, end in spans if begin not in parts]
     if jobs == 1 or total < _WORTH_A_POOL:
-        for begin, end in spans:
-            parts.append(detect_stretch(stream, config, begin, end))
-            progress("detect", end, total)
+        for begin, end in missing:
+            done(begin, end, detect_stretch(stream, config, begin, end))
     else:
         with ProcessPoolExecutor(jobs, mp_context=get_context("spawn")) as pool:
-            pending = [pool.submit(detect_stretch, stream, config, begin, end) for begin, end in spans]
+            pending = [pool.submit(detect_stretch, stream, config, begin, end) for begin, end in missing]
             try:
-                for (_, end), future in zip(spans, pending, strict=True):
-                    parts.append(future.result())
-                    progress("detect", end, total)
+                for (begin, end), future in zip(missing, pending, strict=True):
+                    done(begin, end, future.result())
             except BaseException:
                 pool.shutdown(cancel_futures=True)
                 raise
-    returns = drop_fixed([r for part in parts for r in part.returns])
-    cost = Detected(returns, sum(p.read_s for p in parts), sum(p.detect_s for p in parts))
+    returns = drop_fixed([r for begin, _ in spans for r in parts[begin].returns])
+    cost = Detected(returns, sum(p.read_s for p in parts.values()), sum(p.detect_s for p in parts.values()))
     return windows_of(stream, returns), cost
 
 

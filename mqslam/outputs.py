@@ -16,6 +16,7 @@ from typing import Any
 import gtsam
 import numpy as np
 
+from mqslam.checkpoint import FOLDER
 from mqslam.config import dump_yaml
 from mqslam.errors import OutputError
 from mqslam.files import write_text
@@ -35,16 +36,12 @@ _COLUMNS = [
 
 
 @contextmanager
-def whole_folder(out: Path, force: bool) -> Iterator[Path]:
-    """A folder aside that takes the name `out` when the block ends without an error.
-
-    Args:
-        out: must not exist, or be empty, unless `force` says that it may be replaced.
+def whole_folder(out: Path) -> Iterator[Path]:
+    """A folder aside that takes the place of `out` when the block ends without an error.
 
     Raises:
-        OutputError: it exists, or cannot be written.
+        OutputError: it cannot be written.
     """
-    check_free(out, force)
     try:
         out.parent.mkdir(parents=True, exist_ok=True)
         aside = Path(tempfile.mkdtemp(prefix=f".{out.name}.", dir=out.parent))
@@ -53,30 +50,34 @@ def whole_folder(out: Path, force: bool) -> Iterator[Path]:
         raise OutputError(f"{out}: cannot be made ({error.strerror}); choose another --out") from error
     try:
         yield aside
-        if force and out.exists():
-            shutil.rmtree(out)
-        aside.rename(out)
+        with tempfile.TemporaryDirectory(prefix=f".{out.name}.", dir=out.parent) as old:
+            if out.exists():
+                out.rename(Path(old) / out.name)
+            aside.rename(out)
     except OSError as error:
         raise OutputError(f"{out}: cannot be written ({error.strerror}); free space or choose another --out") from error
     finally:
         shutil.rmtree(aside, ignore_errors=True)
 
 
-def check_free(out: Path, force: bool, recording: Path | None = None) -> None:
+def check_free(out: Path, *, force: bool, resume: bool = False, recording: Path | None = None) -> None:
     """See that a folder may be written before hours are spent on what goes into it.
 
     Args:
         out: the folder.
         force: whether what it holds may be replaced.
+        resume: whether an unfinished run in it is to be continued.
         recording: what the result is computed from, which must not be replaced by it.
 
     Raises:
-        OutputError: it exists with content and `force` is not given, holds the recording, is a file or cannot be made.
+        OutputError: it exists with content and neither is given, holds the recording, is a file or cannot be made.
     """
     if out.name in ("", ".."):
         raise OutputError(f"{out}: is no name of a new folder; choose another --out")
-    if out.is_file() or (out.is_dir() and any(out.iterdir()) and not force):
-        raise OutputError(f"{out}: exists already; choose another --out or give --force to replace it")
+    unfinished = (out / FOLDER).is_dir()
+    if out.is_file() or (out.is_dir() and any(out.iterdir()) and not force and not (resume and unfinished)):
+        how = "--resume to continue the unfinished run in it" if unfinished else "--force to replace it"
+        raise OutputError(f"{out}: exists already; choose another --out or give {how}")
     if recording is not None and recording.resolve().is_relative_to(out.resolve()):
         raise OutputError(f"{out}: holds the recording; choose another --out")
     above = next(folder for folder in out.absolute().parents if folder.exists())

@@ -15,12 +15,16 @@ from gtsam.symbol_shorthand import X
 
 from mqslam import frontend as frontends
 from mqslam import se2
+from mqslam.checkpoint import Checkpoint
 from mqslam.config import Config
 from mqslam.detection import Progress, detect_all
+from mqslam.factors.loop_between import loop_between
 from mqslam.factors.odometry_between import odometry_between, odometry_covariance
 from mqslam.factors.psi_between import psi_between
-from mqslam.frontend import Context, FrontEnd
+from mqslam.frontend import Context
 from mqslam.graph import PoseGraph, chain, optimise, pose_graph, poses_of
+from mqslam.loops.search import Loop, find_loops, kept_by_map
+from mqslam.loops.submap import Drive
 from mqslam.measurement import RelativeMotion
 from mqslam.pointmap import PointMap
 from mqslam.psi.doppler import measure_doppler
@@ -44,6 +48,8 @@ class Run:
         values: the optimised values.
         map_odometry, map_optimised: the run rendered under both.
         odometry_factors: number of odometry edges in the graph.
+        loops: loop closures in the graph.
+        loops_rejected: candidates that psi, the graph or the map did not keep.
         runtime_s: seconds by stage.
     """
 
@@ -57,6 +63,8 @@ class Run:
     map_odometry: PointMap
     map_optimised: PointMap
     odometry_factors: int
+    loops: list[Loop]
+    loops_rejected: int
     runtime_s: dict[str, float]
 
 
@@ -66,23 +74,27 @@ class Slam:
     Args:
         config: all settings.
         frontend: name of the front end.
-        jobs: processes that read and detect, threads that score.
+        jobs: processes that read and detect, threads that verify loops and score.
         progress: called as stages go on.
+        checkpoint: where stages are kept and looked for; None keeps nothing.
 
     Raises:
         ConfigError: there is no front end of that name.
     """
 
-    def __init__(self, config: Config, frontend: str, jobs: int, progress: Progress) -> None:
+    def __init__(
+        self, config: Config, frontend: str, jobs: int, progress: Progress, checkpoint: Checkpoint | None = None
+    ) -> None:
         self._config = config
         self._name = frontend
         self._frontend = frontends.load(frontend)
         self._jobs = jobs
         self._progress = progress
+        self._checkpoint = checkpoint
         self._runtime_s: dict[str, float] = {}
 
     def run(self, stream: RadarStream, odometry: Trajectory | None) -> Run:
-        """From a recording to its optimised map.
+        """From a recording to its optimised map; a Slam runs once.
 
         Args:
             stream: the recording.
@@ -95,17 +107,18 @@ class Slam:
         with self._stage("total"):
             context = Context(self._config, stream.period_s, stream.start_us, odometry)
             self._frontend(context)  # says what it lacks before the recording is read
-            windows, cost = detect_all(stream, self._config.detector, self._jobs, self._progress)
+            windows, cost = detect_all(stream, self._config.detector, self._jobs, self._progress, self._checkpoint)
             self._runtime_s |= {"read": cost.read_s, "detect": cost.detect_s}
             with self._stage("windows"):
-                self._config = with_doppler(self._config, windows, stream.period_s)
-                context = replace(context, config=self._config)
-                measurements = self._measure(self._frontend(context), windows)
+                context, measurements = self._measure(windows, context)
             with self._stage("optimise"):
                 initial = chain(m.pose for m in measurements)
                 edges = self._odometry(windows, context, measurements)
-                graph = self._graph(initial, measurements, edges)
-                values = optimise(graph)
+                graph, values = self._optimised(initial, measurements, edges, [])
+            with self._stage("loops"):
+                loops, tried = self._loops(windows, initial, measurements, edges, values)
+            with self._stage("optimise"):
+                graph, values = self._optimised(initial, measurements, edges, loops)
                 poses = poses_of(values, graph.size)
             with self._stage("render"):
                 before = chain(m.pose for m in edges) if edges else initial
@@ -121,15 +134,31 @@ class Slam:
             map_odometry=map_before,
             map_optimised=map_after,
             odometry_factors=len(edges),
+            loops=loops,
+            loops_rejected=tried - len(loops),
             runtime_s=self._runtime_s,
         )
 
-    def _measure(self, frontend: FrontEnd, windows: list[Window]) -> list[RelativeMotion]:
+    def _measure(self, windows: list[Window], context: Context) -> tuple[Context, list[RelativeMotion]]:
+        """All measurements of the front end, and the context with the Doppler shift they were made with."""
+        kept = self._checkpoint.measurements() if self._checkpoint else None
+        doppler_beta = self._config.sensor.doppler_beta
+        if kept is not None:
+            doppler_beta = kept[1]
+        elif doppler_beta is None:
+            doppler_beta = round(measure_doppler(windows, self._config, context.revolution_s), 4)
+        sensor = self._config.sensor.model_copy(update={"doppler_beta": doppler_beta})
+        self._config = self._config.model_copy(update={"sensor": sensor})
+        context = replace(context, config=self._config)
+        if kept is not None:
+            return context, kept[0]
         measurements = []
-        for motion in frontend.measure(windows):
+        for motion in self._frontend(context).measure(windows):
             measurements.append(motion)
             self._progress("windows", len(measurements) + 1, len(windows))
-        return measurements
+        if self._checkpoint:
+            self._checkpoint.keep_measurements(measurements, doppler_beta)
+        return context, measurements
 
     def _odometry(
         self, windows: list[Window], context: Context, measurements: list[RelativeMotion]
@@ -141,13 +170,51 @@ class Slam:
         noise = odometry_covariance(motions, measurements, self._config.graph.odometry_span_s)
         return [replace(motion, covariance=noise) for motion in motions]
 
-    def _graph(
-        self, initial: se2.Array, measurements: list[RelativeMotion], odometry: list[RelativeMotion]
-    ) -> PoseGraph:
-        settings = self._config.graph
-        factors = [psi_between(X(k), X(k + 1), m, settings) for k, m in enumerate(measurements)]
-        factors += [odometry_between(X(k), X(k + 1), m, settings) for k, m in enumerate(odometry)]
-        return pose_graph(initial, factors)
+    def _loops(
+        self,
+        windows: list[Window],
+        initial: se2.Array,
+        measurements: list[RelativeMotion],
+        odometry: list[RelativeMotion],
+        values: gtsam.Values,
+    ) -> tuple[list[Loop], int]:
+        """Loops that psi verifies and the map keeps, and the number of pairs tried."""
+        if not self._config.loops.enabled:
+            return [], 0
+        kept = self._checkpoint.loops() if self._checkpoint else None
+        if kept is not None:
+            return kept
+        loops: list[Loop] = []
+        tried: set[tuple[int, int]] = set()
+        drive = Drive.of(windows, poses_of(values, len(windows)))
+        before = drive
+        for _ in range(self._config.loops.rounds):
+            found = find_loops(drive, self._config, tried, self._jobs, self._progress)
+            if not found:
+                break
+            _, values = self._optimised(initial, measurements, odometry, loops + found)
+            after = poses_of(values, len(windows))
+            loops = kept_by_map(loops + found, before, after, self._config, self._jobs)
+            _, values = self._optimised(initial, measurements, odometry, loops)
+            drive = Drive.of(windows, poses_of(values, len(windows)))
+        if self._checkpoint:
+            self._checkpoint.keep_loops(loops, len(tried))
+        return loops, len(tried)
+
+    def _optimised(
+        self,
+        initial: se2.Array,
+        measurements: list[RelativeMotion],
+        odometry: list[RelativeMotion],
+        loops: list[Loop],
+    ) -> tuple[PoseGraph, gtsam.Values]:
+        """The graph of all measurements and its optimum."""
+        settings = self._config
+        factors = [psi_between(X(k), X(k + 1), m, settings.graph) for k, m in enumerate(measurements)]
+        factors += [odometry_between(X(k), X(k + 1), m, settings.graph) for k, m in enumerate(odometry)]
+        factors += [loop_between(X(loop.earlier), X(loop.later), loop, settings.loops) for loop in loops]
+        graph = pose_graph(initial, factors)
+        return graph, optimise(graph)
 
     def _render(
         self, windows: list[Window], before: se2.Array, after: se2.Array, revolution_s: float
@@ -162,12 +229,4 @@ class Slam:
     def _stage(self, name: str) -> Iterator[None]:
         begin = time.perf_counter()
         yield
-        self._runtime_s[name] = time.perf_counter() - begin
-
-
-def with_doppler(config: Config, windows: list[Window], revolution_s: float) -> Config:
-    """The settings with the Doppler shift measured, where they leave it open."""
-    if config.sensor.doppler_beta is not None:
-        return config
-    beta = round(measure_doppler(windows, config, revolution_s), 4)
-    return config.model_copy(update={"sensor": config.sensor.model_copy(update={"doppler_beta": beta})})
+        self._runtime_s[name] = self._runtime_s.get(name, 0.0) + time.perf_counter() - begin

@@ -51,8 +51,8 @@ def summarise(run: Run, stream: RadarStream) -> dict[str, Any]:
         "factors": {
             "odometry": run.odometry_factors,
             "psi": len(run.measurements),
-            "loop": 0,
-            "loop_rejected": 0,
+            "loop": len(run.loops),
+            "loop_rejected": run.loops_rejected,
         },
         "evaluation": None if found is None else asdict(found),
         "evaluation_odometry": None if found_before is None else asdict(found_before),

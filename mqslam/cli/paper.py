@@ -54,6 +54,6 @@ def figures(
     from mqslam.outputs import check_free
     from mqslam.paper.figures import write_figures
 
-    check_free(out, force)
+    check_free(out, force=force)
     for path, text in write_figures(out, seed):
         typer.echo(f"{path}: {text}")

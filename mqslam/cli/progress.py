@@ -12,6 +12,7 @@ _TITLES = {
     "simulate": "simulating",
     "detect": "reading and detecting",
     "windows": "measuring motion",
+    "loops": "verifying loops",
     "render": "rendering maps",
 }
 _LINE_EVERY_S = 10.0

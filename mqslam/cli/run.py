@@ -28,6 +28,7 @@ def run(
     format: Format = None,
     range_resolution: RangeResolution = None,
     jobs: Jobs = CORES,
+    resume: Annotated[bool, typer.Option("--resume", help="Continue the unfinished run at --out, if there is one.")] = False,
     force: Force = False,
     as_json: Json = False,
     quiet: Quiet = False,
@@ -38,6 +39,7 @@ def run(
     """
     from rich.console import Console
 
+    from mqslam.checkpoint import run_key, unfinished
     from mqslam.cli.progress import progress
     from mqslam.config import load_config
     from mqslam.outputs import check_free, whole_folder, write_run
@@ -46,7 +48,7 @@ def run(
     from mqslam.summary import run_warnings, summarise
 
     settings = load_config(config)
-    check_free(out, force, data)
+    check_free(out, force=force, resume=resume, recording=data)
     console = Console(stderr=True, markup=False)
     stream = open_recording(data, format, range_resolution or settings.sensor.range_resolution_m)
     track, notes = choose_odometry(stream, odometry)
@@ -54,12 +56,13 @@ def run(
     if not quiet:
         for note in log:
             console.print(f"note: {note}", highlight=False, soft_wrap=True)
-    with progress(console, quiet or as_json) as show:
-        result = Slam(settings, frontend, jobs, show).run(stream, track)
-    summary = summarise(result, stream)
-    warnings = run_warnings(result, stream) + notes
-    with whole_folder(out, force) as folder:
-        write_run(folder, result, stream, summary, warnings, log_text(summary, log, warnings))
+    with unfinished(out, run_key(stream, settings, frontend, track), resume=resume) as checkpoint:
+        with progress(console, quiet or as_json) as show:
+            result = Slam(settings, frontend, jobs, show, checkpoint).run(stream, track)
+        summary = summarise(result, stream)
+        warnings = run_warnings(result, stream) + notes
+        with whole_folder(out) as folder:
+            write_run(folder, result, stream, summary, warnings, log_text(summary, log, warnings))
     if as_json:
         typer.echo(json.dumps(summary, indent=1))
     elif not quiet:

@@ -24,7 +24,7 @@ _UNITS = {"v": "m/s", "vx": "m/s", "vy": "m/s", "omega": "rad/s"}
 def score(
     data: Data,
     start: Annotated[
-        float, typer.Option(help=r"The window begins with the first revolution from here on \[s since the recording's start].")
+        float, typer.Option(help=r"Start of the window: the first revolution from here on \[s since the recording's].")
     ],
     motion: Annotated[str, typer.Option(help=r"v,omega or vx,vy,omega \[m/s, rad/s].")],
     revolutions: Annotated[int, typer.Option(min=2, help="Length of the window.")] = 3,
@@ -39,12 +39,12 @@ def score(
     ] = None,
     factor: Annotated[
         str | None,
-        typer.Option(help="What L is multiplied by: distance as in (10), or kappa as in Algorithm 1; else as the settings say."),
+        typer.Option(help="L is multiplied by: distance as in (10), or kappa as in Algorithm 1; else as the settings say."),
     ] = None,
     unmatched: Annotated[
         float | None,
         typer.Option(
-            help="Charge of a point without a neighbour, in units of the dearest pair, 0 as printed; else as the settings say."
+            help="Charge of a point without a neighbour in units of the dearest pair, 0 as printed; else as the settings say."
         ),
     ] = None,
     minimise: Annotated[bool, typer.Option("--minimise", help="Estimate the motion, beginning at the one given.")] = False,
@@ -141,12 +141,12 @@ def read_window(stream: RadarStream, settings: Config, start: float, revolutions
 
     times = stream.start_times
     if len(times) < revolutions:
-        raise ConfigError(f"--revolutions {revolutions}: {stream.path} holds only {len(times)}")
+        raise ConfigError(f"--revolutions {revolutions}: {stream.path} holds only {len(times)}; give fewer")
     last = times[len(times) - revolutions]
     if not -1e-6 <= start <= last + 1e-6:
         raise ConfigError(
             f"--start {start:g}: no {revolutions} revolutions begin there in {stream.path}, "
-            f"{stream.duration_s:.2f} s long; give 0 to {last:.2f}"
+            f"{stream.duration_s:.2f} s long; give 0 to {np.floor(1e3 * last) / 1e3:g}"
         )
     first = int(np.searchsorted(times, start - 1e-6))
     found = detect_stretch(stream, settings.detector, first, first + revolutions)

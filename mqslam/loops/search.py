@@ -15,6 +15,9 @@ from mqslam.config import Config
 from mqslam.detection import Progress
 from mqslam.loops.align import align, cross_score
 from mqslam.loops.submap import Drive, submap
+from mqslam.psi.place import PointSet
+
+_STRICTER = 20.0  # a tried pair covers its earlier pass for least_path_m of path, the later one for this times less
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,21 +41,19 @@ class Loop:
 
 
 def find_loops(
-    drive: Drive, config: Config, done: Sequence[Loop], jobs: int, progress: Progress
-) -> tuple[list[Loop], int]:
-    """Loops of a drive besides those found already.
+    drive: Drive, config: Config, tried: set[tuple[int, int]], jobs: int, progress: Progress
+) -> list[Loop]:
+    """Loops of a drive, each verified by psi on its own.
 
     Args:
         drive: windows under the best trajectory so far.
         config: all settings.
-        done: loops found before; their pairs are not tried again.
+        tried: pairs that are not tried again; those of this search are added.
         jobs: threads that verify.
         progress: called as candidates are verified.
-
-    Returns:
-        loops that passed, and how many candidates did not.
     """
-    pairs = candidate_pairs(drive, config, {(loop.earlier, loop.later) for loop in done})
+    pairs = candidate_pairs(drive, config, tried)
+    tried.update(pairs)
 
     def verify(pair: tuple[int, int]) -> Loop | None:
         return _verified(drive, *pair, config)
@@ -63,19 +64,22 @@ def find_loops(
             if loop is not None:
                 found.append(loop)
             progress("loops", number, len(pairs))
-    return found, len(pairs) - len(found)
+    return found
 
 
-def candidate_pairs(drive: Drive, config: Config, done: set[tuple[int, int]]) -> list[tuple[int, int]]:
+def candidate_pairs(drive: Drive, config: Config, tried: set[tuple[int, int]]) -> list[tuple[int, int]]:
     """Pairs (earlier, later) of revolutions that may show one place, nearest first per earlier pass.
 
     Two revolutions are a candidate where they lie within the radar's reach of a common view plus what the trajectory may
-    have drifted on the way from one to the other. Of each earlier pass only the nearest revolution is taken.
+    have drifted on the way from one to the other. Of each earlier pass only the nearest revolution is taken, and none
+    where a neighbouring pair has been tried.
     """
     settings = config.loops
     nodes = drive.spaced(settings.spacing_m)
     travelled, xy = drive.travelled[nodes], drive.poses[nodes, :2]
     tree = cKDTree(xy)
+    paths = np.array([(drive.travelled[a], drive.travelled[b] * _STRICTER) for a, b in sorted(tried)])
+    known = cKDTree(paths.reshape(-1, 2))
     widest = settings.reach_m + settings.drift * float(travelled[-1])
     pairs = []
     for b, place in enumerate(xy):
@@ -85,9 +89,8 @@ def candidate_pairs(drive: Drive, config: Config, done: set[tuple[int, int]]) ->
         fits = (path > settings.least_path_m) & (apart <= settings.reach_m + settings.drift * path)
         for group in _passes(near[fits], settings.least_path_m / settings.spacing_m):
             a = group[np.argmin(np.hypot(*(xy[group] - place).T))]
-            pair = (int(nodes[a]), int(nodes[b]))
-            if pair not in done:
-                pairs.append(pair)
+            if not known.query_ball_point([travelled[a], travelled[b] * _STRICTER], settings.least_path_m):
+                pairs.append((int(nodes[a]), int(nodes[b])))
     return pairs
 
 
@@ -110,8 +113,7 @@ def gate(drive: Drive, earlier: int, later: int, config: Config) -> tuple[float,
 
 def _verified(drive: Drive, earlier: int, later: int, config: Config) -> Loop | None:
     settings = config.loops
-    reference = submap(drive, earlier, settings.submap_m, settings.spacing_m, config)
-    query = submap(drive, later, 0.5 * settings.submap_m, settings.spacing_m, config)
+    reference, query = _submaps(drive, earlier, later, config)
     if len(reference) < settings.fewest or len(query) < settings.fewest:
         return None
     guess = se2.between(drive.poses[earlier], drive.poses[later])
@@ -127,20 +129,29 @@ def _verified(drive: Drive, earlier: int, later: int, config: Config) -> Loop | 
     return Loop(earlier, later, found.pose, found.covariance, found.matched, found.psi)
 
 
-def improves_map(
-    loop: Loop, windows_drive: Drive, before: se2.Array, after: se2.Array, config: Config
-) -> bool:
-    """Whether the map of the two passes is better under the optimised poses than before, and as good as the loop's own.
+def kept_by_map(loops: Sequence[Loop], drive: Drive, after: se2.Array, config: Config, jobs: int) -> list[Loop]:
+    """The loops with which the map of their own two passes is better than without.
 
     Args:
-        windows_drive: the drive the submaps are rendered from.
-        before, after: (N, 3) poses without and with loops.
+        drive: windows under the trajectory before the loops.
+        after: (N, 3) poses with the loops.
     """
-    settings = config.loops
-    reference = submap(windows_drive, loop.earlier, settings.submap_m, settings.spacing_m, config)
-    query = submap(windows_drive, loop.later, 0.5 * settings.submap_m, settings.spacing_m, config)
-    scores = [
+    with ThreadPoolExecutor(jobs) as pool:
+        better = pool.map(lambda loop: _improves(loop, drive, after, config), loops)
+        return [loop for loop, keep in zip(loops, better, strict=True) if keep]
+
+
+def _improves(loop: Loop, drive: Drive, after: se2.Array, config: Config) -> bool:
+    """Whether psi of the two passes is lower than before, or about as low as it can be."""
+    reference, query = _submaps(drive, loop.earlier, loop.later, config)
+    before_psi, after_psi = (
         cross_score(reference, query, se2.between(poses[loop.earlier], poses[loop.later]), config.estimator)
-        for poses in (before, after)
-    ]
-    return scores[1] <= scores[0] + 1e-9 or scores[1] <= settings.kept * loop.psi
+        for poses in (drive.poses, after)
+    )
+    return after_psi < before_psi or after_psi <= config.loops.kept * loop.psi
+
+
+def _submaps(drive: Drive, earlier: int, later: int, config: Config) -> tuple[PointSet, PointSet]:
+    """The earlier pass, and the smaller part of the later one that is laid into it."""
+    reach, spacing = config.loops.submap_m, config.loops.spacing_m
+    return submap(drive, earlier, reach, spacing, config), submap(drive, later, 0.5 * reach, spacing, config)

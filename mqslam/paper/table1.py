@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
+from functools import partial
 from itertools import product
 from multiprocessing import get_context
 
@@ -23,8 +24,27 @@ VARIANTS = {
 """Scores the exhaustive search minimises: equations (8) to (10) and (4) as they stand; our defaults (plateau, charge)."""
 OURS = "our estimator"
 METHODS = (*VARIANTS, OURS)
-COARSE = (np.linspace(-0.5, 1.5, 21), np.linspace(-0.6, 0.6, 61))  # v by 0.1 m/s, omega by 0.02 rad/s
-FINE = (np.linspace(-0.1, 0.1, 21), np.linspace(-0.02, 0.02, 21))  # about the best of it, by 0.01 m/s and 0.002 rad/s
+
+
+@dataclass(frozen=True, slots=True)
+class Search:
+    """An exhaustive search in two rounds.
+
+    Args:
+        speeds, yaw_rates: (V,) m/s, (W,) rad/s of the first round.
+        fine_speeds, fine_yaw_rates: of the second, about the best of the first.
+    """
+
+    speeds: NDArray[np.float64]
+    yaw_rates: NDArray[np.float64]
+    fine_speeds: NDArray[np.float64]
+    fine_yaw_rates: NDArray[np.float64]
+
+
+SEARCH = Search(
+    np.linspace(-0.5, 1.5, 21), np.linspace(-0.6, 0.6, 61), np.linspace(-0.1, 0.1, 21), np.linspace(-0.02, 0.02, 21)
+)
+"""By 0.1 m/s and 0.02 rad/s, then by 0.01 m/s and 0.002 rad/s."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,6 +88,7 @@ def table1(
     revolutions: int = 4,
     jobs: int = 1,
     cases: Sequence[tuple[float, float]] = CASES,
+    search: Search = SEARCH,
     progress: Callable[[str, int, int], None] = lambda stage, done, total: None,
 ) -> list[Row]:
     """Every method in every case.
@@ -77,38 +98,37 @@ def table1(
         revolutions: length of the window.
         jobs: processes; the result does not depend on it.
         cases: v [m/s], omega [rad/s] to drive.
+        search: motions the exhaustive search looks at.
         progress: called as cases and seeds are done.
     """
     trials = [(case, seed, revolutions) for case, seed in product(cases, range(seeds))]
+    run = partial(trial, search=search)
     obtained: list[NDArray[np.float64]] = []
     if jobs == 1:
-        for done, one in enumerate(map(trial, trials), 1):
+        for done, one in enumerate(map(run, trials), 1):
             obtained.append(one)
             progress("table1", done, len(trials))
     else:
         with ProcessPoolExecutor(min(jobs, len(trials)), mp_context=get_context("spawn")) as pool:
-            for done, one in enumerate(pool.map(trial, trials), 1):
+            for done, one in enumerate(pool.map(run, trials), 1):
                 obtained.append(one)
                 progress("table1", done, len(trials))
     by_case = np.array(obtained).reshape(len(cases), seeds, len(METHODS), 2)
     return [Row(case, method, by_case[i, :, k]) for i, case in enumerate(cases) for k, method in enumerate(METHODS)]
 
 
-def trial(what: tuple[tuple[float, float], int, int]) -> NDArray[np.float64]:
+def trial(what: tuple[tuple[float, float], int, int], search: Search) -> NDArray[np.float64]:
     """(methods, 2) motions obtained in one case, seed and number of revolutions."""
     case, seed, revolutions = what
     window = paper_window(case, seed, revolutions)
-    coarse = _scores(window, *COARSE, list(VARIANTS.values()))
-    found = [
-        _search(window, _lowest(coarse[..., k], *COARSE), variant) for k, variant in enumerate(VARIANTS.values())
-    ]
+    grid = (search.speeds, search.yaw_rates)
+    scores = _scores(window, *grid, list(VARIANTS.values()))
+    found = []
+    for k, variant in enumerate(VARIANTS.values()):
+        v, omega = _lowest(scores[..., k], *grid)
+        fine = (v + search.fine_speeds, omega + search.fine_yaw_rates)
+        found.append(_lowest(_scores(window, *fine, [variant])[..., 0], *fine))
     return np.array([*found, window.estimate().theta])
-
-
-def _search(window: PaperWindow, about: se2.Array, variant: PsiConfig) -> se2.Array:
-    """The best motion (2,) on the fine grid about another."""
-    grid = (about[0] + FINE[0], about[1] + FINE[1])
-    return _lowest(_scores(window, *grid, [variant])[..., 0], *grid)
 
 
 def _lowest(scores: NDArray[np.float64], speeds: NDArray[np.float64], yaw_rates: NDArray[np.float64]) -> se2.Array:

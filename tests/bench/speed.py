@@ -1,0 +1,123 @@
+"""psi with gradient against its SciPy reference, and the psi front end against real time."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from common import OXFORD, Claim, shared, table
+
+from mqslam.config import Config
+from mqslam.detection import detect_stretch, windows_of
+from mqslam.detector import DetectorConfig
+from mqslam.frontend import Context
+from mqslam.frontends.psi import PsiFrontEnd
+from mqslam.motion import CONSTANT_VELOCITY
+from mqslam.psi.neighbours import CandidateLists, candidates, cell_grid
+from mqslam.psi.place import PointSet, place
+from mqslam.psi.published import PsiConfig, score
+from mqslam.psi.reference import score_reference
+from mqslam.psi.window import beam_of, without_start
+from mqslam.readers import open_recording
+from mqslam.returns import Returns
+from mqslam.simulator import SimulatedStream, loop_drive, simulated_stream, street_scene
+from mqslam.stream import Revolution
+
+_FIRST, _REVOLUTIONS = 4, 3  # of the real sample
+_MOTION = np.array([8.3, 0.034])  # near its true motion there [m/s, rad/s]
+_ROUNDS, _REPEATS = 7, 25
+_DETECTORS = {
+    "default": DetectorConfig(),
+    "join_m=0, strongest=7": DetectorConfig(join_m=0.0, strongest=7),
+}
+_DENSE = "join_m=0, strongest=7"  # without non-maximum suppression: about 5,700 points
+
+
+def run(out: Path) -> list[Claim]:
+    claims = []
+    rows: list[list[str | float]] = []
+    for name, detector in _DETECTORS.items():
+        points, turn = _window(detector)
+        ratio, ours, with_lists, reference = _ratio(points, turn)
+        rows.append([name, f"{len(points):,}", 1e3 * reference, 1e3 * ours, 1e3 * with_lists, ratio])
+        if name == _DENSE:
+            claims.append(Claim("psi with gradient, times faster than the SciPy reference", ratio, least=100.0))
+    table(["detector", "points", "SciPy [ms]", "ours [ms]", "ours, lists built anew [ms]", "ratio (median of 7 runs)"], rows)
+    print()
+    claims.append(_real_time())
+    return claims
+
+
+def _window(detector: DetectorConfig) -> tuple[PointSet, float]:
+    stream = open_recording(shared(OXFORD))
+    found = detect_stretch(stream, detector, _FIRST, _FIRST + _REVOLUTIONS)
+    returns = Returns.concatenate(found.returns)
+    beam = beam_of(Config().estimator, 0.0)
+    t0 = float(stream.start_times[_FIRST])
+    return without_start(place(returns, t0, np.zeros(3), _MOTION, CONSTANT_VELOCITY, beam)), stream.period_s
+
+
+def _ratio(p: PointSet, turn: float) -> tuple[float, float, float, float]:
+    """Median ratio, and median seconds of ours with reused lists, with new ones, and of the reference."""
+    config = PsiConfig()
+    lists = candidates(cell_grid(p.points, config.s), p.points, config.s)
+    ours, anew, reference = [], [], []
+    score(p.points, p.times, turn, config, p.jacobians, lists)
+
+    def median(reused: CandidateLists | None) -> float:
+        return float(
+            np.median(
+                [_timed(lambda: score(p.points, p.times, turn, config, p.jacobians, reused)) for _ in range(_REPEATS)]
+            )
+        )
+
+    for _ in range(_ROUNDS):
+        ours.append(median(lists))
+        anew.append(median(None))
+        reference.append(_timed(lambda: score_reference(p.points, p.times, turn, config, p.jacobians)))
+    ratio = float(np.median(np.array(reference) / np.array(ours)))
+    return ratio, float(np.median(ours)), float(np.median(anew)), float(np.median(reference))
+
+
+def _timed(call: Callable[[], object]) -> float:
+    begin = time.perf_counter()
+    call()
+    return time.perf_counter() - begin
+
+
+@dataclass(frozen=True, kw_only=True)
+class _InMemory(SimulatedStream):
+    """A simulated stream rendered once."""
+
+    rendered: tuple[Revolution, ...]
+
+    def revolutions(self, start: int = 0, stop: int | None = None) -> Iterator[Revolution]:
+        yield from self.rendered[start:stop]
+
+
+def _real_time() -> Claim:
+    """Detection and psi front end over a simulated drive with a real radar's 3,767 bins, in seconds of one core."""
+    config = Config()
+    config = config.model_copy(update={"sensor": config.sensor.model_copy(update={"doppler_beta": 0.0})})
+    plain = simulated_stream(street_scene(3, movers=0), loop_drive(45.0), duration_s=40.0, seed=3)
+    parts = {name: getattr(plain, name) for name in plain.__dataclass_fields__}
+    stream = _InMemory(**parts, rendered=tuple(plain.revolutions()))
+    context = Context(config, stream.period_s, stream.start_us, None)
+    warm = windows_of(stream, detect_stretch(stream, config.detector, 0, len(stream)).returns)
+    list(PsiFrontEnd(context).measure(warm[:6]))  # compiles
+    wall, core = time.perf_counter(), time.process_time()
+    detected = detect_stretch(stream, config.detector, 0, len(stream))
+    after_detection = time.process_time()
+    windows = windows_of(stream, detected.returns)
+    list(PsiFrontEnd(context).measure(windows))
+    wall, end = time.perf_counter() - wall, time.process_time()
+    per_window = [1e3 * s / len(stream) for s in (after_detection - core, end - after_detection, end - core)]
+    rate = len(stream) / (end - core)
+    table(
+        ["windows", "detection [ms]", "front end, cold start included [ms]", "windows per core second", "wall clock [s]"],
+        [[str(len(stream)), per_window[0], per_window[1], rate, wall]],
+    )
+    return Claim("psi front end with detection, times real time at 4 turns/s on one core", rate * stream.period_s, least=8.0)

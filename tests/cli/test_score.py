@@ -1,0 +1,147 @@
+"""`mqslam score`: the numbers are the library's, only the window is read, mistakes are one line."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from commands import contents, mqslam
+
+from mqslam.config import Config
+from mqslam.detection import detect_stretch
+from mqslam.motion import CONSTANT_TWIST, CONSTANT_VELOCITY
+from mqslam.psi.place import place
+from mqslam.psi.published import PsiConfig, score
+from mqslam.psi.window import beam_of, estimate_window
+from mqslam.readers import open_recording
+from mqslam.returns import Returns
+
+TURN_S = 0.25
+SPEED = 9.0  # of the street's drive [m/s]
+BEAM = beam_of(Config().estimator, 0.0)
+
+
+def window(street: Path, first: int, revolutions: int) -> Returns:
+    stream = open_recording(street)
+    return Returns.concatenate(detect_stretch(stream, Config().detector, first, first + revolutions).returns)
+
+
+def shown(street: Path, *words: str | float) -> dict[str, Any]:
+    result = mqslam("score", street, "--json", *words)
+    assert (result.code, result.err) == (0, "")
+    found: dict[str, Any] = json.loads(result.out)
+    return found
+
+
+@pytest.mark.parametrize("options", [{}, {"temporal": "gaussian", "numerator": "tau", "factor": "kappa", "unmatched": 0.0}])
+@pytest.mark.parametrize("motion", ["9,0.02", "8.5,0.1,-0.02"])
+def test_the_numbers_are_those_of_the_library(street: Path, motion: str, options: dict[str, Any]) -> None:
+    words = [word for name, value in options.items() for word in (f"--{name}", value)]
+    found = shown(street, "--start", 1.1, "--motion", motion, "--revolutions", 3, *words)
+    returns = window(street, 5, 3)  # the first that begins at 1.1 s or later
+    theta = np.array([float(part) for part in motion.split(",")])
+    model = CONSTANT_VELOCITY if len(theta) == 2 else CONSTANT_TWIST
+    points = place(returns, 1.25, np.zeros(3), theta, model, BEAM)
+    config = PsiConfig(**options)
+    expected = score(points.points, points.times, TURN_S, config, points.jacobians[:, :, 3:])
+    assert found["window"] == {"t0": 1.25, "revolutions": 3, "revolution_s": TURN_S, "points": len(returns)}
+    assert found["motion"] == dict(zip(model.parameters, theta.tolist(), strict=True))
+    published = found["published"]
+    assert published["psi"] == pytest.approx(expected.psi)
+    assert published["psi"] == pytest.approx(published["pair_sum"] + published["charge"])
+    assert (published["charge"] == 0.0) == (config.unmatched == 0.0)
+    assert published["pairs"] == expected.pairs
+    assert published["matched"] == pytest.approx(expected.matched.mean())
+    assert published["psi_per_point"] == pytest.approx(expected.psi / len(returns))
+    assert list(published["gradient"].values()) == pytest.approx(expected.gradient.tolist())
+    assert found["variant"]["temporal"] == config.temporal and found["variant"]["unmatched"] == config.unmatched
+
+
+def test_minimising_gives_what_the_estimator_does(street: Path) -> None:
+    best = shown(street, "--start", 2.0, "--motion", "8,0.05", "--minimise")
+    config = Config().estimator
+    expected = estimate_window(
+        window(street, 8, 3), 2.0, TURN_S, config, BEAM, np.array([8.0, 0.0, 0.05]), CONSTANT_VELOCITY
+    )
+    found = best["minimised"]
+    assert list(found["motion"].values()) == pytest.approx(expected.theta.tolist())
+    assert list(found["standard_deviation"].values()) == pytest.approx(np.sqrt(np.diag(expected.covariance)).tolist())
+    assert found["status"] == expected.status.value
+    assert found["motion"]["v"] == pytest.approx(SPEED, abs=0.3)
+    assert found["estimator"]["psi"] == pytest.approx(expected.minimum.evaluation.psi)
+    assert found["estimator"]["psi"] < best["estimator"]["psi"]
+
+
+def test_a_sideways_start_is_minimised_over_three_parameters(street: Path) -> None:
+    found = shown(street, "--start", 2.0, "--motion", "8.5,0.2,0.05", "--minimise")["minimised"]
+    assert list(found["motion"]) == ["vx", "vy", "omega"]
+    assert found["motion"]["vx"] == pytest.approx(SPEED, abs=0.3)
+
+
+def test_the_estimators_gradient_points_uphill(street: Path) -> None:
+    slow, fast = (shown(street, "--start", 2.0, "--motion", f"{v},0") for v in (SPEED - 0.3, SPEED + 0.3))
+    assert slow["estimator"]["gradient"]["v"] < 0.0 < fast["estimator"]["gradient"]["v"]
+
+
+def test_a_person_reads_the_parts_and_the_variant(street: Path) -> None:
+    result = mqslam("score", street, "--start", 2.0, "--motion", "9,0", "--minimise", "--unmatched", 0)
+    assert (result.code, result.err) == (0, "")
+    for words in ("published psi", "pair sum (4)", "charge", "matched", "gradient", "plateau in time", "unmatched 0"):
+        assert words in result.out
+    for words in ("estimator's psi", "minimised", "+-", "before", "after", "converged"):
+        assert words in result.out
+
+
+def test_a_motion_may_begin_with_a_minus(street: Path) -> None:
+    assert shown(street, "--start", 0, "--motion", "-1,0")["motion"] == {"v": -1.0, "omega": 0.0}
+
+
+def test_only_the_windows_revolutions_are_read(street: Path, tmp_path: Path) -> None:
+    copy = tmp_path / "drive"
+    shutil.copytree(street, copy)
+    images = sorted((copy / "radar").iterdir())
+    for k, image in enumerate(images):
+        if k not in (0, 47, *range(8, 11)):  # the first and the last tell the extent
+            image.write_bytes(image.read_bytes()[:200])
+    again, whole = (shown(drive, "--start", 2.0, "--motion", "9,0") for drive in (copy, street))
+    assert again == whole
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["--start", 99, "--motion", "1,0"], "--start 99: no 3 revolutions begin there in"),
+        (["--start", -1, "--motion", "1,0"], "--start -1: no 3 revolutions begin there in"),
+        (["--start", "nan", "--motion", "1,0"], "give 0 to 11.25"),
+        (["--start", 0, "--motion", "1,0", "--revolutions", 500], "holds only 48"),
+        (["--start", 0, "--motion", "1"], "motion '1': is no motion; give v,omega or vx,vy,omega"),
+        (["--start", 0, "--motion", "1,2,3,4"], "is no motion"),
+        (["--start", 0, "--motion", "fast,0"], "motion 'fast,0': is no motion"),
+        (["--start", 0, "--motion", "nan,0"], "is no motion"),
+        (["--start", 0, "--motion", "1,0", "--temporal", "box"], "--temporal box: Input should be 'plateau' or 'gaussian'"),
+        (["--start", 0, "--motion", "1,0", "--numerator", "2"], "--numerator 2: "),
+        (["--start", 0, "--motion", "1,0", "--unmatched", -1], "--unmatched -1.0: "),
+    ],
+)
+def test_a_mistake_is_one_line_and_exit_code_2(street: Path, words: list[str | float], message: str) -> None:
+    result = mqslam("score", street, *words)
+    assert (result.code, result.out) == (2, "")
+    assert result.err.startswith("mqslam: error: ") and result.err.count("\n") == 1
+    assert message in result.err
+
+
+def test_the_last_window_can_be_scored_and_nothing_is_written(street: Path) -> None:
+    before = contents(street)
+    assert shown(street, "--start", 11.25, "--motion", "9,0")["window"]["t0"] == 11.25
+    assert contents(street) == before
+
+
+def test_a_window_without_returns_is_said(street: Path, tmp_path: Path) -> None:
+    settings = tmp_path / "blind.yaml"
+    settings.write_text("detector: {threshold: 255}\n")
+    result = mqslam("score", street, "--start", 0, "--motion", "9,0", "--config", settings)
+    assert result.code == 2 and "no returns in these 3 revolutions; lower detector.threshold" in result.err
