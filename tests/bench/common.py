@@ -97,13 +97,18 @@ def street(seed: int, duration_s: float) -> Path:
     return out
 
 
-def run_and_score(data: Path, truth: Path, out: Path, *options: str) -> dict[str, Any]:
-    """`mqslam run` without odometry, scored by the tool that knows nothing of the project's code."""
+def run(data: Path, out: Path, *options: str) -> dict[str, Any]:
+    """`mqslam run` without odometry; what its summary says."""
     command = Path(sys.executable).with_name("mqslam")
     words = ["run", data, "--out", out, "--odometry", "none", "--force", "--quiet", *options]
     subprocess.run([command, *map(str, words)], check=True)
-    score = [sys.executable, shared(SHARED / "tools" / "score_run.py"), out / "trajectory.tum", truth, "--json"]
-    shown = subprocess.run([str(word) for word in score], check=True, capture_output=True, text=True)
-    found: dict[str, Any] = json.loads(shown.stdout)
-    found["summary"] = json.loads((out / "summary.json").read_text(encoding="utf-8"))
+    summary: dict[str, Any] = json.loads((out / "summary.json").read_text(encoding="utf-8"))
+    return summary
+
+
+def score(track: Path, truth: Path) -> dict[str, float]:
+    """Errors of a trajectory, by the tool that knows nothing of the project's code."""
+    words = [sys.executable, shared(SHARED / "tools" / "score_run.py"), track, truth, "--json"]
+    shown = subprocess.run([str(word) for word in words], check=True, capture_output=True, text=True)
+    found: dict[str, float] = json.loads(shown.stdout)
     return found
