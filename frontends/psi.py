@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from mqslam import se2
 from mqslam.errors import EstimationError
 from mqslam.frontend import Context
-from mqslam.measurement import RelativeMotion
+from mqslam.measurement import RelativeMotion, Status
 from mqslam.psi.tracker import START_REVOLUTIONS, Tracked, Tracker
 from mqslam.psi.unsteadiness import Unsteadiness
 from mqslam.returns import Window
@@ -36,7 +36,8 @@ class PsiFrontEnd:
             raise EstimationError(f"{len(head)} revolutions hold no motion; two at least are needed")
         tracker = Tracker(self._context.config, self._context.revolution_s)
         unsteadiness = Unsteadiness()
-        before = tracker.start(head, self._odometry_twist(head[0].t0, head[-1].t1))
+        before = found = tracker.start(head, self._odometry_twist(head[0].t0, head[-1].t1))
+        lost: list[tuple[Tracked, float]] = []  # revolutions since the last one found, with psi under odometry
         for window in itertools.chain(head[1:], stream):
             twist = self._odometry_twist(before.t0, window.t0)
             psi_odometry = float("nan")
@@ -46,10 +47,17 @@ class PsiFrontEnd:
                 pose = se2.compose(before.pose, se2.exp(twist, window.t0 - before.t0))
                 psi_odometry = tracker.score(window, pose, now)
             after = tracker.follow(window, twist)
-            motion = _relative(before, after, psi_odometry)
-            unsteadiness.add(motion.pose, np.diag(motion.covariance))
-            yield replace(motion, covariance=motion.covariance + np.diag(unsteadiness.variance))
-            before = after
+            lost.append((after, psi_odometry))
+            if after.status is Status.LOST and twist is None:
+                before = after
+                continue
+            for motion in _bridged(found, lost):
+                unsteadiness.add(motion.pose, np.diag(motion.covariance))
+                yield replace(motion, covariance=motion.covariance + np.diag(unsteadiness.variance))
+            before = found = after
+            lost = []
+        for motion in _bridged(found, lost):
+            yield motion
 
     def _odometry_twist(self, t0: float, t1: float) -> se2.Array | None:
         """Mean twist (3,) of the odometry between two times [s]; None where there is none."""
@@ -61,6 +69,26 @@ class PsiFrontEnd:
             return None
         first, last = odometry.at(stamps)
         return se2.log(se2.between(first, last)) / (t1 - t0)
+
+
+def _bridged(found: Tracked, then: list[tuple[Tracked, float]]) -> list[RelativeMotion]:
+    """The motions from one revolution through those after it.
+
+    Where the track was lost on the way to the last of them, what that one found is shared over the time, as a constant
+    twist: the prediction it replaces was followed blindly.
+    """
+    motions = []
+    if then and then[-1][0].status is not Status.LOST:
+        times, poses = [found.t0, then[-1][0].t0], np.array([found.pose, then[-1][0].pose])
+    else:
+        times, poses = [found.t0, *(t.t0 for t, _ in then)], np.array([found.pose, *(t.pose for t, _ in then)])
+    before = found
+    for tracked, psi_odometry in then:
+        pose = se2.interpolate(times, poses, [tracked.t0])[0]
+        after = replace(tracked, state=np.r_[pose, tracked.state[3:]])
+        motions.append(_relative(before, after, psi_odometry))
+        before = after
+    return motions
 
 
 def _relative(a: Tracked, b: Tracked, psi_odometry: float) -> RelativeMotion:

@@ -77,7 +77,7 @@ class Checkpoint:
     def __init__(self, out: Path, key: str, *, resume: bool) -> None:
         self._folder = out / FOLDER
         self._key = key
-        if not resume:
+        if not (resume and (self._folder / "run.json").exists()):  # written first: without it, nothing has been kept
             shutil.rmtree(self._folder, ignore_errors=True)
         if resume and self._folder.is_dir():
             try:
@@ -97,7 +97,7 @@ class Checkpoint:
 
     def returns(self, begin: int, end: int) -> list[Returns] | None:
         """The returns of the revolutions begin <= k < end, if they were kept."""
-        kept = self._load(f"returns-{begin:06d}-{end:06d}.npz")
+        kept = self._load(f"returns-{begin:06d}-{end:06d}.npz", [*_columns(), "ends"])
         if kept is None:
             return None
         columns = [np.split(kept[name], kept["ends"][:-1]) for name in _columns()]
@@ -111,7 +111,7 @@ class Checkpoint:
 
     def measurements(self) -> tuple[list[RelativeMotion], float] | None:
         """All measurements and the Doppler shift [s] they were made with, if they were kept."""
-        kept = self._load("measurements.npz")
+        kept = self._load("measurements.npz", [*(f.name for f in fields(RelativeMotion)), "doppler_beta"])
         if kept is None:
             return None
         rows = zip(*(kept[f.name] for f in fields(RelativeMotion)), strict=True)
@@ -133,7 +133,7 @@ class Checkpoint:
 
     def loops(self) -> tuple[list[Loop], int] | None:
         """The loops in the graph and the number of pairs tried, if they were kept."""
-        kept = self._load("loops.npz")
+        kept = self._load("loops.npz", [*(f.name for f in fields(Loop)), "tried"])
         if kept is None:
             return None
         rows = zip(*(kept[f.name] for f in fields(Loop)), strict=True)
@@ -149,11 +149,12 @@ class Checkpoint:
             arrays[f.name] = np.array([getattr(loop, f.name) for loop in loops])
         self._save("loops.npz", arrays)
 
-    def _load(self, name: str) -> dict[str, NDArray[Any]] | None:
+    def _load(self, name: str, arrays: Sequence[str]) -> dict[str, NDArray[Any]] | None:
+        """The arrays of a file by name, if it is there and whole."""
         try:
             with np.load(self._folder / name, allow_pickle=False) as kept:
-                return {key: kept[key] for key in kept.files}
-        except (OSError, ValueError, KeyError, zipfile.BadZipFile):
+                return {key: kept[key] for key in arrays}
+        except (OSError, EOFError, ValueError, KeyError, NotImplementedError, zipfile.BadZipFile):
             return None
 
     def _save(self, name: str, arrays: dict[str, NDArray[Any]]) -> None:

@@ -16,6 +16,7 @@ import numba as nb
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field
+from scipy.ndimage import uniform_filter1d
 
 from mqslam.returns import Returns
 from mqslam.stream import Revolution
@@ -26,9 +27,14 @@ class DetectorConfig(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
-    threshold: float = Field(40.0, ge=0.0, le=255.0, description="least smoothed power of a peak [0..255]")
+    threshold: float = Field(40.0, ge=0.0, le=255.0, description="smoothed power that is surely a target [0..255]")
+    contrast: float = Field(
+        7.0,
+        gt=0.0,
+        description="where noise is low, so many of its spreads above its median are enough: finer bins are smoothed more",
+    )
     strongest: int = Field(12, ge=1, description="peaks kept per azimuth")
-    smoothing_m: float = Field(0.2, ge=0.0, description="half width of the box that smooths power along range [m]")
+    smoothing_m: float = Field(0.2, ge=0.0, description="half width of the window that smooths power along range [m]")
     min_range_m: float = Field(2.5, ge=0.0, description="nearer returns are the vehicle itself [m]")
     max_range_m: float = Field(150.0, gt=0.0, description="farther returns are too blurred across the beam to help [m]")
     join_m: float = Field(0.6, ge=0.0, description="peaks of neighbouring azimuths this close in range are one target [m]")
@@ -57,7 +63,8 @@ def detect(revolution: Revolution, range_resolution: float, config: DetectorConf
     last = min(bins - 1, math.ceil(config.max_range_m / range_resolution))
     half = round(config.smoothing_m / range_resolution)
     usable = revolution.valid & ~_saturated(power, config.saturation)
-    ranges, values = _peaks(power, usable, first, last, half, config.strongest, config.threshold)
+    threshold = min(config.threshold, _above_noise(power[usable, first:last], half, config.contrast))
+    ranges, values = _peaks(power, usable, first, last, (half + 1) // 2, half // 2, config.strongest, threshold)
     ranges *= range_resolution
     _drop_rings(ranges, values, 2.0 * range_resolution * max(half, 1), config.ring_share)
     rows = _targets(ranges, values, revolution.azimuths, revolution.times, config.join_m)
@@ -71,6 +78,15 @@ def _saturated(power: NDArray[np.uint8], margin: float) -> NDArray[np.bool_]:
     return np.asarray(floor > np.median(floor) + margin)
 
 
+def _above_noise(power: NDArray[np.uint8], half: int, contrast: float) -> float:
+    """Smoothed power that stands out of the noise, whose spread is taken from below its median: targets lie above."""
+    if power.size == 0:
+        return 0.0
+    smooth = uniform_filter1d(power[::8].astype(np.float32), 2 * half + 1, axis=1)
+    low, middle = np.percentile(smooth[:, :: 2 * half + 1], [10.0, 50.0])
+    return float(middle + contrast * (middle - low))
+
+
 @nb.njit(cache=True, nogil=True)
 def _peaks(
     power: NDArray[np.uint8],
@@ -78,6 +94,7 @@ def _peaks(
     first: int,
     last: int,
     half: int,
+    second_half: int,
     strongest: int,
     threshold: float,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -85,19 +102,16 @@ def _peaks(
     azimuths, bins = power.shape
     ranges = np.zeros((azimuths, strongest))
     values = np.zeros((azimuths, strongest))
+    row = np.zeros(bins)
+    box = np.zeros(bins)
     smooth = np.zeros(bins)
-    width = 2 * half + 1
     for a in range(azimuths):
         if not usable[a]:
             continue
-        total = np.int64(0)
-        for b in range(min(width, bins)):
-            total += np.int64(power[a, b])
-        smooth[:] = 0.0
-        for b in range(half, bins - half):
-            smooth[b] = total / width
-            if b + half + 1 < bins:
-                total += np.int64(power[a, b + half + 1]) - np.int64(power[a, b - half])
+        for b in range(bins):
+            row[b] = power[a, b]
+        _smooth(row, half, box)
+        _smooth(box, second_half, smooth)
         count = 0
         for b in range(first, last):
             here = smooth[b]
@@ -115,6 +129,20 @@ def _peaks(
             ranges[a, slot] = b + 0.5 + shift
             values[a, slot] = here
     return ranges, values
+
+
+@nb.njit(cache=True, nogil=True)
+def _smooth(values: NDArray[np.float64], half: int, out: NDArray[np.float64]) -> None:
+    """Running mean over 2 half + 1 bins; 0 where the window leaves the row. Twice makes a window whose top is not flat."""
+    width = 2 * half + 1
+    out[:] = 0.0
+    total = 0.0
+    for b in range(min(width, len(values))):
+        total += values[b]
+    for b in range(half, len(values) - half):
+        out[b] = total / width
+        if b + half + 1 < len(values):
+            total += values[b + half + 1] - values[b - half]
 
 
 def _drop_rings(ranges: NDArray[np.float64], values: NDArray[np.float64], width: float, share: float) -> None:

@@ -10,10 +10,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.fft import irfft2, next_fast_len, rfft2
-from scipy.ndimage import gaussian_filter, maximum_filter
 
 from mqslam import se2
+from mqslam.psi.correlate import SAME_M, correlation_peaks
 from mqslam.psi.covariance import sandwich
 from mqslam.psi.estimator import Evaluation, evaluate
 from mqslam.psi.minimiser import EstimatorConfig, Prior, minimise
@@ -21,12 +20,8 @@ from mqslam.psi.neighbours import CellGrid, candidates, cell_grid
 from mqslam.psi.observability import weak_directions
 from mqslam.psi.place import PointSet
 
-_PIXEL_M = 0.75  # of the images that are correlated
-_BLUR_PIXELS = 1.0
-_PEAKS = 3  # of the correlation that are refined
 ANY_TIME = 0.0  # turns between neighbours: submaps are compared whatever their times
 _TOLERANCES = np.array([1e-3, 1e-3, 2e-5])
-_SAME_M = 1.5  # refined poses nearer than this are one
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,7 +62,7 @@ def align(
     grid = cell_grid(reference.points, 1.0)
     free = Prior(guess, np.zeros((3, 3)))
     found = []
-    for start in _search(reference.points, query.points, guess, reach_m, reach_rad):
+    for start in correlation_peaks(reference.points, query.points, guess, reach_m, reach_rad):
         minimum = minimise(
             start, lambda pose: moved(query, pose), reference, free, config, ANY_TIME, _TOLERANCES, grid
         )
@@ -78,7 +73,7 @@ def align(
         return Alignment(guess, np.eye(3), 0.0, np.inf, np.inf, observed=False)
     found.sort(key=lambda minimum: minimum.evaluation.psi)
     best = found[0]
-    rivals = [m for m in found[1:] if np.hypot(*(m.state - best.state)[:2]) > _SAME_M]
+    rivals = [m for m in found[1:] if np.hypot(*(m.state - best.state)[:2]) > SAME_M]
     points = moved(query, best.state)
     wide = _scored(reference, grid, points, config, wide=True)
     return Alignment(
@@ -120,44 +115,3 @@ def _scored(reference: PointSet, grid: CellGrid, points: PointSet, config: Estim
     return evaluate(
         points, reference, lists, scale, ANY_TIME, config.beta_t, config.xi, config.blur_m, moving_references=False
     )
-
-
-def _search(
-    reference: NDArray[np.float64], query: NDArray[np.float64], guess: se2.Array, reach_m: float, reach_rad: float
-) -> list[se2.Array]:
-    """The best peaks (3,) of the correlation of two point sets, within the gate around a guess."""
-    extent = float(np.abs(query).max()) + 1.0
-    step = _PIXEL_M / (0.5 * extent)  # turns the middle of the submap by a pixel
-    count = int(np.ceil(reach_rad / step))
-    lowest = guess[:2] - extent - reach_m
-    side = next_fast_len(int(np.ceil(2.0 * (extent + reach_m) / _PIXEL_M)) + 1, real=True)
-    spectrum = rfft2(_image(reference, lowest, side))
-    cells = int(np.ceil(reach_m / _PIXEL_M))
-    span = np.arange(-cells, cells + 1)
-    inside = np.hypot(*np.meshgrid(span, span, indexing="ij")) <= cells + 0.5
-    peaks: list[tuple[float, se2.Array]] = []
-    for yaw in guess[2] + np.linspace(-count, count, 2 * count + 1) * step:
-        turned = se2.transform(np.array([guess[0], guess[1], yaw]), query)
-        correlation = irfft2(spectrum * np.conj(rfft2(_image(turned, lowest, side))), s=(side, side))
-        local = np.where(inside, correlation[np.ix_(span, span)], -np.inf)
-        tops = np.argwhere((maximum_filter(local, size=5) == local) & inside)
-        for i, k in tops[np.argsort(-local[tops[:, 0], tops[:, 1]], kind="stable")][:_PEAKS]:
-            at = guess[:2] + np.array([span[i], span[k]]) * _PIXEL_M
-            peaks.append((float(local[i, k]), np.array([at[0], at[1], yaw])))
-    peaks.sort(key=lambda peak: -peak[0])
-    chosen: list[se2.Array] = []
-    for _, pose in peaks:
-        if all(np.hypot(*(pose - other)[:2]) > 2.0 * _SAME_M for other in chosen):
-            chosen.append(pose)
-        if len(chosen) == _PEAKS:
-            break
-    return chosen
-
-
-def _image(points: NDArray[np.float64], lowest: NDArray[np.float64], side: int) -> NDArray[np.float64]:
-    """Points as a blurred square image; a pixel counts once however many points it holds."""
-    cells = np.floor((points - lowest) / _PIXEL_M).astype(np.int64)
-    cells = cells[((cells >= 0) & (cells < side)).all(axis=1)]
-    image = np.zeros((side, side))
-    image[cells[:, 0], cells[:, 1]] = 1.0
-    return np.asarray(gaussian_filter(image, _BLUR_PIXELS))

@@ -142,13 +142,13 @@ def kept_by_map(loops: Sequence[Loop], drive: Drive, after: se2.Array, config: C
 
 
 def _improves(loop: Loop, drive: Drive, after: se2.Array, config: Config) -> bool:
-    """Whether psi of the two passes is lower than before, or about as low as it can be."""
+    """Whether psi of the two passes is lower than before, or about as low as it was and as it can be."""
     reference, query = _submaps(drive, loop.earlier, loop.later, config)
     before_psi, after_psi = (
         cross_score(reference, query, se2.between(poses[loop.earlier], poses[loop.later]), config.estimator)
         for poses in (drive.poses, after)
     )
-    return after_psi < before_psi or after_psi <= config.loops.kept * loop.psi
+    return after_psi < before_psi or after_psi <= config.loops.kept * min(before_psi, loop.psi)
 
 
 def _submaps(drive: Drive, earlier: int, later: int, config: Config) -> tuple[PointSet, PointSet]:

@@ -17,6 +17,7 @@ from mqslam.config import Config
 from mqslam.errors import EstimationError
 from mqslam.measurement import Status
 from mqslam.motion import CONSTANT_TWIST
+from mqslam.psi.correlate import correlation_peaks
 from mqslam.psi.covariance import sandwich
 from mqslam.psi.dynamics import MODEL, SIZE, TOLERANCES, held, initial_covariance, predict, spans
 from mqslam.psi.estimator import Evaluation, Scale, evaluate
@@ -31,7 +32,8 @@ from mqslam.returns import Returns, Window
 START_REVOLUTIONS = 3  # that start the tracker together
 PREDICTION_GAIN = 0.1  # variance left of psi's own once the state before has smoothed it; measured, see BENCHMARKS.md
 _USUAL_MEMORY = 0.95  # the usual matched share forgets with this factor per revolution
-_PATIENCE = 4  # lost revolutions in a row before the map is given up and a new one begun
+_SEARCH_M, _SEARCH_RAD = 30.0, 0.8  # farthest that a lost track is searched around its prediction
+_PATIENCE = 8  # lost revolutions in a row before the map is given up and a new one begun
 _FEWEST = 20  # returns below which revolutions hold nothing to match
 
 
@@ -214,15 +216,17 @@ class Tracker:
         return share == 0.0 or share < self._settings.lost_share * self._usual_share
 
     def _searched(self, window: Window, prior: Prior, found: Minimum) -> Minimum:
-        """The best match from starts around the prediction, as far as it may be off."""
+        """The best match around the prediction, as far as that may be off."""
         spread = np.sqrt(np.diag(np.linalg.inv(prior.information)))
+        reach_m = float(np.clip(2.0 * np.hypot(spread[0], spread[1]), 3.0, _SEARCH_M))
+        reach_rad = float(np.clip(2.0 * spread[2], 0.05, _SEARCH_RAD))
+        own = self._place(window, np.r_[np.zeros(3), prior.mean[3:]]).points
         best = found
-        for ahead in np.linspace(-2.0, 2.0, 5) * max(spread[0], 1.0):
-            for yaw in np.linspace(-2.0, 2.0, 5) * max(spread[2], 0.02):
-                begin = np.r_[se2.compose(prior.mean[:3], [ahead, 0.0, yaw]), prior.mean[3:]]
-                tried = self._minimise(window, begin, Prior(begin, prior.information))
-                if tried.evaluation.psi < best.evaluation.psi:
-                    best = tried
+        for pose in correlation_peaks(self._map.points.points, own, prior.mean[:3], reach_m, reach_rad):
+            begin = np.r_[pose, prior.mean[3:]]
+            tried = self._minimise(window, begin, Prior(begin, prior.information))
+            if tried.evaluation.psi < best.evaluation.psi:
+                best = tried
         return best
 
     def _evaluate(self, window: Window, state: se2.Array, scale: Scale) -> Evaluation:

@@ -1,0 +1,76 @@
+"""A drive that comes back to where it was is tied there, and its trajectory is better for it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from mqslam import detection, se2
+from mqslam.config import Config, LoopConfig, SensorConfig
+from mqslam.evaluation import evaluate
+from mqslam.outputs import g2o
+from mqslam.simulator import SensorModel, SimulatedStream, loop_drive, simulated_stream, street_scene
+from mqslam.slam import Run, Slam
+from mqslam.summary import summarise
+
+CONFIG = Config(sensor=SensorConfig(doppler_beta=0.0))
+SENSOR = SensorModel(azimuths=200, range_resolution=0.175, max_range=80.0)
+
+
+def slam(stream: SimulatedStream, config: Config, jobs: int) -> Run:
+    return Slam(config, "psi", jobs, lambda stage, done, total: None).run(stream, None)
+
+
+@pytest.fixture(scope="module")
+def lap() -> SimulatedStream:
+    """A bit more than one round of a block."""
+    return simulated_stream(street_scene(1, movers=0), loop_drive(54.0), duration_s=54.0, sensor=SENSOR, seed=1)
+
+
+@pytest.fixture(scope="module")
+def run(lap: SimulatedStream) -> Run:
+    """The lap by radar alone."""
+    return slam(lap, CONFIG, 1)
+
+
+def test_a_second_pass_is_tied_to_the_first(run: Run, lap: SimulatedStream) -> None:
+    summary = summarise(run, lap)
+    assert summary["factors"]["loop"] == len(run.loops) > 5
+    assert summary["factors"]["loop_rejected"] == run.loops_rejected >= 0
+    assert min(loop.later - loop.earlier for loop in run.loops) > 150
+
+
+def test_every_loop_in_the_graph_is_true(run: Run, lap: SimulatedStream) -> None:
+    assert lap.ground_truth is not None
+    truth = lap.ground_truth.poses
+    for loop in run.loops:
+        error = loop.pose - se2.between(truth[loop.earlier], truth[loop.later])
+        assert np.hypot(error[0], error[1]) < 0.15 and abs(se2.wrap(error[2])) < 0.005
+
+
+def test_loops_bring_the_trajectory_closer_to_truth(run: Run, lap: SimulatedStream) -> None:
+    assert lap.ground_truth is not None
+    before, after = (evaluate(track, lap.ground_truth).ate_rmse_m for track in (run.odometry, run.optimised))
+    assert before is not None and after is not None
+    assert after < 0.6 * before and after < 0.15
+
+
+def test_loops_are_edges_of_the_graph_as_written(run: Run) -> None:
+    edges = [line.split()[1:3] for line in g2o(run.graph, run.values).splitlines() if line.startswith("EDGE_SE2")]
+    far = {(int(a), int(b)) for a, b in edges if int(b) - int(a) > 1}
+    assert far == {(loop.earlier, loop.later) for loop in run.loops}
+
+
+def test_the_number_of_jobs_changes_nothing(run: Run, lap: SimulatedStream, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(detection, "_WORTH_A_POOL", 1000)  # other processes are another test's
+    again = slam(lap, CONFIG, 2)
+    np.testing.assert_array_equal(again.optimised.poses, run.optimised.poses)
+    assert [(a.earlier, a.later, *a.pose) for a in again.loops] == [(b.earlier, b.later, *b.pose) for b in run.loops]
+    np.testing.assert_array_equal(again.map_optimised.psi, run.map_optimised.psi)
+
+
+def test_loops_can_be_left_out(run: Run, lap: SimulatedStream) -> None:
+    found = slam(lap, CONFIG.model_copy(update={"loops": LoopConfig(enabled=False)}), 1)
+    assert found.loops == [] and summarise(found, lap)["factors"]["loop"] == 0 == found.loops_rejected
+    np.testing.assert_array_equal(found.odometry.poses, run.odometry.poses)
+    assert not np.allclose(found.optimised.poses, run.optimised.poses, atol=0.02)
