@@ -23,11 +23,11 @@ def odometry_between(a: int, b: int, motion: RelativeMotion, config: GraphConfig
 def odometry_covariance(
     odometry: Sequence[RelativeMotion], measured: Sequence[RelativeMotion], span_s: float
 ) -> NDArray[np.float64]:
-    """Covariance (3, 3) of one odometry edge such that edges chained over a span disagree with psi as they do.
+    """Covariance (3, 3) of one odometry edge, from what edges chained over a span [s] disagree with psi.
 
-    Wheel odometry errs by scale and bias, which a step hardly shows and a span adds up. Taking the disagreement over
-    spans [s], and sharing it over the span's edges as if they erred independently, gives every edge the weight the whole
-    span deserves.
+    Wheel odometry errs by scale and bias, so that all edges of a run err together and know no more than one span of
+    them does: every edge gets the disagreement of a whole span, times the number of spans in the run. That keeps their
+    sum from outvoting psi where psi measures.
     """
     duration = odometry[-1].t1 - odometry[0].t0
     count = max(1, min(len(odometry), round(len(odometry) * span_s / max(duration, 1e-9))))
@@ -38,7 +38,7 @@ def odometry_covariance(
         miss[2] = se2.wrap(miss[2])
         misses.append(miss)
     squares = np.median(np.square(misses), axis=0) / 0.4549  # median of a chi-square with one degree of freedom
-    return np.diag(squares / count + 1e-10)
+    return np.diag(squares * len(odometry) / count + 1e-10)
 
 
 def _chained(motions: Sequence[RelativeMotion]) -> se2.Array:

@@ -6,11 +6,12 @@ import gtsam
 
 from mqslam.config import GraphConfig
 from mqslam.factors.noise import between_noise
-from mqslam.measurement import RelativeMotion
+from mqslam.measurement import RelativeMotion, Status
 
 
 def psi_between(a: int, b: int, motion: RelativeMotion, config: GraphConfig) -> gtsam.BetweenFactorPose2:
     """The motion from key a to key b with the covariance of its score's curvature and the floor of the settings."""
-    covariance = motion.covariance / config.cancelling
+    cancelling = config.cancelling if motion.status is Status.CONVERGED else 1.0
+    covariance = motion.covariance / cancelling
     noise = between_noise(covariance, motion.pose[2], config.floor_m, config.floor_rad, config.huber)
     return gtsam.BetweenFactorPose2(a, b, gtsam.Pose2(*motion.pose), noise)

@@ -19,7 +19,7 @@ from mqslam.returns import Window
 
 
 class PsiFrontEnd:
-    """Odometry by psi over a running map; another odometry serves as a start of the search, never as information."""
+    """Odometry by psi over a running map; another odometry serves where psi finds nothing, never as information."""
 
     def __init__(self, context: Context) -> None:
         self._context = context
@@ -36,7 +36,7 @@ class PsiFrontEnd:
             raise EstimationError(f"{len(head)} revolutions hold no motion; two at least are needed")
         tracker = Tracker(self._context.config, self._context.revolution_s)
         unsteadiness = Unsteadiness()
-        before = found = tracker.start(head, self._odometry_twist(head[0].t0, head[-1].t1))
+        before = found = tracker.start(head, odometry=self._odometry_twist(head[0].t0, head[-1].t1))
         lost: list[tuple[Tracked, float]] = []  # revolutions since the last one found, with psi under odometry
         for window in itertools.chain(head[1:], stream):
             twist = self._odometry_twist(before.t0, window.t0)

@@ -170,4 +170,3 @@ class Checkpoint:
 
 def _columns() -> list[str]:
     return [f.name for f in fields(Returns)]
-

@@ -7,7 +7,6 @@ import io
 import json
 import os
 import shutil
-import tempfile
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -39,21 +38,24 @@ _COLUMNS = [
 def whole_folder(out: Path) -> Iterator[Path]:
     """A folder aside that takes the place of `out` when the block ends without an error.
 
+    Its name is always the same, so that what a killed run leaves there is cleared by the next one.
+
     Raises:
         OutputError: it cannot be written.
     """
+    aside, replaced = out.parent / f".{out.name}.unfinished", out.parent / f".{out.name}.replaced"
+    shutil.rmtree(aside, ignore_errors=True)
+    shutil.rmtree(replaced, ignore_errors=True)
     try:
-        out.parent.mkdir(parents=True, exist_ok=True)
-        aside = Path(tempfile.mkdtemp(prefix=f".{out.name}.", dir=out.parent))
-        aside.chmod(0o755)
+        aside.mkdir(parents=True)
     except OSError as error:
         raise OutputError(f"{out}: cannot be made ({error.strerror}); choose another --out") from error
     try:
         yield aside
-        with tempfile.TemporaryDirectory(prefix=f".{out.name}.", dir=out.parent) as old:
-            if out.exists():
-                out.rename(Path(old) / out.name)
-            aside.rename(out)
+        if out.exists():
+            out.rename(replaced)
+        aside.rename(out)
+        shutil.rmtree(replaced, ignore_errors=True)
     except OSError as error:
         raise OutputError(f"{out}: cannot be written ({error.strerror}); free space or choose another --out") from error
     finally:

@@ -38,7 +38,10 @@ MEASUREMENTS = [
     RelativeMotion(0.5, 0.75, RNG.normal(size=3), RNG.normal(size=(3, 3)), Status.AMBIGUOUS),
     RelativeMotion(0.75, 1.0, RNG.normal(size=3), RNG.normal(size=(3, 3)), Status.LOST, points=3),
 ]
-LOOPS = [Loop(3, 170, RNG.normal(size=3), RNG.normal(size=(3, 3)), 0.71, 0.2), Loop(9, 180, np.zeros(3), np.eye(3), 1.0, 0.1)]
+LOOPS = [
+    Loop(3, 170, RNG.normal(size=3), RNG.normal(size=(3, 3)), 0.71, 0.2),
+    Loop(9, 180, np.zeros(3), np.eye(3), 1.0, 0.1),
+]
 FILES = ("returns-000000-000005.npz", "measurements.npz", "loops.npz")
 
 
@@ -289,7 +292,7 @@ ANOTHER: dict[str, Callable[[SimulatedStream], str]] = {
 
 def moved(track: Trajectory | None) -> Trajectory:
     assert track is not None
-    return Trajectory(track.stamps_us, track.poses + [0.0, 0.0, 1e-9])
+    return Trajectory(track.stamps_us, track.poses + np.array([0.0, 0.0, 1e-9]))
 
 
 @pytest.mark.parametrize("change", ANOTHER)

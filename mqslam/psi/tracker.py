@@ -82,12 +82,15 @@ class Tracker:
         self._usual_share = 0.0
         self._lost: list[Window] = []
 
-    def start(self, windows: list[Window], twist: se2.Array | None = None) -> Tracked:
+    def start(
+        self, windows: list[Window], begin: se2.Array | None = None, odometry: se2.Array | None = None
+    ) -> Tracked:
         """Find the motion of the first revolutions from psi alone and begin the map with the first of them.
 
         Args:
             windows: two or three revolutions.
-            twist: (3,) what odometry says, or None for an exhaustive search.
+            begin: (3,) twist near the truth, or None for an exhaustive search.
+            odometry: (3,) what odometry says, for where psi alone does not observe the motion.
 
         Raises:
             EstimationError: the windows hold too few returns.
@@ -97,7 +100,7 @@ class Tracker:
             raise EstimationError(
                 f"only {len(returns)} returns in {len(windows)} revolutions; lower detector.threshold"
             )
-        theta, _ = self._first_motion(windows, twist)
+        theta, _ = self._first_motion(windows, begin, odometry)
         self._t0, self._state = windows[0].t0, np.r_[np.zeros(3), theta]
         self._add_keyframe(self._place(windows[0], self._state))
         empty = Evaluation(
@@ -107,14 +110,15 @@ class Tracker:
 
     def first_twist(self, windows: list[Window]) -> se2.Array:
         """The twist (3,) of two or three revolutions, without any start."""
-        return self._first_motion(windows, None)[0][:3]
+        return self._first_motion(windows)[0][:3]
 
     def follow(self, window: Window, twist: se2.Array | None = None) -> Tracked:
         """Match the next revolution to the map.
 
         Args:
             window: one revolution.
-            twist: (3,) mean twist since the last revolution according to odometry, used as a start only.
+            twist: (3,) mean twist since the last revolution according to odometry; it serves where psi alone does not find
+                or does not observe the motion.
         """
         dt = window.t0 - self._t0
         predicted, covariance = predict(
@@ -124,7 +128,7 @@ class Tracker:
         begin = predicted
         if twist is not None:
             begin = np.r_[se2.compose(self._state[:3], se2.exp(twist, dt)), twist, 0.0, 0.0]
-        found = self._minimise(window, begin, Prior(predicted, information))
+        found = self._minimise(window, predicted, Prior(predicted, information))
         if self._out_of_place(found):
             found = self._searched(window, Prior(begin, information), found)
         self._t0 = window.t0
@@ -176,7 +180,7 @@ class Tracker:
         """Start a new map with the last of the windows, where they agree on a motion of their own."""
         if sum(len(w.returns) for w in windows) < _FEWEST:
             return
-        theta, share = self._first_motion(windows, None)
+        theta, share = self._first_motion(windows)
         if share < self._settings.lost_share * self._usual_share:
             return
         into = windows[-1].t0 - windows[0].t0
@@ -186,14 +190,18 @@ class Tracker:
         self._map = LocalMap(self._settings.keyframes)
         self._add_keyframe(self._place(windows[-1], self._state))
 
-    def _first_motion(self, windows: list[Window], twist: se2.Array | None) -> tuple[se2.Array, float]:
+    def _first_motion(
+        self, windows: list[Window], begin: se2.Array | None = None, odometry: se2.Array | None = None
+    ) -> tuple[se2.Array, float]:
         """Motion parameters (5,) at the start of two or three revolutions from psi alone, and their matched share."""
         t0, config = windows[0].t0, self._estimator
-        if twist is None:
-            twist = self._cold_start(Returns.concatenate([w.returns for w in windows[:2]]), t0)
+        if begin is None:
+            begin = self._cold_start(Returns.concatenate([w.returns for w in windows[:2]]), t0)
         model = MODEL if len(windows) > 2 else CONSTANT_TWIST
         returns = Returns.concatenate([w.returns for w in windows])
-        motion = estimate_window(returns, t0, self._revolution_s, config, self._beam, twist, model)
+        motion = estimate_window(returns, t0, self._revolution_s, config, self._beam, begin, model)
+        if odometry is not None and motion.status is not Status.CONVERGED:
+            motion = estimate_window(returns, t0, self._revolution_s, config, self._beam, odometry, model)
         theta = np.zeros(MODEL.size)
         theta[: model.size] = motion.theta
         return theta, _share(motion.minimum)

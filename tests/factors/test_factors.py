@@ -98,16 +98,17 @@ def test_odometry_noise_grows_with_its_bias() -> None:
         np.testing.assert_allclose(covariance, np.diag(np.diag(covariance)))
         sigmas.append(np.sqrt(np.diag(covariance)))
     assert sigmas[0][2] < 1e-4 < sigmas[1][2] < sigmas[2][2]
-    # forty edges a span, each a fortieth of the variance of the span's whole disagreement, 40 * bias
-    assert sigmas[1][2] == pytest.approx(40 * 0.001 / np.sqrt(40) / np.sqrt(0.4549), rel=1e-2)
+    # forty edges a span, each with the variance of the span's whole disagreement, 40 * bias, times the spans of the run
+    assert sigmas[1][2] == pytest.approx(40 * 0.001 * np.sqrt(len(measured) / 40) / np.sqrt(0.4549), rel=1e-2)
 
 
-def test_independent_odometry_noise_is_found_as_large_as_it_is() -> None:
+def test_odometry_of_a_long_run_weighs_no_more_in_all_than_that_of_one_span() -> None:
     rng = np.random.default_rng(8)
     noise = rng.normal(0.0, [0.05, 0.02, 1e-4], (4000, 3))
     covariance = odometry_covariance(run(straight(4000) + noise), run(straight(4000)), 10.0)
-    assert np.sqrt(covariance[0, 0]) == pytest.approx(0.05, rel=0.25)
-    assert np.sqrt(covariance[2, 2]) == pytest.approx(1e-4, rel=0.25)
+    # 40 edges a span, 100 spans
+    assert np.sqrt(covariance[0, 0]) == pytest.approx(0.05 * np.sqrt(40 * 100), rel=0.25)
+    assert np.sqrt(covariance[2, 2]) == pytest.approx(1e-4 * np.sqrt(40 * 100), rel=0.25)
 
 
 def test_a_few_wild_spans_do_not_set_the_noise() -> None:

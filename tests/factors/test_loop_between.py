@@ -65,8 +65,9 @@ def test_a_residual_far_off_pulls_less_than_a_moderate_one() -> None:
 
     def pull(residual: float) -> float:
         """Derivative of the error by the residual [1 / sigma]."""
-        ahead = sigma * np.array([c, s, 0.0])  # a metre along x of the frame errors are stated in
-        return (error(factor, loop.pose + (residual + 1e-4) * ahead) - error(factor, loop.pose + (residual - 1e-4) * ahead)) / 2e-4
+        ahead = sigma * np.array([c, s, 0.0])  # one sigma along x of the frame in which errors are stated
+        beyond, before = (error(factor, loop.pose + (residual + d) * ahead) for d in (1e-4, -1e-4))
+        return (beyond - before) / 2e-4
 
     for residual in (0.5, 3.0, 30.0):
         assert pull(residual) == pytest.approx(residual / (1.0 + (residual / 3.0) ** 2), rel=1e-3)

@@ -79,7 +79,7 @@ def test_bare_walls_are_not_observed_along_themselves() -> None:
 def test_a_truth_outside_the_gate_is_not_found() -> None:
     reference, query = street_pass(-25.0, LANE_Y, 0.0, 1), street_pass(-22.0, LANE_Y, 0.0, 2)
     truth = se2.between(reference.poses[MIDDLE], query.poses[MIDDLE])
-    guess = truth + [0.0, 12.0, 0.0]
+    guess = truth + np.array([0.0, 12.0, 0.0])
     found = align(*submaps(reference, query), guess, REACH_M, REACH_RAD, CONFIG.estimator)
     off = found.pose - guess
     assert np.hypot(off[0], off[1]) <= REACH_M + 1.0 and abs(off[2]) <= REACH_RAD + 0.05

@@ -146,7 +146,7 @@ def test_the_number_of_jobs_changes_no_loop() -> None:
 def test_places_that_only_seem_near_are_no_loops() -> None:
     """The later pass is in another street, and has drifted onto the first."""
     first, second = street_pass(-25.0, LANE_Y, 0.0, 1), street_pass(-25.0, 37.75, 0.0, 3)
-    drive = joined(first, second, second.poses + [0.0, LANE_Y - 37.75, 0.0])
+    drive = joined(first, second, second.poses + np.array([0.0, LANE_Y - 37.75, 0.0]))
     tried: set[tuple[int, int]] = set()
     assert find_loops(drive, CLOSE, tried, 1, lambda stage, done, total: None) == []
     assert len(tried) >= 5
@@ -167,12 +167,21 @@ def test_the_map_keeps_a_right_loop_and_drops_one_that_makes_it_worse() -> None:
     right = loop_at(drive, a, b, se2.between(truth[a], truth[b]))
     assert kept_by_map([right], drive, truth, CONFIG, 1) == [right]
 
-    wrong = loop_at(drive, a, b, right.pose + [0.0, 3.0, 0.0])
+    wrong = loop_at(drive, a, b, right.pose + np.array([0.0, 3.0, 0.0]))
     follows = truth.copy()
     follows[len(truth) - len(truth) // 2 :, 1] += 3.0  # the later pass is drawn to where the loop has it
     before = Drive.of(drive.windows, truth)
     assert kept_by_map([wrong], before, follows, CONFIG, 1) == []
     assert kept_by_map([right], before, follows, CONFIG, 1) == []  # right, but the graph did not heed it
+
+
+def test_a_loop_that_the_graph_heeds_by_half_stays_for_the_map_is_better_with_it() -> None:
+    drive, truth = two_passes(SAME, (0.4, -0.3, 0.0))
+    a, b = MIDDLE, len(street_pass(-25.0, LANE_Y, 0.0, 1).times) + MIDDLE
+    right = loop_at(drive, a, b, se2.between(truth[a], truth[b]))
+    half = 0.5 * (drive.poses + truth)
+    assert kept_by_map([right], drive, half, CONFIG, 1) == [right]
+    assert kept_by_map([right], Drive.of(drive.windows, half), drive.poses, CONFIG, 1) == []
 
 
 def test_the_map_judges_each_loop_by_its_own_place() -> None:

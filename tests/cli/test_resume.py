@@ -1,0 +1,173 @@
+"""A run that is killed is continued by --resume and ends with the same bytes as one that was not."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+from commands import contents, mqslam
+
+from mqslam import detection
+from mqslam import slam as slam_module
+from mqslam.checkpoint import FOLDER
+from mqslam.simulator import simulate
+
+OPTIONS = ("--odometry", "none", "--jobs", "1", "--quiet")
+LATER = ("summary.json", "run.log", "report.html")  # say how long things took
+MOMENTS = {
+    "the first returns": f"out/{FOLDER}/returns-000000-000040.npz",
+    "the measurements": f"out/{FOLDER}/measurements.npz",
+    "the loops": f"out/{FOLDER}/loops.npz",
+    "the first results": ".out.unfinished/trajectory.tum",
+}
+
+
+@pytest.fixture(scope="module")
+def lap(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A coarse recording of a bit more than one round of a block, with loops to be found."""
+    folder = tmp_path_factory.mktemp("lap")
+    simulate(
+        folder / "drive", duration_s=52.0, turn_rate_hz=2.0, azimuths=200, range_resolution=0.35, max_range=80.0, movers=0
+    )
+    (folder / "quick.yaml").write_text("sensor: {doppler_beta: 0.0}\n")
+    return folder
+
+
+@pytest.fixture(scope="module")
+def whole(lap: Path) -> dict[str, bytes | None]:
+    """What an uninterrupted run leaves."""
+    assert run(lap, lap / "out").returncode == 0
+    assert json.loads((lap / "out" / "summary.json").read_text())["factors"]["loop"] > 0
+    return contents(lap / "out")
+
+
+def command(lap: Path, out: Path, *more: str | Path) -> list[str | Path]:
+    return ["run", lap / "drive", "--out", out, "--config", lap / "quick.yaml", *OPTIONS, *more]
+
+
+def run(lap: Path, out: Path, *more: str | Path) -> subprocess.CompletedProcess[str]:
+    """A run in a process of its own."""
+    words = [INSTALLED, *command(lap, out, *more)]
+    return subprocess.run(words, capture_output=True, text=True, timeout=120)
+
+
+INSTALLED = Path(sys.executable).with_name("mqslam")
+
+
+def killed(lap: Path, folder: Path, moment: str) -> Path:
+    """The result folder of a run that was killed as soon as a file appeared below its parent."""
+    process = subprocess.Popen([INSTALLED, *command(lap, folder / "out")], stdout=subprocess.DEVNULL)
+    end = time.monotonic() + 120.0
+    while process.poll() is None and not list(folder.glob(moment)) and time.monotonic() < end:
+        time.sleep(0.002)
+    process.kill()
+    assert process.wait() == -signal.SIGKILL, "the run was over before it could be killed"
+    return folder / "out"
+
+
+def assert_as_whole(out: Path, whole: dict[str, bytes | None]) -> None:
+    """The results are those of the uninterrupted run, and nothing lies in or beside them."""
+    found = contents(out)
+    assert found.keys() == whole.keys()
+    for name in whole:
+        assert name in LATER or found[name] == whole[name], name
+    assert list(out.parent.iterdir()) == [out]
+
+
+@pytest.mark.parametrize("moment", MOMENTS)
+def test_a_killed_run_is_resumed_to_the_same_bytes(
+    lap: Path, whole: dict[str, bytes | None], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, moment: str
+) -> None:
+    out = killed(lap, tmp_path, MOMENTS[moment])
+    reached = list(MOMENTS).index(moment)
+    if reached >= 1:  # what was done is not done again
+        monkeypatch.setattr(detection, "detect_stretch", lambda *_: pytest.fail("detected again"))
+    if reached >= 2:
+        monkeypatch.setattr(slam_module, "find_loops", lambda *_: pytest.fail("searched again"))
+    shown = mqslam(*command(lap, out, "--resume"))
+    assert shown.code == 0, shown.err
+    assert_as_whole(out, whole)
+
+
+def test_a_run_killed_again_and_again_is_resumed_to_the_same_bytes(
+    lap: Path, whole: dict[str, bytes | None], tmp_path: Path
+) -> None:
+    """By the clock, so that it may die anywhere, also before there is anything to resume."""
+    out = tmp_path / "out"
+    for wait_s in (0.3, 2.0):
+        process = subprocess.Popen([INSTALLED, *command(lap, out, "--resume")], stdout=subprocess.DEVNULL)
+        time.sleep(wait_s)
+        process.kill()
+        if process.wait() == 0:
+            break
+    else:
+        assert mqslam(*command(lap, out, "--resume")).code == 0
+    assert_as_whole(out, whole)
+
+
+def test_an_interrupted_run_says_so_and_can_be_resumed(
+    lap: Path, whole: dict[str, bytes | None], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def interrupted(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    out = tmp_path / "out"
+    with monkeypatch.context() as patch:
+        patch.setattr(slam_module, "find_loops", interrupted)
+        shown = mqslam(*command(lap, out))
+    assert shown.code not in (0, 2) and "Traceback" not in shown.err
+    assert {path.name for path in out.iterdir()} == {FOLDER}
+    assert mqslam(*command(lap, out, "--resume")).code == 0
+    assert_as_whole(out, whole)
+
+
+@pytest.fixture(scope="module")
+def dead(lap: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """An unfinished run; nobody may change it."""
+    return killed(lap, tmp_path_factory.mktemp("dead"), MOMENTS["the first returns"])
+
+
+def refused(lap: Path, dead: Path, *more: str | Path) -> str:
+    """The error of a run over an unfinished one, which it leaves as it was."""
+    before = contents(dead.parent)
+    shown = mqslam(*command(lap, dead, *more))
+    assert shown.code == 2 and shown.out == ""
+    assert shown.err.startswith(f"mqslam: error: {dead}: ") and shown.err.count("\n") == 1, shown.err
+    assert contents(dead.parent) == before
+    return shown.err
+
+
+def test_an_unfinished_run_is_not_overwritten_unasked(lap: Path, dead: Path) -> None:
+    assert "--resume" in refused(lap, dead)
+
+
+def test_an_unfinished_run_is_not_resumed_with_other_settings(lap: Path, dead: Path, tmp_path: Path) -> None:
+    (tmp_path / "other.yaml").write_text("sensor: {doppler_beta: 0.01}\n")
+    assert "unfinished run of other data or settings" in refused(lap, dead, "--resume", "--config", tmp_path / "other.yaml")
+
+
+def test_an_unfinished_run_is_not_resumed_by_another_front_end(lap: Path, dead: Path) -> None:
+    assert "unfinished run of other data or settings" in refused(lap, dead, "--resume", "--frontend", "kiss_icp")
+
+
+def test_an_unfinished_run_is_not_resumed_with_other_odometry(lap: Path, dead: Path) -> None:
+    assert "unfinished run of other data or settings" in refused(lap, dead, "--resume", "--odometry", "auto")
+
+
+def test_force_replaces_an_unfinished_run(lap: Path, dead: Path, whole: dict[str, bytes | None], tmp_path: Path) -> None:
+    out = shutil.copytree(dead, tmp_path / "out")
+    (out / FOLDER / "measurements.npz").write_bytes(b"would be believed if it were not cleared")
+    assert mqslam(*command(lap, out, "--force")).code == 0
+    assert_as_whole(out, whole)
+
+
+def test_a_finished_run_is_not_resumed(lap: Path, whole: dict[str, bytes | None]) -> None:
+    shown = mqslam(*command(lap, lap / "out", "--resume"))
+    assert shown.code == 2 and "exists already" in shown.err and "--resume" not in shown.err
+    assert contents(lap / "out") == whole
