@@ -86,7 +86,8 @@ class Checkpoint:
                 kept = None
             if kept != key:
                 raise OutputError(
-                    f"{out}: holds an unfinished run of other data or settings; choose another --out or give --force"
+                    f"{out}: holds an unfinished run of other data or settings; "
+                    "choose another --out, or give --force instead of --resume"
                 )
 
     def remove(self) -> None:

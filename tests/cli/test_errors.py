@@ -34,7 +34,7 @@ def truncated_image(folder: Path) -> Arguments:
 
 
 def no_returns(folder: Path) -> Arguments:
-    return [write_oxford(folder / "drive"), "--config", settings(folder, "detector: {threshold: 255}")]
+    return [write_oxford(folder / "drive"), "--config", settings(folder, "detector: {threshold: 255, contrast: 1.0e6}")]
 
 
 def no_returns_but_odometry(folder: Path) -> Arguments:
