@@ -74,14 +74,14 @@ def shared(path: Path) -> Path:
     return path
 
 
-def twin(name: str, seed: int, frames: int = 800) -> Path:
-    """The first revolutions of a run of the city twin; generated once."""
-    out = cache() / f"{name}-{frames}-seed{seed}"
+def twin(name: str, seed: int, frames: int | None = 800) -> Path:
+    """The first revolutions of a run of the city twin, or all; generated once."""
+    out = cache() / f"{name}-{frames or 'all'}-seed{seed}"
     if not out.exists():
         aside = out.with_name(f".{out.name}")
         shutil.rmtree(aside, ignore_errors=True)
         script = shared(SHARED / "twin" / "make_twin.py")
-        words = [name, aside, "--frames", frames, "--seed", seed]
+        words = [name, aside, "--seed", seed, *(["--frames", frames] if frames else [])]
         subprocess.run([sys.executable, script, *map(str, words)], check=True, stdout=subprocess.DEVNULL)
         aside.rename(out)
     return out
