@@ -110,8 +110,10 @@ def _peaks(
             continue
         for b in range(bins):
             row[b] = power[a, b]
-        _smooth(row, half, box)
-        _smooth(box, second_half, smooth)
+        _sums(row, half, box)
+        _sums(box, second_half, smooth)
+        for b in range(bins):
+            smooth[b] /= (2 * half + 1) * (2 * second_half + 1)
         count = 0
         for b in range(first, last):
             here = smooth[b]
@@ -132,15 +134,15 @@ def _peaks(
 
 
 @nb.njit(cache=True, nogil=True)
-def _smooth(values: NDArray[np.float64], half: int, out: NDArray[np.float64]) -> None:
-    """Running mean over 2 half + 1 bins; 0 where the window leaves the row. Twice makes a window whose top is not flat."""
+def _sums(values: NDArray[np.float64], half: int, out: NDArray[np.float64]) -> None:
+    """Running sums over 2 half + 1 bins; 0 where the window leaves the row. Two of them make a window without a flat top."""
     width = 2 * half + 1
     out[:] = 0.0
     total = 0.0
     for b in range(min(width, len(values))):
         total += values[b]
     for b in range(half, len(values) - half):
-        out[b] = total / width
+        out[b] = total
         if b + half + 1 < len(values):
             total += values[b + half + 1] - values[b - half]
 

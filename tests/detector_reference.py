@@ -7,16 +7,24 @@ from numpy.typing import NDArray
 
 
 def peaks_reference(
-    power: NDArray[np.uint8], usable: NDArray[np.bool_], first: int, last: int, half: int, threshold: float
+    power: NDArray[np.uint8],
+    usable: NDArray[np.bool_],
+    first: int,
+    last: int,
+    halves: tuple[int, int],
+    threshold: float,
 ) -> list[NDArray[np.float64]]:
     """Per azimuth all local maxima (K, 2) as range [bins] and smoothed power, strongest first."""
     azimuths, bins = power.shape
-    width = 2 * half + 1
     found = []
     for a in range(azimuths):
-        smooth = np.zeros(bins)
-        if bins >= width:
-            smooth[half : bins - half] = np.convolve(power[a].astype(np.int64), np.ones(width, np.int64), "valid") / width
+        smooth, area = power[a].astype(np.int64), 1
+        for half in halves:
+            sums, width = np.zeros(bins, np.int64), 2 * half + 1
+            if bins >= width:
+                sums[half : bins - half] = np.convolve(smooth, np.ones(width, np.int64), "valid")
+            smooth, area = sums, area * width
+        smooth = smooth / area
         rows = []
         for b in range(first, last) if usable[a] else ():
             before, peak, after = smooth[b - 1 : b + 2]

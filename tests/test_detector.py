@@ -59,8 +59,8 @@ def test_the_peaks_are_those_of_the_reference(
 ) -> None:
     usable = np.random.default_rng(seed).random(len(power)) < 0.8
     first, last = 1 + seed % 3, power.shape[1] - 1 - seed % 2
-    ranges, values = _peaks(power, usable, first, last, half, strongest, threshold)
-    expected = peaks_reference(power, usable, first, last, half, threshold)
+    ranges, values = _peaks(power, usable, first, last, half, half // 2, strongest, threshold)
+    expected = peaks_reference(power, usable, first, last, (half, half // 2), threshold)
     for a, peaks in enumerate(expected):
         found = values[a] > 0.0
         np.testing.assert_allclose(np.sort(values[a][found])[::-1], peaks[:strongest, 1], rtol=1e-12)

@@ -29,6 +29,8 @@ def correlation_peaks(
         guess: (3,) pose of the query's frame in the reference's.
         reach_m, reach_rad: how far the guess may be off [m], [rad].
     """
+    if len(reference) == 0 or len(query) == 0:
+        return []
     extent = float(np.abs(query).max()) + 1.0
     step = _PIXEL_M / (0.5 * extent)  # turns the middle of the submap by a pixel
     count = int(np.ceil(reach_rad / step))

@@ -142,6 +142,6 @@ def test_the_last_window_can_be_scored_and_nothing_is_written(street: Path) -> N
 
 def test_a_window_without_returns_is_said(street: Path, tmp_path: Path) -> None:
     settings = tmp_path / "blind.yaml"
-    settings.write_text("detector: {threshold: 255}\n")
+    settings.write_text("detector: {threshold: 255, contrast: 1.0e6}\n")
     result = mqslam("score", street, "--start", 0, "--motion", "9,0", "--config", settings)
     assert result.code == 2 and "no returns in these 3 revolutions; lower detector.threshold" in result.err
