@@ -93,6 +93,7 @@ class LoopConfig(BaseModel):
 
     enabled: bool = Field(True, description="whether loops are looked for")
     rounds: int = Field(2, ge=1, description="searches; each starts from the trajectory the one before has mended")
+    passes: int = Field(1, ge=1, description="earlier passes a revolution is tied to, the nearest first")
     spacing_m: float = Field(5.0, gt=0.0, description="path between revolutions that are tried and rendered [m]")
     least_path_m: float = Field(60.0, gt=0.0, description="shorter ways round are odometry, not loops [m]")
     reach_m: float = Field(12.0, gt=0.0, description="two passes this far apart still see the same things [m]")

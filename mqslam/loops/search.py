@@ -71,8 +71,8 @@ def candidate_pairs(drive: Drive, config: Config, tried: set[tuple[int, int]]) -
     """Pairs (earlier, later) of revolutions that may show one place, nearest first per earlier pass.
 
     Two revolutions are a candidate where they lie within the radar's reach of a common view plus what the trajectory may
-    have drifted on the way from one to the other. Of each earlier pass only the nearest revolution is taken, and none
-    where a neighbouring pair has been tried.
+    have drifted on the way from one to the other. Only the nearest revolution of the nearest earlier passes is taken,
+    and none where a neighbouring pair has been tried.
     """
     settings = config.loops
     nodes = drive.spaced(settings.spacing_m)
@@ -87,8 +87,10 @@ def candidate_pairs(drive: Drive, config: Config, tried: set[tuple[int, int]]) -
         path = travelled[b] - travelled[near]
         apart = np.hypot(*(xy[near] - place).T)
         fits = (path > settings.least_path_m) & (apart <= settings.reach_m + settings.drift * path)
-        for group in _passes(near[fits], settings.least_path_m / settings.spacing_m):
-            a = group[np.argmin(np.hypot(*(xy[group] - place).T))]
+        groups = _passes(near[fits], settings.least_path_m / settings.spacing_m)
+        nearest = [group[np.argmin(np.hypot(*(xy[group] - place).T))] for group in groups]
+        nearest.sort(key=lambda a: float(np.hypot(*(xy[a] - place))))
+        for a in nearest[: settings.passes]:
             if not known.query_ball_point([travelled[a], travelled[b] * _STRICTER], settings.least_path_m):
                 pairs.append((int(nodes[a]), int(nodes[b])))
     return pairs
