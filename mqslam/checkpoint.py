@@ -77,18 +77,19 @@ class Checkpoint:
     def __init__(self, out: Path, key: str, *, resume: bool) -> None:
         self._folder = out / FOLDER
         self._key = key
-        if not (resume and (self._folder / "run.json").exists()):  # written first: without it, nothing has been kept
+        run = self._folder / "run.json"
+        if not (resume and run.exists()):  # written first: without it, nothing has been kept
             shutil.rmtree(self._folder, ignore_errors=True)
-        if resume and self._folder.is_dir():
-            try:
-                kept = json.loads((self._folder / "run.json").read_text(encoding="utf-8"))["key"]
-            except (OSError, ValueError, KeyError, TypeError):
-                kept = None
-            if kept != key:
-                raise OutputError(
-                    f"{out}: holds an unfinished run of other data or settings; "
-                    "choose another --out, or give --force instead of --resume"
-                )
+            return
+        try:
+            kept = json.loads(run.read_text(encoding="utf-8"))["key"]
+        except (OSError, ValueError, KeyError, TypeError):
+            kept = None
+        if kept != key:
+            raise OutputError(
+                f"{out}: holds an unfinished run of other data or settings; "
+                "choose another --out, or give --force instead of --resume"
+            )
 
     def remove(self) -> None:
         """Delete what was kept, and the result folder if it holds nothing else."""

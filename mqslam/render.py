@@ -12,7 +12,7 @@ from mqslam import se2
 from mqslam.config import Config
 from mqslam.errors import EstimationError
 from mqslam.pointmap import PointMap
-from mqslam.psi.estimator import evaluate
+from mqslam.psi.minimiser import score
 from mqslam.psi.neighbours import candidates, cell_grid
 from mqslam.psi.place import PointSet
 from mqslam.returns import Returns, Window
@@ -87,10 +87,8 @@ def score_points(
     def part(begin: int) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
         span = slice(begin, begin + _CHUNK)
         some = PointSet(points.points[span], points.jacobians[span], points.covariances[span], points.times[span])
-        found = evaluate(
-            some, points, candidates(grid, some.points, estimator.s), estimator.final, revolution_s,
-            estimator.beta_t, estimator.xi, estimator.blur_m, moving_references=False,
-        )  # fmt: skip
+        lists = candidates(grid, some.points, estimator.s)
+        found = score(some, points, lists, estimator.final, revolution_s, estimator)
         return found.shares, found.matched
 
     with ThreadPoolExecutor(jobs) as pool:

@@ -114,7 +114,7 @@ class Slam:
             with self._stage("optimise"):
                 initial = chain(m.pose for m in measurements)
                 edges = self._odometry(windows, context, measurements)
-                graph, values = self._optimised(initial, measurements, edges, [])
+                _, values = self._optimised(initial, measurements, edges, [])
             with self._stage("loops"):
                 loops, tried = self._loops(windows, initial, measurements, edges, values)
             with self._stage("optimise"):

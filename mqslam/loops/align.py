@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from mqslam import se2
 from mqslam.psi.correlate import SAME_M, correlation_peaks
 from mqslam.psi.covariance import sandwich
-from mqslam.psi.estimator import Evaluation, evaluate
-from mqslam.psi.minimiser import EstimatorConfig, Prior, minimise
+from mqslam.psi.estimator import Evaluation
+from mqslam.psi.minimiser import EstimatorConfig, Prior, minimise, score
 from mqslam.psi.neighbours import CellGrid, candidates, cell_grid
 from mqslam.psi.observability import weak_directions
 from mqslam.psi.place import PointSet
@@ -112,6 +112,4 @@ def moved(points: PointSet, pose: se2.Array) -> PointSet:
 def _scored(reference: PointSet, grid: CellGrid, points: PointSet, config: EstimatorConfig, *, wide: bool) -> Evaluation:
     scale = config.scale(0) if wide else config.final
     lists = candidates(grid, points.points, scale.s)
-    return evaluate(
-        points, reference, lists, scale, ANY_TIME, config.beta_t, config.xi, config.blur_m, moving_references=False
-    )
+    return score(points, reference, lists, scale, ANY_TIME, config)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field
 
 from mqslam.psi.estimator import Evaluation, Scale, evaluate
-from mqslam.psi.neighbours import CellGrid, NeighbourCache
+from mqslam.psi.neighbours import CandidateLists, CellGrid, NeighbourCache
 from mqslam.psi.place import PointSet
 
 
@@ -82,6 +82,25 @@ class Minimum:
     converged: bool
 
 
+def score(
+    queries: PointSet,
+    references: PointSet,
+    lists: CandidateLists,
+    scale: Scale,
+    revolution_s: float,
+    config: EstimatorConfig,
+) -> Evaluation:
+    """Score points against references, or against themselves where both are the same object, as the settings say.
+
+    Args:
+        lists: candidates for every query within the scale's s.
+        revolution_s: duration of a turn [s]; zero compares points whatever their times.
+    """
+    return evaluate(
+        queries, references, lists, scale, revolution_s, config.beta_t, config.xi, config.blur_m, queries is references
+    )
+
+
 def minimise(
     start: NDArray[np.float64],
     render: Callable[[NDArray[np.float64]], PointSet],
@@ -91,7 +110,6 @@ def minimise(
     revolution_s: float,
     tolerances: NDArray[np.float64],
     grid: CellGrid | None = None,
-    first_step: int = 0,
 ) -> Minimum:
     """Minimise psi plus the prior over the state.
 
@@ -104,23 +122,20 @@ def minimise(
         revolution_s: duration of a turn [s].
         tolerances: (Q,) steps smaller than these end the search once the widths are final.
         grid: the references sorted into cells, if there are any.
-        first_step: position in the annealing to begin at; later for good starts.
     """
     state = np.array(start, dtype=np.float64)
     cache = NeighbourCache()
     converged = False
 
-    def score(scale: Scale) -> Evaluation:
+    def scored(scale: Scale) -> Evaluation:
         queries = render(state)
         others = queries if references is None else references
         lists = cache.lists(queries.points, others.points, scale.s, grid)
-        return evaluate(
-            queries, others, lists, scale, revolution_s, config.beta_t, config.xi, config.blur_m, references is None
-        )
+        return score(queries, others, lists, scale, revolution_s, config)
 
-    for step in range(first_step, config.steps):
+    for step in range(config.steps):
         scale = config.scale(step)
-        found = score(scale)
+        found = scored(scale)
         curvature = (found.curvature + config.stabiliser * found.information) / config.correlation + prior.information
         gradient = found.gradient / config.correlation + prior.information @ (state - prior.mean)
         values, vectors = np.linalg.eigh(_scaled(curvature, tolerances))
@@ -130,7 +145,7 @@ def minimise(
         if scale == config.final and np.all(np.abs(move) < tolerances):
             converged = True
             break
-    return Minimum(state, score(config.final), converged)
+    return Minimum(state, scored(config.final), converged)
 
 
 def _scaled(matrix: NDArray[np.float64], units: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -20,9 +20,9 @@ from mqslam.motion import CONSTANT_TWIST
 from mqslam.psi.correlate import correlation_peaks
 from mqslam.psi.covariance import sandwich
 from mqslam.psi.dynamics import MODEL, SIZE, TOLERANCES, held, initial_covariance, predict, spans
-from mqslam.psi.estimator import Evaluation, Scale, evaluate
+from mqslam.psi.estimator import Evaluation, Scale
 from mqslam.psi.localmap import LocalMap
-from mqslam.psi.minimiser import Minimum, Prior, minimise
+from mqslam.psi.minimiser import Minimum, Prior, minimise, score
 from mqslam.psi.neighbours import candidates
 from mqslam.psi.observability import loosened, weak_directions
 from mqslam.psi.place import PointSet, place
@@ -238,12 +238,9 @@ class Tracker:
         return best
 
     def _evaluate(self, window: Window, state: se2.Array, scale: Scale) -> Evaluation:
-        placed, config = self._place(window, state), self._estimator
+        placed = self._place(window, state)
         lists = candidates(self._map.grid, placed.points, scale.s)
-        return evaluate(
-            placed, self._map.points, lists, scale, self._revolution_s, config.beta_t, config.xi, config.blur_m,
-            moving_references=False,
-        )  # fmt: skip
+        return score(placed, self._map.points, lists, scale, self._revolution_s, self._estimator)
 
     def _minimise(self, window: Window, start: se2.Array, prior: Prior) -> Minimum:
         return minimise(

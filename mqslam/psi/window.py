@@ -16,8 +16,8 @@ from mqslam import se2
 from mqslam.measurement import Status
 from mqslam.motion import CONSTANT_TWIST, MotionModel
 from mqslam.psi.covariance import sandwich
-from mqslam.psi.estimator import Evaluation, Scale, evaluate
-from mqslam.psi.minimiser import EstimatorConfig, Minimum, Prior, minimise
+from mqslam.psi.estimator import Evaluation, Scale
+from mqslam.psi.minimiser import EstimatorConfig, Minimum, Prior, minimise, score
 from mqslam.psi.neighbours import candidates, cell_grid
 from mqslam.psi.observability import loosened, weak_directions
 from mqslam.psi.place import Beam, PointSet, place
@@ -172,6 +172,4 @@ def window_score(
 def _score(points: PointSet, scale: Scale, revolution_s: float, config: EstimatorConfig) -> Evaluation:
     """A window's points scored against each other."""
     lists = candidates(cell_grid(points.points, scale.s), points.points, scale.s)
-    return evaluate(
-        points, points, lists, scale, revolution_s, config.beta_t, config.xi, config.blur_m, moving_references=True
-    )
+    return score(points, points, lists, scale, revolution_s, config)
