@@ -57,10 +57,11 @@ class CandidateLists:
 
 def candidates(grid: CellGrid, queries: NDArray[np.float64], radius: float) -> CandidateLists:
     """Lists of the reference points within radius [m] of queries (N, 2) m; a query that is one of them is listed too."""
-    offsets = _count(grid.points, grid.keys, grid.corner, grid.cell, grid.rows, queries, radius)
-    indices = _fill(
-        grid.points, grid.order, grid.keys, grid.corner, grid.cell, grid.rows, queries, radius, offsets
-    )
+    cells = (grid.points, grid.order, grid.keys, grid.corner, grid.cell, grid.rows)
+    offsets = np.zeros(len(queries) + 1, np.int64)
+    _visit(*cells, queries, radius, offsets, np.empty(0, np.int64), False)
+    indices = np.empty(offsets[-1], np.int64)
+    _visit(*cells, queries, radius, offsets, indices, True)
     return CandidateLists(offsets, indices, radius)
 
 
@@ -77,41 +78,7 @@ def _first(keys: NDArray[np.int64], key: int) -> int:
 
 
 @nb.njit(cache=True, nogil=True)
-def _count(
-    points: NDArray[np.float64],
-    keys: NDArray[np.int64],
-    corner: NDArray[np.float64],
-    cell: float,
-    rows: int,
-    queries: NDArray[np.float64],
-    radius: float,
-) -> NDArray[np.int64]:
-    offsets = np.zeros(len(queries) + 1, np.int64)
-    if len(keys) == 0:
-        return offsets
-    for i in range(len(queries)):
-        x, y = queries[i, 0], queries[i, 1]
-        low = max(0, int(np.floor((y - radius - corner[1]) / cell)))
-        high = min(rows - 1, int(np.floor((y + radius - corner[1]) / cell)))
-        found = 0
-        if low <= high:
-            left = max(0, int(np.floor((x - radius - corner[0]) / cell)))
-            right = int(np.floor((x + radius - corner[0]) / cell))
-            for column in range(left, right + 1):
-                if column * rows > keys[-1]:
-                    break
-                for k in range(_first(keys, column * rows + low), len(keys)):
-                    if keys[k] > column * rows + high:
-                        break
-                    dx, dy = points[k, 0] - x, points[k, 1] - y
-                    if dx * dx + dy * dy < radius * radius:
-                        found += 1
-        offsets[i + 1] = offsets[i] + found
-    return offsets
-
-
-@nb.njit(cache=True, nogil=True)
-def _fill(
+def _visit(
     points: NDArray[np.float64],
     order: NDArray[np.int64],
     keys: NDArray[np.int64],
@@ -121,18 +88,20 @@ def _fill(
     queries: NDArray[np.float64],
     radius: float,
     offsets: NDArray[np.int64],
-) -> NDArray[np.int64]:
-    indices = np.empty(offsets[-1], np.int64)
+    indices: NDArray[np.int64],
+    fill: bool,
+) -> None:
+    """Count the neighbours of every query into offsets, or, with these, fill in their indices."""
+    if len(keys) == 0:
+        return
     for i in range(len(queries)):
-        if offsets[i] == offsets[i + 1]:
-            continue
         x, y = queries[i, 0], queries[i, 1]
         low = max(0, int(np.floor((y - radius - corner[1]) / cell)))
         high = min(rows - 1, int(np.floor((y + radius - corner[1]) / cell)))
         left = max(0, int(np.floor((x - radius - corner[0]) / cell)))
         right = int(np.floor((x + radius - corner[0]) / cell))
         slot = offsets[i]
-        for column in range(left, right + 1):
+        for column in range(left, right + 1 if low <= high else left):
             if column * rows > keys[-1]:
                 break
             for k in range(_first(keys, column * rows + low), len(keys)):
@@ -140,9 +109,11 @@ def _fill(
                     break
                 dx, dy = points[k, 0] - x, points[k, 1] - y
                 if dx * dx + dy * dy < radius * radius:
-                    indices[slot] = order[k]
+                    if fill:
+                        indices[slot] = order[k]
                     slot += 1
-    return indices
+        if not fill:
+            offsets[i + 1] = slot
 
 
 class NeighbourCache:
