@@ -12,6 +12,7 @@ import mqslam
 from mqslam.evaluation import evaluate
 from mqslam.measurement import RelativeMotion, Status
 from mqslam.pointmap import PointMap
+from mqslam.render import moving
 from mqslam.slam import Run
 from mqslam.stream import RadarStream
 
@@ -19,6 +20,7 @@ from mqslam.stream import RadarStream
 WARN_LOST, FAIL_LOST = 0.0, 0.2
 WARN_DEGENERATE = 0.1
 FAIL_MATCHED = 0.15  # below this share of matched points nothing overlaps and psi means nothing
+PARKED_S = 10.0  # shorter stops are traffic
 WORSE = 1.1  # psi per point after over before; passes that loops lay on each other cost a little more than alone
 
 
@@ -115,7 +117,15 @@ def run_warnings(run: Run, stream: RadarStream) -> list[str]:
     found = [f"radar gap of {missing:.2f} s after revolution {k}" for k, missing in stream.gaps()]
     for status, what in ((Status.LOST, "lost track"), (Status.DEGENERATE, "did not observe every direction")):
         found += [f"{what} from {begin:.1f} s to {end:.1f} s" for begin, end in stretches(run.measurements, status)]
+    found += [f"stood still from {begin:.1f} s to {end:.1f} s: rendered once" for begin, end in parked(run, stream)]
     return found
+
+
+def parked(run: Run, stream: RadarStream) -> list[tuple[float, float]]:
+    """Spans [s] of at least PARKED_S in which no revolution moved on, and the map holds only the first."""
+    moved = stream.start_times[moving(run.optimised.poses, run.config.map.travel_m, run.config.map.travel_rad)]
+    ends = np.append(moved[1:], stream.duration_s)
+    return [(float(a), float(b)) for a, b in zip(moved, ends, strict=True) if b - a >= PARKED_S]
 
 
 def stretches(windows: list[RelativeMotion], status: Status) -> list[tuple[float, float]]:
