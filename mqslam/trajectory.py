@@ -52,6 +52,15 @@ def write_tum(path: Path, trajectory: Trajectory) -> None:
     write_text(path, "".join(lines))
 
 
+def write_kitti(path: Path, trajectory: Trajectory) -> None:
+    """Write the first three rows of every pose's 4x4 matrix, 12 numbers a line, as evo reads it: x-y plane, no stamps."""
+    lines = []
+    for x, y, yaw in trajectory.poses.tolist():
+        c, s = np.cos(yaw), np.sin(yaw)
+        lines.append(f"{c:.9f} {-s:.9f} 0 {x:.6f} {s:.9f} {c:.9f} 0 {y:.6f} 0 0 1 0\n")
+    write_text(path, "".join(lines))
+
+
 def read_tum(path: Path) -> Trajectory:
     """Read a TUM file: `t[s] x y z qx qy qz qw`, `#` starts a comment; z, roll and pitch are dropped.
 

@@ -42,7 +42,7 @@ def test_no_file_and_the_shipped_default_are_the_defaults() -> None:
 
 
 def test_every_shipped_configuration_loads() -> None:
-    assert {"default", "oxford"} <= set(shipped_names())
+    assert {"boreas", "default", "mulran", "oxford", "radiate"} <= set(shipped_names())
     for name in shipped_names():
         assert isinstance(load_config(name), Config)
     assert load_config("oxford").sensor.range_resolution_m == 0.0438

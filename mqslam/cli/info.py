@@ -6,20 +6,25 @@ import json
 
 import typer
 
-from mqslam.cli.options import Data, Format, Json, RangeResolution
+from mqslam.cli.options import ConfigOption, Data, Format, Json, RangeResolution
 
 
 def info(
-    data: Data, format: Format = None, range_resolution: RangeResolution = None, as_json: Json = False
+    data: Data,
+    config: ConfigOption = None,
+    format: Format = None,
+    range_resolution: RangeResolution = None,
+    as_json: Json = False,
 ) -> None:
     """Say what is in a recording: format, revolutions, duration, turn rate, bins, odometry, ground truth, gaps.
 
     Example: mqslam info drive
     """
+    from mqslam.cli.recording import opened
+    from mqslam.config import load_config
     from mqslam.info import describe
-    from mqslam.readers import open_recording
 
-    found = describe(open_recording(data, format, range_resolution))
+    found = describe(opened(data, format, range_resolution, load_config(config).sensor))
     if as_json:
         typer.echo(json.dumps(found, indent=1))
         return

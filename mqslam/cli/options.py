@@ -16,6 +16,9 @@ RangeResolution = Annotated[
 ConfigOption = Annotated[
     str | None, typer.Option("--config", "-c", help="Settings: a YAML file, or the name of one that ships.")
 ]
+Odometry = Annotated[
+    str, typer.Option(help=r"auto: the recording's own if it has one; none; or a file (TUM, or CSV t\[us],v,omega).")
+]
 Json = Annotated[bool, typer.Option("--json", help="Print the numbers as JSON.")]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print errors only.")]
 Jobs = Annotated[int, typer.Option("--jobs", "-j", min=1, help="Processes to use; the result does not depend on it.")]

@@ -8,13 +8,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from mqslam.cli.options import CORES, ConfigOption, Data, Force, Format, Jobs, Json, Quiet, RangeResolution
+from mqslam.cli.options import CORES, ConfigOption, Data, Force, Format, Jobs, Json, Odometry, Quiet, RangeResolution
 
 if TYPE_CHECKING:
     from rich.table import Table
-
-    from mqslam.stream import RadarStream
-    from mqslam.trajectory import Trajectory
 
 
 def run(
@@ -22,9 +19,7 @@ def run(
     out: Annotated[Path, typer.Option("--out", "-o", help="Folder for the results; must not exist yet.")],
     frontend: Annotated[str, typer.Option(help="psi, kiss_icp, odometry, or one that is installed.")] = "psi",
     config: ConfigOption = None,
-    odometry: Annotated[
-        str, typer.Option(help=r"auto: the recording's own if it has one; none; or a file (TUM, or CSV t\[us],v,omega).")
-    ] = "auto",
+    odometry: Odometry = "auto",
     format: Format = None,
     range_resolution: RangeResolution = None,
     jobs: Jobs = CORES,
@@ -41,16 +36,16 @@ def run(
 
     from mqslam.checkpoint import run_key, unfinished
     from mqslam.cli.progress import progress
+    from mqslam.cli.recording import choose_odometry, opened
     from mqslam.config import load_config
     from mqslam.outputs import check_free, whole_folder, write_run
-    from mqslam.readers import open_recording
     from mqslam.slam import Slam
     from mqslam.summary import run_warnings, summarise
 
     settings = load_config(config)
     check_free(out, force=force, resume=resume, recording=data)
     console = Console(stderr=True, markup=False)
-    stream = open_recording(data, format, range_resolution or settings.sensor.range_resolution_m)
+    stream = opened(data, format, range_resolution, settings.sensor)
     track, notes = choose_odometry(stream, odometry)
     log = [*stream.notes, *notes]
     if not quiet:
@@ -70,30 +65,6 @@ def run(
             console.print(f"warning: {warning}", style="yellow", highlight=False, soft_wrap=True)
         Console(soft_wrap=True).print(summary_table(summary))
         typer.echo(f"report: {out / 'report.html'}")
-
-
-def choose_odometry(stream: RadarStream, choice: str) -> tuple[Trajectory | None, list[str]]:
-    """The odometry a run uses, and what the user should know about the choice.
-
-    Raises:
-        DataError: a file that cannot be read or does not cover the recording.
-    """
-    from mqslam.errors import DataError
-    from mqslam.readers import read_odometry
-
-    if choice == "none":
-        return None, []
-    last = int(stream.stamps_us[-1])
-    if choice != "auto":
-        track = read_odometry(Path(choice))
-        if not track.covers(stream.start_us, last):
-            raise DataError(
-                choice, "does not cover the recording", f"it must span {stream.start_us} to {last} us, in the radar's clock"
-            )
-        return track, []
-    if stream.odometry is not None and not stream.odometry.covers(stream.start_us, last):
-        return None, ["the recording's odometry does not cover it and is not used"]
-    return stream.odometry, []
 
 
 def log_text(summary: dict[str, Any], notes: list[str], warnings: list[str]) -> str:

@@ -56,14 +56,14 @@ def score(
 
     Example: mqslam score drive --start 2.0 --motion 9.1,0.05
     """
+    from mqslam.cli.recording import opened
     from mqslam.config import load_config
     from mqslam.psi.window import beam_of, estimate_window
-    from mqslam.readers import open_recording
 
     settings = load_config(config)
     variant = psi_variant(settings, temporal=temporal, numerator=numerator, factor=factor, unmatched=unmatched)
     theta, model = parse_motion(motion)
-    stream = open_recording(data, format, range_resolution or settings.sensor.range_resolution_m)
+    stream = opened(data, format, range_resolution, settings.sensor)
     returns, t0 = read_window(stream, settings, start, revolutions)
     beta = settings.sensor.doppler_beta or 0.0
     found: dict[str, Any] = {

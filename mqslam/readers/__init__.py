@@ -10,6 +10,7 @@ from typing import Protocol, cast
 
 from mqslam.errors import ConfigError, DataError
 from mqslam.readers.odometry import read_odometry
+from mqslam.readers.sensing import Sensing, Stamp
 from mqslam.stream import RadarStream
 
 __all__ = ["FORMATS", "open_recording", "read_odometry"]
@@ -21,24 +22,37 @@ class Reader(Protocol):
     def recognises(self, path: Path) -> bool:
         """Whether the path looks like a recording of this layout; reads names only."""
 
-    def open_stream(self, path: Path, range_resolution: float | None) -> RadarStream:
-        """Index the recording; `range_resolution` [m] overrides what the layout says."""
+    def open_stream(self, path: Path, sensing: Sensing) -> RadarStream:
+        """Index the recording; `sensing` overrides what the layout says."""
 
 
 FORMATS = {
-    "oxford": "mqslam.readers.oxford",
+    "boreas": "mqslam.readers.boreas",
+    "mulran": "mqslam.readers.mulran",
+    "radiate": "mqslam.readers.radiate",
+    "oxford": "mqslam.readers.oxford",  # after boreas, which looks like it with more beside
     "rosbag": "mqslam.readers.rosbag",
     "native": "mqslam.readers.native",
 }
 
 
-def open_recording(path: Path, format: str | None = None, range_resolution: float | None = None) -> RadarStream:
+def open_recording(
+    path: Path,
+    format: str | None = None,
+    range_resolution: float | None = None,
+    *,
+    clockwise: bool | None = None,
+    stamp: Stamp | None = None,
+) -> RadarStream:
     """Open a recording without reading its revolutions.
 
     Args:
         path: a file or folder in one of the layouts of `FORMATS`.
         format: name of the layout; None guesses it from the path.
         range_resolution: length of a range bin [m]; None takes it from the recording or the layout's default.
+        clockwise: whether the radar turns clockwise, where azimuths carry no angles; None takes the layout's default.
+        stamp: whether a revolution's stamp is its start or its end, where azimuths carry no stamps; None takes the
+            layout's default.
 
     Raises:
         ConfigError: a format nobody knows, or a range resolution that is no length.
@@ -55,7 +69,8 @@ def open_recording(path: Path, format: str | None = None, range_resolution: floa
             raise DataError(path, "does not exist", "check the path")
         if path.is_dir() and not any(path.iterdir()):
             raise DataError(path, "is an empty folder", "give the folder or file that holds the recording")
-        return (_reader(format) if format else _guess(path)).open_stream(path, range_resolution)
+        sensing = Sensing(range_resolution, clockwise, stamp)
+        return (_reader(format) if format else _guess(path)).open_stream(path, sensing)
     except OSError as error:
         raise DataError(path, f"cannot be read ({error.strerror or error})", "check its permissions") from error
 
@@ -73,6 +88,6 @@ def _guess(path: Path) -> Reader:
     raise DataError(
         path,
         "is no recording in a known layout",
-        f"name its layout ({', '.join(FORMATS)}), or give a folder with radar/<t>.png, a .bag, a ROS 2 bag folder, "
-        "an .mcap or an .npz",
+        f"name its layout ({', '.join(FORMATS)}), or give a folder with radar/<t>.png, sensor_data/radar/polar or "
+        "Navtech_Polar/, a .bag, a ROS 2 bag folder, an .mcap or an .npz",
     )

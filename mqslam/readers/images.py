@@ -34,3 +34,10 @@ def read_grey(path: Path) -> NDArray[np.uint8]:
             return np.asarray(image)
     except (*_DAMAGE, Image.DecompressionBombError) as error:
         raise DataError(path, f"is not a readable PNG ({error})", remedy) from error
+
+
+def stamped_names(folder: Path) -> NDArray[np.int64]:
+    """What the images `<t>.png` of a folder are called, (N,) in order; images of other names do not count."""
+    names = (image.stem for image in folder.glob("*.png"))
+    stamps = {int(name) for name in names if name.isdecimal() and len(name) <= 19 and str(int(name)) == name}
+    return np.array(sorted(stamp for stamp in stamps if stamp < 2**63), dtype=np.int64)

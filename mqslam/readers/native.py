@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from mqslam.errors import DataError
 from mqslam.files import written_whole
+from mqslam.readers.sensing import Sensing
 from mqslam.stream import RadarStream, Revolution
 from mqslam.trajectory import Trajectory, checked
 
@@ -62,7 +63,7 @@ def recognises(path: Path) -> bool:
     return path.suffix == ".npz" and path.is_file()
 
 
-def open_stream(path: Path, range_resolution: float | None) -> NativeStream:
+def open_stream(path: Path, sensing: Sensing) -> NativeStream:
     """Index a native `.npz`: everything but the revolutions is read.
 
     Raises:
@@ -83,10 +84,10 @@ def open_stream(path: Path, range_resolution: float | None) -> NativeStream:
             format="native",
             stamps_us=stamps,
             end_us=int(_member(path, archive, "end_us", np.int64, 0)),
-            range_resolution=resolution if range_resolution is None else range_resolution,
+            range_resolution=sensing.range_resolution or resolution,
             odometry=_trajectory(path, archive, "odometry"),
             ground_truth=_trajectory(path, archive, "ground_truth"),
-            notes=tuple(_member(path, archive, "notes", np.str_, 1).tolist()),
+            notes=(*_member(path, archive, "notes", np.str_, 1).tolist(), *sensing.idle()),
         )
 
 

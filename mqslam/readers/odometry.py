@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from mqslam import se2
 from mqslam.errors import DataError
+from mqslam.readers.stamps import microseconds
 from mqslam.trajectory import Trajectory, checked, read_tum
 
 
@@ -44,16 +45,49 @@ def read_numbers(path: Path, columns: list[int]) -> NDArray[np.float64]:
     Raises:
         DataError: a row that is too short or holds something other than finite numbers.
     """
+    return _table(path, _rows(path)[1:], columns)
+
+
+def read_stamped(path: Path, columns: list[int]) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    """Stamps (N,) [us] and the given columns (N, len(columns)) of a CSV with or without a header.
+
+    The first column holds whole stamps in us or ns, too long for a float. Rows come in the order of their stamps, one of
+    each.
+
+    Raises:
+        DataError: a row that is too short or holds something other than finite numbers.
+    """
+    rows = _rows(path)
+    rows = rows[1:] if rows and not rows[0].lstrip()[:1].isdigit() else rows
+    try:
+        stamps, order = np.unique(microseconds([row.split(",", 1)[0].strip() for row in rows]), return_index=True)
+    except ValueError as error:
+        raise _no_table(path, error) from error
+    return stamps, _table(path, rows, columns)[order]
+
+
+def _rows(path: Path) -> list[str]:
+    """The lines of a text file that are neither empty nor a comment."""
     try:
         text = path.read_text(encoding="utf-8").split("\n")
-        rows = [line for line in text if line.strip() and not line.startswith("#")][1:]
+    except (OSError, ValueError) as error:
+        raise _no_table(path, error) from error
+    return [line for line in text if line.strip() and not line.startswith("#")]
+
+
+def _table(path: Path, rows: list[str], columns: list[int]) -> NDArray[np.float64]:
+    """The given columns of rows (N,)."""
+    try:
         table = np.loadtxt(rows, delimiter=",", usecols=columns, ndmin=2) if rows else np.empty((0, len(columns)))
         if not np.isfinite(table).all():
             raise ValueError(f"row {int(np.argmin(np.isfinite(table).all(axis=1))) + 2} is not finite")
-    except (OSError, ValueError) as error:
-        reason = str(error).splitlines()[0]
-        raise DataError(path, f"is not a table of numbers ({reason})", "repair or remove it") from error
+    except ValueError as error:
+        raise _no_table(path, error) from error
     return table
+
+
+def _no_table(path: Path, error: Exception) -> DataError:
+    return DataError(path, f"is not a table of numbers ({str(error).splitlines()[0]})", "repair or remove it")
 
 
 def _read_twists(path: Path, header: str) -> Trajectory:

@@ -102,10 +102,3 @@ def stamped_azimuths(layout: Layout, message: Any) -> Azimuths:
         raise ValueError(f"holds {len(ticks)} encoder values and {len(stamps_us)} times for another number of azimuths")
     turn = next((turn for turn in _ENCODER_TURNS if ticks.max(initial=0) <= turn), _ENCODER_TURNS[-1])
     return repaired(stamps_us, ticks, np.ones(len(ticks), dtype=np.bool_), turn)
-
-
-def even_azimuths(count: int, stamp_us: int, duration_us: int) -> Azimuths:
-    """Azimuths (count,) spread evenly over a turn, clockwise from straight ahead, from a stamp on [us]."""
-    fractions = np.arange(count) / count
-    stamps_us = stamp_us + np.round(fractions * duration_us).astype(np.int64)
-    return Azimuths(stamps_us, -2.0 * np.pi * fractions, np.ones(count, dtype=np.bool_))

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
-import re
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -12,22 +10,21 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mqslam.errors import DataError, MqslamError
-from mqslam.readers import polar_message
+from mqslam.errors import DataError
+from mqslam.readers import bags, polar_message
 from mqslam.readers.polar_message import B_SCAN_DEFINITION, B_SCAN_TYPE, IMAGE_TYPE, Layout
+from mqslam.readers.rows import even_azimuths
+from mqslam.readers.sensing import Sensing
 from mqslam.stream import RadarStream, Revolution
-from mqslam.trajectory import Trajectory, yaw_of_quaternion
 
 if TYPE_CHECKING:
     from rosbags.highlevel import AnyReader
     from rosbags.interfaces import Connection
 
 RANGE_RESOLUTION_M = 0.0438
-_ODOMETRY_TYPE = "nav_msgs/msg/Odometry"
-_POSE_TYPE = "geometry_msgs/msg/PoseStamped"
 _POLAR_TOPICS = ("/navtech/polar", "/radar/polar")
-_TRUTH = re.compile(r"truth|(?<![a-z])gt(?![a-z])")
 _USUAL_TURN_US = 250_000
+_DEFINITIONS = {B_SCAN_TYPE: B_SCAN_DEFINITION}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -50,12 +47,12 @@ class RosbagStream(RadarStream):
         if not wanted:
             return
         k = wanted.start
-        with _opened(self.path) as reader:
+        with bags.opened(self.path, _DEFINITIONS) as reader:
             connections = [connection for connection in reader.connections if connection.topic == self.topic]
             first, after = int(self.logged_ns[k]), int(self.logged_ns[wanted[-1]]) + 1
             for connection, logged, raw in reader.messages(connections, first, after):
                 message = reader.deserialize(raw, connection.msgtype)
-                with _naming(self.path, self.topic, logged):
+                with bags.naming(self.path, self.topic, logged):
                     if _stamp_us(self.layout, message, logged) != self.stamps_us[k]:
                         continue
                     revolution = self._revolution(k, message)
@@ -73,22 +70,22 @@ class RosbagStream(RadarStream):
             stamp, period = int(self.stamps_us[k]), round(self.period_s * 1e6)
             until_next = int(self.stamps_us[k + 1] if k + 1 < len(self) else self.end_us) - stamp
             duration = until_next if until_next < 1.5 * period else period
-            azimuths = polar_message.even_azimuths(len(power), stamp, duration)
+            azimuths = even_azimuths(len(power), stamp, duration)
         return azimuths.revolution(power, self.start_us)
 
 
 def recognises(path: Path) -> bool:
     """Whether the path is a `.bag`, `.mcap` or `.db3` file, or a folder with a `metadata.yaml`."""
-    return path.suffix in (".bag", ".mcap", ".db3") if path.is_file() else (path / "metadata.yaml").is_file()
+    return bags.recognises(path)
 
 
-def open_stream(path: Path, range_resolution: float | None) -> RosbagStream:
+def open_stream(path: Path, sensing: Sensing) -> RosbagStream:
     """Index a bag: one pass over the messages of radar, odometry and ground truth, of which only stamps and poses stay.
 
     Raises:
         DataError: not a readable bag, no radar topic in it, or a radar message that cannot be used.
     """
-    with _opened(path) as reader:
+    with bags.opened(path, _DEFINITIONS) as reader:
         topic, layout, notes = _radar_topic(path, reader)
         odometry_topic, truth_topic = _pose_topics(reader)
         index = _index(path, reader, topic, layout, {odometry_topic, truth_topic} - {None})
@@ -103,10 +100,9 @@ def open_stream(path: Path, range_resolution: float | None) -> RosbagStream:
             "images carry no azimuth times or angles: header stamps are taken as the start of a revolution, "
             f"{layout.value} as azimuths spaced evenly clockwise from straight ahead"
         )
-    if range_resolution is None:
-        range_resolution = RANGE_RESOLUTION_M
+    if sensing.range_resolution is None:
         notes.append(f"range resolution {RANGE_RESOLUTION_M} m assumed: --range-resolution overrides it")
-    odometry, truth = _trajectory(index, odometry_topic), _trajectory(index, truth_topic)
+    odometry, truth = (bags.trajectory_of(index.poses.get(name or "", ())) for name in (odometry_topic, truth_topic))
     if odometry is not None:
         notes.append(f"odometry from {odometry_topic}, taken as the motion of the radar itself")
     if truth is not None:
@@ -116,7 +112,7 @@ def open_stream(path: Path, range_resolution: float | None) -> RosbagStream:
         format="rosbag",
         stamps_us=stamps,
         end_us=end_us,
-        range_resolution=range_resolution,
+        range_resolution=sensing.range_resolution or RANGE_RESOLUTION_M,
         odometry=odometry,
         ground_truth=truth,
         notes=tuple(notes),
@@ -134,36 +130,7 @@ class _Index:
     logged_ns: list[int] = field(default_factory=list)
     end_us: int = 0
     skipped: int = 0
-    poses: dict[str, list[tuple[int, float, float, float]]] = field(default_factory=dict)
-
-
-@contextlib.contextmanager
-def _opened(path: Path) -> Iterator[AnyReader]:
-    """The bag, open."""
-    from rosbags.highlevel import AnyReader
-    from rosbags.typesys import Stores, get_types_from_msg, get_typestore
-
-    store = get_typestore(Stores.ROS2_HUMBLE)
-    store.register(get_types_from_msg(B_SCAN_DEFINITION, B_SCAN_TYPE))
-    try:
-        with AnyReader([path], default_typestore=store) as reader:
-            yield reader
-    except MqslamError:
-        raise
-    except Exception as error:  # on damaged files rosbags lets through whatever struct, zlib, apsw, yaml... raise
-        reason = (str(error) or type(error).__name__).splitlines()[0]
-        remedy = "copy it anew, or repair it with 'rosbag reindex' or 'mcap recover'"
-        raise DataError(path, f"is not a readable bag ({reason})", remedy) from error
-
-
-@contextlib.contextmanager
-def _naming(path: Path, topic: str, logged_ns: int) -> Iterator[None]:
-    """Errors of a message become errors of the bag that name it."""
-    try:
-        yield
-    except ValueError as error:
-        remedy = "cut it out of the bag, or name another bag"
-        raise DataError(path, f"the message on {topic} recorded at {logged_ns} ns {error}", remedy) from error
+    poses: dict[str, list[bags.PoseRow]] = field(default_factory=dict)
 
 
 def _radar_topic(path: Path, reader: AnyReader) -> tuple[str, Layout, list[str]]:
@@ -177,16 +144,15 @@ def _radar_topic(path: Path, reader: AnyReader) -> tuple[str, Layout, list[str]]
     else:
         alike = {c.topic: c for c in images if polar_message.looks_like_radar(_first(reader, c)[1])}
         if len(alike) != 1:
-            there = ", ".join(f"{c.topic} [{c.msgtype}]" for c in reader.connections[:12]) or "none"
             raise DataError(
                 path,
-                f"has {'several topics that could be' if alike else 'no'} radar (topics: {there})",
+                f"has {'several topics that could be' if alike else 'no'} radar (topics: {bags.topics_there(reader)})",
                 f"radar is {IMAGE_TYPE} on /Navtech/Polar or /radar/polar, or {B_SCAN_TYPE}",
             )
         chosen = next(iter(alike.values()))
         note = f"radar from {chosen.topic}, the only topic with images shaped like a radar's"
     logged, message = _first(reader, chosen)
-    with _naming(path, chosen.topic, logged):
+    with bags.naming(path, chosen.topic, logged):
         return chosen.topic, polar_message.layout_of(chosen.topic, chosen.msgtype, message), [note]
 
 
@@ -198,9 +164,9 @@ def _first(reader: AnyReader, connection: Connection) -> tuple[int, Any]:
 
 def _pose_topics(reader: AnyReader) -> tuple[str | None, str | None]:
     """The topics of odometry and of ground truth, by type and name."""
-    typed = [c for c in reader.connections if c.msgtype in (_ODOMETRY_TYPE, _POSE_TYPE)]
-    truths = [c.topic for c in typed if _TRUTH.search(c.topic.lower())]
-    drives = [c.topic for c in typed if c.msgtype == _ODOMETRY_TYPE and c.topic not in truths]
+    typed = [c for c in reader.connections if c.msgtype in (bags.ODOMETRY_TYPE, bags.POSE_TYPE)]
+    truths = [c.topic for c in typed if bags.TRUTH_NAME.search(c.topic.lower())]
+    drives = [c.topic for c in typed if c.msgtype == bags.ODOMETRY_TYPE and c.topic not in truths]
     drives.sort(key=lambda topic: "odom" not in topic.lower())
     return next(iter(drives), None), next(iter(truths), None)
 
@@ -213,9 +179,9 @@ def _index(path: Path, reader: AnyReader, topic: str, layout: Layout, pose_topic
     for connection, logged, raw in reader.messages(connections):
         message: Any = reader.deserialize(raw, connection.msgtype)
         if connection.topic != topic:
-            index.poses.setdefault(connection.topic, []).append(_pose(connection.msgtype, message))
+            index.poses.setdefault(connection.topic, []).append(bags.pose_row(connection.msgtype, message))
             continue
-        with _naming(path, topic, logged):
+        with bags.naming(path, topic, logged):
             stamp = _stamp_us(layout, message, logged)
         if index.stamps_us and stamp <= index.stamps_us[-1]:
             index.skipped += 1
@@ -233,24 +199,4 @@ def _stamp_us(layout: Layout, message: Any, logged_ns: int) -> int:
     if layout.stamps_azimuths:
         return int(polar_message.stamped_azimuths(layout, message).stamps_us[0])
     polar_message.pixels(message)
-    return _header_us(message) or logged_ns // 1000
-
-
-def _header_us(message: Any) -> int:
-    stamp = message.header.stamp
-    return int(stamp.sec) * 1_000_000 + int(stamp.nanosec) // 1000
-
-
-def _pose(message_type: str, message: Any) -> tuple[int, float, float, float]:
-    """Stamp [us] and planar pose of an odometry or pose message."""
-    pose = message.pose.pose if message_type == _ODOMETRY_TYPE else message.pose
-    q = pose.orientation
-    return _header_us(message), pose.position.x, pose.position.y, yaw_of_quaternion(q.x, q.y, q.z, q.w)
-
-
-def _trajectory(index: _Index, topic: str | None) -> Trajectory | None:
-    """The poses of a topic in the order of their stamps, or None where there are not two."""
-    rows = sorted({row[0]: row for row in index.poses.get(topic or "", []) if np.isfinite(row[1:]).all()}.values())
-    if len(rows) < 2:
-        return None
-    return Trajectory(np.array([row[0] for row in rows], dtype=np.int64), np.array([row[1:] for row in rows]))
+    return bags.header_us(message) or logged_ns // 1000

@@ -1,4 +1,4 @@
-"""Oxford rows: power images whose every row begins with the time, angle and validity of its azimuth."""
+"""Azimuths of a turn: read from Oxford rows, which begin with time, angle and validity, or spread evenly over the turn."""
 
 from __future__ import annotations
 
@@ -8,11 +8,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from mqslam.readers.sensing import Stamp
 from mqslam.stream import Revolution
 
 METADATA_BYTES = 11
+FLAG_BYTE = 10
 TURN_TICKS = 5600
+USUAL_TURN_US = 250_000
 _LONGEST_TURN_US = 30e6
+_FIRST_NS = 1e17  # later than any stamp in us, earlier than any of a radar in ns
 
 
 @dataclass(frozen=True, slots=True)
@@ -21,7 +25,7 @@ class Azimuths:
 
     Args:
         stamps_us: (A,) int64 [us], not decreasing.
-        angles: (A,) [rad] counter-clockwise from straight ahead, unwrapped, not increasing.
+        angles: (A,) [rad] counter-clockwise from straight ahead, unwrapped along the turn.
         valid: (A,) bool, False where the recording says so or the time or angle had to be interpolated.
     """
 
@@ -34,6 +38,10 @@ class Azimuths:
         """One mean azimuth step after the last azimuth [us]."""
         first, last = int(self.stamps_us[0]), int(self.stamps_us[-1])
         return last + max(1, round((last - first) / (len(self.stamps_us) - 1)))
+
+    def take(self, chosen: NDArray[np.bool_]) -> Azimuths:
+        """The chosen ones (A,) of these azimuths."""
+        return Azimuths(self.stamps_us[chosen], self.angles[chosen], self.valid[chosen])
 
     def revolution(self, power: NDArray[np.uint8], start_us: int) -> Revolution:
         """The turn of these azimuths with their power (A, B), its times counted from the stream's start [us]."""
@@ -71,11 +79,38 @@ def repaired(
     return Azimuths(stamps_us, -2.0 * np.pi * unwrapped / turn, measured & timed & turned)
 
 
-def read_metadata(image: NDArray[np.uint8]) -> Azimuths:
+def in_us(stamps: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Stamps (N,) [us] of stamps since 1970 that are all in us or all in ns; a few may be damaged."""
+    return stamps // 1000 if stamps.size and np.median(stamps) > _FIRST_NS else stamps
+
+
+def turns_of(stamps_us: NDArray[np.int64], stamp: Stamp) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Starts (N,) and durations (N,) [us] of turns of which only their increasing stamps (N,) [us] are known.
+
+    A turn goes on to the next one's stamp, or where stamps are ends, has gone on since the one before's; beside a gap and
+    at the open end it has the usual duration.
+    """
+    between = np.diff(stamps_us)
+    usual = round(float(np.median(between))) if len(between) else USUAL_TURN_US
+    between = np.where(between < 1.5 * usual, between, usual)
+    if stamp == "start":
+        return stamps_us, np.append(between, usual)
+    durations = np.append(usual, between)
+    return stamps_us - durations, durations
+
+
+def even_azimuths(count: int, stamp_us: int, duration_us: int, *, clockwise: bool = True) -> Azimuths:
+    """Azimuths (count,) spread evenly over a turn that begins straight ahead at a stamp [us]."""
+    fractions = np.arange(count) / count
+    stamps_us = stamp_us + np.round(fractions * duration_us).astype(np.int64)
+    return Azimuths(stamps_us, (-2.0 if clockwise else 2.0) * np.pi * fractions, np.ones(count, dtype=np.bool_))
+
+
+def read_metadata(image: NDArray[np.uint8], *, flags_validity: bool = True) -> Azimuths:
     """The azimuths of an image (A, 11 + B) of Oxford rows.
 
-    A row begins with int64 time [us], uint16 encoder (5600 a turn, clockwise from straight ahead), both little-endian,
-    and a byte that is 255 where the azimuth was measured.
+    A row begins with int64 time [us or ns], uint16 encoder (5600 a turn, clockwise from straight ahead), both
+    little-endian, and a byte that is 255 where the azimuth was measured, unless it flags something else.
 
     Raises:
         ValueError: not Oxford rows.
@@ -84,8 +119,9 @@ def read_metadata(image: NDArray[np.uint8]) -> Azimuths:
         raise ValueError(f"has rows of {image.shape[1]} bytes, Oxford rows have {METADATA_BYTES + 1} at least")
     head = np.ascontiguousarray(image[:, :METADATA_BYTES])
     stamps = np.ascontiguousarray(head[:, :8]).view("<i8")[:, 0].astype(np.int64)
+    measured = head[:, FLAG_BYTE] == 255 if flags_validity else np.ones(len(head), dtype=np.bool_)
     ticks = np.ascontiguousarray(head[:, 8:10]).view("<u2")[:, 0].astype(np.uint16)
-    return repaired(stamps, ticks, head[:, 10] == 255)
+    return repaired(in_us(stamps), ticks, measured)
 
 
 def has_metadata(image: NDArray[np.uint8]) -> bool:

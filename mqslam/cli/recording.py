@@ -1,0 +1,48 @@
+"""The recording that a command was given."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from mqslam.config import SensorConfig
+    from mqslam.stream import RadarStream
+    from mqslam.trajectory import Trajectory
+
+
+def opened(data: Path, format: str | None, range_resolution: float | None, sensor: SensorConfig) -> RadarStream:
+    """The recording at DATA, understood as options and settings say; the option goes before the setting.
+
+    Raises:
+        ConfigError: a format nobody knows, or a range resolution that is no length.
+        DataError: a recording that cannot be used.
+    """
+    from mqslam.readers import open_recording
+
+    resolution = range_resolution or sensor.range_resolution_m
+    return open_recording(data, format, resolution, clockwise=sensor.clockwise, stamp=sensor.stamp)
+
+
+def choose_odometry(stream: RadarStream, choice: str) -> tuple[Trajectory | None, list[str]]:
+    """The odometry a run uses, and what the user should know about the choice.
+
+    Raises:
+        DataError: a file that cannot be read or does not cover the recording.
+    """
+    from mqslam.errors import DataError
+    from mqslam.readers import read_odometry
+
+    if choice == "none":
+        return None, []
+    last = int(stream.stamps_us[-1])
+    if choice != "auto":
+        track = read_odometry(Path(choice))
+        if not track.covers(stream.start_us, last):
+            raise DataError(
+                choice, "does not cover the recording", f"it must span {stream.start_us} to {last} us, in the radar's clock"
+            )
+        return track, []
+    if stream.odometry is not None and not stream.odometry.covers(stream.start_us, last):
+        return None, ["the recording's odometry does not cover it and is not used"]
+    return stream.odometry, []

@@ -1,0 +1,29 @@
+"""A finished map of any origin: points in the world frame, each with the time it was measured."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+@dataclass(frozen=True, slots=True)
+class TimedCloud:
+    """A planar cloud in the order of its times.
+
+    Args:
+        path: the file it was read from.
+        points: (N, 2) [m], world frame.
+        stamps_us: (N,) int64 [us], not decreasing, in the file's own clock.
+        notes: what a user should know about how the file was understood.
+    """
+
+    path: Path
+    points: NDArray[np.float64]
+    stamps_us: NDArray[np.int64]
+    notes: tuple[str, ...]
+
+    def __len__(self) -> int:
+        return len(self.points)

@@ -1,0 +1,89 @@
+"""Stamps as files write them, brought to whole microseconds."""
+
+from __future__ import annotations
+
+import re
+from bisect import bisect_left
+from collections.abc import Sequence
+from decimal import Decimal, InvalidOperation
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+UNITS = {"s": Decimal(10**6), "ms": Decimal(1000), "us": Decimal(1), "ns": Decimal("0.001")}
+_LATEST_US = 2**62
+_TIME_NAME = re.compile(
+    r"(?:t|times?|time_?stamps?|stamps?|gps_?time)"
+    r"(?:[ _]*[\[(]?(s|sec|seconds|ms|us|usec|ns|nsec)[\])]?)?"
+)
+
+
+def time_unit(name: str) -> str | None:
+    """The unit in a field's or column's name, "" where a name such as t, timestamp or GpsTime has none, None for others."""
+    found = _TIME_NAME.fullmatch(name.strip().lower())
+    if found is None:
+        return None
+    unit = found[1] or ""
+    return unit if unit in UNITS else {"sec": "s", "seconds": "s", "usec": "us", "nsec": "ns"}.get(unit, "")
+
+
+def unit_of(largest: float) -> str:
+    """The unit of stamps whose largest magnitude is given: ns above 1e17, us above 1e14, else s.
+
+    Stamps since 1970 lie at 1e9 s, 1e15 us, 1e18 ns; stamps since a recording's start are seconds.
+    """
+    return "ns" if largest > 1e17 else "us" if largest > 1e14 else "s"
+
+
+def microseconds(words: Sequence[str], unit: str = "") -> NDArray[np.int64]:
+    """Stamps (N,) [us] of decimal numbers in a unit of `UNITS`, exact; the unit goes by size where none is given.
+
+    Raises:
+        ValueError: a word that is no finite number, or a stamp beyond any clock.
+    """
+    try:
+        values = [Decimal(word) for word in words]
+    except InvalidOperation:
+        raise ValueError("holds stamps that are no numbers") from None
+    if not all(value.is_finite() for value in values):
+        raise ValueError("holds stamps that are not finite")
+    scale = UNITS[unit or unit_of(float(max(map(abs, values), default=Decimal(0))))]
+    if any(abs(value) * scale > _LATEST_US for value in values):
+        raise ValueError("holds stamps beyond any clock")
+    return np.array([int((value * scale).to_integral_value()) for value in values], dtype=np.int64)
+
+
+def microseconds_of(values: NDArray[Any], unit: str = "") -> tuple[NDArray[np.int64], str]:
+    """Stamps (N,) [us] of finite numbers (N,) of any type, and their unit, by size where none is given.
+
+    Raises:
+        ValueError: a stamp beyond any clock.
+    """
+    largest = float(np.abs(values.astype(np.float64)).max(initial=0.0))
+    unit = unit or unit_of(largest)
+    if largest * float(UNITS[unit]) > _LATEST_US:
+        raise ValueError("holds stamps beyond any clock")
+    if unit == "ns" and np.issubdtype(values.dtype, np.integer):
+        return (values // 1000).astype(np.int64), unit
+    if unit == "us" and np.issubdtype(values.dtype, np.integer):
+        return values.astype(np.int64), unit
+    return np.round(values.astype(np.float64) * float(UNITS[unit])).astype(np.int64), unit
+
+
+def in_order(stamps_us: Sequence[int]) -> NDArray[np.bool_]:
+    """Mask (N,) of the longest subsequence of stamps that strictly increases: one stray stamp costs one entry."""
+    tails: list[int] = []
+    tail_rows: list[int] = []
+    before: list[int] = []
+    for row, stamp in enumerate(stamps_us):
+        length = bisect_left(tails, stamp)
+        before.append(tail_rows[length - 1] if length else -1)
+        tails[length:length + 1] = [stamp]
+        tail_rows[length:length + 1] = [row]
+    mask = np.zeros(len(before), dtype=np.bool_)
+    row = tail_rows[-1] if tail_rows else -1
+    while row >= 0:
+        mask[row] = True
+        row = before[row]
+    return mask
