@@ -5,11 +5,12 @@ from __future__ import annotations
 import difflib
 from importlib import resources
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import yaml
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
+from mqslam.audit.settings import AuditConfig
 from mqslam.detector import DetectorConfig
 from mqslam.errors import ConfigError
 from mqslam.psi.minimiser import EstimatorConfig
@@ -28,6 +29,16 @@ class SensorConfig(BaseModel):
         None,
         description="range shift per closing speed [s], signed by the chirp, about 0.049 on the Oxford unit; "
         "null measures it by psi",
+    )
+    clockwise: bool | None = Field(
+        None,
+        description="whether the radar turns clockwise, seen from above, where azimuths carry no angles; null takes the "
+        "format's default, clockwise in all of them",
+    )
+    stamp: Literal["start", "end"] | None = Field(
+        None,
+        description="which instant of a revolution its only stamp is, where azimuths carry no stamps; null takes the "
+        "format's default, end in mulran and radiate, start in rosbag",
     )
 
 
@@ -60,11 +71,28 @@ class KissIcpConfig(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
-    voxel_size_m: float = Field(1.0, gt=0.0, description="voxel of its map [m]; 1.0 measured best on radar returns")
-    max_range_m: float = Field(150.0, gt=0.0, description="farther returns are dropped [m]")
+    voxel_size_m: float = Field(1.0, gt=0.0, description="voxel of its map [m]; 0.5 to 2.0 measure alike on radar returns")
+    max_range_m: float = Field(100.0, gt=0.0, description="farther returns are dropped [m]")
     deskew: bool = Field(True, description="whether each return is moved by the last motion")
-    sigma_m: float = Field(0.1, gt=0.0, description="standard deviation of its position per revolution [m]")
-    sigma_yaw: float = Field(0.01, gt=0.0, description="standard deviation of its yaw per revolution [rad]")
+    config_file: Path | None = Field(
+        None, description="YAML file of KISS-ICP's own, which takes the place of the settings above; null for those"
+    )
+
+
+class Open3dIcpConfig(BaseModel):
+    """Settings of the Open3D ICP front end."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    method: Literal["point_to_point", "generalized"] = Field(
+        "point_to_point", description="registration of Open3D's; generalized takes three times as long and drifts no less"
+    )
+    voxel_size_m: float = Field(1.0, gt=0.0, description="voxel of its map [m]; a scan's is half of it")
+    max_range_m: float = Field(100.0, gt=0.0, description="farther returns are dropped [m]")
+    reach_m: float = Field(1.0, gt=0.0, description="farthest correspondence [m], three times that for a first pass")
+    keyframes: int = Field(20, ge=1, description="revolutions the map holds")
+    keyframe_m: float = Field(2.0, ge=0.0, description="a revolution joins the map after this much travel [m]")
+    keyframe_rad: float = Field(0.1, ge=0.0, description="or after this much turning [rad]")
 
 
 class GraphConfig(BaseModel):
@@ -135,9 +163,11 @@ class Config(BaseModel):
     estimator: EstimatorConfig = EstimatorConfig()
     tracker: TrackerConfig = TrackerConfig()
     kiss_icp: KissIcpConfig = KissIcpConfig()
+    open3d_icp: Open3dIcpConfig = Open3dIcpConfig()
     graph: GraphConfig = GraphConfig()
     loops: LoopConfig = LoopConfig()
     map: MapConfig = MapConfig()
+    audit: AuditConfig = AuditConfig()
 
 
 def load_config(name: str | Path | None = None) -> Config:

@@ -1,0 +1,82 @@
+"""Covariance of a scan matched to a map of points, from the residuals of its own correspondences."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from mqslam import se2
+
+_NEIGHBOURS = 10  # map points that show how the surface around the nearest one runs
+_FLATTEST = 0.01  # least variance across a surface over that along it
+
+
+class Surface:
+    """The points of a map, searchable.
+
+    Args:
+        points: (M, 2) m, map frame.
+    """
+
+    def __init__(self, points: NDArray[np.float64]) -> None:
+        self._points = points
+        self._tree = cKDTree(points, compact_nodes=False, balanced_tree=False)  # searched too seldom to be worth more
+
+    def matched(self, scan: NDArray[np.float64], pose: se2.Array, reach: float) -> int:
+        """How many points (N, 2) [m] of a scan at a pose (3,) have a map point within reach [m]."""
+        distances, _ = self._tree.query(se2.transform(pose, scan), distance_upper_bound=reach)
+        return int(np.isfinite(distances).sum())
+
+    def directions(self, points: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """How the surface runs near points.
+
+        Args:
+            points: (N, 2) m, map frame.
+
+        Returns:
+            flatness: (N,) variance of the map's points across the surface over that along it, 0.01 at least.
+            axes: (N, 2, 2) columns are the unit vectors across and along.
+        """
+        _, nearest = self._tree.query(points, k=self._ranks())
+        return self._directions(nearest)
+
+    def covariance(self, scan: NDArray[np.float64], pose: se2.Array, reach: float, kernel: float) -> NDArray[np.float64]:
+        """Covariance s^2 H^-1 (3, 3) of the pose of a scan matched point to point, in the pose's own frame [m, m, rad].
+
+        H is the Gauss-Newton Hessian of the residuals over x, y, yaw under Geman-McClure weights, s^2 their weighted mean
+        square. Push a wall along itself and its points find others as near as before: along a surface a residual counts
+        only as far as the surface is as thick as long, or ICP would claim to know where it is along a corridor.
+
+        Args:
+            scan: (N, 2) m, sensor frame at the pose.
+            pose: (3,) of the sensor in the map frame.
+            reach: farthest correspondence [m]; there must be some.
+            kernel: squared residual at which a weight is a quarter [m^2].
+        """
+        distances, nearest = self._tree.query(se2.transform(pose, scan), k=self._ranks())
+        near = distances[:, 0] < reach
+        scan, distances, nearest = scan[near], distances[near, 0], nearest[near]
+        residuals = se2.transform(se2.inverse(pose), self._points[nearest[:, 0]]) - scan
+        flatness, axes = self._directions(nearest)
+        c, s = np.cos(pose[2]), np.sin(pose[2])
+        axes = np.array([[c, s], [-s, c]]) @ axes
+        weights = (kernel / (kernel + distances**2)) ** 2
+        counts = weights[:, None] * np.stack([np.ones(len(flatness)), flatness], axis=1)
+        jacobians = np.zeros((len(scan), 2, 3))
+        jacobians[:, 0, 0] = jacobians[:, 1, 1] = 1.0
+        jacobians[:, 0, 2], jacobians[:, 1, 2] = -scan[:, 1], scan[:, 0]
+        by_axis = np.swapaxes(axes, 1, 2) @ jacobians
+        hessian = np.einsum("nai,na,naj->ij", by_axis, counts, by_axis)
+        squares = np.einsum("nia,ni->na", axes, residuals) ** 2
+        inverse = np.linalg.inv(hessian) * (counts * squares).sum() / counts.sum()
+        return np.asarray(0.5 * (inverse + inverse.T))
+
+    def _ranks(self) -> list[int]:
+        return list(range(1, min(_NEIGHBOURS, len(self._points)) + 1))
+
+    def _directions(self, neighbours: NDArray[np.int64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        around = self._points[neighbours]
+        around = around - around.mean(axis=1, keepdims=True)
+        variances, axes = np.linalg.eigh(np.swapaxes(around, 1, 2) @ around)
+        return np.maximum(variances[:, 0] / np.maximum(variances[:, 1], 1e-12), _FLATTEST), axes

@@ -1,0 +1,34 @@
+from __future__ import annotations
+
+import sys
+
+import numpy as np
+import pytest
+from drives import street_drive
+
+from mqslam import se2
+from mqslam.config import Config, Open3dIcpConfig
+from mqslam.errors import ConfigError
+from mqslam.frontend import Context
+from mqslam.frontends.open3d_icp import Open3dIcpFrontEnd
+
+
+def context(config: Config) -> Context:
+    stream, _ = street_drive()
+    return Context(config, stream.period_s, stream.start_us, None)
+
+
+def test_generalized_icp_stays_in_the_plane() -> None:
+    pytest.importorskip("open3d", exc_type=ImportError)
+    stream, windows = street_drive()
+    config = Config(open3d_icp=Open3dIcpConfig(method="generalized"))
+    found = np.array([motion.pose for motion in Open3dIcpFrontEnd(context(config)).measure(windows[:12])])
+    truth = stream.drive.poses(np.array([window.t0 for window in windows[:12]]))
+    off = se2.between(se2.between(truth[:-1], truth[1:]), found)
+    np.testing.assert_array_less(np.sqrt(np.mean(off**2, axis=0)), [0.15, 0.08, 0.01])
+
+
+def test_without_open3d_the_error_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "open3d", None)
+    with pytest.raises(ConfigError, match=r"open3d_icp: .*libusb-1\.0-0"):
+        Open3dIcpFrontEnd(context(Config()))
