@@ -40,6 +40,12 @@ def write_text(path: Path, text: str) -> None:
         aside.write_text(text, encoding="utf-8")
 
 
+def write_bytes(path: Path, content: bytes) -> None:
+    """Write a file whole or not at all."""
+    with written_whole(path) as aside:
+        aside.write_bytes(content)
+
+
 def new_folder(path: Path) -> Path:
     """Make an output folder that must not hold anything yet.
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import difflib
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
-from importlib.metadata import entry_points
+from importlib.metadata import EntryPoint, entry_points
 from typing import Protocol
 
 from mqslam.config import Config
@@ -57,13 +57,22 @@ def load(name: str) -> type[FrontEnd]:
     Raises:
         ConfigError: there is none of that name, or it cannot be imported.
     """
+    try:
+        found: type[FrontEnd] = known(name).load()
+    except ImportError as error:
+        raise ConfigError(f"front end {name}: cannot be imported ({error})") from error
+    return found
+
+
+def known(name: str) -> EntryPoint:
+    """Where the front end of a name is to be found, without importing it.
+
+    Raises:
+        ConfigError: there is none of that name.
+    """
     for point in entry_points(group="mqslam.frontends"):
         if point.name == name:
-            try:
-                found: type[FrontEnd] = point.load()
-            except ImportError as error:
-                raise ConfigError(f"front end {name}: cannot be imported ({error})") from error
-            return found
+            return point
     near = difflib.get_close_matches(name, names(), 1)
     hint = f"did you mean {near[0]}?" if near else f"choose one of {', '.join(names())}"
     raise ConfigError(f"front end {name}: unknown; {hint}")

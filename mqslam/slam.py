@@ -11,7 +11,9 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 
 import gtsam
+import numpy as np
 from gtsam.symbol_shorthand import X
+from numpy.typing import NDArray
 
 from mqslam import frontend as frontends
 from mqslam import se2
@@ -27,7 +29,7 @@ from mqslam.loops.search import Loop, find_loops, kept_by_map
 from mqslam.loops.submap import Drive
 from mqslam.measurement import RelativeMotion
 from mqslam.pointmap import PointMap
-from mqslam.psi.doppler import measure_doppler
+from mqslam.psi.doppler import with_doppler
 from mqslam.render import render
 from mqslam.returns import Window
 from mqslam.stream import RadarStream
@@ -35,8 +37,8 @@ from mqslam.trajectory import Trajectory
 
 
 @dataclass(frozen=True)
-class Run:
-    """Everything a finished run knows.
+class Solution:
+    """The trajectory found in a recording's returns, and what it was found with.
 
     Args:
         frontend: name of the front end.
@@ -46,11 +48,9 @@ class Run:
         optimised: trajectory after it.
         graph: all factors and the values they started from.
         values: the optimised values.
-        map_odometry, map_optimised: the run rendered under both.
         odometry_factors: number of odometry edges in the graph.
         loops: loop closures in the graph.
         loops_rejected: candidates that psi, the graph or the map did not keep.
-        runtime_s: seconds by stage.
     """
 
     frontend: str
@@ -60,11 +60,22 @@ class Run:
     optimised: Trajectory
     graph: PoseGraph
     values: gtsam.Values
-    map_odometry: PointMap
-    map_optimised: PointMap
     odometry_factors: int
     loops: list[Loop]
     loops_rejected: int
+
+
+@dataclass(frozen=True)
+class Run(Solution):
+    """Everything a finished run knows.
+
+    Args:
+        map_odometry, map_optimised: the recording rendered under both trajectories.
+        runtime_s: seconds by stage.
+    """
+
+    map_odometry: PointMap
+    map_optimised: PointMap
     runtime_s: dict[str, float]
 
 
@@ -109,55 +120,67 @@ class Slam:
             self._frontend(context)  # says what it lacks before the recording is read
             windows, cost = detect_all(stream, self._config.detector, self._jobs, self._progress, self._checkpoint)
             self._runtime_s |= {"read": cost.read_s, "detect": cost.detect_s}
-            with self._stage("windows"):
-                context, measurements = self._measure(windows, context)
-            with self._stage("optimise"):
-                initial = chain(m.pose for m in measurements)
-                edges = self._odometry(windows, context, measurements)
-                _, values = self._optimised(initial, measurements, edges, [])
-            with self._stage("loops"):
-                loops, tried = self._loops(windows, initial, measurements, edges, values)
-            with self._stage("optimise"):
-                graph, values = self._optimised(initial, measurements, edges, loops)
-                poses = poses_of(values, graph.size)
+            found = self.solve(windows, context, stream.stamps_us)
             with self._stage("render"):
-                before = chain(m.pose for m in edges) if edges else initial
-                map_before, map_after = self._render(windows, before, poses, stream.period_s)
-        return Run(
+                maps = self._render(windows, found.odometry.poses, found.optimised.poses, stream.period_s)
+        return Run(**vars(found), map_odometry=maps[0], map_optimised=maps[1], runtime_s=self._runtime_s)
+
+    def solve(self, windows: list[Window], context: Context, stamps_us: NDArray[np.int64]) -> Solution:
+        """From windows of returns to the optimised trajectory.
+
+        Args:
+            windows: one per revolution.
+            context: what the front end may know besides.
+            stamps_us: (len(windows),) when each begins [us].
+
+        Raises:
+            EstimationError: data that holds no motion.
+        """
+        with self._stage("windows"):
+            context, measurements = self._measure(windows, context)
+        with self._stage("optimise"):
+            initial = chain(m.pose for m in measurements)
+            edges = self._odometry(windows, context, measurements)
+            _, values = self._optimised(initial, measurements, edges, [])
+        with self._stage("loops"):
+            loops, tried = self._loops(windows, initial, measurements, edges, values)
+        with self._stage("optimise"):
+            graph, values = self._optimised(initial, measurements, edges, loops)
+            poses = poses_of(values, graph.size)
+        before = chain(m.pose for m in edges) if edges else initial
+        return Solution(
             frontend=self._name,
             config=self._config,
             measurements=measurements,
-            odometry=Trajectory(stream.stamps_us, before),
-            optimised=Trajectory(stream.stamps_us, poses),
+            odometry=Trajectory(stamps_us, before),
+            optimised=Trajectory(stamps_us, poses),
             graph=graph,
             values=values,
-            map_odometry=map_before,
-            map_optimised=map_after,
             odometry_factors=len(edges),
             loops=loops,
             loops_rejected=tried - len(loops),
-            runtime_s=self._runtime_s,
         )
+
+    @property
+    def runtime_s(self) -> dict[str, float]:
+        """Seconds by stage so far."""
+        return self._runtime_s
 
     def _measure(self, windows: list[Window], context: Context) -> tuple[Context, list[RelativeMotion]]:
         """All measurements of the front end, and the context with the Doppler shift they were made with."""
         kept = self._checkpoint.measurements() if self._checkpoint else None
-        doppler_beta = self._config.sensor.doppler_beta
         if kept is not None:
-            doppler_beta = kept[1]
-        elif doppler_beta is None:
-            doppler_beta = round(measure_doppler(windows, self._config, context.revolution_s), 4)
-        sensor = self._config.sensor.model_copy(update={"doppler_beta": doppler_beta})
-        self._config = self._config.model_copy(update={"sensor": sensor})
+            sensor = self._config.sensor.model_copy(update={"doppler_beta": kept[1]})
+            self._config = self._config.model_copy(update={"sensor": sensor})
+            return replace(context, config=self._config), kept[0]
+        self._config = with_doppler(windows, self._config, context.revolution_s)
         context = replace(context, config=self._config)
-        if kept is not None:
-            return context, kept[0]
         measurements = []
         for motion in self._frontend(context).measure(windows):
             measurements.append(motion)
             self._progress("windows", len(measurements) + 1, len(windows))
         if self._checkpoint:
-            self._checkpoint.keep_measurements(measurements, doppler_beta)
+            self._checkpoint.keep_measurements(measurements, self._config.sensor.doppler_beta or 0.0)
         return context, measurements
 
     def _odometry(

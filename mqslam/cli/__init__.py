@@ -7,6 +7,7 @@ import sys
 import typer
 
 import mqslam
+from mqslam.cli.compare import compare
 from mqslam.cli.info import info
 from mqslam.cli.paper import paper
 from mqslam.cli.run import run
@@ -22,6 +23,7 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 app.command()(run)
+app.command()(compare)
 app.command()(info)
 app.command()(simulate)
 app.command()(score)

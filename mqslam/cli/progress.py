@@ -14,6 +14,9 @@ _TITLES = {
     "windows": "measuring motion",
     "loops": "verifying loops",
     "render": "rendering maps",
+    "front ends": "running front ends",
+    "audit": "judging windows",
+    "revisits": "judging revisits",
 }
 _LINE_EVERY_S = 10.0
 

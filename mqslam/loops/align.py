@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mqslam import se2
-from mqslam.psi.correlate import SAME_M, correlation_peaks
+from mqslam.psi.correlate import PIXEL, SAME, correlation_peaks
 from mqslam.psi.covariance import sandwich
 from mqslam.psi.estimator import Evaluation
 from mqslam.psi.minimiser import EstimatorConfig, Prior, minimise, score
@@ -61,8 +61,9 @@ def align(
     """
     grid = cell_grid(reference.points, 1.0)
     free = Prior(guess, np.zeros((3, 3)))
+    pixel_m = PIXEL * config.s_start
     found = []
-    for start in correlation_peaks(reference.points, query.points, guess, reach_m, reach_rad):
+    for start in correlation_peaks(reference.points, query.points, guess, reach_m, reach_rad, pixel_m):
         minimum = minimise(
             start, lambda pose: moved(query, pose), reference, free, config, ANY_TIME, _TOLERANCES, grid
         )
@@ -73,7 +74,7 @@ def align(
         return Alignment(guess, np.eye(3), 0.0, np.inf, np.inf, observed=False)
     found.sort(key=lambda minimum: minimum.evaluation.psi)
     best = found[0]
-    rivals = [m for m in found[1:] if np.hypot(*(m.state - best.state)[:2]) > SAME_M]
+    rivals = [m for m in found[1:] if np.hypot(*(m.state - best.state)[:2]) > SAME * pixel_m]
     points = moved(query, best.state)
     wide = _scored(reference, grid, points, config, wide=True)
     return Alignment(

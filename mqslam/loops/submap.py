@@ -39,8 +39,20 @@ class Drive:
 
     def spaced(self, spacing_m: float) -> NDArray[np.int64]:
         """Indices of revolutions about spacing_m [m] of path apart."""
-        marks = np.arange(0.0, self.travelled[-1] + 1e-9, spacing_m)
-        return np.unique(np.searchsorted(self.travelled, marks))
+        return spaced(self.travelled, spacing_m)
+
+
+def spaced(travelled: NDArray[np.float64], spacing_m: float) -> NDArray[np.int64]:
+    """Indices about spacing_m [m] apart on a path whose length so far is travelled (N,) [m]."""
+    marks = np.arange(0.0, travelled[-1] + 1e-9, spacing_m)
+    return np.unique(np.clip(np.searchsorted(travelled, marks), 0, len(travelled) - 1))
+
+
+def around(travelled: NDArray[np.float64], centre: int, reach_m: float, spacing_m: float) -> NDArray[np.int64]:
+    """Indices within about reach_m [m] of one on such a path, about spacing_m [m] apart."""
+    marks = travelled[centre] + np.arange(-reach_m, reach_m + 1e-9, spacing_m)
+    chosen = np.unique(np.clip(np.searchsorted(travelled, marks), 0, len(travelled) - 1))
+    return np.asarray(chosen[np.abs(travelled[chosen] - travelled[centre]) <= reach_m + spacing_m])
 
 
 def submap(drive: Drive, centre: int, reach_m: float, spacing_m: float, config: Config) -> PointSet:
@@ -49,10 +61,8 @@ def submap(drive: Drive, centre: int, reach_m: float, spacing_m: float, config: 
     Args:
         centre: index of the revolution whose start pose is the frame.
     """
-    marks = drive.travelled[centre] + np.arange(-reach_m, reach_m + 1e-9, spacing_m)
-    chosen = np.unique(np.clip(np.searchsorted(drive.travelled, marks), 0, len(drive.windows) - 1))
-    near = np.abs(drive.travelled[chosen] - drive.travelled[centre]) <= reach_m + spacing_m
-    returns = Returns.concatenate([drive.windows[k].returns for k in chosen[near]])
-    first, last = max(int(chosen[near][0]) - 1, 0), min(int(chosen[near][-1]) + 2, len(drive.times))
+    chosen = around(drive.travelled, centre, reach_m, spacing_m)
+    returns = Returns.concatenate([drive.windows[k].returns for k in chosen])
+    first, last = max(int(chosen[0]) - 1, 0), min(int(chosen[-1]) + 2, len(drive.times))
     local = se2.between(drive.poses[centre], drive.poses[first:last])
     return place_along(returns, drive.times[first:last], local, config)

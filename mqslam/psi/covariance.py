@@ -10,6 +10,8 @@ Where a direction is hardly observed H is hardly positive there, and Sigma comes
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -40,6 +42,26 @@ def sandwich(
     spread += np.diag(np.where(values < _LEAST, 1.0, 0.0) * _LEAST)
     covariance = (vectors * inverse) @ spread @ (vectors * inverse).T * scale
     return np.asarray(0.5 * (covariance + covariance.T))
+
+
+def curvature_by_differences(
+    gradient: Callable[[NDArray[np.float64]], NDArray[np.float64]],
+    state: NDArray[np.float64],
+    steps: NDArray[np.float64],
+) -> NDArray[np.float64]:
+    """Curvature (Q, Q) at a state (Q,) from central differences of the gradient.
+
+    Args:
+        gradient: (Q,) sum of the scores at a state, neighbours selected anew.
+        steps: (Q,) how far to either side.
+    """
+    rows = []
+    for k, step in enumerate(steps):
+        aside = np.zeros(len(state))
+        aside[k] = step
+        rows.append((gradient(state + aside) - gradient(state - aside)) / (2.0 * step))
+    found = np.array(rows)
+    return np.asarray(0.5 * (found + found.T))
 
 
 def clustered(scores: NDArray[np.float64], points: NDArray[np.float64]) -> NDArray[np.float64]:

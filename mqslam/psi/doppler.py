@@ -48,6 +48,14 @@ def measure_doppler(windows: Sequence[Window], config: Config, revolution_s: flo
     return beta
 
 
+def with_doppler(windows: Sequence[Window], config: Config, revolution_s: float) -> Config:
+    """The settings with the Doppler shift that they name, or else the one measured."""
+    if config.sensor.doppler_beta is not None:
+        return config
+    beta = round(measure_doppler(windows, config, revolution_s), 4)
+    return config.model_copy(update={"sensor": config.sensor.model_copy(update={"doppler_beta": beta})})
+
+
 def _vertex(scores: NDArray[np.float64]) -> float:
     """Where the parabola through the lowest score and its neighbours on the grid is lowest [s]."""
     k = int(np.clip(np.argmin(scores), 1, len(scores) - 2))

@@ -17,7 +17,7 @@ from mqslam.config import Config
 from mqslam.errors import EstimationError
 from mqslam.measurement import Status
 from mqslam.motion import CONSTANT_TWIST
-from mqslam.psi.correlate import correlation_peaks
+from mqslam.psi.correlate import PIXEL, correlation_peaks
 from mqslam.psi.covariance import sandwich
 from mqslam.psi.dynamics import MODEL, SIZE, TOLERANCES, held, initial_covariance, predict, spans
 from mqslam.psi.estimator import Evaluation, Scale
@@ -230,7 +230,8 @@ class Tracker:
         reach_rad = float(np.clip(2.0 * spread[2], 0.05, _SEARCH_RAD))
         own = self._place(window, np.r_[np.zeros(3), prior.mean[3:]]).points
         best = found
-        for pose in correlation_peaks(self._map.points.points, own, prior.mean[:3], reach_m, reach_rad):
+        pixel_m = PIXEL * self._estimator.s_start
+        for pose in correlation_peaks(self._map.points.points, own, prior.mean[:3], reach_m, reach_rad, pixel_m):
             begin = np.r_[pose, prior.mean[3:]]
             tried = self._minimise(window, begin, Prior(begin, prior.information))
             if tried.evaluation.psi < best.evaluation.psi:

@@ -1,0 +1,113 @@
+"""What an audit judges: timed points where a trajectory puts them, sweep by sweep."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mqslam import se2
+from mqslam.config import Config
+from mqslam.errors import EstimationError
+from mqslam.psi.place import PointSet
+from mqslam.render import place_along
+from mqslam.returns import Returns, Window
+from mqslam.trajectory import Trajectory
+
+
+@dataclass(frozen=True, slots=True)
+class Sweeps:
+    """The points of successive revolutions or scans in the world frame.
+
+    Args:
+        points: (N, 2) m, ordered by time.
+        covariances: (N, 3) xx, xy, yy [m^2] of each point.
+        turns: (N,) when each point was seen, in sweeps: what one direction saw a sweep later is 1 further on.
+        begins: (S + 1,) index of every sweep's first point; the last entry is N.
+        numbers: (S,) turn at which each sweep starts.
+        times: (S,) start of each sweep [s] since the recording's start.
+        poses: (S, 3) pose of the sensor then.
+        travelled: (S,) length of the path so far [m].
+        period_s: usual duration of a sweep [s].
+    """
+
+    points: NDArray[np.float64]
+    covariances: NDArray[np.float64]
+    turns: NDArray[np.float64]
+    begins: NDArray[np.int64]
+    numbers: NDArray[np.float64]
+    times: NDArray[np.float64]
+    poses: se2.Array
+    travelled: NDArray[np.float64]
+    period_s: float
+
+    def __len__(self) -> int:
+        return len(self.times)
+
+    def span(self, begin: int, end: int) -> slice:
+        """The points of the sweeps begin <= k < end."""
+        return slice(int(self.begins[begin]), int(self.begins[end]))
+
+    def local(self, chosen: Sequence[int], frame: se2.Array) -> PointSet:
+        """The points of some sweeps in a frame (3,), with their turns as times."""
+        parts = [np.arange(self.begins[k], self.begins[k + 1]) for k in chosen]
+        picked = np.concatenate(parts) if parts else np.empty(0, dtype=np.int64)
+        c, s = np.cos(frame[2]), np.sin(frame[2])
+        xx, xy, yy = self.covariances[picked].T
+        covariances = np.column_stack([
+            c * c * xx + 2.0 * c * s * xy + s * s * yy,
+            c * s * (yy - xx) + (c * c - s * s) * xy,
+            s * s * xx - 2.0 * c * s * xy + c * c * yy,
+        ])  # fmt: skip
+        points = se2.transform(se2.inverse(frame), self.points[picked])
+        return PointSet(points, np.empty((len(picked), 2, 0)), covariances, self.turns[picked])
+
+
+def swept(
+    windows: Sequence[Window], start_us: int, period_s: float, trajectory: Trajectory, config: Config
+) -> tuple[Sweeps, list[int]]:
+    """The returns of a recording under a trajectory.
+
+    Args:
+        windows: one per revolution or scan.
+        start_us: stamp [us] of the windows' time zero.
+        period_s: duration of a sweep [s].
+        trajectory: poses of the sensor.
+
+    Returns:
+        the sweeps that lie in the trajectory's span, and their indices in `windows`.
+
+    Raises:
+        EstimationError: recording and trajectory share no time, or hold no returns where they do.
+    """
+    stamps = start_us + np.round(np.array([(w.t0, w.t1) for w in windows]) * 1e6).astype(np.int64)
+    slack_us = round(1e6 * period_s)
+    inside = [k for k, (t0, t1) in enumerate(stamps.tolist()) if trajectory.covers(t0, t1, slack_us)]
+    if len(inside) < 2:
+        first, last = (f"{1e-6 * t:.2f}" for t in (trajectory.stamps_us[0], trajectory.stamps_us[-1]))
+        raise EstimationError(
+            f"the trajectory ({first} to {last} s) and the recording ({1e-6 * stamps[0, 0]:.2f} to "
+            f"{1e-6 * stamps[-1, 1]:.2f} s) share no time; give a trajectory with the recording's own stamps"
+        )
+    kept = [windows[k] for k in inside]
+    returns = Returns.concatenate([w.returns for w in kept])
+    if not len(returns):
+        raise EstimationError(f"no returns in {len(kept)} sweeps; lower detector.threshold")
+    placed = place_along(returns, (trajectory.stamps_us - start_us) * 1e-6, trajectory.poses, config)
+    counts = np.array([len(w.returns) for w in kept])
+    sweep = np.repeat(np.arange(len(kept)), counts)
+    times = np.array([w.t0 for w in kept])
+    numbers = np.array(inside, dtype=np.float64)
+    turns = numbers[sweep] + (returns.times - times[sweep]) / period_s
+    poses = trajectory.at(stamps[inside, 0])
+    begins = np.concatenate([[0], np.cumsum(counts)])
+    return Sweeps(
+        placed.points, placed.covariances, turns, begins, numbers, times, poses, path_length(poses), period_s
+    ), inside
+
+
+def path_length(poses: se2.Array) -> NDArray[np.float64]:
+    """Length (S,) of the path through poses (S, 3) so far [m]."""
+    return np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(poses[:, :2], axis=0).T))])

@@ -1,0 +1,175 @@
+"""`mqslam compare`: several front ends on one recording, side by side."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from mqslam.cli.options import CORES, ConfigOption, Data, Force, Format, Jobs, Json, Odometry, Quiet, RangeResolution
+
+if TYPE_CHECKING:
+    from mqslam.compare.rows import Row
+    from mqslam.config import Config
+
+
+def compare(
+    data: Data,
+    out: Annotated[Path, typer.Option("--out", "-o", help="Folder for the results; must not exist yet.")],
+    frontends: Annotated[
+        str, typer.Option(help="Front ends, separated by commas; those of other packages too.")
+    ] = "psi,kiss_icp,open3d_icp,odometry",
+    trajectory: Annotated[
+        list[str] | None,
+        typer.Option(metavar="NAME=FILE", help="A trajectory to compare with: TUM, CSV, a bag, or KITTI as POSES,TIMES."),
+    ] = None,
+    odometry_only: Annotated[bool, typer.Option("--odometry-only", help="Chain the motions, no graph, no loops.")] = False,
+    kiss_config: Annotated[Path | None, typer.Option("--kiss-config", help="KISS-ICP's own YAML file.")] = None,
+    config: ConfigOption = None,
+    odometry: Odometry = "auto",
+    format: Format = None,
+    range_resolution: RangeResolution = None,
+    jobs: Jobs = CORES,
+    resume: Annotated[bool, typer.Option("--resume", help="Continue an unfinished comparison: read nothing twice.")] = False,
+    force: Force = False,
+    as_json: Json = False,
+    quiet: Quiet = False,
+) -> None:
+    """Run several front ends on the same returns with the same back end, and judge the maps they make.
+
+    Odometry serves the row of that name only. Without ground truth the rows are judged by psi of their maps, by inflation
+    (2.37 is the median of a right trajectory) and by how far passes of one place lie apart.
+
+    Example: mqslam compare drive --out compared --frontends psi,kiss_icp
+    """
+    from rich.console import Console
+
+    from mqslam.checkpoint import run_key, unfinished
+    from mqslam.cli.progress import progress
+    from mqslam.cli.recording import choose_odometry, opened
+    from mqslam.compare.judge import agreement, common_span, judge, places
+    from mqslam.compare.outputs import summarise, table, write_compare
+    from mqslam.compare.rows import front_end_row
+    from mqslam.config import load_config
+    from mqslam.detection import detect_all
+    from mqslam.errors import EstimationError
+    from mqslam.frontend import Context
+    from mqslam.outputs import check_free, whole_folder
+    from mqslam.psi.doppler import with_doppler
+
+    settings = _settings(load_config(config), kiss_config)
+    names = _names(frontends)
+    given = _given(trajectory or [], names)
+    check_free(out, force=force, resume=resume, recording=data)
+    stream = opened(data, format, range_resolution, settings.sensor)
+    track, notes = choose_odometry(stream, odometry)
+    console = Console(stderr=True, markup=False)
+    if not quiet:
+        for note in (*stream.notes, *notes):
+            console.print(f"note: {note}", highlight=False, soft_wrap=True)
+    period_s, start_us = stream.period_s, stream.start_us
+    key = run_key(stream, settings, f"compare {','.join(names)} {odometry_only}", track)
+    with unfinished(out, key, resume=resume) as checkpoint, progress(console, quiet or as_json) as show:
+        windows, _ = detect_all(stream, settings.detector, jobs, show, checkpoint)
+        settings = with_doppler(windows, settings, period_s)
+        rows = []
+        for number, name in enumerate(names, 1):
+            context = Context(settings, period_s, start_us, track if name == "odometry" else None)
+            rows.append(front_end_row(name, windows, context, stream.stamps_us, back_end=not odometry_only, jobs=jobs))
+            show("front ends", number, len(names))
+        rows += given
+        ran = [row for row in rows if row.trajectory is not None]
+        if not ran:
+            raise EstimationError("; ".join(f"{row.name}: {row.failure}" for row in rows))
+        tracks = [row.trajectory for row in ran if row.trajectory is not None]
+        common = common_span(windows, start_us, period_s, tracks)
+        if len(common) < settings.audit.window:
+            raise EstimationError(f"the trajectories share {len(common)} revolutions with the recording; nothing to compare")
+        if len(common) < len(windows):
+            notes = [*notes, f"{len(common)} of {len(windows)} revolutions are in every trajectory: judged on those"]
+        where = places(common, start_us, tracks, settings.audit.window)
+        judged = {
+            row.name: judge(row, common, start_us, period_s, stream.ground_truth, where, settings, jobs, show) for row in ran
+        }
+        pairs = agreement(ran)
+        summary = summarise(stream, settings, rows, judged, where, pairs, len(common))
+        with whole_folder(out) as folder:
+            write_compare(folder, stream, settings, summary, rows, judged, where, pairs, [*_failures(rows), *notes])
+    if as_json:
+        typer.echo(json.dumps(summary, indent=1))
+    elif not quiet:
+        _print(table(summary))
+        typer.echo(f"results in {out}; open {out / 'report.html'} in a browser")
+
+
+def _settings(settings: Config, kiss_config: Path | None) -> Config:
+    if kiss_config is None:
+        return settings
+    kiss = settings.kiss_icp.model_copy(update={"config_file": kiss_config})
+    return settings.model_copy(update={"kiss_icp": kiss})
+
+
+def _names(frontends: str) -> list[str]:
+    """Names of front ends that exist, each once.
+
+    Raises:
+        ConfigError: one that does not.
+    """
+    from mqslam import frontend
+    from mqslam.errors import ConfigError
+
+    names = [name.strip() for name in frontends.split(",") if name.strip()]
+    if not names or len(set(names)) < len(names):
+        raise ConfigError(f"--frontends {frontends}: give names, each once, such as psi,kiss_icp")
+    for name in names:
+        frontend.known(name)
+    return names
+
+
+def _given(trajectories: list[str], names: list[str]) -> list[Row]:
+    """Rows of trajectories given as NAME=FILE.
+
+    Raises:
+        ConfigError: another form, or a name twice.
+        DataError: a file that is no trajectory.
+    """
+    import re
+
+    from mqslam.compare.rows import given_row
+    from mqslam.errors import ConfigError
+    from mqslam.readers.trajectories import read_trajectory
+
+    rows: list[Row] = []
+    for text in trajectories:
+        name, _, file = text.partition("=")
+        if not file or not re.fullmatch(r"[\w.-]*\w", name):
+            raise ConfigError(f"--trajectory {text}: give NAME=FILE, NAME in letters and digits")
+        if name in names or any(row.name == name for row in rows):
+            raise ConfigError(f"--trajectory {text}: there is a row {name} already; choose another NAME")
+        poses, _, times = file.partition(",")
+        rows.append(given_row(name, read_trajectory(Path(poses), Path(times) if times else None)))
+    return rows
+
+
+def _failures(rows: list[Row]) -> list[str]:
+    return [f"{row.name} could not run: {row.failure}" for row in rows if row.failure is not None]
+
+
+def _print(cells: list[list[str]]) -> None:
+    """The table turned on its side: a column per row of the comparison fits any terminal."""
+    from rich.console import Console
+    from rich.table import Table
+
+    failed = [line for line in cells[1:] if line[1].startswith("could not run: ")]
+    ran = [line for line in cells[1:] if line not in failed]
+    shown = Table(show_edge=False, pad_edge=False)
+    shown.add_column("")
+    for line in ran:
+        shown.add_column(line[0], justify="right")
+    for k, head in enumerate(cells[0][1:], 1):
+        shown.add_row(head.replace("[", r"\["), *(line[k] for line in ran))
+    Console().print(shown)
+    for line in failed:
+        typer.echo(f"{line[0]} {line[1]}")

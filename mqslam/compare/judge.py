@@ -1,0 +1,158 @@
+"""The judges of a comparison: the same for every row, with ground truth and without."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mqslam import se2
+from mqslam.audit.inflation import middled
+from mqslam.audit.judge import Audit, audit
+from mqslam.audit.sweeps import Sweeps, swept
+from mqslam.compare.rows import Row
+from mqslam.config import Config
+from mqslam.detection import Progress
+from mqslam.evaluation import Evaluation, evaluate
+from mqslam.render import render
+from mqslam.returns import Window
+from mqslam.summary import matched, per_point
+from mqslam.trajectory import Trajectory
+
+PLACES = 6  # that are shown, where the rows differ most
+_LEVER_M = 20.0  # a turn counts as what it moves at this distance [m]
+_CROP_M = 60.0  # half side of a crop [m]
+
+
+@dataclass(frozen=True, slots=True)
+class Place:
+    """A place where the rows differ.
+
+    Args:
+        begin, end: its sweeps among those that all rows cover.
+        t0, t1: when it begins and ends [s] since the recording's start.
+        apart_m: how far the two rows farthest apart are from each other on the way through it [m].
+    """
+
+    begin: int
+    end: int
+    t0: float
+    t1: float
+    apart_m: float
+
+
+@dataclass(frozen=True)
+class Judged:
+    """A row and what the judges say.
+
+    Args:
+        row: the row.
+        psi_per_point: score of its rendered map per point.
+        matched: share of the map's points that another sweep saw too.
+        audit: its windows and revisits judged.
+        before, after: errors against ground truth before and after the back end, or None without ground truth.
+        crops: (M, 2) [m] points of each place's window, in the frame of the sensor at its middle.
+    """
+
+    row: Row
+    psi_per_point: float
+    matched: float
+    audit: Audit
+    before: Evaluation | None
+    after: Evaluation | None
+    crops: tuple[NDArray[np.float64], ...]
+
+
+def common_span(windows: Sequence[Window], start_us: int, period_s: float, tracks: Sequence[Trajectory]) -> list[Window]:
+    """The windows that every trajectory covers."""
+    slack_us = round(1e6 * period_s)
+    kept = []
+    for window in windows:
+        t0, t1 = (start_us + round(1e6 * t) for t in (window.t0, window.t1))
+        if all(track.covers(t0, t1, slack_us) for track in tracks):
+            kept.append(window)
+    return kept
+
+
+def places(windows: Sequence[Window], start_us: int, tracks: Sequence[Trajectory], size: int) -> list[Place]:
+    """Where the trajectories differ most on the way through a window, the worst first, each well away from the others."""
+    stamps = start_us + np.round(np.array([w.t0 for w in windows]) * 1e6).astype(np.int64)
+    begins = np.arange(0, len(windows) - size + 1, size)
+    if len(tracks) < 2 or not len(begins):
+        return []
+    through = []
+    for track in tracks:
+        poses = track.at(stamps)
+        motion = se2.between(poses[begins], poses[begins + size - 1])
+        motion[:, 2] = se2.wrap(motion[:, 2])
+        through.append(motion)
+    apart = np.zeros(len(begins))
+    for i, a in enumerate(through):
+        for b in through[i + 1 :]:
+            off = a - b
+            apart = np.maximum(apart, np.hypot(np.hypot(off[:, 0], off[:, 1]), _LEVER_M * se2.wrap(off[:, 2])))
+    chosen: list[int] = []
+    for k in np.argsort(-apart, kind="stable").tolist():
+        if all(abs(k - other) > 2 for other in chosen):
+            chosen.append(k)
+        if len(chosen) == PLACES:
+            break
+    spans = [(int(begins[k]), int(begins[k]) + size, float(apart[k])) for k in chosen]
+    return [Place(a, b, windows[a].t0, windows[b - 1].t1, off) for a, b, off in spans]
+
+
+def judge(
+    row: Row,
+    windows: Sequence[Window],
+    start_us: int,
+    period_s: float,
+    truth: Trajectory | None,
+    where: Sequence[Place],
+    config: Config,
+    jobs: int,
+    progress: Progress,
+) -> Judged:
+    """Judge one row.
+
+    Args:
+        row: with a trajectory.
+        windows: those that every row covers.
+        start_us: stamp [us] of the windows' time zero.
+        period_s: duration of a revolution [s].
+        truth: ground truth, or None.
+        where: the places to crop.
+        config: all settings.
+        jobs: threads.
+        progress: called as the audit goes on.
+    """
+    assert row.trajectory is not None and row.odometry is not None
+    sweeps, _ = swept(windows, start_us, period_s, row.trajectory, config)
+    rendered = render(windows, sweeps.poses, config, period_s, jobs)
+    return Judged(
+        row=row,
+        psi_per_point=per_point(rendered),
+        matched=matched(rendered),
+        audit=audit(sweeps, config, jobs, progress),
+        before=None if truth is None else evaluate(row.odometry, truth),
+        after=None if truth is None else evaluate(row.trajectory, truth),
+        crops=tuple(_crop(sweeps, place) for place in where),
+    )
+
+
+def _crop(sweeps: Sweeps, place: Place) -> NDArray[np.float64]:
+    points = middled(sweeps, place.begin, place.end)[0].points
+    return points[np.abs(points).max(axis=1) <= _CROP_M]
+
+
+def agreement(rows: Sequence[Row]) -> list[tuple[str, str, Evaluation]]:
+    """How far every two rows are apart: the first judged as if the second were the truth."""
+    found = []
+    for i, a in enumerate(rows):
+        for b in rows[i + 1 :]:
+            assert a.trajectory is not None and b.trajectory is not None
+            errors = evaluate(a.trajectory, b.trajectory)
+            if errors is not None:
+                found.append((a.name, b.name, errors))
+    return found
