@@ -54,8 +54,8 @@ def moving(poses: se2.Array, travel_m: float, travel_rad: float) -> NDArray[np.b
 
 
 def place_along(returns: Returns, times: NDArray[np.float64], poses: se2.Array, config: Config) -> PointSet:
-    """Points of returns under poses (K, 3) at times (K,) [s], interpolated at each return's own time."""
-    at = se2.interpolate(times, poses, returns.times)
+    """Points of returns under poses (K, 3) at times (K,) [s], on the smooth curve at each return's own time."""
+    at = se2.smooth(times, poses, returns.times)
     ranges = returns.ranges
     beta = config.sensor.doppler_beta or 0.0
     if beta != 0.0 and len(times) > 1:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.interpolate import CubicHermiteSpline
 
 Array = NDArray[np.float64]
 
@@ -90,3 +91,21 @@ def interpolate(times: ArrayLike, poses: ArrayLike, at: ArrayLike) -> Array:
     step[..., 2] = wrap(step[..., 2])
     fraction = (q - t[i]) / (t[i + 1] - t[i])
     return compose(p[i], exp(log(step), fraction))
+
+
+def smooth(times: ArrayLike, poses: ArrayLike, at: ArrayLike) -> Array:
+    """Poses (M, 3) at times `at` (M,) on the smooth curve through poses (N, 3) at increasing times (N,).
+
+    Between poses the curve is cubic with the velocities that the neighbouring poses show, so that a turn begins and ends
+    within a step as it does on the road; outside the times the first or last arc is continued.
+    """
+    t, p, q = np.asarray(times, dtype=np.float64), np.asarray(poses, dtype=np.float64), np.asarray(at, dtype=np.float64)
+    if len(t) < 3:
+        return interpolate(t, p, q)
+    unwrapped = np.column_stack([p[:, :2], np.unwrap(p[:, 2])])
+    curve = CubicHermiteSpline(t, unwrapped, np.gradient(unwrapped, t, axis=0))
+    found = np.asarray(curve(np.clip(q, t[0], t[-1])))
+    outside = (q < t[0]) | (q > t[-1])
+    if outside.any():
+        found[outside] = interpolate(t, unwrapped, q[outside])
+    return found

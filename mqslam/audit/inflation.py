@@ -17,15 +17,17 @@ from mqslam import se2
 from mqslam.audit.sweeps import Sweeps
 from mqslam.config import Config
 from mqslam.psi.covariance import curvature_by_differences, sandwich
-from mqslam.psi.estimator import Evaluation
+from mqslam.psi.estimator import Evaluation, Scale
 from mqslam.psi.minimiser import EstimatorConfig, Minimum, Prior, minimise, score
 from mqslam.psi.neighbours import candidates, cell_grid
+from mqslam.psi.observability import loosened, weak_directions
 from mqslam.psi.place import PointSet
 
 _SWEEP = 1.0  # turns between what one direction saw and saw again
 _NARROW = 0.4  # first look: this share of the annealing's widths, which finds all but large bends
 _ENDS = 2e-3  # step, at the window's ends, that ends the search [beta_s]
 _FEW = 0.8  # a best map that matches fewer points than this share of what the trajectory's does is none
+_ANYWHERE = 100.0  # standard deviation, at the window's ends, along what the window does not show [beta_s]
 _DIFFERENCE = 0.06  # step, at the window's ends, of the differences that give the curvature [beta_s]
 
 
@@ -63,6 +65,7 @@ def bend(sweeps: Sweeps, begin: int, end: int, config: Config) -> Bend:
         config: all settings; lengths of time are counted in sweeps.
     """
     estimator = in_sweeps(config.estimator, sweeps.period_s)
+    narrow = _narrowed(estimator, _NARROW)
     count = end - begin
     points, into = middled(sweeps, begin, end)
     reach = max(float(np.sqrt(np.mean(points.points**2) * 2.0)), 1.0)  # root mean square distance from the middle
@@ -71,30 +74,44 @@ def bend(sweeps: Sweeps, begin: int, end: int, config: Config) -> Bend:
     def bent(twist: NDArray[np.float64]) -> PointSet:
         return twisted(points, into, twist)
 
-    def scored(twist: NDArray[np.float64]) -> Evaluation:
+    def scored(twist: NDArray[np.float64], scale: Scale = estimator.final) -> Evaluation:
         placed = bent(twist)
-        lists = candidates(cell_grid(placed.points, estimator.s), placed.points, estimator.s)
-        return score(placed, placed, lists, estimator.final, _SWEEP, estimator)
+        lists = candidates(cell_grid(placed.points, scale.s), placed.points, scale.s)
+        return score(placed, placed, lists, scale, _SWEEP, estimator)
 
     own = scored(np.zeros(3))
-    narrow = estimator.model_copy(update={
-        name: max(_NARROW * getattr(estimator, name), getattr(estimator, name.removesuffix("_start")))
-        for name in ("s_start", "beta_s_start", "c_start")
-    })  # fmt: skip
+    weak = weak_directions(scored(np.zeros(3), narrow.scale(0)), 3)
     free = Prior(np.zeros(3), np.zeros((3, 3)))
 
     def minimum(widths: EstimatorConfig) -> Minimum:
         return minimise(np.zeros(3), bent, None, free, widths, _SWEEP, _ENDS * units)
 
-    best = _judged(minimum(narrow), own, bent, scored, units, count)
+    def judged(widths: EstimatorConfig) -> Bend:
+        return _judged(minimum(widths), own, weak, bent, scored, units, count)
+
+    best = judged(narrow)
+    if best.psi_best > best.psi:  # the look was too wide, and led away from where the trajectory is better
+        best = min(best, judged(_narrowed(estimator, 0.0)), key=_psi_best)
     if best.matched_best < _FEW * best.matched or best.size_m > 0.5 * narrow.s_start:  # beyond the narrow look's reach
-        best = min(best, _judged(minimum(estimator), own, bent, scored, units, count), key=lambda found: found.psi_best)
+        best = min(best, judged(estimator), key=_psi_best)
     return best
+
+
+def _narrowed(estimator: EstimatorConfig, share: float) -> EstimatorConfig:
+    """The settings with the annealing begun at a share of its widths, but not below the final ones."""
+    names = ("s_start", "beta_s_start", "c_start")
+    widths = {name: max(share * getattr(estimator, name), getattr(estimator, name.removesuffix("_start"))) for name in names}
+    return estimator.model_copy(update=widths)
+
+
+def _psi_best(found: Bend) -> float:
+    return found.psi_best
 
 
 def _judged(
     found: Minimum,
     own: Evaluation,
+    weak: NDArray[np.float64],
     bent: Callable[[NDArray[np.float64]], PointSet],
     scored: Callable[[NDArray[np.float64]], Evaluation],
     units: NDArray[np.float64],
@@ -107,6 +124,7 @@ def _judged(
     curvature = curvature_by_differences(lambda twist: scored(twist).gradient, found.state, _DIFFERENCE * units)
     placed = bent(found.state)
     covariance = sandwich(replace(found.evaluation, curvature=curvature), placed.points)
+    covariance = loosened(covariance, weak, _ANYWHERE * units)
     moved = placed.points - bent(np.zeros(3)).points
     return Bend(
         correction=found.state * count,

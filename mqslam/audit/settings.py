@@ -14,7 +14,7 @@ class AuditConfig(BaseModel):
     probability: float = Field(
         0.999, gt=0.5, lt=1.0, description="a window or revisit is torn beyond this quantile of the chi-square"
     )
-    bend_m: float = Field(0.02, ge=0.0, description="windows bent by less than this at their ends are not torn [m]")
+    bend_m: float = Field(0.05, ge=0.0, description="windows that a correction moves by less than this are not torn [m]")
     radius_m: float = Field(1.0, gt=0.0, description="neighbourhood of the entropies and of the plane variance [m]")
     cell_m: float = Field(0.5, gt=0.0, description="cell of the evidence grid [m]")
     spacing_m: float = Field(10.0, gt=0.0, description="path between the revisits that are measured [m]")

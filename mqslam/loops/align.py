@@ -63,7 +63,8 @@ def align(
     free = Prior(guess, np.zeros((3, 3)))
     pixel_m = PIXEL * config.s_start
     found = []
-    for start in correlation_peaks(reference.points, query.points, guess, reach_m, reach_rad, pixel_m):
+    peaks = correlation_peaks(reference.points, query.points, guess, reach_m, reach_rad, pixel_m)
+    for start in [guess, *peaks]:  # where the trajectory has it is as good a hypothesis as any
         minimum = minimise(
             start, lambda pose: moved(query, pose), reference, free, config, ANY_TIME, _TOLERANCES, grid
         )

@@ -40,9 +40,16 @@ class _Index:
     mounts: Mounts = field(default_factory=Mounts)
 
 
-def recognises(path: Path) -> bool:
-    """Whether the path is a ROS bag; whether it holds scans shows when it is read."""
-    return bags.recognises(path)
+def holds_scans(path: Path) -> bool:
+    """Whether a bag has laser scans and nothing that a radar sent.
+
+    Raises:
+        DataError: no readable bag.
+    """
+    with bags.opened(path) as reader:
+        kinds = {connection.msgtype for connection in reader.connections}
+        topics = [connection.topic.lower() for connection in reader.connections]
+    return SCAN_TYPE in kinds and not any("polar" in topic or "navtech" in topic for topic in topics)
 
 
 def read_lidar(path: Path) -> LidarRecording:

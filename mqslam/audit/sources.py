@@ -1,0 +1,143 @@
+"""What can be audited: radar and lidar recordings under a trajectory, and finished timed clouds."""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mqslam.audit.sweeps import Sweeps, path_length, swept
+from mqslam.cloud import TimedCloud
+from mqslam.config import Config
+from mqslam.errors import DataError
+from mqslam.lidar import LidarRecording
+from mqslam.readers import bags, carmen, laserscan
+from mqslam.returns import Window
+from mqslam.trajectory import Trajectory
+
+LIDAR_CONFIG = "lidar"  # the shipped settings for everything that is not a radar's
+CLOUDS = (".ply", ".pcd", ".las", ".laz", ".npz")
+_FEW_STAMPS = 20  # points per stamp from which stamps are those of whole scans
+_SCAN_S = 0.1  # sweep of a cloud whose every point has its own time [s]
+
+
+@dataclass(frozen=True)
+class Source:
+    """Timed range data to be audited.
+
+    Args:
+        path: where it came from.
+        format: name of its layout.
+        windows: one per revolution or scan.
+        start_us: stamp [us] of the windows' time zero.
+        period_s: usual duration of a sweep [s].
+        tracks: trajectories the recording itself carries, by name.
+        notes: what a user should know about how it was understood.
+    """
+
+    path: Path
+    format: str
+    windows: list[Window]
+    start_us: int
+    period_s: float
+    tracks: dict[str, Trajectory]
+    notes: tuple[str, ...]
+
+
+def is_cloud(path: Path) -> bool:
+    """Whether a path is a finished cloud; an .npz is one where it holds no radar's power."""
+    if path.suffix.lower() != ".npz":
+        return path.is_file() and path.suffix.lower() in CLOUDS
+    try:
+        with np.load(path, allow_pickle=False) as arrays:
+            return "power" not in arrays.files
+    except (OSError, ValueError, EOFError):
+        return False
+
+
+def read_lidar(path: Path) -> LidarRecording | None:
+    """A lidar recording, or None where the path is none: a CARMEN log, or a bag with laser scans."""
+    if carmen.recognises(path):
+        return carmen.read_lidar(path)
+    if bags.recognises(path) and laserscan.holds_scans(path):
+        return laserscan.read_lidar(path)
+    return None
+
+
+def lidar_source(lidar: LidarRecording) -> Source:
+    """A lidar recording as a source."""
+    tracks = {"recording": lidar.trajectory, "odometry": lidar.odometry}
+    return Source(
+        path=lidar.path,
+        format=lidar.format,
+        windows=lidar.windows,
+        start_us=int(lidar.stamps_us[0]),
+        period_s=float(np.median(np.diff(lidar.stamps_us))) * 1e-6,
+        tracks={name: track for name, track in tracks.items() if track is not None},
+        notes=lidar.notes,
+    )
+
+
+def sweeps_of(source: Source, trajectory: Trajectory, config: Config) -> tuple[Sweeps, list[str]]:
+    """A recording under a trajectory, and a note where that does not cover it.
+
+    Raises:
+        EstimationError: they share no time.
+    """
+    sweeps, inside = swept(source.windows, source.start_us, source.period_s, trajectory, config)
+    missing = len(source.windows) - len(inside)
+    return sweeps, [f"the trajectory does not cover {missing} of {len(source.windows)} sweeps"] if missing else []
+
+
+def sweeps_of_cloud(cloud: TimedCloud, trajectory: Trajectory | None, config: Config) -> Sweeps:
+    """The sweeps of a finished cloud; without a trajectory the middle of a sweep's points stands for the sensor.
+
+    Raises:
+        DataError: it was measured all at once, or the trajectory does not cover it.
+    """
+    stamps, of_stamp = np.unique(cloud.stamps_us, return_inverse=True)
+    if len(stamps) < 2:
+        raise DataError(cloud.path, "was measured all at once", "an audit needs the time of every scan or point")
+    if len(stamps) * _FEW_STAMPS <= len(cloud):
+        numbers, turns = of_stamp, of_stamp.astype(np.float64)
+        period_s = float(np.median(np.diff(stamps))) * 1e-6
+    else:
+        period_s = _SCAN_S
+        turns = (cloud.stamps_us - stamps[0]) * (1e-6 / period_s)
+        numbers = np.floor(turns).astype(np.int64)
+    present, first = np.unique(numbers, return_index=True)
+    begins = np.append(first, len(cloud))
+    begin_us = cloud.stamps_us[first]
+    if trajectory is None:
+        poses = np.array([_middle(cloud.points[a:b]) for a, b in itertools.pairwise(begins)])
+    else:
+        _check_cover(cloud, trajectory)
+        poses = trajectory.at(begin_us)
+    covariances = np.zeros((len(cloud), 3))
+    covariances[:, [0, 2]] = config.estimator.sigma_range_m**2
+    return Sweeps(
+        points=cloud.points,
+        covariances=covariances,
+        turns=turns,
+        begins=begins,
+        numbers=present.astype(np.float64),
+        times=(begin_us - stamps[0]) * 1e-6,
+        poses=poses,
+        travelled=path_length(poses),
+        period_s=period_s,
+    )
+
+
+def _middle(points: NDArray[np.float64]) -> NDArray[np.float64]:
+    return np.append(points.mean(axis=0), 0.0)
+
+
+def _check_cover(cloud: TimedCloud, trajectory: Trajectory) -> None:
+    first, last = int(cloud.stamps_us[0]), int(cloud.stamps_us[-1])
+    if not trajectory.covers(first, last):
+        raise DataError(
+            cloud.path, f"spans {first} to {last} us, which the trajectory does not", "give the trajectory it was made with"
+        )

@@ -1,0 +1,107 @@
+"""A window knows how far it is from its own best, and how sure that is."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import numpy as np
+import pytest
+from drives import ON_THE_STREET, street_drive
+from scipy.stats import chi2
+
+from mqslam import se2
+from mqslam.audit.inflation import Bend, bend, middled, twisted
+from mqslam.audit.sweeps import Sweeps, swept
+from mqslam.config import Config, SensorConfig
+from mqslam.errors import EstimationError
+from mqslam.graph import chain
+from mqslam.psi.covariance import curvature_by_differences
+from mqslam.trajectory import Trajectory
+
+CONFIG = Config(sensor=SensorConfig(doppler_beta=0.0))
+SIZE = CONFIG.audit.window
+
+
+def bent(truth: Trajectory, twist: tuple[float, float, float]) -> Trajectory:
+    """A trajectory whose every step errs by a twist."""
+    seconds = np.diff(truth.stamps_us) * 1e-6
+    steps = se2.between(truth.poses[:-1], truth.poses[1:])
+    erring = (se2.compose(step, se2.exp(twist, dt)) for step, dt in zip(steps, seconds, strict=True))
+    return Trajectory(truth.stamps_us, chain(erring, np.array(ON_THE_STREET)))
+
+
+@lru_cache
+def under(twist: tuple[float, float, float]) -> tuple[Sweeps, list[Bend]]:
+    stream, windows = street_drive()
+    sweeps, _ = swept(windows, stream.start_us, stream.period_s, bent(stream.ground_truth, twist), CONFIG)
+    return sweeps, [bend(sweeps, k, k + SIZE, CONFIG) for k in range(0, len(sweeps) - SIZE + 1, SIZE)]
+
+
+TRUE = (0.0, 0.0, 0.0)
+
+
+def test_the_true_trajectory_is_as_good_as_a_chi_square_says() -> None:
+    inflation = np.array([found.inflation for found in under(TRUE)[1]])
+    assert np.mean(inflation) < 9.0  # 3 when the covariance is right; six windows only
+    assert np.all(inflation < chi2.ppf(0.9999, 3))
+
+
+@pytest.mark.parametrize(
+    "twist", [(0.3, 0.0, 0.0), (0.0, 0.3, 0.0), (0.0, 0.0, 0.02), (0.15, 0.0, 0.0), (0.0, 0.0, 0.01), (2.0, 0.0, 0.0)]
+)
+def test_a_bent_window_is_told_and_its_mending_is_the_bend_undone(twist: tuple[float, float, float]) -> None:
+    true, (sweeps, found) = under(TRUE)[1], under(twist)
+    span = SIZE * sweeps.period_s
+    assert min(b.inflation for b in found) > max(b.inflation for b in true)
+    for good, b in zip(true, found, strict=True):
+        undone = (b.correction - good.correction) / span
+        speed = 0.06 + 0.12 * np.hypot(twist[0], twist[1])  # along and across mix in a turn
+        assert np.all(np.abs(undone + np.array(twist)) < [speed, speed, 0.002 + 0.12 * abs(twist[2])]), undone
+        assert b.psi_best < b.psi and b.size_m > good.size_m
+
+
+def test_the_covariance_is_positive_and_tight_where_there_is_something_to_see() -> None:
+    for found in under(TRUE)[1]:
+        assert np.linalg.eigvalsh(found.covariance)[0] > 0.0
+        sigma = np.sqrt(np.diag(found.covariance))
+        assert sigma[:2].max() < 0.1 and sigma[2] < 0.01
+
+
+def test_judging_does_not_depend_on_where_in_the_world_a_window_lies() -> None:
+    stream, windows = street_drive()
+    elsewhere = np.array([4000.0, -700.0, 2.5])
+    moved = Trajectory(stream.ground_truth.stamps_us, se2.compose(elsewhere, stream.ground_truth.poses))
+    sweeps, _ = swept(windows, stream.start_us, stream.period_s, moved, CONFIG)
+    here, there = under(TRUE)[1][1], bend(sweeps, SIZE, 2 * SIZE, CONFIG)
+    np.testing.assert_allclose(there.correction, here.correction, atol=2e-4)
+    assert there.inflation == pytest.approx(here.inflation, rel=0.02)
+
+
+def test_derivatives_of_twisted_points_are_those_of_the_points() -> None:
+    sweeps, _ = under(TRUE)
+    points, into = middled(sweeps, 0, SIZE)
+    twist, step = np.array([0.02, -0.01, 0.003]), 1e-6
+    found = twisted(points, into, twist)
+    for k in range(3):
+        aside = np.eye(3)[k] * step
+        numeric = (twisted(points, into, twist + aside).points - twisted(points, into, twist - aside).points) / (2 * step)
+        np.testing.assert_allclose(found.jacobians[:, :, k], numeric, atol=1e-5)
+    assert np.abs(into).max() <= 0.5 * SIZE + 1e-6
+
+
+def test_curvature_by_differences_is_the_hessian_of_a_known_function() -> None:
+    hessian = np.array([[4.0, 1.0], [1.0, 3.0]])
+    found = curvature_by_differences(lambda x: hessian @ x + 0.1 * x**3, np.array([0.5, -0.2]), np.array([1e-3, 1e-3]))
+    np.testing.assert_allclose(found, hessian + np.diag(0.3 * np.array([0.25, 0.04])), atol=1e-5)
+
+
+def test_sweeps_outside_the_trajectory_are_left_out_and_none_is_an_error() -> None:
+    stream, windows = street_drive()
+    truth = stream.ground_truth
+    part = Trajectory(truth.stamps_us[10:30], truth.poses[10:30])
+    sweeps, inside = swept(windows, stream.start_us, stream.period_s, part, CONFIG)
+    assert len(sweeps) == len(inside) < len(windows)
+    assert 8 <= inside[0] <= 10 and 28 <= inside[-1] <= 31
+    later = Trajectory(truth.stamps_us + 10**9, truth.poses)
+    with pytest.raises(EstimationError, match="share no time"):
+        swept(windows, stream.start_us, stream.period_s, later, CONFIG)

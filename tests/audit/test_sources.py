@@ -1,0 +1,102 @@
+"""Lidar recordings and clouds as what an audit judges."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from mqslam import se2
+from mqslam.audit.inflation import bend
+from mqslam.audit.judge import audit
+from mqslam.audit.sources import LIDAR_CONFIG, is_cloud, lidar_source, sweeps_of, sweeps_of_cloud
+from mqslam.cloud import TimedCloud
+from mqslam.config import load_config
+from mqslam.errors import DataError
+from mqslam.readers import carmen
+from mqslam.trajectory import Trajectory
+
+CONFIG = load_config(LIDAR_CONFIG)
+PERIOD_S = 0.1
+
+
+def room(poses: np.ndarray, seed: int = 1) -> list[np.ndarray]:
+    """Points (M, 2) in the sensor's frame of a room of 12 m by 8 m with two pillars, one scan per pose."""
+    rng = np.random.default_rng(seed)
+    angles = np.linspace(-np.pi, np.pi, 720, endpoint=False)
+    scans = []
+    for x, y, yaw in poses:
+        c, s = np.cos(angles + yaw), np.sin(angles + yaw)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            walls = np.minimum(np.abs((np.copysign(6.0, c) - x) / c), np.abs((np.copysign(4.0, s) - y) / s))
+        ranges = walls
+        for px, py in ((2.0, 1.0), (-3.0, -2.0)):
+            b = (px - x) * c + (py - y) * s
+            inside = 0.25 - ((px - x) ** 2 + (py - y) ** 2 - b**2)
+            hit = b - np.sqrt(np.maximum(inside, 0.0))
+            ranges = np.where((inside > 0.0) & (hit > 0.0), np.minimum(ranges, hit), ranges)
+        ranges = ranges + 0.01 * rng.normal(size=len(ranges))
+        scans.append(np.c_[ranges * np.cos(angles), ranges * np.sin(angles)])
+    return scans
+
+
+TIMES_US = 1_500_000_000_000_000 + np.round(np.arange(24) * PERIOD_S * 1e6).astype(np.int64)
+POSES = np.c_[np.linspace(-2.0, 1.0, 24), 0.3 * np.sin(np.arange(24) / 5.0), 0.02 * np.arange(24)]
+
+
+def cloud(poses: np.ndarray) -> TimedCloud:
+    scans = [se2.transform(pose, scan) for pose, scan in zip(poses, room(POSES), strict=True)]
+    stamps = np.repeat(TIMES_US, [len(scan) for scan in scans])
+    return TimedCloud(Path("room.ply"), np.concatenate(scans), stamps, ())
+
+
+@pytest.mark.parametrize("given", [True, False], ids=["with its trajectory", "without"])
+def test_a_true_cloud_passes_and_a_bent_one_is_told(given: bool) -> None:
+    track = Trajectory(TIMES_US, POSES) if given else None
+    wrong = se2.compose(POSES, np.c_[0.02 * np.arange(24), np.zeros(24), 0.004 * np.arange(24)])
+    good, bad = (sweeps_of_cloud(cloud(poses), track, CONFIG) for poses in (POSES, wrong))
+    assert len(good) == 24 and good.period_s == pytest.approx(PERIOD_S)
+    size = CONFIG.audit.window
+    for begin in range(0, 24 - size + 1, size):
+        a, b = (bend(sweeps, begin, begin + size, CONFIG) for sweeps in (good, bad))
+        assert b.inflation > 10.0 * max(a.inflation, 3.0)
+        assert a.size_m < 0.03
+
+
+def test_a_cloud_whose_points_have_times_of_their_own_is_cut_into_sweeps() -> None:
+    found = cloud(POSES)
+    spread = np.concatenate([t + np.arange(720) * 100 for t in TIMES_US])
+    sweeps = sweeps_of_cloud(TimedCloud(found.path, found.points, spread, ()), None, CONFIG)
+    assert len(sweeps) == 24
+    assert np.all(np.diff(sweeps.turns) >= 0.0) and np.ptp(sweeps.turns) == pytest.approx(23.7, abs=0.1)
+
+
+def test_a_cloud_without_a_course_of_time_is_refused() -> None:
+    found = cloud(POSES)
+    with pytest.raises(DataError, match="all at once"):
+        sweeps_of_cloud(TimedCloud(found.path, found.points, np.full(len(found), TIMES_US[0]), ()), None, CONFIG)
+    with pytest.raises(DataError, match="which the trajectory does not"):
+        sweeps_of_cloud(found, Trajectory(TIMES_US[:5] - 10**9, POSES[:5]), CONFIG)
+
+
+def test_clouds_are_told_from_recordings(tmp_path: Path) -> None:
+    np.savez(tmp_path / "cloud.npz", x=np.zeros(2), y=np.zeros(2), t=np.arange(2.0))
+    np.savez(tmp_path / "radar.npz", power=np.zeros((1, 2, 3), dtype=np.uint8))
+    (tmp_path / "map.ply").write_text("ply")
+    assert is_cloud(tmp_path / "cloud.npz") and is_cloud(tmp_path / "map.ply")
+    assert not is_cloud(tmp_path / "radar.npz") and not is_cloud(tmp_path)
+
+
+@pytest.mark.parametrize("name", ["intel", "aces"])
+def test_a_real_corrected_log_passes_and_its_wheels_fail(name: str) -> None:
+    log = Path(__file__).parents[3] / "shared" / "data" / "carmen" / f"{name}-corrected.log.gz"
+    if not log.exists():
+        pytest.skip(f"the real log is not at {log}")
+    source = lidar_source(carmen.read_lidar(log))
+    found = {}
+    for track in ("recording", "odometry"):
+        sweeps, _ = sweeps_of(source, source.tracks[track], CONFIG)
+        found[track] = audit(sweeps, CONFIG, 2, lambda stage, done, total: None)
+    assert found["recording"].status == "pass", found["recording"].reasons
+    assert found["odometry"].status == "fail"

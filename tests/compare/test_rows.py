@@ -1,0 +1,108 @@
+"""Front ends as rows: the same returns, a process each, and failures that are said instead of raised."""
+
+from __future__ import annotations
+
+import itertools
+from functools import lru_cache
+
+import numpy as np
+import pytest
+from drives import street_drive
+
+from mqslam.compare.judge import agreement, common_span, judge, places
+from mqslam.compare.rows import Row, front_end_row, given_row, run_front_end
+from mqslam.config import Config, SensorConfig
+from mqslam.frontend import Context
+from mqslam.graph import chain
+from mqslam.trajectory import Trajectory
+
+CONFIG = Config(sensor=SensorConfig(doppler_beta=0.0))
+
+
+def context(odometry: Trajectory | None = None) -> Context:
+    stream, _ = street_drive()
+    return Context(CONFIG, stream.period_s, stream.start_us, odometry)
+
+
+@lru_cache
+def row(name: str, back_end: bool) -> Row:
+    stream, windows = street_drive()
+    return run_front_end(name, windows, context(), stream.stamps_us, back_end, 1)
+
+
+@pytest.mark.parametrize("name", ["psi", "kiss_icp"])
+def test_a_row_holds_the_front_ends_own_motions_chained(name: str) -> None:
+    found = row(name, False)
+    assert found.failure is None and found.odometry is not None
+    np.testing.assert_array_equal(found.odometry.poses, chain(m.pose for m in found.measurements))
+    assert found.trajectory is found.odometry
+    assert found.measure_s is not None and found.measure_s > 0.0
+
+
+def test_the_back_end_follows_where_it_is_asked_for() -> None:
+    found = row("psi", True)
+    assert found.trajectory is not None and found.odometry is not None
+    assert not np.array_equal(found.trajectory.poses, found.odometry.poses)
+    np.testing.assert_allclose(found.odometry.poses, row("psi", False).odometry.poses, atol=1e-12)
+
+
+def test_a_process_of_its_own_gives_the_same_row() -> None:
+    stream, windows = street_drive()
+    found = front_end_row("kiss_icp", windows, context(), stream.stamps_us, back_end=False, jobs=1)
+    np.testing.assert_allclose(found.odometry.poses, row("kiss_icp", False).odometry.poses, atol=1e-9)
+    assert found.peak_rss_mb is not None and found.peak_rss_mb > 50.0
+
+
+@pytest.mark.parametrize(("name", "why"), [("odometry", "needs odometry"), ("psy", "did you mean psi")])
+def test_a_front_end_that_cannot_run_says_why(name: str, why: str) -> None:
+    found = row(name, False)
+    assert found.trajectory is None and found.failure is not None and why in found.failure
+
+
+def test_a_front_end_of_somebody_that_raises_anything_is_a_row_too(monkeypatch: pytest.MonkeyPatch) -> None:
+    from mqslam import frontend
+
+    class Broken:
+        def __init__(self, context: Context) -> None: ...
+
+        def measure(self, windows):
+            raise ZeroDivisionError("by nothing")
+
+    monkeypatch.setattr(frontend, "load", lambda name: Broken)
+    stream, windows = street_drive()
+    found = run_front_end("broken", windows, context(), stream.stamps_us, False, 1)
+    assert found.failure == "ZeroDivisionError: by nothing"
+
+
+def test_rows_are_judged_by_truth_and_without_it() -> None:
+    stream, windows = street_drive()
+    truth = stream.ground_truth
+    bad = truth.poses.copy()
+    bad[:, 2] += 0.03 * np.sin(np.arange(len(bad)))
+    rows = [row("psi", False), given_row("truth", truth), given_row("shaken", Trajectory(truth.stamps_us, bad))]
+    tracks = [r.trajectory for r in rows]
+    common = common_span(windows, stream.start_us, stream.period_s, tracks)
+    assert len(common) == len(windows)
+    where = places(common, stream.start_us, tracks, 6)
+    assert where and all(a.apart_m >= b.apart_m for a, b in itertools.pairwise(where))
+    found = [
+        judge(r, common, stream.start_us, stream.period_s, truth, where, CONFIG, 1, lambda stage, done, total: None)
+        for r in rows
+    ]
+    psi, best, shaken = found
+    inflation = [np.median([w.bend.inflation for w in f.audit.windows]) for f in found]
+    assert inflation[2] > 3.0 * inflation[1]
+    assert psi.psi_per_point < shaken.psi_per_point and best.psi_per_point < shaken.psi_per_point
+    assert best.after.ate_rmse_m < 1e-6 and psi.after.ate_rmse_m < 0.1
+    assert all(len(f.crops) == len(where) for f in found)
+    pairs = {(a, b): errors for a, b, errors in agreement(rows)}
+    assert set(pairs) == {("psi", "truth"), ("psi", "shaken"), ("truth", "shaken")}
+    assert pairs["psi", "truth"].ate_rmse_m == pytest.approx(psi.after.ate_rmse_m, rel=1e-6)
+
+
+def test_only_what_every_trajectory_covers_is_compared() -> None:
+    stream, windows = street_drive()
+    truth = stream.ground_truth
+    part = Trajectory(truth.stamps_us[10:30], truth.poses[10:30])
+    common = common_span(windows, stream.start_us, stream.period_s, [truth, part])
+    assert 18 <= len(common) <= 22 and common[0].t0 >= windows[9].t0
