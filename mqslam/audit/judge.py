@@ -139,7 +139,7 @@ def verdict(windows: list[WindowAudit], revisits: list[RevisitAudit]) -> tuple[s
     failures, warnings = [], []
     torn = sum(w.torn for w in windows)
     if windows:
-        said = f"{torn} of {len(windows)} windows are bent beyond what their covariance explains"
+        said = f"{torn} of {len(windows)} windows are bent"
         if torn > FAIL_WINDOWS * len(windows):
             failures.append(said)
         elif torn > WARN_WINDOWS * len(windows):
@@ -157,6 +157,6 @@ def verdict(windows: list[WindowAudit], revisits: list[RevisitAudit]) -> tuple[s
     if failures or warnings:
         return ("fail" if failures else "warn"), failures + warnings
     return "pass", [
-        f"{torn} of {len(windows)} windows are bent beyond what their covariance explains, no more than by chance",
+        f"{torn} of {len(windows)} windows are bent",
         f"{len(off)} of {len(sure)} revisits are torn" if sure else "it comes back to no place that would show its drift",
     ]

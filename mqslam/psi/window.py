@@ -15,7 +15,7 @@ from scipy.ndimage import minimum_filter
 from mqslam import se2
 from mqslam.measurement import Status
 from mqslam.motion import CONSTANT_TWIST, MotionModel
-from mqslam.psi.covariance import sandwich
+from mqslam.psi.covariance import curvature_by_differences, sandwich
 from mqslam.psi.estimator import Evaluation, Scale
 from mqslam.psi.minimiser import EstimatorConfig, Minimum, Prior, minimise, score
 from mqslam.psi.neighbours import candidates, cell_grid
@@ -27,6 +27,7 @@ SPANS = {0: 20.0, 1: 20.0, 2: 1.0}  # standard deviation of a component nothing 
 _STARTS = 3  # basins of the exhaustive search that are refined
 _DIFFERENT = 25.0  # squared distance, in units of the covariances, beyond which two motions are not the same
 _AS_GOOD = 1.25  # psi of a rival, over the best, up to which the window cannot tell them apart
+_DIFFERENCE = 4.0  # step of the differences that give the curvature [tolerances]
 TOLERANCES = {0: 5e-3, 1: 5e-3, 2: 1e-4}  # step that ends the search, by twist component [m/s, m/s, rad/s]
 
 
@@ -81,7 +82,10 @@ def estimate_window(
 
     found = minimise(model.from_twist(start), render, None, free, config, revolution_s, tolerances)
     points = render(found.state)
-    covariance = sandwich(found.evaluation, points.points)
+    curvature = curvature_by_differences(
+        lambda theta: _score(render(theta), config.final, revolution_s, config).gradient, found.state, _DIFFERENCE * tolerances
+    )
+    covariance = sandwich(replace(found.evaluation, curvature=curvature), points.points)
     weak = weak_directions(_score(points, config.scale(0), revolution_s, config), model.size)
     if len(weak):
         covariance = loosened(covariance, weak, np.array([SPANS[component] for component in model.components]))

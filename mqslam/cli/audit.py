@@ -1,0 +1,178 @@
+"""`mqslam audit`: how good a map is, where it is torn, and how sure that is."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+import typer
+
+from mqslam.cli.options import CORES, ConfigOption, Force, Format, Jobs, Json, Quiet, RangeResolution
+
+if TYPE_CHECKING:
+    from mqslam.audit.sources import Source
+    from mqslam.config import Config
+    from mqslam.detection import Progress
+    from mqslam.trajectory import Trajectory
+
+
+def audit(
+    data: Annotated[Path, typer.Argument(help="A radar or lidar recording, or a cloud with times (PLY, PCD, LAS, NPZ).")],
+    out: Annotated[Path, typer.Option("--out", "-o", help="Folder for the results; must not exist yet.")],
+    trajectory: Annotated[
+        str | None,
+        typer.Option(
+            "--trajectory", "-t",
+            help="A file (TUM, CSV, KITTI with --times, a bag); or odometry, ground_truth or recording: what DATA carries.",
+        ),
+    ] = None,  # fmt: skip
+    times: Annotated[Path | None, typer.Option(help="Stamps of a KITTI trajectory, one per line.")] = None,
+    topic: Annotated[str | None, typer.Option(help="Topic of the trajectory in a bag.")] = None,
+    z_range: Annotated[
+        str | None, typer.Option(metavar="LOW,HIGH", help=r"Part of a cloud's heights to use \[m]; all by default.")
+    ] = None,
+    fail_on: Annotated[
+        Literal["warn", "fail"] | None, typer.Option(help="Exit with 1 on this verdict or a worse one.")
+    ] = None,
+    config: ConfigOption = None,
+    format: Format = None,
+    range_resolution: RangeResolution = None,
+    jobs: Jobs = CORES,
+    force: Force = False,
+    as_json: Json = False,
+    quiet: Quiet = False,
+) -> None:
+    """Judge the map that a recording makes under a trajectory, without ground truth.
+
+    Every window is compared with its own best: inflation is the correction that psi would make, in units of its
+    covariance, a chi-square with 3 degrees of freedom where the map is right. Places passed twice are laid on each other.
+
+    Example: mqslam audit drive --trajectory result/trajectory.tum --out audited --fail-on fail
+    """
+    from rich.console import Console
+
+    from mqslam.audit.judge import audit as judged
+    from mqslam.audit.outputs import summarise, write_audit
+    from mqslam.audit.sources import LIDAR_CONFIG, is_cloud, sweeps_of, sweeps_of_cloud
+    from mqslam.cli.progress import progress
+    from mqslam.config import load_config
+    from mqslam.outputs import check_free, whole_folder
+    from mqslam.readers.cloud import read_cloud
+
+    check_free(out, force=force, recording=data)
+    console = Console(stderr=True, markup=False)
+    given = _read(trajectory, times, topic)
+    with progress(console, quiet or as_json) as show:
+        if is_cloud(data):
+            settings = load_config(config or LIDAR_CONFIG)
+            cloud = read_cloud(data, _heights(z_range))
+            sweeps, notes, kind = sweeps_of_cloud(cloud, given, settings), list(cloud.notes), data.suffix.lower()[1:]
+        else:
+            source, settings = _source(data, config, format, range_resolution, jobs, show)
+            track = given or _carried(source, trajectory)
+            sweeps, notes = sweeps_of(source, track, settings)
+            notes, kind = [*source.notes, *notes], source.format
+        if not quiet:
+            for note in notes:
+                console.print(f"note: {note}", highlight=False, soft_wrap=True)
+        found = judged(sweeps, settings, jobs, show)
+    summary = summarise(found, sweeps, settings, {"format": kind, "path": str(data)}, trajectory or "recording")
+    with whole_folder(out) as folder:
+        write_audit(folder, data.resolve().name, found, sweeps, settings, summary, notes)
+    if as_json:
+        typer.echo(json.dumps(json.loads((out / "audit.json").read_text(encoding="utf-8")), indent=1))
+    elif not quiet:
+        typer.echo("\n".join(_lines(summary)))
+        typer.echo(f"results in {out}; open {out / 'report.html'} in a browser")
+    if fail_on is not None and found.status in {"warn": ("warn", "fail"), "fail": ("fail",)}[fail_on]:
+        raise typer.Exit(1)
+
+
+def _read(trajectory: str | None, times: Path | None, topic: str | None) -> Trajectory | None:
+    """The trajectory of a file; None where it is the recording's own."""
+    from mqslam.errors import ConfigError
+    from mqslam.readers.trajectories import read_trajectory
+
+    if trajectory in (None, "recording", "odometry", "ground_truth"):
+        if times is not None or topic is not None:
+            raise ConfigError("--times and --topic: belong to a trajectory from a file; give --trajectory FILE")
+        return None
+    assert trajectory is not None
+    return read_trajectory(Path(trajectory), times, topic)
+
+
+def _heights(text: str | None) -> tuple[float, float] | None:
+    from mqslam.errors import ConfigError
+
+    if text is None:
+        return None
+    try:
+        low, high = (float(part) for part in text.split(","))
+    except ValueError:
+        raise ConfigError(f"--z-range {text}: give two heights in metres, such as 0.5,2.0") from None
+    return low, high
+
+
+def _carried(source: Source, name: str | None) -> Trajectory:
+    """The trajectory of a name that the recording carries.
+
+    Raises:
+        ConfigError: it carries none of that name.
+    """
+    from mqslam.errors import ConfigError
+
+    track = source.tracks.get(name or "recording")
+    if track is None:
+        has = f"it carries {', '.join(source.tracks)}" if source.tracks else "it carries none"
+        raise ConfigError(f"{source.path}: has no trajectory '{name or 'recording'}' ({has}); give --trajectory FILE")
+    return track
+
+
+def _source(
+    data: Path, config: str | None, format: str | None, range_resolution: float | None, jobs: int, show: Progress
+) -> tuple[Source, Config]:
+    """A radar or lidar recording as windows of returns, and the settings for it."""
+    from mqslam.audit.sources import LIDAR_CONFIG, Source, lidar_source, read_lidar
+    from mqslam.cli.recording import opened
+    from mqslam.config import load_config
+    from mqslam.detection import detect_all
+    from mqslam.psi.doppler import with_doppler
+
+    lidar = read_lidar(data) if format is None and data.exists() else None
+    if lidar is not None:
+        return lidar_source(lidar), load_config(config or LIDAR_CONFIG)
+    settings = load_config(config)
+    stream = opened(data, format, range_resolution, settings.sensor)
+    windows, _ = detect_all(stream, settings.detector, jobs, show)
+    carried: dict[str, Any] = {"odometry": stream.odometry, "ground_truth": stream.ground_truth}
+    tracks = {name: track for name, track in carried.items() if track is not None}
+    source = Source(stream.path, stream.format, windows, stream.start_us, stream.period_s, tracks, stream.notes)
+    return source, with_doppler(windows, settings, stream.period_s)
+
+
+def _lines(summary: dict[str, Any]) -> list[str]:
+    """What a person asks for first."""
+    windows, revisits, verdict = summary["windows"], summary["revisits"], summary["verdict"]
+    inflation = "no windows"
+    if windows["count"]:
+        median = windows["inflation_median"]
+        inflation = f"median {median:.3g}, 2.37 where a map is right; torn above {summary['threshold']:.3g}"
+    rows = [
+        ("verdict", f"{verdict['status']}: {'; '.join(verdict['reasons'])}"),
+        ("windows", f"{windows['torn']} of {windows['count']} torn"),
+        ("inflation", inflation),
+        ("revisits", f"{revisits['torn']} of {revisits['sure']} torn, {revisits['count'] - revisits['sure']} not sure"),
+    ]
+    worst = sorted((w for w in summary["per_window"] if w["torn"]), key=lambda w: -w["size_m"])[:5]
+    rows += [
+        ("torn window", f"{w['t0']:.1f} to {w['t1']:.1f} s at ({w['x']:.1f}, {w['y']:.1f}) m: bent by {w['size_m']:.2f} m")
+        for w in worst
+    ]
+    torn = [r for r in summary["per_revisit"] if r["torn"]]
+    rows += [
+        ("torn revisit", f"{r['t_later']:.1f} s on {r['t_earlier']:.1f} s at ({r['x']:.1f}, {r['y']:.1f}) m: "
+         f"off by {r['dx']:.2f} m, {r['dy']:.2f} m, {57.29578 * r['dyaw']:.2f} deg")
+        for r in sorted(torn, key=lambda r: -(r["dx"] ** 2 + r["dy"] ** 2))[:5]
+    ]  # fmt: skip
+    return [f"{name:<14}{value}" for name, value in rows]

@@ -1,0 +1,92 @@
+"""`mqslam audit` from the command line: what it writes, what it says and how it exits."""
+
+from __future__ import annotations
+
+import csv
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from commands import contents, mqslam
+
+from mqslam.trajectory import Trajectory, read_tum, write_kitti, write_tum
+
+FILES = {"audit.json", "audit.csv", "revisits.csv", "heatmap.png", "report.html", "config.yaml"}
+
+
+@pytest.fixture(scope="module")
+def tracks(street: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The truth of the street as other programs would write it, and a bent copy."""
+    folder = tmp_path_factory.mktemp("tracks")
+    truth = read_tum(street / "gt" / "poses_tum.txt")
+    write_tum(folder / "true.tum", truth)
+    write_kitti(folder / "true.kitti", truth)
+    (folder / "times.txt").write_text("".join(f"{t / 1e6:.6f}\n" for t in truth.stamps_us.tolist()))
+    bent = truth.poses * [1.05, 1.05, 1.0]
+    write_tum(folder / "bent.tum", Trajectory(truth.stamps_us, bent))
+    return folder
+
+
+def audited(street: Path, out: Path, *more: str | Path) -> dict:
+    result = mqslam("audit", street, "--out", out, "--quiet", *more)
+    assert (result.code, result.err) == (0, "")
+    return json.loads((out / "audit.json").read_text())
+
+
+def test_a_true_trajectory_passes_in_every_form(street: Path, tracks: Path, tmp_path: Path) -> None:
+    tum = audited(street, tmp_path / "tum", "--trajectory", tracks / "true.tum")
+    assert {p.name for p in (tmp_path / "tum").iterdir()} == FILES
+    assert tum["verdict"]["status"] == "pass" and tum["windows"]["torn"] == 0
+    kitti = audited(street, tmp_path / "k", "--trajectory", tracks / "true.kitti", "--times", tracks / "times.txt")
+    own = audited(street, tmp_path / "o", "--trajectory", "ground_truth")
+    for other in (kitti, own):
+        assert other["windows"]["inflation_median"] == pytest.approx(tum["windows"]["inflation_median"], rel=1e-3)
+    rows = list(csv.DictReader((tmp_path / "tum" / "audit.csv").open()))
+    assert len(rows) == tum["windows"]["count"] == len(tum["per_window"])
+    assert float(rows[2]["inflation"]) == pytest.approx(tum["per_window"][2]["inflation"], rel=1e-6)
+
+
+def test_a_bent_trajectory_fails_and_says_what_would_mend_it(street: Path, tracks: Path, tmp_path: Path) -> None:
+    result = mqslam("audit", street, "--trajectory", tracks / "bent.tum", "--out", tmp_path / "a", "--fail-on", "fail")
+    assert result.code == 1 and result.out.startswith("verdict       fail: ") and "torn window" in result.out
+    found = json.loads((tmp_path / "a" / "audit.json").read_text())
+    speeds = [row["dv"] for row in found["per_window"]]
+    assert np.median(speeds) == pytest.approx(-0.05 * 8.0, abs=0.12)  # the street is driven at about 8 m/s
+    assert mqslam("audit", street, "-t", tracks / "bent.tum", "--out", tmp_path / "b", "--quiet").code == 0
+
+
+def test_the_numbers_are_printed_as_json(street: Path, tracks: Path, tmp_path: Path) -> None:
+    result = mqslam("audit", street, "-t", tracks / "true.tum", "--out", tmp_path / "a", "--json")
+    assert json.loads(result.out) == json.loads((tmp_path / "a" / "audit.json").read_text())
+
+
+def test_the_map_of_a_run_is_audited_as_a_cloud(street: Path, tmp_path: Path) -> None:
+    assert mqslam("run", street, "--out", tmp_path / "run", "--odometry", "none", "--quiet").code == 0
+    found = audited(tmp_path / "run" / "map.ply", tmp_path / "a")
+    assert found["dataset"]["format"] == "ply" and found["windows"]["count"] > 3
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        ((), "has no trajectory 'recording' (it carries odometry, ground_truth); give --trajectory FILE"),
+        (("--trajectory", "nowhere.tum"), "nowhere.tum: "),
+        (("--trajectory", "odometry", "--times", "t.txt"), "belong to a trajectory from a file"),
+        (("--trajectory", "ground_truth", "--config", "nothing"), "no such configuration"),
+    ],
+)
+def test_mistakes_are_one_line_and_leave_nothing(
+    street: Path, tmp_path: Path, options: tuple[str, ...], said: str
+) -> None:
+    result = mqslam("audit", street, "--out", tmp_path / "a", "--quiet", *options)
+    assert result.code == 2 and said in result.err and len(result.err.splitlines()) == 1
+    assert contents(tmp_path) == {}
+
+
+def test_results_are_not_replaced_unasked(street: Path, tmp_path: Path) -> None:
+    (tmp_path / "a").mkdir()
+    (tmp_path / "a" / "mine").write_text("kept")
+    result = mqslam("audit", street, "-t", "ground_truth", "--out", tmp_path / "a")
+    assert result.code == 2 and "exists already" in result.err
+    assert contents(tmp_path) == {"a": None, "a/mine": b"kept"}
