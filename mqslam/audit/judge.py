@@ -89,7 +89,7 @@ def audit(sweeps: Sweeps, config: Config, jobs: int, progress: Progress) -> Audi
     pairs = revisit_pairs(sweeps, config.audit)
     revisits: list[RevisitAudit] = []
     with ThreadPoolExecutor(jobs) as pool:
-        for number, found in enumerate(pool.map(lambda pair: revisit(sweeps, *pair, config), pairs), 1):
+        for number, found in enumerate(pool.map(lambda pair: revisit(sweeps, pair[0], pair[1], config), pairs), 1):
             if found is not None:
                 revisits.append(RevisitAudit(found, torn_revisit(found, config.audit)))
             progress("revisits", number, len(pairs))

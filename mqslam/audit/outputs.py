@@ -112,7 +112,7 @@ def write_audit(
     write_text(folder / "config.yaml", settings)
     write_text(folder / "audit.csv", _csv(summary["per_window"]))
     write_text(folder / "revisits.csv", _csv(summary["per_revisit"]))
-    write_bytes(folder / "heatmap.png", heat_map(sweeps, found))
+    write_bytes(folder / "heatmap.png", heat_map(sweeps, found, config.audit))
     write_audit_report(
         folder / "report.html",
         AuditReport(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import zipfile
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -52,9 +53,9 @@ def is_cloud(path: Path) -> bool:
     if path.suffix.lower() != ".npz":
         return path.is_file() and path.suffix.lower() in CLOUDS
     try:
-        with np.load(path, allow_pickle=False) as arrays:
-            return "power" not in arrays.files
-    except (OSError, ValueError, EOFError):
+        with zipfile.ZipFile(path) as archive:
+            return not any(name.startswith("power") for name in archive.namelist())
+    except (OSError, ValueError, zipfile.BadZipFile):
         return False
 
 

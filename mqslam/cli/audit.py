@@ -136,7 +136,7 @@ def _source(
     from mqslam.audit.sources import LIDAR_CONFIG, Source, lidar_source, read_lidar
     from mqslam.cli.recording import opened
     from mqslam.config import load_config
-    from mqslam.detection import detect_all
+    from mqslam.detection import detect_all, unread_warnings
     from mqslam.psi.doppler import with_doppler
 
     lidar = read_lidar(data) if format is None and data.exists() else None
@@ -144,10 +144,11 @@ def _source(
         return lidar_source(lidar), load_config(config or LIDAR_CONFIG)
     settings = load_config(config)
     stream = opened(data, format, range_resolution, settings.sensor)
-    windows, _ = detect_all(stream, settings.detector, jobs, show)
+    windows, detected = detect_all(stream, settings.detector, jobs, show)
     carried: dict[str, Any] = {"odometry": stream.odometry, "ground_truth": stream.ground_truth}
     tracks = {name: track for name, track in carried.items() if track is not None}
-    source = Source(stream.path, stream.format, windows, stream.start_us, stream.period_s, tracks, stream.notes)
+    notes = (*stream.notes, *stream.faults, *unread_warnings(detected.unread))
+    source = Source(stream.path, stream.format, windows, stream.start_us, stream.period_s, tracks, notes)
     return source, with_doppler(windows, settings, stream.period_s)
 
 

@@ -53,7 +53,7 @@ def compare(
     from mqslam.compare.outputs import summarise, table, write_compare
     from mqslam.compare.rows import front_end_row
     from mqslam.config import load_config
-    from mqslam.detection import detect_all
+    from mqslam.detection import detect_all, unread_warnings
     from mqslam.errors import EstimationError
     from mqslam.frontend import Context
     from mqslam.outputs import check_free, whole_folder
@@ -72,7 +72,8 @@ def compare(
     period_s, start_us = stream.period_s, stream.start_us
     key = run_key(stream, settings, f"compare {','.join(names)} {odometry_only}", track)
     with unfinished(out, key, resume=resume) as checkpoint, progress(console, quiet or as_json) as show:
-        windows, _ = detect_all(stream, settings.detector, jobs, show, checkpoint)
+        windows, detected = detect_all(stream, settings.detector, jobs, show, checkpoint)
+        notes += [*stream.faults, *unread_warnings(detected.unread)]
         settings = with_doppler(windows, settings, period_s)
         rows = []
         for number, name in enumerate(names, 1):

@@ -143,7 +143,7 @@ def judge(
 
 def _crop(sweeps: Sweeps, place: Place) -> NDArray[np.float64]:
     points = middled(sweeps, place.begin, place.end)[0].points
-    return points[np.abs(points).max(axis=1) <= _CROP_M]
+    return np.asarray(points[np.abs(points).max(axis=1) <= _CROP_M])
 
 
 def agreement(rows: Sequence[Row]) -> list[tuple[str, str, Evaluation]]:

@@ -17,6 +17,7 @@ from mqslam import frontend as frontends
 from mqslam.errors import MqslamError
 from mqslam.frontend import Context
 from mqslam.graph import chain
+from mqslam.interrupts import shielded
 from mqslam.measurement import RelativeMotion
 from mqslam.returns import Window
 from mqslam.slam import Slam
@@ -65,7 +66,9 @@ def front_end_row(
     """
     try:
         with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
-            return pool.submit(run_front_end, name, list(windows), context, stamps_us, back_end, jobs).result()
+            with shielded():
+                row = pool.submit(run_front_end, name, list(windows), context, stamps_us, back_end, jobs)
+            return row.result()
     except BrokenProcessPool:
         return Row(name, failure="its process died, for want of memory or by a fault of a library")
 

@@ -82,9 +82,11 @@ def estimate_window(
 
     found = minimise(model.from_twist(start), render, None, free, config, revolution_s, tolerances)
     points = render(found.state)
-    curvature = curvature_by_differences(
-        lambda theta: _score(render(theta), config.final, revolution_s, config).gradient, found.state, _DIFFERENCE * tolerances
-    )
+
+    def gradient(theta: NDArray[np.float64]) -> NDArray[np.float64]:
+        return _score(render(theta), config.final, revolution_s, config).gradient
+
+    curvature = curvature_by_differences(gradient, found.state, _DIFFERENCE * tolerances)
     covariance = sandwich(replace(found.evaluation, curvature=curvature), points.points)
     weak = weak_directions(_score(points, config.scale(0), revolution_s, config), model.size)
     if len(weak):

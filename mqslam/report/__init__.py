@@ -1,8 +1,20 @@
-"""The report of a run: one self-contained HTML page."""
+"""The reports of runs, audits and comparisons: one self-contained HTML page each."""
 
 from __future__ import annotations
 
+from mqslam.report.audit import AuditReport, heat_map, write_audit_report
+from mqslam.report.compare import CompareReport, overlay, write_compare_report
 from mqslam.report.content import Report, WindowScores
 from mqslam.report.html import write_report
 
-__all__ = ["Report", "WindowScores", "write_report"]
+__all__ = [
+    "AuditReport",
+    "CompareReport",
+    "Report",
+    "WindowScores",
+    "heat_map",
+    "overlay",
+    "write_audit_report",
+    "write_compare_report",
+    "write_report",
+]

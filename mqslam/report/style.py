@@ -51,18 +51,24 @@ img { display: block; width: 100%; height: auto; }
 .card { padding: 14px 16px; break-inside: avoid; overflow-x: auto; }
 .card.wide { grid-column: span 2; }
 .stack { display: grid; gap: 16px; }
+.halves { display: grid; grid-template-columns: repeat(2, minmax(0, 1fr)); gap: 16px; }
+.beside { display: grid; grid-template-columns: repeat(2, minmax(0, 1fr)); gap: 10px; margin-top: 8px; }
+.row { display: grid; grid-template-columns: repeat(auto-fit, minmax(150px, 1fr)); gap: 10px; }
+.row > div { max-width: 320px; }
+.beside span, .row span { color: var(--soft); font-size: 13px; overflow-wrap: anywhere; }
 table { width: 100%; border-collapse: collapse; font-size: 14px; }
 th, td { padding: 4px 0 4px 10px; border-top: 1px solid var(--line); text-align: right; vertical-align: top; }
 th:first-child { padding-left: 0; text-align: left; font-weight: 400; color: var(--soft); }
 thead th { border-top: 0; font-weight: 600; color: var(--soft); }
 td { font-variant-numeric: tabular-nums; overflow-wrap: anywhere; }
 table.numbers td, .tile b { white-space: nowrap; }
+table.numbers td.across { white-space: normal; text-align: left; }
 details { margin-top: 12px; }
 summary { cursor: pointer; font-weight: 600; }
 pre { margin: 10px 0 0; overflow-x: auto; font: 13px/1.5 ui-monospace, "Liberation Mono", Menlo, monospace; }
 footer { padding: 20px 20px 40px; color: var(--soft); font-size: 13px; overflow-wrap: anywhere; }
 @media (max-width: 760px) {
-  .pair { grid-template-columns: minmax(0, 1fr); }
+  .pair, .halves { grid-template-columns: minmax(0, 1fr); }
   .card.wide { grid-column: auto; }
   .tiles { grid-template-columns: repeat(2, minmax(0, 1fr)); }
   .tile { padding: 10px 12px; }
@@ -80,7 +86,12 @@ footer { padding: 20px 20px 40px; color: var(--soft); font-size: 13px; overflow-
 @media print {
   body { background: #fff; font-size: 11px; }
   header, main, footer { max-width: none; padding-left: 0; padding-right: 0; }
-  h2 { break-after: avoid; }
+  h2, h2 + p { break-after: avoid; }
+  h3 { font-size: 12px; }
+  table, .tile span, figcaption span, .beside span, .row span { font-size: 10px; }
+  table.numbers td { white-space: normal; overflow-wrap: normal; }
+  th, td { padding-left: 6px; }
+  .tile b { font-size: 16px; }
   .pair { grid-template-columns: repeat(2, minmax(0, 1fr)); gap: 8px; }
   .badge { print-color-adjust: exact; -webkit-print-color-adjust: exact; }
   pre { white-space: pre-wrap; }

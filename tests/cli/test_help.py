@@ -25,8 +25,21 @@ OPTIONS = {
         "--scene", "--duration", "--turn-rate", "--azimuths", "--range-resolution", "--max-range", "--movers", "--doppler",
         "--seed", "--jobs", "--quiet",
     ],
+    "compare": [
+        "--out", "--frontends", "--trajectory", "--odometry-only", "--kiss-config", "--config", "--odometry", "--format",
+        "--jobs", "--resume", "--force", "--json", "--quiet",
+    ],
+    "audit": [
+        "--out", "--trajectory", "--times", "--topic", "--z-range", "--fail-on", "--config", "--format", "--jobs", "--force",
+        "--json", "--quiet",
+    ],
+    "convert": ["--to", "--message", "--force", "--quiet"],
+    "check": ["--odometry", "--config", "--format", "--json"],
 }  # fmt: skip
-UNITS = {"run": ["[m]", "[us]"], "info": ["[m]"], "simulate": ["[s]", "[1/s]", "[m]"]}
+UNITS = {
+    "run": ["[m]", "[us]"], "info": ["[m]"], "simulate": ["[s]", "[1/s]", "[m]"], "compare": ["[m]", "[us]"],
+    "audit": ["[m]"], "convert": ["[m]"], "check": ["[m]"],
+}  # fmt: skip
 
 
 def test_help_answers_within_the_blink_of_an_eye() -> None:

@@ -1,0 +1,134 @@
+"""`mqslam compare` from the command line: rows of every kind, and files that evo reads as they are."""
+
+from __future__ import annotations
+
+import csv
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from commands import contents, mqslam
+from evo.core import metrics, sync
+from evo.tools import file_interface
+
+from mqslam.measurement import RelativeMotion
+
+OPTIONS = ("--odometry-only", "--quiet")
+
+
+class Dawdler:
+    """A front end of somebody's: 2 m straight on per revolution."""
+
+    def __init__(self, context) -> None: ...
+
+    def measure(self, windows):
+        before = None
+        for window in windows:
+            if before is not None:
+                yield RelativeMotion(before.t0, window.t0, np.array([2.0, 0.0, 0.0]), np.eye(3) * 1e-2)
+            before = window
+
+
+@pytest.fixture
+def dawdler(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
+    """The front end above, installed as a package of its own would be, for child processes too."""
+    package = tmp_path / "site"
+    info = package / "dawdler-1.0.dist-info"
+    info.mkdir(parents=True)
+    source = Path(__file__).read_text()
+    body = source[source.index("class Dawdler") : source.index("@pytest.fixture")]
+    head = "import numpy as np\nfrom mqslam.measurement import RelativeMotion\n\n\n"
+    (package / "dawdler.py").write_text(head + body)
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: dawdler\nVersion: 1.0\n")
+    (info / "entry_points.txt").write_text("[mqslam.frontends]\ndawdler = dawdler:Dawdler\n")
+    monkeypatch.syspath_prepend(str(package))
+    monkeypatch.setenv("PYTHONPATH", str(package))
+    return "dawdler"
+
+
+@pytest.fixture(scope="module")
+def compared(street: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The street by psi, KISS-ICP and its wheels, beside the truth as a given trajectory."""
+    out = tmp_path_factory.mktemp("compared") / "out"
+    truth = street / "gt" / "poses_tum.txt"
+    result = mqslam(
+        "compare", street, "--out", out, "--frontends", "psi,kiss_icp,odometry", "--trajectory", f"truth={truth}", *OPTIONS
+    )
+    assert (result.code, result.err) == (0, "")
+    return out
+
+
+def test_every_row_is_there_with_its_files(compared: Path) -> None:
+    rows = {row["name"]: row for row in json.loads((compared / "compare.json").read_text())["rows"]}
+    assert list(rows) == ["psi", "kiss_icp", "odometry", "truth"]
+    assert all(row["failure"] is None for row in rows.values())
+    assert rows["psi"]["ate_rmse_m"] < rows["odometry"]["ate_rmse_m"]
+    assert rows["truth"]["ate_rmse_m"] == pytest.approx(0.0, abs=1e-4)
+    assert rows["psi"]["inflation"] < rows["odometry"]["inflation"]
+    assert rows["psi"]["ms_per_revolution"] > 0.0 and rows["truth"]["ms_per_revolution"] is None
+    assert {p.name for p in compared.iterdir()} == {
+        "compare.json", "compare.csv", "report.html", "overlay.png", "config.yaml", *rows
+    }  # fmt: skip
+    table = list(csv.DictReader((compared / "compare.csv").open()))
+    assert [row["name"] for row in table] == list(rows)
+    assert float(table[0]["psi_per_point"]) == pytest.approx(rows["psi"]["psi_per_point"])
+
+
+def test_evo_reads_the_trajectories_and_finds_the_same_errors(compared: Path, street: Path) -> None:
+    truth = file_interface.read_tum_trajectory_file(str(street / "gt" / "poses_tum.txt"))
+    for row in json.loads((compared / "compare.json").read_text())["rows"][:3]:
+        track = file_interface.read_tum_trajectory_file(str(compared / row["name"] / "trajectory.tum"))
+        poses = file_interface.read_kitti_poses_file(str(compared / row["name"] / "trajectory.kitti"))
+        np.testing.assert_allclose(poses.positions_xyz, track.positions_xyz, atol=1e-5)
+        assert len((compared / row["name"] / "times.txt").read_text().splitlines()) == len(track.timestamps)
+        reference, estimate = sync.associate_trajectories(truth, track)
+        estimate.align(reference)
+        ape = metrics.APE(metrics.PoseRelation.translation_part)
+        ape.process_data((reference, estimate))
+        assert row["ate_rmse_m"] == pytest.approx(ape.get_statistic(metrics.StatisticsType.rmse), abs=2e-4)
+        _, unaligned = sync.associate_trajectories(truth, track)
+        rpe = metrics.RPE(metrics.PoseRelation.rotation_angle_rad, delta=1, delta_unit=metrics.Unit.frames)
+        rpe.process_data((reference, unaligned))
+        per_step = row["rpe_w_rms"] * 0.25
+        assert per_step == pytest.approx(rpe.get_statistic(metrics.StatisticsType.rmse), rel=0.02, abs=1e-5)
+
+
+def test_a_front_end_of_ones_own_is_a_row(street: Path, tmp_path: Path, dawdler: str) -> None:
+    out = tmp_path / "out"
+    result = mqslam("compare", street, "--out", out, "--frontends", f"{dawdler},kiss_icp", *OPTIONS)
+    assert (result.code, result.err) == (0, "")
+    rows = {row["name"]: row for row in json.loads((out / "compare.json").read_text())["rows"]}
+    assert rows[dawdler]["failure"] is None
+    xy = np.loadtxt(out / dawdler / "trajectory.tum")[:, 1:3]
+    np.testing.assert_allclose(np.diff(xy, axis=0), np.tile([2.0, 0.0], (len(xy) - 1, 1)), atol=1e-6)
+    assert rows["kiss_icp"]["rpe_w_rms"] < rows[dawdler]["rpe_w_rms"]
+
+
+def test_a_row_that_cannot_run_says_why_and_the_others_go_on(oxford_tiny: Path, tmp_path: Path) -> None:
+    result = mqslam("compare", oxford_tiny, "--out", tmp_path / "out", "--odometry-only")
+    assert result.code == 0
+    rows = {row["name"]: row for row in json.loads((tmp_path / "out" / "compare.json").read_text())["rows"]}
+    assert list(rows) == ["psi", "kiss_icp", "open3d_icp", "odometry"]
+    assert "needs odometry" in rows["odometry"]["failure"] and "odometry could not run: " in result.out
+    for name in ("psi", "kiss_icp", "open3d_icp"):
+        assert rows[name]["failure"] is None and rows[name]["rpe_v_rms"] < 0.5
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (("--frontends", "psi,kis_icp"), "front end kis_icp: unknown; did you mean kiss_icp?"),
+        (("--frontends", "psi,psi"), "each once"),
+        (("--trajectory", "mine"), "give NAME=FILE"),
+        (("--trajectory", "../mine=a.tum"), "give NAME=FILE"),
+        (("--trajectory", "psi=a.tum"), "there is a row psi already"),
+        (("--trajectory", "mine=nowhere.tum"), "nowhere.tum"),
+    ],
+)
+def test_mistakes_are_one_line_and_leave_nothing(
+    street: Path, tmp_path: Path, options: tuple[str, ...], said: str
+) -> None:
+    result = mqslam("compare", street, "--out", tmp_path / "out", *OPTIONS, *options)
+    assert result.code == 2 and said in result.err and len(result.err.splitlines()) == 1
+    assert contents(tmp_path) == {}

@@ -1,0 +1,124 @@
+"""What the tests of the reports share: a reader of pages, a browser, and a small audited map."""
+
+from __future__ import annotations
+
+import base64
+import shutil
+import subprocess
+from dataclasses import dataclass, field
+from html.parser import HTMLParser
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from mqslam.audit.inflation import Bend
+from mqslam.audit.judge import Audit, RevisitAudit, WindowAudit, verdict
+from mqslam.audit.measures import Measures
+from mqslam.audit.revisits import Revisit
+from mqslam.audit.sweeps import Sweeps, path_length
+
+WINDOW = 6
+
+Motion = tuple[float, float, float]
+
+
+@dataclass
+class Page(HTMLParser):
+    """What a browser would see: images, addresses, text and whether every tag that opens closes."""
+
+    images: dict[str, bytes] = field(default_factory=dict)
+    addresses: list[str] = field(default_factory=list)
+    tags: list[str] = field(default_factory=list)
+    text: str = ""
+    open_tags: list[str] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        super().__init__()
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.tags.append(tag)
+        given = {name: value or "" for name, value in attrs}
+        self.addresses += [given[name] for name in ("src", "href", "srcset", "action") if name in given]
+        if tag == "img":
+            self.images[given["alt"]] = base64.b64decode(given["src"].removeprefix("data:image/png;base64,"))
+        if tag not in ("meta", "img", "br", "link"):
+            self.open_tags.append(tag)
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self.open_tags.pop() == tag
+
+    def handle_data(self, data: str) -> None:
+        if self.open_tags and self.open_tags[-1] != "style":
+            self.text += data + "\n"
+
+
+def page_of(path: Path) -> Page:
+    page = Page()
+    page.feed(path.read_text(encoding="utf-8"))
+    page.close()
+    assert page.open_tags == []
+    return page
+
+
+def seen_by_chromium(path: Path, profile: Path) -> str:
+    """The page as Chromium has built it; the test fails on a message in its console and is skipped without Chromium."""
+    browser = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+    if browser is None:
+        pytest.skip("Chromium is not installed")
+    command = [browser, "--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run"]
+    command += ["--disable-background-networking", "--disable-component-update", "--disable-sync"]
+    command += [f"--user-data-dir={profile}", "--enable-logging=stderr", "--dump-dom", path.as_uri()]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=True)
+    assert "CONSOLE" not in done.stderr
+    return done.stdout
+
+
+def swept_walls(count: int = 60, per_sweep: int = 40) -> Sweeps:
+    """A drive of `count` sweeps 5 m apart, out along x between two walls and back on the same way."""
+    rng = np.random.default_rng(5)
+    out = np.minimum(np.arange(count), np.arange(count)[::-1])
+    poses = np.column_stack([5.0 * out, 0.5 * (np.arange(count) > count // 2), np.zeros(count)])
+    sweep = np.repeat(np.arange(count), per_sweep)
+    along = rng.uniform(-30.0, 30.0, len(sweep))
+    across = rng.choice([-8.0, 12.0], len(sweep)) + 0.1 * rng.normal(size=len(sweep))
+    points = poses[sweep, :2] + np.column_stack([along, across])
+    return Sweeps(
+        points=points,
+        covariances=np.tile([0.01, 0.0, 0.01], (len(sweep), 1)),
+        turns=sweep + np.tile(np.linspace(0.0, 0.95, per_sweep), count),
+        begins=np.arange(0, len(sweep) + 1, per_sweep),
+        numbers=np.arange(count, dtype=np.float64),
+        times=0.25 * np.arange(count),
+        poses=poses,
+        travelled=path_length(poses),
+        period_s=0.25,
+    )
+
+
+def judged_window(sweeps: Sweeps, begin: int, inflation: float, correction: Motion, torn: bool) -> WindowAudit:
+    end = begin + WINDOW
+    size_m = 0.3 * float(np.hypot(*correction[:2]))
+    bend = Bend(np.array(correction), 1e-4 * np.eye(3), inflation, size_m, 0.6, 0.5, 0.8, 0.85, 240)
+    beside = Measures(0.4, 0.07, float("nan") if begin == 0 else 0.2, 0.41)
+    return WindowAudit(begin, end, 0.25 * begin, 0.25 * end, sweeps.poses[begin + 3], bend, beside, torn)
+
+
+def judged_revisit(earlier: int, later: int, offset: Motion, torn: bool, sure: bool = True) -> RevisitAudit:
+    return RevisitAudit(Revisit(earlier, later, np.array(offset), 0.01 * np.eye(3), 900.0, 0.7, 1.5, 1.2, sure), torn)
+
+
+def judged_walls(sweeps: Sweeps) -> Audit:
+    """An audit of such a drive: one torn window, one torn revisit, one that is well and one that is not sure."""
+    inflations = np.random.default_rng(6).chisquare(3, len(sweeps) // WINDOW)
+    windows = [
+        judged_window(sweeps, WINDOW * k, float(inflation), (0.01, -0.02, 0.001), False)
+        for k, inflation in enumerate(inflations)
+    ]
+    windows[3] = judged_window(sweeps, 3 * WINDOW, 120.0, (0.5, -0.25, 0.02), True)
+    revisits = [
+        judged_revisit(16, 43, (0.02, 0.0, 0.0), False),
+        judged_revisit(9, 50, (-1.25, 0.5, -0.02), True),
+        judged_revisit(5, 54, (6.0, 0.0, 0.0), False, sure=False),
+    ]
+    return Audit(windows, revisits, *verdict(windows, revisits))
