@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
-from recordings import with_metadata
+from recordings import bag_writer, with_metadata
 
 from mqslam import se2
 from mqslam.simulator import ConstantDrive, SensorModel, SimulatedStream, simulated_stream, yard_scene
@@ -111,6 +111,16 @@ def write_radiate(root: Path, stream: SimulatedStream) -> Path:
         lines.append(f"Frame: {number:06d} Time: {end // 1_000_000}.{end % 1_000_000:06d}{NS}")
     (root / "Navtech_Polar.txt").write_text("\n".join(lines) + "\n")
     return root
+
+
+def write_player_bag(path: Path, stream: SimulatedStream) -> Path:
+    """Write a stream as MulRan's player sends it: images of columns, stamped at the ends of the revolutions."""
+    path = path.with_suffix(".bag")
+    with bag_writer(path, "ros1") as bag:
+        radar = bag.topic("/radar/polar", "sensor_msgs/msg/Image")
+        for end, revolution in zip(ends(stream), stream.revolutions(), strict=True):
+            bag.write(radar, end, bag.image(end, revolution.power.T))
+    return path
 
 
 def assert_alike(a: RadarStream, b: RadarStream) -> None:

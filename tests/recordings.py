@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import shutil
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -104,6 +105,13 @@ class Bag:
         data = np.ascontiguousarray(pixels).reshape(-1)
         image = self.store.types["sensor_msgs/msg/Image"]
         return image(self.header(stamp_us), height, width, encoding, 0, width, data)
+
+    def compressed(self, stamp_us: int, pixels: NDArray[np.uint8], format: str) -> Any:
+        packed = io.BytesIO()
+        Image.fromarray(pixels).save(packed, format=format)
+        data = np.frombuffer(packed.getvalue(), dtype=np.uint8)
+        message = self.store.types["sensor_msgs/msg/CompressedImage"]
+        return message(self.header(stamp_us), f"mono8; {format} compressed ", data)
 
     def b_scan(self, stamp_us: int, pixels: NDArray[np.uint8], ticks: Any, stamps_ns: Any) -> Any:
         b_scan = self.store.types["navtech_msgs/msg/RadarBScanMsg"]

@@ -7,13 +7,17 @@ import sys
 import typer
 
 import mqslam
+from mqslam.cli.audit import audit
+from mqslam.cli.check import check
 from mqslam.cli.compare import compare
+from mqslam.cli.convert import convert
 from mqslam.cli.info import info
 from mqslam.cli.paper import paper
 from mqslam.cli.run import run
 from mqslam.cli.score import score
 from mqslam.cli.simulate import simulate
 from mqslam.errors import MqslamError
+from mqslam.interrupts import Interrupted, interruptible
 
 app = typer.Typer(
     name="mqslam",
@@ -24,7 +28,10 @@ app = typer.Typer(
 )
 app.command()(run)
 app.command()(compare)
+app.command()(audit)
 app.command()(info)
+app.command()(check)
+app.command()(convert)
 app.command()(simulate)
 app.command()(score)
 app.add_typer(paper, name="paper")
@@ -44,9 +51,13 @@ def _top(
 
 
 def main() -> None:
-    """Entry point: a mistake a user can mend is one line on stderr and exit code 2."""
+    """Entry point: a mistake a user can mend is one line on stderr and exit code 2, an interrupt 128 + its signal."""
     try:
-        app(prog_name="mqslam")
+        with interruptible():
+            app(prog_name="mqslam")
     except MqslamError as error:
         print(f"mqslam: error: {error}", file=sys.stderr)
         sys.exit(2)
+    except Interrupted as error:
+        print(f"mqslam: {error}", file=sys.stderr)
+        sys.exit(128 + error.number)

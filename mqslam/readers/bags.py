@@ -15,6 +15,7 @@ from mqslam.trajectory import Trajectory, yaw_of_quaternion
 
 if TYPE_CHECKING:
     from rosbags.highlevel import AnyReader
+    from rosbags.interfaces import Connection
 
 ODOMETRY_TYPE = "nav_msgs/msg/Odometry"
 POSE_TYPE = "geometry_msgs/msg/PoseStamped"
@@ -65,6 +66,18 @@ def naming(path: Path, topic: str, logged_ns: int) -> Iterator[None]:
     except ValueError as error:
         remedy = "cut it out of the bag, or name another bag"
         raise DataError(path, f"the message on {topic} recorded at {logged_ns} ns {error}", remedy) from error
+
+
+def deserialised(reader: AnyReader, connection: Connection, raw: bytes) -> Any:
+    """A message.
+
+    Raises:
+        ValueError: its bytes are not those of its type.
+    """
+    try:
+        return reader.deserialize(raw, connection.msgtype)
+    except Exception as error:  # the code that rosbags makes of a type lets through whatever struct and NumPy raise
+        raise ValueError(f"is damaged ({str(error) or type(error).__name__})") from error
 
 
 def topics_there(reader: AnyReader) -> str:

@@ -37,15 +37,19 @@ def open_stream(path: Path, sensing: Sensing) -> RowImageStream:
     """
     folder = oxford.image_folder(path)
     images = index_rows(folder, stamped_names(folder))
-    usual = RANGE_RESOLUTION_BEFORE_M if images.stamps_us[0] < UPGRADE_US else RANGE_RESOLUTION_M
     poses = folder.parent / "applanix" / "radar_poses.csv"
     return images.stream(
         path,
         "boreas",
-        sensing.range_resolution or usual,
+        sensing.range_resolution or usual_resolution(int(images.stamps_us[0])),
         ground_truth=_read_poses(poses) if poses.exists() else None,
         notes=sensing.idle(),
     )
+
+
+def usual_resolution(start_us: int) -> float:
+    """Length of a range bin [m] of the radar that was mounted at a stamp [us]."""
+    return RANGE_RESOLUTION_BEFORE_M if start_us < UPGRADE_US else RANGE_RESOLUTION_M
 
 
 def _read_poses(file: Path) -> Trajectory:

@@ -24,6 +24,7 @@ from mqslam.errors import DataError
 
 _LONGEST_LINE = 1 << 20
 _GZIP_MAGIC = b"\x1f\x8b"
+_MOST_EXPANSION = 100  # times the file: numbers pack to a tenth
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,11 +116,15 @@ def read_log(path: Path) -> CarmenLog:
 
 def _lines(path: Path) -> Iterator[tuple[int, str]]:
     """The lines of a log with their numbers; a line is never held beyond a mebibyte."""
+    limit = _LONGEST_LINE + _MOST_EXPANSION * path.stat().st_size if path.exists() else 0
     try:
         with path.open("rb") as plain, gzip.open(plain) if _is_gzip(plain) else plain as lines:
-            number = 0
+            number = unpacked = 0
             while line := lines.readline(_LONGEST_LINE):
                 number += 1
+                unpacked += len(line)
+                if unpacked > limit:
+                    raise DataError(path, f"unpacks to more than {limit / 1e6:.0f} MB", "give a CARMEN log")
                 if len(line) == _LONGEST_LINE:
                     raise DataError(path, f"line {number} does not end", "give a CARMEN log")
                 yield number, line.decode("ascii", errors="replace")

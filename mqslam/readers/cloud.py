@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from mqslam.cloud import TimedCloud
 from mqslam.errors import DataError, MqslamError
+from mqslam.readers import npz
 from mqslam.readers.stamps import microseconds_of, time_unit
 
 _WANTED = "a cloud needs x, y and one of time, t, timestamp, stamp or gps_time for every point"
@@ -165,11 +166,13 @@ def _plausible_las(path: Path) -> bool:
 
 
 def _npz(path: Path) -> Columns:
-    with np.load(path, allow_pickle=False) as archive:
-        columns = {name: archive[name] for name in archive.files if name in ("x", "y", "z") or time_unit(name) is not None}
-        others = {name: () for name in archive.files if name not in columns}
+    with npz.opened(path, _WANTED) as archive:
+        names = npz.names_of(archive)
+        wanted = [name for name in names if name in ("x", "y", "z") or time_unit(name) is not None]
+        columns = {name: npz.array_of(archive, name) for name in wanted}
+        others = {name: () for name in names if name not in columns}
         if "points" in others:
-            points = archive["points"]
+            points = npz.array_of(archive, "points")
             if points.ndim != 2 or points.shape[1] not in (2, 3):
                 raise DataError(path, f"points are {points.shape}", "give points (N, 2) or (N, 3)")
             columns.update(zip("xyz", points.T, strict=False))

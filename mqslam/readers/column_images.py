@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mqslam.errors import DataError
-from mqslam.readers.images import read_grey
-from mqslam.readers.rows import even_azimuths, turns_of
+from mqslam.readers.images import first_readable, read_grey
+from mqslam.readers.rows import even_azimuths, spread_note, turns_of
 from mqslam.readers.sensing import Sensing
 from mqslam.stream import RadarStream, Revolution
 from mqslam.trajectory import Trajectory
@@ -62,8 +62,9 @@ def column_stream(
     digits: int = 1,
     ground_truth: Trajectory | None = None,
     notes: Iterable[str] = (),
+    faults: Iterable[str] = (),
 ) -> ColumnImageStream:
-    """Polar images as the stream of a recording: the first is read, whatever their number.
+    """Polar images as the stream of a recording: the first that can be read is, whatever their number.
 
     Args:
         path: the recording.
@@ -76,25 +77,18 @@ def column_stream(
         digits: least number of digits of a name.
         ground_truth: poses known better than any estimate, or None.
         notes: what else a user should know.
+        faults: what else is wrong.
 
     Raises:
-        DataError: no images, or a first one that cannot be used.
+        DataError: no images, or half of them that cannot be used.
     """
     if not len(names):
         raise DataError(folder, "holds no revolutions", f"it should hold images named like {_image(folder, 1, digits).name}")
-    first = _image(folder, int(names[0]), digits)
-    rows, columns = read_grey(first).shape
-    if not 2 <= columns <= rows:
-        remedy = "it should hold one column per azimuth and one row per range"
-        raise DataError(first, f"holds {rows} rows by {columns} columns", remedy)
+    shape, skipped, missing = first_readable(names.tolist(), lambda name: _shape(_image(folder, name, digits)), "first")
+    names, named_us = names[skipped:], named_us[skipped:]
     stamp = sensing.stamp or "end"
     clockwise = sensing.clockwise is not False
     starts, durations = turns_of(named_us, stamp)
-    understood = (
-        f"azimuths carry no own stamps: spread evenly over the turn; file stamps taken as the {stamp} of the revolution "
-        f"(sensor.stamp), azimuths as {'clockwise' if clockwise else 'counter-clockwise'} from straight ahead "
-        "(sensor.clockwise)"
-    )
     return ColumnImageStream(
         path=path,
         format=format,
@@ -102,14 +96,24 @@ def column_stream(
         end_us=int(starts[-1] + durations[-1]),
         range_resolution=sensing.range_resolution or range_resolution,
         ground_truth=ground_truth,
-        notes=(*notes, understood),
+        notes=(*notes, spread_note("file", stamp, clockwise)),
+        faults=(*faults, *missing),
         folder=folder,
         names=names,
         digits=digits,
-        shape=(rows, columns),
+        shape=shape,
         durations_us=durations,
         clockwise=clockwise,
     )
+
+
+def _shape(image: Path) -> tuple[int, int]:
+    """Range rows and azimuth columns of an image."""
+    rows, columns = read_grey(image).shape
+    if not 2 <= columns <= rows:
+        remedy = "it should hold one column per azimuth and one row per range"
+        raise DataError(image, f"holds {rows} rows by {columns} columns", remedy)
+    return rows, columns
 
 
 def _image(folder: Path, name: int, digits: int) -> Path:

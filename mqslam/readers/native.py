@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import zipfile
-import zlib
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,12 +13,14 @@ from numpy.typing import NDArray
 
 from mqslam.errors import DataError
 from mqslam.files import written_whole
+from mqslam.readers import npz
 from mqslam.readers.sensing import Sensing
 from mqslam.stream import RadarStream, Revolution
 from mqslam.trajectory import Trajectory, checked
 
-_BROKEN = (OSError, ValueError, KeyError, EOFError, MemoryError, zipfile.BadZipFile, zlib.error, NotImplementedError)
+_LONGEST_TURN_S = 30.0
 _REMEDY = "write it anew"
+_WRITTEN = "give a file written by mqslam"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -28,9 +29,9 @@ class NativeStream(RadarStream):
 
     def revolutions(self, start: int = 0, stop: int | None = None) -> Iterator[Revolution]:
         """Read the revolutions start <= k < stop, one after the other."""
-        with _opened(self.path) as archive:
+        with npz.opened(self.path, _WRITTEN) as archive:
             for k in range(len(self))[start:stop]:
-                yield _revolution(self.path, archive, k)
+                yield _revolution(self.path, archive, k, float(self.start_times[k]))
 
 
 def write_native(path: Path, stream: RadarStream) -> None:
@@ -69,13 +70,16 @@ def open_stream(path: Path, sensing: Sensing) -> NativeStream:
     Raises:
         DataError: not such a file, damaged, or without revolutions.
     """
-    with _opened(path) as archive:
+    with npz.opened(path, _WRITTEN) as archive:
         stamps = _member(path, archive, "stamps_us", np.int64, 1)
         if not len(stamps) or np.any(np.diff(stamps) <= 0):
             raise DataError(path, "holds no revolutions whose stamps increase", _REMEDY)
-        missing = {f"power_{k:06d}" for k in range(len(stamps))} - set(archive.files)
+        missing = {f"power_{k:06d}" for k in range(len(stamps))} - set(npz.names_of(archive))
         if missing:
             raise DataError(path, f"lacks {len(missing)} of {len(stamps)} revolutions", _REMEDY)
+        end_us = int(_member(path, archive, "end_us", np.int64, 0))
+        if end_us <= stamps[-1]:
+            raise DataError(path, "ends before its last revolution", _REMEDY)
         resolution = float(_member(path, archive, "range_resolution", np.float64, 0))
         if not (np.isfinite(resolution) and resolution > 0.0):
             raise DataError(path, f"has a range resolution of {resolution} m", _REMEDY)
@@ -83,7 +87,7 @@ def open_stream(path: Path, sensing: Sensing) -> NativeStream:
             path=path,
             format="native",
             stamps_us=stamps,
-            end_us=int(_member(path, archive, "end_us", np.int64, 0)),
+            end_us=end_us,
             range_resolution=sensing.range_resolution or resolution,
             odometry=_trajectory(path, archive, "odometry"),
             ground_truth=_trajectory(path, archive, "ground_truth"),
@@ -96,30 +100,19 @@ def _write(archive: zipfile.ZipFile, name: str, array: Any) -> None:
         np.lib.format.write_array(member, np.ascontiguousarray(array).reshape(np.shape(array)), allow_pickle=False)
 
 
-def _opened(path: Path) -> Any:
-    """The archive, open; members are read when they are asked for."""
-    try:
-        archive = np.load(path, allow_pickle=False)
-    except _BROKEN as error:
-        raise DataError(path, "is not a readable .npz", "give a file written by mqslam") from error
-    if not isinstance(archive, np.lib.npyio.NpzFile):
-        raise DataError(path, "is not a readable .npz", "give a file written by mqslam")
-    return archive
-
-
-def _member(path: Path, archive: Any, name: str, kind: Any, dimensions: int) -> NDArray[Any]:
+def _member(path: Path, archive: zipfile.ZipFile, name: str, kind: Any, dimensions: int) -> NDArray[Any]:
     """A member of the archive, once its type and number of dimensions have been found right."""
     try:
-        array: NDArray[Any] = archive[name]
-    except _BROKEN as error:
-        raise DataError(path, f"{name} is missing or damaged", _REMEDY) from error
+        array = npz.array_of(archive, name)
+    except ValueError as error:
+        raise DataError(path, str(error), _REMEDY) from error
     if not np.issubdtype(array.dtype, kind) or array.ndim != dimensions:
         raise DataError(path, f"{name} is {array.ndim}-dimensional {array.dtype}", _REMEDY)
     return array
 
 
-def _trajectory(path: Path, archive: Any, name: str) -> Trajectory | None:
-    if f"{name}_stamps_us" not in archive.files:
+def _trajectory(path: Path, archive: zipfile.ZipFile, name: str) -> Trajectory | None:
+    if f"{name}_stamps_us" not in npz.names_of(archive):
         return None
     stamps = _member(path, archive, f"{name}_stamps_us", np.int64, 1)
     poses = _member(path, archive, f"{name}_poses", np.float64, 2)
@@ -128,11 +121,15 @@ def _trajectory(path: Path, archive: Any, name: str) -> Trajectory | None:
     return checked(path, stamps, poses)
 
 
-def _revolution(path: Path, archive: Any, k: int) -> Revolution:
+def _revolution(path: Path, archive: zipfile.ZipFile, k: int, start_s: float) -> Revolution:
+    """Revolution k, which begins about start_s [s] after the recording."""
     times = _member(path, archive, f"times_{k:06d}", np.float64, 1)
     azimuths = _member(path, archive, f"azimuths_{k:06d}", np.float64, 1)
     power = _member(path, archive, f"power_{k:06d}", np.uint8, 2)
     valid = _member(path, archive, f"valid_{k:06d}", np.bool_, 1)
     if not len(times) == len(azimuths) == len(power) == len(valid):
         raise DataError(path, f"revolution {k} has members of different lengths", _REMEDY)
+    sound = power.size and np.isfinite(azimuths).all() and np.all(np.abs(times - start_s) < _LONGEST_TURN_S)
+    if not sound or np.any(np.diff(times) < 0.0):
+        raise DataError(path, f"revolution {k} has times or azimuths that make no turn", _REMEDY)
     return Revolution(times, azimuths, power, valid)

@@ -12,6 +12,8 @@ from mqslam.errors import DataError
 from mqslam.readers.stamps import microseconds
 from mqslam.trajectory import Trajectory, checked, read_tum
 
+_LATEST_US = 2.0**62
+
 
 def read_odometry(path: Path) -> Trajectory:
     """Read an odometry file: TUM, or CSV with the header `t,v,omega` and optionally `vy`.
@@ -97,6 +99,8 @@ def _read_twists(path: Path, header: str) -> Trajectory:
         raise DataError(path, f"has no column {', '.join(missing)}", "give a CSV whose header is t,v,omega[,vy]")
     wanted = [names.index(name) for name in ("t", "v", "omega", "vy") if name in names]
     table = read_numbers(path, wanted)
+    if np.abs(table[:, 0]).max(initial=0.0) > _LATEST_US:
+        raise DataError(path, "holds stamps beyond any clock", "give them in microseconds")
     stamps = np.round(table[:, 0]).astype(np.int64)
     lateral = table[:, 3] if "vy" in names else np.zeros(len(table))
     twists = np.column_stack([table[:, 1], lateral, table[:, 2]])

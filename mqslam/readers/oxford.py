@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import math
 from pathlib import Path
@@ -17,6 +18,8 @@ from mqslam.readers.sensing import Sensing
 from mqslam.trajectory import Trajectory, checked, read_tum
 
 RANGE_RESOLUTION_M = 0.0438
+RECORDING = "recording.json"
+"""File beside the images in which `mqslam convert` says how long a range bin is."""
 
 
 def recognises(path: Path) -> bool:
@@ -29,16 +32,13 @@ def open_stream(path: Path, sensing: Sensing) -> RowImageStream:
     """Index a recording in the Oxford layout: names and two images are read, whatever its length.
 
     Raises:
-        DataError: no revolutions, stamps that do not increase, or a file beside them that cannot be used.
+        DataError: no revolutions, or a file beside them that cannot be used.
     """
     folder = image_folder(path)
     root = folder.parent
     if not folder.is_dir():
         raise DataError(path, "holds no folder radar/", "give the folder whose radar/ holds <t>.png images")
-    names, notes = _names(root, folder)
-    if np.any(np.diff(names) <= 0):
-        at = int(names[int(np.argmax(np.diff(names) <= 0)) + 1])
-        raise DataError(root / "radar.timestamps", f"stamps do not increase at {at}", "sort it and drop duplicates")
+    names, notes, faults = _names(root, folder)
     images = index_rows(folder, names)
     resolution, assumed = _range_resolution(root, sensing.range_resolution)
     truth, broken = _ground_truth(root, int(images.stamps_us[0]), images.end_us)
@@ -50,6 +50,7 @@ def open_stream(path: Path, sensing: Sensing) -> RowImageStream:
         odometry=read_odometry(odometry) if odometry.exists() else None,
         ground_truth=truth,
         notes=(*notes, *assumed, *broken, *sensing.idle()),
+        faults=faults,
     )
 
 
@@ -58,12 +59,12 @@ def image_folder(path: Path) -> Path:
     return path if path.resolve().name == "radar" and not (path / "radar").is_dir() else path / "radar"
 
 
-def _names(root: Path, folder: Path) -> tuple[NDArray[np.int64], list[str]]:
-    """Names (N,) of the images that are there and listed, and what was left out."""
+def _names(root: Path, folder: Path) -> tuple[NDArray[np.int64], list[str], list[str]]:
+    """Names (N,) of the images that are there and listed, in order, what was left out, and what is wrong with the list."""
     names = stamped_names(folder)
     listing = root / "radar.timestamps"
     if not listing.exists():
-        return names, []
+        return names, [], []
     found = set(names.tolist())
     try:
         rows = [line.split() for line in listing.read_text(encoding="utf-8").splitlines() if line.strip()]
@@ -77,14 +78,18 @@ def _names(root: Path, folder: Path) -> tuple[NDArray[np.int64], list[str]]:
         notes.append(f"{skipped} of {len(listed)} revolutions in radar.timestamps have no image: skipped")
     if extra := len(found - {stamp for stamp, _ in listed}):
         notes.append(f"{extra} images are not listed in radar.timestamps: left out")
-    return np.array(kept, dtype=np.int64), notes
+    backward = [later for earlier, later in itertools.pairwise(kept) if later < earlier]
+    twice = len(kept) - len(set(kept))
+    faults = [f"radar.timestamps runs backward {len(backward)} times, first at {backward[0]}: sorted"] if backward else []
+    faults += [f"radar.timestamps lists {twice} stamps more than once: read once"] if twice else []
+    return np.unique(np.array(kept, dtype=np.int64)), notes, faults
 
 
 def _range_resolution(root: Path, given: float | None) -> tuple[float, list[str]]:
     """Length of a range bin [m], and a note where it is assumed."""
     if given is not None:
         return given, []
-    for file in (root / "twin.json", root / "simulation.json"):
+    for file in (root / RECORDING, root / "twin.json", root / "simulation.json"):
         if not file.exists():
             continue
         try:

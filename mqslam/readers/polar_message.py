@@ -1,20 +1,27 @@
-"""Radar messages of ROS: polar images with or without the time and angle of every azimuth."""
+"""Radar messages of ROS: polar images, compressed or not, with or without the time and angle of every azimuth."""
 
 from __future__ import annotations
 
+import io
 from enum import Enum
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from mqslam.readers.images import decode_grey
 from mqslam.readers.rows import METADATA_BYTES, Azimuths, has_metadata, read_metadata, repaired
+from mqslam.readers.sensing import Stamp
 
 IMAGE_TYPE = "sensor_msgs/msg/Image"
+COMPRESSED_TYPE = "sensor_msgs/msg/CompressedImage"
 B_SCAN_TYPE = "navtech_msgs/msg/RadarBScanMsg"
 B_SCAN_DEFINITION = "sensor_msgs/Image b_scan_img\nuint16[] encoder_values\nuint64[] timestamps\n"
 _GREY = ("mono8", "8UC1")
-_ENCODER_TURNS = (5600, 16000)
+_COMPRESSIONS = ("PNG", "JPEG")
+ENCODER_TURNS = (5600, 16000)
+_MULRAN_PLAYER = "/radar/polar"
+_NAVTECH = "/navtech/polar"
 
 
 class Layout(Enum):
@@ -31,12 +38,20 @@ class Layout(Enum):
         return self in (Layout.OXFORD_ROWS, Layout.B_SCAN)
 
 
+def topic_rank(topic: str) -> int | None:
+    """How usual a topic of images is for a radar, 0 first, or None where only its images could show that it is one."""
+    known = (_NAVTECH, _MULRAN_PLAYER, f"{_NAVTECH}/compressed", f"{_MULRAN_PLAYER}/compressed")
+    return next((rank for rank, name in enumerate(known) if topic.lower().endswith(name)), None)
+
+
 def pixels(image: Any) -> NDArray[np.uint8]:
-    """The pixels (height, width) of a `sensor_msgs/Image`.
+    """The pixels (height, width) of a `sensor_msgs/Image` or `CompressedImage`.
 
     Raises:
-        ValueError: not 8-bit grey, empty, or fewer bytes than its size says.
+        ValueError: not 8-bit grey, empty, too large or damaged, or fewer bytes than its size says.
     """
+    if image.__msgtype__ == COMPRESSED_TYPE:
+        return decode_grey(io.BytesIO(np.asarray(image.data, dtype=np.uint8).tobytes()), _COMPRESSIONS)
     if image.encoding not in _GREY:
         raise ValueError(f"is an image in {image.encoding!r}, not mono8")
     height, width, step = int(image.height), int(image.width), int(image.step)
@@ -57,11 +72,18 @@ def layout_of(topic: str, message_type: str, message: Any) -> Layout:
     image = pixels(message)
     if has_metadata(image):
         return Layout.OXFORD_ROWS
-    if topic.lower().endswith("/radar/polar"):
+    name = topic.lower().removesuffix("/compressed")
+    if name.endswith(_MULRAN_PLAYER):
         return Layout.COLUMNS
-    if topic.lower().endswith("/navtech/polar"):
+    if name.endswith(_NAVTECH):
         return Layout.ROWS
     return Layout.ROWS if image.shape[1] >= image.shape[0] else Layout.COLUMNS
+
+
+def usual_stamp(topic: str, layout: Layout) -> Stamp:
+    """Which instant of a revolution the only stamp of a topic's messages usually is: MulRan's player sends its ends."""
+    player = topic.lower().removesuffix("/compressed").endswith(_MULRAN_PLAYER)
+    return "end" if player and layout is Layout.COLUMNS else "start"
 
 
 def looks_like_radar(message: Any) -> bool:
@@ -100,5 +122,5 @@ def stamped_azimuths(layout: Layout, message: Any) -> Azimuths:
     stamps_us = (np.asarray(message.timestamps, dtype=np.uint64) // np.uint64(1000)).astype(np.int64)
     if not len(ticks) == len(stamps_us) == len(power_of(layout, message)):
         raise ValueError(f"holds {len(ticks)} encoder values and {len(stamps_us)} times for another number of azimuths")
-    turn = next((turn for turn in _ENCODER_TURNS if ticks.max(initial=0) <= turn), _ENCODER_TURNS[-1])
+    turn = next((turn for turn in ENCODER_TURNS if ticks.max(initial=0) <= turn), ENCODER_TURNS[-1])
     return repaired(stamps_us, ticks, np.ones(len(ticks), dtype=np.bool_), turn)

@@ -13,12 +13,13 @@ from numpy.typing import NDArray
 
 from mqslam.errors import DataError
 from mqslam.readers.column_images import ColumnImageStream, column_stream
+from mqslam.readers.images import numbered_names
 from mqslam.readers.sensing import Sensing
-from mqslam.readers.stamps import microseconds
+from mqslam.readers.stamps import in_order, microseconds
 
 RANGE_RESOLUTION_M = 100.0 / 576.0
 _DIGITS = 6
-_LINE = re.compile(r"\s*Frame:\s*(\d+)\s+Time:\s*(\d+(?:\.\d+)?)\s*")
+_LINE = re.compile(r"\s*Frame:\s*(\d{1,18})\s+Time:\s*(\d+(?:\.\d+)?)\s*")
 _OTHER_CLOCK = "GPS and IMU run on another clock: neither odometry nor ground truth is taken from them"
 
 
@@ -31,34 +32,42 @@ def open_stream(path: Path, sensing: Sensing) -> ColumnImageStream:
     """Index a recording of RADIATE: names, stamps and one image are read, whatever its length.
 
     Raises:
-        DataError: no revolutions, an image without a stamp, stamps that do not increase, or a file that cannot be used.
+        DataError: no revolutions, or a file that cannot be used.
     """
     folder = _image_folder(path)
     if not folder.is_dir():
         raise DataError(path, "holds no folder Navtech_Polar/", "give the folder that holds it and Navtech_Polar.txt")
     listing = folder.parent / "Navtech_Polar.txt"
     frames, stamps = _stamps(listing)
-    found = {int(image.stem) for image in folder.glob("*.png") if image.stem.isdecimal() and len(image.stem) == _DIGITS}
+    faults = []
+    found = {int(name) for name in numbered_names(folder) if len(name) == _DIGITS}
     if unlisted := sorted(found - set(frames.tolist())):
         others = f" and {len(unlisted) - 1} others" if len(unlisted) > 1 else ""
-        problem = f"has no line for frame {unlisted[0]:0{_DIGITS}d}{others}"
-        raise DataError(listing, problem, "complete it, or remove their images")
-    kept = np.isin(frames, list(found))
-    names, stamps = frames[kept], stamps[kept]
-    if np.any(np.diff(stamps) <= 0):
-        at = int(names[int(np.argmax(np.diff(stamps) <= 0)) + 1])
-        raise DataError(listing, f"stamps do not increase at frame {at:0{_DIGITS}d}", "sort it and drop duplicates")
-    missing = len(frames) - len(names)
+        faults.append(f"{listing.name} has no line for frame {_name(unlisted[0])}{others}: left out")
+    order = np.argsort(frames, kind="stable")
+    if backward := np.flatnonzero(np.diff(frames) <= 0).tolist():
+        faults.append(f"{listing.name} does not list its frames in order, first at {_name(frames[backward[0] + 1])}: sorted")
+    order = order[in_order(stamps[order].tolist()) & np.append(True, np.diff(frames[order]) > 0)[: len(order)]]
+    if dropped := sorted(set(frames.tolist()) - set(frames[order].tolist())):
+        others = f" and of {len(dropped) - 1} others" if len(dropped) > 1 else ""
+        faults.append(f"the stamp of frame {_name(dropped[0])}{others} repeats or runs backward: left out")
+    present = order[np.isin(frames[order], list(found))]
+    names, stamps = frames[present], stamps[present]
+    missing = len(order) - len(names)
     skipped = [f"{missing} of {len(frames)} frames in {listing.name} have no image: skipped"] if missing else []
     notes = (*skipped, _OTHER_CLOCK)
     return column_stream(
-        path, "radiate", folder, names, stamps, RANGE_RESOLUTION_M, sensing, digits=_DIGITS, notes=notes
+        path, "radiate", folder, names, stamps, RANGE_RESOLUTION_M, sensing, digits=_DIGITS, notes=notes, faults=faults
     )
 
 
 def _image_folder(path: Path) -> Path:
     """The folder of the images: the path itself if it is called Navtech_Polar, or the one inside."""
     return path.resolve() if path.resolve().name == "Navtech_Polar" else path / "Navtech_Polar"
+
+
+def _name(frame: int) -> str:
+    return f"{frame:0{_DIGITS}d}"
 
 
 def _stamps(listing: Path) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
@@ -72,4 +81,8 @@ def _stamps(listing: Path) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
         number = matches.index(None) + 1
         raise DataError(listing, f"line {number} is not 'Frame: 000001 Time: 1574859771.744660272'", "repair it")
     rows = [match.groups() for match in matches if match]
-    return np.array([int(frame) for frame, _ in rows], dtype=np.int64), microseconds([word for _, word in rows], "s")
+    try:
+        stamps = microseconds([word for _, word in rows], "s")
+    except ValueError as error:
+        raise DataError(listing, str(error), "repair it") from error
+    return np.array([int(frame) for frame, _ in rows], dtype=np.int64), stamps

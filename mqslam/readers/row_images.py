@@ -11,12 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mqslam.errors import DataError
-from mqslam.readers.images import read_grey
+from mqslam.readers.images import first_readable, read_grey
 from mqslam.readers.rows import FLAG_BYTE, METADATA_BYTES, Azimuths, in_us, read_metadata, turns_of
 from mqslam.stream import RadarStream, Revolution
 from mqslam.trajectory import Trajectory
 
 _MOST_STAMP_ERROR_US = 1_000_000
+_FEWEST_AZIMUTHS = 0.1  # share of the usual number, below which an image is no revolution
 _REMEDY = "copy it anew, or leave it out of the recording"
 
 
@@ -36,16 +37,18 @@ class RowImageStream(RadarStream):
         folder: holds the images.
         names: (N,) int64, what they are called.
         flag: what byte 10 of their rows tells.
+        usual: number of azimuths of the first.
     """
 
     folder: Path
     names: NDArray[np.int64]
     flag: Flag
+    usual: int
 
     def revolutions(self, start: int = 0, stop: int | None = None) -> Iterator[Revolution]:
         """Read the revolutions start <= k < stop, one after the other."""
         for name in self.names[start:stop].tolist():
-            azimuths, power = _read(self.folder, name, self.flag)
+            azimuths, power = _read(self.folder, name, self.flag, self.usual)
             yield azimuths.revolution(power, self.start_us)
 
 
@@ -59,7 +62,9 @@ class RowImages:
         stamps_us: (N,) int64 [us], when their revolutions begin.
         end_us: when the last revolution ends [us].
         flag: what byte 10 of their rows tells.
+        usual: number of azimuths of the first.
         notes: how that was understood.
+        faults: what could not be read.
     """
 
     folder: Path
@@ -67,7 +72,9 @@ class RowImages:
     stamps_us: NDArray[np.int64]
     end_us: int
     flag: Flag
+    usual: int
     notes: tuple[str, ...]
+    faults: tuple[str, ...]
 
     def stream(
         self,
@@ -78,6 +85,7 @@ class RowImages:
         odometry: Trajectory | None = None,
         ground_truth: Trajectory | None = None,
         notes: Iterable[str] = (),
+        faults: Iterable[str] = (),
     ) -> RowImageStream:
         """The images as the stream of a recording at a path."""
         return RowImageStream(
@@ -89,42 +97,50 @@ class RowImages:
             odometry=odometry,
             ground_truth=ground_truth,
             notes=(*notes, *self.notes),
+            faults=(*faults, *self.faults),
             folder=self.folder,
             names=self.names,
             flag=self.flag,
+            usual=self.usual,
         )
 
 
 def index_rows(folder: Path, names: NDArray[np.int64]) -> RowImages:
-    """Index images by their names (N,): the first and the last are read, whatever their number.
+    """Index images by their names (N,): the first and the last that can be read are, whatever their number.
 
     An image is named after an instant of its revolution: in Oxford the first azimuth, in Boreas the middle, in MulRan the
     end. The first image shows which; the others begin the same part of their turns before their names.
 
     Raises:
-        DataError: no images, or a first or last one that cannot be used.
+        DataError: no images, or half of them that cannot be used.
     """
     if not len(names):
         raise DataError(folder, "holds no revolutions", "it should hold images named <t>.png, t in microseconds")
-    flag, notes = _flag(folder / f"{names[0]}.png")
-    azimuths, _ = _read(folder, int(names[0]), flag)
+
+    def opened(name: int) -> tuple[Flag, tuple[str, ...], Azimuths]:
+        flag, notes = _flag(read_grey(folder / f"{name}.png"))
+        return flag, notes, _read(folder, name, flag)[0]
+
+    (flag, notes, azimuths), skipped, faults = first_readable(names.tolist(), opened, "first")
+    names = names[skipped:]
+    usual, backward = len(azimuths.stamps_us), names[::-1].tolist()
+    (last, _), skipped, missing = first_readable(backward, lambda name: _read(folder, name, flag, usual), "last")
+    names = names[: len(names) - skipped]
     named_us = in_us(names)
     begin = int(azimuths.stamps_us[0])
     lead, turn = int(named_us[0]) - begin, azimuths.end_us - begin
     durations = np.append(turn, turns_of(named_us, "end")[1][1:])
     within = 0 <= lead <= turn
     leads = np.round(lead * durations / turn).astype(np.int64) if within else np.full(len(names), lead)
-    end_us = _read(folder, int(names[-1]), flag)[0].end_us
-    return RowImages(folder, names, named_us - leads, end_us, flag, notes)
+    return RowImages(folder, names, named_us - leads, last.end_us, flag, usual, notes, (*faults, *missing))
 
 
-def _flag(image: Path) -> tuple[Flag, tuple[str, ...]]:
-    """What byte 10 tells in a recording, seen from its first image, and a note where that is not validity.
+def _flag(pixels: NDArray[np.uint8]) -> tuple[Flag, tuple[str, ...]]:
+    """What byte 10 tells in a recording, seen from its first image (A, 11 + B), and a note where that is not validity.
 
     Few rows of a recording are marked as not measured. Boreas leaves the byte unused, Boreas-RT puts the direction of the
     chirp there, which alternates from row to row.
     """
-    pixels = read_grey(image)
     if pixels.shape[1] <= METADATA_BYTES:
         return Flag.VALIDITY, ()
     share = float(np.mean(pixels[:, FLAG_BYTE] == 255))
@@ -141,8 +157,14 @@ def _flag(image: Path) -> tuple[Flag, tuple[str, ...]]:
     )
 
 
-def _read(folder: Path, name: int, flag: Flag) -> tuple[Azimuths, NDArray[np.uint8]]:
-    """The azimuths of an image and their power (A, B), once they have been found to belong to its name."""
+def _read(folder: Path, name: int, flag: Flag, usual: int = 0) -> tuple[Azimuths, NDArray[np.uint8]]:
+    """The azimuths of an image and their power (A, B), once they have been found to belong to its name.
+
+    A revolution may lack azimuths, but hardly all of them.
+
+    Args:
+        usual: number of azimuths of the recording's other images.
+    """
     image = folder / f"{name}.png"
     pixels = read_grey(image)
     try:
@@ -152,6 +174,8 @@ def _read(folder: Path, name: int, flag: Flag) -> tuple[Azimuths, NDArray[np.uin
             azimuths, pixels = azimuths.take(up), pixels[up]
             if len(pixels) < 2:
                 raise ValueError(f"has {len(pixels)} up-chirps")
+        if len(pixels) < _FEWEST_AZIMUTHS * usual:
+            raise ValueError(f"has {len(pixels)} azimuths, the first image {usual}")
     except ValueError as error:
         raise DataError(image, str(error), _REMEDY) from error
     apart = int(azimuths.stamps_us[0]) - int(in_us(np.asarray(name)))

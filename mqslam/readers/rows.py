@@ -9,14 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mqslam.readers.sensing import Stamp
-from mqslam.stream import Revolution
+from mqslam.stream import Revolution, usual_steps
 
 METADATA_BYTES = 11
 FLAG_BYTE = 10
 TURN_TICKS = 5600
 USUAL_TURN_US = 250_000
 _LONGEST_TURN_US = 30e6
-_FIRST_NS = 1e17  # later than any stamp in us, earlier than any of a radar in ns
+FIRST_NS = 1e17  # later than any stamp in us, earlier than any of a radar in ns
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,7 +81,7 @@ def repaired(
 
 def in_us(stamps: NDArray[np.int64]) -> NDArray[np.int64]:
     """Stamps (N,) [us] of stamps since 1970 that are all in us or all in ns; a few may be damaged."""
-    return stamps // 1000 if stamps.size and np.median(stamps) > _FIRST_NS else stamps
+    return stamps // 1000 if stamps.size and np.median(stamps) > FIRST_NS else stamps
 
 
 def turns_of(stamps_us: NDArray[np.int64], stamp: Stamp) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
@@ -91,11 +91,11 @@ def turns_of(stamps_us: NDArray[np.int64], stamp: Stamp) -> tuple[NDArray[np.int
     at the open end it has the usual duration.
     """
     between = np.diff(stamps_us)
-    usual = round(float(np.median(between))) if len(between) else USUAL_TURN_US
+    usual = np.round(usual_steps(stamps_us)).astype(np.int64)
     between = np.where(between < 1.5 * usual, between, usual)
     if stamp == "start":
-        return stamps_us, np.append(between, usual)
-    durations = np.append(usual, between)
+        return stamps_us, np.append(between, usual[-1:] if len(usual) else USUAL_TURN_US)
+    durations = np.append(usual[:1] if len(usual) else USUAL_TURN_US, between)
     return stamps_us - durations, durations
 
 
@@ -104,6 +104,15 @@ def even_azimuths(count: int, stamp_us: int, duration_us: int, *, clockwise: boo
     fractions = np.arange(count) / count
     stamps_us = stamp_us + np.round(fractions * duration_us).astype(np.int64)
     return Azimuths(stamps_us, (-2.0 if clockwise else 2.0) * np.pi * fractions, np.ones(count, dtype=np.bool_))
+
+
+def spread_note(stamps: str, stamp: Stamp, clockwise: bool) -> str:
+    """What was assumed of azimuths without stamps and angles, for the user; `stamps` says whose stamps are theirs."""
+    return (
+        f"azimuths carry no own stamps: spread evenly over the turn; {stamps} stamps taken as the {stamp} of the revolution "
+        f"(sensor.stamp), azimuths as {'clockwise' if clockwise else 'counter-clockwise'} from straight ahead "
+        "(sensor.clockwise)"
+    )
 
 
 def read_metadata(image: NDArray[np.uint8], *, flags_validity: bool = True) -> Azimuths:

@@ -13,9 +13,7 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
-from PIL import Image
 
-from mqslam import se2
 from mqslam.errors import ConfigError, OutputError
 from mqslam.files import new_folder, write_text
 from mqslam.simulator.drive import ConstantDrive, Drive, loop_drive, with_way_made
@@ -23,14 +21,10 @@ from mqslam.simulator.odometry import OdometryModel
 from mqslam.simulator.scene import Scene, corridor_scene, street_scene, yard_scene
 from mqslam.simulator.sensor import SensorModel
 from mqslam.simulator.stream import SimulatedStream, simulated_stream
-from mqslam.trajectory import Trajectory, write_tum
+from mqslam.writers import oxford
 
 SCENES = ("street", "corridor", "yard")
 """Names `simulate` knows."""
-OXFORD_COLUMNS = (
-    "source_timestamp,destination_timestamp,x,y,z,roll,pitch,yaw,source_radar_timestamp,destination_radar_timestamp"
-)
-"""First line of an Oxford ground-truth file."""
 
 
 def simulate(
@@ -93,15 +87,11 @@ def simulate(
         "odometry": asdict(errors),
     }
     with _folder_written_whole(out) as folder:
-        (folder / "radar").mkdir()
-        (folder / "gt").mkdir()
+        oxford.write_beside(folder, stream)
         _write_revolutions(folder, stream, jobs, progress)
-        write_text(folder / "radar.timestamps", "".join(f"{t} 1\n" for t in stream.stamps_us))
-        write_tum(folder / "gt" / "poses_tum.txt", truth)
-        write_text(folder / "gt" / "radar_odometry.csv", _oxford_ground_truth(truth))
         wheels = stream.wheel_odometry
-        rows = zip(wheels.stamps_us, wheels.v, wheels.omega, strict=True)
-        write_text(folder / "odom.csv", "t,v,omega\n" + "".join(f"{t},{v:.5f},{w:.6f}\n" for t, v, w in rows))
+        twists = np.c_[np.round(wheels.v, 5), np.zeros_like(wheels.v), np.round(wheels.omega, 6)]
+        oxford.write_twists(folder / "odom.csv", wheels.stamps_us.tolist(), twists)
         write_text(folder / "simulation.json", json.dumps(parameters, indent=1) + "\n")
     return stream
 
@@ -139,21 +129,8 @@ def _write_revolutions(
 
 
 def _write_revolution(folder: Path, stream: SimulatedStream, k: int) -> None:
-    """Render revolution k and write it: per row 8 bytes time [us], 2 bytes encoder, 1 byte valid, then the power."""
-    stamps, encoders = stream.azimuth_stamps(k), stream.sensor.encoders.astype("<u2")
-    head = [stamps.astype("<i8").view(np.uint8).reshape(-1, 8), encoders.view(np.uint8).reshape(-1, 2)]
-    valid = np.full((len(stamps), 1), 255, dtype=np.uint8)
-    image = Image.fromarray(np.hstack([*head, valid, stream[k].power]))
-    image.save(folder / "radar" / f"{stamps[0]}.png", compress_level=1)
-
-
-def _oxford_ground_truth(truth: Trajectory) -> str:
-    """The poses of revolutions in the frames of those before them; Oxford frames are y right, yaw clockwise."""
-    moves = se2.between(truth.poses[:-1], truth.poses[1:])
-    lines = [OXFORD_COLUMNS]
-    for later, earlier, (x, y, yaw) in zip(truth.stamps_us[1:], truth.stamps_us[:-1], moves.tolist(), strict=True):
-        lines.append(f"{later},{earlier},{x:.6f},{-y:.6f},0,0,0,{-yaw:.6f},{later},{earlier}")
-    return "\n".join(lines) + "\n"
+    """Render revolution k and write it."""
+    oxford.write_revolution(folder, stream, k, stream[k])
 
 
 @contextlib.contextmanager

@@ -242,11 +242,17 @@ def test_an_image_that_is_no_revolution_is_named(oxford: Path, pixels: np.ndarra
         list(open_recording(oxford).revolutions())
 
 
-def test_stamps_that_go_back_are_refused(oxford: Path) -> None:
+def test_a_list_that_goes_back_or_repeats_is_sorted_and_said(oxford: Path) -> None:
+    expected = open_recording(oxford)
     file = oxford / "radar.timestamps"
-    file.write_text("\n".join(reversed(file.read_text().splitlines())))
-    with pytest.raises(DataError, match=r"radar\.timestamps: stamps do not increase"):
-        open_recording(oxford)
+    lines = file.read_text().splitlines()
+    file.write_text("\n".join([*reversed(lines), lines[2]]))
+    stream = open_recording(oxford)
+    assert_same(stream, expected)
+    assert stream.faults == (
+        f"radar.timestamps runs backward 5 times, first at {START_US + 4 * TURN_US}: sorted",
+        "radar.timestamps lists 1 stamps more than once: read once",
+    )
 
 
 def test_a_list_that_names_no_image_leaves_no_revolutions(oxford: Path) -> None:

@@ -59,10 +59,8 @@ def test_frames_without_an_image_are_skipped_and_noted(radiate: Path) -> None:
 @pytest.mark.parametrize(
     ("line", "problem"),
     [
-        ("", "has no line for frame 000003"),
         ("Frame: 000003", "line 3 is not 'Frame: 000001 Time: "),
         ("Frame: 000003 Time: soon", "line 3 is not 'Frame: 000001 Time: "),
-        ("Frame: 000003 Time: 1600000000.1", "stamps do not increase at frame 000003"),
     ],
 )
 def test_a_broken_list_of_stamps_is_named(radiate: Path, line: str, problem: str) -> None:
@@ -77,10 +75,33 @@ def test_a_missing_list_of_stamps_is_named(radiate: Path) -> None:
         open_recording(radiate)
 
 
-def test_an_empty_list_names_the_images_it_lacks(radiate: Path) -> None:
+def test_an_empty_list_leaves_no_revolutions(radiate: Path) -> None:
     (radiate / "Navtech_Polar.txt").write_text("")
-    with pytest.raises(DataError, match=r"Navtech_Polar\.txt: has no line for frame 000001 and 5 others"):
+    with pytest.raises(DataError, match="Navtech_Polar: holds no revolutions"):
         open_recording(radiate)
+
+
+@pytest.mark.parametrize(
+    ("line", "left", "fault"),
+    [
+        ("", 5, "Navtech_Polar.txt has no line for frame 000003: left out"),
+        ("Frame: 000003 Time: 1600000000.1", 5, "the stamp of frame 000003 repeats or runs backward: left out"),
+        ("Frame: 000002 Time: 1700000000.3", 5, "Navtech_Polar.txt has no line for frame 000003: left out"),
+    ],
+)
+def test_a_frame_without_a_stamp_in_order_is_left_out_and_said(radiate: Path, line: str, left: int, fault: str) -> None:
+    edit(radiate / "Navtech_Polar.txt", 3, line)
+    stream = open_recording(radiate)
+    assert len(list(stream.revolutions())) == left and fault in stream.faults
+
+
+def test_a_list_in_another_order_is_sorted_and_said(radiate: Path) -> None:
+    expected = open_recording(radiate)
+    file = radiate / "Navtech_Polar.txt"
+    file.write_text("\n".join(reversed(file.read_text().splitlines())))
+    stream = open_recording(radiate)
+    assert stream.stamps_us.tolist() == expected.stamps_us.tolist() and stream.names.tolist() == expected.names.tolist()
+    assert stream.faults == ("Navtech_Polar.txt does not list its frames in order, first at 000005: sorted",)
 
 
 def test_a_folder_without_images_holds_no_revolutions(radiate: Path) -> None:

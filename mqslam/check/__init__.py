@@ -1,0 +1,1 @@
+"""Whether a recording contradicts what was assumed to read it."""

@@ -1,0 +1,159 @@
+"""A few short stretches of a recording, read and detected: all that the checks look at besides stamps."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mqslam import se2
+from mqslam.artefacts import drop_fixed
+from mqslam.config import Config
+from mqslam.detector import detect
+from mqslam.errors import DataError
+from mqslam.returns import Returns, Window
+from mqslam.stream import RadarStream, Revolution
+from mqslam.trajectory import Trajectory
+
+STRETCHES = 3
+REVOLUTIONS = 12
+_NOTHING = Returns(np.empty(0), np.empty(0), np.empty(0), np.empty(0))
+
+
+@dataclass(frozen=True, slots=True)
+class Sweep:
+    """How one revolution was swept.
+
+    Args:
+        azimuths: how many there are.
+        unmeasured: how many of them are marked as not measured.
+        turned: angle from the first azimuth to one step after the last [rad].
+        step: usual step between neighbouring azimuths [rad].
+        widest: widest one [rad].
+        span_s: from the first azimuth's time to the last one's [s].
+        late_s: by how much its last azimuth comes after the next revolution's start [s], 0 where it does not.
+        repeated: whether its power is that of the revolution before, byte by byte.
+    """
+
+    azimuths: int
+    unmeasured: int
+    turned: float
+    step: float
+    widest: float
+    span_s: float
+    late_s: float
+    repeated: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Stretch:
+    """Successive revolutions without a gap.
+
+    Args:
+        windows: their returns.
+        sweeps: how each was swept that could be read.
+        unread: why the others could not be; their windows hold no returns.
+    """
+
+    windows: tuple[Window, ...]
+    sweeps: tuple[Sweep, ...]
+    unread: tuple[str, ...]
+
+
+def read_stretches(
+    stream: RadarStream, odometry: Trajectory | None, config: Config, progress: Callable[[int, int], None]
+) -> list[Stretch]:
+    """The stretches that tell most: where odometry's yaw rate changes most, or else spread over the recording.
+
+    Args:
+        stream: the recording.
+        odometry: of the same clock, or None.
+        config: all settings.
+        progress: called with (revolutions read, revolutions in all).
+    """
+    spans = _spans(stream, odometry)
+    total = sum(end - begin for begin, end in spans)
+    returns: dict[int, Returns] = {}
+    sweeps: dict[int, Sweep] = {}
+    unread: dict[int, str] = {}
+    for begin, end in spans:
+        before: Revolution | None = None
+        for k, revolution in _revolutions(stream, begin, end):
+            if isinstance(revolution, DataError):
+                returns[k], unread[k], before = _NOTHING, str(revolution), None
+            else:
+                returns[k] = detect(revolution, stream.range_resolution, config.detector)
+                sweeps[k] = _sweep(stream, k, revolution, before)
+                before = revolution
+            progress(len(returns), total)
+    kept = dict(zip(returns, drop_fixed(list(returns.values())), strict=True))
+    starts = stream.start_times
+    lengths = np.diff(starts, append=stream.duration_s)
+    ends = starts + np.where(lengths < 1.5 * stream.period_s, lengths, stream.period_s)
+    return [
+        Stretch(
+            tuple(Window(float(starts[k]), float(ends[k]), kept[k]) for k in range(*span)),
+            tuple(sweeps[k] for k in range(*span) if k in sweeps),
+            tuple(unread[k] for k in range(*span) if k in unread),
+        )
+        for span in spans
+    ]
+
+
+def _revolutions(stream: RadarStream, begin: int, end: int) -> Iterator[tuple[int, Revolution | DataError]]:
+    """The revolutions begin <= k < end, each with its number, or why it cannot be read."""
+    k = begin
+    while k < end:
+        try:
+            for revolution in stream.revolutions(k, end):
+                yield k, revolution
+                k += 1
+        except DataError as error:
+            yield k, error
+            k += 1
+
+
+def _spans(stream: RadarStream, odometry: Trajectory | None) -> list[tuple[int, int]]:
+    """First revolution and the one after the last of each stretch; they share none and hold no gap."""
+    size = min(REVOLUTIONS, len(stream))
+    gap_after = np.zeros(len(stream) + 1, dtype=np.int64)
+    gap_after[[k + 1 for k, _ in stream.gaps()]] = 1
+    gaps = np.cumsum(gap_after)  # up to each revolution's start
+    begins = np.arange(len(stream) - size + 1)
+    begins = begins[gaps[begins] == gaps[begins + size - 1]]
+    if odometry is None or size == 1:
+        even = np.linspace(0, len(begins) - 1, 2 * STRETCHES + 1)[1::2] if len(begins) else np.empty(0)
+        order = begins[np.round(even).astype(np.int64)]
+    else:
+        yaw_rates = mean_twists(odometry, stream.stamps_us[:-1], stream.stamps_us[1:])[:, 2]
+        order = begins[np.argsort([-np.std(yaw_rates[b : b + size - 1]) for b in begins], kind="stable")]
+    chosen: list[int] = []
+    for begin in order.tolist():
+        if len(chosen) < STRETCHES and all(abs(begin - other) >= size for other in chosen):
+            chosen.append(begin)
+    return [(begin, begin + size) for begin in sorted(chosen)]
+
+
+def mean_twists(track: Trajectory, begins_us: NDArray[np.int64], ends_us: NDArray[np.int64]) -> se2.Array:
+    """Mean twists (N, 3) of a trajectory from stamps (N,) to later ones (N,) [us]: m/s, m/s, rad/s."""
+    moves = se2.between(track.at(begins_us), track.at(ends_us))
+    moves[:, 2] = se2.wrap(moves[:, 2])
+    return np.asarray(se2.log(moves) / ((ends_us - begins_us) * 1e-6)[:, None])
+
+
+def _sweep(stream: RadarStream, k: int, revolution: Revolution, before: Revolution | None) -> Sweep:
+    steps = np.abs(np.diff(revolution.azimuths))
+    usual = float(np.median(steps)) if len(steps) else 0.0
+    after = float(stream.start_times[k + 1]) if k + 1 < len(stream) else np.inf
+    return Sweep(
+        azimuths=len(revolution.times),
+        unmeasured=int(np.count_nonzero(~revolution.valid)),
+        turned=float(steps.sum()) + usual,
+        step=usual,
+        widest=float(steps.max(initial=0.0)),
+        span_s=float(revolution.times[-1] - revolution.times[0]),
+        late_s=max(0.0, float(revolution.times[-1]) - after),
+        repeated=before is not None and np.array_equal(before.power, revolution.power),
+    )

@@ -1,0 +1,61 @@
+"""Arrays of an `.npz` of unknown origin: nothing in it is executed, nothing claims or unpacks to more than it can hold."""
+
+from __future__ import annotations
+
+import math
+import zipfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mqslam.errors import DataError
+
+_MOST_EXPANSION = 100  # times the file: power is noise and hardly packs
+_ALWAYS_BYTES = 16_000_000  # small files may hold masks and zeros alone
+_HEADERS = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}
+
+
+@contextmanager
+def opened(path: Path, remedy: str) -> Iterator[zipfile.ZipFile]:
+    """The archive, open; members are read when they are asked for.
+
+    Raises:
+        DataError: no archive, or one that unpacks to a hundred times its size.
+    """
+    try:
+        archive = zipfile.ZipFile(path)
+    except Exception as error:  # zipfile lets through whatever struct, the codecs and the system raise
+        raise DataError(path, "is not a readable .npz", remedy) from error
+    with archive:
+        unpacked = sum(member.file_size for member in archive.infolist())
+        if unpacked > _ALWAYS_BYTES + _MOST_EXPANSION * path.stat().st_size:
+            raise DataError(path, f"would unpack to {unpacked / 1e6:.0f} MB", remedy)
+        yield archive
+
+
+def names_of(archive: zipfile.ZipFile) -> list[str]:
+    """Names of the arrays in an archive."""
+    return [name.removesuffix(".npy") for name in archive.namelist() if name.endswith(".npy")]
+
+
+def array_of(archive: zipfile.ZipFile, name: str) -> NDArray[Any]:
+    """An array of an archive.
+
+    Raises:
+        ValueError: missing, damaged, made of Python objects, or larger than what is stored of it.
+    """
+    try:
+        member = archive.getinfo(f"{name}.npy")
+        with archive.open(member) as file:
+            shape, _, dtype = _HEADERS[np.lib.format.read_magic(file)](file)
+        if dtype.hasobject or math.prod(shape) * dtype.itemsize > member.file_size:
+            raise ValueError(f"{shape} of {dtype}")
+        with archive.open(member) as file:
+            found: NDArray[Any] = np.lib.format.read_array(file, allow_pickle=False)
+            return found
+    except Exception as error:  # the header is parsed as a Python literal, the rest unpacked by zlib
+        raise ValueError(f"{name} is missing or damaged") from error

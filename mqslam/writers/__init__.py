@@ -1,0 +1,1 @@
+"""Recordings and results in the layouts of others: one module per layout."""

@@ -1,0 +1,74 @@
+"""Writes the Oxford layout: `radar/<t>.png` of Oxford rows, `radar.timestamps`, `odom.csv` and `gt/`."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable
+from pathlib import Path
+
+import numpy as np
+
+from mqslam import se2
+from mqslam.files import write_text
+from mqslam.readers.oxford import RANGE_RESOLUTION_M, RECORDING
+from mqslam.stream import RadarStream, Revolution
+from mqslam.trajectory import Trajectory, write_tum
+from mqslam.writers.rows import oxford_rows, write_png
+
+COLUMNS = "source_timestamp,destination_timestamp,x,y,z,roll,pitch,yaw,source_radar_timestamp,destination_radar_timestamp"
+"""First line of an Oxford ground-truth file."""
+
+
+def write(folder: Path, stream: RadarStream) -> list[str]:
+    """Write a recording into an empty folder, one revolution in memory at a time.
+
+    Returns:
+        What a user should know about what was lost: nothing.
+
+    Raises:
+        DataError: a revolution that cannot be read or that turns counter-clockwise.
+    """
+    write_beside(folder, stream)
+    if stream.range_resolution != RANGE_RESOLUTION_M:
+        write_text(folder / RECORDING, json.dumps({"range_resolution_m": stream.range_resolution}) + "\n")
+    if stream.odometry is not None:
+        track = stream.odometry
+        seconds = np.diff(track.stamps_us) * 1e-6
+        twists = se2.log(se2.between(track.poses[:-1], track.poses[1:])) / seconds[:, None]
+        write_twists(folder / "odom.csv", track.stamps_us.tolist(), np.vstack([twists, twists[-1:]]))
+    for k, revolution in enumerate(stream.revolutions()):
+        write_revolution(folder, stream, k, revolution)
+    return []
+
+
+def write_beside(folder: Path, stream: RadarStream) -> None:
+    """Write what lies beside the images, the list of stamps and ground truth, and make the folder of the images."""
+    (folder / "radar").mkdir()
+    write_text(folder / "radar.timestamps", "".join(f"{stamp} 1\n" for stamp in stream.stamps_us.tolist()))
+    if stream.ground_truth is not None:
+        (folder / "gt").mkdir()
+        write_tum(folder / "gt" / "poses_tum.txt", stream.ground_truth)
+        write_text(folder / "gt" / "radar_odometry.csv", _moves(stream.ground_truth))
+
+
+def write_revolution(folder: Path, stream: RadarStream, k: int, revolution: Revolution) -> None:
+    """Write the image of revolution k."""
+    write_png(folder / "radar" / f"{stream.stamps_us[k]}.png", oxford_rows(stream, k, revolution))
+
+
+def write_twists(path: Path, stamps_us: Iterable[int], twists: se2.Array) -> None:
+    """Write odometry as `t,v,omega` [us, m/s, rad/s], with `vy` where it slides; a row's twist (3,) holds until the next."""
+    sliding = bool(np.any(np.abs(twists[:, 1]) > 1e-9))
+    lines = ["t,v,omega,vy" if sliding else "t,v,omega"]
+    for stamp, (v, vy, omega) in zip(stamps_us, twists.tolist(), strict=True):
+        lines.append(f"{stamp},{v:.12g},{omega:.12g}" + (f",{vy:.12g}" if sliding else ""))
+    write_text(path, "\n".join(lines) + "\n")
+
+
+def _moves(truth: Trajectory) -> str:
+    """The poses of revolutions in the frames of those before them; Oxford frames are y right, yaw clockwise."""
+    moves = se2.between(truth.poses[:-1], truth.poses[1:])
+    lines = [COLUMNS]
+    for later, earlier, (x, y, yaw) in zip(truth.stamps_us[1:], truth.stamps_us[:-1], moves.tolist(), strict=True):
+        lines.append(f"{later},{earlier},{x:.6f},{-y:.6f},0,0,0,{-yaw:.6f},{later},{earlier}")
+    return "\n".join(lines) + "\n"

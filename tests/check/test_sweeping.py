@@ -1,0 +1,127 @@
+"""Stamps and azimuths that contradict a radar that keeps turning are suspicious, each by its own words."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from layouts import left_turn
+from recordings import START_US, TURN_US, oxford_rows, with_metadata, write_oxford, write_png
+
+from mqslam.check.finding import Finding, Verdict
+from mqslam.check.stretches import REVOLUTIONS, STRETCHES, read_stretches
+from mqslam.check.sweeping import check_azimuths, check_stamps
+from mqslam.config import Config
+from mqslam.readers import open_recording
+from mqslam.simulator import SimulatedStream
+from mqslam.stream import RadarStream, Revolution
+from mqslam.trajectory import Trajectory
+
+
+def findings(stream: RadarStream) -> tuple[Finding, Finding]:
+    stretches = read_stretches(stream, None, Config(), lambda done, total: None)
+    return check_stamps(stream, stretches), check_azimuths(stretches)
+
+
+class Holed(SimulatedStream):
+    """A drive without its azimuths 20 to 24."""
+
+    def revolutions(self, start: int = 0, stop: int | None = None) -> Iterator[Revolution]:
+        for turn in super().revolutions(start, stop):
+            names = ("times", "azimuths", "power", "valid")
+            yield replace(turn, **{name: np.delete(getattr(turn, name), np.arange(20, 25), axis=0) for name in names})
+
+
+def spread(folder: Path, begins_us: list[int], *, turn_us: int = TURN_US, swept: float = 1.0) -> RadarStream:
+    """A recording of revolutions that begin at stamps after the start [us], each swept for part of a turn."""
+    (folder / "radar").mkdir(parents=True)
+    rows = np.arange(40)
+    for k, begin in enumerate(begins_us):
+        ticks = np.round(rows * 140 * swept).astype(np.int64)
+        stamps = START_US + begin + rows * turn_us // 40
+        write_png(folder, with_metadata(oxford_rows(k)[:, 11:], stamps, ticks, np.ones(40, bool)))
+    return open_recording(folder)
+
+
+def test_a_steady_recording_is_ok(oxford: Path) -> None:
+    stamps, azimuths = findings(open_recording(oxford))
+    assert (stamps.verdict, azimuths.verdict) == (Verdict.OK, Verdict.OK)
+    assert "6 turns of 0.2500 s" in stamps.text and "40 in every turn" in azimuths.text
+
+
+def test_gaps_are_counted(tmp_path: Path) -> None:
+    stamps, _ = findings(open_recording(write_oxford(tmp_path / "d", revolutions=20, skip=(4, 5, 12))))
+    assert stamps.verdict is Verdict.SUSPICIOUS and "followed by a gap, 0.75 s in all: 2" in stamps.text
+
+
+@pytest.mark.parametrize(
+    ("begins", "turn_us", "problem"),
+    [
+        ([*range(0, 2_000_000, TURN_US), 1_850_000], TURN_US, "begun within half a turn of the one before: 1"),
+        ([0, 250_000, 500_000, 790_000, 1_000_000, 1_290_000, 1_500_000], 200_000, "a turn varies by 3"),
+        (list(range(0, 2_000_000, TURN_US)), 2 * TURN_US, "running on into the next: 7"),
+        (list(range(0, 2_000_000, TURN_US)), TURN_US // 10, "with azimuth times that span less than the turn: 8"),
+    ],
+)
+def test_turns_that_do_not_follow_one_another_are_named(
+    tmp_path: Path, begins: list[int], turn_us: int, problem: str
+) -> None:
+    stamps, _ = findings(spread(tmp_path / "d", begins, turn_us=turn_us))
+    assert stamps.verdict is Verdict.SUSPICIOUS and problem in stamps.text
+
+
+def test_a_revolution_that_comes_twice_is_noticed(oxford: Path) -> None:
+    rows = np.arange(40)
+    stamps = START_US + 3 * TURN_US + rows * TURN_US // 40
+    write_png(oxford, with_metadata(oxford_rows(2)[:, 11:], stamps, 140 * rows, np.ones(40, bool)))
+    stamps, _ = findings(open_recording(oxford))
+    assert stamps.verdict is Verdict.SUSPICIOUS and "equal to the one before, byte by byte: 1" in stamps.text
+
+
+def test_faults_that_the_reader_found_are_passed_on(oxford: Path) -> None:
+    stream = open_recording(oxford)
+    assert findings(stream)[0].verdict is Verdict.OK
+    stamps, _ = findings(replace(stream, faults=("the stamps of 2 messages repeat or run backward: left out",)))
+    assert stamps.verdict is Verdict.SUSPICIOUS and "2 messages repeat or run backward" in stamps.text
+
+
+def test_revolutions_that_cannot_be_read_are_named_and_the_others_looked_at(oxford: Path) -> None:
+    image = oxford / "radar" / f"{START_US + 3 * TURN_US}.png"
+    image.write_bytes(image.read_bytes()[:2000])
+    stamps, azimuths = findings(open_recording(oxford))
+    assert stamps.verdict is Verdict.SUSPICIOUS
+    assert f"a revolution cannot be read: {image}: is not a readable PNG" in stamps.text
+    assert azimuths.verdict is Verdict.OK
+
+
+def test_part_of_a_turn_and_holes_are_noticed(tmp_path: Path) -> None:
+    _, azimuths = findings(spread(tmp_path / "d", list(range(0, 2_000_000, TURN_US)), swept=0.8))
+    assert azimuths.verdict is Verdict.SUSPICIOUS and "72.0 deg off a whole turn" in azimuths.text
+    _, azimuths = findings(Holed(**{name: getattr(left_turn(), name) for name in left_turn().__dataclass_fields__}))
+    assert azimuths.verdict is Verdict.SUSPICIOUS and "holes of up to 54.0 deg between azimuths" in azimuths.text
+
+
+def test_azimuths_that_were_not_measured_are_counted(tmp_path: Path) -> None:
+    (tmp_path / "radar").mkdir()
+    for k in range(4):
+        rows = oxford_rows(k)
+        rows[:5, 10] = 0
+        write_png(tmp_path, rows)
+    _, azimuths = findings(open_recording(tmp_path, format="oxford"))
+    assert azimuths.verdict is Verdict.SUSPICIOUS and "12% of the azimuths were not measured" in azimuths.text
+
+
+def test_stretches_are_short_few_and_apart_and_lie_where_odometry_turns(tmp_path: Path) -> None:
+    stream = open_recording(write_oxford(tmp_path / "d", revolutions=80, skip=(60,)))
+    spans = [[w.t0 for w in s.windows] for s in read_stretches(stream, None, Config(), lambda done, total: None)]
+    assert len(spans) == STRETCHES and all(len(span) == REVOLUTIONS for span in spans)
+    assert all(np.allclose(np.diff(span), 0.25) for span in spans)
+    assert all(one[-1] < other[0] for one, other in itertools.pairwise(spans))
+    turn = np.cumsum(np.where(np.arange(80) == 30, 0.5, 0.0))
+    track = Trajectory(START_US + TURN_US * np.arange(80), np.column_stack([2.0 * np.arange(80), np.zeros(80), turn]))
+    spans = [[w.t0 for w in s.windows] for s in read_stretches(stream, track, Config(), lambda done, total: None)]
+    assert any(span[0] < 29 * 0.25 < span[-1] for span in spans)

@@ -1,0 +1,174 @@
+"""`mqslam check` says where a recording contradicts what was assumed to read it."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from commands import contents, mqslam
+from layouts import write_mulran_columns, write_radiate
+from PIL import Image
+
+from mqslam.readers import open_recording
+from mqslam.readers.native import write_native
+from mqslam.simulator import (
+    ConstantDrive,
+    Drive,
+    Scene,
+    SensorModel,
+    SimulatedStream,
+    loop_drive,
+    simulated_stream,
+    street_scene,
+    with_way_made,
+    yard_scene,
+)
+from mqslam.trajectory import write_tum
+
+SENSOR = SensorModel(range_resolution=0.175, max_range=100.0)
+RESOLUTION = ["--range-resolution", "0.175"]
+NAMES = ["stamps", "azimuths", "order of azimuths", "direction of rotation", "stamp convention", "range resolution"]
+
+
+def drive(scene: Scene, motion: Drive, duration_s: float) -> SimulatedStream:
+    return simulated_stream(scene, motion, duration_s=duration_s, sensor=SENSOR)
+
+
+@lru_cache(maxsize=1)
+def corner() -> SimulatedStream:
+    """Eleven seconds along a street and round its corner."""
+    motion = loop_drive(11.0, speed=8.0)
+    return drive(with_way_made(street_scene(1, movers=3), motion, 11.0), motion, 11.0)
+
+
+@pytest.fixture(scope="module")
+def polar(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
+    """The corner as polar images without stamps, and its odometry."""
+    root = tmp_path_factory.mktemp("polar")
+    assert corner().odometry is not None
+    write_tum(root / "wheels.tum", corner().odometry)
+    return write_radiate(root / "drive", corner()), root / "wheels.tum"
+
+
+def verdicts(*words: str | Path) -> dict[str, dict[str, Any]]:
+    """The findings of a check as JSON, by name; the exit code says whether one is suspicious."""
+    shown = mqslam("check", *words, "--json")
+    found = json.loads(shown.out)
+    assert shown.code == int(found["suspicious"]) == int(any(c["verdict"] == "suspicious" for c in found["checks"]))
+    return {check["name"]: check for check in found["checks"]}
+
+
+def suspicious(found: dict[str, dict[str, Any]]) -> set[str]:
+    return {name for name, check in found.items() if check["verdict"] == "suspicious"}
+
+
+def test_a_recording_read_as_it_was_made_is_ok_in_every_way(polar: tuple[Path, Path]) -> None:
+    found = verdicts(polar[0], "--odometry", polar[1], *RESOLUTION)
+    assert {name: check["verdict"] for name, check in found.items()} == dict.fromkeys(NAMES, "ok")
+    assert found["range resolution"]["numbers"]["speed_ratio"] == pytest.approx(1.0, abs=0.05)
+
+
+def test_settings_that_contradict_the_recording_are_suspicious(polar: tuple[Path, Path], tmp_path: Path) -> None:
+    texts = {}
+    for setting, name in (("clockwise: false", "direction of rotation"), ("stamp: start", "stamp convention")):
+        (tmp_path / "mine.yaml").write_text(f"sensor: {{{setting}}}\n")
+        found = verdicts(polar[0], "--odometry", polar[1], *RESOLUTION, "--config", tmp_path / "mine.yaml")
+        assert suspicious(found) == {name}
+        texts[name] = found[name]["text"]
+    assert "the radar seems to turn the other way round: see sensor.clockwise" in texts["direction of rotation"]
+    assert "fits best 0.2" in texts["stamp convention"] and "earlier" in texts["stamp convention"]
+    assert "mean the end of the revolution, not the start (sensor.stamp)" in texts["stamp convention"]
+
+
+def test_a_wrong_length_of_a_bin_is_suspicious_and_the_right_one_named(polar: tuple[Path, Path]) -> None:
+    found = verdicts(polar[0], "--odometry", polar[1], "--range-resolution", "0.2")
+    assert suspicious(found) == {"range resolution"}
+    ratio = found["range resolution"]["numbers"]["speed_ratio"]
+    assert 0.2 / ratio == pytest.approx(0.175, rel=0.05)
+    assert f"bins of {0.2 / ratio:.4g} m would fit" in found["range resolution"]["text"]
+
+
+def test_images_stored_against_the_rotation_are_suspicious_with_or_without_odometry(tmp_path: Path) -> None:
+    root = write_mulran_columns(tmp_path / "drive", corner())
+    for image in sorted(root.rglob("*.png")):
+        Image.fromarray(np.array(Image.open(image))[:, ::-1]).save(image)
+    assert corner().odometry is not None
+    write_tum(tmp_path / "wheels.tum", corner().odometry)
+    found = verdicts(root, *RESOLUTION)
+    assert suspicious(found) == {"order of azimuths"}
+    assert found["order of azimuths"]["numbers"]["psi"] > found["order of azimuths"]["numbers"]["psi_backward"]
+    assert {"order of azimuths", "direction of rotation"} <= suspicious(
+        verdicts(root, *RESOLUTION, "--odometry", tmp_path / "wheels.tum")
+    )
+
+
+def test_a_mirrored_recording_is_as_crisp_so_without_odometry_it_cannot_be_told(
+    polar: tuple[Path, Path], tmp_path: Path
+) -> None:
+    (tmp_path / "mine.yaml").write_text("sensor: {clockwise: false}\n")
+    usual, mirrored = (
+        verdicts(polar[0], *RESOLUTION, *words) for words in ([], ["--config", tmp_path / "mine.yaml"])
+    )
+    assert not suspicious(usual) and not suspicious(mirrored)
+    psi = [found["order of azimuths"]["numbers"]["psi"] for found in (usual, mirrored)]
+    assert psi[1] == pytest.approx(psi[0], rel=1e-6)
+    for name in ("direction of rotation", "stamp convention", "range resolution"):
+        assert usual[name]["verdict"] == "cannot be told" and "no odometry" in usual[name]["text"]
+
+
+@pytest.mark.parametrize(
+    ("motion", "untold"),
+    [
+        (ConstantDrive(0.0, 0.0), {"order of azimuths", "direction of rotation", "stamp convention", "range resolution"}),
+        (ConstantDrive(8.0, 0.1), {"stamp convention"}),
+    ],
+)
+def test_a_drive_that_does_not_show_something_is_not_blamed_for_it(
+    tmp_path: Path, motion: Drive, untold: set[str]
+) -> None:
+    write_native(tmp_path / "drive.npz", drive(yard_scene(1), motion, 4.0))
+    found = verdicts(tmp_path / "drive.npz")
+    assert {name for name, check in found.items() if check["verdict"] == "cannot be told"} == untold
+    assert not suspicious(found)
+
+
+def test_the_real_sample_is_not_suspicious(oxford_tiny: Path) -> None:
+    found = verdicts(oxford_tiny)
+    assert {name: check["verdict"] for name, check in found.items()} == {
+        **dict.fromkeys(NAMES[:3], "ok"), **dict.fromkeys(NAMES[3:], "cannot be told")
+    }  # fmt: skip
+
+
+def test_ground_truth_is_never_used(tmp_path: Path) -> None:
+    stream = drive(yard_scene(1), ConstantDrive(8.0, 0.1), 2.0)
+    write_native(tmp_path / "with.npz", replace(stream, odometry=None))
+    write_native(tmp_path / "without.npz", replace(stream, odometry=None, ground_truth=None))
+    assert verdicts(tmp_path / "with.npz") == verdicts(tmp_path / "without.npz")
+
+
+def test_a_person_reads_a_line_per_check_and_nothing_is_written(oxford: Path, tmp_path: Path) -> None:
+    before = contents(tmp_path)
+    shown = mqslam("check", oxford, "--quiet")
+    lines = shown.out.splitlines()
+    assert [line[:24].strip() for line in lines] == NAMES and shown.err == ""
+    assert all(line[24:].startswith(("ok", "suspicious", "cannot be told")) for line in lines)
+    assert "note: range resolution 0.0438 m assumed" in mqslam("check", oxford).err
+    assert contents(tmp_path) == before
+
+
+def test_an_error_is_one_line_and_exit_code_2(tmp_path: Path) -> None:
+    shown = mqslam("check", tmp_path / "nowhere")
+    assert shown.code == 2 and shown.out == "" and shown.err.count("\n") == 1
+    assert shown.err.startswith(f"mqslam: error: {tmp_path / 'nowhere'}: does not exist")
+
+
+def test_one_revolution_is_enough_to_be_checked(tmp_path: Path) -> None:
+    short = drive(yard_scene(1), ConstantDrive(1.0, 0.0), 0.25)
+    write_native(tmp_path / "drive.npz", replace(short, ground_truth=None))
+    assert len(open_recording(tmp_path / "drive.npz")) == 1
+    assert not suspicious(verdicts(tmp_path / "drive.npz"))

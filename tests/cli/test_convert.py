@@ -1,0 +1,311 @@
+"""`mqslam convert` writes recordings in other layouts and the results of runs as bags, whole or not at all."""
+
+from __future__ import annotations
+
+import json
+import os
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+from commands import contents, mqslam
+from conversions import EVEN, STAMPED
+from layouts import assert_alike, left_turn, write_radiate
+from recordings import START_US, TURN_US, assert_same, write_oxford
+from rosbags.highlevel import AnyReader
+
+from mqslam.readers import open_recording
+from mqslam.trajectory import read_tum
+from mqslam.writers.targets import TARGETS
+
+FOLDERS = ("oxford", "boreas", "mulran", "mulran_oxford", "radiate", "rosbag2", "rosbag2_mcap")
+FORMATS = {"mulran_oxford": "mulran", "rosbag2": "rosbag", "rosbag2_mcap": "rosbag"}
+LIKE_OXFORD = [name for name in STAMPED if name not in ("boreas", "mulran_oxford")]
+
+
+@pytest.mark.parametrize(
+    ("name", "format"), [("d.bag", "rosbag"), ("d.mcap", "rosbag"), ("d.npz", "native"), ("d", "oxford")]
+)
+def test_the_suffix_says_the_layout(oxford: Path, tmp_path: Path, name: str, format: str) -> None:
+    shown = mqslam("convert", oxford, tmp_path / "deep" / name)
+    assert (shown.code, shown.out) == (0, "") and f"wrote {tmp_path / 'deep' / name}" in shown.err
+    assert "converting: 6/6" in shown.err and "note: range resolution 0.0438 m assumed" in shown.err
+    stream = open_recording(tmp_path / "deep" / name)
+    assert stream.format == format
+    assert_same(open_recording(oxford), stream)
+    assert [path.name for path in (tmp_path / "deep").iterdir()] == [name]
+
+
+@pytest.mark.parametrize("to", FOLDERS)
+def test_a_named_layout_goes_into_a_folder(tmp_path: Path, to: str) -> None:
+    drive = write_radiate(tmp_path / "drive", left_turn())
+    shown = mqslam("convert", drive, tmp_path / "out", "--to", to, "--quiet")
+    assert (shown.code, shown.out, shown.err) == (0, "", "")
+    stream = open_recording(tmp_path / "out")
+    assert stream.format == FORMATS.get(to, to)
+    assert_alike(left_turn(), stream)
+
+
+def test_settings_of_the_sensor_reach_the_recording(tmp_path: Path) -> None:
+    drive = write_radiate(tmp_path / "drive", left_turn())
+    (tmp_path / "mine.yaml").write_text("sensor: {stamp: start, range_resolution_m: 0.5}\n")
+    assert mqslam("convert", drive, tmp_path / "out", "--config", tmp_path / "mine.yaml", "--quiet").code == 0
+    stream = open_recording(tmp_path / "out")
+    assert stream.range_resolution == 0.5
+    np.testing.assert_allclose(stream.stamps_us - left_turn().stamps_us, 250_000, rtol=0.0, atol=1)
+
+
+def test_the_drivers_messages_can_be_had(oxford: Path, tmp_path: Path) -> None:
+    assert mqslam("convert", oxford, tmp_path / "drive.bag", "--message", "b_scan").code == 0
+    with AnyReader([tmp_path / "drive.bag"]) as reader:
+        assert {(c.topic, c.msgtype) for c in reader.connections} == {
+            ("/radar_data/b_scan_msg", "navtech_msgs/msg/RadarBScanMsg")
+        }
+    assert_same(open_recording(oxford), open_recording(tmp_path / "drive.bag"))
+
+
+def test_bags_hold_rows_odometry_and_ground_truth_in_the_order_of_time(street: Path, tmp_path: Path) -> None:
+    out = tmp_path / "drive.bag"
+    assert mqslam("convert", street, out, "--quiet").code == 0
+    with AnyReader([out]) as reader:
+        assert {c.topic: c.msgtype for c in reader.connections} == {
+            "/Navtech/Polar": "sensor_msgs/msg/Image",
+            "/odom": "nav_msgs/msg/Odometry",
+            "/ground_truth": "nav_msgs/msg/Odometry",
+        }
+        logged = [stamp for _, stamp, _ in reader.messages()]
+        assert logged == sorted(logged)
+        truths = [reader.deserialize(raw, c.msgtype) for c, _, raw in reader.messages() if c.topic == "/ground_truth"]
+    truth = open_recording(street).ground_truth
+    assert truth is not None
+    travelled = sum(message.twist.twist.linear.x for message in truths[:-1]) * 0.25
+    assert travelled == pytest.approx(truth.length_m, rel=0.01)
+
+
+def test_help_names_every_layout_and_shows_examples(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("COLUMNS", "240")
+    shown = mqslam("convert", "--help").out
+    assert all(name in shown for name in TARGETS)
+    for example in ("drive drive.mcap", "drive.bag drive_boreas --to boreas", "result result.bag"):
+        assert f"Example: mqslam convert {example}" in shown
+
+
+def missing(folder: Path) -> list[str | Path]:
+    return [folder / "nowhere", folder / "out.bag"]
+
+
+def no_recording(folder: Path) -> list[str | Path]:
+    (folder / "notes").mkdir()
+    (folder / "notes" / "notes.txt").write_text("hello")
+    return [folder / "notes", folder / "out"]
+
+
+def broken(folder: Path) -> list[str | Path]:
+    drive = write_oxford(folder / "drive")
+    image = drive / "radar" / f"{START_US + 3 * TURN_US}.png"
+    image.write_bytes(image.read_bytes()[:2000])
+    return [drive, folder / "out.mcap"]
+
+
+def onto(name: str, *words: str) -> Any:
+    def build(folder: Path) -> list[str | Path]:
+        (folder / "kept.bag").write_text("kept")
+        (folder / "kept").mkdir()
+        (folder / "kept" / "mine").write_text("kept")
+        return [write_oxford(folder / "drive"), folder / name, *words]
+
+    return build
+
+
+CASES = {
+    "missing": (missing, "nowhere: does not exist"),
+    "no recording": (no_recording, "notes: is no recording in a known layout"),
+    "broken": (broken, f"{START_US + 3 * TURN_US}.png: is not a readable PNG"),
+    "unknown suffix": (onto("out.png"), "out.png: '.png' is the suffix of no layout; end it in .bag, .mcap or .npz"),
+    "unknown layout": (onto("out", "--to", "borea"), "--to 'borea': is unknown; did you mean 'boreas'?"),
+    "other suffix": (onto("out.bag", "--to", "mcap"), "out.bag: mcap is a file that ends in .mcap"),
+    "no suffix": (onto("out", "--to", "native"), "out: native is a file that ends in .npz"),
+    "file there": (onto("kept.bag"), "kept.bag: exists already; choose another output or give --force"),
+    "folder there": (onto("kept"), "kept: exists already"),
+    "folder for a file": (onto("kept", "--to", "rosbag2"), "kept: exists already"),
+    "below a file": (onto("kept.bag/out.npz"), "kept.bag/out.npz: cannot be made"),
+    "the recording": (onto("drive", "--to", "boreas", "--force"), "drive: holds the recording"),
+    "above the recording": (onto(".", "--to", "boreas", "--force"), "choose another"),
+}
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_an_error_is_one_line_and_nothing_is_written(tmp_path: Path, case: str) -> None:
+    build, message = CASES[case]
+    arguments = build(tmp_path)
+    before = contents(tmp_path)
+    shown = mqslam("convert", *arguments, "--quiet")
+    assert shown.code == 2 and shown.out == ""
+    assert shown.err.startswith("mqslam: error: ") and shown.err.count("\n") == 1, shown.err
+    assert message in shown.err
+    assert contents(tmp_path) == before
+
+
+def test_a_file_is_never_converted_onto_itself(oxford: Path, tmp_path: Path) -> None:
+    assert mqslam("convert", oxford, tmp_path / "drive.bag", "--quiet").code == 0
+    before = contents(tmp_path)
+    shown = mqslam("convert", tmp_path / "drive.bag", tmp_path / "drive.bag", "--force")
+    assert shown.code == 2 and "is the recording itself" in shown.err and contents(tmp_path) == before
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="root may write anywhere")
+@pytest.mark.parametrize("name", ["out.bag", "out.mcap", "out.npz", "out"])
+def test_a_folder_that_cannot_be_written_is_named(oxford: Path, tmp_path: Path, name: str) -> None:
+    closed = tmp_path / "closed"
+    closed.mkdir(mode=0o555)
+    shown = mqslam("convert", oxford, closed / name)
+    assert shown.code == 2 and f"{name}: cannot be made" in shown.err and shown.err.count("\n") == 1
+
+
+@pytest.mark.parametrize("name", ["out.bag", "out.mcap", "out.npz", "out"])
+def test_force_replaces_what_is_there_once_the_new_one_is_whole(oxford: Path, tmp_path: Path, name: str) -> None:
+    out = tmp_path / name
+    if out.suffix:
+        out.write_text("old")
+    else:
+        out.mkdir()
+        (out / "old").write_text("old")
+    before = contents(tmp_path)
+    shown = mqslam("convert", tmp_path / "nowhere", out, "--force")
+    assert shown.code == 2 and contents(tmp_path) == before
+    assert mqslam("convert", oxford, out, "--force", "--quiet").code == 0
+    assert_same(open_recording(oxford), open_recording(out))
+
+
+@pytest.fixture(scope="module")
+def finished(street: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of a finished run."""
+    out = tmp_path_factory.mktemp("run") / "result"
+    assert mqslam("run", street, "--out", out, "--frontend", "odometry", "--jobs", 1, "--quiet").code == 0
+    return out
+
+
+@pytest.mark.parametrize("words", [["r.bag"], ["r.mcap"], ["r", "--to", "rosbag2"], ["r", "--to", "rosbag2_mcap"]])
+def test_results_of_a_run_come_back_from_a_bag(finished: Path, tmp_path: Path, words: list[str]) -> None:
+    out = tmp_path / words[0]
+    assert mqslam("convert", finished, out, *words[1:], "--quiet").code == 0
+    found: dict[str, list[tuple[int, Any]]] = {}
+    with AnyReader([out]) as reader:
+        for connection, stamp, raw in reader.messages():
+            found.setdefault(connection.topic, []).append((stamp, reader.deserialize(raw, connection.msgtype)))
+    trajectory = read_tum(finished / "trajectory.tum")
+    stamps = (trajectory.stamps_us * 1000).tolist()
+    assert [stamp for stamp, _ in found["/tf"]] == stamps
+    moves = [message.transforms[0] for _, message in found["/tf"]]
+    assert {(move.header.frame_id, move.child_frame_id) for move in moves} == {("map", "radar")}
+    ((_, path),) = found["/path"]
+    poses = [(pose.pose.position, pose.pose.orientation) for pose in path.poses]
+    for places in (poses, [(move.transform.translation, move.transform.rotation) for move in moves]):
+        np.testing.assert_allclose([(p.x, p.y) for p, _ in places], trajectory.poses[:, :2], rtol=0.0, atol=1e-9)
+        yaws = np.array([2.0 * np.arctan2(q.z, q.w) for _, q in places])
+        np.testing.assert_allclose(np.exp(1j * yaws), np.exp(1j * trajectory.poses[:, 2]), rtol=0.0, atol=1e-9)
+    ((stamp, grid),) = found["/map"]
+    assert stamp == stamps[0]
+    assert_is_nav2_map(grid, finished)
+    ((_, cloud),) = found["/points"]
+    assert_is_point_map(cloud, finished)
+
+
+def assert_is_nav2_map(grid: Any, finished: Path) -> None:
+    """An occupancy grid marks the places that the image marks."""
+    settings = yaml.safe_load((finished / "map.yaml").read_text())
+    header, pixels = (finished / "map.pgm").read_bytes().split(b"\n255\n", 1)
+    width, height = (int(word) for word in header.split()[1:])
+    dark_rows, dark_columns = np.nonzero(np.frombuffer(pixels, np.uint8).reshape(height, width) == 0)
+    assert (grid.info.width, grid.info.height) == (width, height)
+    assert grid.info.resolution == pytest.approx(settings["resolution"])
+    assert [grid.info.origin.position.x, grid.info.origin.position.y] == pytest.approx(settings["origin"][:2])
+    cells = np.asarray(grid.data, dtype=np.int8).reshape(height, width)
+    assert set(np.unique(cells)) == {-1, 100}
+    rows, columns = np.nonzero(cells == 100)
+    assert set(zip(rows, columns, strict=True)) == set(zip(height - 1 - dark_rows, dark_columns, strict=True))
+
+
+def assert_is_point_map(cloud: Any, finished: Path) -> None:
+    """A point cloud holds the points of the PLY with their intensities."""
+    from plyfile import PlyData
+
+    vertices = PlyData.read(str(finished / "map.ply"))["vertex"]
+    assert [(field.name, field.offset, field.datatype) for field in cloud.fields] == [
+        ("x", 0, 7), ("y", 4, 7), ("z", 8, 7), ("intensity", 12, 7)
+    ]  # fmt: skip
+    assert (cloud.height, cloud.width, cloud.header.frame_id) == (1, len(vertices), "map")
+    points = np.asarray(cloud.data, dtype=np.uint8).view("<f4").reshape(-1, 4)
+    for column, name in enumerate(("x", "y", "z", "intensity")):
+        np.testing.assert_array_equal(points[:, column], np.asarray(vertices[name]))
+
+
+def test_who_comes_late_still_gets_the_map(finished: Path, tmp_path: Path) -> None:
+    for name in ("r.bag", "r.mcap"):
+        assert mqslam("convert", finished, tmp_path / name, "--quiet").code == 0
+        with AnyReader([tmp_path / name]) as reader:
+            kept = {connection.topic: str(connection.ext) for connection in reader.connections}
+        word = "latching=1" if name == "r.bag" else "TRANSIENT_LOCAL"
+        assert {topic for topic, said in kept.items() if word in said} == {"/map", "/points", "/path"}
+
+
+@pytest.mark.parametrize("name", ["out", "out.npz"])
+def test_results_become_bags_only(finished: Path, tmp_path: Path, name: str) -> None:
+    shown = mqslam("convert", finished, tmp_path / name)
+    assert shown.code == 2 and "is a run, and results become a bag" in shown.err and contents(tmp_path) == {}
+
+
+@pytest.mark.parametrize(
+    ("file", "content"),
+    [("map.yaml", "image: map.pgm\n"), ("map.pgm", "P5\n9 9\n255\n0"), ("map.ply", "ply\n"), ("trajectory.tum", "1 2\n")],
+)
+def test_a_damaged_result_is_named(finished: Path, tmp_path: Path, file: str, content: str) -> None:
+    for name in ("summary.json", "trajectory.tum", "map.yaml", "map.pgm", "map.ply"):
+        (tmp_path / name).write_bytes((finished / name).read_bytes())
+    (tmp_path / file).write_text(content)
+    before = contents(tmp_path)
+    shown = mqslam("convert", tmp_path, tmp_path / "r.bag")
+    named = "map.yaml" if file == "map.pgm" else file
+    assert shown.code == 2 and f"{tmp_path / named}: " in shown.err and shown.err.count("\n") == 1
+    assert contents(tmp_path) == before
+
+
+@pytest.mark.parametrize("layout", LIKE_OXFORD)
+def test_real_revolutions_come_back_bit_by_bit(oxford_tiny: Path, tmp_path: Path, layout: str) -> None:
+    back = there_and_back(oxford_tiny, tmp_path, layout)
+    assert_same(open_recording(oxford_tiny), open_recording(back))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("layout", [*STAMPED, *EVEN])
+def test_real_motion_is_that_of_the_original(oxford_tiny: Path, tmp_path: Path, layout: str) -> None:
+    expected, found = (
+        motions(drive, tmp_path / name)
+        for name, drive in (("one", oxford_tiny), ("two", there_and_back(oxford_tiny, tmp_path, layout)))
+    )
+    if layout in LIKE_OXFORD:
+        np.testing.assert_allclose(found, expected, rtol=0.0, atol=1e-6)
+        return
+    speeds, expected_speeds = (table[:, 2:] / (table[:, 1] - table[:, 0])[:, None] for table in (found, expected))
+    late = 1 if layout in EVEN else 0  # one stamp a turn, its end, leaves the first turn's duration to be guessed
+    np.testing.assert_allclose(speeds[late:, 0], expected_speeds[late:, 0], rtol=0.0, atol=0.05)
+    np.testing.assert_allclose(speeds[:, 2], expected_speeds[:, 2], rtol=0.0, atol=0.005)
+
+
+def there_and_back(drive: Path, folder: Path, layout: str) -> Path:
+    """A recording converted to a layout and back to Oxford's."""
+    suffix = {"rosbag1": ".bag", "b_scan": ".bag", "mcap": ".mcap", "native": ".npz"}.get(layout, "")
+    words = ["--message", "b_scan"] if layout == "b_scan" else ["--to", layout]
+    there, back = folder / f"there{suffix}", folder / "back"
+    assert mqslam("convert", drive, there, *words, "--quiet").code == 0
+    assert mqslam("convert", there, back, "--range-resolution", 0.0438, "--quiet").code == 0
+    return back
+
+
+def motions(drive: Path, out: Path) -> np.ndarray:
+    """t0, t1, dx, dy, dyaw of every measurement of a run."""
+    shown = mqslam("run", drive, "--out", out, "--jobs", 1, "--json")
+    assert shown.code == 0 and json.loads(shown.out)["dataset"]["revolutions"] == 11
+    return np.loadtxt(out / "measurements.csv", delimiter=",", skiprows=1, usecols=range(5))
