@@ -33,7 +33,8 @@ class WindowAudit:
         pose: (3,) of the sensor at its middle, world frame.
         bend: what would mend it.
         measures: the field's measures of the same points.
-        torn: whether it is bent beyond what its covariance explains.
+        torn: whether it is bent beyond what its covariance explains and beyond the settings' tolerance, or its sweeps do not
+            overlap even at its best.
     """
 
     begin: int
@@ -97,9 +98,11 @@ def audit(sweeps: Sweeps, config: Config, jobs: int, progress: Progress) -> Audi
 
 
 def audit_windows(sweeps: Sweeps, config: Config, jobs: int, progress: Progress) -> list[WindowAudit]:
-    """Judge the windows of a map, side by side."""
+    """Judge the windows of a map, one after the other."""
     size = config.audit.window
-    begins = range(0, len(sweeps) - size + 1, size)
+    begins = list(range(0, len(sweeps) - size + 1, size))
+    if begins and begins[-1] + size < len(sweeps):
+        begins.append(len(sweeps) - size)  # the last one overlaps the one before, so that every sweep is judged
     found: list[WindowAudit] = []
     with ThreadPoolExecutor(jobs) as pool:
         for window in pool.map(lambda begin: _window(sweeps, begin, begin + size, config), begins):
@@ -120,7 +123,8 @@ def _window(sweeps: Sweeps, begin: int, end: int, config: Config) -> WindowAudit
         settings.radius_m,
         settings.cell_m,
     )
-    torn = bool(found.inflation > chi2.ppf(settings.probability, 3) and found.size_m > settings.bend_m)
+    bent = found.inflation > chi2.ppf(settings.probability, 3) and found.size_m > settings.bend_m
+    torn = bool(bent or found.matched_best < settings.overlap)
     t1 = sweeps.times[end - 1] + sweeps.period_s
     return WindowAudit(
         begin, end, float(sweeps.times[begin]), float(t1), sweeps.poses[(begin + end) // 2], found, beside, torn
@@ -139,7 +143,7 @@ def verdict(windows: list[WindowAudit], revisits: list[RevisitAudit]) -> tuple[s
     failures, warnings = [], []
     torn = sum(w.torn for w in windows)
     if windows:
-        said = f"{torn} of {len(windows)} windows are bent"
+        said = f"{torn} of {len(windows)} windows are torn"
         if torn > FAIL_WINDOWS * len(windows):
             failures.append(said)
         elif torn > WARN_WINDOWS * len(windows):
@@ -157,6 +161,6 @@ def verdict(windows: list[WindowAudit], revisits: list[RevisitAudit]) -> tuple[s
     if failures or warnings:
         return ("fail" if failures else "warn"), failures + warnings
     return "pass", [
-        f"{torn} of {len(windows)} windows are bent",
+        f"{torn} of {len(windows)} windows are torn",
         f"{len(off)} of {len(sure)} revisits are torn" if sure else "it comes back to no place that would show its drift",
     ]

@@ -41,6 +41,7 @@ def summarise(found: Audit, sweeps: Sweeps, config: Config, dataset: Mapping[str
         "trajectory": trajectory,
         "verdict": {"status": found.status, "reasons": found.reasons},
         "threshold": float(chi2.ppf(config.audit.probability, 3)),
+        "bend_m": config.audit.bend_m,
         "windows": {
             "count": len(found.windows),
             "torn": sum(w.torn for w in found.windows),

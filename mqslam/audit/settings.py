@@ -15,6 +15,9 @@ class AuditConfig(BaseModel):
         0.999, gt=0.5, lt=1.0, description="a window or revisit is torn beyond this quantile of the chi-square"
     )
     bend_m: float = Field(0.05, ge=0.0, description="windows that a correction moves by less than this are not torn [m]")
+    overlap: float = Field(
+        0.5, ge=0.0, lt=1.0, description="a window is torn as well where its best map has a smaller matched share than this"
+    )
     radius_m: float = Field(1.0, gt=0.0, description="neighbourhood of the entropies and of the plane variance [m]")
     cell_m: float = Field(0.5, gt=0.0, description="cell of the evidence grid [m]")
     spacing_m: float = Field(10.0, gt=0.0, description="path between the revisits that are measured [m]")

@@ -23,10 +23,11 @@ def audit(
     trajectory: Annotated[
         str | None,
         typer.Option(
-            "--trajectory", "-t",
+            "--trajectory",
+            "-t",
             help="A file (TUM, CSV, KITTI with --times, a bag); or odometry, ground_truth or recording: what DATA carries.",
         ),
-    ] = None,  # fmt: skip
+    ] = None,
     times: Annotated[Path | None, typer.Option(help="Stamps of a KITTI trajectory, one per line.")] = None,
     topic: Annotated[str | None, typer.Option(help="Topic of the trajectory in a bag.")] = None,
     z_range: Annotated[
@@ -158,7 +159,8 @@ def _lines(summary: dict[str, Any]) -> list[str]:
     inflation = "no windows"
     if windows["count"]:
         median = windows["inflation_median"]
-        inflation = f"median {median:.3g}, 2.37 where a map is right; torn above {summary['threshold']:.3g}"
+        tolerance = f"{summary['threshold']:.3g} and off by {summary['bend_m']:g} m"
+        inflation = f"median {median:.3g}, 2.37 where a map is right; torn above {tolerance}"
     rows = [
         ("verdict", f"{verdict['status']}: {'; '.join(verdict['reasons'])}"),
         ("windows", f"{windows['torn']} of {windows['count']} torn"),

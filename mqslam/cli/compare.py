@@ -67,7 +67,7 @@ def compare(
     track, notes = choose_odometry(stream, odometry)
     console = Console(stderr=True, markup=False)
     if not quiet:
-        for note in (*stream.notes, *notes):
+        for note in stream.notes:
             console.print(f"note: {note}", highlight=False, soft_wrap=True)
     period_s, start_us = stream.period_s, stream.start_us
     key = run_key(stream, settings, f"compare {','.join(names)} {odometry_only}", track)
@@ -87,7 +87,9 @@ def compare(
         tracks = [row.trajectory for row in ran if row.trajectory is not None]
         common = common_span(windows, start_us, period_s, tracks)
         if len(common) < settings.audit.window:
-            raise EstimationError(f"the trajectories share {len(common)} revolutions with the recording; nothing to compare")
+            covered = (len(common_span(windows, start_us, period_s, [track])) for track in tracks)
+            said = ", ".join(f"{row.name} covers {count}" for row, count in zip(ran, covered, strict=True))
+            raise EstimationError(f"the rows share {len(common)} of {len(windows)} revolutions ({said}); leave some out")
         if len(common) < len(windows):
             notes = [*notes, f"{len(common)} of {len(windows)} revolutions are in every trajectory: judged on those"]
         where = places(common, start_us, tracks, settings.audit.window)
@@ -102,12 +104,18 @@ def compare(
         typer.echo(json.dumps(summary, indent=1))
     elif not quiet:
         _print(table(summary))
+        for note in notes:
+            console.print(f"note: {note}", highlight=False, soft_wrap=True)
         typer.echo(f"results in {out}; open {out / 'report.html'} in a browser")
 
 
 def _settings(settings: Config, kiss_config: Path | None) -> Config:
+    from mqslam.errors import ConfigError
+
     if kiss_config is None:
         return settings
+    if not kiss_config.is_file():
+        raise ConfigError(f"{kiss_config}: does not exist; give KISS-ICP's own YAML file")
     kiss = settings.kiss_icp.model_copy(update={"config_file": kiss_config})
     return settings.model_copy(update={"kiss_icp": kiss})
 

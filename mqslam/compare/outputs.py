@@ -13,6 +13,7 @@ import numpy as np
 from scipy.stats import chi2
 
 import mqslam
+from mqslam.audit.judge import WindowAudit
 from mqslam.compare.judge import Judged, Place
 from mqslam.compare.rows import Row
 from mqslam.config import Config, dump_yaml
@@ -38,9 +39,9 @@ WITHOUT_TRUTH = (
     ("windows_torn", "windows torn", "{:.1%}"),
     ("revisit_m", "revisits apart [m]", "{:.3f}"),
     ("loops", "loops", "{}"),
-    ("ms_per_revolution", "[ms/rev]", "{:.1f}"),
+    ("ms_per_revolution", "time [ms/rev]", "{:.1f}"),
     ("back_end_s", "back end [s]", "{:.1f}"),
-    ("peak_rss_mb", "[MB]", "{:.0f}"),
+    ("peak_rss_mb", "memory [MB]", "{:.0f}"),
 )
 
 
@@ -65,7 +66,7 @@ def summarise(
         },
         "doppler_beta": config.sensor.doppler_beta,
         "threshold": float(chi2.ppf(config.audit.probability, 3)),
-        "rows": [_row(row, judged.get(row.name), len(stream)) for row in rows],
+        "rows": [_row(row, judged.get(row.name), len(stream), config.audit.overlap) for row in rows],
         "agreement": [
             {"row": a, "against": b, "rmse_m": e.ate_rmse_m, "drift_percent": e.drift_percent, "speed_rms": e.rpe_v_rms}
             for a, b, e in agreement
@@ -74,7 +75,7 @@ def summarise(
     }
 
 
-def _row(row: Row, found: Judged | None, revolutions: int) -> dict[str, Any]:
+def _row(row: Row, found: Judged | None, revolutions: int, overlap: float) -> dict[str, Any]:
     if found is None:
         return {"name": row.name, "failure": row.failure}
     windows, sure = found.audit.windows, [r for r in found.audit.revisits if r.revisit.sure]
@@ -92,7 +93,7 @@ def _row(row: Row, found: Judged | None, revolutions: int) -> dict[str, Any]:
         "odometry_ate_rmse_m": before and before.ate_rmse_m,
         "psi_per_point": found.psi_per_point,
         "matched": found.matched,
-        "inflation": float(np.median([w.bend.inflation for w in windows])) if windows else None,
+        "inflation": _inflation(windows, overlap),
         "windows": len(windows),
         "windows_torn": float(np.mean([w.torn for w in windows])) if windows else None,
         "revisits": len(sure),
@@ -105,6 +106,13 @@ def _row(row: Row, found: Judged | None, revolutions: int) -> dict[str, Any]:
         "back_end_s": row.back_end_s,
         "peak_rss_mb": row.peak_rss_mb,
     }
+
+
+def _inflation(windows: Sequence[WindowAudit], overlap: float) -> float | None:
+    """The median inflation; None where most windows do not overlap even at their best and have none to speak of."""
+    values = [w.bend.inflation if w.bend.matched_best >= overlap else np.inf for w in windows]
+    median = float(np.median(values)) if values else np.inf
+    return median if np.isfinite(median) else None
 
 
 def table(summary: Mapping[str, Any]) -> list[list[str]]:

@@ -65,6 +65,8 @@ def _rows(path: Path) -> list[str]:
     """The lines of a text file that are not blank."""
     try:
         return [line.strip() for line in path.read_text(encoding="utf-8-sig").splitlines() if line.strip()]
+    except FileNotFoundError as error:
+        raise DataError(path, "does not exist", "check the path") from error
     except (OSError, UnicodeDecodeError) as error:
         reason = error.strerror if isinstance(error, OSError) else "not UTF-8"
         raise DataError(path, f"is not a readable text file ({reason})", _KNOWN) from error

@@ -47,7 +47,8 @@ def judged(shift_m: float, jobs: int = 1) -> Audit:
 def test_the_true_map_passes() -> None:
     found = judged(0.0)
     assert found.status == "pass", found.reasons
-    assert len(found.windows) == len(lap()[1]) // CONFIG.audit.window
+    assert len(found.windows) == -(-len(lap()[1]) // CONFIG.audit.window)
+    assert found.windows[-1].end == len(lap()[1])
     sure = [r.revisit for r in found.revisits if r.revisit.sure]
     assert len(sure) >= 3 and max(r.distance_m for r in sure) < 0.2
     assert not any(r.torn for r in found.revisits)
@@ -64,6 +65,22 @@ def test_a_torn_loop_fails_and_its_offset_is_measured() -> None:
         yaw = stream.ground_truth.poses[r.later][2]
         world = se2.transform(np.array([0.0, 0.0, yaw]), r.offset[None, :2])[0]
         assert world == pytest.approx([0.0, -3.0], abs=0.4)
+
+
+@pytest.mark.parametrize("wrong", ["straight", "still", "spinning", "mirrored"])
+def test_a_trajectory_that_has_nothing_to_do_with_the_recording_fails(wrong: str) -> None:
+    stream, windows = lap()
+    truth = stream.ground_truth
+    times = (truth.stamps_us - truth.stamps_us[0])[:, None] * 1e-6
+    poses = {
+        "straight": times * [12.0, 0.0, 0.0],
+        "still": times * [0.0, 0.0, 0.0],
+        "spinning": times * [0.0, 0.0, 0.5],
+        "mirrored": truth.poses * [1.0, -1.0, -1.0],
+    }[wrong]
+    sweeps, _ = swept(windows, stream.start_us, stream.period_s, Trajectory(truth.stamps_us, poses), CONFIG)
+    found = audit(sweeps, CONFIG, 2, silent)
+    assert found.status == "fail", found.reasons
 
 
 def test_the_verdict_does_not_depend_on_the_number_of_threads() -> None:
