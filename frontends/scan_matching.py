@@ -14,6 +14,7 @@ from mqslam import se2
 from mqslam.errors import EstimationError
 from mqslam.frontend import Context
 from mqslam.measurement import RelativeMotion, Status
+from mqslam.motion import LONGEST_COAST_S
 from mqslam.returns import Window
 
 FEWEST = 20  # correspondences below which a scan matches nothing
@@ -96,6 +97,8 @@ class _Track:
         first, last = (window.t1, window.t0) if backwards else (window.t0, window.t1)
         time = first + self._matcher.reference * (last - first)
         elapsed = time - self.last.time
+        if abs(elapsed) > LONGEST_COAST_S:
+            self.twist = np.zeros(3)
         returns, duration = window.returns, last - first
         ahead, left = np.cos(returns.azimuths), np.sin(returns.azimuths)
         ranges = returns.ranges + self._doppler_beta * (self.twist[0] * ahead + self.twist[1] * left)

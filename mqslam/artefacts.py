@@ -29,7 +29,7 @@ def drop_fixed(revolutions: Sequence[Returns]) -> list[Returns]:
     seen = np.zeros(size, dtype=np.int64)
     for c in cells:
         seen[np.unique(c)] += 1
-    fixed = seen > REPEATS * len(revolutions)
+    fixed = seen > REPEATS * sum(len(c) > 0 for c in cells)
     total = sum(len(c) for c in cells)
     if total == 0 or sum(int(fixed[c].sum()) for c in cells) > MOST * total:
         return list(revolutions)

@@ -22,7 +22,8 @@ from numpy.typing import NDArray
 
 import mqslam
 from mqslam.config import Config, dump_yaml
-from mqslam.errors import MqslamError, OutputError
+from mqslam.detection import Detected
+from mqslam.errors import DataError, MqslamError, OutputError
 from mqslam.files import write_text, written_whole
 from mqslam.loops.search import Loop
 from mqslam.measurement import RelativeMotion, Status
@@ -31,6 +32,7 @@ from mqslam.stream import RadarStream
 from mqslam.trajectory import Trajectory
 
 FOLDER = "checkpoint"
+_HOW = "continue with --resume"
 
 
 def run_key(stream: RadarStream, config: Config, frontend: str, odometry: Trajectory | None) -> str:
@@ -48,6 +50,8 @@ def run_key(stream: RadarStream, config: Config, frontend: str, odometry: Trajec
 def unfinished(out: Path, key: str, *, resume: bool) -> Iterator[Checkpoint]:
     """The checkpoint of a run while it goes on; what cannot be resumed to any end leaves nothing behind.
 
+    What is left behind by a full disk, an interrupt or a fault of ours says how to go on.
+
     Args:
         out: the run's result folder.
         key: what the run's result depends on.
@@ -56,9 +60,17 @@ def unfinished(out: Path, key: str, *, resume: bool) -> Iterator[Checkpoint]:
     checkpoint = Checkpoint(out, key, resume=resume)
     try:
         yield checkpoint
+    except OutputError as error:
+        if checkpoint.holds_anything:
+            raise OutputError(f"{error}; {_HOW}") from error
+        raise
     except MqslamError:
         if not resume:
             checkpoint.remove()
+        raise
+    except BaseException as error:
+        if checkpoint.holds_anything:
+            error.add_note(_HOW)
         raise
 
 
@@ -97,18 +109,28 @@ class Checkpoint:
         with contextlib.suppress(OSError):
             self._folder.parent.rmdir()
 
-    def returns(self, begin: int, end: int) -> list[Returns] | None:
-        """The returns of the revolutions begin <= k < end, if they were kept."""
-        kept = self._load(f"returns-{begin:06d}-{end:06d}.npz", [*_columns(), "ends"])
+    @property
+    def holds_anything(self) -> bool:
+        """Whether there is something to resume."""
+        return any(self._folder.glob("*.npz"))
+
+    def detected(self, begin: int, end: int) -> Detected | None:
+        """What was detected in the revolutions begin <= k < end, if it was kept."""
+        kept = self._load(f"returns-{begin:06d}-{end:06d}.npz", [*_columns(), "ends", "unread", "why"])
         if kept is None:
             return None
         columns = [np.split(kept[name], kept["ends"][:-1]) for name in _columns()]
-        return [Returns(*(np.ascontiguousarray(part) for part in parts)) for parts in zip(*columns, strict=True)]
+        returns = [Returns(*(np.ascontiguousarray(part) for part in parts)) for parts in zip(*columns, strict=True)]
+        errors = (DataError(*words) for words in kept["why"].tolist())
+        return Detected(returns, dict(zip(kept["unread"].tolist(), errors, strict=True)))
 
-    def keep_returns(self, begin: int, end: int, returns: Sequence[Returns]) -> None:
-        """Keep the returns of a stretch of revolutions."""
-        arrays = {name: np.concatenate([getattr(r, name) for r in returns]) for name in _columns()}
-        arrays["ends"] = np.cumsum([len(r) for r in returns])
+    def keep_detected(self, begin: int, end: int, found: Detected) -> None:
+        """Keep what was detected in a stretch of revolutions."""
+        arrays = {name: np.concatenate([getattr(r, name) for r in found.returns]) for name in _columns()}
+        arrays["ends"] = np.cumsum([len(r) for r in found.returns])
+        arrays["unread"] = np.array(list(found.unread), dtype=np.int64)
+        why = [(str(error.path), error.problem, error.remedy) for error in found.unread.values()]
+        arrays["why"] = np.array(why, dtype=np.str_).reshape(-1, 3)
         self._save(f"returns-{begin:06d}-{end:06d}.npz", arrays)
 
     def measurements(self) -> tuple[list[RelativeMotion], float] | None:

@@ -38,7 +38,7 @@ class SensorConfig(BaseModel):
     stamp: Literal["start", "end"] | None = Field(
         None,
         description="which instant of a revolution its only stamp is, where azimuths carry no stamps; null takes the "
-        "format's default, end in mulran and radiate, start in rosbag",
+        "format's default: end in mulran, radiate and images on a bag's /radar/polar (MulRan's player), start in other bags",
     )
 
 
@@ -47,9 +47,11 @@ class TrackerConfig(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
-    keyframe_m: float = Field(5.0, gt=0.0, description="a revolution joins the map after this much travel [m]")
+    keyframe_m: float = Field(
+        8.0, gt=0.0, description="a revolution joins the map after this much travel [m], sooner while the map is young"
+    )
     keyframe_rad: float = Field(0.1, gt=0.0, description="or after this much turning [rad]")
-    keyframes: int = Field(20, ge=1, description="revolutions the map holds")
+    keyframes: int = Field(40, ge=1, description="revolutions the map holds")
     sigma_position_m: float = Field(0.01, gt=0.0, description="process noise of the start pose per revolution [m]")
     sigma_yaw: float = Field(0.0003, gt=0.0, description="process noise of the start yaw per revolution [rad]")
     sigma_vx: float = Field(0.6, gt=0.0, description="jump of forward speed per 0.25 s besides acceleration [m/s]")
@@ -188,8 +190,10 @@ def load_config(name: str | Path | None = None) -> Config:
         else:
             raise ConfigError(f"{name}: no such configuration; give a YAML file or one of {', '.join(shipped_names())}")
         tree = yaml.safe_load(text)
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
-        first = str(error).splitlines()[0]
+    except ConfigError:
+        raise
+    except Exception as error:  # besides its own, PyYAML lets through what making numbers, dates and keys raises
+        first = (str(error) or type(error).__name__).splitlines()[0]
         raise ConfigError(f"{name}: is not a readable YAML file ({first})") from error
     if tree is None:
         tree = {}

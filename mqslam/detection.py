@@ -3,64 +3,104 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from functools import partial
 from multiprocessing import get_context
 from typing import Protocol
 
+import numpy as np
+
 from mqslam.artefacts import drop_fixed
 from mqslam.detector import DetectorConfig, detect
+from mqslam.errors import DataError
+from mqslam.interrupts import shielded
 from mqslam.returns import Returns, Window
-from mqslam.stream import RadarStream
+from mqslam.stream import RadarStream, usual_steps
 
 Progress = Callable[[str, int, int], None]  # stage, done, total
 _CHUNK = 40  # revolutions a worker takes at a time
 _WORTH_A_POOL = 200  # starting workers costs more than this many revolutions
+_MOST_UNREAD = 0.5  # share of revolutions above which there is nothing to go on with
+_LISTED = 3  # files that a report on unread revolutions names
 
 
 @dataclass(frozen=True, slots=True)
 class Detected:
-    """The returns of a stretch of revolutions and what they cost."""
+    """What a stretch of revolutions holds and what that cost.
+
+    Args:
+        returns: of each revolution; none of one that could not be read.
+        unread: why a revolution could not be read, by its number in the recording.
+        read_s, detect_s: seconds spent.
+    """
 
     returns: list[Returns]
-    read_s: float
-    detect_s: float
+    unread: dict[int, DataError] = field(default_factory=dict)
+    read_s: float = 0.0
+    detect_s: float = 0.0
 
 
-def detect_stretch(stream: RadarStream, config: DetectorConfig, start: int, stop: int) -> Detected:
+def detect_stretch(
+    stream: RadarStream, config: DetectorConfig, start: int, stop: int, *, strict: bool = True
+) -> Detected:
     """Read and detect the revolutions start <= k < stop.
 
+    Args:
+        stream: the recording.
+        config: settings.
+        start, stop: the stretch.
+        strict: whether a revolution that cannot be read is an error, rather than one without returns.
+
     Raises:
-        DataError: a revolution that cannot be read.
+        DataError: a revolution that cannot be read, if strict.
     """
     found: list[Returns] = []
+    unread: dict[int, DataError] = {}
     read_s, detect_s = 0.0, 0.0
     mark = time.perf_counter()
-    for revolution in stream.revolutions(start, stop):
-        read = time.perf_counter()
-        found.append(detect(revolution, stream.range_resolution, config))
-        done = time.perf_counter()
-        read_s, detect_s, mark = read_s + read - mark, detect_s + done - read, done
-    return Detected(found, read_s, detect_s)
+    while start + len(found) < stop:
+        try:  # reading ends with the first error: after one it begins again behind it
+            for revolution in stream.revolutions(start + len(found), stop):
+                read = time.perf_counter()
+                found.append(detect(revolution, stream.range_resolution, config))
+                done = time.perf_counter()
+                read_s, detect_s, mark = read_s + read - mark, detect_s + done - read, done
+        except DataError as error:
+            if strict:
+                raise
+            unread[start + len(found)] = error.with_traceback(None)
+            found.append(_nothing())
+    return Detected(found, unread, read_s, detect_s)
+
+
+def _nothing() -> Returns:
+    return Returns(np.empty(0), np.empty(0), np.empty(0), np.empty(0))
 
 
 class Store(Protocol):
-    """Keeps the returns of stretches of revolutions, so that a run can be resumed."""
+    """Keeps what was detected in stretches of revolutions, so that a run can be resumed."""
 
-    def returns(self, begin: int, end: int) -> list[Returns] | None:
-        """The returns of the revolutions begin <= k < end, if they were kept."""
+    def detected(self, begin: int, end: int) -> Detected | None:
+        """What was detected in the revolutions begin <= k < end, if it was kept."""
         ...
 
-    def keep_returns(self, begin: int, end: int, returns: Sequence[Returns]) -> None:
-        """Keep the returns of a stretch of revolutions."""
+    def keep_detected(self, begin: int, end: int, found: Detected) -> None:
+        """Keep what was detected in a stretch of revolutions."""
         ...
 
 
 def detect_all(
-    stream: RadarStream, config: DetectorConfig, jobs: int, progress: Progress, store: Store | None = None
+    stream: RadarStream,
+    config: DetectorConfig,
+    jobs: int,
+    progress: Progress,
+    store: Store | None = None,
+    *,
+    strict: bool = False,
 ) -> tuple[list[Window], Detected]:
-    """One window of returns per revolution; the same for any number of jobs.
+    """One window of returns per revolution, empty where it cannot be read; the same for any number of jobs.
 
     Args:
         stream: the recording.
@@ -68,31 +108,34 @@ def detect_all(
         jobs: processes that read and detect.
         progress: called as stretches are done.
         store: where stretches are kept, and looked for first.
+        strict: whether one revolution that cannot be read is an error.
 
     Raises:
-        DataError: a revolution that cannot be read.
+        DataError: over half of the revolutions cannot be read, or one if strict.
     """
     total = len(stream)
     spans = [(k, min(k + _CHUNK, total)) for k in range(0, total, _CHUNK)]
     parts: dict[int, Detected] = {}
     for begin, end in spans:
-        kept = store.returns(begin, end) if store else None
-        if kept is not None:
-            parts[begin] = Detected(kept, 0.0, 0.0)
+        kept = store.detected(begin, end) if store else None
+        if kept is not None and not (strict and kept.unread):
+            parts[begin] = kept
 
     def done(begin: int, end: int, found: Detected) -> None:
         parts[begin] = found
         if store:
-            store.keep_returns(begin, end, found.returns)
+            store.keep_detected(begin, end, found)
         progress("detect", sum(len(part.returns) for part in parts.values()), total)
 
     missing = [(begin, end) for begin, end in spans if begin not in parts]
+    work = partial(detect_stretch, stream, config, strict=strict)
     if jobs == 1 or total < _WORTH_A_POOL:
         for begin, end in missing:
-            done(begin, end, detect_stretch(stream, config, begin, end))
+            done(begin, end, work(begin, end))
     else:
-        with ProcessPoolExecutor(jobs, mp_context=get_context("spawn")) as pool:
-            pending = [pool.submit(detect_stretch, stream, config, begin, end) for begin, end in missing]
+        with ProcessPoolExecutor(jobs, mp_context=get_context("spawn"), initializer=_prepare, initargs=(work,)) as pool:
+            with shielded():
+                pending = [pool.submit(_in_worker, begin, end) for begin, end in missing]
             try:
                 for (begin, end), future in zip(missing, pending, strict=True):
                     done(begin, end, future.result())
@@ -100,16 +143,43 @@ def detect_all(
                 pool.shutdown(cancel_futures=True)
                 raise
     returns = drop_fixed([r for begin, _ in spans for r in parts[begin].returns])
-    cost = Detected(returns, sum(p.read_s for p in parts.values()), sum(p.detect_s for p in parts.values()))
-    return windows_of(stream, returns), cost
+    unread = {k: error for begin, _ in spans for k, error in parts[begin].unread.items()}
+    if len(unread) > _MOST_UNREAD * total:
+        first = next(iter(unread.values()))
+        raise DataError(first.path, f"{first.problem}, like {len(unread)} of {total} revolutions", first.remedy)
+    read_s, detect_s = sum(p.read_s for p in parts.values()), sum(p.detect_s for p in parts.values())
+    return windows_of(stream, returns), Detected(returns, unread, read_s, detect_s)
+
+
+_work: Callable[[int, int], Detected]  # of a worker process, which gets it once: a long recording's index has megabytes
+
+
+def _prepare(work: Callable[[int, int], Detected]) -> None:
+    global _work
+    _work = work
+
+
+def _in_worker(begin: int, end: int) -> Detected:
+    return _work(begin, end)
+
+
+def unread_warnings(unread: dict[int, DataError]) -> list[str]:
+    """What to tell about revolutions that could not be read, by number: one line, or none."""
+    if not unread:
+        return []
+    several = "1 revolution" if len(unread) == 1 else f"{len(unread)} revolutions"
+    named = [f"{error.path}: {error.problem}" for error in list(unread.values())[:_LISTED]]
+    others = [f"and {len(unread) - _LISTED} more"] if len(unread) > _LISTED else []
+    return [f"{several} could not be read and {'is' if len(unread) == 1 else 'are'} left out: {', '.join(named + others)}"]
 
 
 def windows_of(stream: RadarStream, returns: list[Returns]) -> list[Window]:
     """A window per revolution: from its start to the next one's, or one turn long before a gap and at the end."""
     starts = stream.start_times
     ends = [*starts[1:], (stream.end_us - stream.start_us) * 1e-6]
-    longest = 1.5 * stream.period_s
+    turns = np.append(usual_steps(stream.stamps_us) * 1e-6, stream.period_s)
+    turns[-1] = turns[-2:][0]
     return [
-        Window(float(t0), float(t1 if t1 - t0 <= longest else t0 + stream.period_s), found)
-        for t0, t1, found in zip(starts, ends, returns, strict=True)
+        Window(float(t0), float(t1 if t1 - t0 <= 1.5 * turn else t0 + turn), found)
+        for t0, t1, turn, found in zip(starts, ends, turns.tolist(), returns, strict=True)
     ]

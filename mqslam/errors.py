@@ -4,9 +4,15 @@ from __future__ import annotations
 
 from pathlib import Path
 
+_LONGEST = 800  # characters of a message: what it quotes of a damaged file may be anything
+
 
 class MqslamError(Exception):
-    """Base of every error mqslam raises on purpose; the command line prints it and exits with 2."""
+    """Base of every error mqslam raises on purpose; the command line prints it, in one line, and exits with 2."""
+
+    def __init__(self, message: str) -> None:
+        line = " ".join(message.split("\n"))
+        super().__init__(line if len(line) <= _LONGEST else f"{line[: _LONGEST // 2]} ... {line[-_LONGEST // 2 :]}")
 
 
 class DataError(MqslamError):

@@ -14,7 +14,7 @@ def describe(stream: RadarStream) -> dict[str, Any]:
     Returns:
         format, path, revolutions, duration_s [s], turn_rate_hz [1/s], azimuths and bins of the first revolution,
         range_resolution_m and max_range_m [m], odometry and ground_truth (None, or poses and length_m [m]), gaps
-        (after_revolution, missing_s [s]) and notes.
+        (after_revolution, missing_s [s]), notes and faults.
 
     Raises:
         DataError: the first revolution cannot be read.
@@ -34,6 +34,7 @@ def describe(stream: RadarStream) -> dict[str, Any]:
         "ground_truth": _extent(stream.ground_truth),
         "gaps": [{"after_revolution": k, "missing_s": missing} for k, missing in stream.gaps()],
         "notes": list(stream.notes),
+        "faults": list(stream.faults),
     }
 
 

@@ -18,6 +18,8 @@ from numpy.typing import NDArray
 from mqslam import se2
 
 VX, VY, OMEGA = 0, 1, 2
+LONGEST_COAST_S = 60.0
+"""A longer gap [s] is a pause or a jump of the clock: motion is not extrapolated across it, which could mean kilometres."""
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(6)
 _NODES = 0.5 * (_NODES + 1.0)
 _WEIGHTS = 0.5 * _WEIGHTS

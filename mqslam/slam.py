@@ -20,6 +20,7 @@ from mqslam import se2
 from mqslam.checkpoint import Checkpoint
 from mqslam.config import Config
 from mqslam.detection import Progress, detect_all
+from mqslam.errors import DataError
 from mqslam.factors.loop_between import loop_between
 from mqslam.factors.odometry_between import odometry_between, odometry_covariance
 from mqslam.factors.psi_between import psi_between
@@ -72,11 +73,13 @@ class Run(Solution):
     Args:
         map_odometry, map_optimised: the recording rendered under both trajectories.
         runtime_s: seconds by stage.
+        unread: why a revolution could not be read and was left out, by its number.
     """
 
     map_odometry: PointMap
     map_optimised: PointMap
     runtime_s: dict[str, float]
+    unread: dict[int, DataError]
 
 
 class Slam:
@@ -88,13 +91,21 @@ class Slam:
         jobs: processes that read and detect, threads that verify loops and score.
         progress: called as stages go on.
         checkpoint: where stages are kept and looked for; None keeps nothing.
+        strict: whether a revolution that cannot be read stops the run, rather than being left out.
 
     Raises:
         ConfigError: there is no front end of that name.
     """
 
     def __init__(
-        self, config: Config, frontend: str, jobs: int, progress: Progress, checkpoint: Checkpoint | None = None
+        self,
+        config: Config,
+        frontend: str,
+        jobs: int,
+        progress: Progress,
+        checkpoint: Checkpoint | None = None,
+        *,
+        strict: bool = False,
     ) -> None:
         self._config = config
         self._name = frontend
@@ -102,6 +113,7 @@ class Slam:
         self._jobs = jobs
         self._progress = progress
         self._checkpoint = checkpoint
+        self._strict = strict
         self._runtime_s: dict[str, float] = {}
 
     def run(self, stream: RadarStream, odometry: Trajectory | None) -> Run:
@@ -112,18 +124,22 @@ class Slam:
             odometry: dead-reckoned poses that cover the recording, or None.
 
         Raises:
-            DataError: a revolution that cannot be read.
+            DataError: over half of the revolutions cannot be read, or one if strict.
             EstimationError: data that holds no motion.
         """
         with self._stage("total"):
             context = Context(self._config, stream.period_s, stream.start_us, odometry)
             self._frontend(context)  # says what it lacks before the recording is read
-            windows, cost = detect_all(stream, self._config.detector, self._jobs, self._progress, self._checkpoint)
-            self._runtime_s |= {"read": cost.read_s, "detect": cost.detect_s}
+            windows, detected = detect_all(
+                stream, self._config.detector, self._jobs, self._progress, self._checkpoint, strict=self._strict
+            )
+            self._runtime_s |= {"read": detected.read_s, "detect": detected.detect_s}
             found = self.solve(windows, context, stream.stamps_us)
             with self._stage("render"):
                 maps = self._render(windows, found.odometry.poses, found.optimised.poses, stream.period_s)
-        return Run(**vars(found), map_odometry=maps[0], map_optimised=maps[1], runtime_s=self._runtime_s)
+        return Run(
+            **vars(found), map_odometry=maps[0], map_optimised=maps[1], runtime_s=self._runtime_s, unread=detected.unread
+        )
 
     def solve(self, windows: list[Window], context: Context, stamps_us: NDArray[np.int64]) -> Solution:
         """From windows of returns to the optimised trajectory.

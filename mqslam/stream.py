@@ -9,8 +9,12 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import median_filter
 
 from mqslam.trajectory import Trajectory
+
+_AROUND = 9  # steps whose median is the usual one between them
+
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,6 +47,7 @@ class RadarStream(ABC):
         odometry: dead-reckoned poses the recording carries, or None.
         ground_truth: poses known better than any estimate, for evaluation only, or None.
         notes: what a user should know about how the recording was understood.
+        faults: what is wrong with the recording and was left out or put right.
     """
 
     path: Path
@@ -53,6 +58,7 @@ class RadarStream(ABC):
     odometry: Trajectory | None = None
     ground_truth: Trajectory | None = None
     notes: tuple[str, ...] = field(default=())
+    faults: tuple[str, ...] = field(default=())
 
     def __len__(self) -> int:
         return len(self.stamps_us)
@@ -92,5 +98,17 @@ class RadarStream(ABC):
 
     def gaps(self) -> list[tuple[int, float]]:
         """Revolutions followed by a hole: (index, seconds missing) where over half a revolution is."""
-        missing = np.diff(self.stamps_us) * 1e-6 - self.period_s
-        return [(int(k), float(missing[k])) for k in np.flatnonzero(missing > 0.5 * self.period_s)]
+        usual = usual_steps(self.stamps_us) * 1e-6
+        missing = np.diff(self.stamps_us) * 1e-6 - usual
+        return [(int(k), float(missing[k])) for k in np.flatnonzero(missing > 0.5 * usual)]
+
+
+def usual_steps(stamps_us: NDArray[np.int64]) -> NDArray[np.float64]:
+    """Usual duration (N - 1,) [us] of a turn at each step between increasing stamps (N,) [us], gaps apart.
+
+    It is the median of the steps around, since a radar may be told to turn at another rate.
+    """
+    steps = np.diff(stamps_us).astype(np.float64)
+    if len(steps) < _AROUND:
+        return np.full(len(steps), np.median(steps) if len(steps) else 0.0)
+    return np.asarray(median_filter(steps, _AROUND))

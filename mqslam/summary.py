@@ -9,8 +9,10 @@ from typing import Any
 import numpy as np
 
 import mqslam
+from mqslam.detection import unread_warnings
 from mqslam.evaluation import evaluate
 from mqslam.measurement import RelativeMotion, Status
+from mqslam.motion import LONGEST_COAST_S
 from mqslam.pointmap import PointMap
 from mqslam.render import moving
 from mqslam.slam import Run
@@ -38,6 +40,7 @@ def summarise(run: Run, stream: RadarStream) -> dict[str, Any]:
             "format": stream.format,
             "path": str(stream.path),
             "revolutions": len(stream),
+            "unread": len(run.unread),
             "duration_s": stream.duration_s,
             "length_m": run.optimised.length_m,
         },
@@ -75,6 +78,8 @@ def verdict(run: Run) -> tuple[str, list[str]]:
         failures.append(f"{lost:.0%} of the windows lost track")
     elif lost > WARN_LOST:
         warnings.append(f"{lost:.1%} of the windows lost track and follow the prediction")
+    if run.unread:
+        warnings.append(f"{len(run.unread)} of {len(windows) + 1} revolutions could not be read")
     if degenerate > WARN_DEGENERATE:
         warnings.append(f"{degenerate:.0%} of the windows do not observe every direction of motion")
     overlap = matched(run.map_optimised)
@@ -84,7 +89,7 @@ def verdict(run: Run) -> tuple[str, list[str]]:
     if ratio > WORSE:
         failures.append(f"psi per point is {ratio:.2f} times that of the map before optimisation")
     if not run.odometry_factors and not run.loops and not failures and not warnings:
-        return "pass", ["the track held throughout; without odometry or loops there is no other map to compare with"]
+        return "pass", ["no window was lost; without odometry or loops there is no other map to compare with: audit it"]
     if failures:
         return "fail", failures + warnings
     return ("warn", warnings) if warnings else ("pass", [f"psi per point is {ratio:.2f} times that before optimisation"])
@@ -114,11 +119,20 @@ def peak_rss_mb() -> float:
 
 def run_warnings(run: Run, stream: RadarStream) -> list[str]:
     """What happened during a run that its reader should know first."""
-    found = [f"radar gap of {missing:.2f} s after revolution {k}" for k, missing in stream.gaps()]
+    found = [*stream.faults, *unread_warnings(run.unread)]
+    found += [_gap(k, missing) for k, missing in stream.gaps()]
     for status, what in ((Status.LOST, "lost track"), (Status.DEGENERATE, "did not observe every direction")):
         found += [f"{what} from {begin:.1f} s to {end:.1f} s" for begin, end in stretches(run.measurements, status)]
     found += [f"stood still from {begin:.1f} s to {end:.1f} s: rendered once" for begin, end in parked(run, stream)]
     return found
+
+
+def _gap(revolution: int, missing_s: float) -> str:
+    """A warning of a gap after a revolution."""
+    where = f"of {missing_s:.2f} s after revolution {revolution}"
+    if missing_s < LONGEST_COAST_S:
+        return f"radar gap {where}"
+    return f"jump of the clock or pause {where}: what lies beyond it is placed by a guess unless a loop ties it"
 
 
 def parked(run: Run, stream: RadarStream) -> list[tuple[float, float]]:

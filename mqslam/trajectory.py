@@ -12,6 +12,8 @@ from mqslam import se2
 from mqslam.errors import DataError
 from mqslam.files import write_text
 
+_LATEST_US = 2**62  # beyond any clock
+
 
 @dataclass(frozen=True, slots=True)
 class Trajectory:
@@ -82,7 +84,9 @@ def read_tum(path: Path) -> Trajectory:
             if len(values) != 8 or not np.isfinite(values).all():
                 raise ValueError
             stamp = _microseconds(words[0])
-        except ValueError:
+            if abs(stamp) > _LATEST_US:
+                raise ValueError
+        except (ValueError, OverflowError):
             raise DataError(path, f"line {number} is not 't x y z qx qy qz qw'", "give a TUM trajectory") from None
         qx, qy, qz, qw = values[4:]
         stamps.append(stamp)
@@ -107,11 +111,14 @@ def checked(path: Path, stamps_us: NDArray[np.int64], poses: se2.Array) -> Traje
     """A trajectory of a file's stamps and poses, once they have been found usable.
 
     Raises:
-        DataError: fewer than two poses, or stamps that do not increase.
+        DataError: fewer than two poses, one that is not finite, or stamps that do not increase.
     """
     if len(stamps_us) < 2:
         raise DataError(path, f"holds {len(stamps_us)} poses", "a trajectory needs two at least")
     if np.any(np.diff(stamps_us) <= 0):
         row = int(np.argmax(np.diff(stamps_us) <= 0)) + 2
         raise DataError(path, f"stamps do not increase at pose {row}", "sort the file by time and drop duplicates")
+    finite = np.isfinite(poses).all(axis=1)
+    if not finite.all():
+        raise DataError(path, f"pose {int(np.argmin(finite)) + 1} is beyond all numbers", "repair or remove its line")
     return Trajectory(stamps_us, poses)

@@ -15,10 +15,11 @@ from drives import constant
 from mqslam import slam as slam_module
 from mqslam.checkpoint import FOLDER, Checkpoint, run_key, unfinished
 from mqslam.config import Config, MapConfig, SensorConfig
-from mqslam.detection import detect_all
+from mqslam.detection import Detected, detect_all
 from mqslam.errors import DataError, OutputError
 from mqslam.loops.search import Loop
 from mqslam.measurement import RelativeMotion, Status
+from mqslam.psi import doppler as doppler_module
 from mqslam.returns import Returns
 from mqslam.simulator import SensorModel, SimulatedStream, simulated_stream, street_scene
 from mqslam.slam import Slam
@@ -32,6 +33,7 @@ def some_returns(count: int) -> Returns:
 
 
 RETURNS = [some_returns(7), some_returns(0), some_returns(1), some_returns(30), some_returns(0)]
+DETECTED = Detected(RETURNS, {4: DataError("drive/radar/4.png", "is not a readable PNG", "copy it anew")})
 MEASUREMENTS = [
     RelativeMotion(0.0, 0.25, RNG.normal(size=3), RNG.normal(size=(3, 3)), Status.CONVERGED, 12.3, 14.0, 812, 0.83),
     RelativeMotion(0.25, 0.5, RNG.normal(size=3), RNG.normal(size=(3, 3)), Status.DEGENERATE, 1.0 / 3.0),
@@ -48,7 +50,7 @@ FILES = ("returns-000000-000005.npz", "measurements.npz", "loops.npz")
 def filled(out: Path, key: str = "this run") -> Checkpoint:
     """A checkpoint with every stage."""
     checkpoint = Checkpoint(out, key, resume=False)
-    checkpoint.keep_returns(0, 5, RETURNS)
+    checkpoint.keep_detected(0, 5, DETECTED)
     checkpoint.keep_measurements(MEASUREMENTS, 0.0489)
     checkpoint.keep_loops(LOOPS, 17)
     return checkpoint
@@ -59,7 +61,7 @@ def resumed(out: Path) -> Checkpoint:
 
 
 def found_in(checkpoint: Checkpoint) -> list[Any]:
-    return [checkpoint.returns(0, 5), checkpoint.measurements(), checkpoint.loops()]
+    return [checkpoint.detected(0, 5), checkpoint.measurements(), checkpoint.loops()]
 
 
 def assert_same(one: Any, other: Any) -> None:
@@ -72,9 +74,9 @@ def assert_same(one: Any, other: Any) -> None:
 
 def test_returns_survive_a_round_trip(tmp_path: Path) -> None:
     filled(tmp_path / "out")
-    found = resumed(tmp_path / "out").returns(0, 5)
-    assert found is not None
-    for one, other in zip(RETURNS, found, strict=True):
+    found = resumed(tmp_path / "out").detected(0, 5)
+    assert found is not None and repr(found.unread) == repr(DETECTED.unread)
+    for one, other in zip(RETURNS, found.returns, strict=True):
         assert_same(one, other)
         assert all(getattr(other, f.name).flags.c_contiguous for f in fields(other))
 
@@ -102,7 +104,7 @@ def test_that_there_are_no_loops_is_kept_too(tmp_path: Path) -> None:
 
 def test_another_stretch_is_not_there(tmp_path: Path) -> None:
     filled(tmp_path / "out")
-    assert resumed(tmp_path / "out").returns(0, 4) is None and resumed(tmp_path / "out").returns(5, 10) is None
+    assert resumed(tmp_path / "out").detected(0, 4) is None and resumed(tmp_path / "out").detected(5, 10) is None
 
 
 def test_nothing_is_there_before_it_is_kept_and_looking_makes_nothing(tmp_path: Path) -> None:
@@ -181,10 +183,10 @@ def test_a_resumed_run_repeats_no_finished_stage_and_ends_the_same(
     stream: SimulatedStream, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The Doppler shift, which is measured, is kept with the measurements made with it."""
-    monkeypatch.setattr(slam_module, "measure_doppler", lambda *_: 0.0123)
+    monkeypatch.setattr(doppler_module, "measure_doppler", lambda *_: 0.0123)
     config = Config(map=MapConfig(travel_m=2.0))
     first = Slam(config, "psi", 1, silent, Checkpoint(tmp_path / "out", "this run", resume=False)).run(stream, None)
-    monkeypatch.setattr(slam_module, "measure_doppler", lambda *_: pytest.fail("measured again"))
+    monkeypatch.setattr(doppler_module, "measure_doppler", lambda *_: pytest.fail("measured again"))
     monkeypatch.setattr(slam_module, "find_loops", lambda *_: pytest.fail("searched again"))
     monkeypatch.setattr(SimulatedStream, "revolutions", lambda *_: pytest.fail("read again"))
     again = Slam(config, "psi", 1, silent, resumed(tmp_path / "out")).run(stream, None)
@@ -242,7 +244,7 @@ def test_every_stage_is_written_whole_or_not_at_all(tmp_path: Path, monkeypatch:
 
 def test_an_error_of_the_user_leaves_nothing(tmp_path: Path) -> None:
     with pytest.raises(DataError), unfinished(tmp_path / "out", "this run", resume=False) as checkpoint:
-        checkpoint.keep_returns(0, 5, RETURNS)
+        checkpoint.keep_detected(0, 5, DETECTED)
         raise DataError("drive", "is broken")
     assert contents(tmp_path) == {}
 
@@ -251,7 +253,7 @@ def test_an_error_of_the_user_leaves_an_earlier_result(tmp_path: Path) -> None:
     (tmp_path / "out").mkdir()
     (tmp_path / "out" / "mine").write_text("kept")
     with pytest.raises(DataError), unfinished(tmp_path / "out", "this run", resume=False) as checkpoint:
-        checkpoint.keep_returns(0, 5, RETURNS)
+        checkpoint.keep_detected(0, 5, DETECTED)
         raise DataError("drive", "is broken")
     assert contents(tmp_path) == {"out": None, "out/mine": b"kept"}
 

@@ -28,6 +28,7 @@ def test_a_recording_is_described_in_plain_values(oxford: Path) -> None:
         "ground_truth": None,
         "gaps": [],
         "notes": [],
+        "faults": [],
     }
 
 

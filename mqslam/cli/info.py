@@ -43,6 +43,6 @@ def info(
         rows.append((name.replace("_", " "), extent))
     gaps = [f"{g['missing_s']:.2f} s after revolution {g['after_revolution']}" for g in found["gaps"]]
     rows.append(("gaps", ", ".join(gaps) or "none"))
-    rows += [("note", note) for note in found["notes"]]
+    rows += [("note", note) for note in found["notes"]] + [("fault", fault) for fault in found["faults"]]
     for name, value in rows:
         typer.echo(f"{name:<14}{value}")

@@ -11,17 +11,23 @@ if TYPE_CHECKING:
     from mqslam.trajectory import Trajectory
 
 
-def opened(data: Path, format: str | None, range_resolution: float | None, sensor: SensorConfig) -> RadarStream:
+def opened(
+    data: Path, format: str | None, range_resolution: float | None, sensor: SensorConfig, *, strict: bool = False
+) -> RadarStream:
     """The recording at DATA, understood as options and settings say; the option goes before the setting.
 
     Raises:
         ConfigError: a format nobody knows, or a range resolution that is no length.
-        DataError: a recording that cannot be used.
+        DataError: a recording that cannot be used, or one with any fault if strict.
     """
+    from mqslam.errors import DataError
     from mqslam.readers import open_recording
 
     resolution = range_resolution or sensor.range_resolution_m
-    return open_recording(data, format, resolution, clockwise=sensor.clockwise, stamp=sensor.stamp)
+    stream = open_recording(data, format, resolution, clockwise=sensor.clockwise, stamp=sensor.stamp)
+    if strict and stream.faults:
+        raise DataError(data, stream.faults[0], "mend it, or leave --strict out")
+    return stream
 
 
 def choose_odometry(stream: RadarStream, choice: str) -> tuple[Trajectory | None, list[str]]:

@@ -23,6 +23,9 @@ def run(
     format: Format = None,
     range_resolution: RangeResolution = None,
     jobs: Jobs = CORES,
+    strict: Annotated[
+        bool, typer.Option("--strict", help="Stop at a revolution that cannot be read, rather than leave it out.")
+    ] = False,
     resume: Annotated[bool, typer.Option("--resume", help="Continue the unfinished run at --out, if there is one.")] = False,
     force: Force = False,
     as_json: Json = False,
@@ -45,7 +48,7 @@ def run(
     settings = load_config(config)
     check_free(out, force=force, resume=resume, recording=data)
     console = Console(stderr=True, markup=False)
-    stream = opened(data, format, range_resolution, settings.sensor)
+    stream = opened(data, format, range_resolution, settings.sensor, strict=strict)
     track, notes = choose_odometry(stream, odometry)
     log = [*stream.notes, *notes]
     if not quiet:
@@ -53,7 +56,7 @@ def run(
             console.print(f"note: {note}", highlight=False, soft_wrap=True)
     with unfinished(out, run_key(stream, settings, frontend, track), resume=resume) as checkpoint:
         with progress(console, quiet or as_json) as show:
-            result = Slam(settings, frontend, jobs, show, checkpoint).run(stream, track)
+            result = Slam(settings, frontend, jobs, show, checkpoint, strict=strict).run(stream, track)
         summary = summarise(result, stream)
         warnings = run_warnings(result, stream) + notes
         with whole_folder(out) as folder:

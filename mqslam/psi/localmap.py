@@ -24,6 +24,10 @@ class LocalMap:
         self.points = _joined([])
         self.grid: CellGrid = cell_grid(self.points.points, cell_m)
 
+    def __len__(self) -> int:
+        """Keyframes held."""
+        return len(self._keyframes)
+
     def add(self, keyframe: PointSet) -> None:
         """Append a rendered revolution; the oldest one leaves when the map is full."""
         self._keyframes = [*self._keyframes[-(self._size - 1) :], keyframe] if self._size > 1 else [keyframe]

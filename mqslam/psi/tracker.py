@@ -16,7 +16,7 @@ from mqslam import se2
 from mqslam.config import Config
 from mqslam.errors import EstimationError
 from mqslam.measurement import Status
-from mqslam.motion import CONSTANT_TWIST
+from mqslam.motion import CONSTANT_TWIST, LONGEST_COAST_S
 from mqslam.psi.correlate import PIXEL, correlation_peaks
 from mqslam.psi.covariance import sandwich
 from mqslam.psi.dynamics import MODEL, SIZE, TOLERANCES, held, initial_covariance, predict, spans
@@ -33,6 +33,7 @@ START_REVOLUTIONS = 3  # that start the tracker together
 PREDICTION_GAIN = 0.1  # variance left of psi's own once the state before has smoothed it; measured, see BENCHMARKS.md
 _USUAL_MEMORY = 0.95  # the usual matched share forgets with this factor per revolution
 _SEARCH_M, _SEARCH_RAD = 30.0, 0.8  # farthest that a lost track is searched around its prediction
+_GROWN = 8  # keyframes of a map from which on they are as far apart as the settings say
 _PATIENCE = 8  # lost revolutions in a row before the map is given up and a new one begun
 _FEWEST = 20  # returns below which revolutions hold nothing to match
 
@@ -78,9 +79,11 @@ class Tracker:
         self._state = np.zeros(SIZE)
         self._covariance = initial_covariance(config.tracker)
         self._t0 = 0.0
+        self._turn_s = revolution_s  # of the last revolution followed; the radar may be told to turn at another rate
         self._keyframe: se2.Array | None = None
         self._usual_share = 0.0
         self._lost: list[Window] = []
+        self._patience = _PATIENCE
 
     def start(
         self, windows: list[Window], begin: se2.Array | None = None, odometry: se2.Array | None = None
@@ -102,6 +105,7 @@ class Tracker:
             )
         theta, _ = self._first_motion(windows, begin, odometry)
         self._t0, self._state = windows[0].t0, np.r_[np.zeros(3), theta]
+        self._turn_s = windows[0].t1 - windows[0].t0
         self._add_keyframe(self._place(windows[0], self._state))
         empty = Evaluation(
             np.zeros(0), np.zeros(0, dtype=bool), np.zeros((0, SIZE)), np.zeros((SIZE, SIZE)), np.zeros((SIZE, SIZE))
@@ -121,9 +125,13 @@ class Tracker:
                 or does not observe the motion.
         """
         dt = window.t0 - self._t0
+        if dt > LONGEST_COAST_S:
+            self._state = np.r_[self._state[:3], np.zeros(MODEL.size)]
+            self._patience = START_REVOLUTIONS  # the map of before is probably of elsewhere
         predicted, covariance = predict(
-            self._state, self._covariance, dt, 1.5 * self._revolution_s, self._settings
+            self._state, self._covariance, min(dt, LONGEST_COAST_S), 1.5 * self._turn_s, self._settings
         )
+        self._turn_s = window.t1 - window.t0
         information = np.asarray(np.linalg.inv(covariance), dtype=np.float64)
         begin = predicted
         if twist is not None:
@@ -134,7 +142,7 @@ class Tracker:
         self._t0 = window.t0
         if self._out_of_place(found):
             return self._coast(window, begin, covariance, found)
-        self._lost = []
+        self._lost, self._patience = [], _PATIENCE
         weak = weak_directions(self._evaluate(window, found.state, self._estimator.scale(0)), 3)
         if len(weak):
             found = self._minimise(window, begin, held(Prior(begin, information), weak))
@@ -171,9 +179,9 @@ class Tracker:
         """Follow the prediction at constant twist; after a few revolutions of it begin a new map."""
         self._state, self._covariance = np.r_[predicted[:6], 0.0, 0.0], covariance
         self._lost = [*self._lost, window]
-        if len(self._lost) == _PATIENCE:
+        if len(self._lost) == self._patience:
             self._begin_again(self._lost[-START_REVOLUTIONS:])
-            self._lost = []
+            self._lost, self._patience = [], _PATIENCE
         return Tracked(window.t0, predicted, covariance[:6, :6], found.evaluation, Status.LOST)
 
     def _begin_again(self, windows: list[Window]) -> None:
@@ -276,7 +284,8 @@ class Tracker:
         if self._keyframe is None:
             return True
         moved = se2.between(self._keyframe, self._state[:3])
-        far = np.hypot(moved[0], moved[1]) > self._settings.keyframe_m
+        young = min(1.0, len(self._map) / _GROWN)  # a young map is thin: it takes keyframes sooner
+        far = np.hypot(moved[0], moved[1]) > young * self._settings.keyframe_m
         return bool(far or abs(moved[2]) > self._settings.keyframe_rad)
 
     def _add_keyframe(self, placed: PointSet) -> None:

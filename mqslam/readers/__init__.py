@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import difflib
 import importlib
-import math
 from pathlib import Path
 from typing import Protocol, cast
 
 from mqslam.errors import ConfigError, DataError
 from mqslam.readers.odometry import read_odometry
-from mqslam.readers.sensing import Sensing, Stamp
+from mqslam.readers.sensing import Sensing, Stamp, is_bin_length
 from mqslam.stream import RadarStream
 
 __all__ = ["FORMATS", "open_recording", "read_odometry"]
@@ -58,8 +57,8 @@ def open_recording(
         ConfigError: a format nobody knows, or a range resolution that is no length.
         DataError: nothing there, no known layout, or a recording that cannot be used.
     """
-    if range_resolution is not None and not (math.isfinite(range_resolution) and range_resolution > 0.0):
-        raise ConfigError(f"range resolution {range_resolution}: is no length; give metres above zero, such as 0.0438")
+    if range_resolution is not None and not is_bin_length(range_resolution):
+        raise ConfigError(f"range resolution {range_resolution}: is no length of a range bin; give metres, such as 0.0438")
     if format is not None and format not in FORMATS:
         near = difflib.get_close_matches(format.lower(), FORMATS, n=1, cutoff=0.4)
         hint = f"did you mean '{near[0]}'? " if near else ""

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from mqslam.errors import DataError
 from mqslam.files import written_whole
 from mqslam.readers import npz
-from mqslam.readers.sensing import Sensing
+from mqslam.readers.sensing import Sensing, is_bin_length
 from mqslam.stream import RadarStream, Revolution
 from mqslam.trajectory import Trajectory, checked
 
@@ -81,7 +81,7 @@ def open_stream(path: Path, sensing: Sensing) -> NativeStream:
         if end_us <= stamps[-1]:
             raise DataError(path, "ends before its last revolution", _REMEDY)
         resolution = float(_member(path, archive, "range_resolution", np.float64, 0))
-        if not (np.isfinite(resolution) and resolution > 0.0):
+        if not is_bin_length(resolution):
             raise DataError(path, f"has a range resolution of {resolution} m", _REMEDY)
         return NativeStream(
             path=path,

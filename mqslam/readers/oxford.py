@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import itertools
 import json
-import math
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +13,7 @@ from mqslam.errors import DataError
 from mqslam.readers.images import stamped_names
 from mqslam.readers.odometry import chained, read_numbers, read_odometry
 from mqslam.readers.row_images import RowImageStream, index_rows
-from mqslam.readers.sensing import Sensing
+from mqslam.readers.sensing import Sensing, is_bin_length
 from mqslam.trajectory import Trajectory, checked, read_tum
 
 RANGE_RESOLUTION_M = 0.0438
@@ -94,11 +93,11 @@ def _range_resolution(root: Path, given: float | None) -> tuple[float, list[str]
             continue
         try:
             value = float(json.loads(file.read_text(encoding="utf-8"))["range_resolution_m"])
-            if not (math.isfinite(value) and value > 0.0):
+            if not is_bin_length(value):
                 raise ValueError(value)
-        except (OSError, ValueError, KeyError, TypeError) as error:
+        except (OSError, ValueError, KeyError, TypeError, RecursionError) as error:
             remedy = "repair it or give --range-resolution"
-            raise DataError(file, "names no range_resolution_m above zero", remedy) from error
+            raise DataError(file, "names no range_resolution_m that is a length of range bins", remedy) from error
         return value, []
     return RANGE_RESOLUTION_M, [
         f"range resolution {RANGE_RESOLUTION_M} m assumed, the best fit to Oxford's radar (published: 0.0432 m): "

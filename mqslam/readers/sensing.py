@@ -6,6 +6,12 @@ from dataclasses import dataclass
 from typing import Literal
 
 Stamp = Literal["start", "end"]
+_FINEST_M, _COARSEST_M = 1e-3, 100.0  # no radar's range bins are shorter or longer
+
+
+def is_bin_length(metres: float) -> bool:
+    """Whether a number can be the length of a range bin [m]."""
+    return _FINEST_M <= metres <= _COARSEST_M
 
 
 @dataclass(frozen=True, slots=True)

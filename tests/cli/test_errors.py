@@ -13,6 +13,7 @@ from commands import contents, mqslam
 from recordings import KINDS, START_US, TURN_US, bag_path, bag_writer, write_oxford
 
 from mqslam import detection
+from mqslam.checkpoint import FOLDER
 
 Arguments = list[str | Path]
 
@@ -30,7 +31,7 @@ def truncated_image(folder: Path) -> Arguments:
     drive = write_oxford(folder / "drive", revolutions=9)
     image = drive / "radar" / f"{START_US + 4 * TURN_US}.png"
     image.write_bytes(image.read_bytes()[:2000])
-    return [drive]
+    return [drive, "--strict"]
 
 
 def no_returns(folder: Path) -> Arguments:
@@ -191,7 +192,9 @@ def test_a_place_that_cannot_be_written_is_refused_before_the_work(
     assert contents(tmp_path) == before
 
 
-def test_a_write_that_fails_leaves_nothing(street: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_write_that_fails_leaves_what_can_be_resumed(
+    street: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     from mqslam import outputs
 
     def full(*_: object) -> None:
@@ -200,7 +203,8 @@ def test_a_write_that_fails_leaves_nothing(street: Path, tmp_path: Path, monkeyp
     monkeypatch.setattr(outputs, "write_report", full)
     shown = mqslam("run", street, "--out", tmp_path / "out", "--frontend", "odometry", "--quiet")
     assert shown.code == 2 and "No space left on device" in shown.err and shown.err.count("\n") == 1
-    assert contents(tmp_path) == {}
+    assert "continue with --resume" in shown.err
+    assert all(f"out/{FOLDER}".startswith(name) or name.startswith(f"out/{FOLDER}") for name in contents(tmp_path))
 
 
 @pytest.mark.parametrize("words", [["--jobs", "0"], ["--jobs", "x"], ["--nonsense"]])

@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 from mqslam import se2
 from mqslam.errors import DataError
 from mqslam.lidar import LidarRecording
-from mqslam.readers.laserscan import read_lidar, recognises
+from mqslam.readers.laserscan import holds_scans, read_lidar
 
 SCAN = "sensor_msgs/msg/LaserScan"
 ODOMETRY = "nav_msgs/msg/Odometry"
@@ -53,7 +53,7 @@ def test_beams_become_returns_with_times_angles_and_intensities(tmp_path: Path, 
     path = bag_path(tmp_path, kind)
     write(path, kind, {"ranges": [1, 2, 3, 4, 5], "intensities": [9, 8, 7, 6, 5]}, {"ranges": [5, 4, 3, 2, 1]})
     recording = read_lidar(path)
-    assert recognises(path) and recording.format == "laserscan" and len(recording.windows) == 2
+    assert holds_scans(path) and recording.format == "laserscan" and len(recording.windows) == 2
     assert recording.stamps_us.tolist() == [START_US, START_US + PERIOD_US]
     first, second = (window.returns for window in recording.windows)
     np.testing.assert_allclose(first.ranges, [1, 2, 3, 4, 5])

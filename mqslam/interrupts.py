@@ -1,0 +1,71 @@
+"""Ctrl-C and SIGTERM: workers end, files are left whole, and the command says in one line that it was stopped."""
+
+from __future__ import annotations
+
+import signal
+from collections.abc import Iterator
+from contextlib import contextmanager
+from multiprocessing import active_children
+from types import FrameType
+
+_SIGNALS = (signal.SIGINT, signal.SIGTERM)
+
+
+class Interrupted(BaseException):
+    """A signal asked the command to stop; its notes say how to go on.
+
+    Args:
+        number: of the signal.
+    """
+
+    def __init__(self, number: int) -> None:
+        super().__init__("interrupted")
+        self.number = number
+
+    def __str__(self) -> str:
+        return "; ".join(["interrupted", *getattr(self, "__notes__", [])])
+
+
+@contextmanager
+def interruptible() -> Iterator[None]:
+    """SIGINT and SIGTERM raise `Interrupted` in the main thread and end all workers, while the block lasts.
+
+    A signal that is ignored, as a shell has it in its background jobs, stays ignored.
+    """
+    before = {number: signal.getsignal(number) for number in _SIGNALS}
+    taken = [number for number in _SIGNALS if before[number] is not signal.SIG_IGN]
+    received: list[int] = []
+
+    def stop(number: int, frame: FrameType | None) -> None:
+        received.append(number)
+        for other in _SIGNALS:
+            signal.signal(other, signal.SIG_IGN)  # another one would stop the cleaning up
+        for worker in active_children():
+            worker.terminate()
+        raise Interrupted(number)
+
+    for number in taken:
+        signal.signal(number, stop)
+    try:
+        yield
+    except Exception as error:
+        if received:  # a library that was just being imported makes an ImportError of it
+            stopped = Interrupted(received[0])
+            for note in getattr(error, "__notes__", []):
+                stopped.add_note(note)
+            raise stopped from error
+        raise
+    finally:
+        for number in taken:
+            signal.signal(number, before[number])
+
+
+@contextmanager
+def shielded() -> Iterator[None]:
+    """Processes that are started inside never see SIGINT: the terminal sends it to all, and the main process ends them."""
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+

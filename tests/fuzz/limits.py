@@ -1,0 +1,49 @@
+"""What a reader may take for an input: seconds and memory, measured on the process itself."""
+
+from __future__ import annotations
+
+import faulthandler
+import signal
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from types import FrameType
+
+SECONDS = 10.0
+MOST_TIMES = 4  # the file's size, besides
+ALWAYS_MB = 24.0  # what libraries hold ready whatever they read: a PNG's decoder, a reader's tables, an arena of the heap
+
+
+class TookTooLong(BaseException):
+    """A reader that does not come to an end."""
+
+
+@contextmanager
+def within_limits(size: int) -> Iterator[None]:
+    """Fail where the block takes longer, or more memory, than reading a file of a size [bytes] may.
+
+    A block that does not come back from a library ends the whole process with a traceback.
+    """
+
+    def ring(number: int, frame: FrameType | None) -> None:
+        raise TookTooLong(f"not done after {SECONDS} s")
+
+    before = signal.signal(signal.SIGALRM, ring)
+    signal.setitimer(signal.ITIMER_REAL, SECONDS)
+    faulthandler.dump_traceback_later(6 * SECONDS, exit=True)
+    Path("/proc/self/clear_refs").write_text("5")  # sets the peak back to what is held now
+    held = _kilobytes("VmRSS")
+    try:
+        yield
+        taken = (_kilobytes("VmHWM") - held) / 1000.0
+    finally:
+        faulthandler.cancel_dump_traceback_later()
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+        signal.signal(signal.SIGALRM, before)
+    allowed = ALWAYS_MB + MOST_TIMES * size * 1e-6
+    assert taken <= allowed, f"took {taken:.1f} MB, {allowed:.1f} MB are allowed"
+
+
+def _kilobytes(name: str) -> int:
+    lines = Path("/proc/self/status").read_text().splitlines()
+    return next(int(line.split()[1]) for line in lines if line.startswith(name))
