@@ -399,7 +399,10 @@ def test_ctrl_c_or_sigterm(drive: Path, tmp_path: Path, command: str, number: si
         "audit": ["audit", drive, "--trajectory", "ground_truth", "--out", folder / "out"],
         "simulate": ["simulate", folder / "out", "--duration", "120"],
     }[command]
-    process = subprocess.Popen([INSTALLED, *arguments], stderr=subprocess.PIPE, text=True, start_new_session=True)
+    process = subprocess.Popen(
+        [INSTALLED, *arguments], stderr=subprocess.PIPE, text=True, start_new_session=True,
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),  # what runs the tests may ignore it
+    )  # fmt: skip
     assert process.stderr is not None
     shown = [process.stderr.readline()]
     while shown[-1] and not re.match("reading and detecting: 30/30|simulating", shown[-1]):

@@ -27,6 +27,7 @@ from mqslam.stream import RadarStream
 from mqslam.trajectory import Trajectory
 
 _CHANCE = 5e-3  # probability below which a preference of psi's for an order of azimuths is none of chance
+_SPREAD_M = 40.0  # keyframes far apart: what a wrong order does shows against what was seen from elsewhere [m]
 _LEAST_GAIN = 0.02  # and its least relative size; simulated drives too slow to tell have shown up to 0.010
 _MIRRORED = 4.0  # a sign of the yaw rate is right if the other one leaves so many times the squared difference
 _LEAST_TURN = 0.03  # yaw rate [rad/s] below which left and right are alike
@@ -191,7 +192,8 @@ def _yaw_rates(
 
 
 def _tracked(windows: Sequence[Window], revolution_s: float, config: Config) -> list[Tracked]:
-    tracker = Tracker(config, revolution_s)
+    spread = config.tracker.model_copy(update={"keyframe_m": _SPREAD_M})
+    tracker = Tracker(config.model_copy(update={"tracker": spread}), revolution_s)
     first = tracker.start(list(windows[:START_REVOLUTIONS]))
     return [first, *(tracker.follow(window) for window in windows[1:])]
 

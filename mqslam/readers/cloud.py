@@ -19,6 +19,8 @@ _WANTED = "a cloud needs x, y and one of time, t, timestamp, stamp or gps_time f
 _COARSEST_S = 0.05
 _MOST_EXPANSION = 1000
 _RECORD_BYTES, _COMPRESSED = 54, 0x80
+_MOST_NUMBERS = 10_000  # of a point
+_PANIC = "PanicException"  # what lazrs, written in Rust, raises beside all of Python's exceptions
 Columns = Mapping[str, Any]
 
 
@@ -42,7 +44,9 @@ def read_cloud(path: Path, z_range: tuple[float, float] | None = None) -> TimedC
         columns = load(path)
     except MqslamError:
         raise
-    except Exception as error:  # each library has errors of its own, and lets NumPy's and the system's through
+    except BaseException as error:  # each library has errors of its own, and lets NumPy's and the system's through
+        if not isinstance(error, Exception) and type(error).__name__ != _PANIC:
+            raise
         reason = (getattr(error, "strerror", None) or str(error) or type(error).__name__).splitlines()[0][:160]
         raise DataError(path, f"is not a readable {path.suffix} ({reason})", "write it anew") from error
     return _cloud(path, columns, z_range)
@@ -117,6 +121,8 @@ def _pcd(path: Path) -> Columns:
         while len(lines) < 64 and not (lines and lines[-1].startswith("DATA")):
             lines.append(file.readline(1 << 16).decode("utf-8").strip())
         header = MetaData.parse_header(lines)
+        if min(header.count, default=1) < 1 or sum(header.count) > _MOST_NUMBERS:  # pypcd4 makes a list of them
+            raise DataError(path, f"claims {sum(header.count)} numbers per point", "write it anew")
         claimed = header.points * header.build_dtype().itemsize
         if claimed > _MOST_EXPANSION * path.stat().st_size:
             raise DataError(path, f"claims {header.points} points in {path.stat().st_size} bytes", "write it anew")

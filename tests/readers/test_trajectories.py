@@ -225,5 +225,5 @@ def test_poses_and_times_that_do_not_fit_are_named(tmp_path: Path, text: str, ti
 def test_missing_files_are_named(tmp_path: Path) -> None:
     (tmp_path / "t.kitti").write_text(2 * KITTI_LINE.format(0))
     for arguments in ((tmp_path / "missing.tum",), (tmp_path / "t.kitti", tmp_path / "missing.tum")):
-        with pytest.raises(DataError, match=r"missing\.tum: is not a readable text file \(No such file"):
+        with pytest.raises(DataError, match=r"missing\.tum: does not exist; check the path"):
             read_trajectory(*arguments)
