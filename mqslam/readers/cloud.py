@@ -153,12 +153,15 @@ def _plausible_las(path: Path) -> bool:
     """Whether the file can hold the records and compressed chunks it claims: laspy and lazrs allocate what they read."""
     size = path.stat().st_size
     with path.open("rb") as file:
-        head = file.read(105).ljust(105, b"\0")
+        head = file.read(107).ljust(107, b"\0")
         header_size, points_at, records = struct.unpack_from("<HII", head, 94)
         if header_size + _RECORD_BYTES * records > min(points_at, size):
             return False
         if not head[104] & _COMPRESSED:
             return True
+        file.seek(header_size)
+        if not _plausible_items(file.read(points_at - header_size), records, int.from_bytes(head[105:107], "little")):
+            return False
         file.seek(points_at)
         (table_at,) = struct.unpack("<q", file.read(8).ljust(8, b"\0"))
         if table_at == -1:  # written as a stream: the table's place follows it
@@ -169,6 +172,20 @@ def _plausible_las(path: Path) -> bool:
         file.seek(table_at)
         _, chunks = struct.unpack("<II", file.read(8).ljust(8, b"\xff"))
     return bool(chunks <= size)
+
+
+def _plausible_items(block: bytes, records: int, point_bytes: int) -> bool:
+    """Whether records of a LAZ file say how points are packed, in items that add up to a point; else lazrs panics."""
+    at = 0
+    for _ in range(records):
+        user, number, length = struct.unpack_from("<2x16sHH", block.ljust(at + _RECORD_BYTES, b"\0"), at)
+        content = block[at + _RECORD_BYTES : at + _RECORD_BYTES + length]
+        at += _RECORD_BYTES + length
+        if user.rstrip(b"\0") == b"laszip encoded" and number == 22204 and len(content) >= 34:
+            count = int.from_bytes(content[32:34], "little")
+            sizes = [int.from_bytes(content[k + 2 : k + 4], "little") for k in range(34, 34 + 6 * count, 6)]
+            return count > 0 and sum(sizes) == point_bytes and len(content) >= 34 + 6 * count
+    return False
 
 
 def _npz(path: Path) -> Columns:

@@ -11,7 +11,7 @@ from types import FrameType
 
 SECONDS = 10.0
 MOST_TIMES = 4  # the file's size, besides
-ALWAYS_MB = 64.0  # what libraries hold ready whatever they read: a PNG's decoder, a reader's tables, an arena of the heap
+ALWAYS_MB = 24.0  # what libraries hold ready whatever they read: a PNG's decoder, a reader's tables, an arena of the heap
 
 
 class TookTooLong(BaseException):

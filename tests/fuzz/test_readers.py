@@ -18,6 +18,7 @@ from .limits import within_limits
 from .mutation import CHANGES, Change
 from .subjects import SUBJECTS, Subject
 
+os.environ["RUST_BACKTRACE"] = "0"  # else a panic of lazrs, which is handled, loads 50 MB of symbols to print
 INPUTS = int(os.environ.get("MQSLAM_FUZZ", "40"))
 
 
