@@ -6,6 +6,8 @@ import gtsam
 import numpy as np
 from numpy.typing import NDArray
 
+from mqslam import se2
+
 
 def between_noise(
     covariance: NDArray[np.float64], yaw: float, floor_m: float, floor_rad: float, huber: float
@@ -20,13 +22,5 @@ def between_noise(
         huber: residual beyond which the pull grows only linearly [sigma].
     """
     floor = np.diag([floor_m**2, floor_m**2, floor_rad**2])
-    gaussian = gtsam.noiseModel.Gaussian.Covariance(rotated_to_end(covariance, yaw) + floor)
+    gaussian = gtsam.noiseModel.Gaussian.Covariance(se2.turned(covariance, -yaw) + floor)
     return gtsam.noiseModel.Robust.Create(gtsam.noiseModel.mEstimator.Huber.Create(huber), gaussian)
-
-
-def rotated_to_end(covariance: NDArray[np.float64], yaw: float) -> NDArray[np.float64]:
-    """A motion's covariance (3, 3), given in the frame it starts in, in the frame it ends in, turned by yaw [rad]."""
-    c, s = np.cos(yaw), np.sin(yaw)
-    to_end = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
-    local = to_end @ covariance @ to_end.T
-    return np.asarray(0.5 * (local + local.T))

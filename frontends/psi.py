@@ -36,14 +36,13 @@ class PsiFrontEnd:
             raise EstimationError(f"{len(head)} revolutions hold no motion; two at least are needed")
         tracker = Tracker(self._context.config, self._context.revolution_s)
         unsteadiness = Unsteadiness()
-        before = found = tracker.start(head, odometry=self._odometry_twist(head[0].t0, head[-1].t1))
+        before = found = tracker.start(head, odometry=self._context.odometry_twist(head[0].t0, head[-1].t1))
         lost: list[tuple[Tracked, float]] = []  # revolutions since the last one found, with psi under odometry
         for window in itertools.chain(head[1:], stream):
-            twist = self._odometry_twist(before.t0, window.t0)
+            twist = self._context.odometry_twist(before.t0, window.t0)
+            now = self._context.odometry_twist(window.t0, window.t1)
             psi_odometry = float("nan")
-            if twist is not None:
-                now = self._odometry_twist(window.t0, window.t1)
-                assert now is not None
+            if twist is not None and now is not None:
                 pose = se2.compose(before.pose, se2.exp(twist, window.t0 - before.t0))
                 psi_odometry = tracker.score(window, pose, now)
             after = tracker.follow(window, twist)
@@ -58,17 +57,6 @@ class PsiFrontEnd:
             lost = []
         for motion in _bridged(found, lost):
             yield motion
-
-    def _odometry_twist(self, t0: float, t1: float) -> se2.Array | None:
-        """Mean twist (3,) of the odometry between two times [s]; None where there is none."""
-        odometry, start_us = self._context.odometry, self._context.start_us
-        if odometry is None or t1 <= t0:
-            return None
-        stamps = start_us + np.round(np.array([t0, t1]) * 1e6).astype(np.int64)
-        if not odometry.covers(int(stamps[0]), int(stamps[1])):
-            return None
-        first, last = odometry.at(stamps)
-        return se2.log(se2.between(first, last)) / (t1 - t0)
 
 
 def _bridged(found: Tracked, then: list[tuple[Tracked, float]]) -> list[RelativeMotion]:

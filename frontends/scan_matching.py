@@ -162,7 +162,7 @@ def motions(
             before.t0,
             window.t0,
             motion,
-            _turned(step.covariance, motion[2]) + np.diag(_COASTING**2) * (unseen_s**2).sum(),
+            se2.turned(step.covariance, motion[2]) + np.diag(_COASTING**2) * (unseen_s**2).sum(),
             status=Status.LOST if step.coasted_s else Status.CONVERGED,
             points=len(before.returns),
             matched=step.matched,
@@ -178,7 +178,7 @@ def _start(
     Odometry says where to begin, if there is any. Else several speeds are tried: from rest a matcher catches up with three
     metres per revolution, not with more. The best fit wins, or the slowest where all fit about as well.
     """
-    odometry = _odometry_twist(context, head[0])
+    odometry = context.odometry_twist(head[0].t0, head[0].t1)
     fastest = max(context.config.tracker.speed_max, 0.0)
     speeds = np.arange(0.0, fastest + 1e-9, _SPEED_STEP_M / context.revolution_s)
     begins = [np.array([speed, 0.0, 0.0]) for speed in speeds] if odometry is None else [odometry]
@@ -192,24 +192,6 @@ def _start(
         found.append((sum(step.matched for step in steps), back.twist, steps[-1]))
     best = max(matched for matched, _, _ in found)
     return next((twist, step) for matched, twist, step in found if matched >= _AS_GOOD * best)
-
-
-def _odometry_twist(context: Context, window: Window) -> se2.Array | None:
-    """Mean twist (3,) of the odometry over a window; None where there is none."""
-    if context.odometry is None:
-        return None
-    stamps = context.start_us + np.round(np.array([window.t0, window.t1]) * 1e6).astype(np.int64)
-    if not context.odometry.covers(int(stamps[0]), int(stamps[1])):
-        return None
-    first, last = context.odometry.at(stamps)
-    return se2.log(_wrapped(se2.between(first, last))) / (window.t1 - window.t0)
-
-
-def _turned(covariance: NDArray[np.float64], yaw: float) -> NDArray[np.float64]:
-    """A covariance (3, 3) given in a frame that is turned by yaw [rad], in the frame that is not."""
-    turn = se2.adjoint([0.0, 0.0, yaw])
-    outside = turn @ covariance @ turn.T
-    return np.asarray(0.5 * (outside + outside.T))
 
 
 def _wrapped(motion: se2.Array) -> se2.Array:

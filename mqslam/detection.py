@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, field
 from functools import partial
@@ -17,7 +17,7 @@ from mqslam.detector import DetectorConfig, detect
 from mqslam.errors import DataError
 from mqslam.interrupts import shielded
 from mqslam.returns import Returns, Window
-from mqslam.stream import RadarStream, usual_steps
+from mqslam.stream import RadarStream, Revolution, usual_steps
 
 Progress = Callable[[str, int, int], None]  # stage, done, total
 _CHUNK = 40  # revolutions a worker takes at a time
@@ -60,23 +60,31 @@ def detect_stretch(
     unread: dict[int, DataError] = {}
     read_s, detect_s = 0.0, 0.0
     mark = time.perf_counter()
-    while start + len(found) < stop:
-        try:  # reading ends with the first error: after one it begins again behind it
-            for revolution in stream.revolutions(start + len(found), stop):
-                read = time.perf_counter()
-                found.append(detect(revolution, stream.range_resolution, config))
-                done = time.perf_counter()
-                read_s, detect_s, mark = read_s + read - mark, detect_s + done - read, done
-        except DataError as error:
-            if strict:
-                raise
-            unread[start + len(found)] = error.with_traceback(None)
-            found.append(_nothing())
+    for k, revolution in revolutions_or_errors(stream, start, stop):
+        read = time.perf_counter()
+        if not isinstance(revolution, DataError):
+            found.append(detect(revolution, stream.range_resolution, config))
+        elif strict:
+            raise revolution
+        else:
+            unread[k] = revolution.with_traceback(None)
+            found.append(Returns.none())
+        done = time.perf_counter()
+        read_s, detect_s, mark = read_s + read - mark, detect_s + done - read, done
     return Detected(found, unread, read_s, detect_s)
 
 
-def _nothing() -> Returns:
-    return Returns(np.empty(0), np.empty(0), np.empty(0), np.empty(0))
+def revolutions_or_errors(stream: RadarStream, start: int, stop: int) -> Iterator[tuple[int, Revolution | DataError]]:
+    """The revolutions start <= k < stop, each with its number, or why it cannot be read."""
+    k = start
+    while k < stop:
+        try:  # reading ends with the first error: after one it begins again behind it
+            for revolution in stream.revolutions(k, stop):
+                yield k, revolution
+                k += 1
+        except DataError as error:
+            yield k, error
+            k += 1
 
 
 class Store(Protocol):

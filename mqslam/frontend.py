@@ -8,6 +8,9 @@ from dataclasses import dataclass
 from importlib.metadata import EntryPoint, entry_points
 from typing import Protocol
 
+import numpy as np
+
+from mqslam import se2
 from mqslam.config import Config
 from mqslam.errors import ConfigError
 from mqslam.measurement import RelativeMotion
@@ -30,6 +33,15 @@ class Context:
     revolution_s: float
     start_us: int
     odometry: Trajectory | None
+
+    def odometry_twist(self, t0: float, t1: float) -> se2.Array | None:
+        """Mean twist (3,) of the odometry between two times [s]; None where there is none."""
+        if self.odometry is None or t1 <= t0:
+            return None
+        stamps = self.start_us + np.round(np.array([t0, t1]) * 1e6).astype(np.int64)
+        if not self.odometry.covers(int(stamps[0]), int(stamps[1])):
+            return None
+        return np.asarray(self.odometry.mean_twists(stamps[:1], stamps[1:])[0])
 
 
 class FrontEnd(Protocol):

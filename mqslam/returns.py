@@ -33,6 +33,11 @@ class Returns:
         return Returns(self.ranges[chosen], self.azimuths[chosen], self.times[chosen], self.intensities[chosen])
 
     @classmethod
+    def none(cls) -> Returns:
+        """What a revolution holds that could not be read."""
+        return cls(np.empty(0), np.empty(0), np.empty(0), np.empty(0))
+
+    @classmethod
     def concatenate(cls, parts: Sequence[Returns]) -> Returns:
         """All returns of several parts, in their order."""
         return cls(

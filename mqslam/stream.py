@@ -16,7 +16,6 @@ from mqslam.trajectory import Trajectory
 _AROUND = 9  # steps whose median is the usual one between them
 
 
-
 @dataclass(frozen=True, slots=True)
 class Revolution:
     """One turn of the radar.

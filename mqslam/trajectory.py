@@ -40,6 +40,12 @@ class Trajectory:
         start = self.stamps_us[0]
         return se2.interpolate((self.stamps_us - start) * 1e-6, self.poses, (stamps_us - start) * 1e-6)
 
+    def mean_twists(self, begins_us: NDArray[np.int64], ends_us: NDArray[np.int64]) -> se2.Array:
+        """Mean twists (N, 3) [m/s, m/s, rad/s] from stamps (N,) to later ones (N,) [us]."""
+        moves = se2.between(self.at(begins_us), self.at(ends_us))
+        moves[:, 2] = se2.wrap(moves[:, 2])
+        return np.asarray(se2.log(moves) / ((ends_us - begins_us) * 1e-6)[:, None])
+
     def covers(self, start_us: int, end_us: int, slack_us: int = 500_000) -> bool:
         """Whether the span from start_us to end_us lies within the trajectory, give or take slack_us at each end."""
         return bool(self.stamps_us[0] - slack_us <= start_us and end_us <= self.stamps_us[-1] + slack_us)

@@ -8,7 +8,7 @@ is a chi-square with three degrees of freedom where the trajectory is right.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,10 +16,9 @@ from numpy.typing import NDArray
 from mqslam import se2
 from mqslam.audit.sweeps import Sweeps
 from mqslam.config import Config
-from mqslam.psi.covariance import curvature_by_differences, sandwich
+from mqslam.psi.covariance import sandwich_by_differences
 from mqslam.psi.estimator import Evaluation, Scale
-from mqslam.psi.minimiser import EstimatorConfig, Minimum, Prior, minimise, score
-from mqslam.psi.neighbours import candidates, cell_grid
+from mqslam.psi.minimiser import EstimatorConfig, Minimum, Prior, minimise, score_itself
 from mqslam.psi.observability import loosened, weak_directions
 from mqslam.psi.place import PointSet
 
@@ -75,9 +74,7 @@ def bend(sweeps: Sweeps, begin: int, end: int, config: Config) -> Bend:
         return twisted(points, into, twist)
 
     def scored(twist: NDArray[np.float64], scale: Scale = estimator.final) -> Evaluation:
-        placed = bent(twist)
-        lists = candidates(cell_grid(placed.points, scale.s), placed.points, scale.s)
-        return score(placed, placed, lists, scale, _SWEEP, estimator)
+        return score_itself(bent(twist), scale, _SWEEP, estimator)
 
     own = scored(np.zeros(3))
     weak = weak_directions(scored(np.zeros(3), narrow.scale(0)), 3)
@@ -117,13 +114,11 @@ def _judged(
     units: NDArray[np.float64],
     count: int,
 ) -> Bend:
-    """The bend that a minimum means; its covariance takes the curvature from differences of the gradient.
-
-    Where all points move with the state, the curvature that the minimiser steps by is up to four times too large.
-    """
-    curvature = curvature_by_differences(lambda twist: scored(twist).gradient, found.state, _DIFFERENCE * units)
+    """The bend that a minimum means."""
     placed = bent(found.state)
-    covariance = sandwich(replace(found.evaluation, curvature=curvature), placed.points)
+    covariance = sandwich_by_differences(
+        found.evaluation, placed.points, lambda twist: scored(twist).gradient, found.state, _DIFFERENCE * units
+    )
     covariance = loosened(covariance, weak, _ANYWHERE * units)
     moved = placed.points - bent(np.zeros(3)).points
     return Bend(

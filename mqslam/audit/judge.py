@@ -7,7 +7,6 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import chi2
 
 from mqslam import se2
 from mqslam.audit.inflation import Bend, bend
@@ -123,7 +122,7 @@ def _window(sweeps: Sweeps, begin: int, end: int, config: Config) -> WindowAudit
         settings.radius_m,
         settings.cell_m,
     )
-    bent = found.inflation > chi2.ppf(settings.probability, 3) and found.size_m > settings.bend_m
+    bent = found.inflation > settings.threshold and found.size_m > settings.bend_m
     torn = bool(bent or found.matched_best < settings.overlap)
     t1 = sweeps.times[end - 1] + sweeps.period_s
     return WindowAudit(
@@ -133,7 +132,7 @@ def _window(sweeps: Sweeps, begin: int, end: int, config: Config) -> WindowAudit
 
 def torn_revisit(found: Revisit, settings: AuditConfig) -> bool:
     """Whether two passes are off each other."""
-    beyond = found.inflation > chi2.ppf(settings.probability, 3)
+    beyond = found.inflation > settings.threshold
     far = found.distance_m > settings.torn_m or abs(found.offset[2]) > settings.torn_rad
     return bool(found.sure and beyond and far)
 

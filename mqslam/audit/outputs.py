@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.stats import chi2
 
 import mqslam
 from mqslam.audit.judge import Audit, RevisitAudit, WindowAudit
@@ -40,7 +39,7 @@ def summarise(found: Audit, sweeps: Sweeps, config: Config, dataset: Mapping[str
         },
         "trajectory": trajectory,
         "verdict": {"status": found.status, "reasons": found.reasons},
-        "threshold": float(chi2.ppf(config.audit.probability, 3)),
+        "threshold": config.audit.threshold,
         "bend_m": config.audit.bend_m,
         "windows": {
             "count": len(found.windows),
@@ -56,7 +55,7 @@ def summarise(found: Audit, sweeps: Sweeps, config: Config, dataset: Mapping[str
             "median_m": float(np.median([r.revisit.distance_m for r in sure])) if sure else None,
             "worst_m": max((r.revisit.distance_m for r in sure if r.torn), default=None),
         },
-        "per_window": [_window(w, sweeps) for w in found.windows],
+        "per_window": [_window(w) for w in found.windows],
         "per_revisit": [_revisit(r, sweeps) for r in found.revisits],
     }
 
@@ -65,7 +64,7 @@ def _mean(values: Sequence[float]) -> float | None:
     return float(np.mean(values)) if values else None
 
 
-def _window(window: WindowAudit, sweeps: Sweeps) -> dict[str, Any]:
+def _window(window: WindowAudit) -> dict[str, Any]:
     bend, beside = window.bend, window.measures
     span = window.t1 - window.t0
     sigma = np.sqrt(np.diag(bend.covariance))
@@ -122,20 +121,20 @@ def write_audit(
             sweeps=sweeps,
             audit=found,
             config=config,
-            crops=crops(sweeps, found),
+            crops=crops(sweeps, found, config.audit),
             warnings=tuple(warnings),
             settings_yaml=settings,
         ),
     )
-    write_text(folder / "audit.json", json.dumps(_plain(summary), indent=1) + "\n")
+    write_text(folder / "audit.json", json.dumps(plain(summary), indent=1) + "\n")
 
 
-def _plain(value: Any) -> Any:
-    """The same with null for numbers that JSON does not have."""
+def plain(value: Any) -> Any:
+    """The content of audit.json with null for numbers that JSON does not have."""
     if isinstance(value, Mapping):
-        return {key: _plain(part) for key, part in value.items()}
+        return {key: plain(part) for key, part in value.items()}
     if isinstance(value, list):
-        return [_plain(part) for part in value]
+        return [plain(part) for part in value]
     return None if isinstance(value, float) and not np.isfinite(value) else value
 
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from mqslam import se2
 from mqslam.config import Config
 from mqslam.errors import EstimationError
-from mqslam.psi.place import PointSet
+from mqslam.psi.place import PointSet, turned
 from mqslam.render import place_along
 from mqslam.returns import Returns, Window
 from mqslam.trajectory import Trajectory
@@ -54,13 +54,7 @@ class Sweeps:
         """The points of some sweeps in a frame (3,), with their turns as times."""
         parts = [np.arange(self.begins[k], self.begins[k + 1]) for k in chosen]
         picked = np.concatenate(parts) if parts else np.empty(0, dtype=np.int64)
-        c, s = np.cos(frame[2]), np.sin(frame[2])
-        xx, xy, yy = self.covariances[picked].T
-        covariances = np.column_stack([
-            c * c * xx + 2.0 * c * s * xy + s * s * yy,
-            c * s * (yy - xx) + (c * c - s * s) * xy,
-            s * s * xx - 2.0 * c * s * xy + c * c * yy,
-        ])  # fmt: skip
+        covariances = turned(self.covariances[picked], -frame[2])
         points = se2.transform(se2.inverse(frame), self.points[picked])
         return PointSet(points, np.empty((len(picked), 2, 0)), covariances, self.turns[picked])
 
@@ -82,14 +76,13 @@ def swept(
     Raises:
         EstimationError: recording and trajectory share no time, or hold no returns where they do.
     """
-    stamps = start_us + np.round(np.array([(w.t0, w.t1) for w in windows]) * 1e6).astype(np.int64)
-    slack_us = round(1e6 * period_s)
-    inside = [k for k, (t0, t1) in enumerate(stamps.tolist()) if trajectory.covers(t0, t1, slack_us)]
+    inside = covered(windows, start_us, period_s, trajectory)
     if len(inside) < 2:
-        first, last = (f"{1e-6 * t:.2f}" for t in (trajectory.stamps_us[0], trajectory.stamps_us[-1]))
+        spans = ((trajectory.stamps_us[0], trajectory.stamps_us[-1]), _stamps(windows, start_us)[[0, -1], [0, 1]])
+        track, recording = (f"{1e-6 * first:.2f} to {1e-6 * last:.2f} s" for first, last in spans)
         raise EstimationError(
-            f"the trajectory ({first} to {last} s) and the recording ({1e-6 * stamps[0, 0]:.2f} to "
-            f"{1e-6 * stamps[-1, 1]:.2f} s) share no time; give a trajectory with the recording's own stamps"
+            f"the trajectory ({track}) and the recording ({recording}) share no time; "
+            "give a trajectory with the recording's own stamps"
         )
     kept = [windows[k] for k in inside]
     returns = Returns.concatenate([w.returns for w in kept])
@@ -101,11 +94,23 @@ def swept(
     times = np.array([w.t0 for w in kept])
     numbers = np.array(inside, dtype=np.float64)
     turns = numbers[sweep] + (returns.times - times[sweep]) / period_s
-    poses = trajectory.at(stamps[inside, 0])
+    poses = trajectory.at(_stamps(kept, start_us)[:, 0])
     begins = np.concatenate([[0], np.cumsum(counts)])
     return Sweeps(
         placed.points, placed.covariances, turns, begins, numbers, times, poses, path_length(poses), period_s
     ), inside
+
+
+def covered(windows: Sequence[Window], start_us: int, period_s: float, trajectory: Trajectory) -> list[int]:
+    """Indices of the windows that a trajectory covers, give or take a sweep of period_s [s]."""
+    slack_us = round(1e6 * period_s)
+    spans = _stamps(windows, start_us).tolist()
+    return [k for k, (t0, t1) in enumerate(spans) if trajectory.covers(t0, t1, slack_us)]
+
+
+def _stamps(windows: Sequence[Window], start_us: int) -> NDArray[np.int64]:
+    """Stamps (N, 2) [us] of the begins and ends of windows."""
+    return start_us + np.round(np.array([(w.t0, w.t1) for w in windows]) * 1e6).astype(np.int64)
 
 
 def path_length(poses: se2.Array) -> NDArray[np.float64]:

@@ -17,7 +17,7 @@ from scipy.stats import wilcoxon
 
 from mqslam import se2
 from mqslam.check.finding import Finding, Verdict
-from mqslam.check.stretches import Stretch, mean_twists
+from mqslam.check.stretches import Stretch
 from mqslam.config import Config
 from mqslam.errors import EstimationError
 from mqslam.measurement import Status
@@ -53,7 +53,7 @@ class Steps:
 
     def of(self, track: Trajectory, shift_us: int = 0) -> se2.Array:
         """The mean twists (S, 3) of a trajectory over the same steps, taken later by a shift [us]."""
-        return mean_twists(track, self.begins_us + shift_us, self.ends_us + shift_us)
+        return track.mean_twists(self.begins_us + shift_us, self.ends_us + shift_us)
 
 
 @dataclass(frozen=True, slots=True)

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from mqslam import se2
 from mqslam.artefacts import drop_fixed
 from mqslam.config import Config
+from mqslam.detection import revolutions_or_errors
 from mqslam.detector import detect
 from mqslam.errors import DataError
 from mqslam.returns import Returns, Window
@@ -19,7 +18,6 @@ from mqslam.trajectory import Trajectory
 
 STRETCHES = 3
 REVOLUTIONS = 12
-_NOTHING = Returns(np.empty(0), np.empty(0), np.empty(0), np.empty(0))
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,9 +78,9 @@ def read_stretches(
     unread: dict[int, str] = {}
     for begin, end in spans:
         before: Revolution | None = None
-        for k, revolution in _revolutions(stream, begin, end):
+        for k, revolution in revolutions_or_errors(stream, begin, end):
             if isinstance(revolution, DataError):
-                returns[k], unread[k], before = _NOTHING, str(revolution), None
+                returns[k], unread[k], before = Returns.none(), str(revolution), None
             else:
                 returns[k] = detect(revolution, stream.range_resolution, config.detector)
                 sweeps[k] = _sweep(stream, k, revolution, before)
@@ -102,19 +100,6 @@ def read_stretches(
     ]
 
 
-def _revolutions(stream: RadarStream, begin: int, end: int) -> Iterator[tuple[int, Revolution | DataError]]:
-    """The revolutions begin <= k < end, each with its number, or why it cannot be read."""
-    k = begin
-    while k < end:
-        try:
-            for revolution in stream.revolutions(k, end):
-                yield k, revolution
-                k += 1
-        except DataError as error:
-            yield k, error
-            k += 1
-
-
 def _spans(stream: RadarStream, odometry: Trajectory | None) -> list[tuple[int, int]]:
     """First revolution and the one after the last of each stretch; they share none and hold no gap."""
     size = min(REVOLUTIONS, len(stream))
@@ -127,20 +112,13 @@ def _spans(stream: RadarStream, odometry: Trajectory | None) -> list[tuple[int, 
         even = np.linspace(0, len(begins) - 1, 2 * STRETCHES + 1)[1::2] if len(begins) else np.empty(0)
         order = begins[np.round(even).astype(np.int64)]
     else:
-        yaw_rates = mean_twists(odometry, stream.stamps_us[:-1], stream.stamps_us[1:])[:, 2]
+        yaw_rates = odometry.mean_twists(stream.stamps_us[:-1], stream.stamps_us[1:])[:, 2]
         order = begins[np.argsort([-np.std(yaw_rates[b : b + size - 1]) for b in begins], kind="stable")]
     chosen: list[int] = []
     for begin in order.tolist():
         if len(chosen) < STRETCHES and all(abs(begin - other) >= size for other in chosen):
             chosen.append(begin)
     return [(begin, begin + size) for begin in sorted(chosen)]
-
-
-def mean_twists(track: Trajectory, begins_us: NDArray[np.int64], ends_us: NDArray[np.int64]) -> se2.Array:
-    """Mean twists (N, 3) of a trajectory from stamps (N,) to later ones (N,) [us]: m/s, m/s, rad/s."""
-    moves = se2.between(track.at(begins_us), track.at(ends_us))
-    moves[:, 2] = se2.wrap(moves[:, 2])
-    return np.asarray(se2.log(moves) / ((ends_us - begins_us) * 1e-6)[:, None])
 
 
 def _sweep(stream: RadarStream, k: int, revolution: Revolution, before: Revolution | None) -> Sweep:

@@ -54,7 +54,7 @@ def audit(
     from rich.console import Console
 
     from mqslam.audit.judge import audit as judged
-    from mqslam.audit.outputs import summarise, write_audit
+    from mqslam.audit.outputs import plain, summarise, write_audit
     from mqslam.audit.sources import LIDAR_CONFIG, is_cloud, sweeps_of, sweeps_of_cloud
     from mqslam.cli.progress import progress
     from mqslam.config import load_config
@@ -82,7 +82,7 @@ def audit(
     with whole_folder(out) as folder:
         write_audit(folder, data.resolve().name, found, sweeps, settings, summary, notes)
     if as_json:
-        typer.echo(json.dumps(json.loads((out / "audit.json").read_text(encoding="utf-8")), indent=1))
+        typer.echo(json.dumps(plain(summary), indent=1))
     elif not quiet:
         typer.echo("\n".join(_lines(summary)))
         typer.echo(f"results in {out}; open {out / 'report.html'} in a browser")

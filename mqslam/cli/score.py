@@ -168,8 +168,7 @@ def scores(
     """The published score of a window under a motion with its parts, and the estimator's at its final widths."""
     import numpy as np
 
-    from mqslam.psi.estimator import evaluate
-    from mqslam.psi.neighbours import candidates, cell_grid
+    from mqslam.psi.minimiser import score_itself
     from mqslam.psi.place import place
     from mqslam.psi.published import score as published
     from mqslam.psi.window import beam_of, without_start
@@ -178,10 +177,7 @@ def scores(
     beam = beam_of(config, settings.sensor.doppler_beta or 0.0)
     points = without_start(place(returns, t0, np.zeros(3), theta, model, beam))
     whole = published(points.points, points.times, revolution_s, variant, points.jacobians)
-    lists = candidates(cell_grid(points.points, config.s), points.points, config.s)
-    own = evaluate(
-        points, points, lists, config.final, revolution_s, config.beta_t, config.xi, config.blur_m, moving_references=True
-    )
+    own = score_itself(points, config.final, revolution_s, config)
     return {
         "published": {
             "psi": whole.psi,

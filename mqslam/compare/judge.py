@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from mqslam import se2
 from mqslam.audit.inflation import middled
 from mqslam.audit.judge import Audit, audit
-from mqslam.audit.sweeps import Sweeps, swept
+from mqslam.audit.sweeps import Sweeps, covered, swept
 from mqslam.compare.rows import Row
 from mqslam.config import Config
 from mqslam.detection import Progress
@@ -67,13 +67,8 @@ class Judged:
 
 def common_span(windows: Sequence[Window], start_us: int, period_s: float, tracks: Sequence[Trajectory]) -> list[Window]:
     """The windows that every trajectory covers."""
-    slack_us = round(1e6 * period_s)
-    kept = []
-    for window in windows:
-        t0, t1 = (start_us + round(1e6 * t) for t in (window.t0, window.t1))
-        if all(track.covers(t0, t1, slack_us) for track in tracks):
-            kept.append(window)
-    return kept
+    inside = set(range(len(windows))).intersection(*(covered(windows, start_us, period_s, track) for track in tracks))
+    return [windows[k] for k in sorted(inside)]
 
 
 def places(windows: Sequence[Window], start_us: int, tracks: Sequence[Trajectory], size: int) -> list[Place]:

@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.stats import chi2
 
 import mqslam
 from mqslam.audit.judge import WindowAudit
@@ -65,7 +64,7 @@ def summarise(
             "compared": revolutions,
         },
         "doppler_beta": config.sensor.doppler_beta,
-        "threshold": float(chi2.ppf(config.audit.probability, 3)),
+        "threshold": config.audit.threshold,
         "rows": [_row(row, judged.get(row.name), len(stream), config.audit.overlap) for row in rows],
         "agreement": [
             {"row": a, "against": b, "rmse_m": e.ate_rmse_m, "drift_percent": e.drift_percent, "speed_rms": e.rpe_v_rms}

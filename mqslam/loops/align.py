@@ -18,7 +18,7 @@ from mqslam.psi.estimator import Evaluation
 from mqslam.psi.minimiser import EstimatorConfig, Prior, minimise, score
 from mqslam.psi.neighbours import CellGrid, candidates, cell_grid
 from mqslam.psi.observability import weak_directions
-from mqslam.psi.place import PointSet
+from mqslam.psi.place import PointSet, turned
 
 ANY_TIME = 0.0  # turns between neighbours: submaps are compared whatever their times
 _TOLERANCES = np.array([1e-3, 1e-3, 2e-5])
@@ -102,12 +102,7 @@ def moved(points: PointSet, pose: se2.Array) -> PointSet:
     jacobians = np.zeros((len(points), 2, 3))
     jacobians[:, 0, 0] = jacobians[:, 1, 1] = 1.0
     jacobians[:, 0, 2], jacobians[:, 1, 2] = -dy, dx
-    xx, xy, yy = points.covariances.T
-    covariances = np.column_stack([
-        c * c * xx - 2.0 * c * s * xy + s * s * yy,
-        c * s * (xx - yy) + (c * c - s * s) * xy,
-        s * s * xx + 2.0 * c * s * xy + c * c * yy,
-    ])  # fmt: skip
+    covariances = turned(points.covariances, float(pose[2]))
     return PointSet(np.column_stack([pose[0] + dx, pose[1] + dy]), jacobians, covariances, points.times)
 
 

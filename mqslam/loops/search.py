@@ -8,16 +8,14 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from mqslam import se2
 from mqslam.config import Config
 from mqslam.detection import Progress
 from mqslam.loops.align import align, cross_score
+from mqslam.loops.passes import pairs_of_passes, reach, unrivalled
 from mqslam.loops.submap import Drive, submap
 from mqslam.psi.place import PointSet
-
-_STRICTER = 20.0  # a tried pair covers its earlier pass for least_path_m of path, the later one for this times less
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,49 +66,13 @@ def find_loops(
 
 
 def candidate_pairs(drive: Drive, config: Config, tried: set[tuple[int, int]]) -> list[tuple[int, int]]:
-    """Pairs (earlier, later) of revolutions that may show one place, nearest first per earlier pass.
-
-    Two revolutions are a candidate where they lie within the radar's reach of a common view plus what the trajectory may
-    have drifted on the way from one to the other. Only the nearest revolution of the nearest earlier passes is taken,
-    and none where a neighbouring pair has been tried.
-    """
-    settings = config.loops
-    nodes = drive.spaced(settings.spacing_m)
-    travelled, xy = drive.travelled[nodes], drive.poses[nodes, :2]
-    tree = cKDTree(xy)
-    paths = np.array([(drive.travelled[a], drive.travelled[b] * _STRICTER) for a, b in sorted(tried)])
-    known = cKDTree(paths.reshape(-1, 2))
-    widest = settings.reach_m + settings.drift * float(travelled[-1])
-    pairs = []
-    for b, place in enumerate(xy):
-        near = np.array(sorted(a for a in tree.query_ball_point(place, min(widest, settings.gate_m)) if a < b), dtype=int)
-        path = travelled[b] - travelled[near]
-        apart = np.hypot(*(xy[near] - place).T)
-        fits = (path > settings.least_path_m) & (apart <= settings.reach_m + settings.drift * path)
-        groups = _passes(near[fits], settings.least_path_m / settings.spacing_m)
-        nearest = [group[np.argmin(np.hypot(*(xy[group] - place).T))] for group in groups]
-        nearest.sort(key=lambda a: float(np.hypot(*(xy[a] - place))))
-        for a in nearest[: settings.passes]:
-            if not known.query_ball_point([travelled[a], travelled[b] * _STRICTER], settings.least_path_m):
-                pairs.append((int(nodes[a]), int(nodes[b])))
-    return pairs
-
-
-def _passes(nodes: NDArray[np.int64], gap: float) -> list[NDArray[np.int64]]:
-    """Increasing node indices split where they jump: every part is one earlier pass."""
-    if len(nodes) == 0:
-        return []
-    return list(np.split(nodes, np.flatnonzero(np.diff(nodes) > gap) + 1))
+    """Pairs (earlier, later) of revolutions that may show one place, as `passes.pairs_of_passes` finds them."""
+    return pairs_of_passes(drive.travelled, drive.poses, config.loops, config.loops.passes, tried)
 
 
 def gate(drive: Drive, earlier: int, later: int, config: Config) -> tuple[float, float]:
     """How far two revolutions' relative pose may be off [m], [rad]."""
-    settings = config.loops
-    path = drive.travelled[later] - drive.travelled[earlier]
-    return (
-        min(settings.search_m + settings.drift * path, settings.gate_m),
-        min(settings.search_rad + settings.drift_rad * path, settings.gate_rad),
-    )
+    return reach(float(drive.travelled[later] - drive.travelled[earlier]), config.loops)
 
 
 def _verified(drive: Drive, earlier: int, later: int, config: Config) -> Loop | None:
@@ -121,12 +83,7 @@ def _verified(drive: Drive, earlier: int, later: int, config: Config) -> Loop | 
     guess = se2.between(drive.poses[earlier], drive.poses[later])
     found = align(reference, query, guess, *gate(drive, earlier, later, config), config.estimator)
     sure = np.sqrt(np.diag(found.covariance))
-    if not (
-        found.observed
-        and found.matched >= settings.matched
-        and found.psi * settings.rival <= found.rival
-        and max(sure[0], sure[1]) <= settings.sure_m
-    ):
+    if not unrivalled(found, settings) or max(sure[0], sure[1]) > settings.sure_m:
         return None
     return Loop(earlier, later, found.pose, found.covariance, found.matched, found.psi)
 

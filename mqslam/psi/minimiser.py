@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field
 
 from mqslam.psi.estimator import Evaluation, Scale, evaluate
-from mqslam.psi.neighbours import CandidateLists, CellGrid, NeighbourCache
+from mqslam.psi.neighbours import CandidateLists, CellGrid, NeighbourCache, candidates, cell_grid
 from mqslam.psi.place import PointSet
 
 
@@ -99,6 +99,12 @@ def score(
     return evaluate(
         queries, references, lists, scale, revolution_s, config.beta_t, config.xi, config.blur_m, queries is references
     )
+
+
+def score_itself(points: PointSet, scale: Scale, revolution_s: float, config: EstimatorConfig) -> Evaluation:
+    """Score points against each other, with candidates looked up anew."""
+    lists = candidates(cell_grid(points.points, scale.s), points.points, scale.s)
+    return score(points, points, lists, scale, revolution_s, config)
 
 
 def minimise(

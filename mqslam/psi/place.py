@@ -48,6 +48,17 @@ class PointSet:
         return len(self.points)
 
 
+def turned(covariances: NDArray[np.float64], yaw: float) -> NDArray[np.float64]:
+    """Covariances (N, 3) xx, xy, yy given in a frame that is turned by yaw [rad], in the frame that is not."""
+    c, s = np.cos(yaw), np.sin(yaw)
+    xx, xy, yy = covariances.T
+    return np.column_stack([
+        c * c * xx - 2.0 * c * s * xy + s * s * yy,
+        c * s * (xx - yy) + (c * c - s * s) * xy,
+        s * s * xx + 2.0 * c * s * xy + c * c * yy,
+    ])  # fmt: skip
+
+
 def place(
     returns: Returns, t0: float, start: se2.Array, theta: se2.Array, model: MotionModel, beam: Beam
 ) -> PointSet:

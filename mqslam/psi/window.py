@@ -15,10 +15,9 @@ from scipy.ndimage import minimum_filter
 from mqslam import se2
 from mqslam.measurement import Status
 from mqslam.motion import CONSTANT_TWIST, MotionModel
-from mqslam.psi.covariance import curvature_by_differences, sandwich
-from mqslam.psi.estimator import Evaluation, Scale
-from mqslam.psi.minimiser import EstimatorConfig, Minimum, Prior, minimise, score
-from mqslam.psi.neighbours import candidates, cell_grid
+from mqslam.psi.covariance import sandwich_by_differences
+from mqslam.psi.estimator import Evaluation
+from mqslam.psi.minimiser import EstimatorConfig, Minimum, Prior, minimise, score_itself
 from mqslam.psi.observability import loosened, weak_directions
 from mqslam.psi.place import Beam, PointSet, place
 from mqslam.returns import Returns
@@ -84,11 +83,10 @@ def estimate_window(
     points = render(found.state)
 
     def gradient(theta: NDArray[np.float64]) -> NDArray[np.float64]:
-        return _score(render(theta), config.final, revolution_s, config).gradient
+        return score_itself(render(theta), config.final, revolution_s, config).gradient
 
-    curvature = curvature_by_differences(gradient, found.state, _DIFFERENCE * tolerances)
-    covariance = sandwich(replace(found.evaluation, curvature=curvature), points.points)
-    weak = weak_directions(_score(points, config.scale(0), revolution_s, config), model.size)
+    covariance = sandwich_by_differences(found.evaluation, points.points, gradient, found.state, _DIFFERENCE * tolerances)
+    weak = weak_directions(score_itself(points, config.scale(0), revolution_s, config), model.size)
     if len(weak):
         covariance = loosened(covariance, weak, np.array([SPANS[component] for component in model.components]))
     return WindowMotion(found.state, covariance, found, Status.DEGENERATE if len(weak) else Status.CONVERGED)
@@ -172,10 +170,4 @@ def window_score(
     """The estimator's score of a window under a constant twist (3,), at the widest scale."""
     placed = place(returns, t0, np.zeros(3), twist, CONSTANT_TWIST, beam)
     points = PointSet(placed.points, np.empty((len(returns), 2, 0)), placed.covariances, placed.times)
-    return _score(points, config.scale(0), revolution_s, config)
-
-
-def _score(points: PointSet, scale: Scale, revolution_s: float, config: EstimatorConfig) -> Evaluation:
-    """A window's points scored against each other."""
-    lists = candidates(cell_grid(points.points, scale.s), points.points, scale.s)
-    return score(points, points, lists, scale, revolution_s, config)
+    return score_itself(points, config.scale(0), revolution_s, config)

@@ -103,7 +103,7 @@ def revisit_figure(sweeps: Sweeps, audit: Audit, settings: AuditConfig) -> bytes
 
 def threshold(settings: AuditConfig | None) -> float:
     """Inflation beyond which a window or a revisit is torn."""
-    return float(chi2.ppf((settings or AuditConfig()).probability, 3))
+    return (settings or AuditConfig()).threshold
 
 
 def _colours(limit: float) -> ScalarMappable:

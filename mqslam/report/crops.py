@@ -12,9 +12,9 @@ from scipy.spatial import cKDTree
 from mqslam import se2
 from mqslam.audit.inflation import middled, twisted
 from mqslam.audit.judge import Audit, WindowAudit
+from mqslam.audit.revisits import Revisit, passes_of
 from mqslam.audit.settings import AuditConfig
 from mqslam.audit.sweeps import Sweeps
-from mqslam.loops.submap import around
 from mqslam.report.canvas import BLUE, ORANGE, View, common_view, png, square
 from mqslam.report.spots import WORST, Spot, worst_spots
 
@@ -43,15 +43,16 @@ class Crop:
     after: tuple[Points, ...]
 
 
-def crops(sweeps: Sweeps, audit: Audit, count: int = WORST) -> tuple[Crop, ...]:
+def crops(sweeps: Sweeps, audit: Audit, settings: AuditConfig, count: int = WORST) -> tuple[Crop, ...]:
     """The worst places, each where the correction shows the most.
 
     Args:
         sweeps: what was judged.
         audit: what came of it.
+        settings: it was judged by.
         count: how many at most.
     """
-    return tuple(_crop(sweeps, spot) for spot in worst_spots(sweeps, audit, count))
+    return tuple(_crop(sweeps, spot, settings) for spot in worst_spots(sweeps, audit, count))
 
 
 def crop_pictures(crop: Crop) -> tuple[bytes, bytes]:
@@ -82,8 +83,11 @@ def inside(points: Points, view: View) -> NDArray[np.bool_]:
     return np.asarray((x >= view.x0) & (x <= view.x1) & (y >= view.y0) & (y <= view.y1))
 
 
-def _crop(sweeps: Sweeps, spot: Spot) -> Crop:
-    before, after = _window(sweeps, spot.found) if isinstance(spot.found, WindowAudit) else _revisit(sweeps, spot)
+def _crop(sweeps: Sweeps, spot: Spot, settings: AuditConfig) -> Crop:
+    if isinstance(spot.found, WindowAudit):
+        before, after = _window(sweeps, spot.found)
+    else:
+        before, after = _revisit(sweeps, spot.found.revisit, settings)
     half = len(before) // 2
     (a0, b0), (a1, b1) = ((np.concatenate(p[:half]), np.concatenate(p[half:])) for p in (before, after))
     near = np.abs(b1).max(axis=1, initial=0.0) <= _REACH_M
@@ -108,15 +112,11 @@ def _window(sweeps: Sweeps, window: WindowAudit) -> tuple[list[Points], list[Poi
     return np.split(points.points, cuts), np.split(mended, cuts)
 
 
-def _revisit(sweeps: Sweeps, spot: Spot) -> tuple[list[Points], list[Points]]:
+def _revisit(sweeps: Sweeps, found: Revisit, settings: AuditConfig) -> tuple[list[Points], list[Points]]:
     """The points (M, 2) of two passes in the frame of the later one, as they are and with the later one moved."""
-    assert not isinstance(spot.found, WindowAudit)
-    revisit, usual = spot.found.revisit, AuditConfig()
-    earlier, later = (
-        sweeps.local(around(sweeps.travelled, k, reach, usual.submap_spacing_m).tolist(), spot.pose).points
-        for k, reach in ((revisit.earlier, usual.submap_m), (revisit.later, 0.5 * usual.submap_m))
-    )
-    return [earlier, later], [earlier, se2.transform(revisit.offset, later)]
+    passes = passes_of(sweeps, found.earlier, found.later, settings)
+    earlier, later = (sweeps.local(part, sweeps.poses[found.later]).points for part in passes)
+    return [earlier, later], [earlier, se2.transform(found.offset, later)]
 
 
 def distances(points: Points, others: Points, most: float) -> NDArray[np.float64]:

@@ -33,8 +33,7 @@ def write(folder: Path, stream: RadarStream) -> list[str]:
         write_text(folder / RECORDING, json.dumps({"range_resolution_m": stream.range_resolution}) + "\n")
     if stream.odometry is not None:
         track = stream.odometry
-        seconds = np.diff(track.stamps_us) * 1e-6
-        twists = se2.log(se2.between(track.poses[:-1], track.poses[1:])) / seconds[:, None]
+        twists = track.mean_twists(track.stamps_us[:-1], track.stamps_us[1:])
         write_twists(folder / "odom.csv", track.stamps_us.tolist(), np.vstack([twists, twists[-1:]]))
     for k, revolution in enumerate(stream.revolutions()):
         write_revolution(folder, stream, k, revolution)

@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from mqslam import se2
 from mqslam.errors import DataError
 from mqslam.readers.bags import ODOMETRY_TYPE
 from mqslam.readers.polar_message import B_SCAN_TYPE, ENCODER_TURNS, IMAGE_TYPE
@@ -66,8 +65,7 @@ def _turns(bag: Bag, stream: RadarStream, made: _Made, topic: str, message_type:
 def _poses(bag: Bag, track: Trajectory, topic: str, frame: str) -> Iterator[_Entry]:
     """Poses of the radar in a fixed frame as odometry messages, each with the mean twist until the next."""
     connection = bag.topic(topic, ODOMETRY_TYPE)
-    seconds = np.diff(track.stamps_us) * 1e-6
-    twists = se2.log(se2.between(track.poses[:-1], track.poses[1:])) / seconds[:, None]
+    twists = track.mean_twists(track.stamps_us[:-1], track.stamps_us[1:])
     unknown = np.zeros(36)
     for stamp, pose, (vx, vy, omega) in zip(
         track.stamps_us.tolist(), track.poses, np.vstack([twists, twists[-1:]]).tolist(), strict=True

@@ -9,6 +9,7 @@ from pathlib import Path
 
 from mqslam.errors import ConfigError, OutputError
 from mqslam.outputs import check_free
+from mqslam.writers.bags import KINDS
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,7 +33,7 @@ class Target:
     @property
     def is_bag(self) -> bool:
         """Whether it is a bag of ROS."""
-        return self.name in ("rosbag1", "mcap", "rosbag2", "rosbag2_mcap")
+        return self.name in KINDS
 
 
 _ALL = (

@@ -34,7 +34,7 @@ def a_report() -> AuditReport:
         sweeps=sweeps,
         audit=audit,
         config=Config(),
-        crops=crops(sweeps, audit),
+        crops=crops(sweeps, audit, Config().audit),
         warnings=("sweep 7 <img src=x> holds nothing",),
         settings_yaml="audit:\n  window: 6  # <sweeps>\n",
     )
@@ -157,7 +157,7 @@ def test_the_heat_map_is_opaque_by_itself_and_transparent_in_a_page(report: Audi
 
 def test_an_audit_with_nothing_in_it_still_has_a_report(report: AuditReport, tmp_path: Path) -> None:
     nothing = Audit([], [], "pass", [])
-    bare = replace(report, summary={}, audit=nothing, crops=crops(report.sweeps, nothing), warnings=())
+    bare = replace(report, summary={}, audit=nothing, crops=crops(report.sweeps, nothing, Config().audit), warnings=())
     write_audit_report(tmp_path / "bare.html", bare)
     page = page_of(tmp_path / "bare.html")
     assert set(page.images) == {"Heat map"}
