@@ -88,15 +88,16 @@ def turns_of(stamps_us: NDArray[np.int64], stamp: Stamp) -> tuple[NDArray[np.int
     """Starts (N,) and durations (N,) [us] of turns of which only their increasing stamps (N,) [us] are known.
 
     A turn goes on to the next one's stamp, or where stamps are ends, has gone on since the one before's; beside a gap and
-    at the open end it has the usual duration.
+    at the open end it takes as long as its neighbour, since the turn rate wanders slowly.
     """
     between = np.diff(stamps_us)
-    usual = np.round(usual_steps(stamps_us)).astype(np.int64)
-    between = np.where(between < 1.5 * usual, between, usual)
-    if stamp == "start":
-        return stamps_us, np.append(between, usual[-1:] if len(usual) else USUAL_TURN_US)
-    durations = np.append(usual[:1] if len(usual) else USUAL_TURN_US, between)
-    return stamps_us - durations, durations
+    if not len(between):
+        durations = np.array([USUAL_TURN_US] * len(stamps_us), dtype=np.int64)
+    else:
+        own = np.arange(len(stamps_us)) - (stamp == "end")
+        known = np.flatnonzero(between < 1.5 * usual_steps(stamps_us))  # the shortest step always is
+        durations = between[known[np.minimum(np.searchsorted(known, own), len(known) - 1)]]
+    return (stamps_us if stamp == "start" else stamps_us - durations), durations
 
 
 def even_azimuths(count: int, stamp_us: int, duration_us: int, *, clockwise: bool = True) -> Azimuths:

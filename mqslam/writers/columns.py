@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from mqslam import se2
 from mqslam.errors import DataError
 from mqslam.readers.rows import even_azimuths, turns_of
-from mqslam.stream import RadarStream, Revolution
+from mqslam.stream import RadarStream, Revolution, usual_steps
 from mqslam.writers.rows import write_png
 
 _MOST_STEPS = 1.5  # azimuths may lie this many steps beside where a reader of polar images takes them
@@ -26,6 +26,9 @@ def ends_of(stream: RadarStream) -> NDArray[np.int64]:
 def write_columns(folder: Path, stream: RadarStream, names: Sequence[str]) -> list[str]:
     """Write a polar image `<name>.png` per revolution into a folder, one revolution in memory at a time.
 
+    The first column looks straight ahead. Where turns begin one step later, as Oxford's do, it is the last azimuth of the
+    turn before; the very first one stays empty. Stamps stay those of the turns.
+
     Args:
         folder: where they go.
         stream: the recording.
@@ -37,18 +40,27 @@ def write_columns(folder: Path, stream: RadarStream, names: Sequence[str]) -> li
     Raises:
         DataError: revolutions of different sizes, or azimuths that are not spread evenly from straight ahead.
     """
-    shape, apart, clockwise = (0, 0), 0.0, True
+    shape, apart, clockwise, late = (0, 0), 0.0, True, False
+    ahead: NDArray[np.uint8] | None = None  # what a turn that begins one step late has of the next one's first column
+    follows = np.append(False, np.diff(stream.stamps_us) < 1.5 * usual_steps(stream.stamps_us))
     for k, revolution in enumerate(stream.revolutions()):
         if k == 0:
             shape, clockwise = revolution.power.shape, bool(revolution.azimuths[-1] <= revolution.azimuths[0])
-        _check(stream, k, revolution, shape, clockwise)
-        apart = max(apart, _apart(revolution, clockwise))
-        write_png(folder / f"{names[k]}.png", np.ascontiguousarray(revolution.power.T))
+            late = _apart(revolution, clockwise, 1) < _apart(revolution, clockwise, 0)
+        _check(stream, k, revolution, shape, clockwise, int(late))
+        apart = max(apart, _apart(revolution, clockwise, int(late)))
+        power = revolution.power
+        if late:
+            first = ahead if ahead is not None and follows[k] else np.zeros(shape[1], dtype=np.uint8)
+            power, ahead = np.vstack([first, power[:-1]]), power[-1]
+        write_png(folder / f"{names[k]}.png", np.ascontiguousarray(power.T))
     return _notes(apart, clockwise)
 
 
-def _check(stream: RadarStream, k: int, revolution: Revolution, shape: tuple[int, int], clockwise: bool) -> None:
-    """See that polar images can hold revolution k as they hold the first.
+def _check(
+    stream: RadarStream, k: int, revolution: Revolution, shape: tuple[int, int], clockwise: bool, late: int
+) -> None:
+    """See that polar images can hold revolution k as they hold the first, which begins `late` steps after straight ahead.
 
     Raises:
         DataError: they cannot.
@@ -60,15 +72,16 @@ def _check(stream: RadarStream, k: int, revolution: Revolution, shape: tuple[int
         raise DataError(stream.path, problem, remedy)
     if shape[0] > shape[1]:
         raise DataError(stream.path, f"has more azimuths ({shape[0]}) than range bins ({shape[1]})", remedy)
-    apart = _apart(revolution, clockwise)
+    apart = _apart(revolution, clockwise, late)
     if apart * shape[0] > _MOST_STEPS * 2.0 * np.pi:
         problem = f"azimuths of revolution {k} lie {np.rad2deg(apart):.2f} deg beside even steps from straight ahead"
         raise DataError(stream.path, f"{problem}, which polar images stand for", remedy)
 
 
-def _apart(revolution: Revolution, clockwise: bool) -> float:
-    """How far azimuths lie from where a reader of polar images takes them [rad]."""
+def _apart(revolution: Revolution, clockwise: bool, late: int) -> float:
+    """How far azimuths lie from where a reader of polar images takes them [rad], from column `late` on."""
     even = even_azimuths(len(revolution.azimuths), 0, 0, clockwise=clockwise).angles
+    even = even + late * (even[1] - even[0])
     return float(np.abs(se2.wrap(revolution.azimuths - even)).max())
 
 
