@@ -181,12 +181,18 @@ def unread_warnings(unread: dict[int, DataError]) -> list[str]:
     return [f"{several} could not be read and {'is' if len(unread) == 1 else 'are'} left out: {', '.join(named + others)}"]
 
 
-def windows_of(stream: RadarStream, returns: list[Returns]) -> list[Window]:
-    """A window per revolution: from its start to the next one's, or one turn long before a gap and at the end."""
+def windows_of(stream: RadarStream, returns: list[Returns] | None = None) -> list[Window]:
+    """A window per revolution: from its start to the next one's, or one turn long before a gap and at the end.
+
+    Args:
+        stream: the recording.
+        returns: of each revolution; None leaves the windows empty.
+    """
     starts = stream.start_times
     ends = [*starts[1:], (stream.end_us - stream.start_us) * 1e-6]
     turns = np.append(usual_steps(stream.stamps_us) * 1e-6, stream.period_s)
     turns[-1] = turns[-2:][0]
+    returns = [Returns.none()] * len(stream) if returns is None else returns
     return [
         Window(float(t0), float(t1 if t1 - t0 <= 1.5 * turn else t0 + turn), found)
         for t0, t1, turn, found in zip(starts, ends, turns.tolist(), returns, strict=True)

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
+
+from mqslam.lidar import LidarRecording
 from mqslam.stream import RadarStream
 from mqslam.trajectory import Trajectory
 
@@ -35,6 +38,28 @@ def describe(stream: RadarStream) -> dict[str, Any]:
         "gaps": [{"after_revolution": k, "missing_s": missing} for k, missing in stream.gaps()],
         "notes": list(stream.notes),
         "faults": list(stream.faults),
+    }
+
+
+def describe_lidar(lidar: LidarRecording) -> dict[str, Any]:
+    """A lidar's recording likewise.
+
+    Returns:
+        format, path, scans, duration_s [s], scan_rate_hz [1/s], returns per scan, max_range_m [m] among them, odometry and
+        recording (the poses beside the scans), and notes.
+    """
+    steps = np.diff(lidar.stamps_us) * 1e-6
+    return {
+        "format": lidar.format,
+        "path": str(lidar.path),
+        "scans": len(lidar.windows),
+        "duration_s": float(steps.sum()),
+        "scan_rate_hz": 1.0 / float(np.median(steps)),
+        "returns": float(np.mean([len(window.returns) for window in lidar.windows])),
+        "max_range_m": max(float(window.returns.ranges.max(initial=0.0)) for window in lidar.windows),
+        "odometry": _extent(lidar.odometry),
+        "recording": _extent(lidar.trajectory),
+        "notes": list(lidar.notes),
     }
 
 

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from layouts import left_turn
 from recordings import START_US, TURN_US, circle, with_metadata, write_png
 
 from mqslam.readers import open_recording
-from mqslam.stream import RadarStream
+from mqslam.stream import RadarStream, Revolution
 from mqslam.trajectory import write_tum
 from mqslam.writers.recording import write_recording
 from mqslam.writers.rosbag import Message
@@ -53,3 +57,24 @@ def uneven_oxford(folder: Path) -> Path:
     rows = "".join(f"{t},5,{0.1 + 1e-7 * k},{0.02 * k}\n" for k, t in enumerate(stamps.tolist()))
     (folder / "odom.csv").write_text("t,v,omega,vy\n" + rows)
     return folder
+
+
+@dataclass(frozen=True, kw_only=True)
+class Turns(RadarStream):
+    """A recording of given revolutions."""
+
+    turns: tuple[Revolution, ...]
+
+    def revolutions(self, start: int = 0, stop: int | None = None) -> Iterator[Revolution]:
+        yield from self.turns[start:stop]
+
+
+def changed(start_us: int | None = None, **by_name: Any) -> Turns:
+    """The left turn, each of its revolutions changed by functions of a revolution that make new fields."""
+    stream = left_turn()
+    turns = tuple(replace(r, **{name: change(r) for name, change in by_name.items()}) for r in stream.revolutions())
+    late = stream.start_us - (stream.start_us if start_us is None else start_us)
+    return Turns(
+        path=Path("drive"), format="given", stamps_us=stream.stamps_us - late, end_us=stream.end_us - late,
+        range_resolution=0.5, turns=turns,
+    )  # fmt: skip

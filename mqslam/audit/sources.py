@@ -15,7 +15,6 @@ from mqslam.cloud import TimedCloud
 from mqslam.config import Config
 from mqslam.errors import DataError
 from mqslam.lidar import LidarRecording
-from mqslam.readers import bags, carmen, laserscan
 from mqslam.returns import Window
 from mqslam.trajectory import Trajectory
 
@@ -57,15 +56,6 @@ def is_cloud(path: Path) -> bool:
             return not any(name.startswith("power") for name in archive.namelist())
     except (OSError, ValueError, zipfile.BadZipFile):
         return False
-
-
-def read_lidar(path: Path) -> LidarRecording | None:
-    """A lidar recording, or None where the path is none: a CARMEN log, or a bag with laser scans."""
-    if carmen.recognises(path):
-        return carmen.read_lidar(path)
-    if bags.recognises(path) and laserscan.holds_scans(path):
-        return laserscan.read_lidar(path)
-    return None
 
 
 def lidar_source(lidar: LidarRecording) -> Source:

@@ -76,14 +76,7 @@ def swept(
     Raises:
         EstimationError: recording and trajectory share no time, or hold no returns where they do.
     """
-    inside = covered(windows, start_us, period_s, trajectory)
-    if len(inside) < 2:
-        spans = ((trajectory.stamps_us[0], trajectory.stamps_us[-1]), _stamps(windows, start_us)[[0, -1], [0, 1]])
-        track, recording = (f"{1e-6 * first:.2f} to {1e-6 * last:.2f} s" for first, last in spans)
-        raise EstimationError(
-            f"the trajectory ({track}) and the recording ({recording}) share no time; "
-            "give a trajectory with the recording's own stamps"
-        )
+    inside = shared(windows, start_us, period_s, trajectory)
     kept = [windows[k] for k in inside]
     returns = Returns.concatenate([w.returns for w in kept])
     if not len(returns):
@@ -99,6 +92,23 @@ def swept(
     return Sweeps(
         placed.points, placed.covariances, turns, begins, numbers, times, poses, path_length(poses), period_s
     ), inside
+
+
+def shared(windows: Sequence[Window], start_us: int, period_s: float, trajectory: Trajectory) -> list[int]:
+    """Indices of the windows that a trajectory covers, of which there must be some.
+
+    Raises:
+        EstimationError: there are none.
+    """
+    inside = covered(windows, start_us, period_s, trajectory)
+    if len(inside) < 2:
+        spans = ((trajectory.stamps_us[0], trajectory.stamps_us[-1]), _stamps(windows, start_us)[[0, -1], [0, 1]])
+        track, recording = (f"{1e-6 * first:.2f} to {1e-6 * last:.2f} s" for first, last in spans)
+        raise EstimationError(
+            f"the trajectory ({track}) and the recording ({recording}) share no time; "
+            "give a trajectory with the recording's own stamps"
+        )
+    return inside
 
 
 def covered(windows: Sequence[Window], start_us: int, period_s: float, trajectory: Trajectory) -> list[int]:

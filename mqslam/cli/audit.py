@@ -70,8 +70,9 @@ def audit(
             cloud = read_cloud(data, _heights(z_range))
             sweeps, notes, kind = sweeps_of_cloud(cloud, given, settings), list(cloud.notes), data.suffix.lower()[1:]
         else:
-            source, settings = _source(data, config, format, range_resolution, jobs, show)
-            track = given or _carried(source, trajectory)
+            source, track, settings = _source(
+                data, given, trajectory or "recording", config, format, range_resolution, jobs, show
+            )
             sweeps, notes = sweeps_of(source, track, settings)
             notes, kind = [*source.notes, *notes], source.format
         if not quiet:
@@ -115,42 +116,52 @@ def _heights(text: str | None) -> tuple[float, float] | None:
     return low, high
 
 
-def _carried(source: Source, name: str | None) -> Trajectory:
-    """The trajectory of a name that the recording carries.
+def _carried(path: Path, tracks: dict[str, Trajectory], name: str) -> Trajectory:
+    """The trajectory of a name among those that a recording carries.
 
     Raises:
         ConfigError: it carries none of that name.
     """
     from mqslam.errors import ConfigError
 
-    track = source.tracks.get(name or "recording")
-    if track is None:
-        has = f"it carries {', '.join(source.tracks)}" if source.tracks else "it carries none"
-        raise ConfigError(f"{source.path}: has no trajectory '{name or 'recording'}' ({has}); give --trajectory FILE")
-    return track
+    if name not in tracks:
+        has = f"it carries {', '.join(tracks)}" if tracks else "it carries none"
+        raise ConfigError(f"{path}: has no trajectory '{name}' ({has}); give --trajectory FILE")
+    return tracks[name]
 
 
 def _source(
-    data: Path, config: str | None, format: str | None, range_resolution: float | None, jobs: int, show: Progress
-) -> tuple[Source, Config]:
-    """A radar or lidar recording as windows of returns, and the settings for it."""
-    from mqslam.audit.sources import LIDAR_CONFIG, Source, lidar_source, read_lidar
+    data: Path,
+    given: Trajectory | None,
+    name: str,
+    config: str | None,
+    format: str | None,
+    range_resolution: float | None,
+    jobs: int,
+    show: Progress,
+) -> tuple[Source, Trajectory, Config]:
+    """A radar or lidar recording as windows of returns, the trajectory given or carried by name, and the settings."""
+    from mqslam.audit.sources import LIDAR_CONFIG, Source, lidar_source
+    from mqslam.audit.sweeps import shared
     from mqslam.cli.recording import opened
     from mqslam.config import load_config
-    from mqslam.detection import detect_all, unread_warnings
+    from mqslam.detection import detect_all, unread_warnings, windows_of
     from mqslam.psi.doppler import with_doppler
+    from mqslam.readers import lidars
 
-    lidar = read_lidar(data) if format is None and data.exists() else None
-    if lidar is not None:
-        return lidar_source(lidar), load_config(config or LIDAR_CONFIG)
+    if format is None and data.exists() and lidars.recognises(data):
+        source = lidar_source(lidars.read_lidar(data))
+        return source, given or _carried(data, source.tracks, name), load_config(config or LIDAR_CONFIG)
     settings = load_config(config)
     stream = opened(data, format, range_resolution, settings.sensor)
-    windows, detected = detect_all(stream, settings.detector, jobs, show)
-    carried: dict[str, Any] = {"odometry": stream.odometry, "ground_truth": stream.ground_truth}
+    carried = {"odometry": stream.odometry, "ground_truth": stream.ground_truth}
     tracks = {name: track for name, track in carried.items() if track is not None}
+    track = given or _carried(data, tracks, name)
+    shared(windows_of(stream), stream.start_us, stream.period_s, track)  # before the recording is read
+    windows, detected = detect_all(stream, settings.detector, jobs, show)
     notes = (*stream.notes, *stream.faults, *unread_warnings(detected.unread))
     source = Source(stream.path, stream.format, windows, stream.start_us, stream.period_s, tracks, notes)
-    return source, with_doppler(windows, settings, stream.period_s)
+    return source, track, with_doppler(windows, settings, stream.period_s)
 
 
 def _lines(summary: dict[str, Any]) -> list[str]:

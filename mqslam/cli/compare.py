@@ -49,11 +49,11 @@ def compare(
     from mqslam.checkpoint import run_key, unfinished
     from mqslam.cli.progress import progress
     from mqslam.cli.recording import choose_odometry, opened
-    from mqslam.compare.judge import agreement, common_span, judge, places
+    from mqslam.compare.judge import agreement, enough_in_common, judge, places
     from mqslam.compare.outputs import summarise, table, write_compare
     from mqslam.compare.rows import front_end_row
     from mqslam.config import load_config
-    from mqslam.detection import detect_all, unread_warnings
+    from mqslam.detection import detect_all, unread_warnings, windows_of
     from mqslam.errors import EstimationError
     from mqslam.frontend import Context
     from mqslam.outputs import check_free, whole_folder
@@ -70,6 +70,7 @@ def compare(
         for note in stream.notes:
             console.print(f"note: {note}", highlight=False, soft_wrap=True)
     period_s, start_us = stream.period_s, stream.start_us
+    enough_in_common(given, windows_of(stream), start_us, period_s, settings.audit.window)  # before the recording is read
     key = run_key(stream, settings, f"compare {','.join(names)} {odometry_only}", track)
     with unfinished(out, key, resume=resume) as checkpoint, progress(console, quiet or as_json) as show:
         windows, detected = detect_all(stream, settings.detector, jobs, show, checkpoint)
@@ -85,11 +86,7 @@ def compare(
         if not ran:
             raise EstimationError("; ".join(f"{row.name}: {row.failure}" for row in rows))
         tracks = [row.trajectory for row in ran if row.trajectory is not None]
-        common = common_span(windows, start_us, period_s, tracks)
-        if len(common) < settings.audit.window:
-            covered = (len(common_span(windows, start_us, period_s, [track])) for track in tracks)
-            said = ", ".join(f"{row.name} covers {count}" for row, count in zip(ran, covered, strict=True))
-            raise EstimationError(f"the rows share {len(common)} of {len(windows)} revolutions ({said}); leave some out")
+        common = enough_in_common(ran, windows, start_us, period_s, settings.audit.window)
         if len(common) < len(windows):
             notes = [*notes, f"{len(common)} of {len(windows)} revolutions are in every trajectory: judged on those"]
         where = places(common, start_us, tracks, settings.audit.window)

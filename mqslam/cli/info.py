@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from typing import Any
 
 import typer
 
@@ -22,27 +23,54 @@ def info(
     """
     from mqslam.cli.recording import opened
     from mqslam.config import load_config
-    from mqslam.info import describe
+    from mqslam.info import describe, describe_lidar
+    from mqslam.readers import lidars
 
-    found = describe(opened(data, format, range_resolution, load_config(config).sensor))
+    if format is None and data.exists() and lidars.recognises(data):
+        found = describe_lidar(lidars.read_lidar(data))
+        rows = _lidar_rows(found)
+    else:
+        found = describe(opened(data, format, range_resolution, load_config(config).sensor))
+        rows = _radar_rows(found)
     if as_json:
         typer.echo(json.dumps(found, indent=1))
         return
-    rows = [
+    for name, value in rows:
+        typer.echo(f"{name:<14}{value}")
+
+
+def _radar_rows(found: dict[str, Any]) -> list[tuple[str, str]]:
+    """A line per fact for a person to read: its name and value."""
+    gaps = [f"{g['missing_s']:.2f} s after revolution {g['after_revolution']}" for g in found["gaps"]]
+    return [
         ("format", found["format"]),
         ("path", found["path"]),
-        ("revolutions", found["revolutions"]),
+        ("revolutions", f"{found['revolutions']}"),
         ("duration", f"{found['duration_s']:.2f} s"),
         ("turn rate", f"{found['turn_rate_hz']:.3f} Hz"),
         ("azimuths", f"{found['azimuths']} per revolution"),
         ("range", f"{found['bins']} bins of {found['range_resolution_m']:.4g} m: {found['max_range_m']:.1f} m"),
+        ("odometry", _extent(found["odometry"])),
+        ("ground truth", _extent(found["ground_truth"])),
+        ("gaps", ", ".join(gaps) or "none"),
+        *(("note", note) for note in found["notes"]),
+        *(("fault", fault) for fault in found["faults"]),
     ]
-    for name in ("odometry", "ground_truth"):
-        track = found[name]
-        extent = "none" if track is None else f"{track['poses']} poses, {track['length_m']:.1f} m"
-        rows.append((name.replace("_", " "), extent))
-    gaps = [f"{g['missing_s']:.2f} s after revolution {g['after_revolution']}" for g in found["gaps"]]
-    rows.append(("gaps", ", ".join(gaps) or "none"))
-    rows += [("note", note) for note in found["notes"]] + [("fault", fault) for fault in found["faults"]]
-    for name, value in rows:
-        typer.echo(f"{name:<14}{value}")
+
+
+def _lidar_rows(found: dict[str, Any]) -> list[tuple[str, str]]:
+    return [
+        ("format", f"{found['format']}, a lidar's: mqslam audit judges its map"),
+        ("path", found["path"]),
+        ("scans", f"{found['scans']}"),
+        ("duration", f"{found['duration_s']:.2f} s"),
+        ("scan rate", f"{found['scan_rate_hz']:.3f} Hz"),
+        ("returns", f"{found['returns']:.0f} per scan, up to {found['max_range_m']:.1f} m away"),
+        ("odometry", _extent(found["odometry"])),
+        ("poses", _extent(found["recording"])),
+        *(("note", note) for note in found["notes"]),
+    ]
+
+
+def _extent(track: dict[str, Any] | None) -> str:
+    return "none" if track is None else f"{track['poses']} poses, {track['length_m']:.1f} m"

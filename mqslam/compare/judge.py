@@ -15,6 +15,7 @@ from mqslam.audit.sweeps import Sweeps, covered, swept
 from mqslam.compare.rows import Row
 from mqslam.config import Config
 from mqslam.detection import Progress
+from mqslam.errors import EstimationError
 from mqslam.evaluation import Evaluation, evaluate
 from mqslam.render import render
 from mqslam.returns import Window
@@ -65,9 +66,21 @@ class Judged:
     crops: tuple[NDArray[np.float64], ...]
 
 
-def common_span(windows: Sequence[Window], start_us: int, period_s: float, tracks: Sequence[Trajectory]) -> list[Window]:
-    """The windows that every trajectory covers."""
-    inside = set(range(len(windows))).intersection(*(covered(windows, start_us, period_s, track) for track in tracks))
+def enough_in_common(
+    rows: Sequence[Row], windows: Sequence[Window], start_us: int, period_s: float, fewest: int
+) -> list[Window]:
+    """The windows that the trajectory of every row covers.
+
+    Raises:
+        EstimationError: they are fewer than `fewest`.
+    """
+    by_row = {row.name: covered(windows, start_us, period_s, row.trajectory) for row in rows if row.trajectory is not None}
+    inside = set(range(len(windows))).intersection(*by_row.values())
+    if len(windows) < fewest:
+        raise EstimationError(f"{len(windows)} revolutions are too few to compare on; {fewest} at least are needed")
+    if len(inside) < fewest:
+        said = ", ".join(f"{name} covers {len(its)}" for name, its in by_row.items())
+        raise EstimationError(f"the rows share {len(inside)} of {len(windows)} revolutions ({said}); leave some out")
     return [windows[k] for k in sorted(inside)]
 
 

@@ -84,6 +84,9 @@ def _guess(path: Path) -> Reader:
         reader = _reader(format)
         if reader.recognises(path):
             return reader
+    lidars = importlib.import_module("mqslam.readers.lidars")
+    if lidars.recognises(path):
+        raise DataError(path, "is a lidar's recording", "give a radar's; a lidar's can be audited")
     raise DataError(
         path,
         "is no recording in a known layout",

@@ -88,6 +88,7 @@ def simulate(
     }
     with _folder_written_whole(out) as folder:
         oxford.write_beside(folder, stream)
+        oxford.write_stamps(folder, stream.stamps_us.tolist())
         _write_revolutions(folder, stream, jobs, progress)
         wheels = stream.wheel_odometry
         twists = np.c_[np.round(wheels.v, 5), np.zeros_like(wheels.v), np.round(wheels.omega, 6)]

@@ -14,7 +14,7 @@ from mqslam.readers.rows import even_azimuths, turns_of
 from mqslam.stream import RadarStream, Revolution, usual_steps
 from mqslam.writers.rows import write_png
 
-_MOST_STEPS = 1.5  # azimuths may lie this many steps beside where a reader of polar images takes them
+_MOST_STEPS = 0.75  # azimuths may lie this many steps beside where a reader of polar images takes them
 
 
 def ends_of(stream: RadarStream) -> NDArray[np.int64]:

@@ -13,7 +13,7 @@ from mqslam.files import write_text
 from mqslam.readers.oxford import RANGE_RESOLUTION_M, RECORDING
 from mqslam.stream import RadarStream, Revolution
 from mqslam.trajectory import Trajectory, write_tum
-from mqslam.writers.rows import oxford_rows, write_png
+from mqslam.writers.rows import azimuth_stamps, oxford_rows, write_png
 
 COLUMNS = "source_timestamp,destination_timestamp,x,y,z,roll,pitch,yaw,source_radar_timestamp,destination_radar_timestamp"
 """First line of an Oxford ground-truth file."""
@@ -35,24 +35,30 @@ def write(folder: Path, stream: RadarStream) -> list[str]:
         track = stream.odometry
         twists = track.mean_twists(track.stamps_us[:-1], track.stamps_us[1:])
         write_twists(folder / "odom.csv", track.stamps_us.tolist(), np.vstack([twists, twists[-1:]]))
-    for k, revolution in enumerate(stream.revolutions()):
-        write_revolution(folder, stream, k, revolution)
+    revolutions = enumerate(stream.revolutions())
+    write_stamps(folder, [write_revolution(folder, stream, k, revolution) for k, revolution in revolutions])
     return []
 
 
+def write_stamps(folder: Path, stamps_us: Iterable[int]) -> None:
+    """Write the list of the images' stamps [us]."""
+    write_text(folder / "radar.timestamps", "".join(f"{stamp} 1\n" for stamp in stamps_us))
+
+
 def write_beside(folder: Path, stream: RadarStream) -> None:
-    """Write what lies beside the images, the list of stamps and ground truth, and make the folder of the images."""
+    """Write ground truth, which lies beside the images, and make their folder."""
     (folder / "radar").mkdir()
-    write_text(folder / "radar.timestamps", "".join(f"{stamp} 1\n" for stamp in stream.stamps_us.tolist()))
     if stream.ground_truth is not None:
         (folder / "gt").mkdir()
         write_tum(folder / "gt" / "poses_tum.txt", stream.ground_truth)
         write_text(folder / "gt" / "radar_odometry.csv", _moves(stream.ground_truth))
 
 
-def write_revolution(folder: Path, stream: RadarStream, k: int, revolution: Revolution) -> None:
-    """Write the image of revolution k."""
-    write_png(folder / "radar" / f"{stream.stamps_us[k]}.png", oxford_rows(stream, k, revolution))
+def write_revolution(folder: Path, stream: RadarStream, k: int, revolution: Revolution) -> int:
+    """Write the image of revolution k, named after the stamp of its first azimuth [us], which is returned."""
+    stamp = int(azimuth_stamps(stream, revolution)[0])
+    write_png(folder / "radar" / f"{stamp}.png", oxford_rows(stream, k, revolution))
+    return stamp
 
 
 def write_twists(path: Path, stamps_us: Iterable[int], twists: se2.Array) -> None:

@@ -73,3 +73,15 @@ def test_what_is_no_recording_is_one_line_and_exit_code_2(tmp_path: Path) -> Non
         shown = mqslam("info", path)
         assert shown.code == 2 and shown.out == ""
         assert shown.err.startswith(f"mqslam: error: {path}: ") and shown.err.count("\n") == 1
+
+
+def test_a_lidars_log_is_described_and_sent_to_the_audit(tmp_path: Path) -> None:
+    log = tmp_path / "scans.log"
+    scan = " ".join(["2.5"] * 180)
+    log.write_text("".join(f"FLASER 180 {scan} {k} 0 0 {k} 0 0 {10 + k}.5 host {k}\n" for k in range(4)))
+    found = json.loads(mqslam("info", log, "--json").out)
+    assert (found["format"], found["scans"], found["duration_s"], found["returns"]) == ("carmen", 4, 3.0, 180.0)
+    assert found["recording"] == {"poses": 4, "length_m": 3.0}
+    assert "a lidar's: mqslam audit judges its map" in mqslam("info", log).out
+    shown = mqslam("run", log, "--out", tmp_path / "out")
+    assert shown.code == 2 and "is a lidar's recording; give a radar's" in shown.err

@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 from drives import street_drive
 
-from mqslam.compare.judge import agreement, common_span, judge, places
+from mqslam.compare.judge import agreement, enough_in_common, judge, places
 from mqslam.compare.rows import Row, front_end_row, given_row, run_front_end
 from mqslam.config import Config, SensorConfig
+from mqslam.errors import EstimationError
 from mqslam.frontend import Context
 from mqslam.graph import chain
 from mqslam.trajectory import Trajectory
@@ -81,7 +82,7 @@ def test_rows_are_judged_by_truth_and_without_it() -> None:
     bad[:, 2] += 0.03 * np.sin(np.arange(len(bad)))
     rows = [row("psi", False), given_row("truth", truth), given_row("shaken", Trajectory(truth.stamps_us, bad))]
     tracks = [r.trajectory for r in rows]
-    common = common_span(windows, stream.start_us, stream.period_s, tracks)
+    common = enough_in_common(rows, windows, stream.start_us, stream.period_s, 6)
     assert len(common) == len(windows)
     where = places(common, stream.start_us, tracks, 6)
     assert where and all(a.apart_m >= b.apart_m for a, b in itertools.pairwise(where))
@@ -104,5 +105,8 @@ def test_only_what_every_trajectory_covers_is_compared() -> None:
     stream, windows = street_drive()
     truth = stream.ground_truth
     part = Trajectory(truth.stamps_us[10:30], truth.poses[10:30])
-    common = common_span(windows, stream.start_us, stream.period_s, [truth, part])
+    rows = [given_row("truth", truth), given_row("part", part)]
+    common = enough_in_common(rows, windows, stream.start_us, stream.period_s, 6)
     assert 18 <= len(common) <= 22 and common[0].t0 >= windows[9].t0
+    with pytest.raises(EstimationError, match=f"the rows share {len(common)} of {len(windows)} revolutions .*part covers"):
+        enough_in_common(rows, windows, stream.start_us, stream.period_s, 30)

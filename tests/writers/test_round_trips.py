@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conversions import BAGS, EVEN, STAMPED, convert, converted, uneven_oxford
+from conversions import BAGS, EVEN, STAMPED, changed, convert, converted, uneven_oxford
 from layouts import assert_alike, left_turn
 from PIL import Image
 from recordings import assert_same
@@ -121,3 +121,15 @@ def assert_same_motion(a: Trajectory | None, b: Trajectory | None) -> None:
     moved = [se2.between(track.poses[:1], track.poses) for track in (a, b)]
     np.testing.assert_allclose(moved[0][:, :2], moved[1][:, :2], rtol=0.0, atol=3e-6)
     np.testing.assert_allclose(se2.wrap(moved[0][:, 2] - moved[1][:, 2]), 0.0, rtol=0.0, atol=1e-8)
+
+
+@pytest.mark.parametrize("layout", EVEN)
+def test_turns_that_begin_one_step_late_fill_the_first_column_from_the_turn_before(tmp_path: Path, layout: str) -> None:
+    step = 2.0 * np.pi / left_turn().sensor.azimuths
+    late = changed(azimuths=lambda r: r.azimuths - step)
+    back = converted(late, tmp_path, layout)
+    before = np.zeros_like(late[0].power[-1])
+    for one, other in zip(late.revolutions(), back.revolutions(), strict=True):
+        np.testing.assert_array_equal(other.power, np.vstack([before, one.power[:-1]]))
+        np.testing.assert_allclose(other.azimuths[1:], one.azimuths[:-1], rtol=0.0, atol=1e-9)
+        before = one.power[-1]
