@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 
@@ -31,10 +31,12 @@ from mqslam.loops.submap import Drive
 from mqslam.measurement import RelativeMotion
 from mqslam.pointmap import PointMap
 from mqslam.psi.doppler import with_doppler
-from mqslam.render import render
+from mqslam.render import place_along, render
 from mqslam.returns import Window
 from mqslam.stream import RadarStream
 from mqslam.trajectory import Trajectory
+
+Watch = Callable[[Window, se2.Array, NDArray[np.float64]], None]  # a window, its pose (3,) and points (N, 2) [m]
 
 
 @dataclass(frozen=True)
@@ -92,6 +94,7 @@ class Slam:
         progress: called as stages go on.
         checkpoint: where stages are kept and looked for; None keeps nothing.
         strict: whether a revolution that cannot be read stops the run, rather than being left out.
+        watch: called with every window once its motion is measured, its pose and points in the frame of the first.
 
     Raises:
         ConfigError: there is no front end of that name.
@@ -106,6 +109,7 @@ class Slam:
         checkpoint: Checkpoint | None = None,
         *,
         strict: bool = False,
+        watch: Watch | None = None,
     ) -> None:
         self._config = config
         self._name = frontend
@@ -114,6 +118,7 @@ class Slam:
         self._progress = progress
         self._checkpoint = checkpoint
         self._strict = strict
+        self._watch = watch
         self._runtime_s: dict[str, float] = {}
 
     def run(self, stream: RadarStream, odometry: Trajectory | None) -> Run:
@@ -188,16 +193,27 @@ class Slam:
         if kept is not None:
             sensor = self._config.sensor.model_copy(update={"doppler_beta": kept[1]})
             self._config = self._config.model_copy(update={"sensor": sensor})
-            return replace(context, config=self._config), kept[0]
+            return replace(context, config=self._config), list(self._watched(windows, kept[0]))
         self._config = with_doppler(windows, self._config, context.revolution_s)
         context = replace(context, config=self._config)
         measurements = []
-        for motion in self._frontend(context).measure(windows):
+        for motion in self._watched(windows, self._frontend(context).measure(windows)):
             measurements.append(motion)
             self._progress("windows", len(measurements) + 1, len(windows))
         if self._checkpoint:
             self._checkpoint.keep_measurements(measurements, self._config.sensor.doppler_beta or 0.0)
         return context, measurements
+
+    def _watched(self, windows: list[Window], motions: Iterable[RelativeMotion]) -> Iterator[RelativeMotion]:
+        """The motions as they are measured; the window each begins with is shown to the watch, if there is one."""
+        pose = np.zeros(3)
+        for window, motion in zip(windows, motions, strict=False):
+            after = se2.compose(pose, motion.pose)
+            if self._watch:
+                times, poses = np.array([motion.t0, motion.t1]), np.array([pose, after])
+                self._watch(window, pose, place_along(window.returns, times, poses, self._config).points)
+            pose = after
+            yield motion
 
     def _odometry(
         self, windows: list[Window], context: Context, measurements: list[RelativeMotion]
