@@ -44,3 +44,7 @@ class OutputError(MqslamError):
 
 class EstimationError(MqslamError):
     """Data from which no motion can be estimated, such as a recording without returns."""
+
+
+class ViewerError(MqslamError):
+    """Nothing to show a map with: no display, or a viewer that is not installed."""

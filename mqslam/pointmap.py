@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from mqslam.errors import DataError
 from mqslam.files import written_whole
 
 _VERTEX = [("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("intensity", "<f4"), ("time", "<f8"), ("psi", "<f4")]
@@ -52,3 +54,19 @@ def write_ply(path: Path, pointmap: PointMap) -> None:
     vertices["psi"] = pointmap.psi
     with written_whole(path) as aside:
         PlyData([PlyElement.describe(vertices, "vertex")], byte_order="<").write(str(aside))
+
+
+def read_ply(path: Path, names: Sequence[str]) -> dict[str, NDArray[np.float64]]:
+    """Vertex properties (N,) of a run's PLY by name.
+
+    Raises:
+        DataError: unreadable, or without one of them.
+    """
+    from plyfile import PlyData, PlyParseError
+
+    try:
+        vertices = PlyData.read(str(path))["vertex"]
+        return {name: np.asarray(vertices[name], dtype=np.float64) for name in names}
+    except (OSError, ValueError, KeyError, PlyParseError) as error:
+        problem = f"is not a readable PLY with {', '.join(names)} ({error})"
+        raise DataError(path, problem, "give the folder of a finished run") from error

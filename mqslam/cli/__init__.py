@@ -16,6 +16,7 @@ from mqslam.cli.paper import paper
 from mqslam.cli.run import run
 from mqslam.cli.score import score
 from mqslam.cli.simulate import simulate
+from mqslam.cli.view import view
 from mqslam.errors import MqslamError
 from mqslam.interrupts import Interrupted, interruptible
 
@@ -27,6 +28,7 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 app.command()(run)
+app.command()(view)
 app.command()(compare)
 app.command()(audit)
 app.command()(info)

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -12,6 +14,10 @@ from mqslam.cli.options import CORES, ConfigOption, Data, Force, Format, Jobs, J
 
 if TYPE_CHECKING:
     from rich.table import Table
+
+    from mqslam.slam import Watch
+
+_VIEWER = "viewer"
 
 
 def run(
@@ -26,6 +32,13 @@ def run(
     strict: Annotated[
         bool, typer.Option("--strict", help="Stop at a revolution that cannot be read, rather than leave it out.")
     ] = False,
+    live: Annotated[
+        str | None,
+        typer.Option(
+            metavar="viewer|FILE.rrd",
+            help="Show the map as it grows: in Rerun's viewer, or recorded for it (pip install 'mqslam\\[view]').",
+        ),
+    ] = None,
     resume: Annotated[bool, typer.Option("--resume", help="Continue the unfinished run at --out, if there is one.")] = False,
     force: Force = False,
     as_json: Json = False,
@@ -55,8 +68,8 @@ def run(
         for note in log:
             console.print(f"note: {note}", highlight=False, soft_wrap=True)
     with unfinished(out, run_key(stream, settings, frontend, track), resume=resume) as checkpoint:
-        with progress(console, quiet or as_json) as show:
-            result = Slam(settings, frontend, jobs, show, checkpoint, strict=strict).run(stream, track)
+        with progress(console, quiet or as_json) as show, watching(live, force=force) as watch:
+            result = Slam(settings, frontend, jobs, show, checkpoint, strict=strict, watch=watch).run(stream, track)
         summary = summarise(result, stream)
         warnings = run_warnings(result, stream) + notes
         with whole_folder(out) as folder:
@@ -68,6 +81,30 @@ def run(
             console.print(f"warning: {warning}", style="yellow", highlight=False, soft_wrap=True)
         Console(soft_wrap=True).print(summary_table(summary))
         typer.echo(f"report: {out / 'report.html'}")
+
+
+@contextmanager
+def watching(live: str | None, *, force: bool) -> Iterator[Watch | None]:
+    """What shows every revolution as --live asks.
+
+    Raises:
+        ConfigError: it is neither the viewer nor an .rrd file.
+        OutputError: the file exists, or cannot be written.
+        ViewerError: Rerun is not installed, or there is no display for its viewer.
+    """
+    from mqslam.errors import ConfigError, OutputError
+
+    if live is None:
+        yield None
+        return
+    if live != _VIEWER and Path(live).suffix != ".rrd":
+        raise ConfigError(f"--live {live}: give viewer, or a file that ends in .rrd")
+    if live != _VIEWER and Path(live).exists() and not force:
+        raise OutputError(f"{live}: exists already; choose another --live or give --force to replace it")
+    from mqslam.viewer.rerun_log import recorded, streamed
+
+    with streamed() if live == _VIEWER else recorded(Path(live)) as log:
+        yield log.watch
 
 
 def log_text(summary: dict[str, Any], notes: list[str], warnings: list[str]) -> str:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from mqslam import se2
 from mqslam.errors import DataError
+from mqslam.pointmap import read_ply
 from mqslam.readers.bags import PATH_TYPE, POSE_TYPE
 from mqslam.trajectory import Trajectory, read_tum
 from mqslam.writers.bags import TF_TYPE, Bag, bag_written
@@ -113,13 +114,7 @@ def _cloud(bag: Bag, file: Path, stamp_us: int) -> Any:
     Raises:
         DataError: not such a PLY.
     """
-    from plyfile import PlyData, PlyParseError
-
-    try:
-        vertices = PlyData.read(str(file))["vertex"]
-        points = np.column_stack([np.asarray(vertices[name], dtype="<f4") for name in _COLUMNS])
-    except (OSError, ValueError, KeyError, PlyParseError) as error:
-        raise DataError(file, f"is not a readable PLY with {', '.join(_COLUMNS)} ({error})", _REMEDY) from error
+    points = np.column_stack([column.astype("<f4") for column in read_ply(file, _COLUMNS).values()])
     fields = [bag.make("sensor_msgs/msg/PointField", name, 4 * i, _FLOAT32, 1) for i, name in enumerate(_COLUMNS)]
     step = 4 * len(_COLUMNS)
     content = np.ascontiguousarray(points).view(np.uint8).reshape(-1)

@@ -14,12 +14,13 @@ from commands import mqslam
 import mqslam as package
 
 COMMAND = Path(sys.executable).with_name("mqslam")
-HEAVY = ("numba", "gtsam", "matplotlib", "scipy", "open3d", "kiss_icp", "rosbags", "PIL", "plyfile")
+HEAVY = ("numba", "gtsam", "matplotlib", "scipy", "open3d", "kiss_icp", "rosbags", "PIL", "plyfile", "rerun")
 OPTIONS = {
     "run": [
         "--out", "--frontend", "--config", "--odometry", "--format", "--range-resolution", "--jobs", "--force", "--json",
-        "--quiet",
+        "--live", "--quiet",
     ],
+    "view": ["--colour", "--rerun"],
     "info": ["--format", "--range-resolution", "--json"],
     "simulate": [
         "--scene", "--duration", "--turn-rate", "--azimuths", "--range-resolution", "--max-range", "--movers", "--doppler",
@@ -37,7 +38,7 @@ OPTIONS = {
     "check": ["--odometry", "--config", "--format", "--json"],
 }  # fmt: skip
 UNITS = {
-    "run": ["[m]", "[us]"], "info": ["[m]"], "simulate": ["[s]", "[1/s]", "[m]"], "compare": ["[m]", "[us]"],
+    "run": ["[m]", "[us]"], "view": [], "info": ["[m]"], "simulate": ["[s]", "[1/s]", "[m]"], "compare": ["[m]", "[us]"],
     "audit": ["[m]"], "convert": ["[m]"], "check": ["[m]"],
 }  # fmt: skip
 

@@ -1,0 +1,51 @@
+"""`mqslam view`: a run's map, trajectory and loops in a window."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+
+class Colour(StrEnum):
+    """What the points of a map are coloured by."""
+
+    psi = "psi"
+    intensity = "intensity"
+    time = "time"
+
+
+def view(
+    out: Annotated[Path, typer.Argument(help="The folder of a finished run.")],
+    colour: Annotated[Colour, typer.Option(help="What the points are coloured by at first.")] = Colour.psi,
+    rerun: Annotated[
+        bool, typer.Option("--rerun", help="Write OUT/map.rrd and open it in Rerun's viewer (pip install 'mqslam\\[view]').")
+    ] = False,
+) -> None:
+    """Look at the map of a run with its trajectory (white) and its loops (pink); bright is much psi, strong, or late.
+
+    In the window the keys P, I and T colour by psi, intensity and time, the wheel zooms, the mouse turns, Q closes.
+
+    Example: mqslam view result --colour time
+    """
+    from mqslam.viewer.scene import read_scene
+
+    scene = read_scene(out)
+    if not rerun:
+        from mqslam.viewer.open3d_window import show
+
+        show(scene, colour.value)
+        return
+    from mqslam.viewer.display import has_display
+    from mqslam.viewer.rerun_log import open_viewer, recorded
+
+    path = out / "map.rrd"
+    with recorded(path) as log:
+        log.scene(scene, colour.value)
+    if has_display():
+        open_viewer(path)
+        typer.echo(f"{path}: opened in Rerun's viewer")
+    else:
+        typer.echo(f"{path}: written; no display here, open it elsewhere: rerun {path.name}")

@@ -1,0 +1,24 @@
+"""Whether a window can be opened here."""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import sys
+
+
+def has_display() -> bool:
+    """Whether there is a screen: libraries that find none draw into a window that nobody sees."""
+    if sys.platform != "linux" or "WAYLAND_DISPLAY" in os.environ:
+        return True
+    try:
+        x11 = ctypes.CDLL("libX11.so.6")
+    except OSError:
+        return False
+    x11.XOpenDisplay.restype = ctypes.c_void_p
+    x11.XCloseDisplay.argtypes = [ctypes.c_void_p]
+    display = x11.XOpenDisplay(None)  # of the variable DISPLAY, which may name one that is gone
+    if display is None:
+        return False
+    x11.XCloseDisplay(display)
+    return True
