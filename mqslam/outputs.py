@@ -19,11 +19,12 @@ from mqslam.checkpoint import FOLDER
 from mqslam.config import dump_yaml
 from mqslam.errors import OutputError
 from mqslam.files import write_text
-from mqslam.graph import PoseGraph
+from mqslam.graph import PoseGraph, marginals
 from mqslam.gridmap import write_nav2_map
 from mqslam.measurement import RelativeMotion
 from mqslam.pointmap import write_ply
 from mqslam.report import Report, WindowScores, write_report
+from mqslam.report.explorer import spread
 from mqslam.slam import Run
 from mqslam.stream import RadarStream
 from mqslam.trajectory import write_tum
@@ -32,6 +33,9 @@ _COLUMNS = [
     "t0", "t1", "dx", "dy", "dyaw", "cov_xx", "cov_xy", "cov_xyaw", "cov_yy", "cov_yyaw", "cov_yawyaw",
     "psi", "psi_odometry", "points", "matched", "status",
 ]  # fmt: skip
+
+
+_ELLIPSES = 150  # poses whose covariance the report shows
 
 
 @contextmanager
@@ -96,6 +100,7 @@ def write_run(
         OutputError: a file cannot be written.
     """
     settings = dump_yaml(run.config)
+    sure = spread(run.graph.size, _ELLIPSES)
     write_tum(folder / "trajectory.tum", run.optimised)
     write_tum(folder / "odometry.tum", run.odometry)
     write_text(folder / "measurements.csv", measurements_csv(run.measurements))
@@ -114,6 +119,12 @@ def write_run(
             map_odometry=run.map_odometry,
             map_optimised=run.map_optimised,
             windows=window_scores(run.measurements),
+            before="odometry" if run.odometry_factors or run.frontend == "odometry" else f"{run.frontend}, chained",
+            checks=tuple(run.checks),
+            threshold=run.config.audit.threshold,
+            loops=np.array([(loop.earlier, loop.later) for loop in run.loops], dtype=np.int64).reshape(-1, 2),
+            sure=sure,
+            covariances=marginals(run.graph, run.values, sure.tolist()),
             warnings=tuple(warnings),
             settings_yaml=settings,
         ),

@@ -36,6 +36,30 @@ class PointMap:
     def __len__(self) -> int:
         return len(self.points)
 
+    def take(self, chosen: NDArray[np.int64]) -> PointMap:
+        """The points of indices (M,)."""
+        return PointMap(
+            self.points[chosen], self.times[chosen], self.intensities[chosen], self.psi[chosen], self.matched[chosen]
+        )
+
+
+def thinned(points: NDArray[np.float64], most: int) -> NDArray[np.int64]:
+    """Indices of at most `most` of the points (N, 2): all, or one of each cell of the finest raster that leaves so few."""
+    if len(points) <= most:
+        return np.arange(len(points))
+    order = np.random.default_rng(0).permutation(len(points))  # of a cell any point may stay, whatever its time
+
+    def taken(cell: float) -> NDArray[np.int64]:
+        column, row = np.floor((points[order] - points.min(axis=0)) / cell).astype(np.int64).T
+        _, first = np.unique(column * (int(row.max()) + 1) + row, return_index=True)
+        return np.sort(order[first])
+
+    low, high = 1e-3, float(np.ptp(points, axis=0).max()) + 1e-3
+    while high > 1.05 * low:
+        middle = float(np.sqrt(low * high))
+        low, high = (middle, high) if len(taken(middle)) > most else (low, middle)
+    return taken(high)
+
 
 def write_ply(path: Path, pointmap: PointMap) -> None:
     """Write a binary little-endian PLY with the vertex properties x, y, z, intensity, time and psi; z is 0.

@@ -17,6 +17,8 @@ from numpy.typing import NDArray
 
 from mqslam import frontend as frontends
 from mqslam import se2
+from mqslam.audit.judge import WindowAudit
+from mqslam.audit.sample import judged_sample
 from mqslam.checkpoint import Checkpoint
 from mqslam.config import Config
 from mqslam.detection import Progress, detect_all
@@ -74,12 +76,14 @@ class Run(Solution):
 
     Args:
         map_odometry, map_optimised: the recording rendered under both trajectories.
+        checks: windows of the optimised map held against their own best, evenly spread over the run.
         runtime_s: seconds by stage.
         unread: why a revolution could not be read and was left out, by its number.
     """
 
     map_odometry: PointMap
     map_optimised: PointMap
+    checks: list[WindowAudit]
     runtime_s: dict[str, float]
     unread: dict[int, DataError]
 
@@ -142,8 +146,17 @@ class Slam:
             found = self.solve(windows, context, stream.stamps_us)
             with self._stage("render"):
                 maps = self._render(windows, found.odometry.poses, found.optimised.poses, stream.period_s)
+            with self._stage("check"):
+                checks = judged_sample(
+                    windows, stream.start_us, stream.period_s, found.optimised, found.config, self._jobs, self._progress
+                )
         return Run(
-            **vars(found), map_odometry=maps[0], map_optimised=maps[1], runtime_s=self._runtime_s, unread=detected.unread
+            **vars(found),
+            map_odometry=maps[0],
+            map_optimised=maps[1],
+            checks=checks,
+            runtime_s=self._runtime_s,
+            unread=detected.unread,
         )
 
     def solve(self, windows: list[Window], context: Context, stamps_us: NDArray[np.int64]) -> Solution:

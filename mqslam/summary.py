@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 import mqslam
+from mqslam.audit.judge import FAIL_WINDOWS, WARN_WINDOWS
 from mqslam.detection import unread_warnings
 from mqslam.evaluation import evaluate
 from mqslam.measurement import RelativeMotion, Status
@@ -52,6 +53,11 @@ def summarise(run: Run, stream: RadarStream) -> dict[str, Any]:
             "matched_odometry": matched(before),
             "matched_optimised": matched(after),
         },
+        "inflation": {
+            "windows": len(run.checks),
+            "torn": sum(w.torn for w in run.checks),
+            "median": float(np.median([w.bend.inflation for w in run.checks])) if run.checks else None,
+        },
         "verdict": {"status": status, "reasons": reasons},
         "factors": {
             "odometry": run.odometry_factors,
@@ -63,7 +69,7 @@ def summarise(run: Run, stream: RadarStream) -> dict[str, Any]:
         "evaluation_odometry": None if found_before is None else asdict(found_before),
         "runtime_s": {
             name: run.runtime_s.get(name, 0.0)
-            for name in ("read", "detect", "windows", "loops", "optimise", "render", "total")
+            for name in ("read", "detect", "windows", "loops", "optimise", "render", "check", "total")
         },
         "peak_rss_mb": peak_rss_mb(),
     }
@@ -85,11 +91,15 @@ def verdict(run: Run) -> tuple[str, list[str]]:
     overlap = matched(run.map_optimised)
     if overlap < FAIL_MATCHED:
         failures.append(f"only {overlap:.0%} of the map's points are seen twice: psi cannot judge it")
+    torn = sum(w.torn for w in run.checks)
+    if torn > WARN_WINDOWS * len(run.checks):
+        said = f"{torn} of {len(run.checks)} windows of the map are torn"
+        (failures if torn > FAIL_WINDOWS * len(run.checks) else warnings).append(said)
     ratio = per_point(run.map_optimised) / per_point(run.map_odometry)
     if ratio > WORSE:
         failures.append(f"psi per point is {ratio:.2f} times that of the map before optimisation")
     if not run.odometry_factors and not run.loops and not failures and not warnings:
-        return "pass", ["no window was lost; without odometry or loops there is no other map to compare with: audit it"]
+        return "pass", [f"no window was lost, {torn} of {len(run.checks)} windows of the map are torn"]
     if failures:
         return "fail", failures + warnings
     return ("warn", warnings) if warnings else ("pass", [f"psi per point is {ratio:.2f} times that before optimisation"])

@@ -3,14 +3,22 @@
 from __future__ import annotations
 
 import base64
+import re
 import shutil
-import subprocess
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from html.parser import HTMLParser
 from pathlib import Path
 
 import numpy as np
 import pytest
+from selenium import webdriver
+from selenium.webdriver.chrome.options import Options
+from selenium.webdriver.chrome.service import Service
+from selenium.webdriver.chrome.webdriver import WebDriver
+from selenium.webdriver.common.actions.action_builder import ActionBuilder
+from selenium.webdriver.support.ui import WebDriverWait
 
 from mqslam.audit.inflation import Bend
 from mqslam.audit.judge import Audit, RevisitAudit, WindowAudit, verdict
@@ -49,7 +57,7 @@ class Page(HTMLParser):
         assert self.open_tags.pop() == tag
 
     def handle_data(self, data: str) -> None:
-        if self.open_tags and self.open_tags[-1] != "style":
+        if self.open_tags and self.open_tags[-1] not in ("style", "script"):
             self.text += data + "\n"
 
 
@@ -61,17 +69,57 @@ def page_of(path: Path) -> Page:
     return page
 
 
-def seen_by_chromium(path: Path, profile: Path) -> str:
-    """The page as Chromium has built it; the test fails on a message in its console and is skipped without Chromium."""
-    browser = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
-    if browser is None:
-        pytest.skip("Chromium is not installed")
-    command = [browser, "--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run"]
-    command += ["--disable-background-networking", "--disable-component-update", "--disable-sync"]
-    command += [f"--user-data-dir={profile}", "--enable-logging=stderr", "--dump-dom", path.as_uri()]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=True)
-    assert "CONSOLE" not in done.stderr
-    return done.stdout
+def assert_alone(path: Path) -> None:
+    """A page brings everything with it, and would be kept from fetching anything."""
+    page, text = page_of(path), path.read_text(encoding="utf-8")
+    assert all(address.startswith("data:image/png;base64,") for address in page.addresses)
+    assert not {"link", "iframe"} & set(page.tags)
+    assert "Content-Security-Policy" in text and "default-src 'none'" in text
+    assert not re.search(r"https?://|url\(|@import", re.sub(r"<script.*?</script>", "", text, flags=re.DOTALL))
+
+
+@contextmanager
+def chromium(width: int = 1360, height: int = 1000) -> Iterator[WebDriver]:
+    """A browser without a window; the test is skipped where Chromium or its driver is missing."""
+    browser, driver = shutil.which("chromium") or shutil.which("google-chrome"), shutil.which("chromedriver")
+    if browser is None or driver is None:
+        pytest.skip("Chromium or chromedriver is not installed")
+    options = Options()
+    options.binary_location = browser
+    for flag in ("headless=new", "no-sandbox", "enable-unsafe-swiftshader", "use-gl=angle", "use-angle=swiftshader"):
+        options.add_argument(f"--{flag}")
+    for flag in ("disable-background-networking", "disable-component-update", "disable-sync", "no-first-run"):
+        options.add_argument(f"--{flag}")
+    options.add_argument(f"--window-size={width},{height}")
+    options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
+    found = webdriver.Chrome(options=options, service=Service(driver))
+    try:
+        yield found
+    finally:
+        found.quit()
+
+
+def opened(browser: WebDriver, path: Path) -> None:
+    """Open a report and wait until its map can be moved in; the test fails on any message in the console."""
+    browser.get(path.as_uri())
+    WebDriverWait(browser, 90).until(lambda b: "ready" in (b.find_element("tag name", "body").get_attribute("class") or ""))
+    assert browser.get_log("browser") == []
+
+
+def click_curve(browser: WebDriver, name: str, number: int) -> float:
+    """Click with the mouse on a point of a curve over time; its time [s]."""
+    script = """
+        const gd = document.getElementById("charts"), trace = gd.data.find((t) => t.name === arguments[0]);
+        gd.scrollIntoView({ block: "center" });
+        const layout = gd._fullLayout, x = trace.x[arguments[1]], y = trace.y[arguments[1]];
+        const ax = layout.xaxis, ay = layout["yaxis" + (trace.yaxis || "y").slice(1)], box = gd.getBoundingClientRect();
+        return [x, box.left + ax._offset + ax.d2p(x), box.top + ay._offset + ay.d2p(y)];
+    """
+    time, x, y = browser.execute_script(script, name, number)
+    mouse = ActionBuilder(browser)
+    mouse.pointer_action.move_to_location(round(x) - 2, round(y)).move_to_location(round(x), round(y)).pause(0.5).click()
+    mouse.perform()
+    return float(time)
 
 
 def swept_walls(count: int = 60, per_sweep: int = 40) -> Sweeps:

@@ -104,13 +104,14 @@ def audit_windows(sweeps: Sweeps, config: Config, jobs: int, progress: Progress)
         begins.append(len(sweeps) - size)  # the last one overlaps the one before, so that every sweep is judged
     found: list[WindowAudit] = []
     with ThreadPoolExecutor(jobs) as pool:
-        for window in pool.map(lambda begin: _window(sweeps, begin, begin + size, config), begins):
+        for window in pool.map(lambda begin: audit_window(sweeps, begin, begin + size, config), begins):
             found.append(window)
             progress("audit", len(found), len(begins))
     return found
 
 
-def _window(sweeps: Sweeps, begin: int, end: int, config: Config) -> WindowAudit:
+def audit_window(sweeps: Sweeps, begin: int, end: int, config: Config) -> WindowAudit:
+    """Judge one window: the sweeps begin <= k < end."""
     settings = config.audit
     span = sweeps.span(begin, end)
     turns = sweeps.turns[span]

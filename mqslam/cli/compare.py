@@ -49,7 +49,7 @@ def compare(
     from mqslam.checkpoint import run_key, unfinished
     from mqslam.cli.progress import progress
     from mqslam.cli.recording import choose_odometry, opened
-    from mqslam.compare.judge import agreement, enough_in_common, judge, places
+    from mqslam.compare.judge import agreement, enough_in_common, judge, places, stations
     from mqslam.compare.outputs import summarise, table, write_compare
     from mqslam.compare.rows import front_end_row
     from mqslam.config import load_config
@@ -90,13 +90,15 @@ def compare(
         if len(common) < len(windows):
             notes = [*notes, f"{len(common)} of {len(windows)} revolutions are in every trajectory: judged on those"]
         where = places(common, start_us, tracks, settings.audit.window)
+        along = stations(common, settings.audit.window)
+        shown = [*where, *along]
         judged = {
-            row.name: judge(row, common, start_us, period_s, stream.ground_truth, where, settings, jobs, show) for row in ran
+            row.name: judge(row, common, start_us, period_s, stream.ground_truth, shown, settings, jobs, show) for row in ran
         }
         pairs = agreement(ran)
         summary = summarise(stream, settings, rows, judged, where, pairs, len(common))
         with whole_folder(out) as folder:
-            write_compare(folder, stream, settings, summary, rows, judged, where, pairs, [*_failures(rows), *notes])
+            write_compare(folder, stream, settings, summary, rows, judged, where, along, pairs, [*_failures(rows), *notes])
     if as_json:
         typer.echo(json.dumps(summary, indent=1))
     elif not quiet:

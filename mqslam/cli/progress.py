@@ -14,6 +14,7 @@ _TITLES = {
     "windows": "measuring motion",
     "loops": "verifying loops",
     "render": "rendering maps",
+    "check": "judging the map",
     "front ends": "running front ends",
     "audit": "judging windows",
     "revisits": "judging revisits",

@@ -17,13 +17,16 @@ from mqslam.config import Config
 from mqslam.detection import Progress
 from mqslam.errors import EstimationError
 from mqslam.evaluation import Evaluation, evaluate
+from mqslam.pointmap import PointMap, thinned
 from mqslam.render import render
 from mqslam.returns import Window
 from mqslam.summary import matched, per_point
 from mqslam.trajectory import Trajectory
 
+STATIONS = 60  # that can be looked at
 PLACES = 6  # that are shown, where the rows differ most
 _LEVER_M = 20.0  # a turn counts as what it moves at this distance [m]
+_MAP_POINTS = 60_000  # of a row's map that are kept to be looked at
 _CROP_M = 60.0  # half side of a crop [m]
 
 
@@ -55,6 +58,7 @@ class Judged:
         audit: its windows and revisits judged.
         before, after: errors against ground truth before and after the back end, or None without ground truth.
         crops: (M, 2) [m] points of each place's window, in the frame of the sensor at its middle.
+        map: part of the rendered map, spread evenly.
     """
 
     row: Row
@@ -64,6 +68,7 @@ class Judged:
     before: Evaluation | None
     after: Evaluation | None
     crops: tuple[NDArray[np.float64], ...]
+    map: PointMap
 
 
 def enough_in_common(
@@ -111,6 +116,13 @@ def places(windows: Sequence[Window], start_us: int, tracks: Sequence[Trajectory
     return [Place(a, b, windows[a].t0, windows[b - 1].t1, off) for a, b, off in spans]
 
 
+def stations(windows: Sequence[Window], size: int) -> list[Place]:
+    """Places evenly spread along the way, whatever the rows make of them."""
+    begins = np.arange(0, len(windows) - size + 1, size)
+    chosen = begins[np.unique(np.linspace(0, len(begins) - 1, STATIONS).round().astype(np.int64))] if len(begins) else begins
+    return [Place(k, k + size, windows[k].t0, windows[k + size - 1].t1, 0.0) for k in chosen.tolist()]
+
+
 def judge(
     row: Row,
     windows: Sequence[Window],
@@ -140,6 +152,7 @@ def judge(
     rendered = render(windows, sweeps.poses, config, period_s, jobs)
     return Judged(
         row=row,
+        map=rendered.take(thinned(rendered.points, _MAP_POINTS)),
         psi_per_point=per_point(rendered),
         matched=matched(rendered),
         audit=audit(sweeps, config, jobs, progress),

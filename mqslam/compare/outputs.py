@@ -137,10 +137,11 @@ def write_compare(
     rows: Sequence[Row],
     judged: Mapping[str, Judged],
     places: Sequence[Place],
+    stations: Sequence[Place],
     agreement: Sequence[tuple[str, str, Evaluation]],
     warnings: Sequence[str],
 ) -> None:
-    """Write every result file of a comparison into an existing folder.
+    """Write every result file of a comparison into an existing folder; crops of the stations follow those of the places.
 
     Raises:
         OutputError: a file cannot be written.
@@ -161,6 +162,8 @@ def write_compare(
             rows=ran,
             failed=tuple(row for row in rows if row.failure is not None),
             places=tuple(places),
+            stations=tuple(stations),
+            start_us=stream.start_us,
             agreement=tuple(agreement),
             ground_truth=stream.ground_truth,
             table=tuple(tuple(line) for line in table(summary)),

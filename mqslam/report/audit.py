@@ -14,8 +14,10 @@ from mqslam.audit.measures import Measures
 from mqslam.audit.sweeps import Sweeps
 from mqslam.config import Config
 from mqslam.files import write_text
+from mqslam.report.audit_explorer import audit_explorer
 from mqslam.report.audit_figures import EXPECTED, heat_map, inflation_figure, revisit_figure, threshold
 from mqslam.report.crops import Crop, crop_pictures, crops
+from mqslam.report.explorer import explorer
 from mqslam.report.page import (
     ABSENT,
     captioned,
@@ -75,7 +77,8 @@ def write_audit_report(path: Path, report: AuditReport) -> None:
         OutputError: the file cannot be written.
     """
     head = (warning_box(report.warnings), verdict_badge(section(report.summary, "verdict")))
-    parts = (_tiles(report.audit), _map(report), _worst(report), _crops(report.crops), _tables(report))
+    shown = audit_explorer(report.sweeps, report.audit, report.config.audit)
+    parts = (_tiles(report.audit), explorer(shown, _map(report)), _worst(report), _crops(report.crops), _tables(report))
     write_text(path, page(report.title, head, parts, report.settings_yaml, report.summary))
 
 

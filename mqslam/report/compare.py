@@ -12,7 +12,9 @@ from mqslam.compare.rows import Row
 from mqslam.evaluation import Evaluation
 from mqslam.files import write_text
 from mqslam.report.audit_figures import threshold
+from mqslam.report.compare_explorer import compare_explorer
 from mqslam.report.compare_figures import inflation_chart, overlay, place_pictures, revisit_chart
+from mqslam.report.explorer import explorer
 from mqslam.report.page import (
     ABSENT,
     captioned,
@@ -41,7 +43,9 @@ class CompareReport:
         summary: content of compare.json.
         rows: those that ran.
         failed: those that did not.
-        places: where the rows differ most, in the order of the rows' crops.
+        places: where the rows differ most; the rows' crops begin with these.
+        stations: places all along the way, whose crops follow.
+        start_us: stamp of the recording's start, from which places count their time [us].
         agreement: how far every two rows are apart.
         ground_truth: for comparison only, in any fixed frame, or None.
         table: head and rows as the terminal shows them.
@@ -54,6 +58,8 @@ class CompareReport:
     rows: tuple[Judged, ...]
     failed: tuple[Row, ...]
     places: tuple[Place, ...]
+    stations: tuple[Place, ...]
+    start_us: int
     agreement: tuple[tuple[str, str, Evaluation], ...]
     ground_truth: Trajectory | None
     table: tuple[tuple[str, ...], ...]
@@ -67,7 +73,9 @@ def write_compare_report(path: Path, report: CompareReport) -> None:
     Raises:
         OutputError: the file cannot be written.
     """
-    parts = (_table(report), _trajectories(report), _places(report), _numbers(report))
+    limit = report.summary.get("threshold") or threshold(None)
+    shown = compare_explorer(report.rows, (*report.places, *report.stations), report.ground_truth, report.start_us, limit)
+    parts = (_table(report), explorer(shown, _trajectories(report, limit)), _places(report), _numbers(report))
     write_text(path, page(report.title, (warning_box(report.warnings),), parts, report.settings_yaml, report.summary))
 
 
@@ -80,7 +88,7 @@ def _table(report: CompareReport) -> str:
     return f'<h2>Rows</h2>{explained}<section class="card">{grid(head, rows)}</section>'
 
 
-def _trajectories(report: CompareReport) -> str:
+def _trajectories(report: CompareReport, limit: float) -> str:
     if not report.rows:
         return ""
     if report.ground_truth is not None:
@@ -88,7 +96,6 @@ def _trajectories(report: CompareReport) -> str:
     else:
         caption = "all starting from one pose, as far as they have one start in common"
     pictures = picture(overlay(report.rows, report.ground_truth, opaque=False), "Trajectories", caption)
-    limit = report.summary.get("threshold") or threshold(None)
     said = "a dot a window, the line their running median; how far a window's map is from its own best"
     charts = picture(inflation_chart(report.rows, limit), "Inflation of the windows", said)
     if any(r.revisit.sure for row in report.rows for r in row.audit.revisits):

@@ -55,14 +55,15 @@ def overlay(rows: Sequence[Judged], truth: Trajectory | None, *, opaque: bool = 
     """
     tracks = {row.row.name: row.row.trajectory for row in rows if row.row.trajectory is not None}
     names = list(tracks)
-    paths, shown = _placed(list(tracks.values()), truth)
+    motions, shown = placed(list(tracks.values()), truth)
+    paths = [se2.compose(m, t.poses)[:, :2] for m, t in zip(motions, tracks.values(), strict=True)]
     entries = names if shown is None else ["ground truth", *names]
     drawn = [*paths, *([] if shown is None else [shown])]
     figure, axes = world(common_view(drawn or [np.zeros((1, 2))], PATH_SHAPE), _legend_room(entries)[1])
     if shown is not None:
         axes.plot(*shown.T, color=_TRUTH, linewidth=5, alpha=0.6, solid_joinstyle="round", label="ground truth")
     for k, (name, path) in enumerate(zip(names, paths, strict=True)):
-        axes.plot(*path.T, label=_as_text(name), linewidth=1.6, **_look(k))
+        axes.plot(*path.T, label=_as_text(name), linewidth=1.6, **look(k))
     _legend(axes, entries)
     return png(figure, opaque)
 
@@ -82,10 +83,10 @@ def inflation_chart(rows: Sequence[Judged], limit: float) -> bytes:
             continue
         time = np.array([0.5 * (w.t0 + w.t1) for w in windows])
         inflation = np.maximum([w.bend.inflation for w in windows], 1e-2)
-        look = _look(k)
-        axes.plot(time, inflation, ".", color=look["color"], markersize=3, markeredgewidth=0, alpha=0.35)
+        drawn = look(k)
+        axes.plot(time, inflation, ".", color=drawn["color"], markersize=3, markeredgewidth=0, alpha=0.35)
         smooth = median_filter(inflation, min(_MIDDLE_OF, len(inflation)), mode="nearest")
-        axes.plot(time, smooth, label=_as_text(row.row.name), linewidth=1.6, **look)
+        axes.plot(time, smooth, label=_as_text(row.row.name), linewidth=1.6, **drawn)
     for height, said, colour in ((EXPECTED, f"expected {EXPECTED:.2f}", INK), (limit, f"threshold {limit:.1f}", RED)):
         axes.axhline(height, color=colour, linewidth=1.0, alpha=0.6)
         text = axes.text(
@@ -105,7 +106,7 @@ def revisit_chart(rows: Sequence[Judged]) -> bytes:
         if len(offsets):
             reached = 100.0 * np.arange(1, len(offsets) + 1) / len(offsets)
             label = f"{_as_text(row.row.name)} ({len(offsets)})"
-            axes.step(np.maximum(offsets, 1e-3), reached, where="post", label=label, linewidth=1.6, **_look(k))
+            axes.step(np.maximum(offsets, 1e-3), reached, where="post", label=label, linewidth=1.6, **look(k))
     axes.set_ylim(0.0, 102.0)
     _legend(axes, [row.row.name + _COUNT for row in rows])
     return png(figure)
@@ -128,24 +129,21 @@ def place_pictures(rows: Sequence[Judged], number: int, place: Place) -> tuple[b
     for k, points in enumerate(crops):
         figure, axes = square(view)
         shown = points[inside(points, view)]
-        axes.plot(*shown.T, ".", color=_look(k)["color"], markersize=3.5, markeredgewidth=0, alpha=0.6)
+        axes.plot(*shown.T, ".", color=look(k)["color"], markersize=3.5, markeredgewidth=0, alpha=0.6)
         pictures.append(png(figure))
     return tuple(pictures)
 
 
-def _placed(
-    tracks: Sequence[Trajectory], truth: Trajectory | None
-) -> tuple[list[NDArray[np.float64]], NDArray[np.float64] | None]:
-    """Positions (N, 2) [m] of every trajectory in one frame, and of the truth's part that they cover."""
+def placed(tracks: Sequence[Trajectory], truth: Trajectory | None) -> tuple[list[se2.Array], NDArray[np.float64] | None]:
+    """Motions (3,) that bring every trajectory into one frame, and positions (N, 2) [m] of the truth's part they cover."""
     if truth is not None:
-        motions = [alignment(track, truth) for track in tracks]
-        if tracks and all(motion is not None for motion in motions):
-            paths = [se2.compose(m, t.poses)[:, :2] for m, t in zip(motions, tracks, strict=True) if m is not None]
+        onto = [motion for track in tracks if (motion := alignment(track, truth)) is not None]
+        if tracks and len(onto) == len(tracks):
             first, last = min(t.stamps_us[0] for t in tracks), max(t.stamps_us[-1] for t in tracks)
             covered = (truth.stamps_us >= first) & (truth.stamps_us <= last)
-            return paths, truth.poses[covered, :2]
+            return onto, truth.poses[covered, :2]
     begin = np.array([max((t.stamps_us[0] for t in tracks), default=0)])
-    return [se2.compose(se2.inverse(t.at(begin)[0]), t.poses)[:, :2] for t in tracks], None
+    return [se2.inverse(t.at(begin)[0]) for t in tracks], None
 
 
 def _row_chart(rows: Sequence[Judged], ylabel: str, xlabel: str = "time [s]") -> tuple[Figure, Axes]:
@@ -169,6 +167,6 @@ def _as_text(name: str) -> str:
     return (" " if name.startswith("_") else "") + name.replace("$", r"\$")
 
 
-def _look(k: int) -> dict[str, Any]:
+def look(k: int) -> dict[str, Any]:
     """Colour and style of the line of row k."""
     return {"color": _COLOURS[k % len(_COLOURS)], "linestyle": _STYLES[k % len(_STYLES)]}

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mqslam.audit.judge import WindowAudit
 from mqslam.pointmap import PointMap
 from mqslam.trajectory import Trajectory
 
@@ -52,6 +53,12 @@ class Report:
         map_odometry: map rendered under `odometry`.
         map_optimised: map rendered under `optimised`.
         windows: the score of every window.
+        before: what the trajectory before optimisation is.
+        checks: windows of the optimised map held against their own best.
+        threshold: inflation beyond which a window is torn.
+        loops: (L, 2) the two revolutions of every loop closure.
+        sure: (K,) revolutions whose covariances are known.
+        covariances: (K, 3, 3) of their poses in their own frames [m, m, rad].
         warnings: what the reader has to know before the numbers.
         settings_yaml: every setting used, as in config.yaml.
     """
@@ -64,5 +71,11 @@ class Report:
     map_odometry: PointMap
     map_optimised: PointMap
     windows: WindowScores
+    before: str
+    checks: tuple[WindowAudit, ...]
+    threshold: float
+    loops: NDArray[np.int64]
+    sure: NDArray[np.int64]
+    covariances: NDArray[np.float64]
     warnings: tuple[str, ...]
     settings_yaml: str

@@ -52,7 +52,7 @@ def crops(sweeps: Sweeps, audit: Audit, settings: AuditConfig, count: int = WORS
         settings: it was judged by.
         count: how many at most.
     """
-    return tuple(_crop(sweeps, spot, settings) for spot in worst_spots(sweeps, audit, count))
+    return tuple(crop_of(sweeps, spot, settings) for spot in worst_spots(sweeps, audit, count))
 
 
 def crop_pictures(crop: Crop) -> tuple[bytes, bytes]:
@@ -83,7 +83,8 @@ def inside(points: Points, view: View) -> NDArray[np.bool_]:
     return np.asarray((x >= view.x0) & (x <= view.x1) & (y >= view.y0) & (y <= view.y1))
 
 
-def _crop(sweeps: Sweeps, spot: Spot, settings: AuditConfig) -> Crop:
+def crop_of(sweeps: Sweeps, spot: Spot, settings: AuditConfig) -> Crop:
+    """One place, where its correction shows the most."""
     if isinstance(spot.found, WindowAudit):
         before, after = _window(sweeps, spot.found)
     else:

@@ -44,8 +44,8 @@ def map_figures(
     return images[0], images[1]
 
 
-def trajectory_figure(odometry: Trajectory, optimised: Trajectory, truth: Trajectory | None) -> bytes:
-    """The trajectories from above; the truth must already be in their frame."""
+def trajectory_figure(odometry: Trajectory, optimised: Trajectory, truth: Trajectory | None, before: str) -> bytes:
+    """The trajectories from above, the first called `before`; the truth must already be in their frame."""
     drawn = [p for p in (odometry, optimised, truth) if p is not None]
     view = common_view([p.poses[:, :2] for p in drawn], PATH_SHAPE)
     figure, axes = world(view)
@@ -53,7 +53,7 @@ def trajectory_figure(odometry: Trajectory, optimised: Trajectory, truth: Trajec
         axes.plot(
             truth.poses[:, 0], truth.poses[:, 1], color=TRUTH_COLOUR, linewidth=4, alpha=0.4, label="ground truth"
         )
-    axes.plot(odometry.poses[:, 0], odometry.poses[:, 1], color=ODOMETRY_COLOUR, linewidth=1.4, label="odometry")
+    axes.plot(odometry.poses[:, 0], odometry.poses[:, 1], color=ODOMETRY_COLOUR, linewidth=1.4, label=before)
     axes.plot(optimised.poses[:, 0], optimised.poses[:, 1], color=OPTIMISED_COLOUR, linewidth=1.4, label="optimised")
     axes.plot(optimised.poses[0, 0], optimised.poses[0, 1], "o", color=INK, markersize=5, label="start")
     axes.legend(frameon=False, loc="best")

@@ -14,6 +14,7 @@ from mqslam.files import write_text
 from mqslam.report import figures
 from mqslam.report.canvas import OUTERMOST
 from mqslam.report.content import Report, WindowScores
+from mqslam.report.explorer import explorer
 from mqslam.report.page import (
     ABSENT,
     grid,
@@ -29,6 +30,7 @@ from mqslam.report.page import (
     verdict_badge,
     warning_box,
 )
+from mqslam.report.run_explorer import run_explorer
 from mqslam.trajectory import Trajectory
 
 _SAME_PATH_M: Final = 1e-3
@@ -60,7 +62,9 @@ def write_report(path: Path, report: Report) -> None:
         OutputError: the file cannot be written.
     """
     head = (warning_box(report.warnings), verdict_badge(section(report.summary, "verdict")))
-    parts = (_tiles(report), _maps(report), _trajectory_and_windows(report), _tables(report))
+    truth = _placed_truth(report)
+    still = _maps(report) + _trajectory_and_windows(report, truth)
+    parts = (_tiles(report), explorer(run_explorer(report, truth), still), _tables(report))
     write_text(path, page(report.title, head, parts, report.settings_yaml, report.summary))
 
 
@@ -70,7 +74,7 @@ def _tiles(report: Report) -> str:
     before, after = psi.get("per_point_odometry"), psi.get("per_point_optimised")
     values = [
         (number(after), "ψ per point of the optimised map"),
-        (_change(before, after), "change of ψ per point from odometry"),
+        (_change(before, after), f"change of ψ per point from {report.before}"),
         (share(psi.get("matched_optimised")), "of its points matched"),
         (number(dataset.get("length_m"), " m"), f"driven in {number(dataset.get('duration_s'), ' s')}"),
     ]
@@ -94,11 +98,11 @@ def _maps(report: Report) -> str:
     if _same_path(report.odometry, report.optimised):
         notes += note(
             "Optimisation left the trajectory as it was, so both maps are the same: "
-            "nothing in the graph contradicted the odometry."
+            f"nothing in the graph contradicted {report.before}."
         )
     pictures = picture(
         before,
-        "Under odometry",
+        f"Under {report.before}",
         f"ψ per point {number(psi.get('per_point_odometry'))}, {len(report.map_odometry):,} points",
     ) + picture(
         after,
@@ -108,9 +112,8 @@ def _maps(report: Report) -> str:
     return f'<h2>Map</h2>{notes}<div class="pair">{pictures}</div>'
 
 
-def _trajectory_and_windows(report: Report) -> str:
-    truth = _placed_truth(report)
-    drawn = figures.trajectory_figure(report.odometry, report.optimised, truth)
+def _trajectory_and_windows(report: Report, truth: Trajectory | None) -> str:
+    drawn = figures.trajectory_figure(report.odometry, report.optimised, truth, report.before)
     caption = "ground truth laid on the optimised trajectory by the best rigid motion" if truth is not None else ""
     trajectory = picture(drawn, "Trajectory", caption)
     if len(report.windows) == 0:
@@ -162,7 +165,7 @@ def _psi_table(report: Report) -> str:
         ("points", f"{len(report.map_odometry):,}", f"{len(report.map_optimised):,}", ""),
         ("path", number(report.odometry.length_m, " m"), number(report.optimised.length_m, " m"), ""),
     ]
-    table = grid(("", "odometry", "optimised", "change"), rows)
+    table = grid(("", report.before, "optimised", "change"), rows)
     return titled_card("Map quality", table, wide=True)
 
 

@@ -33,7 +33,8 @@ def page(title: str, head: Iterable[str], parts: Iterable[str], settings_yaml: s
 <head>
 <meta charset="utf-8">
 <meta name="viewport" content="width=device-width, initial-scale=1">
-<meta http-equiv="Content-Security-Policy" content="default-src 'none'; img-src data:; style-src 'unsafe-inline'">
+<meta http-equiv="Content-Security-Policy" content="default-src 'none'; img-src data: blob:; \
+style-src 'unsafe-inline'; script-src 'unsafe-inline' 'unsafe-eval'">
 <title>{shown} · mqslam</title>
 <style>{CSS}</style>
 </head>

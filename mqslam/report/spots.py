@@ -76,8 +76,8 @@ class Spot:
 
 def worst_spots(sweeps: Sweeps, audit: Audit, count: int = WORST) -> tuple[Spot, ...]:
     """The torn windows and revisits that are off the most, then the windows of the largest inflation, well apart."""
-    torn = [_of_revisit(sweeps, r) for r in audit.revisits if r.torn] + [_of_window(w) for w in audit.windows if w.torn]
-    rest = [_of_window(w) for w in audit.windows if not w.torn]
+    torn = [of_revisit(sweeps, r) for r in audit.revisits if r.torn] + [of_window(w) for w in audit.windows if w.torn]
+    rest = [of_window(w) for w in audit.windows if not w.torn]
     chosen: list[Spot] = []
     for spot in [*sorted(torn, key=_off, reverse=True), *sorted(rest, key=_inflation, reverse=True)]:
         if len(chosen) == count:
@@ -110,7 +110,8 @@ def three(value: float) -> str:
     return f"{float(f'{value:.3g}'):,.10g}"
 
 
-def _of_window(window: WindowAudit) -> Spot:
+def of_window(window: WindowAudit) -> Spot:
+    """A window as a spot."""
     bend = window.bend
     middle = (window.begin + window.end) // 2
     return Spot(
@@ -118,7 +119,8 @@ def _of_window(window: WindowAudit) -> Spot:
     )
 
 
-def _of_revisit(sweeps: Sweeps, found: RevisitAudit) -> Spot:
+def of_revisit(sweeps: Sweeps, found: RevisitAudit) -> Spot:
+    """A revisit as a spot."""
     revisit = found.revisit
     t0, t1 = float(sweeps.times[revisit.earlier]), float(sweeps.times[revisit.later])
     pose = sweeps.poses[revisit.later]

@@ -67,7 +67,22 @@ details { margin-top: 12px; }
 summary { cursor: pointer; font-weight: 600; }
 pre { margin: 10px 0 0; overflow-x: auto; font: 13px/1.5 ui-monospace, "Liberation Mono", Menlo, monospace; }
 footer { padding: 20px 20px 40px; color: var(--soft); font-size: 13px; overflow-wrap: anywhere; }
+.live { display: none; }
+.alive .live { display: block; }
+.alive .still { display: none; }
+.bar { display: flex; flex-wrap: wrap; gap: 8px 12px; align-items: center; margin: 8px 0 12px; }
+.bar button, .bar select {
+  font: inherit; color: var(--ink); background: var(--card); border: 1px solid var(--line); border-radius: 8px;
+  padding: 4px 12px; cursor: pointer;
+}
+.live .pair { margin-top: 16px; }
+#map { height: min(72vh, 820px); }
+#charts { height: 500px; }
+#crop { height: 440px; }
 @media (max-width: 760px) {
+  #map { height: min(70vh, 520px); }
+  #charts { height: 400px; }
+  #crop { height: 720px; }
   .pair, .halves { grid-template-columns: minmax(0, 1fr); }
   .card.wide { grid-column: auto; }
   .tiles { grid-template-columns: repeat(2, minmax(0, 1fr)); }
@@ -84,6 +99,8 @@ footer { padding: 20px 20px 40px; color: var(--soft); font-size: 13px; overflow-
   img { filter: invert(1) hue-rotate(180deg); }
 }
 @media print {
+  .alive .live { display: none; }
+  .alive .still { display: block; }
   body { background: #fff; font-size: 11px; }
   header, main, footer { max-width: none; padding-left: 0; padding-right: 0; }
   h2, h2 + p { break-after: avoid; }

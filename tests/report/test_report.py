@@ -1,6 +1,8 @@
 from __future__ import annotations
 
+import base64
 import io
+import json
 import re
 import subprocess
 import sys
@@ -12,11 +14,13 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from PIL import Image
-from reported import page_of, seen_by_chromium
+from reported import assert_alone, chromium, click_curve, judged_walls, opened, page_of, swept_walls
+from selenium.webdriver.support.ui import Select, WebDriverWait
 
 from mqslam import se2
 from mqslam.pointmap import PointMap
 from mqslam.report import Report, WindowScores, write_report
+from mqslam.report.explorer import MOST_POINTS
 from mqslam.report.figures import map_figures
 from mqslam.trajectory import Trajectory
 
@@ -89,6 +93,12 @@ def a_report() -> Report:
         map_odometry=walls(3.0),
         map_optimised=walls(0.2),
         windows=windows(20),
+        before="odometry",
+        checks=tuple(judged_walls(swept_walls()).windows),
+        threshold=16.3,
+        loops=np.array([[0, 59]]),
+        sure=np.array([0, 30, 59]),
+        covariances=np.diag([0.04, 0.09, 1e-4]) * np.arange(1, 4)[:, None, None],
         warnings=("revolution 7 <img src=x> is truncated", "odometry ends & the run goes on"),
         settings_yaml="detector:\n  k_strongest: 12  # <per azimuth>\n",
     )
@@ -102,11 +112,8 @@ def written(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_the_page_needs_nothing_from_outside(written: Path) -> None:
-    page = page_of(written)
-    assert page.addresses
-    assert all(address.startswith("data:image/png;base64,") for address in page.addresses)
-    assert not {"script", "link", "iframe"} & set(page.tags)
-    assert not re.search(r"https?://|url\(|@import", written.read_text(encoding="utf-8"))
+    assert_alone(written)
+    assert page_of(written).addresses
 
 
 def test_both_maps_and_all_curves_are_pictures_of_one_size_each(written: Path) -> None:
@@ -219,7 +226,63 @@ def test_importing_the_report_does_not_load_matplotlib() -> None:
     assert done.stdout.strip() == "False"
 
 
-def test_chromium_opens_the_page_without_a_console_message(written: Path, tmp_path: Path) -> None:
-    seen = seen_by_chromium(written, tmp_path / "profile")
-    assert seen.count("<img ") == 5
-    assert "kaist &lt;01&gt;" in seen
+def test_a_click_on_a_curve_shows_the_place_before_and_after(written: Path) -> None:
+    with chromium() as browser:
+        opened(browser, written)
+        assert browser.find_element("tag name", "h1").text == "kaist <01>"
+        assert browser.find_element("id", "place").text.startswith("4.5 s to 6.0 s, inflation 120")  # the worst of them
+        time = click_curve(browser, "inflation", 0)
+        shown = browser.find_element("id", "place")
+        WebDriverWait(browser, 20).until(lambda _: shown.text.startswith(f"{time - 0.75:.1f} s to"))
+        crops = browser.execute_script("return document.getElementById('crop').data.map((t) => [t.name, t.x.length])")
+        assert [name for name, _ in crops] == ["this pass", "other passes"] * 2 and sum(count for _, count in crops) > 0
+        marked = browser.execute_script("return document.getElementById('map').data.at(-1).x.length")
+        assert marked == 2
+        browser.find_element("id", "next").click()
+        WebDriverWait(browser, 20).until(lambda _: not shown.text.startswith(f"{time - 0.75:.1f} s to"))
+        assert browser.get_log("browser") == []
+
+
+@pytest.mark.parametrize("by", ["time", "psi", "intensity"])
+def test_the_map_takes_the_colours_of_what_is_chosen(written: Path, by: str) -> None:
+    with chromium() as browser:
+        opened(browser, written)
+        Select(browser.find_element("id", "colour")).select_by_value(by)
+        script = "const m = document.getElementById('map').data[1].marker; return [m.cmin, m.cmax, Array.from(m.color)]"
+        low, high, colours = browser.execute_script(script)
+        drawn = a_report().map_optimised
+        values = {"time": drawn.times, "psi": drawn.psi, "intensity": drawn.intensities}[by]
+        assert low == pytest.approx(values.min()) and high <= values.max() + 1e-6 and high > low
+        np.testing.assert_allclose(colours, np.clip(values, low, high), atol=1.01 * (high - low) / 255.0)
+        assert browser.get_log("browser") == []
+
+
+def test_in_print_and_without_scripts_the_pictures_stand_for_the_map(written: Path) -> None:
+    with chromium() as browser:
+        opened(browser, written)
+        live, still = (browser.find_element("class name", name) for name in ("live", "still"))
+        assert live.is_displayed() and not still.is_displayed()
+        browser.execute_cdp_cmd("Emulation.setEmulatedMedia", {"media": "print"})
+        assert still.is_displayed() and not live.is_displayed()
+    assert "class=\"live\"" in written.read_text(encoding="utf-8") and "Under odometry" in page_of(written).images
+
+
+def test_on_a_phone_nothing_is_wider_than_the_screen(written: Path) -> None:
+    with chromium(500, 900) as browser:
+        opened(browser, written)
+        assert browser.execute_script("return document.documentElement.scrollWidth <= window.innerWidth")
+
+
+def test_a_map_of_many_points_is_thinned_evenly_and_says_so(tmp_path: Path) -> None:
+    rng = np.random.default_rng(3)
+    points = rng.uniform(0.0, 200.0, (400_000, 2))
+    big = PointMap(points, np.arange(4e5) * 1e-3, np.full(400_000, 80.0), rng.random(400_000), np.ones(400_000, bool))
+    write_report(tmp_path / "big.html", replace(a_report(), map_odometry=big, map_optimised=big))
+    text = (tmp_path / "big.html").read_text(encoding="utf-8")
+    assert len(text) < 15e6
+    shown = int(re.search(r"([\d,]+) of 800,000 points are shown", text)[1].replace(",", ""))
+    assert 0.8 * MOST_POINTS < shown <= MOST_POINTS
+    scene = json.loads(re.search(r'id="scene">(.*?)</script>', text, re.DOTALL)[1])
+    x = np.frombuffer(base64.b64decode(scene["layers"][0]["x"]["data"]), "<f4")
+    counts, _ = np.histogram(x, 10, (0.0, 200.0))
+    assert counts.min() > 0.9 * counts.max()
