@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import textwrap
 from importlib import resources
 from pathlib import Path
 from typing import Any, Literal
@@ -215,6 +216,27 @@ def dump_yaml(config: Config) -> str:
     """Every setting as YAML that `load_config` reads back."""
     text: str = yaml.safe_dump(config.model_dump(mode="json"), sort_keys=False)
     return text
+
+
+def explained_yaml(config: Config) -> str:
+    """The same with the reason and unit of every setting above it."""
+    lines = []
+    for name, section in config:
+        lines += [f"# {(type(section).__doc__ or '').splitlines()[0]}", f"{name}:"]
+        for key, field in type(section).model_fields.items():
+            value = yaml.safe_dump({key: section.model_dump(mode="json")[key]}).rstrip()
+            lines += [*(f"  # {line}" for line in textwrap.wrap(field.description or "", 110)), f"  {value}"]
+        lines.append("")
+    return "\n".join(lines)
+
+
+def changes(before: Config, after: Config) -> list[tuple[str, Any, Any]]:
+    """Settings that differ: name, value before and value after, as JSON has them."""
+    found = []
+    for name, section in before:
+        old, new = section.model_dump(mode="json"), getattr(after, name).model_dump(mode="json")
+        found += [(f"{name}.{key}", old[key], new[key]) for key in old if old[key] != new[key]]
+    return found
 
 
 def _explain(error: ValidationError) -> str:

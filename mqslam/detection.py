@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor
@@ -19,6 +20,7 @@ from mqslam.interrupts import shielded
 from mqslam.returns import Returns, Window
 from mqslam.stream import RadarStream, Revolution, usual_steps
 
+_log = logging.getLogger(__name__)
 Progress = Callable[[str, int, int], None]  # stage, done, total
 _CHUNK = 40  # revolutions a worker takes at a time
 _WORTH_A_POOL = 200  # starting workers costs more than this many revolutions
@@ -155,6 +157,7 @@ def detect_all(
     if len(unread) > _MOST_UNREAD * total:
         first = next(iter(unread.values()))
         raise DataError(first.path, f"{first.problem}, like {len(unread)} of {total} revolutions", first.remedy)
+    _log.info("%d returns in %d revolutions, %d of them unread", sum(map(len, returns)), total, len(unread))
     read_s, detect_s = sum(p.read_s for p in parts.values()), sum(p.detect_s for p in parts.values())
     return windows_of(stream, returns), Detected(returns, unread, read_s, detect_s)
 

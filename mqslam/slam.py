@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import logging
 import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
@@ -39,6 +40,9 @@ from mqslam.stream import RadarStream
 from mqslam.trajectory import Trajectory
 
 Watch = Callable[[Window, se2.Array, NDArray[np.float64]], None]  # a window, its pose (3,) and points (N, 2) [m]
+
+
+_log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
@@ -208,6 +212,7 @@ class Slam:
             self._config = self._config.model_copy(update={"sensor": sensor})
             return replace(context, config=self._config), list(self._watched(windows, kept[0]))
         self._config = with_doppler(windows, self._config, context.revolution_s)
+        _log.info("%d revolutions, Doppler shift %.4f s", len(windows), self._config.sensor.doppler_beta or 0.0)
         context = replace(context, config=self._config)
         measurements = []
         for motion in self._watched(windows, self._frontend(context).measure(windows)):
@@ -265,6 +270,7 @@ class Slam:
             loops = kept_by_map(loops + found, before, after, self._config, self._jobs)
             _, values = self._optimised(initial, measurements, odometry, loops)
             drive = Drive.of(windows, poses_of(values, len(windows)))
+        _log.info("%d of %d pairs of passes are loops that the map keeps", len(loops), len(tried))
         if self._checkpoint:
             self._checkpoint.keep_loops(loops, len(tried))
         return loops, len(tried)
@@ -297,4 +303,6 @@ class Slam:
     def _stage(self, name: str) -> Iterator[None]:
         begin = time.perf_counter()
         yield
-        self._runtime_s[name] = self._runtime_s.get(name, 0.0) + time.perf_counter() - begin
+        spent = time.perf_counter() - begin
+        self._runtime_s[name] = self._runtime_s.get(name, 0.0) + spent
+        _log.info("%s took %.2f s", name, spent)

@@ -10,6 +10,7 @@ import mqslam
 from mqslam.cli.audit import audit
 from mqslam.cli.check import check
 from mqslam.cli.compare import compare
+from mqslam.cli.config import config
 from mqslam.cli.convert import convert
 from mqslam.cli.info import info
 from mqslam.cli.paper import paper
@@ -22,7 +23,6 @@ from mqslam.interrupts import Interrupted, interruptible
 
 app = typer.Typer(
     name="mqslam",
-    help="Offline radar SLAM in which the measurement is map quality.",
     no_args_is_help=True,
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
@@ -36,6 +36,7 @@ app.command()(check)
 app.command()(convert)
 app.command()(simulate)
 app.command()(score)
+app.add_typer(config, name="config")
 app.add_typer(paper, name="paper")
 
 
@@ -49,7 +50,13 @@ def _version(asked: bool) -> None:
 def _top(
     version: bool = typer.Option(False, "--version", callback=_version, is_eager=True, help="Print the version."),
 ) -> None:
-    """Offline radar SLAM in which the measurement is map quality."""
+    """Offline radar SLAM in which the measurement is map quality.
+
+    Exit codes: 0 done; 1 something is suspicious (check) or the verdict is as bad as --fail-on (audit); 2 a mistake in the
+    command or its input, said in one line; 130 and 143 interrupted.
+
+    Example: mqslam run drive --out result
+    """
 
 
 def main() -> None:

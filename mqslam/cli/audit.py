@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from mqslam.cli.options import CORES, ConfigOption, Force, Format, Jobs, Json, Quiet, RangeResolution
+from mqslam.cli.options import CORES, ConfigOption, Force, Format, Jobs, Json, Quiet, RangeResolution, Verbose
 
 if TYPE_CHECKING:
     from mqslam.audit.sources import Source
@@ -43,6 +43,7 @@ def audit(
     force: Force = False,
     as_json: Json = False,
     quiet: Quiet = False,
+    verbose: Verbose = False,
 ) -> None:
     """Judge the map that a recording makes under a trajectory, without ground truth.
 

@@ -6,7 +6,7 @@ import json
 
 import typer
 
-from mqslam.cli.options import ConfigOption, Data, Format, Json, Odometry, Quiet, RangeResolution
+from mqslam.cli.options import ConfigOption, Data, Format, Json, Odometry, Quiet, RangeResolution, Verbose
 
 
 def check(
@@ -17,6 +17,7 @@ def check(
     range_resolution: RangeResolution = None,
     as_json: Json = False,
     quiet: Quiet = False,
+    verbose: Verbose = False,
 ) -> None:
     """Say where a recording contradicts what was assumed to read it: stamps, azimuths, rotation, length of a range bin.
 

@@ -8,7 +8,19 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from mqslam.cli.options import CORES, ConfigOption, Data, Force, Format, Jobs, Json, Odometry, Quiet, RangeResolution
+from mqslam.cli.options import (
+    CORES,
+    ConfigOption,
+    Data,
+    Force,
+    Format,
+    Jobs,
+    Json,
+    Odometry,
+    Quiet,
+    RangeResolution,
+    Verbose,
+)
 
 if TYPE_CHECKING:
     from mqslam.compare.rows import Row
@@ -36,6 +48,7 @@ def compare(
     force: Force = False,
     as_json: Json = False,
     quiet: Quiet = False,
+    verbose: Verbose = False,
 ) -> None:
     """Run several front ends on the same returns with the same back end, and judge the maps they make.
 

@@ -9,7 +9,7 @@ from typing import Annotated
 
 import typer
 
-from mqslam.cli.options import ConfigOption, Format, Quiet, RangeResolution
+from mqslam.cli.options import ConfigOption, Format, Quiet, RangeResolution, Verbose
 
 
 class MessageKind(StrEnum):
@@ -37,6 +37,7 @@ def convert(
     range_resolution: RangeResolution = None,
     force: Annotated[bool, typer.Option("--force", help="Replace what is at OUT.")] = False,
     quiet: Quiet = False,
+    verbose: Verbose = False,
 ) -> None:
     """Write a recording in another layout, with its odometry and ground truth where that has a place for them.
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import typer
 
-from mqslam.cli.options import ConfigOption, Data, Format, Json, RangeResolution
+from mqslam.cli.options import ConfigOption, Data, Format, Json, Quiet, RangeResolution, Verbose
 
 
 def info(
@@ -16,6 +16,8 @@ def info(
     format: Format = None,
     range_resolution: RangeResolution = None,
     as_json: Json = False,
+    quiet: Quiet = False,
+    verbose: Verbose = False,
 ) -> None:
     """Say what is in a recording: format, revolutions, duration, turn rate, bins, odometry, ground truth, gaps.
 
@@ -34,9 +36,8 @@ def info(
         rows = _radar_rows(found)
     if as_json:
         typer.echo(json.dumps(found, indent=1))
-        return
-    for name, value in rows:
-        typer.echo(f"{name:<14}{value}")
+    elif not quiet:
+        typer.echo("\n".join(f"{name:<14}{value}" for name, value in rows))
 
 
 def _radar_rows(found: dict[str, Any]) -> list[tuple[str, str]]:

@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from mqslam.cli.options import CORES, Force, Jobs, Json, Quiet
+from mqslam.cli.options import CORES, Force, Jobs, Json, Quiet, Verbose
 
 paper = typer.Typer(help="The paper's table and figures, made again.", no_args_is_help=True)
 
@@ -20,6 +20,7 @@ def table1(
     jobs: Jobs = CORES,
     as_json: Json = False,
     quiet: Quiet = False,
+    verbose: Verbose = False,
 ) -> None:
     """Table I: three constant motions found by the published score with exhaustive search, and by our estimator.
 
@@ -46,6 +47,9 @@ def figures(
     out: Annotated[Path, typer.Option("--out", "-o", help="Folder for the figures; must not exist yet.")],
     seed: Annotated[int, typer.Option(min=0, help="Yard and noise.")] = 1,
     force: Force = False,
+    as_json: Json = False,
+    quiet: Quiet = False,
+    verbose: Verbose = False,
 ) -> None:
     """Figures 2 and 3: a window under a bad, a better and a good motion; the three cases before and after.
 
@@ -55,5 +59,8 @@ def figures(
     from mqslam.paper.figures import write_figures
 
     check_free(out, force=force)
-    for path, text in write_figures(out, seed):
-        typer.echo(f"{path}: {text}")
+    found = write_figures(out, seed)
+    if as_json:
+        typer.echo(json.dumps([{"path": str(path), "text": text} for path, text in found], indent=1))
+    elif not quiet:
+        typer.echo("\n".join(f"{path}: {text}" for path, text in found))

@@ -10,7 +10,20 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from mqslam.cli.options import CORES, ConfigOption, Data, Force, Format, Jobs, Json, Odometry, Quiet, RangeResolution
+from mqslam.cli.options import (
+    CORES,
+    ConfigOption,
+    Data,
+    Force,
+    Format,
+    Frontend,
+    Jobs,
+    Json,
+    Odometry,
+    Quiet,
+    RangeResolution,
+    Verbose,
+)
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -23,7 +36,7 @@ _VIEWER = "viewer"
 def run(
     data: Data,
     out: Annotated[Path, typer.Option("--out", "-o", help="Folder for the results; must not exist yet.")],
-    frontend: Annotated[str, typer.Option(help="psi, kiss_icp, odometry, or one that is installed.")] = "psi",
+    frontend: Frontend = "psi",
     config: ConfigOption = None,
     odometry: Odometry = "auto",
     format: Format = None,
@@ -43,6 +56,7 @@ def run(
     force: Force = False,
     as_json: Json = False,
     quiet: Quiet = False,
+    verbose: Verbose = False,
 ) -> None:
     """Run a recording through front end, pose graph and map, and report how good the map is.
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from mqslam.cli.options import ConfigOption, Data, Format, Json, RangeResolution
+from mqslam.cli.options import ConfigOption, Data, Format, Json, Quiet, RangeResolution, Verbose
 
 if TYPE_CHECKING:
     from mqslam import se2
@@ -49,6 +49,8 @@ def score(
     ] = None,
     minimise: Annotated[bool, typer.Option("--minimise", help="Estimate the motion, beginning at the one given.")] = False,
     as_json: Json = False,
+    quiet: Quiet = False,
+    verbose: Verbose = False,
 ) -> None:
     """Score a window of a recording under a motion: the published psi and its parts, and the estimator's.
 
@@ -80,7 +82,10 @@ def score(
         found["minimised"] = _estimate(best, model) | scores(
             returns, t0, stream.period_s, best.theta, model, settings, variant
         )
-    typer.echo(json.dumps(found, indent=1) if as_json else "\n".join(_lines(found)))
+    if as_json:
+        typer.echo(json.dumps(found, indent=1))
+    elif not quiet:
+        typer.echo("\n".join(_lines(found)))
 
 
 def parse_motion(text: str) -> tuple[se2.Array, MotionModel]:

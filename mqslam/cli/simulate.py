@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from mqslam.cli.options import CORES, Jobs, Quiet
+from mqslam.cli.options import CORES, Jobs, Quiet, Verbose
 
 _MOVERS = 6
 
@@ -27,6 +27,7 @@ def simulate(
     seed: Annotated[int, typer.Option(help="Same seed, same bytes.")] = 1,
     jobs: Jobs = CORES,
     quiet: Quiet = False,
+    verbose: Verbose = False,
 ) -> None:
     """Render a drive through a simulated scene, azimuth by azimuth, with ground truth and wheel odometry that slips.
 

@@ -8,6 +8,8 @@ from typing import Annotated
 
 import typer
 
+from mqslam.cli.options import Quiet, Verbose
+
 
 class Colour(StrEnum):
     """What the points of a map are coloured by."""
@@ -23,6 +25,8 @@ def view(
     rerun: Annotated[
         bool, typer.Option("--rerun", help="Write OUT/map.rrd and open it in Rerun's viewer (pip install 'mqslam\\[view]').")
     ] = False,
+    quiet: Quiet = False,
+    verbose: Verbose = False,
 ) -> None:
     """Look at the map of a run with its trajectory (white) and its loops (pink); bright is much psi, strong, or late.
 
@@ -44,8 +48,9 @@ def view(
     path = out / "map.rrd"
     with recorded(path) as log:
         log.scene(scene, colour.value)
+    said = "written; no display here, open it elsewhere: rerun map.rrd"
     if has_display():
         open_viewer(path)
-        typer.echo(f"{path}: opened in Rerun's viewer")
-    else:
-        typer.echo(f"{path}: written; no display here, open it elsewhere: rerun {path.name}")
+        said = "opened in Rerun's viewer"
+    if not quiet:
+        typer.echo(f"{path}: {said}")

@@ -81,8 +81,7 @@ def _ellipses(report: Report) -> tuple[Lines, str]:
     name = "3σ ellipses" if factor == 1.0 else f"3σ ellipses, {factor:g} times"
     said = ""
     if shapes:
-        said = f"The largest 3σ ellipse reaches {length(largest)} from its middle, against the first pose; the graph takes "
-        said += "the errors of successive motions as independent, so that it is rather too large. "
+        said = f"The largest 3σ ellipse reaches {length(largest)} from its middle, the first pose held. "
     return Lines(name, "#a8327e", drawn, 1.2, shown=len(shapes) > 0), said
 
 

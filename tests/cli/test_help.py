@@ -18,28 +18,29 @@ HEAVY = ("numba", "gtsam", "matplotlib", "scipy", "open3d", "kiss_icp", "rosbags
 OPTIONS = {
     "run": [
         "--out", "--frontend", "--config", "--odometry", "--format", "--range-resolution", "--jobs", "--force", "--json",
-        "--live", "--quiet",
+        "--live", "--quiet", "--verbose",
     ],
-    "view": ["--colour", "--rerun"],
-    "info": ["--format", "--range-resolution", "--json"],
+    "view": ["--colour", "--rerun", "--quiet", "--verbose"],
+    "info": ["--format", "--range-resolution", "--json", "--quiet", "--verbose"],
     "simulate": [
         "--scene", "--duration", "--turn-rate", "--azimuths", "--range-resolution", "--max-range", "--movers", "--doppler",
-        "--seed", "--jobs", "--quiet",
+        "--seed", "--jobs", "--quiet", "--verbose",
     ],
     "compare": [
         "--out", "--frontends", "--trajectory", "--odometry-only", "--kiss-config", "--config", "--odometry", "--format",
-        "--jobs", "--resume", "--force", "--json", "--quiet",
+        "--jobs", "--resume", "--force", "--json", "--quiet", "--verbose",
     ],
     "audit": [
         "--out", "--trajectory", "--times", "--topic", "--z-range", "--fail-on", "--config", "--format", "--jobs", "--force",
-        "--json", "--quiet",
+        "--json", "--quiet", "--verbose",
     ],
-    "convert": ["--to", "--message", "--force", "--quiet"],
-    "check": ["--odometry", "--config", "--format", "--json"],
+    "convert": ["--to", "--message", "--force", "--quiet", "--verbose"],
+    "check": ["--odometry", "--config", "--format", "--json", "--quiet", "--verbose"],
+    "score": ["--start", "--motion", "--minimise", "--json", "--quiet", "--verbose"],
 }  # fmt: skip
 UNITS = {
     "run": ["[m]", "[us]"], "view": [], "info": ["[m]"], "simulate": ["[s]", "[1/s]", "[m]"], "compare": ["[m]", "[us]"],
-    "audit": ["[m]"], "convert": ["[m]"], "check": ["[m]"],
+    "audit": ["[m]"], "convert": ["[m]"], "check": ["[m]"], "score": ["[s", "[m/s"],
 }  # fmt: skip
 
 

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import html
 import io
 import re
 from dataclasses import replace
@@ -153,5 +154,5 @@ def test_a_click_on_a_window_shows_it_under_every_row(written: Path) -> None:
         click_curve(browser, a_report(None).rows[0].row.name, 6)
         WebDriverWait(browser, 20).until(lambda b: b.find_element("id", "place").text != before)
         views = browser.execute_script("return document.getElementById('crop').layout.annotations.map((a) => a.text)")
-        assert views == [row.row.name for row in a_report(None).rows]
+        assert [html.unescape(name) for name in views] == [row.row.name for row in a_report(None).rows]
         assert browser.get_log("browser") == []

@@ -1,0 +1,55 @@
+"""`mqslam config`: the settings, with unit and reason."""
+
+from __future__ import annotations
+
+import json
+from typing import Annotated
+
+import typer
+
+from mqslam.cli.options import ConfigName, Json
+
+config = typer.Typer(help="The settings: all of them, what a file changes, and their schema.", no_args_is_help=True)
+
+
+@config.command()
+def show(name: ConfigName = None, as_json: Json = False) -> None:
+    """Print every setting as YAML that --config reads, each with its unit and reason; those of a file, or the defaults.
+
+    Example: mqslam config show oxford > mine.yaml
+    """
+    from mqslam.config import explained_yaml, load_config
+
+    settings = load_config(name)
+    typer.echo(json.dumps(settings.model_dump(mode="json"), indent=1) if as_json else explained_yaml(settings), nl=as_json)
+
+
+@config.command()
+def diff(
+    name: Annotated[str, typer.Argument(help="A YAML file, such as a run's config.yaml, or the name of one that ships.")],
+    other: Annotated[str | None, typer.Argument(help="What it is held against; the defaults if not given.")] = None,
+    as_json: Json = False,
+) -> None:
+    """Print what a file of settings changes.
+
+    Example: mqslam config diff result/config.yaml
+    """
+    from mqslam.config import changes, load_config
+
+    found = changes(load_config(other), load_config(name))
+    if as_json:
+        typer.echo(json.dumps({key: {"from": before, "to": after} for key, before, after in found}, indent=1))
+        return
+    for key, before, after in found:
+        typer.echo(f"{key}: {json.dumps(before)} -> {json.dumps(after)}")
+
+
+@config.command()
+def schema() -> None:
+    """Print the JSON schema of the settings, with which editors complete and check a YAML file.
+
+    Example: mqslam config schema > mqslam.schema.json
+    """
+    from mqslam.config import Config
+
+    typer.echo(json.dumps(Config.model_json_schema(), indent=1))

@@ -1,0 +1,41 @@
+"""What commands say besides their results: more with -v, nothing with -q; shells complete them."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from commands import mqslam
+
+COMMAND = Path(sys.executable).with_name("mqslam")
+
+
+def test_verbose_says_what_each_stage_found_and_took(street: Path, tmp_path: Path) -> None:
+    shown = mqslam("run", street, "--out", tmp_path / "loud", "-v")
+    silent = mqslam("run", street, "--out", tmp_path / "silent", "-q")
+    assert (shown.code, silent.code) == (0, 0)
+    assert "mqslam.detection: " in shown.err and "returns in 48 revolutions, 0 of them unread" in shown.err
+    assert "mqslam.slam: render took " in shown.err
+    assert silent.err == "" and silent.out == ""
+
+
+@pytest.mark.parametrize("command", ["info", "score"])
+def test_quiet_prints_errors_only(street: Path, command: str) -> None:
+    words = [command, street, *(["--start", 0, "--motion", "1,0"] if command == "score" else [])]
+    assert mqslam(*words).out != ""
+    assert mqslam(*words, "-q").out == ""
+    assert mqslam(command, street.parent / "none", *words[2:], "-q").err.startswith("mqslam: error: ")
+
+
+@pytest.mark.parametrize(
+    ("line", "offered"),
+    [("mqslam co", {"compare", "convert", "config"}), ("mqslam run --frontend k", {"kiss_icp"}),
+     ("mqslam run --config o", {"oxford"}), ("mqslam info --format ra", {"radiate"})],
+)  # fmt: skip
+def test_the_shell_completes_commands_and_names(line: str, offered: set[str]) -> None:
+    asked = {"_MQSLAM_COMPLETE": "complete_bash", "COMP_WORDS": line, "COMP_CWORD": str(len(line.split()) - 1)}
+    shown = subprocess.run([COMMAND], capture_output=True, text=True, check=True, env={**os.environ, **asked})
+    assert set(shown.stdout.split()) == offered
