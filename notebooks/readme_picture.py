@@ -1,0 +1,39 @@
+"""Makes the README's picture: python notebooks/readme_picture.py (simulates two minutes of driving, takes two minutes)."""
+
+from __future__ import annotations
+
+import tempfile
+from pathlib import Path
+
+import matplotlib.pyplot as plt
+
+from mqslam.config import load_config
+from mqslam.pointmap import PointMap
+from mqslam.readers import open_recording
+from mqslam.simulator import simulate
+from mqslam.slam import Slam
+from mqslam.trajectory import Trajectory
+
+
+def draw(axes: plt.Axes, title: str, pointmap: PointMap, track: Trajectory, colour: str) -> None:
+    axes.plot(*pointmap.points.T, ",", color="#1c2430", alpha=0.25, rasterized=True)
+    axes.plot(*track.poses[:, :2].T, color=colour, linewidth=1.6)
+    axes.set(title=title, aspect="equal", xlabel="x [m]", xlim=(-60, 130), ylim=(-60, 130))
+
+
+def main() -> None:
+    with tempfile.TemporaryDirectory() as folder:
+        drive = Path(folder) / "drive"
+        simulate(drive, scene="street", duration_s=120.0, seed=1, movers=6, jobs=2)
+        stream = open_recording(drive)
+        run = Slam(load_config(), "psi", 2, lambda stage, done, total: None).run(stream, stream.odometry)
+    figure, (left, right) = plt.subplots(1, 2, figsize=(11, 5.4), sharey=True, layout="constrained")
+    psi = [pointmap.psi.mean() for pointmap in (run.map_odometry, run.map_optimised)]
+    draw(left, f"wheel odometry: ψ per point {psi[0]:.2f}", run.map_odometry, run.odometry, "#d9620d")
+    draw(right, f"motion from map quality: ψ per point {psi[1]:.2f}", run.map_optimised, run.optimised, "#1d5fd1")
+    left.set_ylabel("y [m]")
+    figure.savefig(Path(__file__).with_name("before_after.png"), dpi=90)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,151 @@
+"""Every command and snippet of the README is run as it is printed, in a folder that holds what it names."""
+
+from __future__ import annotations
+
+import gzip
+import os
+import re
+import shlex
+import shutil
+import subprocess
+import sys
+import tomllib
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from commands import mqslam
+from drives import street_drive
+
+from mqslam.config import Config
+from mqslam.frontend import Context
+from mqslam.graph import chain
+from mqslam.readers import open_recording
+from mqslam.simulator import simulate
+from mqslam.trajectory import write_kitti, write_tum
+
+ROOT = Path(__file__).parents[1]
+README = (ROOT / "README.md").read_text(encoding="utf-8")
+BINARY = ".venv/bin/mqslam "
+
+
+def commands() -> list[str]:
+    """The lines of the README that a user would type, without their comments."""
+    lines = [line[4:].split("  #")[0].strip() for line in README.splitlines() if line.startswith("    ")]
+    return [line for line in lines if line.startswith((".venv/", "make ", "pip "))]
+
+
+def snippets(language: str) -> list[str]:
+    """Fenced blocks of a language."""
+    return re.findall(rf"```{language}\n(.*?)```", README, re.DOTALL)
+
+
+@pytest.fixture(scope="module")
+def place(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+    """A folder with everything that the README's commands name; it is the working directory meanwhile."""
+    folder = tmp_path_factory.mktemp("readme")
+    stream = simulate(folder / "DATA", scene="street", duration_s=8.0, movers=2, seed=3)
+    truth = stream.ground_truth
+    (folder / "demo").mkdir()
+    (folder / "demo" / "drive").symlink_to(folder / "DATA")
+    shutil.copy(folder / "DATA" / "odom.csv", folder / "wheels.csv")
+    (folder / "my_kiss.yaml").write_text("mapping:\n  voxel_size: 1.0\ndata:\n  max_range: 100.0\n")
+    (folder / "mine.yaml").write_text("tracker: {keyframes: 20}\n")
+    for name in ("T.tum", "mine.tum"):
+        write_tum(folder / name, truth)
+    write_kitti(folder / "poses.txt", truth)
+    (folder / "times.txt").write_text("".join(f"{t / 1e6:.6f}\n" for t in truth.stamps_us.tolist()))
+    angles = np.deg2rad(np.arange(180) - 90.0)
+    scans = []
+    for k in range(40):
+        x = 0.2 * k
+        ahead, aside = (20.0 - x) / np.maximum(np.cos(angles), 1e-3), 3.0 / np.maximum(np.abs(np.sin(angles)), 1e-3)
+        ranges = " ".join(f"{r:.2f}" for r in np.minimum(ahead, aside))
+        scans.append(f"FLASER 180 {ranges} {x} 0 0 {x} 0 0 {10 + 0.5 * k} host {0.5 * k}\n")
+    with gzip.open(folder / "scans.log.gz", "wt") as log:
+        log.write("".join(scans))
+    before = Path.cwd()
+    os.chdir(folder)
+    assert mqslam("run", "DATA", "--out", "finished", "--quiet").code == 0
+    shutil.copy("finished/map.ply", "map.ply")
+    shutil.copy("finished/config.yaml", "config.yaml")
+    yield folder
+    os.chdir(before)
+
+
+def prepared(words: list[str]) -> None:
+    """Room for what a command writes, and a finished run where it reads one."""
+    for name in [w for w in words if w in ("OUT", "RESULT.mcap", "OUT.mcap", "figures", "DIR", "mqslam.schema.json")]:
+        if "--resume" in words or not Path(name).exists():
+            continue
+        shutil.rmtree(name) if Path(name).is_dir() else Path(name).unlink()
+    if words[1] == "OUT":
+        shutil.copytree("finished", "OUT")
+
+
+@pytest.mark.parametrize("line", [line for line in commands() if line.startswith(BINARY)])
+def test_a_command_works_as_printed(place: Path, line: str) -> None:
+    words = shlex.split(line.removeprefix(BINARY))
+    words = words[: words.index(">")] if ">" in words else words
+    prepared(words)
+    if words[0] == "view" or "--live" in words:
+        pytest.skip("needs a display or Rerun: tests/viewer runs it with both")
+    if any(word.startswith("tcp://") for word in words):
+        pytest.skip("needs a cluster: tests/test_cluster.py starts one for it")
+    shown = mqslam(*words)
+    allowed = {0, 1} if "--fail-on" in words or words[0] in ("check", "batch") else {0}
+    assert shown.code in allowed, shown.err
+
+
+def test_what_is_typed_besides_is_known() -> None:
+    others = {line.split(" #")[0].strip() for line in commands() if not line.startswith(BINARY)}
+    assert others <= {"make demo", "make test", ".venv/bin/pip install '.[view]'", ".venv/bin/pip install '.[cluster]'"}
+    assert (ROOT / ".ci" / "run").read_text().rstrip().endswith("make test")
+
+
+def test_make_demo_ends_with_a_report(tmp_path: Path) -> None:
+    (tmp_path / "pyproject.toml").touch()
+    os.utime(tmp_path / "pyproject.toml", (0, 0))  # older than the environment, which is there already
+    environment = Path(sys.executable).parents[1]
+    (environment / ".ready").touch()
+    command = ["make", "--file", str(ROOT / "Makefile"), "--directory", str(tmp_path), f"VENV={environment}", "demo"]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=300, check=True)
+    assert "open demo/run/report.html" in done.stdout
+    assert (tmp_path / "demo" / "run" / "report.html").is_file()
+
+
+def test_the_program_in_python_runs_as_printed(place: Path) -> None:
+    (program,) = [text for text in snippets("python") if "open_recording" in text]
+    assert len(program.strip().splitlines()) <= 20
+    done = subprocess.run([sys.executable, "-c", program], cwd=place, capture_output=True, text=True, timeout=300)
+    assert done.returncode == 0, done.stderr
+    assert (place / "trajectory.tum").is_file() and done.stdout
+
+
+def test_the_front_end_of_ones_own_is_one() -> None:
+    (source,) = [text for text in snippets("python") if "class Mine" in text]
+    names: dict[str, Any] = {}
+    exec(source, names)
+    stream, windows = street_drive()
+    context = Context(Config(), stream.period_s, stream.start_us, None)
+    motions = list(names["Mine"](context).measure(windows))
+    assert len(motions) == len(windows) - 1
+    np.testing.assert_allclose(chain(m.pose for m in motions)[-1], [2.0 * len(motions), 0.0, 0.0])
+    (entry,) = snippets("toml")
+    assert tomllib.loads(entry) == {"project": {"entry-points": {"mqslam.frontends": {"mine": "my_package:Mine"}}}}
+
+
+def test_files_it_names_are_there() -> None:
+    for name in re.findall(r"\]\(([^)#]+)\)", README):
+        assert name.startswith("http") or (ROOT / name).exists(), name
+    for name in re.findall(r"`((?:tests|notebooks|mqslam|configs|frontends|factors)/[\w/.-]*)`", README):
+        assert (ROOT / name).exists(), name
+
+
+def test_every_setting_and_option_it_names_exists(place: Path) -> None:
+    assert open_recording(Path("DATA")).format == "oxford"
+    for name in re.findall(r"`([a-z]+)\.([a-z_]+)`", README):
+        section = getattr(Config(), name[0], None)
+        assert section is None or name[1] in type(section).model_fields, name
