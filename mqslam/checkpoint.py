@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 import mqslam
 from mqslam.config import Config, dump_yaml
 from mqslam.detection import Detected
-from mqslam.errors import DataError, MqslamError, OutputError
+from mqslam.errors import ClusterError, DataError, MqslamError, OutputError
 from mqslam.files import write_text, written_whole
 from mqslam.loops.search import Loop
 from mqslam.measurement import RelativeMotion, Status
@@ -50,7 +50,7 @@ def run_key(stream: RadarStream, config: Config, frontend: str, odometry: Trajec
 def unfinished(out: Path, key: str, *, resume: bool) -> Iterator[Checkpoint]:
     """The checkpoint of a run while it goes on; what cannot be resumed to any end leaves nothing behind.
 
-    What is left behind by a full disk, an interrupt or a fault of ours says how to go on.
+    What is left behind by a full disk, a lost cluster, an interrupt or a fault of ours says how to go on.
 
     Args:
         out: the run's result folder.
@@ -60,9 +60,9 @@ def unfinished(out: Path, key: str, *, resume: bool) -> Iterator[Checkpoint]:
     checkpoint = Checkpoint(out, key, resume=resume)
     try:
         yield checkpoint
-    except OutputError as error:
+    except (OutputError, ClusterError) as error:
         if checkpoint.holds_anything:
-            raise OutputError(f"{error}; {_HOW}") from error
+            raise type(error)(f"{error}; {_HOW}") from error
         raise
     except MqslamError:
         if not resume:

@@ -27,11 +27,12 @@ from layouts import left_turn, write_radiate
 from PIL import Image
 from recordings import START_US, TURN_US, bag_path, raw_rows, with_metadata, write_bag, write_oxford, write_png
 
-from mqslam import detection, se2
+from mqslam import detection, engine, se2
 from mqslam.checkpoint import FOLDER
 from mqslam.cli import main
 from mqslam.config import Config
 from mqslam.detection import detect_all
+from mqslam.engine import HERE, LocalEngine
 from mqslam.errors import DataError
 from mqslam.readers import FORMATS, open_recording
 from mqslam.simulator import SensorModel, SimulatedStream, loop_drive, simulated_stream, street_scene
@@ -253,7 +254,7 @@ def test_a_turn_rate_that_changes(tmp_path: Path) -> None:
     shutil.copytree(write_truth(tmp_path, fast), drive / "gt")
     stream = open_recording(drive)
     assert len(stream) == 12 + 24 and stream.gaps() == []
-    windows, _ = detect_all(stream, Config().detector, 1, lambda *_: None)
+    windows, _ = detect_all(stream, Config().detector, HERE, lambda *_: None)
     assert [round(w.t1 - w.t0, 3) for w in windows] == [0.5] * 12 + [0.25] * 24
     shown = run(drive, tmp_path / "out")
     assert shown.code == 0 and "gap" not in shown.err
@@ -328,11 +329,11 @@ def test_workers_are_sent_a_recordings_index_once(lane: Path, monkeypatch: pytes
             sent.append(len(pickle.dumps((work, words, named))))
             return super().submit(work, *words, **named)
 
-    alone, _ = detect_all(open_recording(lane), Config().detector, 1, lambda *_: None)
-    monkeypatch.setattr(detection, "ProcessPoolExecutor", Spied)
-    monkeypatch.setattr(detection, "_WORTH_A_POOL", 1)
+    alone, _ = detect_all(open_recording(lane), Config().detector, HERE, lambda *_: None)
+    monkeypatch.setattr(engine, "ProcessPoolExecutor", Spied)
+    monkeypatch.setattr(engine, "_WORTH_PROCESSES", 1)
     monkeypatch.setattr(detection, "_CHUNK", 4)
-    windows, _ = detect_all(open_recording(lane), Config().detector, 2, lambda *_: None)
+    windows, _ = detect_all(open_recording(lane), Config().detector, LocalEngine(2), lambda *_: None)
     assert len(sent) == 8 and max(sent) < 200
     for one, other in zip(alone, windows, strict=True):
         np.testing.assert_array_equal(one.returns.ranges, other.returns.ranges)
@@ -628,8 +629,8 @@ def test_a_stretch_that_cannot_be_read_costs_no_more_than_itself(drive: Path) ->
     for k in broken:
         cut(images(drive)[k])
     stream = open_recording(drive)
-    good = detect_all(open_recording(lane_like(drive)), Config().detector, 1, lambda *_: None)[0]
-    windows, found = detect_all(stream, Config().detector, 1, lambda *_: None)
+    good = detect_all(open_recording(lane_like(drive)), Config().detector, HERE, lambda *_: None)[0]
+    windows, found = detect_all(stream, Config().detector, HERE, lambda *_: None)
     assert sorted(found.unread) == broken and all(isinstance(error, DataError) for error in found.unread.values())
     for k, (one, other) in enumerate(zip(windows, good, strict=True)):
         assert (one.t0, one.t1) == (other.t0, other.t1)
