@@ -11,18 +11,18 @@ import re
 import tempfile
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from functools import partial
 from typing import Any, TypeVar
 
 import mqslam
 from mqslam.engine import unwatched
-from mqslam.errors import ClusterError, ConfigError, MqslamError
+from mqslam.errors import ClusterError, ConfigError
 from mqslam.interrupts import shielded
 
 try:
     import dask
     from distributed import Client, Future, KilledWorker, LocalCluster
     from distributed.client import FutureCancelledError
-    from distributed.comm import CommClosedError
 except ImportError as error:
     raise ClusterError(f"--cluster: needs Dask ({error}); pip install 'mqslam[cluster]'") from error
 
@@ -170,37 +170,67 @@ class DaskEngine:
         found: list[R] = []
         losses = 0
         while len(found) < len(items):
-            futures: list[Future] = []
+            futures = self._sent(function, shared, items[len(found) :])
             try:
-                held = self._client.scatter([shared], broadcast=True, hash=False)
-                rest = items[len(found) :]
-                futures = self._client.map(function, held * len(rest), rest, pure=False)
                 for future in futures:
                     result = take(future)
                     found.append(result)
                     done(len(found), result)
-            except MqslamError:
-                raise
-            except Exception as error:
-                if self._client.status != "running" or isinstance(error, CommClosedError):
-                    raise ClusterError(f"{self._address}: the connection to the scheduler is lost") from error
+            except FutureCancelledError as error:
                 losses += 1
-                if not isinstance(error, FutureCancelledError) or losses > _LOSSES:
-                    raise
+                if losses > _LOSSES:
+                    raise self._gone() from error
             finally:
-                if self._client.status == "running":
+                if not self._lost:
                     self._client.cancel(futures)
         return found
+
+    def _sent(self, function: Callable[[S, T], Any], shared: S, items: Sequence[T]) -> list[Future]:
+        """A task per item; every worker there is has a copy of what they share."""
+        try:
+            self._client.wait_for_workers(1, timeout=2.0 * _LOOK_S)
+            held = self._client.scatter([shared], broadcast=True, hash=False)
+        except (OSError, FutureCancelledError) as error:
+            raise self._gone() from error
+        futures: list[Future] = self._client.map(partial(_attempt, function), held * len(items), items, pure=False)
+        return futures
 
     def _result(self, future: Future) -> Any:
         """A task's result, as long as there is anyone to do it."""
         unmanned = 0
-        while True:
+        while unmanned < 2:
             try:
-                return future.result(timeout=_LOOK_S)
-            except TimeoutError as error:
-                if future.done():
-                    raise
-                unmanned = 0 if self._client.nthreads() else unmanned + 1
-                if unmanned == 2:
-                    raise ClusterError(f"{self._address}: has no workers left; start some") from error
+                result, error = future.result(timeout=_LOOK_S)
+            except TimeoutError:
+                unmanned = 0 if self._manned() else unmanned + 1
+                continue
+            except (OSError, FutureCancelledError) as lost:
+                if self._lost or isinstance(lost, OSError):
+                    raise self._gone() from lost
+                raise
+            if error is not None:
+                raise error
+            return result
+        raise self._gone()
+
+    def _manned(self) -> bool:
+        try:
+            return bool(self._client.nthreads())
+        except OSError as error:
+            raise self._gone() from error
+
+    @property
+    def _lost(self) -> bool:
+        return bool(self._client.status != "running")
+
+    def _gone(self) -> ClusterError:
+        what = "the connection to the scheduler is lost" if self._lost else "has no workers left"
+        return ClusterError(f"{self._address}: {what}")
+
+
+def _attempt(function: Callable[[S, T], R], shared: S, item: T) -> tuple[R | None, Exception | None]:
+    """What the function returns or raises: what a future raises itself is the cluster's own."""
+    try:
+        return function(shared, item), None
+    except Exception as error:
+        return None, error

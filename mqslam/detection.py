@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
+from socket import gethostname
 from typing import Protocol
 
 import numpy as np
@@ -50,7 +51,7 @@ def detect_stretch(
         strict: whether a revolution that cannot be read is an error, rather than one without returns.
 
     Raises:
-        DataError: a revolution that cannot be read, if strict.
+        DataError: a revolution that cannot be read, if strict, or the whole recording.
     """
     found: list[Returns] = []
     unread: dict[int, DataError] = {}
@@ -62,6 +63,8 @@ def detect_stretch(
             found.append(detect(revolution, stream.range_resolution, config))
         elif strict:
             raise revolution
+        elif not stream.path.exists():  # not one that is damaged: all of them are out of reach, of this worker at least
+            raise DataError(stream.path, f"is not there on {gethostname()}", "it must be, on every machine that reads it")
         else:
             unread[k] = revolution.with_traceback(None)
             found.append(Returns.none())

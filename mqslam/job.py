@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from mqslam.checkpoint import run_key, unfinished
+from mqslam.checkpoint import HOW, run_key, unfinished
 from mqslam.config import Config
 from mqslam.detection import Progress
 from mqslam.engine import Engine
@@ -72,7 +73,7 @@ def job_of(
 
 
 def execute(
-    job: Job, out: Path, engine: Engine, progress: Progress, *, resume: bool, watch: Watch | None = None
+    job: Job, out: Path, engine: Engine, progress: Progress, *, resume: bool, how: str = HOW, watch: Watch | None = None
 ) -> tuple[dict[str, Any], list[str]]:
     """Do a run and write its results.
 
@@ -82,6 +83,7 @@ def execute(
         engine: where its stages are done.
         progress: called as they go on.
         resume: whether to go on where an unfinished run has stopped.
+        how: what an error says about how to go on.
         watch: called with every window once its motion is measured.
 
     Returns:
@@ -90,7 +92,7 @@ def execute(
     Raises:
         MqslamError: whatever makes the run impossible; nothing is left then but what can be resumed.
     """
-    with unfinished(out, job.key, resume=resume) as checkpoint:
+    with unfinished(out, job.key, resume=resume, how=how) as checkpoint:
         slam = Slam(job.settings, job.frontend, engine, progress, checkpoint, strict=job.strict, watch=watch)
         result = slam.run(job.stream, job.odometry)
         summary = {**summarise(result, job.stream), "run_key": job.key}
@@ -98,6 +100,15 @@ def execute(
         with whole_folder(out) as folder:
             write_run(folder, result, job.stream, summary, warnings, log_text(summary, job.log, warnings))
     return summary, warnings
+
+
+def finished(out: Path, key: str) -> dict[str, Any] | None:
+    """The summary of a run that `out` holds, if it is whole and its result depends on the same."""
+    try:
+        summary = json.loads((out / "summary.json").read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return None
+    return summary if isinstance(summary, dict) and summary.get("run_key") == key else None
 
 
 def log_text(summary: dict[str, Any], notes: Sequence[str], warnings: Sequence[str]) -> str:

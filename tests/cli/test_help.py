@@ -14,11 +14,14 @@ from commands import mqslam
 import mqslam as package
 
 COMMAND = Path(sys.executable).with_name("mqslam")
-HEAVY = ("numba", "gtsam", "matplotlib", "scipy", "open3d", "kiss_icp", "rosbags", "PIL", "plyfile", "rerun")
+HEAVY = (
+    "numba", "gtsam", "matplotlib", "scipy", "open3d", "kiss_icp", "rosbags", "PIL", "plyfile", "rerun", "dask",
+    "distributed",
+)  # fmt: skip
 OPTIONS = {
     "run": [
-        "--out", "--frontend", "--config", "--odometry", "--format", "--range-resolution", "--jobs", "--force", "--json",
-        "--live", "--quiet",
+        "--out", "--frontend", "--config", "--odometry", "--format", "--range-resolution", "--jobs", "--cluster", "--live",
+        "--force", "--json", "--quiet",
     ],
     "view": ["--colour", "--rerun"],
     "info": ["--format", "--range-resolution", "--json"],
@@ -28,18 +31,19 @@ OPTIONS = {
     ],
     "compare": [
         "--out", "--frontends", "--trajectory", "--odometry-only", "--kiss-config", "--config", "--odometry", "--format",
-        "--jobs", "--resume", "--force", "--json", "--quiet",
+        "--jobs", "--cluster", "--resume", "--force", "--json", "--quiet",
     ],
     "audit": [
-        "--out", "--trajectory", "--times", "--topic", "--z-range", "--fail-on", "--config", "--format", "--jobs", "--force",
-        "--json", "--quiet",
+        "--out", "--trajectory", "--times", "--topic", "--z-range", "--fail-on", "--config", "--format", "--jobs",
+        "--cluster", "--force", "--json", "--quiet",
     ],
+    "batch": ["--out", "--jobs", "--cluster", "--force", "--json", "--quiet"],
     "convert": ["--to", "--message", "--force", "--quiet"],
     "check": ["--odometry", "--config", "--format", "--json"],
 }  # fmt: skip
 UNITS = {
     "run": ["[m]", "[us]"], "view": [], "info": ["[m]"], "simulate": ["[s]", "[1/s]", "[m]"], "compare": ["[m]", "[us]"],
-    "audit": ["[m]"], "convert": ["[m]"], "check": ["[m]"],
+    "audit": ["[m]"], "batch": [], "convert": ["[m]"], "check": ["[m]"],
 }  # fmt: skip
 
 
