@@ -6,9 +6,11 @@ import os
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+
+import pytest
 
 BELOW = Path(__file__).parent  # where workers find this file
 
@@ -23,11 +25,11 @@ class Cluster:
         self.workers: list[subprocess.Popen[bytes]] = []
         self.address = self._said("scheduler", "Scheduler at:").split()[-1]
 
-    def add_worker(self) -> None:
-        """Start a worker; it joins within seconds."""
+    def add_worker(self, finds: Path = BELOW) -> None:
+        """Start a worker that finds modules in a folder before all others; it joins within seconds."""
         name = f"worker{len(self.workers)}"
         options = ("--nthreads", "1", "--no-nanny", "--no-dashboard", "--local-directory", self._folder / name)
-        self.workers.append(self._started("worker", self.address, *options, log=name))
+        self.workers.append(self._started("worker", self.address, *options, log=name, finds=finds))
 
     def wait(self) -> None:
         """Until all workers have joined."""
@@ -40,10 +42,11 @@ class Cluster:
             process.kill()
             process.wait()
 
-    def _started(self, kind: str, *words: object, log: str = "") -> subprocess.Popen[bytes]:
+    def _started(self, kind: str, *words: object, log: str = "", finds: Path = BELOW) -> subprocess.Popen[bytes]:
         command = [sys.executable, "-m", "dask", kind, *map(str, words)]
         with (self._folder / (log or kind)).with_suffix(".log").open("wb") as file:
-            return subprocess.Popen(command, stdout=file, stderr=file, env={**os.environ, "PYTHONPATH": str(BELOW)})
+            environment = {**os.environ, "PYTHONPATH": str(finds)}
+            return subprocess.Popen(command, stdout=file, stderr=file, env=environment, cwd=self._folder)
 
     def _said(self, log: str, words: str) -> str:
         end = time.monotonic() + 60.0
@@ -67,6 +70,23 @@ def cluster(folder: Path, workers: int = 2) -> Iterator[Cluster]:
         yield found
     finally:
         found.kill()
+
+
+def at(monkeypatch: pytest.MonkeyPatch, stage: str, happens: Callable[[], None]) -> list[int]:
+    """Have something happen as soon as the first part of a stage is done; the parts that were left then."""
+    left: list[int] = []
+
+    @contextmanager
+    def watched(*_: object) -> Iterator[Callable[[str, int, int], None]]:
+        def show(name: str, done: int, total: int) -> None:
+            if name == stage and not left:
+                left.append(total - done)
+                happens()
+
+        yield show
+
+    monkeypatch.setattr("mqslam.cli.progress.progress", watched)
+    return left
 
 
 def slow_sum(shared: list[int], item: int) -> int:

@@ -5,26 +5,20 @@ from __future__ import annotations
 import signal
 import subprocess
 import sys
-import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
-from clusters import Cluster, cluster, fatal, full_disk, slow_sum
-from commands import mqslam
+from clusters import Cluster, at, cluster, fatal, full_disk, slow_sum
+from commands import INSTALLED, mqslam, processes
 
 from mqslam import cluster as cluster_module
-from mqslam import detection
 from mqslam.checkpoint import FOLDER
 from mqslam.cluster import connected
 from mqslam.engine import HERE, LocalEngine
 from mqslam.errors import ClusterError
 from mqslam.simulator import simulate
 
-INSTALLED = Path(sys.executable).with_name("mqslam")
 SAME = ("trajectory.tum", "odometry.tum", "measurements.csv", "graph.g2o", "map.ply", "map.pgm", "config.yaml")
-Show = Callable[[str, int, int], None]
 
 
 @pytest.fixture(scope="module")
@@ -44,59 +38,15 @@ def run(lap: Path, out: Path, *more: object):
     return mqslam("run", lap / "drive", "--out", out, *options, *map(str, more))
 
 
-def assert_as_alone(lap: Path, out: Path) -> None:
-    for name in SAME:
-        assert (out / name).read_bytes() == (lap / "alone" / name).read_bytes(), name
-
-
-@pytest.fixture
-def crew(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Cluster]:
-    """A scheduler and two workers; stretches so short that all have work for a while, and no patience."""
-    monkeypatch.setattr(detection, "_CHUNK", 8)
-    monkeypatch.setattr(cluster_module, "_LOOK_S", 1.0)
-    with cluster(tmp_path / "dask") as found:
-        yield found
-
-
-def at(monkeypatch: pytest.MonkeyPatch, stage: str, happens: Callable[[], None]) -> list[int]:
-    """Have something happen as soon as the first part of a stage is done; the parts that were left then."""
-    left: list[int] = []
-
-    @contextmanager
-    def watched(*_: object) -> Iterator[Show]:
-        def show(name: str, done: int, total: int) -> None:
-            if name == stage and not left:
-                left.append(total - done)
-                happens()
-
-        yield show
-
-    monkeypatch.setattr("mqslam.cli.progress.progress", watched)
-    return left
-
-
-@pytest.mark.parametrize("stage", ["detect", "loops"])
-def test_a_worker_killed_in_the_middle_changes_no_byte(
-    lap: Path, crew: Cluster, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, stage: str
+def test_a_worker_killed_while_loops_are_verified_changes_no_byte(
+    lap: Path, crew: Cluster, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    left = at(monkeypatch, stage, crew.workers[0].kill)
+    left = at(monkeypatch, "loops", crew.workers[0].kill)
     shown = run(lap, tmp_path / "out", "--cluster", crew.address)
     assert (shown.code, shown.err) == (0, "")
     assert left[0] >= 3 and crew.workers[0].wait() == -signal.SIGKILL and crew.workers[1].poll() is None
-    assert_as_alone(lap, tmp_path / "out")
-
-
-def test_a_lost_scheduler_is_said_and_the_run_resumed_to_the_same_bytes(
-    lap: Path, crew: Cluster, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    with monkeypatch.context() as patch:
-        at(patch, "detect", crew.scheduler.kill)
-        shown = run(lap, tmp_path / "out", "--cluster", crew.address)
-    said = f"mqslam: error: {crew.address}: the connection to the scheduler is lost; continue with --resume\n"
-    assert (shown.code, shown.err) == (2, said)
-    assert {path.name for path in (tmp_path / "out").iterdir()} == {FOLDER}
-    assert run(lap, tmp_path / "out", "--resume", "--jobs", "1").code == 0
-    assert_as_alone(lap, tmp_path / "out")
+    for name in SAME:
+        assert (tmp_path / "out" / name).read_bytes() == (lap / "alone" / name).read_bytes(), name
 
 
 def test_workers_that_are_all_gone_are_not_waited_for_forever(crew: Cluster) -> None:
@@ -185,6 +135,17 @@ def test_a_scheduler_without_workers_is_said(
     assert shown.err == f"mqslam: error: {found.address}: has no workers; start some with 'dask worker {found.address}'\n"
 
 
+def test_workers_of_another_version_are_refused(tmp_path: Path, lap: Path) -> None:
+    other = tmp_path / "other" / "mqslam"
+    other.mkdir(parents=True)
+    (other / "__init__.py").touch()
+    (other / "cluster.py").write_text("def _version():\n    return '0.0.1'\n")
+    with cluster(tmp_path / "dask", workers=0) as found:
+        found.add_worker(finds=other.parent)
+        shown = run(lap, tmp_path / "out", "--cluster", found.address)
+    assert shown.code == 2 and "has mqslam 0.0.1; install" in shown.err and shown.err.count("\n") == 1, shown.err
+
+
 def test_without_dask_only_the_cluster_is_missing(lap: Path, tmp_path: Path) -> None:
     """Dask hidden, in a process of its own."""
     program = f"""
@@ -212,13 +173,4 @@ def test_an_interrupt_leaves_no_process_and_what_can_be_resumed(lap: Path, tmp_p
     rest = process.stderr.read()
     assert process.wait(timeout=30) == 130 and rest.splitlines()[-1] == "mqslam: interrupted; continue with --resume"
     assert "Traceback" not in rest and {path.name for path in (tmp_path / "out").iterdir()} == {FOLDER}
-    time.sleep(0.5)
-    assert not [stat for stat in Path("/proc").glob("[0-9]*/stat") if _session(stat) == process.pid]
-
-
-def _session(stat: Path) -> int:
-    try:
-        words = stat.read_text().rpartition(")")[2].split()
-    except OSError:
-        return 0
-    return int(words[3]) if words[0] != "Z" else 0
+    assert processes(process.pid) == []

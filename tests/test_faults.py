@@ -11,7 +11,6 @@ import shutil
 import signal
 import struct
 import subprocess
-import sys
 import time
 import zipfile
 import zlib
@@ -22,7 +21,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from commands import Result, contents, mqslam
+from clusters import Cluster, at
+from commands import INSTALLED, Result, contents, mqslam, processes
 from layouts import left_turn, write_radiate
 from PIL import Image
 from recordings import START_US, TURN_US, bag_path, raw_rows, with_metadata, write_bag, write_oxford, write_png
@@ -40,7 +40,6 @@ from mqslam.stream import RadarStream
 from mqslam.trajectory import read_tum
 from mqslam.writers import oxford as writer
 
-INSTALLED = Path(sys.executable).with_name("mqslam")
 README = Path(__file__).parents[1] / "README.md"
 QUICK = ("--odometry", "none", "--jobs", "1")
 
@@ -419,29 +418,7 @@ def test_ctrl_c_or_sigterm(drive: Path, tmp_path: Path, command: str, number: si
         assert {path.name for path in (folder / "out").iterdir()} == {FOLDER}
     else:
         assert last == "mqslam: interrupted" and list(folder.iterdir()) == []
-    assert_no_process_left(process.pid)
-
-
-def assert_no_process_left(session: int) -> None:
-    """No process of a session is alive, after a moment to end."""
-    end = time.monotonic() + 5.0
-    while time.monotonic() < end:
-        alive = [
-            stat for stat in Path("/proc").glob("[0-9]*/stat")
-            if (words := _words(stat)) and int(words[3]) == session and words[0] != "Z"
-        ]  # fmt: skip
-        if not alive:
-            return
-        time.sleep(0.05)
-    raise AssertionError(f"still there: {alive}")
-
-
-def _words(stat: Path) -> list[str]:
-    """State, parent, group, session and so on of a process; none once it is gone."""
-    try:
-        return stat.read_text().rpartition(")")[2].split()
-    except OSError:
-        return []
+    assert processes(process.pid) == []
 
 
 def test_a_signal_during_an_import_is_an_interrupt(
@@ -591,6 +568,43 @@ def test_bytes_that_are_damaged_anywhere() -> None:
     from fuzz.subjects import SUBJECTS
 
     assert set(FORMATS) <= {"rosbag" if name in ("ros1 bag", "mcap") else name.split()[0] for name in SUBJECTS}
+
+
+def test_a_worker_of_a_cluster_that_dies(
+    drive: Path, tmp_path: Path, crew: Cluster, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert run(drive, tmp_path / "alone").code == 0
+    left = at(monkeypatch, "detect", crew.workers[0].kill)
+    shown = run(drive, tmp_path / "out", "--cluster", crew.address, "--quiet")
+    assert (shown.code, shown.err) == (0, "")
+    assert left[0] >= 8 and crew.workers[0].wait() == -signal.SIGKILL and crew.workers[1].poll() is None
+    for name in ("trajectory.tum", "measurements.csv", "map.ply"):
+        assert (tmp_path / "out" / name).read_bytes() == (tmp_path / "alone" / name).read_bytes(), name
+
+
+def test_a_cluster_that_is_lost(drive: Path, tmp_path: Path, crew: Cluster, monkeypatch: pytest.MonkeyPatch) -> None:
+    assert run(drive, tmp_path / "alone").code == 0
+    with monkeypatch.context() as patch:
+        at(patch, "detect", crew.scheduler.kill)
+        shown = run(drive, tmp_path / "out", "--cluster", crew.address)
+    refused(shown, f"{crew.address}: the connection to the scheduler is lost; continue with --resume")
+    assert {path.name for path in (tmp_path / "out").iterdir()} == {FOLDER}
+    assert run(drive, tmp_path / "out", "--resume").code == 0
+    assert (tmp_path / "out" / "trajectory.tum").read_bytes() == (tmp_path / "alone" / "trajectory.tum").read_bytes()
+
+
+def test_a_run_of_a_batch_that_fails(drive: Path, tmp_path: Path) -> None:
+    for image in images(shutil.copytree(drive, tmp_path / "broken")):
+        cut(image)
+    (tmp_path / "quick.yaml").write_text("sensor: {doppler_beta: 0.0}\n")
+    (tmp_path / "runs.yaml").write_text("runs: [{data: broken}, {data: gone}, {data: drive, config: quick.yaml}]")
+    shown = mqslam("batch", tmp_path / "runs.yaml", "--out", tmp_path / "out", "--jobs", "1", "--quiet")
+    assert shown.code == 1 and "Traceback" not in shown.err
+    first, second = shown.err.splitlines()
+    assert first.startswith("broken failed: ") and "is not a readable PNG" in first
+    assert second.startswith("gone failed: ") and "does not exist" in second
+    names = {"drive", "batch.json", "batch.csv", "report.html"}
+    assert {path.name for path in (tmp_path / "out").iterdir()} == names
 
 
 def test_a_mistake_in_a_command(drive: Path, tmp_path: Path) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import re
 from dataclasses import dataclass
 from pathlib import Path
@@ -75,7 +74,7 @@ def read_plan(path: Path) -> tuple[list[Order], str]:
 
 
 def _order(run: PlannedRun, folder: Path, taken: set[str]) -> Order:
-    data = Path(os.path.abspath(folder / run.data))  # without '..', but with the links it was given by
+    data = folder / run.data
     name = run.name if run.name is not None else data.name
     if not re.fullmatch(r"\w[\w. -]*", name):
         raise ConfigError(f"name {name!r}: is to be the name of a folder; give one of letters and digits")

@@ -7,12 +7,13 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from typing import Any
 
 from common import Claim, table, twin
 from common import run as mqslam_run
 
 from mqslam.cluster import connected
-from mqslam.config import load_config
+from mqslam.config import Config, load_config
 from mqslam.detection import detect_all
 from mqslam.engine import HERE, Engine
 from mqslam.frontend import Context
@@ -20,6 +21,7 @@ from mqslam.frontends.psi import PsiFrontEnd
 from mqslam.graph import chain
 from mqslam.loops.submap import Drive
 from mqslam.readers import open_recording
+from mqslam.stream import RadarStream
 
 _STAGES = ("read", "detect", "windows", "loops", "optimise", "render")
 _WORKERS = (1, 2, 4)
@@ -35,14 +37,15 @@ def run(out: Path) -> list[Claim]:
     return [*_workers(data, out), _overhead(data, out)]
 
 
-def _costs(summary: dict) -> None:
+def _costs(summary: dict[str, Any]) -> None:
     """Core seconds by stage, and what follows for a run on many workers and for many runs."""
     spent, hours = summary["runtime_s"], summary["dataset"]["duration_s"] / 3600.0
     rows = [[stage, spent[stage] / hours, f"{spent[stage] / spent['total']:.1%}"] for stage in _STAGES]
     table(["stage", "core seconds per hour of radar", "share"], [*rows, ["total", spent["total"] / hours, "100%"]])
     shared = sum(spent[stage] for stage in ("read", "detect", "loops", "render")) / spent["total"]
-    print(f"share of a run that workers share: {shared:.1%}; at most {1.0 / (1.0 - shared):.2f} times faster, whatever their number")
-    print(f"a thousand hours: {1000.0 * spent['total'] / hours / 3600.0:.0f} core hours, {summary['peak_rss_mb']:.0f} MB at the most\n")
+    print(f"{shared:.1%} of it can be shared: no number of workers makes it {1.0 / (1.0 - shared):.2f} times faster")
+    thousand = 1000.0 * spent["total"] / hours / 3600.0
+    print(f"a thousand hours: {thousand:.0f} core hours, {summary['peak_rss_mb']:.0f} MB a worker\n")
 
 
 def _travels(data: Path, out: Path) -> None:
@@ -86,7 +89,7 @@ def _workers(data: Path, out: Path) -> list[Claim]:
     return [Claim(f"batch of {_RUNS} runs: 2 workers over 1", batches[0] / batches[1], least=1.4)]
 
 
-def _detected(stream, config, engine: Engine) -> float:
+def _detected(stream: RadarStream, config: Config, engine: Engine) -> float:
     begin = time.perf_counter()
     detect_all(stream, config.detector, engine, _silent)
     return time.perf_counter() - begin

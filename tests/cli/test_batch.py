@@ -5,11 +5,13 @@ from __future__ import annotations
 import csv
 import json
 import shutil
+import subprocess
+import time
 from pathlib import Path
 
 import pytest
 from clusters import cluster
-from commands import Result, contents, mqslam
+from commands import INSTALLED, Result, contents, mqslam, processes
 
 from mqslam.checkpoint import FOLDER
 from mqslam.simulator import simulate
@@ -125,6 +127,19 @@ def test_a_run_that_was_killed_goes_on_where_it_stopped(work: Path, tmp_path: Pa
     monkeypatch.setattr("mqslam.detection.detect_stretch", lambda *_: pytest.fail("detected again"))
     assert schedule.run_one(terms, orders[1]).failure is None
     assert tracks(tmp_path) == {"drive": tracks(work / "out")["drive"]}
+
+
+def test_an_interrupted_batch_leaves_no_process_and_says_how_to_go_on(work: Path, tmp_path: Path) -> None:
+    words = [INSTALLED, "batch", work / "runs.yaml", "--out", tmp_path / "out", "--jobs", "2"]
+    process = subprocess.Popen(words, stderr=subprocess.PIPE, text=True, start_new_session=True)
+    while not list(tmp_path.glob(f"out/*/{FOLDER}/*.npz")):
+        assert process.poll() is None
+        time.sleep(0.002)
+    process.terminate()
+    _, shown = process.communicate(timeout=30)
+    assert process.returncode == 143 and shown.splitlines()[-1] == "mqslam: interrupted; the same command goes on with it"
+    assert "Traceback" not in shown and processes(process.pid) == []
+    assert not list(tmp_path.glob("out/*.*"))
 
 
 def test_runs_on_a_cluster_leave_the_same_trajectories(work: Path, tmp_path: Path) -> None:
