@@ -149,7 +149,7 @@ class Slam:
                 maps = self._render(windows, found.odometry.poses, found.optimised.poses, stream.period_s)
             with self._stage("check"):
                 checks = judged_sample(
-                    windows, stream.start_us, stream.period_s, found.optimised, found.config, self._jobs, self._progress
+                    windows, stream.start_us, stream.period_s, found.optimised, found.config, self._engine, self._progress
                 )
         return Run(
             **vars(found),
