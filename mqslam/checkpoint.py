@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 import mqslam
 from mqslam.config import Config, dump_yaml
 from mqslam.detection import Detected
-from mqslam.errors import DataError, MqslamError, OutputError
+from mqslam.errors import ClusterError, DataError, MqslamError, OutputError
 from mqslam.files import write_text, written_whole
 from mqslam.loops.search import Loop
 from mqslam.measurement import RelativeMotion, Status
@@ -32,7 +32,7 @@ from mqslam.stream import RadarStream
 from mqslam.trajectory import Trajectory
 
 FOLDER = "checkpoint"
-_HOW = "continue with --resume"
+HOW = "continue with --resume"
 
 
 def run_key(stream: RadarStream, config: Config, frontend: str, odometry: Trajectory | None) -> str:
@@ -47,22 +47,23 @@ def run_key(stream: RadarStream, config: Config, frontend: str, odometry: Trajec
 
 
 @contextmanager
-def unfinished(out: Path, key: str, *, resume: bool) -> Iterator[Checkpoint]:
+def unfinished(out: Path, key: str, *, resume: bool, how: str = HOW) -> Iterator[Checkpoint]:
     """The checkpoint of a run while it goes on; what cannot be resumed to any end leaves nothing behind.
 
-    What is left behind by a full disk, an interrupt or a fault of ours says how to go on.
+    What is left behind by a full disk, a lost cluster, an interrupt or a fault of ours says how to go on.
 
     Args:
         out: the run's result folder.
         key: what the run's result depends on.
         resume: whether to use what an earlier run has left there.
+        how: how to go on.
     """
     checkpoint = Checkpoint(out, key, resume=resume)
     try:
         yield checkpoint
-    except OutputError as error:
+    except (OutputError, ClusterError) as error:
         if checkpoint.holds_anything:
-            raise OutputError(f"{error}; {_HOW}") from error
+            raise type(error)(f"{error}; {how}") from error
         raise
     except MqslamError:
         if not resume:
@@ -70,7 +71,7 @@ def unfinished(out: Path, key: str, *, resume: bool) -> Iterator[Checkpoint]:
         raise
     except BaseException as error:
         if checkpoint.holds_anything:
-            error.add_note(_HOW)
+            error.add_note(how)
         raise
 
 

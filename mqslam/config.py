@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
-import difflib
 import textwrap
 from importlib import resources
 from pathlib import Path
 from typing import Any, Literal
 
 import yaml
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field
 
 from mqslam.audit.settings import AuditConfig
 from mqslam.detector import DetectorConfig
 from mqslam.errors import ConfigError
 from mqslam.psi.minimiser import EstimatorConfig
 from mqslam.psi.published import PsiConfig
+from mqslam.settings_file import parsed
 
 
 class SensorConfig(BaseModel):
@@ -185,25 +185,14 @@ def load_config(name: str | Path | None = None) -> Config:
     shipped = resources.files("mqslam.configs") / f"{name}.yaml"
     try:
         if path.is_file():
-            text = path.read_text(encoding="utf-8")
+            content = path.read_bytes()
         elif shipped.is_file():
-            text = shipped.read_text(encoding="utf-8")
+            content = shipped.read_bytes()
         else:
             raise ConfigError(f"{name}: no such configuration; give a YAML file or one of {', '.join(shipped_names())}")
-        tree = yaml.safe_load(text)
-    except ConfigError:
-        raise
-    except Exception as error:  # besides its own, PyYAML lets through what making numbers, dates and keys raises
-        first = (str(error) or type(error).__name__).splitlines()[0]
-        raise ConfigError(f"{name}: is not a readable YAML file ({first})") from error
-    if tree is None:
-        tree = {}
-    if not isinstance(tree, dict):
-        raise ConfigError(f"{name}: must hold settings as 'section: {{key: value}}'")
-    try:
-        return Config.model_validate(tree)
-    except ValidationError as error:
-        raise ConfigError(f"{name}: {_explain(error)}") from error
+    except (OSError, ValueError) as error:
+        raise ConfigError(f"{name}: cannot be read ({error})") from error
+    return parsed(Config, name, content)
 
 
 def shipped_names() -> list[str]:
@@ -237,21 +226,3 @@ def changes(before: Config, after: Config) -> list[tuple[str, Any, Any]]:
         old, new = section.model_dump(mode="json"), getattr(after, name).model_dump(mode="json")
         found += [(f"{name}.{key}", old[key], new[key]) for key in old if old[key] != new[key]]
     return found
-
-
-def _explain(error: ValidationError) -> str:
-    """The first fault of a settings tree in one line, with the nearest known name for an unknown one."""
-    fault = error.errors()[0]
-    where = ".".join(str(part) for part in fault["loc"])
-    if fault["type"] != "extra_forbidden":
-        return f"{where}: {fault['msg']}"
-    known = _keys(fault["loc"][:-1])
-    near = difflib.get_close_matches(str(fault["loc"][-1]), known, 1)
-    return f"unknown setting {where}; " + (f"did you mean {near[0]}?" if near else f"known are {', '.join(known)}")
-
-
-def _keys(parents: tuple[Any, ...]) -> list[str]:
-    node: Any = Config
-    for parent in parents:
-        node = node.model_fields[parent].annotation
-    return list(node.model_fields)

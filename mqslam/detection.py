@@ -5,25 +5,22 @@ from __future__ import annotations
 import logging
 import time
 from collections.abc import Callable, Iterator
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, field
-from functools import partial
-from multiprocessing import get_context
+from socket import gethostname
 from typing import Protocol
 
 import numpy as np
 
 from mqslam.artefacts import drop_fixed
 from mqslam.detector import DetectorConfig, detect
+from mqslam.engine import Engine
 from mqslam.errors import DataError
-from mqslam.interrupts import shielded
 from mqslam.returns import Returns, Window
 from mqslam.stream import RadarStream, Revolution, usual_steps
 
 _log = logging.getLogger(__name__)
 Progress = Callable[[str, int, int], None]  # stage, done, total
 _CHUNK = 40  # revolutions a worker takes at a time
-_WORTH_A_POOL = 200  # starting workers costs more than this many revolutions
 _MOST_UNREAD = 0.5  # share of revolutions above which there is nothing to go on with
 _LISTED = 3  # files that a report on unread revolutions names
 
@@ -56,7 +53,7 @@ def detect_stretch(
         strict: whether a revolution that cannot be read is an error, rather than one without returns.
 
     Raises:
-        DataError: a revolution that cannot be read, if strict.
+        DataError: a revolution that cannot be read, if strict, or the whole recording.
     """
     found: list[Returns] = []
     unread: dict[int, DataError] = {}
@@ -68,6 +65,8 @@ def detect_stretch(
             found.append(detect(revolution, stream.range_resolution, config))
         elif strict:
             raise revolution
+        elif not stream.path.exists():  # not one that is damaged: all of them are out of reach, of this worker at least
+            raise DataError(stream.path, f"is not there on {gethostname()}", "it must be, on every machine that reads it")
         else:
             unread[k] = revolution.with_traceback(None)
             found.append(Returns.none())
@@ -104,18 +103,18 @@ class Store(Protocol):
 def detect_all(
     stream: RadarStream,
     config: DetectorConfig,
-    jobs: int,
+    engine: Engine,
     progress: Progress,
     store: Store | None = None,
     *,
     strict: bool = False,
 ) -> tuple[list[Window], Detected]:
-    """One window of returns per revolution, empty where it cannot be read; the same for any number of jobs.
+    """One window of returns per revolution, empty where it cannot be read.
 
     Args:
         stream: the recording.
         config: settings.
-        jobs: processes that read and detect.
+        engine: where revolutions are read and detected; the result does not depend on it.
         progress: called as stretches are done.
         store: where stretches are kept, and looked for first.
         strict: whether one revolution that cannot be read is an error.
@@ -131,27 +130,16 @@ def detect_all(
         if kept is not None and not (strict and kept.unread):
             parts[begin] = kept
 
-    def done(begin: int, end: int, found: Detected) -> None:
+    missing = [(begin, end) for begin, end in spans if begin not in parts]
+
+    def done(number: int, found: Detected) -> None:
+        begin, end = missing[number - 1]
         parts[begin] = found
         if store:
             store.keep_detected(begin, end, found)
         progress("detect", sum(len(part.returns) for part in parts.values()), total)
 
-    missing = [(begin, end) for begin, end in spans if begin not in parts]
-    work = partial(detect_stretch, stream, config, strict=strict)
-    if jobs == 1 or total < _WORTH_A_POOL:
-        for begin, end in missing:
-            done(begin, end, work(begin, end))
-    else:
-        with ProcessPoolExecutor(jobs, mp_context=get_context("spawn"), initializer=_prepare, initargs=(work,)) as pool:
-            with shielded():
-                pending = [pool.submit(_in_worker, begin, end) for begin, end in missing]
-            try:
-                for (begin, end), future in zip(missing, pending, strict=True):
-                    done(begin, end, future.result())
-            except BaseException:
-                pool.shutdown(cancel_futures=True)
-                raise
+    engine.map(_stretch, (stream, config, strict), missing, done, processes=True)
     returns = drop_fixed([r for begin, _ in spans for r in parts[begin].returns])
     unread = {k: error for begin, _ in spans for k, error in parts[begin].unread.items()}
     if len(unread) > _MOST_UNREAD * total:
@@ -162,16 +150,9 @@ def detect_all(
     return windows_of(stream, returns), Detected(returns, unread, read_s, detect_s)
 
 
-_work: Callable[[int, int], Detected]  # of a worker process, which gets it once: a long recording's index has megabytes
-
-
-def _prepare(work: Callable[[int, int], Detected]) -> None:
-    global _work
-    _work = work
-
-
-def _in_worker(begin: int, end: int) -> Detected:
-    return _work(begin, end)
+def _stretch(shared: tuple[RadarStream, DetectorConfig, bool], span: tuple[int, int]) -> Detected:
+    stream, config, strict = shared
+    return detect_stretch(stream, config, *span, strict=strict)
 
 
 def unread_warnings(unread: dict[int, DataError]) -> list[str]:

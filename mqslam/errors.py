@@ -42,9 +42,20 @@ class OutputError(MqslamError):
     """A result that cannot be written where it was asked for."""
 
 
+class ClusterError(MqslamError):
+    """A cluster that cannot be reached or cannot do the work any more."""
+
+
 class EstimationError(MqslamError):
     """Data from which no motion can be estimated, such as a recording without returns."""
 
 
 class ViewerError(MqslamError):
     """Nothing to show a map with: no display, or a viewer that is not installed."""
+
+
+def said(error: Exception) -> str:
+    """Any error in one line: what ours say, the type and first line of others."""
+    if isinstance(error, MqslamError):
+        return str(error)
+    return f"{type(error).__name__}: {str(error).splitlines()[0] if str(error) else ''}".rstrip(": ")

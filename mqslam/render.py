@@ -3,24 +3,26 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mqslam import se2
 from mqslam.config import Config
+from mqslam.engine import HERE, Engine
 from mqslam.errors import EstimationError
 from mqslam.pointmap import PointMap
 from mqslam.psi.minimiser import score
-from mqslam.psi.neighbours import candidates, cell_grid
+from mqslam.psi.neighbours import CellGrid, candidates, cell_grid
 from mqslam.psi.place import PointSet
 from mqslam.returns import Returns, Window
 
 _CHUNK = 50_000  # points scored at a time: bounds the memory of neighbour lists
 
 
-def render(windows: Sequence[Window], poses: se2.Array, config: Config, revolution_s: float, jobs: int = 1) -> PointMap:
+def render(
+    windows: Sequence[Window], poses: se2.Array, config: Config, revolution_s: float, engine: Engine = HERE
+) -> PointMap:
     """The map of a run and each point's share of psi.
 
     Args:
@@ -28,7 +30,7 @@ def render(windows: Sequence[Window], poses: se2.Array, config: Config, revoluti
         poses: (len(windows), 3) pose at the start of each.
         config: all settings.
         revolution_s: duration of a turn [s].
-        jobs: threads that score.
+        engine: where the points are scored; the result does not depend on it.
 
     Raises:
         EstimationError: the revolutions hold no returns.
@@ -38,7 +40,7 @@ def render(windows: Sequence[Window], poses: se2.Array, config: Config, revoluti
     if not len(returns):
         raise EstimationError(f"no returns in {int(keep.sum())} revolutions to render; lower detector.threshold")
     points = place_along(returns, np.array([w.t0 for w in windows]), poses, config)
-    shares, matched = score_points(points, revolution_s, config, jobs)
+    shares, matched = score_points(points, revolution_s, config, engine)
     return PointMap(points.points, returns.times, returns.intensities, shares, matched)
 
 
@@ -75,22 +77,25 @@ def place_along(returns: Returns, times: NDArray[np.float64], poses: se2.Array, 
 
 
 def score_points(
-    points: PointSet, revolution_s: float, config: Config, jobs: int
+    points: PointSet, revolution_s: float, config: Config, engine: Engine
 ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
     """Each point's share of psi (N,) against all others, charges included, and whether it was matched (N,).
 
     Matched means a neighbour seen at least about one revolution earlier or later: any other pass over the place counts.
     """
-    estimator = config.estimator
-    grid = cell_grid(points.points, estimator.s)
-
-    def part(begin: int) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-        span = slice(begin, begin + _CHUNK)
-        some = PointSet(points.points[span], points.jacobians[span], points.covariances[span], points.times[span])
-        lists = candidates(grid, some.points, estimator.s)
-        found = score(some, points, lists, estimator.final, revolution_s, estimator)
-        return found.shares, found.matched
-
-    with ThreadPoolExecutor(jobs) as pool:
-        parts = list(pool.map(part, range(0, len(points), _CHUNK)))
+    shared = points, cell_grid(points.points, config.estimator.s), revolution_s, config
+    parts = engine.map(_scored, shared, range(0, len(points), _CHUNK))
     return np.concatenate([p[0] for p in parts]), np.concatenate([p[1] for p in parts])
+
+
+def _scored(
+    shared: tuple[PointSet, CellGrid, float, Config], begin: int
+) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+    """The same for the points of a chunk."""
+    points, grid, revolution_s, config = shared
+    estimator = config.estimator
+    span = slice(begin, begin + _CHUNK)
+    some = PointSet(points.points[span], points.jacobians[span], points.covariances[span], points.times[span])
+    lists = candidates(grid, some.points, estimator.s)
+    found = score(some, points, lists, estimator.final, revolution_s, estimator)
+    return found.shares, found.matched

@@ -23,6 +23,7 @@ from mqslam.audit.sample import judged_sample
 from mqslam.checkpoint import Checkpoint
 from mqslam.config import Config
 from mqslam.detection import Progress, detect_all
+from mqslam.engine import Engine
 from mqslam.errors import DataError
 from mqslam.factors.loop_between import loop_between
 from mqslam.factors.odometry_between import odometry_between, odometry_covariance
@@ -98,7 +99,7 @@ class Slam:
     Args:
         config: all settings.
         frontend: name of the front end.
-        jobs: processes that read and detect, threads that verify loops and score.
+        engine: where revolutions are detected, loops verified and maps scored; the result does not depend on it.
         progress: called as stages go on.
         checkpoint: where stages are kept and looked for; None keeps nothing.
         strict: whether a revolution that cannot be read stops the run, rather than being left out.
@@ -112,7 +113,7 @@ class Slam:
         self,
         config: Config,
         frontend: str,
-        jobs: int,
+        engine: Engine,
         progress: Progress,
         checkpoint: Checkpoint | None = None,
         *,
@@ -122,7 +123,7 @@ class Slam:
         self._config = config
         self._name = frontend
         self._frontend = frontends.load(frontend)
-        self._jobs = jobs
+        self._engine = engine
         self._progress = progress
         self._checkpoint = checkpoint
         self._strict = strict
@@ -144,7 +145,7 @@ class Slam:
             context = Context(self._config, stream.period_s, stream.start_us, odometry)
             self._frontend(context)  # says what it lacks before the recording is read
             windows, detected = detect_all(
-                stream, self._config.detector, self._jobs, self._progress, self._checkpoint, strict=self._strict
+                stream, self._config.detector, self._engine, self._progress, self._checkpoint, strict=self._strict
             )
             self._runtime_s |= {"read": detected.read_s, "detect": detected.detect_s}
             found = self.solve(windows, context, stream.stamps_us)
@@ -152,7 +153,7 @@ class Slam:
                 maps = self._render(windows, found.odometry.poses, found.optimised.poses, stream.period_s)
             with self._stage("check"):
                 checks = judged_sample(
-                    windows, stream.start_us, stream.period_s, found.optimised, found.config, self._jobs, self._progress
+                    windows, stream.start_us, stream.period_s, found.optimised, found.config, self._engine, self._progress
                 )
         return Run(
             **vars(found),
@@ -262,12 +263,12 @@ class Slam:
         drive = Drive.of(windows, poses_of(values, len(windows)))
         before = drive
         for _ in range(self._config.loops.rounds):
-            found = find_loops(drive, self._config, tried, self._jobs, self._progress)
+            found = find_loops(drive, self._config, tried, self._engine, self._progress)
             if not found:
                 break
             _, values = self._optimised(initial, measurements, odometry, loops + found)
             after = poses_of(values, len(windows))
-            loops = kept_by_map(loops + found, before, after, self._config, self._jobs)
+            loops = kept_by_map(loops + found, before, after, self._config, self._engine)
             _, values = self._optimised(initial, measurements, odometry, loops)
             drive = Drive.of(windows, poses_of(values, len(windows)))
         _log.info("%d of %d pairs of passes are loops that the map keeps", len(loops), len(tried))
@@ -293,9 +294,9 @@ class Slam:
     def _render(
         self, windows: list[Window], before: se2.Array, after: se2.Array, revolution_s: float
     ) -> tuple[PointMap, PointMap]:
-        first = render(windows, before, self._config, revolution_s, self._jobs)
+        first = render(windows, before, self._config, revolution_s, self._engine)
         self._progress("render", 1, 2)
-        second = render(windows, after, self._config, revolution_s, self._jobs)
+        second = render(windows, after, self._config, revolution_s, self._engine)
         self._progress("render", 2, 2)
         return first, second
 

@@ -8,6 +8,7 @@ from pathlib import Path
 import matplotlib.pyplot as plt
 
 from mqslam.config import load_config
+from mqslam.engine import LocalEngine
 from mqslam.pointmap import PointMap
 from mqslam.readers import open_recording
 from mqslam.simulator import simulate
@@ -26,7 +27,7 @@ def main() -> None:
         drive = Path(folder) / "drive"
         simulate(drive, scene="street", duration_s=120.0, seed=1, movers=6, jobs=2)
         stream = open_recording(drive)
-        run = Slam(load_config(), "psi", 2, lambda stage, done, total: None).run(stream, stream.odometry)
+        run = Slam(load_config(), "psi", LocalEngine(2), lambda stage, done, total: None).run(stream, stream.odometry)
     figure, (left, right) = plt.subplots(1, 2, figsize=(11, 5.4), sharey=True, layout="constrained")
     psi = [pointmap.psi.mean() for pointmap in (run.map_odometry, run.map_optimised)]
     draw(left, f"wheel odometry: ψ per point {psi[0]:.2f}", run.map_odometry, run.odometry, "#d9620d")

@@ -5,11 +5,14 @@ from __future__ import annotations
 import contextlib
 import io
 import sys
+import time
 from dataclasses import dataclass
 from pathlib import Path
 from unittest import mock
 
 from mqslam.cli import main
+
+INSTALLED = Path(sys.executable).with_name("mqslam")
 
 
 @dataclass(frozen=True)
@@ -38,3 +41,22 @@ def contents(folder: Path) -> dict[str, bytes | None]:
     return {
         str(path.relative_to(folder)): path.read_bytes() if path.is_file() else None for path in sorted(folder.rglob("*"))
     }
+
+
+def processes(session: int) -> list[Path]:
+    """The processes of a session that are alive, after a moment to end."""
+    end = time.monotonic() + 5.0
+    while alive := [stat for stat in Path("/proc").glob("[0-9]*/stat") if _in_session(stat, session)]:
+        if time.monotonic() > end:
+            break
+        time.sleep(0.05)
+    return alive
+
+
+def _in_session(stat: Path, session: int) -> bool:
+    """Whether a process belongs to a session and is no zombie; not once it is gone."""
+    try:
+        words = stat.read_text().rpartition(")")[2].split()
+    except OSError:
+        return False
+    return int(words[3]) == session and words[0] != "Z"

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from clusters import Cluster, cluster
 from recordings import write_oxford
 
+from mqslam import detection
 from mqslam.simulator import simulate
 
 
@@ -14,6 +17,15 @@ from mqslam.simulator import simulate
 def oxford(tmp_path: Path) -> Path:
     """A small recording in the Oxford layout."""
     return write_oxford(tmp_path / "drive")
+
+
+@pytest.fixture
+def crew(tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPatch) -> Iterator[Cluster]:
+    """A scheduler and two workers; stretches so short that both have work for a while, and no patience."""
+    monkeypatch.setattr(detection, "_CHUNK", 4)
+    monkeypatch.setattr("mqslam.cluster._LOOK_S", 1.0)
+    with cluster(tmp_path_factory.mktemp("crew") / "dask") as found:
+        yield found
 
 
 @pytest.fixture(scope="session")

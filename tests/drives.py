@@ -8,6 +8,7 @@ import numpy as np
 
 from mqslam.config import Config
 from mqslam.detection import detect_all
+from mqslam.engine import HERE
 from mqslam.returns import Returns, Window
 from mqslam.simulator import ConstantDrive, Drive, Scene, SensorModel, SimulatedStream, simulated_stream
 
@@ -17,7 +18,7 @@ ON_THE_STREET = (-20.0, -37.75, 0.0)  # on the right-hand lane of a street scene
 
 def detected(stream: SimulatedStream) -> list[Window]:
     """The windows of a stream under the default settings."""
-    windows, _ = detect_all(stream, Config().detector, 1, lambda stage, done, total: None)
+    windows, _ = detect_all(stream, Config().detector, HERE, lambda stage, done, total: None)
     return windows
 
 

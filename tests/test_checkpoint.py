@@ -16,6 +16,7 @@ from mqslam import slam as slam_module
 from mqslam.checkpoint import FOLDER, Checkpoint, run_key, unfinished
 from mqslam.config import Config, MapConfig, SensorConfig
 from mqslam.detection import Detected, detect_all
+from mqslam.engine import HERE
 from mqslam.errors import DataError, OutputError
 from mqslam.loops.search import Loop
 from mqslam.measurement import RelativeMotion, Status
@@ -164,14 +165,14 @@ def silent(stage: str, done: int, total: int) -> None:
 def test_a_broken_stretch_is_detected_again(stream: SimulatedStream, tmp_path: Path) -> None:
     config = Config().detector
     checkpoint = Checkpoint(tmp_path / "out", "this run", resume=False)
-    first, _ = detect_all(stream, config, 1, silent, checkpoint)
+    first, _ = detect_all(stream, config, HERE, silent, checkpoint)
     before = contents(tmp_path)
     kept = sorted((tmp_path / "out" / FOLDER).glob("returns-*"))
     assert len(kept) == 2
     for broken in ([], kept[:1], kept[1:], kept):
         for file in broken:
             file.write_bytes(file.read_bytes()[:500])
-        again, cost = detect_all(stream, config, 1, silent, resumed(tmp_path / "out"))
+        again, cost = detect_all(stream, config, HERE, silent, resumed(tmp_path / "out"))
         assert (cost.read_s > 0.0) == bool(broken)
         for one, other in zip(first, again, strict=True):
             assert (one.t0, one.t1) == (other.t0, other.t1)
@@ -185,11 +186,11 @@ def test_a_resumed_run_repeats_no_finished_stage_and_ends_the_same(
     """The Doppler shift, which is measured, is kept with the measurements made with it."""
     monkeypatch.setattr(doppler_module, "measure_doppler", lambda *_: 0.0123)
     config = Config(map=MapConfig(travel_m=2.0))
-    first = Slam(config, "psi", 1, silent, Checkpoint(tmp_path / "out", "this run", resume=False)).run(stream, None)
+    first = Slam(config, "psi", HERE, silent, Checkpoint(tmp_path / "out", "this run", resume=False)).run(stream, None)
     monkeypatch.setattr(doppler_module, "measure_doppler", lambda *_: pytest.fail("measured again"))
     monkeypatch.setattr(slam_module, "find_loops", lambda *_: pytest.fail("searched again"))
     monkeypatch.setattr(SimulatedStream, "revolutions", lambda *_: pytest.fail("read again"))
-    again = Slam(config, "psi", 1, silent, resumed(tmp_path / "out")).run(stream, None)
+    again = Slam(config, "psi", HERE, silent, resumed(tmp_path / "out")).run(stream, None)
     assert again.config == first.config and again.config.sensor.doppler_beta == 0.0123
     np.testing.assert_array_equal(again.optimised.poses, first.optimised.poses)
     np.testing.assert_array_equal(again.map_optimised.psi, first.map_optimised.psi)

@@ -11,7 +11,6 @@ import shutil
 import signal
 import struct
 import subprocess
-import sys
 import time
 import zipfile
 import zlib
@@ -22,16 +21,18 @@ from typing import Any
 
 import numpy as np
 import pytest
-from commands import Result, contents, mqslam
+from clusters import Cluster, at
+from commands import INSTALLED, Result, contents, mqslam, processes
 from layouts import left_turn, write_radiate
 from PIL import Image
 from recordings import START_US, TURN_US, bag_path, raw_rows, with_metadata, write_bag, write_oxford, write_png
 
-from mqslam import detection, se2
+from mqslam import detection, engine, se2
 from mqslam.checkpoint import FOLDER
 from mqslam.cli import main
 from mqslam.config import Config
 from mqslam.detection import detect_all
+from mqslam.engine import HERE, LocalEngine
 from mqslam.errors import DataError
 from mqslam.readers import FORMATS, open_recording
 from mqslam.simulator import SensorModel, SimulatedStream, loop_drive, simulated_stream, street_scene
@@ -39,7 +40,6 @@ from mqslam.stream import RadarStream
 from mqslam.trajectory import read_tum
 from mqslam.writers import oxford as writer
 
-INSTALLED = Path(sys.executable).with_name("mqslam")
 README = Path(__file__).parents[1] / "README.md"
 QUICK = ("--odometry", "none", "--jobs", "1")
 
@@ -253,7 +253,7 @@ def test_a_turn_rate_that_changes(tmp_path: Path) -> None:
     shutil.copytree(write_truth(tmp_path, fast), drive / "gt")
     stream = open_recording(drive)
     assert len(stream) == 12 + 24 and stream.gaps() == []
-    windows, _ = detect_all(stream, Config().detector, 1, lambda *_: None)
+    windows, _ = detect_all(stream, Config().detector, HERE, lambda *_: None)
     assert [round(w.t1 - w.t0, 3) for w in windows] == [0.5] * 12 + [0.25] * 24
     shown = run(drive, tmp_path / "out")
     assert shown.code == 0 and "gap" not in shown.err
@@ -328,11 +328,11 @@ def test_workers_are_sent_a_recordings_index_once(lane: Path, monkeypatch: pytes
             sent.append(len(pickle.dumps((work, words, named))))
             return super().submit(work, *words, **named)
 
-    alone, _ = detect_all(open_recording(lane), Config().detector, 1, lambda *_: None)
-    monkeypatch.setattr(detection, "ProcessPoolExecutor", Spied)
-    monkeypatch.setattr(detection, "_WORTH_A_POOL", 1)
+    alone, _ = detect_all(open_recording(lane), Config().detector, HERE, lambda *_: None)
+    monkeypatch.setattr(engine, "ProcessPoolExecutor", Spied)
+    monkeypatch.setattr(engine, "_WORTH_PROCESSES", 1)
     monkeypatch.setattr(detection, "_CHUNK", 4)
-    windows, _ = detect_all(open_recording(lane), Config().detector, 2, lambda *_: None)
+    windows, _ = detect_all(open_recording(lane), Config().detector, LocalEngine(2), lambda *_: None)
     assert len(sent) == 8 and max(sent) < 200
     for one, other in zip(alone, windows, strict=True):
         np.testing.assert_array_equal(one.returns.ranges, other.returns.ranges)
@@ -418,29 +418,7 @@ def test_ctrl_c_or_sigterm(drive: Path, tmp_path: Path, command: str, number: si
         assert {path.name for path in (folder / "out").iterdir()} == {FOLDER}
     else:
         assert last == "mqslam: interrupted" and list(folder.iterdir()) == []
-    assert_no_process_left(process.pid)
-
-
-def assert_no_process_left(session: int) -> None:
-    """No process of a session is alive, after a moment to end."""
-    end = time.monotonic() + 5.0
-    while time.monotonic() < end:
-        alive = [
-            stat for stat in Path("/proc").glob("[0-9]*/stat")
-            if (words := _words(stat)) and int(words[3]) == session and words[0] != "Z"
-        ]  # fmt: skip
-        if not alive:
-            return
-        time.sleep(0.05)
-    raise AssertionError(f"still there: {alive}")
-
-
-def _words(stat: Path) -> list[str]:
-    """State, parent, group, session and so on of a process; none once it is gone."""
-    try:
-        return stat.read_text().rpartition(")")[2].split()
-    except OSError:
-        return []
+    assert processes(process.pid) == []
 
 
 def test_a_signal_during_an_import_is_an_interrupt(
@@ -592,6 +570,43 @@ def test_bytes_that_are_damaged_anywhere() -> None:
     assert set(FORMATS) <= {"rosbag" if name in ("ros1 bag", "mcap") else name.split()[0] for name in SUBJECTS}
 
 
+def test_a_worker_of_a_cluster_that_dies(
+    drive: Path, tmp_path: Path, crew: Cluster, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert run(drive, tmp_path / "alone").code == 0
+    left = at(monkeypatch, "detect", crew.workers[0].kill)
+    shown = run(drive, tmp_path / "out", "--cluster", crew.address, "--quiet")
+    assert (shown.code, shown.err) == (0, "")
+    assert left[0] >= 8 and crew.workers[0].wait() == -signal.SIGKILL and crew.workers[1].poll() is None
+    for name in ("trajectory.tum", "measurements.csv", "map.ply"):
+        assert (tmp_path / "out" / name).read_bytes() == (tmp_path / "alone" / name).read_bytes(), name
+
+
+def test_a_cluster_that_is_lost(drive: Path, tmp_path: Path, crew: Cluster, monkeypatch: pytest.MonkeyPatch) -> None:
+    assert run(drive, tmp_path / "alone").code == 0
+    with monkeypatch.context() as patch:
+        at(patch, "detect", crew.scheduler.kill)
+        shown = run(drive, tmp_path / "out", "--cluster", crew.address)
+    refused(shown, f"{crew.address}: the connection to the scheduler is lost; continue with --resume")
+    assert {path.name for path in (tmp_path / "out").iterdir()} == {FOLDER}
+    assert run(drive, tmp_path / "out", "--resume").code == 0
+    assert (tmp_path / "out" / "trajectory.tum").read_bytes() == (tmp_path / "alone" / "trajectory.tum").read_bytes()
+
+
+def test_a_run_of_a_batch_that_fails(drive: Path, tmp_path: Path) -> None:
+    for image in images(shutil.copytree(drive, tmp_path / "broken")):
+        cut(image)
+    (tmp_path / "quick.yaml").write_text("sensor: {doppler_beta: 0.0}\n")
+    (tmp_path / "runs.yaml").write_text("runs: [{data: broken}, {data: gone}, {data: drive, config: quick.yaml}]")
+    shown = mqslam("batch", tmp_path / "runs.yaml", "--out", tmp_path / "out", "--jobs", "1", "--quiet")
+    assert shown.code == 1 and "Traceback" not in shown.err
+    first, second = shown.err.splitlines()
+    assert first.startswith("broken failed: ") and "is not a readable PNG" in first
+    assert second.startswith("gone failed: ") and "does not exist" in second
+    names = {"drive", "batch.json", "batch.csv", "report.html"}
+    assert {path.name for path in (tmp_path / "out").iterdir()} == names
+
+
 def test_a_mistake_in_a_command(drive: Path, tmp_path: Path) -> None:
     """All of them are in `tests/cli/test_errors.py`."""
     before = contents(tmp_path)
@@ -628,8 +643,8 @@ def test_a_stretch_that_cannot_be_read_costs_no_more_than_itself(drive: Path) ->
     for k in broken:
         cut(images(drive)[k])
     stream = open_recording(drive)
-    good = detect_all(open_recording(lane_like(drive)), Config().detector, 1, lambda *_: None)[0]
-    windows, found = detect_all(stream, Config().detector, 1, lambda *_: None)
+    good = detect_all(open_recording(lane_like(drive)), Config().detector, HERE, lambda *_: None)[0]
+    windows, found = detect_all(stream, Config().detector, HERE, lambda *_: None)
     assert sorted(found.unread) == broken and all(isinstance(error, DataError) for error in found.unread.values())
     for k, (one, other) in enumerate(zip(windows, good, strict=True)):
         assert (one.t0, one.t1) == (other.t0, other.t1)

@@ -9,6 +9,7 @@ from drives import constant, drive, joined
 from mqslam import render as rendering
 from mqslam import se2
 from mqslam.config import Config, SensorConfig
+from mqslam.engine import LocalEngine
 from mqslam.errors import EstimationError
 from mqslam.motion import CONSTANT_TWIST
 from mqslam.psi.place import place
@@ -69,7 +70,7 @@ def test_the_map_is_the_same_for_any_number_of_jobs_and_any_chunk(
     once = render(windows, poses, CONFIG, TURN_S)
     monkeypatch.setattr(rendering, "_CHUNK", chunk)
     for jobs in (1, 3):
-        again = render(windows, poses, CONFIG, TURN_S, jobs)
+        again = render(windows, poses, CONFIG, TURN_S, LocalEngine(jobs))
         for name in ("points", "times", "psi", "matched"):
             np.testing.assert_array_equal(getattr(again, name), getattr(once, name))
 

@@ -10,6 +10,7 @@ import pytest
 from mqslam import se2
 from mqslam.checkpoint import FOLDER, Checkpoint
 from mqslam.config import Config, LoopConfig, SensorConfig
+from mqslam.engine import LocalEngine
 from mqslam.evaluation import evaluate
 from mqslam.outputs import g2o
 from mqslam.simulator import SensorModel, SimulatedStream, loop_drive, simulated_stream, street_scene
@@ -24,7 +25,7 @@ def slam(stream: SimulatedStream, config: Config, jobs: int, out: Path, *, resum
     """The stream by radar alone, with the returns and measurements of an earlier run where they are to be used."""
     (out / FOLDER / "loops.npz").unlink(missing_ok=True)
     checkpoint = Checkpoint(out, "lap", resume=resume)
-    return Slam(config, "psi", jobs, lambda stage, done, total: None, checkpoint).run(stream, None)
+    return Slam(config, "psi", LocalEngine(jobs), lambda stage, done, total: None, checkpoint).run(stream, None)
 
 
 @pytest.fixture(scope="module")

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from mqslam.checkpoint import Checkpoint
 from mqslam.config import Config
+from mqslam.engine import HERE
 from mqslam.render import place_along
 from mqslam.returns import Window
 from mqslam.simulator import street_scene
@@ -23,7 +24,7 @@ def watched(folder: Path, *, resume: bool) -> tuple[Seen, Run, list[Window]]:
     stream, windows = drive(street_scene(1, movers=0), constant(8.0, 0.2), 2.0)
     seen: Seen = []
     slam = Slam(
-        Config(), "odometry", 1, lambda stage, done, total: None, Checkpoint(folder, "key", resume=resume),
+        Config(), "odometry", HERE, lambda stage, done, total: None, Checkpoint(folder, "key", resume=resume),
         watch=lambda *shown: seen.append(shown),
     )  # fmt: skip
     return seen, slam.run(stream, stream.ground_truth), windows

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,6 +15,7 @@ from mqslam.audit.settings import AuditConfig
 from mqslam.audit.sweeps import Sweeps
 from mqslam.config import Config
 from mqslam.detection import Progress
+from mqslam.engine import Engine
 
 WARN_WINDOWS, FAIL_WINDOWS = 0.05, 0.2  # shares of windows that are torn
 WARN_REVISITS, FAIL_REVISITS = 0.02, 0.1  # shares of revisits that are torn
@@ -76,38 +76,42 @@ class Audit:
     reasons: list[str]
 
 
-def audit(sweeps: Sweeps, config: Config, jobs: int, progress: Progress) -> Audit:
+def audit(sweeps: Sweeps, config: Config, engine: Engine, progress: Progress) -> Audit:
     """Judge a map.
 
     Args:
         sweeps: its points under the trajectory.
         config: all settings.
-        jobs: threads; the result does not depend on it.
+        engine: where windows and revisits are judged; the result does not depend on it.
         progress: called as windows and revisits are done.
     """
-    windows = audit_windows(sweeps, config, jobs, progress)
+    windows = audit_windows(sweeps, config, engine, progress)
     pairs = revisit_pairs(sweeps, config.audit)
-    revisits: list[RevisitAudit] = []
-    with ThreadPoolExecutor(jobs) as pool:
-        for number, found in enumerate(pool.map(lambda pair: revisit(sweeps, pair[0], pair[1], config), pairs), 1):
-            if found is not None:
-                revisits.append(RevisitAudit(found, torn_revisit(found, config.audit)))
-            progress("revisits", number, len(pairs))
+
+    def done(number: int, found: Revisit | None) -> None:
+        progress("revisits", number, len(pairs))
+
+    laid = engine.map(_revisit, (sweeps, config), pairs, done)
+    revisits = [RevisitAudit(found, torn_revisit(found, config.audit)) for found in laid if found is not None]
     return Audit(windows, revisits, *verdict(windows, revisits))
 
 
-def audit_windows(sweeps: Sweeps, config: Config, jobs: int, progress: Progress) -> list[WindowAudit]:
-    """Judge the windows of a map, one after the other."""
+def audit_windows(sweeps: Sweeps, config: Config, engine: Engine, progress: Progress) -> list[WindowAudit]:
+    """Judge the windows of a map, in the order of time."""
     size = config.audit.window
     begins = list(range(0, len(sweeps) - size + 1, size))
     if begins and begins[-1] + size < len(sweeps):
         begins.append(len(sweeps) - size)  # the last one overlaps the one before, so that every sweep is judged
-    found: list[WindowAudit] = []
-    with ThreadPoolExecutor(jobs) as pool:
-        for window in pool.map(lambda begin: audit_window(sweeps, begin, begin + size, config), begins):
-            found.append(window)
-            progress("audit", len(found), len(begins))
-    return found
+
+    def done(number: int, window: WindowAudit) -> None:
+        progress("audit", number, len(begins))
+
+    return engine.map(_window, (sweeps, config), begins, done)
+
+
+def _window(shared: tuple[Sweeps, Config], begin: int) -> WindowAudit:
+    sweeps, config = shared
+    return audit_window(sweeps, begin, begin + config.audit.window, config)
 
 
 def audit_window(sweeps: Sweeps, begin: int, end: int, config: Config) -> WindowAudit:
@@ -129,6 +133,11 @@ def audit_window(sweeps: Sweeps, begin: int, end: int, config: Config) -> Window
     return WindowAudit(
         begin, end, float(sweeps.times[begin]), float(t1), sweeps.poses[(begin + end) // 2], found, beside, torn
     )
+
+
+def _revisit(shared: tuple[Sweeps, Config], pair: tuple[int, int]) -> Revisit | None:
+    sweeps, config = shared
+    return revisit(sweeps, *pair, config)
 
 
 def torn_revisit(found: Revisit, settings: AuditConfig) -> bool:

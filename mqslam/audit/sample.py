@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
 import numpy as np
@@ -12,6 +11,7 @@ from mqslam.audit.judge import WindowAudit, audit_window
 from mqslam.audit.sweeps import swept
 from mqslam.config import Config
 from mqslam.detection import Progress
+from mqslam.engine import Engine
 from mqslam.errors import EstimationError
 from mqslam.returns import Window
 from mqslam.trajectory import Trajectory
@@ -20,7 +20,7 @@ MOST = 100  # windows of a run that are judged
 
 
 def judged_sample(
-    windows: Sequence[Window], start_us: int, period_s: float, trajectory: Trajectory, config: Config, jobs: int,
+    windows: Sequence[Window], start_us: int, period_s: float, trajectory: Trajectory, config: Config, engine: Engine,
     progress: Progress,
 ) -> list[WindowAudit]:  # fmt: skip
     """At most `MOST` windows of a recording, evenly spread, under a trajectory; those without returns are left out.
@@ -31,7 +31,7 @@ def judged_sample(
         period_s: duration of a revolution [s].
         trajectory: poses of the sensor.
         config: all settings.
-        jobs: threads; the result does not depend on it.
+        engine: where they are judged; the result does not depend on it.
         progress: called as windows are done.
     """
     size = config.audit.window
@@ -39,18 +39,23 @@ def judged_sample(
     if len(begins) > MOST:
         begins = begins[np.linspace(0, len(begins) - 1, MOST).round().astype(np.int64)]
 
-    def judged(begin: int) -> WindowAudit | None:
-        try:
-            sweeps, inside = swept(windows[begin : begin + size], start_us, period_s, trajectory, config)
-        except EstimationError:
-            return None
-        found = audit_window(sweeps, 0, len(sweeps), config)
-        return replace(found, begin=begin + inside[0], end=begin + inside[-1] + 1)
 
-    found: list[WindowAudit] = []
-    with ThreadPoolExecutor(jobs) as pool:
-        for number, window in enumerate(pool.map(judged, begins.tolist()), 1):
-            if window is not None:
-                found.append(window)
-            progress("check", number, len(begins))
-    return found
+    def done(number: int, window: WindowAudit | None) -> None:
+        progress("check", number, len(begins))
+
+    found = engine.map(_judged, (windows, start_us, period_s, trajectory, config), begins.tolist(), done)
+    return [window for window in found if window is not None]
+
+
+def _judged(
+    shared: tuple[Sequence[Window], int, float, Trajectory, Config], begin: int
+) -> WindowAudit | None:
+    """The window that begins with a revolution; None without returns."""
+    windows, start_us, period_s, trajectory, config = shared
+    stretch = windows[begin : begin + config.audit.window]
+    try:
+        sweeps, inside = swept(stretch, start_us, period_s, trajectory, config)
+    except EstimationError:
+        return None
+    found = audit_window(sweeps, 0, len(sweeps), config)
+    return replace(found, begin=begin + inside[0], end=begin + inside[-1] + 1)

@@ -8,6 +8,7 @@ import typer
 
 import mqslam
 from mqslam.cli.audit import audit
+from mqslam.cli.batch import batch
 from mqslam.cli.check import check
 from mqslam.cli.compare import compare
 from mqslam.cli.config import config
@@ -30,6 +31,7 @@ app = typer.Typer(
 app.command()(run)
 app.command()(view)
 app.command()(compare)
+app.command()(batch)
 app.command()(audit)
 app.command()(info)
 app.command()(check)

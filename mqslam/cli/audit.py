@@ -8,12 +8,13 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from mqslam.cli.options import CORES, ConfigOption, Force, Format, Jobs, Json, Quiet, RangeResolution, Verbose
+from mqslam.cli.options import CORES, Cluster, ConfigOption, Force, Format, Jobs, Json, Quiet, RangeResolution, Verbose
 
 if TYPE_CHECKING:
     from mqslam.audit.sources import Source
     from mqslam.config import Config
     from mqslam.detection import Progress
+    from mqslam.engine import Engine
     from mqslam.trajectory import Trajectory
 
 
@@ -40,6 +41,7 @@ def audit(
     format: Format = None,
     range_resolution: RangeResolution = None,
     jobs: Jobs = CORES,
+    cluster: Cluster = None,
     force: Force = False,
     as_json: Json = False,
     quiet: Quiet = False,
@@ -57,6 +59,7 @@ def audit(
     from mqslam.audit.judge import audit as judged
     from mqslam.audit.outputs import plain, summarise, write_audit
     from mqslam.audit.sources import LIDAR_CONFIG, is_cloud, sweeps_of, sweeps_of_cloud
+    from mqslam.cli.engine import chosen
     from mqslam.cli.progress import progress
     from mqslam.config import load_config
     from mqslam.outputs import check_free, whole_folder
@@ -65,21 +68,21 @@ def audit(
     check_free(out, force=force, recording=data)
     console = Console(stderr=True, markup=False)
     given = _read(trajectory, times, topic)
-    with progress(console, quiet or as_json) as show:
+    with chosen(cluster, jobs) as engine, progress(console, quiet or as_json) as show:
         if is_cloud(data):
             settings = load_config(config or LIDAR_CONFIG)
             cloud = read_cloud(data, _heights(z_range))
             sweeps, notes, kind = sweeps_of_cloud(cloud, given, settings), list(cloud.notes), data.suffix.lower()[1:]
         else:
             source, track, settings = _source(
-                data, given, trajectory or "recording", config, format, range_resolution, jobs, show
+                data, given, trajectory or "recording", config, format, range_resolution, engine, show
             )
             sweeps, notes = sweeps_of(source, track, settings)
             notes, kind = [*source.notes, *notes], source.format
         if not quiet:
             for note in notes:
                 console.print(f"note: {note}", highlight=False, soft_wrap=True)
-        found = judged(sweeps, settings, jobs, show)
+        found = judged(sweeps, settings, engine, show)
     summary = summarise(found, sweeps, settings, {"format": kind, "path": str(data)}, trajectory or "recording")
     with whole_folder(out) as folder:
         write_audit(folder, data.resolve().name, found, sweeps, settings, summary, notes)
@@ -138,17 +141,17 @@ def _source(
     config: str | None,
     format: str | None,
     range_resolution: float | None,
-    jobs: int,
+    engine: Engine,
     show: Progress,
 ) -> tuple[Source, Trajectory, Config]:
     """A radar or lidar recording as windows of returns, the trajectory given or carried by name, and the settings."""
     from mqslam.audit.sources import LIDAR_CONFIG, Source, lidar_source
     from mqslam.audit.sweeps import shared
-    from mqslam.cli.recording import opened
     from mqslam.config import load_config
     from mqslam.detection import detect_all, unread_warnings, windows_of
     from mqslam.psi.doppler import with_doppler
     from mqslam.readers import lidars
+    from mqslam.recording import opened
 
     if format is None and data.exists() and lidars.recognises(data):
         source = lidar_source(lidars.read_lidar(data))
@@ -159,7 +162,7 @@ def _source(
     tracks = {name: track for name, track in carried.items() if track is not None}
     track = given or _carried(data, tracks, name)
     shared(windows_of(stream), stream.start_us, stream.period_s, track)  # before the recording is read
-    windows, detected = detect_all(stream, settings.detector, jobs, show)
+    windows, detected = detect_all(stream, settings.detector, engine, show)
     notes = (*stream.notes, *stream.faults, *unread_warnings(detected.unread))
     source = Source(stream.path, stream.format, windows, stream.start_us, stream.period_s, tracks, notes)
     return source, track, with_doppler(windows, settings, stream.period_s)

@@ -10,6 +10,7 @@ import typer
 
 from mqslam.cli.options import (
     CORES,
+    Cluster,
     ConfigOption,
     Data,
     Force,
@@ -44,6 +45,7 @@ def compare(
     format: Format = None,
     range_resolution: RangeResolution = None,
     jobs: Jobs = CORES,
+    cluster: Cluster = None,
     resume: Annotated[bool, typer.Option("--resume", help="Continue an unfinished comparison: read nothing twice.")] = False,
     force: Force = False,
     as_json: Json = False,
@@ -60,17 +62,18 @@ def compare(
     from rich.console import Console
 
     from mqslam.checkpoint import run_key, unfinished
+    from mqslam.cli.engine import chosen
     from mqslam.cli.progress import progress
-    from mqslam.cli.recording import choose_odometry, opened
     from mqslam.compare.judge import agreement, enough_in_common, judge, places, stations
     from mqslam.compare.outputs import summarise, table, write_compare
-    from mqslam.compare.rows import front_end_row
+    from mqslam.compare.rows import front_end_rows
     from mqslam.config import load_config
     from mqslam.detection import detect_all, unread_warnings, windows_of
     from mqslam.errors import EstimationError
     from mqslam.frontend import Context
     from mqslam.outputs import check_free, whole_folder
     from mqslam.psi.doppler import with_doppler
+    from mqslam.recording import choose_odometry, opened
 
     settings = _settings(load_config(config), kiss_config)
     names = _names(frontends)
@@ -85,15 +88,16 @@ def compare(
     period_s, start_us = stream.period_s, stream.start_us
     enough_in_common(given, windows_of(stream), start_us, period_s, settings.audit.window)  # before the recording is read
     key = run_key(stream, settings, f"compare {','.join(names)} {odometry_only}", track)
-    with unfinished(out, key, resume=resume) as checkpoint, progress(console, quiet or as_json) as show:
-        windows, detected = detect_all(stream, settings.detector, jobs, show, checkpoint)
+    with (
+        chosen(cluster, jobs) as engine,
+        unfinished(out, key, resume=resume) as checkpoint,
+        progress(console, quiet or as_json) as show,
+    ):
+        windows, detected = detect_all(stream, settings.detector, engine, show, checkpoint)
         notes += [*stream.faults, *unread_warnings(detected.unread)]
         settings = with_doppler(windows, settings, period_s)
-        rows = []
-        for number, name in enumerate(names, 1):
-            context = Context(settings, period_s, start_us, track if name == "odometry" else None)
-            rows.append(front_end_row(name, windows, context, stream.stamps_us, back_end=not odometry_only, jobs=jobs))
-            show("front ends", number, len(names))
+        contexts = {name: Context(settings, period_s, start_us, track if name == "odometry" else None) for name in names}
+        rows = front_end_rows(contexts, windows, stream.stamps_us, engine, show, back_end=not odometry_only)
         rows += given
         ran = [row for row in rows if row.trajectory is not None]
         if not ran:
@@ -106,7 +110,8 @@ def compare(
         along = stations(common, settings.audit.window)
         shown = [*where, *along]
         judged = {
-            row.name: judge(row, common, start_us, period_s, stream.ground_truth, shown, settings, jobs, show) for row in ran
+            row.name: judge(row, common, start_us, period_s, stream.ground_truth, shown, settings, engine, show)
+            for row in ran
         }
         pairs = agreement(ran)
         summary = summarise(stream, settings, rows, judged, where, pairs, len(common))

@@ -52,9 +52,9 @@ def convert(
     from rich.console import Console
 
     from mqslam.cli.progress import progress
-    from mqslam.cli.recording import opened
     from mqslam.config import load_config
     from mqslam.errors import ConfigError
+    from mqslam.recording import opened
     from mqslam.writers.recording import write_recording
     from mqslam.writers.results import is_run, write_results
     from mqslam.writers.targets import check_target, target_of

@@ -23,10 +23,10 @@ def info(
 
     Example: mqslam info drive
     """
-    from mqslam.cli.recording import opened
     from mqslam.config import load_config
     from mqslam.info import describe, describe_lidar
     from mqslam.readers import lidars
+    from mqslam.recording import opened
 
     if format is None and data.exists() and lidars.recognises(data):
         found = describe_lidar(lidars.read_lidar(data))

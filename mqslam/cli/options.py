@@ -73,6 +73,14 @@ Verbose = Annotated[
     bool, typer.Option("--verbose", "-v", callback=_speak, help="Say on stderr what each stage found and took.")
 ]
 Jobs = Annotated[int, typer.Option("--jobs", "-j", min=1, help="Processes to use; the result does not depend on it.")]
+Cluster = Annotated[
+    str | None,
+    typer.Option(
+        "--cluster",
+        metavar="ADDRESS",
+        help="Work on a Dask cluster instead: tcp://host:port, or local:N for N workers on this machine.",
+    ),
+]
 Force = Annotated[bool, typer.Option("--force", help="Replace what is at --out.")]
 
 CORES = os.cpu_count() or 1

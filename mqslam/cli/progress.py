@@ -16,6 +16,7 @@ _TITLES = {
     "render": "rendering maps",
     "check": "judging the map",
     "front ends": "running front ends",
+    "runs": "running recordings",
     "audit": "judging windows",
     "revisits": "judging revisits",
 }

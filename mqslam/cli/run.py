@@ -12,6 +12,7 @@ import typer
 
 from mqslam.cli.options import (
     CORES,
+    Cluster,
     ConfigOption,
     Data,
     Force,
@@ -42,6 +43,7 @@ def run(
     format: Format = None,
     range_resolution: RangeResolution = None,
     jobs: Jobs = CORES,
+    cluster: Cluster = None,
     strict: Annotated[
         bool, typer.Option("--strict", help="Stop at a revolution that cannot be read, rather than leave it out.")
     ] = False,
@@ -64,30 +66,25 @@ def run(
     """
     from rich.console import Console
 
-    from mqslam.checkpoint import run_key, unfinished
+    from mqslam.cli.engine import chosen
     from mqslam.cli.progress import progress
-    from mqslam.cli.recording import choose_odometry, opened
     from mqslam.config import load_config
-    from mqslam.outputs import check_free, whole_folder, write_run
-    from mqslam.slam import Slam
-    from mqslam.summary import run_warnings, summarise
+    from mqslam.job import execute, job_of
+    from mqslam.outputs import check_free
 
     settings = load_config(config)
     check_free(out, force=force, resume=resume, recording=data)
     console = Console(stderr=True, markup=False)
-    stream = opened(data, format, range_resolution, settings.sensor, strict=strict)
-    track, notes = choose_odometry(stream, odometry)
-    log = [*stream.notes, *notes]
+    job = job_of(data, settings, frontend, odometry, format, range_resolution, strict=strict)
     if not quiet:
-        for note in log:
+        for note in job.log:
             console.print(f"note: {note}", highlight=False, soft_wrap=True)
-    with unfinished(out, run_key(stream, settings, frontend, track), resume=resume) as checkpoint:
-        with progress(console, quiet or as_json) as show, watching(live, force=force) as watch:
-            result = Slam(settings, frontend, jobs, show, checkpoint, strict=strict, watch=watch).run(stream, track)
-        summary = summarise(result, stream)
-        warnings = run_warnings(result, stream) + notes
-        with whole_folder(out) as folder:
-            write_run(folder, result, stream, summary, warnings, log_text(summary, log, warnings))
+    with (
+        chosen(cluster, jobs) as engine,
+        progress(console, quiet or as_json) as show,
+        watching(live, force=force) as watch,
+    ):
+        summary, warnings = execute(job, out, engine, show, resume=resume, watch=watch)
     if as_json:
         typer.echo(json.dumps(summary, indent=1))
     elif not quiet:
@@ -119,16 +116,6 @@ def watching(live: str | None, *, force: bool) -> Iterator[Watch | None]:
 
     with streamed() if live == _VIEWER else recorded(Path(live)) as log:
         yield log.watch
-
-
-def log_text(summary: dict[str, Any], notes: list[str], warnings: list[str]) -> str:
-    """The lines of run.log."""
-    dataset = summary["dataset"]
-    lines = [f"mqslam {summary['mqslam_version']} on {dataset['path']} ({dataset['format']})"]
-    lines += [f"note: {note}" for note in notes] + [f"warning: {warning}" for warning in warnings]
-    lines += [f"{stage}: {seconds:.2f} s" for stage, seconds in summary["runtime_s"].items()]
-    lines.append(f"verdict: {summary['verdict']['status']}: {'; '.join(summary['verdict']['reasons'])}")
-    return "\n".join(lines) + "\n"
 
 
 def summary_table(summary: dict[str, Any]) -> Table:

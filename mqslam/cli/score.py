@@ -58,9 +58,9 @@ def score(
 
     Example: mqslam score drive --start 2.0 --motion 9.1,0.05
     """
-    from mqslam.cli.recording import opened
     from mqslam.config import load_config
     from mqslam.psi.window import beam_of, estimate_window
+    from mqslam.recording import opened
 
     settings = load_config(config)
     variant = psi_variant(settings, temporal=temporal, numerator=numerator, factor=factor, unmatched=unmatched)

@@ -15,6 +15,7 @@ from mqslam.audit.sweeps import Sweeps, covered, swept
 from mqslam.compare.rows import Row
 from mqslam.config import Config
 from mqslam.detection import Progress
+from mqslam.engine import Engine
 from mqslam.errors import EstimationError
 from mqslam.evaluation import Evaluation, evaluate
 from mqslam.pointmap import PointMap, thinned
@@ -131,7 +132,7 @@ def judge(
     truth: Trajectory | None,
     where: Sequence[Place],
     config: Config,
-    jobs: int,
+    engine: Engine,
     progress: Progress,
 ) -> Judged:
     """Judge one row.
@@ -144,18 +145,18 @@ def judge(
         truth: ground truth, or None.
         where: the places to crop.
         config: all settings.
-        jobs: threads.
+        engine: where it is judged; the result does not depend on it.
         progress: called as the audit goes on.
     """
     assert row.trajectory is not None and row.odometry is not None
     sweeps, _ = swept(windows, start_us, period_s, row.trajectory, config)
-    rendered = render(windows, sweeps.poses, config, period_s, jobs)
+    rendered = render(windows, sweeps.poses, config, period_s, engine)
     return Judged(
         row=row,
         map=rendered.take(thinned(rendered.points, _MAP_POINTS)),
         psi_per_point=per_point(rendered),
         matched=matched(rendered),
-        audit=audit(sweeps, config, jobs, progress),
+        audit=audit(sweeps, config, engine, progress),
         before=None if truth is None else evaluate(row.odometry, truth),
         after=None if truth is None else evaluate(row.trajectory, truth),
         crops=tuple(_crop(sweeps, place) for place in where),

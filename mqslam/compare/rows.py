@@ -4,20 +4,18 @@ from __future__ import annotations
 
 import resource
 import time
-from collections.abc import Sequence
-from concurrent.futures import ProcessPoolExecutor
-from concurrent.futures.process import BrokenProcessPool
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from multiprocessing import get_context
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mqslam import frontend as frontends
-from mqslam.errors import MqslamError
+from mqslam.detection import Progress
+from mqslam.engine import DIED, Engine, LocalEngine
+from mqslam.errors import said
 from mqslam.frontend import Context
 from mqslam.graph import chain
-from mqslam.interrupts import shielded
 from mqslam.measurement import RelativeMotion
 from mqslam.returns import Window
 from mqslam.slam import Slam
@@ -36,7 +34,7 @@ class Row:
         measurements: the front end's relative motions; none for a given trajectory.
         loops, loops_rejected: closures that the back end kept and did not keep.
         measure_s, back_end_s: seconds the front end and the back end took.
-        peak_rss_mb: largest memory of the row's process [MB].
+        peak_rss_mb: largest memory of the process it ran in [MB]; a cluster's worker has run others before.
     """
 
     name: str
@@ -51,52 +49,72 @@ class Row:
     peak_rss_mb: float | None = None
 
 
-def front_end_row(
-    name: str, windows: Sequence[Window], context: Context, stamps_us: NDArray[np.int64], *, back_end: bool, jobs: int
-) -> Row:
-    """Run a front end in a process of its own; whatever stops it is said in the row.
+@dataclass(frozen=True, slots=True)
+class Returned:
+    """What every front end gets.
 
     Args:
-        name: of the front end.
         windows: one per revolution.
-        context: what it may know besides.
         stamps_us: (len(windows),) when each begins [us].
         back_end: whether graph and loops follow.
         jobs: threads of the back end.
     """
-    try:
-        with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
-            with shielded():
-                row = pool.submit(run_front_end, name, list(windows), context, stamps_us, back_end, jobs)
-            return row.result()
-    except BrokenProcessPool:
-        return Row(name, failure="its process died, for want of memory or by a fault of a library")
+
+    windows: list[Window]
+    stamps_us: NDArray[np.int64]
+    back_end: bool
+    jobs: int
 
 
-def run_front_end(
-    name: str, windows: list[Window], context: Context, stamps_us: NDArray[np.int64], back_end: bool, jobs: int
-) -> Row:
-    """Run a front end in this process."""
+def front_end_rows(
+    contexts: Mapping[str, Context],
+    windows: Sequence[Window],
+    stamps_us: NDArray[np.int64],
+    engine: Engine,
+    progress: Progress,
+    *,
+    back_end: bool,
+) -> list[Row]:
+    """Run front ends, each in a process of its own; whatever stops one is said in its row.
+
+    Args:
+        contexts: what each may know besides, by its name.
+        windows: one per revolution.
+        stamps_us: (len(windows),) when each begins [us].
+        engine: where they run.
+        progress: called as rows are done.
+        back_end: whether graph and loops follow.
+    """
+
+    def done(number: int, row: Row | None) -> None:
+        progress("front ends", number, len(contexts))
+
+    returned = Returned(list(windows), stamps_us, back_end, engine.jobs)
+    rows = engine.apart(run_front_end, returned, list(contexts.items()), done)
+    return [Row(name, failure=DIED) if row is None else row for name, row in zip(contexts, rows, strict=True)]
+
+
+def run_front_end(returned: Returned, named: tuple[str, Context]) -> Row:
+    """Run a front end, given by its name and context, in this process."""
+    name, context = named
     try:
         begin = time.perf_counter()
-        if not back_end:
-            measurements = list(frontends.load(name)(context).measure(windows))
-            chained = Trajectory(stamps_us, chain(m.pose for m in measurements))
+        if not returned.back_end:
+            measurements = list(frontends.load(name)(context).measure(returned.windows))
+            chained = Trajectory(returned.stamps_us, chain(m.pose for m in measurements))
             return Row(
                 name, None, chained, chained, tuple(measurements), measure_s=time.perf_counter() - begin,
                 back_end_s=0.0, peak_rss_mb=_peak_mb(),
             )  # fmt: skip
-        slam = Slam(context.config, name, jobs, lambda stage, done, total: None)
-        found = slam.solve(windows, context, stamps_us)
+        slam = Slam(context.config, name, LocalEngine(returned.jobs), lambda stage, done, total: None)
+        found = slam.solve(returned.windows, context, returned.stamps_us)
         spent = slam.runtime_s
         return Row(
             name, None, found.odometry, found.optimised, tuple(found.measurements), len(found.loops),
             found.loops_rejected, spent["windows"], spent["optimise"] + spent["loops"], _peak_mb(),
         )  # fmt: skip
-    except MqslamError as error:
-        return Row(name, failure=str(error))
     except Exception as error:  # a front end may be anyone's code, and the others are to go on
-        return Row(name, failure=f"{type(error).__name__}: {str(error).splitlines()[0] if str(error) else ''}".rstrip(": "))
+        return Row(name, failure=said(error))
 
 
 def given_row(name: str, trajectory: Trajectory) -> Row:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,6 +11,7 @@ from numpy.typing import NDArray
 from mqslam import se2
 from mqslam.config import Config
 from mqslam.detection import Progress
+from mqslam.engine import Engine
 from mqslam.loops.align import align, cross_score
 from mqslam.loops.passes import pairs_of_passes, reach, unrivalled
 from mqslam.loops.submap import Drive, submap
@@ -39,7 +39,7 @@ class Loop:
 
 
 def find_loops(
-    drive: Drive, config: Config, tried: set[tuple[int, int]], jobs: int, progress: Progress
+    drive: Drive, config: Config, tried: set[tuple[int, int]], engine: Engine, progress: Progress
 ) -> list[Loop]:
     """Loops of a drive, each verified by psi on its own.
 
@@ -47,22 +47,17 @@ def find_loops(
         drive: windows under the best trajectory so far.
         config: all settings.
         tried: pairs that are not tried again; those of this search are added.
-        jobs: threads that verify.
+        engine: where they are verified; the result does not depend on it.
         progress: called as candidates are verified.
     """
     pairs = candidate_pairs(drive, config, tried)
     tried.update(pairs)
 
-    def verify(pair: tuple[int, int]) -> Loop | None:
-        return _verified(drive, *pair, config)
+    def done(number: int, loop: Loop | None) -> None:
+        progress("loops", number, len(pairs))
 
-    found: list[Loop] = []
-    with ThreadPoolExecutor(jobs) as pool:
-        for number, loop in enumerate(pool.map(verify, pairs), 1):
-            if loop is not None:
-                found.append(loop)
-            progress("loops", number, len(pairs))
-    return found
+    verified = engine.map(_verified, (drive, config), pairs, done)
+    return [loop for loop in verified if loop is not None]
 
 
 def candidate_pairs(drive: Drive, config: Config, tried: set[tuple[int, int]]) -> list[tuple[int, int]]:
@@ -75,7 +70,9 @@ def gate(drive: Drive, earlier: int, later: int, config: Config) -> tuple[float,
     return reach(float(drive.travelled[later] - drive.travelled[earlier]), config.loops)
 
 
-def _verified(drive: Drive, earlier: int, later: int, config: Config) -> Loop | None:
+def _verified(shared: tuple[Drive, Config], pair: tuple[int, int]) -> Loop | None:
+    drive, config = shared
+    earlier, later = pair
     settings = config.loops
     reference, query = _submaps(drive, earlier, later, config)
     if len(reference) < settings.fewest or len(query) < settings.fewest:
@@ -88,20 +85,22 @@ def _verified(drive: Drive, earlier: int, later: int, config: Config) -> Loop | 
     return Loop(earlier, later, found.pose, found.covariance, found.matched, found.psi)
 
 
-def kept_by_map(loops: Sequence[Loop], drive: Drive, after: se2.Array, config: Config, jobs: int) -> list[Loop]:
+def kept_by_map(loops: Sequence[Loop], drive: Drive, after: se2.Array, config: Config, engine: Engine) -> list[Loop]:
     """The loops with which the map of their own two passes is better than without.
 
     Args:
         drive: windows under the trajectory before the loops.
         after: (N, 3) poses with the loops.
+        config: all settings.
+        engine: where they are judged; the result does not depend on it.
     """
-    with ThreadPoolExecutor(jobs) as pool:
-        better = pool.map(lambda loop: _improves(loop, drive, after, config), loops)
-        return [loop for loop, keep in zip(loops, better, strict=True) if keep]
+    better = engine.map(_improves, (drive, after, config), loops)
+    return [loop for loop, keep in zip(loops, better, strict=True) if keep]
 
 
-def _improves(loop: Loop, drive: Drive, after: se2.Array, config: Config) -> bool:
+def _improves(shared: tuple[Drive, se2.Array, Config], loop: Loop) -> bool:
     """Whether psi of the two passes is lower than before, or about as low as it was and as it can be."""
+    drive, after, config = shared
     reference, query = _submaps(drive, loop.earlier, loop.later, config)
     before_psi, after_psi = (
         cross_score(reference, query, se2.between(poses[loop.earlier], poses[loop.later]), config.estimator)

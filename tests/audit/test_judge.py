@@ -13,6 +13,7 @@ from mqslam.audit.revisits import revisit_pairs
 from mqslam.audit.sweeps import swept
 from mqslam.config import Config, SensorConfig
 from mqslam.detection import detect_all
+from mqslam.engine import HERE, LocalEngine
 from mqslam.returns import Window
 from mqslam.simulator import SensorModel, SimulatedStream, loop_drive, simulated_stream, street_scene
 from mqslam.trajectory import Trajectory
@@ -29,7 +30,7 @@ def silent(stage: str, done: int, total: int) -> None:
 def lap() -> tuple[SimulatedStream, list[Window]]:
     """A bit more than one round of a block: the last 100 m are driven twice."""
     stream = simulated_stream(street_scene(1, movers=0), loop_drive(54.0), duration_s=54.0, sensor=SENSOR, seed=1)
-    return stream, detect_all(stream, CONFIG.detector, 1, silent)[0]
+    return stream, detect_all(stream, CONFIG.detector, HERE, silent)[0]
 
 
 @lru_cache
@@ -41,7 +42,7 @@ def judged(shift_m: float, jobs: int = 1) -> Audit:
     poses = truth.poses.copy()
     poses[:, 1] += shift_m * np.clip(4.0 * along - 1.0, 0.0, 1.0)
     sweeps, _ = swept(windows, stream.start_us, stream.period_s, Trajectory(truth.stamps_us, poses), CONFIG)
-    return audit(sweeps, CONFIG, jobs, silent)
+    return audit(sweeps, CONFIG, LocalEngine(jobs), silent)
 
 
 def test_the_true_map_passes() -> None:
@@ -79,7 +80,7 @@ def test_a_trajectory_that_has_nothing_to_do_with_the_recording_fails(wrong: str
         "mirrored": truth.poses * [1.0, -1.0, -1.0],
     }[wrong]
     sweeps, _ = swept(windows, stream.start_us, stream.period_s, Trajectory(truth.stamps_us, poses), CONFIG)
-    found = audit(sweeps, CONFIG, 2, silent)
+    found = audit(sweeps, CONFIG, LocalEngine(2), silent)
     assert found.status == "fail", found.reasons
 
 

@@ -13,6 +13,7 @@ from mqslam.audit.judge import audit
 from mqslam.audit.sources import LIDAR_CONFIG, is_cloud, lidar_source, sweeps_of, sweeps_of_cloud
 from mqslam.cloud import TimedCloud
 from mqslam.config import load_config
+from mqslam.engine import LocalEngine
 from mqslam.errors import DataError
 from mqslam.readers import carmen
 from mqslam.trajectory import Trajectory
@@ -97,6 +98,6 @@ def test_a_real_corrected_log_passes_and_its_wheels_fail(name: str) -> None:
     found = {}
     for track in ("recording", "odometry"):
         sweeps, _ = sweeps_of(source, source.tracks[track], CONFIG)
-        found[track] = audit(sweeps, CONFIG, 2, lambda stage, done, total: None)
+        found[track] = audit(sweeps, CONFIG, LocalEngine(2), lambda stage, done, total: None)
     assert found["recording"].status == "pass", found["recording"].reasons
     assert found["odometry"].status == "fail"

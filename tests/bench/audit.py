@@ -16,6 +16,7 @@ from mqslam.audit.sources import LIDAR_CONFIG, lidar_source, sweeps_of
 from mqslam.audit.sweeps import swept
 from mqslam.config import load_config
 from mqslam.detection import detect_all
+from mqslam.engine import LocalEngine
 from mqslam.frontend import Context
 from mqslam.frontends.kiss_icp import KissIcpFrontEnd
 from mqslam.graph import chain
@@ -23,7 +24,7 @@ from mqslam.psi.doppler import with_doppler
 from mqslam.readers import carmen, open_recording
 from mqslam.trajectory import Trajectory
 
-_JOBS = 2
+_ENGINE = LocalEngine(2)
 _PLACES = 100
 _BENDS = (("0.3 m/s", (0.3, 0, 0), 0.95), ("0.02 rad/s", (0, 0, 0.02), 0.95),
           ("0.15 m/s", (0.15, 0, 0), 0.85), ("0.01 rad/s", (0, 0, 0.01), 0.85))  # fmt: skip
@@ -46,7 +47,7 @@ def _bends() -> list[Claim]:
     """AUC of every measure for windows whose trajectory errs by a constant twist, over places of kaist01."""
     stream = open_recording(twin("kaist01", 1))
     config = load_config()
-    windows, _ = detect_all(stream, config.detector, _JOBS, _silent)
+    windows, _ = detect_all(stream, config.detector, _ENGINE, _silent)
     config = with_doppler(windows, config, stream.period_s)
     truth = stream.ground_truth
     chosen = None
@@ -54,7 +55,7 @@ def _bends() -> list[Claim]:
     for name, twist in (("true", (0, 0, 0)), *((name, twist) for name, twist, _ in _BENDS)):
         bent = _bent(truth, np.array(twist, dtype=float))
         sweeps, _ = swept(windows, stream.start_us, stream.period_s, bent, config)
-        found = audit_windows(sweeps, config, _JOBS, _silent)
+        found = audit_windows(sweeps, config, _ENGINE, _silent)
         if chosen is None:
             chosen = np.sort(np.random.default_rng(0).choice(len(found), min(_PLACES, len(found)), replace=False))
         values[name] = {m: np.array([get(found[k]) for k in chosen]) for m, get in _MEASURES.items()}
@@ -81,14 +82,14 @@ def _trajectories(out: Path) -> list[Claim]:
     """kaist01 in full: the true trajectory, and KISS-ICP's without loops, its revisits against truth."""
     stream = open_recording(twin("kaist01", 1, frames=None))
     config = load_config()
-    windows, _ = detect_all(stream, config.detector, _JOBS, _silent)
+    windows, _ = detect_all(stream, config.detector, _ENGINE, _silent)
     config = with_doppler(windows, config, stream.period_s)
     sweeps, _ = swept(windows, stream.start_us, stream.period_s, stream.ground_truth, config)
-    true = audit(sweeps, config, _JOBS, _silent)
+    true = audit(sweeps, config, _ENGINE, _silent)
     context = Context(config, stream.period_s, stream.start_us, None)
     kiss = Trajectory(stream.stamps_us, chain(m.pose for m in KissIcpFrontEnd(context).measure(windows)))
     sweeps, _ = swept(windows, stream.start_us, stream.period_s, kiss, config)
-    rival = audit(sweeps, config, _JOBS, _silent)
+    rival = audit(sweeps, config, _ENGINE, _silent)
     poses = stream.ground_truth.at(stream.stamps_us)
     off, torn = [], []
     for judged in rival.revisits:
@@ -143,7 +144,7 @@ def _carmen() -> list[Claim]:
         source = lidar_source(carmen.read_lidar(shared(SHARED / "data" / "carmen" / f"{name}-corrected.log.gz")))
         for track, wanted in (("recording", "pass"), ("odometry", "fail")):
             sweeps, _ = sweeps_of(source, source.tracks[track], config)
-            found = audit(sweeps, config, _JOBS, _silent)
+            found = audit(sweeps, config, _ENGINE, _silent)
             sure = [r for r in found.revisits if r.revisit.sure]
             rows.append([name, track, found.status, f"{np.mean([w.torn for w in found.windows]):.1%}",
                          float(np.median([w.bend.inflation for w in found.windows])), str(len(sure)),

@@ -16,6 +16,7 @@ from scipy.stats import chi2
 from mqslam import se2
 from mqslam.config import Config
 from mqslam.detection import detect_all
+from mqslam.engine import LocalEngine
 from mqslam.frontend import Context
 from mqslam.frontends.psi import PsiFrontEnd
 from mqslam.psi.doppler import measure_doppler
@@ -72,7 +73,7 @@ def _errors(data: Path) -> Errors:
     truth = stream.ground_truth
     assert truth is not None
     config = Config()
-    windows, _ = detect_all(stream, config.detector, os.cpu_count() or 1, lambda stage, done, total: None)
+    windows, _ = detect_all(stream, config.detector, LocalEngine(os.cpu_count() or 1), lambda stage, done, total: None)
     beta = round(measure_doppler(windows, config, stream.period_s), 4)
     config = config.model_copy(update={"sensor": config.sensor.model_copy(update={"doppler_beta": beta})})
     context = Context(config, stream.period_s, stream.start_us, None)

@@ -12,7 +12,7 @@ import pytest
 from commands import contents, mqslam
 from recordings import KINDS, START_US, TURN_US, bag_path, bag_writer, write_oxford
 
-from mqslam import detection
+from mqslam import detection, engine
 from mqslam.checkpoint import FOLDER
 
 Arguments = list[str | Path]
@@ -139,7 +139,7 @@ def test_the_installed_command_ends_the_same_way(tmp_path: Path, case: str) -> N
 
 
 def test_an_error_in_a_worker_is_the_same_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(detection, "_WORTH_A_POOL", 1)
+    monkeypatch.setattr(engine, "_WORTH_PROCESSES", 1)
     arguments = truncated_image(tmp_path)
     shown = mqslam("run", *arguments, "--out", tmp_path / "out", "--jobs", "2", "--quiet")
     assert shown.code == 2 and shown.err.count("\n") == 1

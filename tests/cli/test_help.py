@@ -14,11 +14,14 @@ from commands import mqslam
 import mqslam as package
 
 COMMAND = Path(sys.executable).with_name("mqslam")
-HEAVY = ("numba", "gtsam", "matplotlib", "scipy", "open3d", "kiss_icp", "rosbags", "PIL", "plyfile", "rerun")
+HEAVY = (
+    "numba", "gtsam", "matplotlib", "scipy", "open3d", "kiss_icp", "rosbags", "PIL", "plyfile", "rerun", "dask",
+    "distributed",
+)  # fmt: skip
 OPTIONS = {
     "run": [
-        "--out", "--frontend", "--config", "--odometry", "--format", "--range-resolution", "--jobs", "--force", "--json",
-        "--live", "--quiet", "--verbose",
+        "--out", "--frontend", "--config", "--odometry", "--format", "--range-resolution", "--jobs", "--cluster", "--live",
+        "--force", "--json", "--quiet", "--verbose",
     ],
     "view": ["--colour", "--rerun", "--quiet", "--verbose"],
     "info": ["--format", "--range-resolution", "--json", "--quiet", "--verbose"],
@@ -28,19 +31,20 @@ OPTIONS = {
     ],
     "compare": [
         "--out", "--frontends", "--trajectory", "--odometry-only", "--kiss-config", "--config", "--odometry", "--format",
-        "--jobs", "--resume", "--force", "--json", "--quiet", "--verbose",
+        "--jobs", "--cluster", "--resume", "--force", "--json", "--quiet", "--verbose",
     ],
     "audit": [
-        "--out", "--trajectory", "--times", "--topic", "--z-range", "--fail-on", "--config", "--format", "--jobs", "--force",
-        "--json", "--quiet", "--verbose",
+        "--out", "--trajectory", "--times", "--topic", "--z-range", "--fail-on", "--config", "--format", "--jobs",
+        "--cluster", "--force", "--json", "--quiet", "--verbose",
     ],
+    "batch": ["--out", "--jobs", "--cluster", "--force", "--json", "--quiet", "--verbose"],
     "convert": ["--to", "--message", "--force", "--quiet", "--verbose"],
     "check": ["--odometry", "--config", "--format", "--json", "--quiet", "--verbose"],
     "score": ["--start", "--motion", "--minimise", "--json", "--quiet", "--verbose"],
 }  # fmt: skip
 UNITS = {
     "run": ["[m]", "[us]"], "view": [], "info": ["[m]"], "simulate": ["[s]", "[1/s]", "[m]"], "compare": ["[m]", "[us]"],
-    "audit": ["[m]"], "convert": ["[m]"], "check": ["[m]"], "score": ["[s", "[m/s"],
+    "audit": ["[m]"], "batch": [], "convert": ["[m]"], "check": ["[m]"], "score": ["[s", "[m/s"],
 }  # fmt: skip
 
 

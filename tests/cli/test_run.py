@@ -20,7 +20,7 @@ from commands import mqslam
 from plyfile import PlyData
 from recordings import KINDS, bag_path, write_bag
 
-from mqslam import detection, se2
+from mqslam import engine, se2
 from mqslam.config import Config, load_config
 from mqslam.readers import open_recording
 from mqslam.trajectory import Trajectory, read_tum
@@ -294,8 +294,8 @@ def test_the_number_of_jobs_changes_no_byte(
             workers.append(count)
             super().__init__(count, **options)
 
-    monkeypatch.setattr(detection, "_WORTH_A_POOL", 1)
-    monkeypatch.setattr(detection, "ProcessPoolExecutor", Pool)
+    monkeypatch.setattr(engine, "_WORTH_PROCESSES", 1)
+    monkeypatch.setattr(engine, "ProcessPoolExecutor", Pool)
     out = tmp_path / "out"
     assert mqslam("run", street, "--out", out, "--jobs", "2", "--config", result / "config.yaml", "--quiet").code == 0
     assert workers == [2]

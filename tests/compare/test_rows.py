@@ -10,8 +10,9 @@ import pytest
 from drives import street_drive
 
 from mqslam.compare.judge import agreement, enough_in_common, judge, places
-from mqslam.compare.rows import Row, front_end_row, given_row, run_front_end
+from mqslam.compare.rows import Returned, Row, front_end_rows, given_row, run_front_end
 from mqslam.config import Config, SensorConfig
+from mqslam.engine import HERE
 from mqslam.errors import EstimationError
 from mqslam.frontend import Context
 from mqslam.graph import chain
@@ -28,7 +29,7 @@ def context(odometry: Trajectory | None = None) -> Context:
 @lru_cache
 def row(name: str, back_end: bool) -> Row:
     stream, windows = street_drive()
-    return run_front_end(name, windows, context(), stream.stamps_us, back_end, 1)
+    return run_front_end(Returned(windows, stream.stamps_us, back_end, 1), (name, context()))
 
 
 @pytest.mark.parametrize("name", ["psi", "kiss_icp"])
@@ -49,7 +50,8 @@ def test_the_back_end_follows_where_it_is_asked_for() -> None:
 
 def test_a_process_of_its_own_gives_the_same_row() -> None:
     stream, windows = street_drive()
-    found = front_end_row("kiss_icp", windows, context(), stream.stamps_us, back_end=False, jobs=1)
+    contexts = {"kiss_icp": context()}
+    (found,) = front_end_rows(contexts, windows, stream.stamps_us, HERE, lambda *_: None, back_end=False)
     np.testing.assert_allclose(found.odometry.poses, row("kiss_icp", False).odometry.poses, atol=1e-9)
     assert found.peak_rss_mb is not None and found.peak_rss_mb > 50.0
 
@@ -71,7 +73,7 @@ def test_a_front_end_of_somebody_that_raises_anything_is_a_row_too(monkeypatch: 
 
     monkeypatch.setattr(frontend, "load", lambda name: Broken)
     stream, windows = street_drive()
-    found = run_front_end("broken", windows, context(), stream.stamps_us, False, 1)
+    found = run_front_end(Returned(windows, stream.stamps_us, False, 1), ("broken", context()))
     assert found.failure == "ZeroDivisionError: by nothing"
 
 
@@ -87,7 +89,7 @@ def test_rows_are_judged_by_truth_and_without_it() -> None:
     where = places(common, stream.start_us, tracks, 6)
     assert where and all(a.apart_m >= b.apart_m for a, b in itertools.pairwise(where))
     found = [
-        judge(r, common, stream.start_us, stream.period_s, truth, where, CONFIG, 1, lambda stage, done, total: None)
+        judge(r, common, stream.start_us, stream.period_s, truth, where, CONFIG, HERE, lambda stage, done, total: None)
         for r in rows
     ]
     psi, best, shaken = found

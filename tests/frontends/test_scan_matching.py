@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from mqslam import frontend, se2
 from mqslam.config import Config, SensorConfig
 from mqslam.detection import detect_all
+from mqslam.engine import HERE
 from mqslam.errors import EstimationError
 from mqslam.frontend import Context
 from mqslam.frontends.scan_matching import Match, motions
@@ -138,7 +139,7 @@ def test_the_real_sample_is_followed_from_its_first_pair(name: str, oxford_tiny:
         pytest.importorskip("open3d", exc_type=ImportError)
     stream = open_recording(oxford_tiny)
     assert stream.ground_truth is not None
-    windows, _ = detect_all(stream, Config().detector, 1, lambda stage, done, total: None)
+    windows, _ = detect_all(stream, Config().detector, HERE, lambda stage, done, total: None)
     context = Context(Config(), stream.period_s, stream.start_us, None)
     found = list(frontend.load(name)(context).measure(windows))
     stamps = [stream.start_us + np.round(np.array([m.t0, m.t1]) * 1e6).astype(np.int64) for m in found]

@@ -9,6 +9,7 @@ import numpy as np
 from mqslam import se2
 from mqslam.config import Config
 from mqslam.detection import detect_all
+from mqslam.engine import HERE
 from mqslam.loops.submap import Drive
 from mqslam.returns import Returns, Window
 from mqslam.simulator import ConstantDrive, Scene, SensorModel, corridor_scene, simulated_stream, street_scene
@@ -33,7 +34,7 @@ def corridor_pass(x: float, y: float, seed: int) -> Drive:
 
 def _driven(scene: Scene, start: tuple[float, float, float], seed: int) -> Drive:
     stream = simulated_stream(scene, ConstantDrive(8.0, 0.0, start), duration_s=5.0, sensor=SENSOR, seed=seed)
-    windows, _ = detect_all(stream, CONFIG.detector, 1, lambda stage, done, total: None)
+    windows, _ = detect_all(stream, CONFIG.detector, HERE, lambda stage, done, total: None)
     assert stream.ground_truth is not None
     return Drive.of(windows, stream.ground_truth.poses)
 

@@ -8,6 +8,7 @@ from loops.passes import CONFIG, LANE_Y, MIDDLE, OTHER_LANE_Y, joined, path, str
 
 from mqslam import se2
 from mqslam.config import Config, LoopConfig
+from mqslam.engine import HERE, LocalEngine
 from mqslam.loops.align import align, cross_score
 from mqslam.loops.search import Loop, candidate_pairs, find_loops, gate, kept_by_map
 from mqslam.loops.submap import Drive, submap
@@ -130,7 +131,7 @@ CLOSE = loops(least_path_m=35.0)  # a pass is 40 m long
 def test_loops_found_are_true(later: tuple[float, float, float]) -> None:
     drive, truth = two_passes(later, (1.5, -1.0, 0.02))
     tried: set[tuple[int, int]] = set()
-    found = find_loops(drive, CLOSE, tried, 1, lambda stage, done, total: None)
+    found = find_loops(drive, CLOSE, tried, HERE, lambda stage, done, total: None)
     assert len(found) >= 3 and {(loop.earlier, loop.later) for loop in found} <= tried
     for loop in found:
         error = loop.pose - se2.between(truth[loop.earlier], truth[loop.later])
@@ -139,7 +140,7 @@ def test_loops_found_are_true(later: tuple[float, float, float]) -> None:
 
 def test_the_number_of_jobs_changes_no_loop() -> None:
     drive, _ = two_passes(SAME, (1.5, -1.0, 0.02))
-    one, two = (find_loops(drive, CLOSE, set(), jobs, lambda stage, done, total: None) for jobs in (1, 2))
+    one, two = (find_loops(drive, CLOSE, set(), LocalEngine(jobs), lambda stage, done, total: None) for jobs in (1, 2))
     assert [(a.earlier, a.later) for a in one] == [(b.earlier, b.later) for b in two]
     for a, b in zip(one, two, strict=True):
         np.testing.assert_array_equal(a.pose, b.pose)
@@ -151,7 +152,7 @@ def test_places_that_only_seem_near_are_no_loops() -> None:
     first, second = street_pass(-25.0, LANE_Y, 0.0, 1), street_pass(-25.0, 37.75, 0.0, 3)
     drive = joined(first, second, second.poses + np.array([0.0, LANE_Y - 37.75, 0.0]))
     tried: set[tuple[int, int]] = set()
-    assert find_loops(drive, CLOSE, tried, 1, lambda stage, done, total: None) == []
+    assert find_loops(drive, CLOSE, tried, HERE, lambda stage, done, total: None) == []
     assert len(tried) >= 5
 
 
@@ -168,14 +169,14 @@ def test_the_map_keeps_a_right_loop_and_drops_one_that_makes_it_worse() -> None:
     drive, truth = two_passes(SAME, (0.4, -0.3, 0.01))
     a, b = MIDDLE, len(street_pass(-25.0, LANE_Y, 0.0, 1).times) + MIDDLE
     right = loop_at(drive, a, b, se2.between(truth[a], truth[b]))
-    assert kept_by_map([right], drive, truth, CONFIG, 1) == [right]
+    assert kept_by_map([right], drive, truth, CONFIG, HERE) == [right]
 
     wrong = loop_at(drive, a, b, right.pose + np.array([0.0, 3.0, 0.0]))
     follows = truth.copy()
     follows[len(truth) - len(truth) // 2 :, 1] += 3.0  # the later pass is drawn to where the loop has it
     before = Drive.of(drive.windows, truth)
-    assert kept_by_map([wrong], before, follows, CONFIG, 1) == []
-    assert kept_by_map([right], before, follows, CONFIG, 1) == []  # right, but the graph did not heed it
+    assert kept_by_map([wrong], before, follows, CONFIG, HERE) == []
+    assert kept_by_map([right], before, follows, CONFIG, HERE) == []  # right, but the graph did not heed it
 
 
 def test_a_loop_that_the_graph_heeds_by_half_stays_for_the_map_is_better_with_it() -> None:
@@ -183,16 +184,16 @@ def test_a_loop_that_the_graph_heeds_by_half_stays_for_the_map_is_better_with_it
     a, b = MIDDLE, len(street_pass(-25.0, LANE_Y, 0.0, 1).times) + MIDDLE
     right = loop_at(drive, a, b, se2.between(truth[a], truth[b]))
     half = 0.5 * (drive.poses + truth)
-    assert kept_by_map([right], drive, half, CONFIG, 1) == [right]
-    assert kept_by_map([right], Drive.of(drive.windows, half), drive.poses, CONFIG, 1) == []
+    assert kept_by_map([right], drive, half, CONFIG, HERE) == [right]
+    assert kept_by_map([right], Drive.of(drive.windows, half), drive.poses, CONFIG, HERE) == []
 
 
 def test_the_map_judges_each_loop_by_its_own_place() -> None:
     drive, truth = two_passes(SAME, (0.4, -0.3, 0.01))
     a, b = MIDDLE, len(street_pass(-25.0, LANE_Y, 0.0, 1).times) + MIDDLE
     right = [loop_at(drive, a + k, b + k, se2.between(truth[a + k], truth[b + k])) for k in (-4, 0, 4)]
-    assert kept_by_map(right, drive, truth, CONFIG, 2) == right
-    assert kept_by_map(right, Drive.of(drive.windows, truth), drive.poses, CONFIG, 2) == []
+    assert kept_by_map(right, drive, truth, CONFIG, LocalEngine(2)) == right
+    assert kept_by_map(right, Drive.of(drive.windows, truth), drive.poses, CONFIG, LocalEngine(2)) == []
 
 
 def test_a_loop_that_only_confirms_a_good_map_stays() -> None:
@@ -207,4 +208,4 @@ def test_a_loop_that_only_confirms_a_good_map_stays() -> None:
     loop = Loop(a, b, found.pose, found.covariance, found.matched, found.psi)
     nudged = truth.copy()
     nudged[len(truth) // 2 :, 0] += 0.02  # within what the graph may weigh it against
-    assert kept_by_map([loop], drive, nudged, CONFIG, 1) == [loop]
+    assert kept_by_map([loop], drive, nudged, CONFIG, HERE) == [loop]

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
 
-if TYPE_CHECKING:
-    from mqslam.config import SensorConfig
-    from mqslam.stream import RadarStream
-    from mqslam.trajectory import Trajectory
+from mqslam.config import SensorConfig
+from mqslam.errors import DataError
+from mqslam.readers import open_recording, read_odometry
+from mqslam.stream import RadarStream
+from mqslam.trajectory import Trajectory
 
 
 def opened(
@@ -20,9 +20,6 @@ def opened(
         ConfigError: a format nobody knows, or a range resolution that is no length.
         DataError: a recording that cannot be used, or one with any fault if strict.
     """
-    from mqslam.errors import DataError
-    from mqslam.readers import open_recording
-
     resolution = range_resolution or sensor.range_resolution_m
     stream = open_recording(data, format, resolution, clockwise=sensor.clockwise, stamp=sensor.stamp)
     if strict and stream.faults:
@@ -36,9 +33,6 @@ def choose_odometry(stream: RadarStream, choice: str) -> tuple[Trajectory | None
     Raises:
         DataError: a file that cannot be read or does not cover the recording.
     """
-    from mqslam.errors import DataError
-    from mqslam.readers import read_odometry
-
     if choice == "none":
         return None, []
     last = int(stream.stamps_us[-1])

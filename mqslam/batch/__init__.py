@@ -1,0 +1,1 @@
+"""Many recordings at once: what is to be run, running it, and one report over all."""

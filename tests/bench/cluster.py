@@ -1,0 +1,120 @@
+"""A cluster: what an hour of radar costs by stage, what travels, what workers gain, what they cost."""
+
+from __future__ import annotations
+
+import pickle
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+from common import Claim, table, twin
+from common import run as mqslam_run
+
+from mqslam.cluster import connected
+from mqslam.config import Config, load_config
+from mqslam.detection import detect_all
+from mqslam.engine import HERE, Engine
+from mqslam.frontend import Context
+from mqslam.frontends.psi import PsiFrontEnd
+from mqslam.graph import chain
+from mqslam.loops.submap import Drive
+from mqslam.readers import open_recording
+from mqslam.stream import RadarStream
+
+_STAGES = ("read", "detect", "windows", "loops", "optimise", "render")
+_WORKERS = (1, 2, 4)
+_RUNS, _REVOLUTIONS = 4, 200  # of the batch
+_ROUNDS = 3
+
+
+def run(out: Path) -> list[Claim]:
+    data = twin("kaist01", 1)
+    alone = mqslam_run(data, out / "alone", "--jobs", "1")
+    _costs(alone)
+    _travels(data, out / "alone")
+    return [*_workers(data, out), _overhead(data, out)]
+
+
+def _costs(summary: dict[str, Any]) -> None:
+    """Core seconds by stage, and what follows for a run on many workers and for many runs."""
+    spent, hours = summary["runtime_s"], summary["dataset"]["duration_s"] / 3600.0
+    rows = [[stage, spent[stage] / hours, f"{spent[stage] / spent['total']:.1%}"] for stage in _STAGES]
+    table(["stage", "core seconds per hour of radar", "share"], [*rows, ["total", spent["total"] / hours, "100%"]])
+    shared = sum(spent[stage] for stage in ("read", "detect", "loops", "render")) / spent["total"]
+    print(f"{shared:.1%} of it can be shared: no number of workers makes it {1.0 / (1.0 - shared):.2f} times faster")
+    thousand = 1000.0 * spent["total"] / hours / 3600.0
+    print(f"a thousand hours: {thousand:.0f} core hours, {summary['peak_rss_mb']:.0f} MB a worker\n")
+
+
+def _travels(data: Path, out: Path) -> None:
+    """Bytes per revolution of what is read, and of what goes between processes."""
+    stream, config = open_recording(data), load_config(out / "config.yaml")
+    windows, found = detect_all(stream, config.detector, HERE, _silent)
+    motions = list(PsiFrontEnd(Context(config, stream.period_s, stream.start_us, None)).measure(windows))
+    images = sum(path.stat().st_size for path in (data / "radar").iterdir())
+    drive = Drive.of(windows, chain(motion.pose for motion in motions))
+    sizes = {
+        "image, decoded (stays on the worker)": stream[0].power.nbytes * len(stream),
+        "image, packed (stays on the worker)": images,
+        "returns, from a worker": len(pickle.dumps(found.returns, 5)),
+        "windows under a trajectory, to every worker, a round of loops": len(pickle.dumps(drive, 5)),
+        "measurements, from a worker of compare": len(pickle.dumps(motions, 5)),
+        "summary, from a worker of batch": (out / "summary.json").stat().st_size,
+    }
+    table(["what", "bytes per revolution"], [[what, f"{size / len(stream):,.0f}"] for what, size in sizes.items()])
+    print()
+
+
+def _workers(data: Path, out: Path) -> list[Claim]:
+    """Detection of one run, and a batch of runs, on growing numbers of workers of this machine."""
+    stream, config = open_recording(data), load_config()
+    short = twin("kaist01", 1, frames=_REVOLUTIONS)
+    runs = "".join(f"  - {{data: {short}, name: run{k}, odometry: none}}\n" for k in range(_RUNS))
+    (out / "runs.yaml").write_text(f"runs:\n{runs}", encoding="utf-8")
+    rows: list[list[str | float]] = []
+    batches = []
+    for workers in _WORKERS:
+        with connected(f"local:{workers}") as engine:
+            _detected(stream, config, engine)  # warm
+            detect = min(_detected(stream, config, engine) for _ in range(_ROUNDS))
+        begin = time.perf_counter()
+        _command("batch", out / "runs.yaml", "--out", out / "batch", "--cluster", f"local:{workers}")
+        batches.append(time.perf_counter() - begin)
+        rows.append([str(workers), detect, rows[0][1] / detect if rows else 1.0, batches[-1], batches[0] / batches[-1]])
+    table(
+        ["workers", "detection, 800 revolutions [s]", "gain", f"batch of {_RUNS} runs of {_REVOLUTIONS} [s]", "gain"], rows
+    )
+    return [Claim(f"batch of {_RUNS} runs: 2 workers over 1", batches[0] / batches[1], least=1.4)]
+
+
+def _detected(stream: RadarStream, config: Config, engine: Engine) -> float:
+    begin = time.perf_counter()
+    detect_all(stream, config.detector, engine, _silent)
+    return time.perf_counter() - begin
+
+
+def _overhead(data: Path, out: Path) -> Claim:
+    """Wall clock of a whole command on two workers over two jobs, in turn; the least of each."""
+    spent: dict[str, list[float]] = {"--jobs 2": [], "--cluster local:2": []}
+    for _ in range(_ROUNDS):
+        for where, seconds in spent.items():
+            begin = time.perf_counter()
+            _command("run", data, "--out", out / where.split()[0].strip("-"), "--odometry", "none", *where.split())
+            seconds.append(time.perf_counter() - begin)
+    for where, seconds in spent.items():
+        print(f"{where}: {', '.join(f'{s:.1f}' for s in seconds)} s")
+    tracks = [(out / name / "trajectory.tum").read_bytes() for name in ("jobs", "cluster", "alone")]
+    assert tracks[0] == tracks[1] == tracks[2]
+    jobs, cluster = (min(seconds) for seconds in spent.values())
+    return Claim("first 800: local:2 over --jobs 2, whole command", cluster / jobs, most=1.15)
+
+
+def _command(*words: object) -> None:
+    command = Path(sys.executable).with_name("mqslam")
+    subprocess.run([str(word) for word in (command, *words, "--force", "--quiet")], check=True)
+
+
+def _silent(stage: str, done: int, total: int) -> None:
+    pass

@@ -1,0 +1,181 @@
+"""`mqslam batch`: many runs, one report; what fails is said, what is finished is kept, and a cluster changes no byte."""
+
+from __future__ import annotations
+
+import csv
+import json
+import shutil
+import subprocess
+import time
+from pathlib import Path
+
+import pytest
+from clusters import cluster
+from commands import INSTALLED, Result, contents, mqslam, processes
+
+from mqslam.checkpoint import FOLDER
+from mqslam.simulator import simulate
+
+NAMES = ("wheels", "drive", "radar only")
+RUNS = """
+runs:
+  - {data: drive, name: wheels, frontend: odometry, config: quick.yaml}
+  - data: drive
+    config: quick.yaml
+  - data: gone
+  - data: drive
+    name: radar only
+    odometry: none
+    config: quick.yaml
+"""
+
+
+@pytest.fixture(scope="module")
+def work(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A short recording, a list of runs with one that cannot be, and what they leave; nobody may change it."""
+    folder = tmp_path_factory.mktemp("batch")
+    drive = folder / "drive"
+    simulate(drive, duration_s=7.0, turn_rate_hz=2.0, azimuths=200, range_resolution=0.35, max_range=60.0, movers=0)
+    (folder / "quick.yaml").write_text("sensor: {doppler_beta: 0.0}\n")
+    (folder / "runs.yaml").write_text(RUNS)
+    shown = batch(folder, folder / "out")
+    assert shown.code == 1 and shown.out.splitlines()[-1] == f"report: {folder / 'out' / 'report.html'}"
+    assert f"gone failed: {drive.with_name('gone')}: does not exist" in shown.err
+    return folder
+
+
+def batch(folder: Path, out: Path, *more: object) -> Result:
+    return mqslam("batch", folder / "runs.yaml", "--out", out, "--jobs", "1", *map(str, more))
+
+
+def tracks(out: Path) -> dict[str, bytes]:
+    return {path.parent.name: path.read_bytes() for path in out.glob("*/trajectory.tum")}
+
+
+def test_every_run_that_can_be_is_done_and_its_files_are_those_of_a_run(work: Path, tmp_path: Path) -> None:
+    assert {path.name for path in (work / "out").iterdir()} == {*NAMES, "batch.json", "batch.csv", "report.html"}
+    options = ("--odometry", "none", "--config", work / "quick.yaml", "--jobs", "1", "--quiet")
+    assert mqslam("run", work / "drive", "--out", tmp_path / "alone", *options).code == 0
+    assert tracks(work / "out")["radar only"] == (tmp_path / "alone" / "trajectory.tum").read_bytes()
+    assert set(contents(work / "out" / "radar only")) == set(contents(tmp_path / "alone"))
+
+
+def test_the_numbers_of_all_runs_stand_together(work: Path) -> None:
+    summary = json.loads((work / "out" / "batch.json").read_text())
+    runs = {run["name"]: run for run in summary["runs"]}
+    assert list(runs) == ["wheels", "drive", "gone", "radar only"]
+    assert summary["counts"]["failed"] == 1 and sum(summary["counts"].values()) == 4 and summary["kept"] == 0
+    assert "does not exist" in runs["gone"]["failure"] and runs["gone"]["verdict"] is None
+    for name in NAMES:
+        alone = json.loads((work / "out" / name / "summary.json").read_text())
+        assert runs[name]["verdict"] == alone["verdict"]["status"] and runs[name]["failure"] is None
+        assert runs[name]["psi_per_point"] == alone["psi"]["per_point_optimised"]
+        assert (work / "out" / runs[name]["trajectory"]).is_file() and (work / "out" / runs[name]["report"]).is_file()
+    with (work / "out" / "batch.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert [row["name"] for row in rows] == list(runs) and rows[2]["psi_per_point"] == ""
+    assert float(rows[1]["ate_rmse_m"]) == runs["drive"]["ate_rmse_m"]
+
+
+def test_the_report_shows_every_run_and_leads_to_its_own(work: Path) -> None:
+    page = (work / "out" / "report.html").read_text()
+    for name in ("wheels/report.html", "drive/report.html", "radar%20only/report.html"):
+        assert page.count(f'href="{name}"') == 2, name
+    assert page.count("data:image/png") == 3 and "gone failed" in page and "gone/report.html" not in page
+    assert not any(fetched in page for fetched in ("http://", "https://", "<script", "<link"))
+
+
+def test_what_is_finished_is_kept_and_what_failed_is_tried_again(work: Path, tmp_path: Path) -> None:
+    for name in ("runs.yaml", "quick.yaml"):
+        shutil.copy(work / name, tmp_path)
+    out = shutil.copytree(work / "out", tmp_path / "out")
+    (tmp_path / "drive").symlink_to(work / "drive")
+    (tmp_path / "gone").symlink_to(work / "drive")
+    before = {name: (out / name).stat().st_ino for name in NAMES}
+    shown = batch(tmp_path, out, "--json")
+    assert shown.code == 0 and json.loads(shown.out)["kept"] == 3
+    assert {name: (out / name).stat().st_ino for name in NAMES} == before
+    assert (out / "gone" / "trajectory.tum").read_bytes() == (out / "drive" / "trajectory.tum").read_bytes()
+
+
+def test_results_of_other_settings_are_neither_kept_nor_replaced_unasked(work: Path, tmp_path: Path) -> None:
+    (tmp_path / "drive").symlink_to(work / "drive")
+    (tmp_path / "quick.yaml").write_text("sensor: {doppler_beta: 0.0}\nmap: {cell_m: 0.5}\n")
+    (tmp_path / "runs.yaml").write_text("runs: [{data: drive, name: wheels, frontend: odometry, config: quick.yaml}]")
+    out = shutil.copytree(work / "out", tmp_path / "out")
+    before = contents(out / "wheels")
+    shown = batch(tmp_path, out, "--quiet")
+    assert shown.code == 1 and shown.err.count("\n") == 1
+    assert shown.err.startswith(f"wheels failed: {out / 'wheels'}: exists already; ") and "--force" in shown.err
+    assert contents(out / "wheels") == before
+    assert batch(tmp_path, out, "--force", "--quiet").code == 0
+    assert (out / "wheels" / "config.yaml").read_bytes() != before["config.yaml"]
+
+
+def test_a_run_that_was_killed_goes_on_where_it_stopped(work: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    from mqslam import slam
+    from mqslam.batch import schedule
+    from mqslam.batch.plan import read_plan
+
+    orders, _ = read_plan(work / "runs.yaml")
+    terms = schedule.Terms(tmp_path, 1, False)
+    with monkeypatch.context() as patch:
+        patch.setattr(slam, "find_loops", lambda *_: (_ for _ in ()).throw(KeyboardInterrupt))
+        with pytest.raises(KeyboardInterrupt):
+            schedule.run_one(terms, orders[1])
+    assert {path.name for path in (tmp_path / "drive").iterdir()} == {FOLDER}
+    monkeypatch.setattr("mqslam.detection.detect_stretch", lambda *_: pytest.fail("detected again"))
+    assert schedule.run_one(terms, orders[1]).failure is None
+    assert tracks(tmp_path) == {"drive": tracks(work / "out")["drive"]}
+
+
+def test_an_interrupted_batch_leaves_no_process_and_says_how_to_go_on(work: Path, tmp_path: Path) -> None:
+    words = [INSTALLED, "batch", work / "runs.yaml", "--out", tmp_path / "out", "--jobs", "2"]
+    process = subprocess.Popen(words, stderr=subprocess.PIPE, text=True, start_new_session=True)
+    while not list(tmp_path.glob(f"out/*/{FOLDER}/*.npz")):
+        assert process.poll() is None
+        time.sleep(0.002)
+    process.terminate()
+    _, shown = process.communicate(timeout=30)
+    assert process.returncode == 143 and shown.splitlines()[-1] == "mqslam: interrupted; the same command goes on with it"
+    assert "Traceback" not in shown and processes(process.pid) == []
+    assert not list(tmp_path.glob("out/*.*"))
+
+
+def test_runs_on_a_cluster_leave_the_same_trajectories(work: Path, tmp_path: Path) -> None:
+    with cluster(tmp_path / "dask") as found:
+        shown = batch(work, tmp_path / "out", "--cluster", found.address, "--quiet")
+    assert shown.code == 1 and shown.err.startswith("gone failed: ") and shown.err.count("\n") == 1
+    assert tracks(tmp_path / "out") == tracks(work / "out")
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("runs: [{dta: drive}]", "unknown setting runs.0.dta; did you mean data?"),
+        ("rnus: []", "unknown setting rnus; did you mean runs?"),
+        ("runs: []", "runs: List should have at least 1 item"),
+        ("runs: [{name: drive}]", "runs.0.data: Field required"),
+        ("runs: [{data: drive}, {data: drive}]", "runs.1: name drive: is that of another run; give one"),
+        ("runs: [{data: drive, name: ../up}]", "runs.0: name '../up': is to be the name of a folder"),
+        ("runs: [{data: drive, frontend: kissicp}]", "runs.0: front end kissicp: unknown; did you mean kiss_icp?"),
+        ("runs: [{data: drive, config: oxfrod}]", "oxfrod: no such configuration; give a YAML file or one of"),
+        ("runs: [", "is not a readable YAML file"),
+        ("- drive", "must hold settings"),
+    ],
+)
+def test_a_mistake_in_the_list_is_one_line_before_anything_runs(tmp_path: Path, text: str, message: str) -> None:
+    (tmp_path / "runs.yaml").write_text(text)
+    shown = batch(tmp_path, tmp_path / "out")
+    assert shown.code == 2 and message in shown.err and shown.err.count("\n") == 1, shown.err
+    assert shown.err.startswith(f"mqslam: error: {tmp_path / 'runs.yaml'}: ")
+    assert [path.name for path in tmp_path.iterdir()] == ["runs.yaml"]
+
+
+def test_a_folder_with_other_results_is_left_alone(work: Path, tmp_path: Path) -> None:
+    before = contents(work / "out" / "drive")
+    shown = batch(work, work / "out" / "drive")
+    assert shown.code == 2 and "drive: holds other results; choose another --out" in shown.err
+    assert contents(work / "out" / "drive") == before
+    (tmp_path / "file").write_text("kept")
+    assert "cannot be made" in batch(work, tmp_path / "file" / "out").err
