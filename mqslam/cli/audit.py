@@ -60,7 +60,7 @@ def audit(
     from mqslam.audit.outputs import plain, summarise, write_audit
     from mqslam.audit.sources import LIDAR_CONFIG, is_cloud, sweeps_of, sweeps_of_cloud
     from mqslam.cli.engine import chosen
-    from mqslam.cli.progress import progress
+    from mqslam.cli.progress import print_notes, progress
     from mqslam.config import load_config
     from mqslam.outputs import check_free, whole_folder
     from mqslam.readers.cloud import read_cloud
@@ -80,8 +80,7 @@ def audit(
             sweeps, notes = sweeps_of(source, track, settings)
             notes, kind = [*source.notes, *notes], source.format
         if not quiet:
-            for note in notes:
-                console.print(f"note: {note}", highlight=False, soft_wrap=True)
+            print_notes(console, notes)
         found = judged(sweeps, settings, engine, show)
     summary = summarise(found, sweeps, settings, {"format": kind, "path": str(data)}, trajectory or "recording")
     with whole_folder(out) as folder:

@@ -35,7 +35,7 @@ def check(
 
     from mqslam.check.checks import check_recording
     from mqslam.check.finding import Verdict
-    from mqslam.cli.progress import progress
+    from mqslam.cli.progress import print_notes, progress
     from mqslam.config import load_config
     from mqslam.recording import choose_odometry, opened
 
@@ -50,8 +50,7 @@ def check(
         checks = [asdict(finding) for finding in findings]
         typer.echo(json.dumps({"suspicious": suspicious, "notes": [*stream.notes, *notes], "checks": checks}, indent=1))
     else:
-        for note in () if quiet else (*stream.notes, *notes):
-            console.print(f"note: {note}", highlight=False, soft_wrap=True)
+        print_notes(console, () if quiet else (*stream.notes, *notes))
         for finding in findings:
             typer.echo(f"{finding.name:<24}{finding.verdict:<18}{finding.text}")
     if suspicious:

@@ -63,7 +63,7 @@ def compare(
 
     from mqslam.checkpoint import run_key, unfinished
     from mqslam.cli.engine import chosen
-    from mqslam.cli.progress import progress
+    from mqslam.cli.progress import print_notes, progress
     from mqslam.compare.judge import agreement, enough_in_common, judge, places, stations
     from mqslam.compare.outputs import summarise, table, write_compare
     from mqslam.compare.rows import front_end_rows
@@ -83,8 +83,7 @@ def compare(
     track, notes = choose_odometry(stream, odometry)
     console = Console(stderr=True, markup=False)
     if not quiet:
-        for note in stream.notes:
-            console.print(f"note: {note}", highlight=False, soft_wrap=True)
+        print_notes(console, stream.notes)
     period_s, start_us = stream.period_s, stream.start_us
     enough_in_common(given, windows_of(stream), start_us, period_s, settings.audit.window)  # before the recording is read
     key = run_key(stream, settings, f"compare {','.join(names)} {odometry_only}", track)
@@ -121,8 +120,7 @@ def compare(
         typer.echo(json.dumps(summary, indent=1))
     elif not quiet:
         _print(table(summary))
-        for note in notes:
-            console.print(f"note: {note}", highlight=False, soft_wrap=True)
+        print_notes(console, notes)
         typer.echo(f"results in {out}; open {out / 'report.html'} in a browser")
 
 

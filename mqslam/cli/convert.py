@@ -51,7 +51,7 @@ def convert(
     """
     from rich.console import Console
 
-    from mqslam.cli.progress import progress
+    from mqslam.cli.progress import print_notes, progress
     from mqslam.config import load_config
     from mqslam.errors import ConfigError
     from mqslam.recording import opened
@@ -73,6 +73,5 @@ def convert(
             notes = write_recording(stream, out, target, message.value, partial(show, "converting"))
         notes = [*stream.notes, *stream.faults, *notes]
     if not quiet:
-        for note in notes:
-            console.print(f"note: {note}", highlight=False, soft_wrap=True)
+        print_notes(console, notes)
         console.print(f"wrote {out}", highlight=False, soft_wrap=True)

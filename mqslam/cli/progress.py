@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 
 from rich.console import Console
@@ -23,6 +23,12 @@ _TITLES = {
 _LINE_EVERY_S = 10.0
 
 Progress = Callable[[str, int, int], None]
+
+
+def print_notes(console: Console, notes: Iterable[str]) -> None:
+    """What a user should know, a line each, for programs to read as well."""
+    for note in notes:
+        console.print(f"note: {note}", highlight=False, soft_wrap=True)
 
 
 @contextmanager

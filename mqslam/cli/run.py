@@ -67,7 +67,7 @@ def run(
     from rich.console import Console
 
     from mqslam.cli.engine import chosen
-    from mqslam.cli.progress import progress
+    from mqslam.cli.progress import print_notes, progress
     from mqslam.config import load_config
     from mqslam.job import execute, job_of
     from mqslam.outputs import check_free
@@ -77,8 +77,7 @@ def run(
     console = Console(stderr=True, markup=False)
     job = job_of(data, settings, frontend, odometry, format, range_resolution, strict=strict)
     if not quiet:
-        for note in job.log:
-            console.print(f"note: {note}", highlight=False, soft_wrap=True)
+        print_notes(console, job.log)
     with (
         chosen(cluster, jobs) as engine,
         progress(console, quiet or as_json) as show,
