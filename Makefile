@@ -24,7 +24,7 @@ demo: $(READY)
 	@echo "open demo/run/report.html in a browser; trajectory, map and numbers lie beside it"
 
 test: $(READY) lint
-	$(BIN)/python -m pytest -m 'not slow'
+	$(BIN)/python -m pytest -m 'not slow' --numprocesses auto --maxprocesses 4
 
 lint: $(READY) types
 	$(BIN)/ruff check .
