@@ -33,6 +33,13 @@ R = TypeVar("R")
 _ANSWER_S = 10.0  # a scheduler and its first worker have this long to answer
 _LOOK_S = 15.0  # between looks whether there are workers; none at two of them in a row is none
 _LOSSES = 3  # of all copies of what tasks share, after which it is not sent again
+_HERE = {  # of workers on this machine; the front end runs in one process with the scheduler, which is to wake seldom
+    "distributed.worker.multiprocessing-method": "spawn",
+    "distributed.scheduler.worker-ttl": None,
+    "distributed.admin.tick.interval": "10s",
+    "distributed.admin.system-monitor.interval": "10s",
+    "distributed.worker.profile.enabled": False,
+}
 _LOGGERS = ("distributed", "distributed.client", "tornado")
 
 
@@ -67,8 +74,7 @@ def connected(address: str) -> Iterator[DaskEngine]:
 @contextmanager
 def _local(workers: int) -> Iterator[LocalCluster]:
     """Workers that end with the block; none sees Ctrl-C, and none is given up because it computes for long."""
-    settings = {"distributed.worker.multiprocessing-method": "spawn", "distributed.scheduler.worker-ttl": None}
-    with tempfile.TemporaryDirectory(prefix="mqslam-") as scratch, dask.config.set(settings):
+    with tempfile.TemporaryDirectory(prefix="mqslam-") as scratch, dask.config.set(_HERE):
         with shielded():
             cluster = LocalCluster(
                 n_workers=workers, threads_per_worker=1, processes=True, memory_limit=0, dashboard_address=None,

@@ -23,7 +23,7 @@ from mqslam.loops.submap import Drive
 from mqslam.readers import open_recording
 from mqslam.stream import RadarStream
 
-_STAGES = ("read", "detect", "windows", "loops", "optimise", "render")
+_STAGES = ("read", "detect", "windows", "loops", "optimise", "render", "check")
 _WORKERS = (1, 2, 4)
 _RUNS, _REVOLUTIONS = 4, 200  # of the batch
 _ROUNDS = 3
@@ -42,7 +42,7 @@ def _costs(summary: dict[str, Any]) -> None:
     spent, hours = summary["runtime_s"], summary["dataset"]["duration_s"] / 3600.0
     rows = [[stage, spent[stage] / hours, f"{spent[stage] / spent['total']:.1%}"] for stage in _STAGES]
     table(["stage", "core seconds per hour of radar", "share"], [*rows, ["total", spent["total"] / hours, "100%"]])
-    shared = sum(spent[stage] for stage in ("read", "detect", "loops", "render")) / spent["total"]
+    shared = sum(spent[stage] for stage in ("read", "detect", "loops", "render", "check")) / spent["total"]
     print(f"{shared:.1%} of it can be shared: no number of workers makes it {1.0 / (1.0 - shared):.2f} times faster")
     thousand = 1000.0 * spent["total"] / hours / 3600.0
     print(f"a thousand hours: {thousand:.0f} core hours, {summary['peak_rss_mb']:.0f} MB a worker\n")
