@@ -1,0 +1,135 @@
+"""KISS-SLAM on the returns of a full run of the city twin.
+
+usage: kiss_slam.py --python PYTHON [--data DATA] [--out DIR]
+
+PYTHON is an interpreter of its own that has kiss-slam (`pip install kiss-slam`); `kiss_slam_worker.py` runs in it. KISS-SLAM
+wants points in space: it is given the returns in their plane, and spread over heights at random. KISS-ICP deskews a scan to
+its end, so that a pose is the sensor's where its revolution ends.
+"""
+
+from __future__ import annotations
+
+import argparse
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+from common import MissingData, cache, table, twin
+from numpy.typing import NDArray
+
+from mqslam import se2
+from mqslam.config import load_config
+from mqslam.detection import detect_all
+from mqslam.engine import LocalEngine
+from mqslam.evaluation import Evaluation, evaluate
+from mqslam.frontends.scan_matching import pose_of
+from mqslam.readers import open_recording
+from mqslam.returns import Returns
+from mqslam.stream import RadarStream
+from mqslam.trajectory import Trajectory
+
+_WORKER = Path(__file__).with_name("kiss_slam_worker.py")
+_LIMIT_S = 600
+_SHAPES = (  # name; copies of each return; heights between which they lie at random [m]
+    ("in their plane", 1, 0.0, 0.0),
+    ("at 0 to 0.5 m", 1, 0.0, 0.5),
+    ("two copies at -0.5 to 0.5 m", 2, -0.5, 0.5),
+)
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description="KISS-SLAM on the returns of a full run of the city twin.")
+    parser.add_argument("--python", required=True, help="interpreter that has kiss-slam")
+    parser.add_argument("--data", type=Path, default=None, help="recording with ground truth; kaist01 in full by default")
+    parser.add_argument("--out", type=Path, default=None, help="folder for returns, results and logs; the cache by default")
+    chosen = parser.parse_args()
+    try:
+        data = chosen.data or twin("kaist01", 1, frames=None)
+    except MissingData as missing:
+        print(f"SKIPPED: {missing}")
+        return 0
+    out = chosen.out or cache() / "out" / "kiss_slam"
+    out.mkdir(parents=True, exist_ok=True)
+    stream = open_recording(data)
+    _detect(stream, out / "returns.npz")
+    rows = [_row(name, stream, chosen.python, out, copies, low, high) for name, copies, low, high in _SHAPES]
+    table(
+        ["returns", "drift [%]", "[deg/100 m]", "ATE [m]", "ATE after loops [m]", "drift after [%]", "[deg/100 m]",
+         "candidates", "singular", "loops", "worst loop [m]", "[deg]", "time [s]", "of one core [s]", "peak [MB]"],
+        rows,
+    )  # fmt: skip
+    return 0
+
+
+def _detect(stream: RadarStream, path: Path) -> None:
+    """Returns in the sensor's frame [m], when in their revolution each was measured, and how many a revolution has."""
+    windows, _ = detect_all(stream, load_config().detector, LocalEngine(2), lambda stage, done, total: None)
+    together = Returns.concatenate([window.returns for window in windows])
+    np.savez(
+        path,
+        points=together.ranges[:, None] * np.stack([np.cos(together.azimuths), np.sin(together.azimuths)], axis=1),
+        fractions=np.concatenate([(window.returns.times - window.t0) / (window.t1 - window.t0) for window in windows]),
+        counts=[len(window.returns) for window in windows],
+    )
+
+
+def _row(name: str, stream: RadarStream, python: str, out: Path, copies: int, low: float, high: float) -> list[str | float]:
+    """A row of the table: what KISS-SLAM makes of returns at random heights."""
+    stem = f"{copies}-{low:g}-{high:g}"
+    found, log = out / f"{stem}.npz", out / f"{stem}.log"
+    found.unlink(missing_ok=True)
+    words = [python, "-P", _WORKER, out / "returns.npz", copies, low, high, found]
+    with log.open("w", encoding="utf-8") as file:
+        try:
+            code = subprocess.run([str(w) for w in words], stdout=file, stderr=file, timeout=_LIMIT_S).returncode
+        except subprocess.TimeoutExpired:
+            return [name, f"not done after {_LIMIT_S} s", *[""] * 13]
+    if code != 0:
+        return [name, f"ended with {code}: {log}", *[""] * 13]
+    with np.load(found) as file:
+        result = dict(file)
+    before, after = (_errors(stream, result[track]) for track in ("odometry", "optimised"))
+    distance, angle = _worst_loop(stream, result)
+    return [
+        name, before.drift_percent or "-", before.drift_deg_per_100m or "-", before.ate_rmse_m, after.ate_rmse_m,
+        after.drift_percent or "-", after.drift_deg_per_100m or "-", str(result["candidates"]), str(result["failed"]),
+        str(len(result["loops"])), distance, angle, f"{result['seconds']:.0f}", f"{result['cpu_s']:.0f}",
+        f"{result['peak_mb']:.0f}",
+    ]  # fmt: skip
+
+
+def _errors(stream: RadarStream, matrices: NDArray[np.float64]) -> Evaluation:
+    found = evaluate(Trajectory(_ends_us(stream), _planar(matrices)), _truth(stream))
+    assert found is not None
+    return found
+
+
+def _worst_loop(stream: RadarStream, result: dict[str, NDArray[np.float64]]) -> tuple[str | float, str | float]:
+    """Largest error of an accepted loop [m], [deg]; a loop is the pose of its first local map in the frame of its second."""
+    if len(result["loops"]) == 0:
+        return "-", "-"
+    begins = _truth(stream).at(_ends_us(stream))[result["starts"]]
+    first, second = result["loops"].T
+    errors = se2.between(se2.between(begins[second], begins[first]), _planar(result["constraints"]))
+    return float(np.hypot(errors[:, 0], errors[:, 1]).max()), float(np.rad2deg(np.abs(se2.wrap(errors[:, 2]))).max())
+
+
+def _ends_us(stream: RadarStream) -> NDArray[np.int64]:
+    """When each revolution ends: there its pose belongs."""
+    return np.append(stream.stamps_us[1:], stream.end_us)
+
+
+def _truth(stream: RadarStream) -> Trajectory:
+    if stream.ground_truth is None:
+        raise SystemExit(f"{stream.path} has no ground truth")
+    return stream.ground_truth
+
+
+def _planar(matrices: NDArray[np.float64]) -> se2.Array:
+    """The planar parts (N, 3) of (N, 4, 4) matrices."""
+    return np.array([pose_of(matrix) for matrix in matrices])
+
+
+if __name__ == "__main__":
+    sys.exit(main())
