@@ -46,7 +46,7 @@ def snippets(language: str) -> list[str]:
 def place(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     """A folder with everything that the README's commands name; it is the working directory meanwhile."""
     folder = tmp_path_factory.mktemp("readme")
-    stream = simulate(folder / "DATA", scene="street", duration_s=6.0, movers=2, seed=3)
+    stream = simulate(folder / "DATA", scene="street", duration_s=4.0, movers=2, seed=3)
     truth = stream.ground_truth
     (folder / "demo").mkdir()
     (folder / "demo" / "drive").symlink_to(folder / "DATA")
@@ -145,3 +145,28 @@ def test_files_it_names_are_there() -> None:
         assert name.startswith("http") or (ROOT / name).exists(), name
     for name in re.findall(r"`((?:tests|notebooks|mqslam|configs|frontends|factors)/[\w/.-]*)`", README):
         assert (ROOT / name).exists(), name
+
+
+def examples() -> list[str]:
+    """What the help of the commands gives as examples, but for those that the README has."""
+    found = [line.split("Example: ")[1].strip() for file in sorted((ROOT / "mqslam" / "cli").glob("*.py")) for line in
+             file.read_text(encoding="utf-8").splitlines() if "Example: mqslam " in line]  # fmt: skip
+    return sorted({line for line in found if line.replace("mqslam ", BINARY, 1) not in commands()})
+
+
+@pytest.mark.parametrize("line", examples())
+def test_an_example_of_the_help_works_as_printed(
+    place: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, line: str
+) -> None:
+    words = shlex.split(line)[1:]
+    words = words[: words.index(">")] if ">" in words else words
+    monkeypatch.chdir(tmp_path)
+    Path("drive").symlink_to(place / "DATA")
+    if words[-2:] != ["--out", "result"]:
+        Path("result").symlink_to(place / "finished")
+    if "drive.bag" in words:
+        assert mqslam("convert", "drive", "drive.bag", "--quiet").code == 0
+    if words[0] == "view":
+        pytest.skip("needs a display: tests/viewer runs it with one")
+    shown = mqslam(*words)
+    assert shown.code in ({0, 1} if words[0] in ("audit", "check") else {0}), shown.err

@@ -30,7 +30,7 @@ def table1(
     plateau in time and a charge for unmatched points. Of the paper's own results only the largest errors of its table,
     0.1 m/s and 0.0227 rad/s, are at hand and shown; what it obtained in each case is not.
 
-    Example: mqslam paper table1 --seeds 20
+    Example: mqslam paper table1 --seeds 1
     """
     from rich.console import Console
 
