@@ -185,7 +185,7 @@ class DaskEngine:
             except FutureCancelledError as error:
                 losses += 1
                 if losses > _LOSSES:
-                    raise self._gone() from error
+                    raise self._gone(None) from error
             finally:
                 if not self._lost:
                     self._client.cancel(futures)
@@ -197,7 +197,7 @@ class DaskEngine:
             self._client.wait_for_workers(1, timeout=2.0 * _LOOK_S)
             held = self._client.scatter([shared], broadcast=True, hash=False)
         except (OSError, FutureCancelledError) as error:
-            raise self._gone() from error
+            raise self._gone(error) from error
         futures: list[Future] = self._client.map(partial(_attempt, function), held * len(items), items, pure=False)
         return futures
 
@@ -210,27 +210,31 @@ class DaskEngine:
             except TimeoutError:
                 unmanned = 0 if self._manned() else unmanned + 1
                 continue
-            except (OSError, FutureCancelledError) as lost:
-                if self._lost or isinstance(lost, OSError):
-                    raise self._gone() from lost
+            except OSError as lost:
+                raise self._gone(lost) from lost
+            except FutureCancelledError as lost:
+                if self._lost or lost.reason == "scheduler-connection-lost":
+                    raise self._gone(lost) from lost
                 raise
             if error is not None:
                 raise error
             return result
-        raise self._gone()
+        raise self._gone(None)
 
     def _manned(self) -> bool:
         try:
             return bool(self._client.nthreads())
         except OSError as error:
-            raise self._gone() from error
+            raise self._gone(error) from error
 
     @property
     def _lost(self) -> bool:
         return bool(self._client.status != "running")
 
-    def _gone(self) -> ClusterError:
-        what = "the connection to the scheduler is lost" if self._lost else "has no workers left"
+    def _gone(self, error: Exception | None) -> ClusterError:
+        """What to say; only waiting for workers ends by the clock, whatever else fails is the connection."""
+        unmanned = error is None or isinstance(error, TimeoutError)
+        what = "has no workers left" if unmanned and not self._lost else "the connection to the scheduler is lost"
         return ClusterError(f"{self._address}: {what}")
 
 
