@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import contextlib
 import logging
+import pickle
 import re
 import tempfile
 from collections.abc import Callable, Iterator, Sequence
@@ -32,10 +33,12 @@ R = TypeVar("R")
 
 _ANSWER_S = 10.0  # a scheduler and its first worker have this long to answer
 _LOOK_S = 15.0  # between looks whether there are workers; none at two of them in a row is none
-_LOSSES = 3  # of all copies of what tasks share, after which it is not sent again
+_LOSSES = 3  # in a row, of all copies of what tasks share, after which it is not sent again
+_SMALL = 10_000  # bytes; what is larger may be lost with the workers that hold it
 _HERE = {  # of workers on this machine; the front end runs in one process with the scheduler, which is to wake seldom
     "distributed.worker.multiprocessing-method": "spawn",
     "distributed.scheduler.worker-ttl": None,
+    "distributed.scheduler.active-memory-manager.start": False,  # it takes away copies that only matter when a worker dies
     "distributed.admin.tick.interval": "10s",
     "distributed.admin.system-monitor.interval": "10s",
     "distributed.worker.profile.enabled": False,
@@ -180,6 +183,7 @@ class DaskEngine:
             try:
                 for future in futures:
                     result = take(future)
+                    losses = 0
                     found.append(result)
                     done(len(found), result)
             except FutureCancelledError as error:
@@ -192,7 +196,10 @@ class DaskEngine:
         return found
 
     def _sent(self, function: Callable[[S, T], Any], shared: S, items: Sequence[T]) -> list[Future]:
-        """A task per item; every worker there is has a copy of what they share."""
+        """A task per item; what they share travels with each if it is small, and before them to every worker if not."""
+        if len(pickle.dumps(shared)) < _SMALL:
+            alone: list[Future] = self._client.map(partial(_attempt, function, shared), items, pure=False)
+            return alone
         try:
             self._client.wait_for_workers(1, timeout=2.0 * _LOOK_S)
             held = self._client.scatter([shared], broadcast=True, hash=False)
