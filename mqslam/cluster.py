@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import contextlib
 import logging
+import pickle
 import re
 import tempfile
 from collections.abc import Callable, Iterator, Sequence
@@ -32,10 +33,12 @@ R = TypeVar("R")
 
 _ANSWER_S = 10.0  # a scheduler and its first worker have this long to answer
 _LOOK_S = 15.0  # between looks whether there are workers; none at two of them in a row is none
-_LOSSES = 3  # of all copies of what tasks share, after which it is not sent again
+_LOSSES = 3  # in a row, of all copies of what tasks share, after which it is not sent again
+_SMALL = 10_000  # bytes; what is larger may be lost with the workers that hold it
 _HERE = {  # of workers on this machine; the front end runs in one process with the scheduler, which is to wake seldom
     "distributed.worker.multiprocessing-method": "spawn",
     "distributed.scheduler.worker-ttl": None,
+    "distributed.scheduler.active-memory-manager.start": False,  # it takes away copies that only matter when a worker dies
     "distributed.admin.tick.interval": "10s",
     "distributed.admin.system-monitor.interval": "10s",
     "distributed.worker.profile.enabled": False,
@@ -180,24 +183,28 @@ class DaskEngine:
             try:
                 for future in futures:
                     result = take(future)
+                    losses = 0
                     found.append(result)
                     done(len(found), result)
             except FutureCancelledError as error:
                 losses += 1
                 if losses > _LOSSES:
-                    raise self._gone() from error
+                    raise self._gone(None) from error
             finally:
                 if not self._lost:
                     self._client.cancel(futures)
         return found
 
     def _sent(self, function: Callable[[S, T], Any], shared: S, items: Sequence[T]) -> list[Future]:
-        """A task per item; every worker there is has a copy of what they share."""
+        """A task per item; what they share travels with each if it is small, and before them to every worker if not."""
+        if len(pickle.dumps(shared)) < _SMALL:
+            alone: list[Future] = self._client.map(partial(_attempt, function, shared), items, pure=False)
+            return alone
         try:
             self._client.wait_for_workers(1, timeout=2.0 * _LOOK_S)
             held = self._client.scatter([shared], broadcast=True, hash=False)
         except (OSError, FutureCancelledError) as error:
-            raise self._gone() from error
+            raise self._gone(error) from error
         futures: list[Future] = self._client.map(partial(_attempt, function), held * len(items), items, pure=False)
         return futures
 
@@ -210,27 +217,31 @@ class DaskEngine:
             except TimeoutError:
                 unmanned = 0 if self._manned() else unmanned + 1
                 continue
-            except (OSError, FutureCancelledError) as lost:
-                if self._lost or isinstance(lost, OSError):
-                    raise self._gone() from lost
+            except OSError as lost:
+                raise self._gone(lost) from lost
+            except FutureCancelledError as lost:
+                if self._lost or lost.reason == "scheduler-connection-lost":
+                    raise self._gone(lost) from lost
                 raise
             if error is not None:
                 raise error
             return result
-        raise self._gone()
+        raise self._gone(None)
 
     def _manned(self) -> bool:
         try:
             return bool(self._client.nthreads())
         except OSError as error:
-            raise self._gone() from error
+            raise self._gone(error) from error
 
     @property
     def _lost(self) -> bool:
         return bool(self._client.status != "running")
 
-    def _gone(self) -> ClusterError:
-        what = "the connection to the scheduler is lost" if self._lost else "has no workers left"
+    def _gone(self, error: Exception | None) -> ClusterError:
+        """What to say; only waiting for workers ends by the clock, whatever else fails is the connection."""
+        unmanned = error is None or isinstance(error, TimeoutError)
+        what = "has no workers left" if unmanned and not self._lost else "the connection to the scheduler is lost"
         return ClusterError(f"{self._address}: {what}")
 
 

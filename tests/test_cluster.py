@@ -68,10 +68,11 @@ def test_what_tasks_share_is_sent_again_when_all_who_held_it_are_gone(
             crew.add_worker()
 
     numbers: list[int] = []
+    shared = list(range(100_000))  # too much to travel with every task
     monkeypatch.setattr(cluster_module, "_LOOK_S", 10.0)  # a worker takes seconds to start
     with connected(crew.address) as engine:
-        found = engine.map(slow_sum, [1, 2], range(12), lambda number, _: (numbers.append(number), replace(number, 0)))
-    assert found == [3 + k for k in range(12)] and numbers == list(range(1, 13))
+        found = engine.map(slow_sum, shared, range(12), lambda number, _: (numbers.append(number), replace(number, 0)))
+    assert found == [sum(shared) + k for k in range(12)] and numbers == list(range(1, 13))
 
 
 def test_what_a_function_raises_is_not_taken_for_the_clusters_trouble(crew: Cluster) -> None:
