@@ -68,7 +68,7 @@ class _Checked:
 
     def __init__(self, stream: RadarStream) -> None:
         self._stream = stream
-        self.range_resolution = stream.range_resolution
+        self.path, self.range_resolution = stream.path, stream.range_resolution
 
     def revolutions(self, start: int, stop: int) -> Any:
         for revolution in self._stream.revolutions(start, stop):
