@@ -116,6 +116,7 @@ def log_text(summary: dict[str, Any], notes: Sequence[str], warnings: Sequence[s
     dataset = summary["dataset"]
     lines = [f"mqslam {summary['mqslam_version']} on {dataset['path']} ({dataset['format']})"]
     lines += [f"note: {note}" for note in notes] + [f"warning: {warning}" for warning in warnings]
+    lines.append(f"Doppler shift: {summary['doppler_beta']:.4f} s of range per closing speed")
     lines += [f"{stage}: {seconds:.2f} s" for stage, seconds in summary["runtime_s"].items()]
     lines.append(f"verdict: {summary['verdict']['status']}: {'; '.join(summary['verdict']['reasons'])}")
     return "\n".join(lines) + "\n"

@@ -83,9 +83,13 @@ def check_free(out: Path, *, force: bool, resume: bool = False, recording: Path 
     unfinished = (out / FOLDER).is_dir()
     if out.is_file() or (out.is_dir() and any(out.iterdir()) and not force and not (resume and unfinished)):
         how = "--resume to continue the unfinished run in it" if unfinished else "--force to replace it"
+        if resume:
+            raise OutputError(f"{out}: holds nothing unfinished to continue; leave --resume out and choose another --out")
         raise OutputError(f"{out}: exists already; choose another --out or give {how}")
     if recording is not None and recording.resolve().is_relative_to(out.resolve()):
         raise OutputError(f"{out}: holds the recording; choose another --out")
+    if recording is not None and recording.is_dir() and out.resolve().is_relative_to(recording.resolve()):
+        raise OutputError(f"{out}: lies in the recording; choose another --out")
     above = next(folder for folder in out.absolute().parents if folder.exists())
     if not (above.is_dir() and os.access(above, os.W_OK)):
         raise OutputError(f"{out}: cannot be made ({above} is no folder to write to); choose another --out")
@@ -119,9 +123,9 @@ def write_run(
             map_odometry=run.map_odometry,
             map_optimised=run.map_optimised,
             windows=window_scores(run.measurements),
-            before="odometry" if run.odometry_factors or run.frontend == "odometry" else f"{run.frontend}, chained",
+            before=run.before,
             checks=tuple(run.checks),
-            threshold=run.config.audit.threshold,
+            settings=run.config.audit,
             loops=np.array([(loop.earlier, loop.later) for loop in run.loops], dtype=np.int64).reshape(-1, 2),
             sure=sure,
             covariances=marginals(run.graph, run.values, sure.tolist()),

@@ -74,6 +74,11 @@ class Solution:
     loops: list[Loop]
     loops_rejected: int
 
+    @property
+    def before(self) -> str:
+        """What the trajectory before optimisation is, in words."""
+        return "odometry" if self.odometry_factors or self.frontend == "odometry" else f"{self.frontend}, chained"
+
 
 @dataclass(frozen=True)
 class Run(Solution):

@@ -37,6 +37,8 @@ def summarise(run: Run, stream: RadarStream) -> dict[str, Any]:
     return {
         "mqslam_version": mqslam.__version__,
         "frontend": run.frontend,
+        "before": run.before,
+        "doppler_beta": run.config.sensor.doppler_beta or 0.0,
         "dataset": {
             "format": stream.format,
             "path": str(stream.path),

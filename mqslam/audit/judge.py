@@ -171,5 +171,12 @@ def verdict(windows: list[WindowAudit], revisits: list[RevisitAudit]) -> tuple[s
         return ("fail" if failures else "warn"), failures + warnings
     return "pass", [
         f"{torn} of {len(windows)} windows are torn",
-        f"{len(off)} of {len(sure)} revisits are torn" if sure else "it comes back to no place that would show its drift",
+        f"{len(off)} of {len(sure)} revisits are torn" if sure else _unjudged(revisits),
     ]
+
+
+def _unjudged(revisits: list[RevisitAudit]) -> str:
+    """Why no revisit shows the map's drift."""
+    if revisits:
+        return f"none of {len(revisits)} revisits is sure enough to show its drift"
+    return "it comes back to no place that would show its drift"

@@ -16,6 +16,8 @@ from mqslam.render import place_along
 from mqslam.returns import Returns, Window
 from mqslam.trajectory import Trajectory
 
+_LONGEST_SWEEP = 1.5  # usual ones
+
 
 @dataclass(frozen=True, slots=True)
 class Sweeps:
@@ -112,8 +114,8 @@ def shared(windows: Sequence[Window], start_us: int, period_s: float, trajectory
 
 
 def covered(windows: Sequence[Window], start_us: int, period_s: float, trajectory: Trajectory) -> list[int]:
-    """Indices of the windows that a trajectory covers, give or take a sweep of period_s [s]."""
-    slack_us = round(1e6 * period_s)
+    """Indices of the windows that a trajectory covers, give or take a sweep, which takes period_s [s] or so."""
+    slack_us = round(1e6 * _LONGEST_SWEEP * period_s)
     spans = _stamps(windows, start_us).tolist()
     return [k for k, (t0, t1) in enumerate(spans) if trajectory.covers(t0, t1, slack_us)]
 

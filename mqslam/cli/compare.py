@@ -70,7 +70,7 @@ def compare(
     from mqslam.config import load_config
     from mqslam.detection import detect_all, unread_warnings, windows_of
     from mqslam.errors import EstimationError
-    from mqslam.frontend import Context
+    from mqslam.frontend import Context, load
     from mqslam.outputs import check_free, whole_folder
     from mqslam.psi.doppler import with_doppler
     from mqslam.recording import choose_odometry, opened
@@ -85,6 +85,8 @@ def compare(
     if not quiet:
         print_notes(console, stream.notes)
     period_s, start_us = stream.period_s, stream.start_us
+    if kiss_config is not None and "kiss_icp" in names:  # a file that KISS-ICP refuses is a mistake, not a row that fails
+        load("kiss_icp")(Context(settings, period_s, start_us, None))
     enough_in_common(given, windows_of(stream), start_us, period_s, settings.audit.window)  # before the recording is read
     key = run_key(stream, settings, f"compare {','.join(names)} {odometry_only}", track)
     with (

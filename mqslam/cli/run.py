@@ -89,6 +89,9 @@ def run(
     elif not quiet:
         for warning in warnings:
             console.print(f"warning: {warning}", style="yellow", highlight=False, soft_wrap=True)
+        if settings.sensor.doppler_beta is None and summary["doppler_beta"]:
+            beta = summary["doppler_beta"]
+            print_notes(console, [f"Doppler shift measured by psi: {beta:.4f} s of range per closing speed"])
         Console(soft_wrap=True).print(summary_table(summary))
         typer.echo(f"report: {out / 'report.html'}")
 
@@ -123,7 +126,7 @@ def summary_table(summary: dict[str, Any]) -> Table:
 
     table = Table(title=None, show_edge=False, pad_edge=False)
     table.add_column("")
-    table.add_column("odometry", justify="right")
+    table.add_column(summary["before"], justify="right")
     table.add_column("optimised", justify="right")
     psi = summary["psi"]
     table.add_row("psi per point", f"{psi['per_point_odometry']:.4f}", f"{psi['per_point_optimised']:.4f}")

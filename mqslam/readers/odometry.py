@@ -27,6 +27,8 @@ def read_odometry(path: Path) -> Trajectory:
     try:
         with path.open(encoding="utf-8") as lines:
             first = next((line for line in lines if line.strip() and not line.lstrip().startswith("#")), "")
+    except FileNotFoundError as error:
+        raise DataError(path, "does not exist", "check the path of the odometry, or give auto or none") from error
     except (OSError, UnicodeDecodeError) as error:
         raise DataError(path, "is not a readable text file", "give TUM or a CSV with columns t,v,omega") from error
     return _read_twists(path, first) if "," in first else read_tum(path)

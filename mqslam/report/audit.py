@@ -89,15 +89,18 @@ def _tiles(audit: Audit) -> str:
     values = []
     if windows:
         middle = float(np.median([w.bend.inflation for w in windows]))
-        worst = max(w.bend.size_m for w in windows)
+        worst = max(windows, key=lambda w: (w.torn, w.bend.size_m if w.torn else w.bend.inflation)).bend.size_m
         values += [
             (f"{100.0 * torn / len(windows):.1f} %", f"of windows torn: {torn:,} of {len(windows):,}"),
             (three(middle), f"median inflation of a window, {EXPECTED:.2f} expected of a map that is right"),
-            (length(worst), "worst bend: how far its correction moves a window's points (RMS)"),
+            (length(worst), "worst window: how far its correction moves its points (RMS)"),
         ]
     off = [r for r in sure if r.torn]
     if not sure:
-        return tiles([*values, (ABSENT, "revisits torn: it comes back to no place that would show its drift")])
+        said = "it comes back to no place that would show its drift"
+        if audit.revisits:
+            said = f"of {len(audit.revisits):,} places passed twice none is sure enough to judge"
+        return tiles([*values, (ABSENT, f"revisits torn: {said}")])
     values += [
         (f"{len(off):,} of {len(sure):,}", "revisits torn, of those that are sure"),
         (length(float(np.median([r.revisit.distance_m for r in sure]))), "median offset of two passes"),

@@ -10,7 +10,7 @@ from mqslam.audit.sweeps import Sweeps
 from mqslam.report.canvas import BLUE, RED
 from mqslam.report.crops import crop_of
 from mqslam.report.explorer import Chart, Curve, Explorer, Layer, Lines, Place, View, parted, shades, spread
-from mqslam.report.run_explorer import inflation_chart
+from mqslam.report.run_explorer import inflation_chart, torn_means
 from mqslam.report.spots import Spot, of_revisit, of_window
 
 _MOST_WINDOWS, _MOST_REVISITS = 120, 40  # that can be clicked
@@ -30,14 +30,15 @@ def audit_explorer(sweeps: Sweeps, audit: Audit, settings: AuditConfig) -> Explo
     spots = _spots(sweeps, audit)
     torn = [sweeps.poses[[r.revisit.earlier, r.revisit.later], :2] for r in audit.revisits if r.torn]
     lines = (Lines(f"torn revisits ({len(torn)})", RED, parted(torn), 2.0),) if torn else ()
-    worst = max(range(len(spots)), key=lambda k: (spots[k].torn, spots[k].off_m), default=0)
+    worst = max(range(len(spots)), key=lambda k: _rank(spots[k]), default=0)
     return Explorer(
         layers=(layer,),
         charts=_charts(sweeps, audit, settings),
         places=tuple(_place(sweeps, spot, settings) for spot in spots),
         lines=lines,
         first=worst,
-        explained="A click on a dot shows the place as it is and corrected, the first sweep or pass blue, the last orange.",
+        explained=torn_means(settings) + "A click on a dot shows the place as it is and corrected, the first sweep or pass "
+        "blue, the last orange.",
     )
 
 
@@ -50,6 +51,11 @@ def _spots(sweeps: Sweeps, audit: Audit) -> list[Spot]:
     off = [off[k] for k in spread(len(off), _MOST_REVISITS)]
     spots = [of_window(w) for w in [*torn, *fine]] + [of_revisit(sweeps, r) for r in off]
     return sorted(spots, key=lambda spot: spot.t1)
+
+
+def _rank(spot: Spot) -> tuple[bool, float]:
+    """Torn places by how far they are off, then the others by inflation: what is not observed may be off by far."""
+    return spot.torn, spot.off_m if spot.torn else spot.inflation
 
 
 def _place(sweeps: Sweeps, spot: Spot, settings: AuditConfig) -> Place:

@@ -42,11 +42,16 @@ def write_batch_report(
 def _tiles(summary: Mapping[str, Any]) -> str:
     counts = summary["counts"]
     return tiles([
-        (f"{counts['pass']}, {counts['warn']}, {counts['fail']}", "runs whose verdict is pass, warn, fail"),
+        (f"{counts['pass']} · {counts['warn']} · {counts['fail']}", "runs with verdict pass · warn · fail"),
         (number(counts["failed"]), "runs that failed"),
-        (number(summary["duration_s"] / 3600.0, " h"), "of radar"),
-        (number(summary["length_m"] / 1000.0, " km"), "driven"),
+        (_duration(summary["duration_s"]), "of radar"),
+        (f"{summary['length_m'] / 1000.0:.2f} km", "driven"),
     ])  # fmt: skip
+
+
+def _duration(seconds: float) -> str:
+    hours, minutes = int(seconds // 3600), int(seconds // 60 % 60)
+    return f"{hours} h {minutes:02} min" if hours else f"{minutes} min {seconds % 60:.0f} s"
 
 
 def _table(summary: Mapping[str, Any]) -> str:

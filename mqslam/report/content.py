@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mqslam.audit.judge import WindowAudit
+from mqslam.audit.settings import AuditConfig
 from mqslam.pointmap import PointMap
 from mqslam.trajectory import Trajectory
 
@@ -55,7 +56,7 @@ class Report:
         windows: the score of every window.
         before: what the trajectory before optimisation is.
         checks: windows of the optimised map held against their own best.
-        threshold: inflation beyond which a window is torn.
+        settings: by which they are judged.
         loops: (L, 2) the two revolutions of every loop closure.
         sure: (K,) revolutions whose covariances are known.
         covariances: (K, 3, 3) of their poses in their own frames [m, m, rad].
@@ -73,7 +74,7 @@ class Report:
     windows: WindowScores
     before: str
     checks: tuple[WindowAudit, ...]
-    threshold: float
+    settings: AuditConfig
     loops: NDArray[np.int64]
     sure: NDArray[np.int64]
     covariances: NDArray[np.float64]

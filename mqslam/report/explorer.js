@@ -17,6 +17,7 @@
   const byId = (id) => document.getElementById(id);
   const narrow = () => window.innerWidth < 760;
   const settings = { responsive: true, displaylogo: false, scrollZoom: true, modeBarButtonsToRemove: ["lasso2d", "select2d"] };
+  const bare = { ...settings, displayModeBar: false };
   const base = {
     paper_bgcolor: "rgba(0,0,0,0)", plot_bgcolor: "rgba(0,0,0,0)", font: { color: ink, size: 12 }, hovermode: "closest",
     legend: { orientation: "h", x: 0, y: 1.01, xanchor: "left", yanchor: "bottom" },
@@ -119,12 +120,14 @@
     const extent = (k) => [(low[k] + high[k]) / 2 - half, (low[k] + high[k]) / 2 + half];
     const columns = Math.min(place.views.length, narrow() ? 1 : Math.max(2, Math.ceil(place.views.length / 2)));
     const rows = Math.ceil(place.views.length / columns), wide = 1 / columns, tall = 1 / rows, views = [];
-    const layout = { ...base, margin: { l: 30, r: 10, t: 24, b: 24 }, dragmode: "pan", annotations: [], showlegend: true,
-      legend: { orientation: "h", x: 0, y: -0.04, yanchor: "top" } };
+    const height = rows * (byId("crop").clientWidth / columns) + 60;
+    byId("crop").style.height = `${height}px`;
+    const layout = { ...base, height, margin: { l: 30, r: 10, t: 24, b: 36 }, dragmode: "pan", annotations: [], showlegend: true,
+      legend: { orientation: "h", x: 0, y: 0, yref: "container", yanchor: "bottom" } };
     place.views.forEach((view, n) => {
       const id = n ? `${n + 1}` : "", column = n % columns, row = Math.floor(n / columns);
       const across = [column * wide + 0.02, (column + 1) * wide - 0.02];
-      const up = [1 - (row + 1) * tall + 0.03, 1 - row * tall - 0.04];
+      const up = [1 - (row + 1) * tall + 0.05, 1 - row * tall - 0.05];
       layout[`xaxis${id}`] = axis({ domain: across, anchor: `y${id}`, range: extent(0), ...(n ? { matches: "x" } : {}) });
       layout[`yaxis${id}`] = axis({ domain: up, anchor: `x${id}`, range: extent(1), scaleanchor: `x${id}`,
         constrain: "domain", ...(n ? { matches: "y" } : {}) });
@@ -138,7 +141,7 @@
         marker: { size: 3, opacity: 0.7, color: view.colours[g] },
       }));
     });
-    Plotly.react("crop", views, layout, settings);
+    Plotly.react("crop", views, layout, bare);
   };
   const choose = (event) => {
     const point = event.points.find((p) => p.customdata !== undefined || p.data.yaxis !== undefined) || event.points[0];
@@ -165,7 +168,7 @@
   byId("next").addEventListener("click", () => show(chosen + 1));
   byId("whole").addEventListener("click", () =>
     Plotly.relayout("map", { "xaxis.range": [x0, x1], "yaxis.range": [y0, y1] }));
-  Promise.all([Plotly.newPlot("map", traces, box, settings), Plotly.newPlot("charts", curves, charts, settings)]).then(() => {
+  Promise.all([Plotly.newPlot("map", traces, box, settings), Plotly.newPlot("charts", curves, charts, bare)]).then(() => {
     byId("map").on("plotly_click", choose);
     byId("charts").on("plotly_click", choose);
     show(scene.first);

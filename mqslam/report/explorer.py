@@ -189,7 +189,8 @@ def _thinning(layers: Sequence[Layer], kept: Sequence[NDArray[np.int64]]) -> str
     if shown == total:
         return "Drag to move, scroll to zoom; a name in the legend shows or hides what it names. "
     return (
-        f"{shown:,} of {total:,} points are shown, one per cell of a raster; the pictures in print hold all. "
+        f"{shown:,} of {total:,} points{' of all maps' if len(layers) > 1 else ''} are shown, one per cell of a raster; "
+        "printed, the page shows pictures of all points. "
         "Drag to move, scroll to zoom; a name in the legend shows or hides what it names. "
     )
 

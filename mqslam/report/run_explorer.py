@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from mqslam import se2
 from mqslam.audit.judge import WindowAudit
+from mqslam.audit.settings import AuditConfig
 from mqslam.pointmap import PointMap
 from mqslam.report.audit_figures import EXPECTED
 from mqslam.report.canvas import BLUE, GREEN, INK, ORANGE, RED
@@ -45,7 +46,8 @@ def run_explorer(report: Report, truth: Trajectory | None) -> Explorer:
         lines=tuple(one for one in lines if len(one.points)),
         groups=("this pass", "other passes"),
         first=worst,
-        explained=said + "A click on a dot or a curve shows the place close to, in both maps, ahead to the right.",
+        explained=said + torn_means(report.settings) + "A click on a dot or a curve shows that place in both maps, as the "
+        "sensor sees it, ahead to the right.",
     )
 
 
@@ -99,9 +101,9 @@ def _charts(report: Report) -> tuple[Chart, ...]:
     if np.isfinite(windows.psi_odometry).any():
         curves.append(Curve("ψ under odometry", ORANGE, times, windows.psi_odometry / points))
     curves.append(Curve("ψ at its minimum", BLUE, times, windows.psi_minimum / points))
-    charts = [Chart("ψ per point", tuple(curves))]
+    charts = [Chart("ψ per point of a window", tuple(curves))]
     if checks:
-        charts.append(inflation_chart([("inflation", checks, BLUE)], report.threshold))
+        charts.append(inflation_chart([("inflation", checks, BLUE)], report.settings.threshold))
     return tuple(charts)
 
 
@@ -120,9 +122,17 @@ def inflation_chart(rows: list[tuple[str, tuple[WindowAudit, ...], str]], thresh
     return Chart("inflation", tuple(curves), levels, log=True)
 
 
+def torn_means(settings: AuditConfig) -> str:
+    """When a window is torn, for those who see dots beyond the threshold."""
+    return (
+        f"A window is torn where its inflation is above {settings.threshold:.1f} and its correction moves its points by "
+        f"more than {length(settings.bend_m)}. "
+    )
+
+
 def window_text(window: WindowAudit) -> tuple[str, str]:
     """Title and text of a window."""
-    torn = "torn: " if window.torn else ""
+    torn = "torn: " if window.torn else "not torn: "
     return (
         f"{window.t0:.1f} s to {window.t1:.1f} s, inflation {three(window.bend.inflation)}",
         f"{torn}best with its end moved {direction(window.bend.correction)}, which moves its points by "

@@ -54,7 +54,7 @@ img { display: block; width: 100%; height: auto; }
 .halves { display: grid; grid-template-columns: repeat(2, minmax(0, 1fr)); gap: 16px; }
 .beside { display: grid; grid-template-columns: repeat(2, minmax(0, 1fr)); gap: 10px; margin-top: 8px; }
 .row { display: grid; grid-template-columns: repeat(auto-fit, minmax(150px, 1fr)); gap: 10px; }
-.row > div { max-width: 320px; }
+.row > div, .row > a { max-width: 320px; }
 .beside span, .row span { color: var(--soft); font-size: 13px; overflow-wrap: anywhere; }
 table { width: 100%; border-collapse: collapse; font-size: 14px; }
 th, td { padding: 4px 0 4px 10px; border-top: 1px solid var(--line); text-align: right; vertical-align: top; }
@@ -78,11 +78,9 @@ footer { padding: 20px 20px 40px; color: var(--soft); font-size: 13px; overflow-
 .live .pair { margin-top: 16px; }
 #map { height: min(72vh, 820px); }
 #charts { height: 500px; }
-#crop { height: 440px; }
 @media (max-width: 760px) {
   #map { height: min(70vh, 520px); }
   #charts { height: 400px; }
-  #crop { height: 720px; }
   .pair, .halves { grid-template-columns: minmax(0, 1fr); }
   .card.wide { grid-column: auto; }
   .tiles { grid-template-columns: repeat(2, minmax(0, 1fr)); }

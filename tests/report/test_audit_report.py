@@ -82,7 +82,7 @@ def test_warnings_stand_before_the_verdict_and_the_verdict_before_the_numbers(wr
 
 def test_tiles_say_what_is_torn_and_by_how_much(written: Path) -> None:
     text = page_of(written).text
-    for shown in ("10.0 %\nof windows torn", "2.37 expected", "0.17 m\nworst bend", "1 of 2\nrevisits torn"):
+    for shown in ("10.0 %\nof windows torn", "2.37 expected", "0.17 m\nworst window", "1 of 2\nrevisits torn"):
         assert shown in text, shown
 
 

@@ -18,6 +18,7 @@ from reported import assert_alone, chromium, click_curve, judged_walls, opened, 
 from selenium.webdriver.support.ui import Select, WebDriverWait
 
 from mqslam import se2
+from mqslam.audit.settings import AuditConfig
 from mqslam.pointmap import PointMap
 from mqslam.report import Report, WindowScores, write_report
 from mqslam.report.explorer import MOST_POINTS
@@ -95,7 +96,7 @@ def a_report() -> Report:
         windows=windows(20),
         before="odometry",
         checks=tuple(judged_walls(swept_walls()).windows),
-        threshold=16.3,
+        settings=AuditConfig(),
         loops=np.array([[0, 59]]),
         sure=np.array([0, 30, 59]),
         covariances=np.diag([0.04, 0.09, 1e-4]) * np.arange(1, 4)[:, None, None],
@@ -280,7 +281,7 @@ def test_a_map_of_many_points_is_thinned_evenly_and_says_so(tmp_path: Path) -> N
     write_report(tmp_path / "big.html", replace(a_report(), map_odometry=big, map_optimised=big))
     text = (tmp_path / "big.html").read_text(encoding="utf-8")
     assert len(text) < 15e6
-    shown = int(re.search(r"([\d,]+) of 800,000 points are shown", text)[1].replace(",", ""))
+    shown = int(re.search(r"([\d,]+) of 800,000 points of all maps are shown", text)[1].replace(",", ""))
     assert 0.8 * MOST_POINTS < shown <= MOST_POINTS
     scene = json.loads(re.search(r'id="scene">(.*?)</script>', text, re.DOTALL)[1])
     x = np.frombuffer(base64.b64decode(scene["layers"][0]["x"]["data"]), "<f4")
