@@ -83,8 +83,6 @@ def check_free(out: Path, *, force: bool, resume: bool = False, recording: Path 
     unfinished = (out / FOLDER).is_dir()
     if out.is_file() or (out.is_dir() and any(out.iterdir()) and not force and not (resume and unfinished)):
         how = "--resume to continue the unfinished run in it" if unfinished else "--force to replace it"
-        if resume:
-            raise OutputError(f"{out}: holds nothing unfinished to continue; leave --resume out and choose another --out")
         raise OutputError(f"{out}: exists already; choose another --out or give {how}")
     if recording is not None and recording.resolve().is_relative_to(out.resolve()):
         raise OutputError(f"{out}: holds the recording; choose another --out")

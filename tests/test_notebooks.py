@@ -41,7 +41,9 @@ def test_a_notebook_runs_top_to_bottom_and_finds_what_it_says(path: Path) -> Non
     NotebookClient(notebook, timeout=300, kernel_name="python3", resources={"metadata": {"path": path.parent}}).execute()
     outputs = [output for cell in notebook.cells if cell.cell_type == "code" for output in cell.outputs]
     assert sum("image/png" in output.get("data", {}) for output in outputs) >= 3
-    assert not [output for output in outputs if output.output_type == "stream" and output.name == "stderr"]
+    said = [output.text for output in outputs if output.output_type == "stream" and output.name == "stderr"]
+    lines = [line for text in said for line in text.splitlines()]
+    assert not [line for line in lines if "findfont" not in line and "font cache" not in line]  # the machine's fonts
 
 
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)

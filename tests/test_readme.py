@@ -95,8 +95,8 @@ def test_a_command_works_as_printed(place: Path, line: str) -> None:
     prepared(words)
     if words[0] == "view" or "--live" in words:
         pytest.skip("needs a display or Rerun: tests/viewer runs it with both")
-    if any(word.startswith("tcp://") for word in words):
-        pytest.skip("needs a cluster: tests/test_cluster.py starts one for it")
+    if "--cluster" in words:
+        pytest.skip("needs a cluster: tests/test_cluster.py and tests/cli/test_batch.py start one for it")
     shown = mqslam(*words)
     allowed = {0, 1} if "--fail-on" in words or words[0] in ("check", "batch") else {0}
     assert shown.code in allowed, shown.err
