@@ -25,6 +25,10 @@ _MOST_UNREAD = 0.5  # share of revolutions above which there is nothing to go on
 _LISTED = 3  # files that a report on unread revolutions names
 
 
+def silent(stage: str, done: int, total: int) -> None:
+    """Progress that nobody sees."""
+
+
 @dataclass(frozen=True, slots=True)
 class Detected:
     """What a stretch of revolutions holds and what that cost.

@@ -18,13 +18,13 @@ import numpy as np
 from mqslam.checkpoint import FOLDER
 from mqslam.config import dump_yaml
 from mqslam.errors import OutputError
+from mqslam.evenly import evenly
 from mqslam.files import write_text
 from mqslam.graph import PoseGraph, marginals
 from mqslam.gridmap import write_nav2_map
 from mqslam.measurement import RelativeMotion
 from mqslam.pointmap import write_ply
 from mqslam.report import Report, WindowScores, write_report
-from mqslam.report.explorer import spread
 from mqslam.slam import Run
 from mqslam.stream import RadarStream
 from mqslam.trajectory import write_tum
@@ -88,9 +88,22 @@ def check_free(out: Path, *, force: bool, resume: bool = False, recording: Path 
         raise OutputError(f"{out}: holds the recording; choose another --out")
     if recording is not None and recording.is_dir() and out.resolve().is_relative_to(recording.resolve()):
         raise OutputError(f"{out}: lies in the recording; choose another --out")
+    check_writable(out, "--out")
+
+
+def check_writable(out: Path, option: str) -> None:
+    """See that the folder nearest above what is to be made may be written to.
+
+    Args:
+        out: what is to be made.
+        option: what an error calls it.
+
+    Raises:
+        OutputError: it may not.
+    """
     above = next(folder for folder in out.absolute().parents if folder.exists())
     if not (above.is_dir() and os.access(above, os.W_OK)):
-        raise OutputError(f"{out}: cannot be made ({above} is no folder to write to); choose another --out")
+        raise OutputError(f"{out}: cannot be made ({above} is no folder to write to); choose another {option}")
 
 
 def write_run(
@@ -102,7 +115,7 @@ def write_run(
         OutputError: a file cannot be written.
     """
     settings = dump_yaml(run.config)
-    sure = spread(run.graph.size, _ELLIPSES)
+    sure = evenly(run.graph.size, _ELLIPSES)
     write_tum(folder / "trajectory.tum", run.optimised)
     write_tum(folder / "odometry.tum", run.odometry)
     write_text(folder / "measurements.csv", measurements_csv(run.measurements))

@@ -35,6 +35,10 @@ class Trajectory:
         """Length of the path [m]."""
         return float(np.hypot(*np.diff(self.poses[:, :2], axis=0).T).sum())
 
+    def seconds(self, start_us: int) -> NDArray[np.float64]:
+        """(N,) stamps [s] since another one [us]."""
+        return np.asarray((self.stamps_us - start_us) * 1e-6)
+
     def at(self, stamps_us: NDArray[np.int64]) -> se2.Array:
         """Poses (M, 3) at other stamps (M,) [us], along constant-twist arcs; the ends are continued."""
         start = self.stamps_us[0]

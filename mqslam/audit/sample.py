@@ -13,6 +13,7 @@ from mqslam.config import Config
 from mqslam.detection import Progress
 from mqslam.engine import Engine
 from mqslam.errors import EstimationError
+from mqslam.evenly import evenly
 from mqslam.returns import Window
 from mqslam.trajectory import Trajectory
 
@@ -36,9 +37,7 @@ def judged_sample(
     """
     size = config.audit.window
     begins = np.arange(0, len(windows) - size + 1, size)
-    if len(begins) > MOST:
-        begins = begins[np.linspace(0, len(begins) - 1, MOST).round().astype(np.int64)]
-
+    begins = begins[evenly(len(begins), MOST)]
 
     def done(number: int, window: WindowAudit | None) -> None:
         progress("check", number, len(begins))
@@ -47,9 +46,7 @@ def judged_sample(
     return [window for window in found if window is not None]
 
 
-def _judged(
-    shared: tuple[Sequence[Window], int, float, Trajectory, Config], begin: int
-) -> WindowAudit | None:
+def _judged(shared: tuple[Sequence[Window], int, float, Trajectory, Config], begin: int) -> WindowAudit | None:
     """The window that begins with a revolution; None without returns."""
     windows, start_us, period_s, trajectory, config = shared
     stretch = windows[begin : begin + config.audit.window]

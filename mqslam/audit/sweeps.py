@@ -83,7 +83,7 @@ def swept(
     returns = Returns.concatenate([w.returns for w in kept])
     if not len(returns):
         raise EstimationError(f"no returns in {len(kept)} sweeps; lower detector.threshold")
-    placed = place_along(returns, np.asarray((trajectory.stamps_us - start_us) * 1e-6), trajectory.poses, config)
+    placed = place_along(returns, trajectory.seconds(start_us), trajectory.poses, config)
     counts = np.array([len(w.returns) for w in kept])
     sweep = np.repeat(np.arange(len(kept)), counts)
     times = np.array([w.t0 for w in kept])

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from mqslam.batch.plan import Order
-from mqslam.detection import Progress
+from mqslam.detection import Progress, silent
 from mqslam.engine import DIED, Engine, LocalEngine
 from mqslam.errors import MqslamError, OutputError, said
 from mqslam.job import Job, execute, finished, job_of
@@ -84,7 +84,7 @@ def run_one(terms: Terms, order: Order) -> Outcome:
             return kept
         check_free(out, force=terms.force, resume=True, recording=order.data)
         job = _job(order)
-        summary, _ = execute(job, out, LocalEngine(terms.jobs), _silent, resume=not terms.force, how=AGAIN)
+        summary, _ = execute(job, out, LocalEngine(terms.jobs), silent, resume=not terms.force, how=AGAIN)
         return Outcome(summary)
     except Exception as error:  # a front end may be anyone's code, and the others are to go on
         return Outcome(failure=said(error))
@@ -111,7 +111,3 @@ def _seen(out: Path, outcome: Outcome) -> Outcome:
     if outcome.summary is None or (out / "summary.json").is_file():
         return outcome
     return Outcome(failure=said(OutputError(f"{out}: is not there on this machine; give an --out that all machines share")))
-
-
-def _silent(stage: str, done: int, total: int) -> None:
-    pass

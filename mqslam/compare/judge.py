@@ -18,6 +18,7 @@ from mqslam.detection import Progress
 from mqslam.engine import Engine
 from mqslam.errors import EstimationError
 from mqslam.evaluation import Evaluation, evaluate
+from mqslam.evenly import evenly
 from mqslam.pointmap import PointMap, thinned
 from mqslam.render import render
 from mqslam.returns import Window
@@ -120,7 +121,7 @@ def places(windows: Sequence[Window], start_us: int, tracks: Sequence[Trajectory
 def stations(windows: Sequence[Window], size: int) -> list[Place]:
     """Places evenly spread along the way, whatever the rows make of them."""
     begins = np.arange(0, len(windows) - size + 1, size)
-    chosen = begins[np.unique(np.linspace(0, len(begins) - 1, STATIONS).round().astype(np.int64))] if len(begins) else begins
+    chosen = begins[evenly(len(begins), STATIONS)]
     return [Place(k, k + size, windows[k].t0, windows[k + size - 1].t1, 0.0) for k in chosen.tolist()]
 
 

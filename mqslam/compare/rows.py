@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mqslam import frontend as frontends
-from mqslam.detection import Progress
+from mqslam.detection import Progress, silent
 from mqslam.engine import DIED, Engine, LocalEngine
 from mqslam.errors import said
 from mqslam.frontend import Context
@@ -106,7 +106,7 @@ def run_front_end(returned: Returned, named: tuple[str, Context]) -> Row:
                 name, None, chained, chained, tuple(measurements), measure_s=time.perf_counter() - begin,
                 back_end_s=0.0, peak_rss_mb=_peak_mb(),
             )  # fmt: skip
-        slam = Slam(context.config, name, LocalEngine(returned.jobs), lambda stage, done, total: None)
+        slam = Slam(context.config, name, LocalEngine(returned.jobs), silent)
         found = slam.solve(returned.windows, context, returned.stamps_us)
         spent = slam.runtime_s
         return Row(

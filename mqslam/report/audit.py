@@ -33,7 +33,7 @@ from mqslam.report.page import (
     verdict_badge,
     warning_box,
 )
-from mqslam.report.spots import direction, length, three, worst_spots
+from mqslam.report.spots import direction, length, of_window, rank, three, worst_spots
 
 __all__ = ["AuditReport", "Crop", "crops", "heat_map", "write_audit_report"]
 
@@ -89,7 +89,7 @@ def _tiles(audit: Audit) -> str:
     values = []
     if windows:
         middle = float(np.median([w.bend.inflation for w in windows]))
-        worst = max(windows, key=lambda w: (w.torn, w.bend.size_m if w.torn else w.bend.inflation)).bend.size_m
+        worst = max(map(of_window, windows), key=rank).off_m
         values += [
             (f"{100.0 * torn / len(windows):.1f} %", f"of windows torn: {torn:,} of {len(windows):,}"),
             (three(middle), f"median inflation of a window, {EXPECTED:.2f} expected of a map that is right"),

@@ -7,11 +7,12 @@ import numpy as np
 from mqslam.audit.judge import Audit, WindowAudit
 from mqslam.audit.settings import AuditConfig
 from mqslam.audit.sweeps import Sweeps
+from mqslam.evenly import evenly
 from mqslam.report.canvas import BLUE, RED
 from mqslam.report.crops import crop_of
-from mqslam.report.explorer import Chart, Curve, Explorer, Layer, Lines, Place, View, parted, shades, spread
+from mqslam.report.explorer import Chart, Curve, Explorer, Layer, Lines, Place, View, parted, shades
 from mqslam.report.run_explorer import inflation_chart, torn_means
-from mqslam.report.spots import Spot, of_revisit, of_window
+from mqslam.report.spots import Spot, of_revisit, of_window, rank
 
 _MOST_WINDOWS, _MOST_REVISITS = 120, 40  # that can be clicked
 
@@ -24,13 +25,12 @@ def audit_explorer(sweeps: Sweeps, audit: Audit, settings: AuditConfig) -> Explo
         audit: what came of it.
         settings: it was judged by.
     """
-    period = sweeps.period_s
-    times = sweeps.times[0] + (sweeps.turns - sweeps.numbers[0]) * period
+    times = sweeps.times[0] + (sweeps.turns - sweeps.numbers[0]) * sweeps.period_s
     layer = Layer("trajectory", BLUE, sweeps.times, sweeps.poses[:, :2], sweeps.points, {"time": times})
     spots = _spots(sweeps, audit)
     torn = [sweeps.poses[[r.revisit.earlier, r.revisit.later], :2] for r in audit.revisits if r.torn]
     lines = (Lines(f"torn revisits ({len(torn)})", RED, parted(torn), 2.0),) if torn else ()
-    worst = max(range(len(spots)), key=lambda k: _rank(spots[k]), default=0)
+    worst = max(range(len(spots)), key=lambda k: rank(spots[k]), default=0)
     return Explorer(
         layers=(layer,),
         charts=_charts(sweeps, audit, settings),
@@ -46,16 +46,11 @@ def _spots(sweeps: Sweeps, audit: Audit) -> list[Spot]:
     """Windows, the torn ones first and then evenly spread, and revisits that are torn, in the order of time."""
     torn = [w for w in audit.windows if w.torn][:_MOST_WINDOWS]
     fine = [w for w in audit.windows if not w.torn]
-    fine = [fine[k] for k in spread(len(fine), _MOST_WINDOWS - len(torn))] if len(torn) < _MOST_WINDOWS else []
+    fine = [fine[k] for k in evenly(len(fine), _MOST_WINDOWS - len(torn))]
     off = [r for r in audit.revisits if r.torn]
-    off = [off[k] for k in spread(len(off), _MOST_REVISITS)]
+    off = [off[k] for k in evenly(len(off), _MOST_REVISITS)]
     spots = [of_window(w) for w in [*torn, *fine]] + [of_revisit(sweeps, r) for r in off]
     return sorted(spots, key=lambda spot: spot.t1)
-
-
-def _rank(spot: Spot) -> tuple[bool, float]:
-    """Torn places by how far they are off, then the others by inflation: what is not observed may be off by far."""
-    return spot.torn, spot.off_m if spot.torn else spot.inflation
 
 
 def _place(sweeps: Sweeps, spot: Spot, settings: AuditConfig) -> Place:

@@ -36,7 +36,7 @@ def compare_explorer(
     colours = [look(k)["color"] for k in range(len(rows))]
     layers: list[Layer] = []
     for row, track, motion, colour in zip(rows, tracks, motions, colours, strict=True):
-        times = np.asarray((track.stamps_us - start_us) * 1e-6)
+        times = track.seconds(start_us)
         values = {"time": row.map.times, "psi": row.map.psi, "intensity": row.map.intensities}
         points = se2.transform(motion, row.map.points)
         path = se2.compose(motion, track.poses)[:, :2]

@@ -60,7 +60,7 @@
   const middle = (place) => 0.5 * (place.t0 + place.t1);
   const spots = scene.places.map((place) => whereAt(main, middle(place)));
   if (spots.length) traces.push({
-    type: "scattergl", mode: "markers", name: scene.places_name, x: spots.map((p) => p[0]), y: spots.map((p) => p[1]),
+    type: "scattergl", mode: "markers", name: "places to click", x: spots.map((p) => p[0]), y: spots.map((p) => p[1]),
     customdata: scene.places.map(middle), text: scene.places.map((place) => plain(place.title)), hovertemplate: "%{text}<extra></extra>",
     marker: {
       size: 7, color: scene.places.map((place) => (place.torn ? scene.colours.torn : scene.colours.fine)),

@@ -9,7 +9,7 @@ from __future__ import annotations
 import base64
 import json
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cache
 from importlib import resources
 from typing import Any, Final
@@ -17,6 +17,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from mqslam.evenly import evenly
 from mqslam.pointmap import thinned
 from mqslam.report.canvas import BLUE, MAP_SHAPE, ORANGE, OUTERMOST, RED, common_view
 from mqslam.report.page import note
@@ -136,7 +137,7 @@ class Explorer:
     lines: tuple[Lines, ...] = ()
     groups: tuple[str, ...] = ()
     first: int = 0
-    explained: str = field(default="")
+    explained: str = ""
 
 
 def explorer(shown: Explorer, still: str) -> str:
@@ -164,11 +165,6 @@ def explorer(shown: Explorer, still: str) -> str:
 <script type="application/json" id="scene">{scene}</script>
 <script>{_plotly()}</script>
 <script>{resources.files("mqslam.report").joinpath("explorer.js").read_text(encoding="utf-8")}</script>"""
-
-
-def spread(count: int, most: int) -> NDArray[np.int64]:
-    """At most `most` of the numbers 0..count - 1, evenly spread."""
-    return np.unique(np.linspace(0, count - 1, min(count, most)).round().astype(np.int64)) if count else np.arange(0)
 
 
 def shades(count: int) -> tuple[str, ...]:
@@ -216,7 +212,6 @@ def _scene(shown: Explorer, kept: Sequence[NDArray[np.int64]], names: Sequence[s
             for chart in shown.charts
         ],
         "places": places,
-        "places_name": "places to click",
         "crops": crops,
         "groups": list(shown.groups),
         "first": shown.first,
@@ -237,7 +232,7 @@ def _layer(layer: Layer, chosen: NDArray[np.int64], spans: dict[str, tuple[float
         "path_x": _floats(layer.path[:, 0]),
         "path_y": _floats(layer.path[:, 1]),
         **_xy(layer.points[chosen]),
-        "values": {name: _codes(layer.values[name][chosen], span, np.uint8) for name, span in spans.items()},
+        "values": {name: _shares(layer.values[name][chosen], span) for name, span in spans.items()},
     }
 
 
@@ -258,15 +253,14 @@ def _places(places: Sequence[Place]) -> tuple[list[dict[str, Any]], dict[str, An
         for view in place.views:
             spans = []
             for group in view.groups:
-                parts.append(group[spread(len(group), int(len(group) / least_of))])
+                parts.append(group[evenly(len(group), int(len(group) / least_of))])
                 spans.append([begin, begin + len(parts[-1])])
                 begin = spans[-1][1]
             views.append({"name": view.name, "groups": spans, "colours": view.colours})
         about = {"t0": place.t0, "t1": place.t1, "title": place.title, "text": place.text, "torn": place.torn}
         listed.append({**about, "views": views})
     points = np.concatenate(parts) if parts else np.empty((0, 2))
-    reach = 32_000 * _CROP_STEP_M
-    return listed, _codes(np.clip(points, -reach, reach).reshape(-1), (-reach, reach), np.int16)
+    return listed, _centimetres(points)
 
 
 def _span(values: Sequence[Values]) -> tuple[float, float]:
@@ -285,12 +279,16 @@ def _floats(values: ArrayLike) -> dict[str, Any]:
     return _encoded(np.asarray(values, dtype="<f4"), "f4", 0.0, 1.0)
 
 
-def _codes(values: Values, span: tuple[float, float], kind: type[np.uint8] | type[np.int16]) -> dict[str, Any]:
-    """Values within a span as small integers, each a step of the span."""
-    if kind is np.int16:
-        return _encoded(np.round(values / _CROP_STEP_M).astype("<i2"), "i2", 0.0, _CROP_STEP_M)
+def _shares(values: Values, span: tuple[float, float]) -> dict[str, Any]:
+    """Values as bytes, each a step of a span; what lies beyond is at its end."""
     step = (span[1] - span[0]) / 255.0
     return _encoded(np.clip(np.round((values - span[0]) / step), 0, 255).astype(np.uint8), "u1", span[0], step)
+
+
+def _centimetres(points: Points) -> dict[str, Any]:
+    """Points near their origin as x, y, x, y, ... in 16 bits each."""
+    codes = np.clip(np.round(points.reshape(-1) / _CROP_STEP_M), -32_000, 32_000).astype("<i2")
+    return _encoded(codes, "i2", 0.0, _CROP_STEP_M)
 
 
 def _encoded(codes: NDArray[Any], dtype: str, low: float, step: float) -> dict[str, Any]:

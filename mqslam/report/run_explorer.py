@@ -54,11 +54,8 @@ def run_explorer(report: Report, truth: Trajectory | None) -> Explorer:
 def _layer(name: str, colour: str, track: Trajectory, pointmap: PointMap, *, shown: bool) -> Layer:
     values = {"time": pointmap.times, "psi": pointmap.psi, "intensity": pointmap.intensities}
     ink = None if shown else colour
-    return Layer(name, colour, _seconds(track), track.poses[:, :2], pointmap.points, values, shown, ink)
-
-
-def _seconds(track: Trajectory) -> NDArray[np.float64]:
-    return np.asarray((track.stamps_us - track.stamps_us[0]) * 1e-6)
+    seconds = track.seconds(int(track.stamps_us[0]))
+    return Layer(name, colour, seconds, track.poses[:, :2], pointmap.points, values, shown, ink)
 
 
 def _loops(report: Report) -> Lines:

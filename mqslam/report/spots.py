@@ -76,15 +76,19 @@ class Spot:
 
 def worst_spots(sweeps: Sweeps, audit: Audit, count: int = WORST) -> tuple[Spot, ...]:
     """The torn windows and revisits that are off the most, then the windows of the largest inflation, well apart."""
-    torn = [of_revisit(sweeps, r) for r in audit.revisits if r.torn] + [of_window(w) for w in audit.windows if w.torn]
-    rest = [of_window(w) for w in audit.windows if not w.torn]
+    spots = [of_revisit(sweeps, r) for r in audit.revisits if r.torn] + [of_window(w) for w in audit.windows]
     chosen: list[Spot] = []
-    for spot in [*sorted(torn, key=_off, reverse=True), *sorted(rest, key=_inflation, reverse=True)]:
+    for spot in sorted(spots, key=rank, reverse=True):
         if len(chosen) == count:
             break
         if all(_apart(sweeps, spot, other) for other in chosen):
             chosen.append(spot)
     return tuple(chosen)
+
+
+def rank(spot: Spot) -> tuple[bool, float]:
+    """Torn places by how far they are off, then the others by inflation: what is not observed may be off by far."""
+    return spot.torn, spot.off_m if spot.torn else spot.inflation
 
 
 def direction(motion: Iterable[float]) -> str:
@@ -125,14 +129,6 @@ def of_revisit(sweeps: Sweeps, found: RevisitAudit) -> Spot:
     t0, t1 = float(sweeps.times[revisit.earlier]), float(sweeps.times[revisit.later])
     pose = sweeps.poses[revisit.later]
     return Spot(found, t0, t1, pose, revisit.later, revisit.distance_m, revisit.offset, revisit.inflation, found.torn)
-
-
-def _off(spot: Spot) -> float:
-    return spot.off_m
-
-
-def _inflation(spot: Spot) -> float:
-    return spot.inflation
 
 
 def _apart(sweeps: Sweeps, a: Spot, b: Spot) -> bool:

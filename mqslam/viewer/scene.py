@@ -36,8 +36,7 @@ class Scene:
     @property
     def start_times(self) -> NDArray[np.float64]:
         """(K,) start of every revolution [s] since the recording's start."""
-        stamps = self.trajectory.stamps_us
-        return np.asarray((stamps - stamps[0]) * 1e-6)
+        return self.trajectory.seconds(int(self.trajectory.stamps_us[0]))
 
 
 def read_scene(run: Path) -> Scene:

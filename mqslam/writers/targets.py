@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import difflib
-import os
 from dataclasses import dataclass
 from pathlib import Path
 
 from mqslam.errors import ConfigError, OutputError
-from mqslam.outputs import check_free
+from mqslam.outputs import check_free, check_writable
 from mqslam.writers.bags import KINDS
 
 
@@ -93,6 +92,4 @@ def check_target(out: Path, target: Target, *, force: bool, recording: Path) -> 
         raise OutputError(f"{out}: exists already; {how}")
     if out.resolve() == recording.resolve():
         raise OutputError(f"{out}: is the recording itself; choose another output")
-    above = next(folder for folder in out.absolute().parents if folder.exists())
-    if not (above.is_dir() and os.access(above, os.W_OK)):
-        raise OutputError(f"{out}: cannot be made ({above} is no folder to write to); choose another output")
+    check_writable(out, "output")

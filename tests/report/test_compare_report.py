@@ -70,7 +70,6 @@ def written(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_the_page_needs_nothing_from_outside(written: Path) -> None:
     assert_alone(written)
-    assert page_of(written).addresses
 
 
 def test_what_is_written_by_others_is_escaped(written: Path) -> None:

@@ -114,7 +114,6 @@ def written(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_the_page_needs_nothing_from_outside(written: Path) -> None:
     assert_alone(written)
-    assert page_of(written).addresses
 
 
 def test_both_maps_and_all_curves_are_pictures_of_one_size_each(written: Path) -> None:
