@@ -6,7 +6,7 @@ import gtsam
 import numpy as np
 from numpy.typing import NDArray
 
-from mqslam import se2
+from mqslam.core import se2
 
 
 def between_noise(

@@ -8,10 +8,10 @@ import gtsam
 import numpy as np
 from numpy.typing import NDArray
 
-from mqslam import se2
 from mqslam.config import GraphConfig
+from mqslam.core import se2
+from mqslam.core.measurement import RelativeMotion
 from mqslam.factors.noise import between_noise
-from mqslam.measurement import RelativeMotion
 
 
 def odometry_between(a: int, b: int, motion: RelativeMotion, config: GraphConfig) -> gtsam.BetweenFactorPose2:

@@ -5,8 +5,8 @@ from __future__ import annotations
 import gtsam
 
 from mqslam.config import GraphConfig
+from mqslam.core.measurement import RelativeMotion, Status
 from mqslam.factors.noise import between_noise
-from mqslam.measurement import RelativeMotion, Status
 
 
 def psi_between(a: int, b: int, motion: RelativeMotion, config: GraphConfig) -> gtsam.BetweenFactorPose2:

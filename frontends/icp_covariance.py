@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from mqslam import se2
+from mqslam.core import se2
 
 _NEIGHBOURS = 10  # map points that show how the surface around the nearest one runs
 _FLATTEST = 0.01  # least variance across a surface over that along it

@@ -11,14 +11,14 @@ import yaml
 from numpy.typing import NDArray
 from pydantic import ValidationError
 
-from mqslam import se2
 from mqslam.config import KissIcpConfig
+from mqslam.core import se2
+from mqslam.core.frontend import Context
+from mqslam.core.measurement import RelativeMotion
+from mqslam.core.scans import Window
 from mqslam.errors import ConfigError
-from mqslam.frontend import Context
 from mqslam.frontends.icp_covariance import Surface
 from mqslam.frontends.scan_matching import FEWEST, Match, in_space, matrix_of, motions, pose_of
-from mqslam.measurement import RelativeMotion
-from mqslam.returns import Window
 
 INFLATION = 86.0  # variance of a pose over s^2 H^-1; makes mean NEES/3 one on kaist01, and 0.88 on kaist02
 _FAR_M = 1e6  # beyond every range KISS-ICP keeps

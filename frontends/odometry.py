@@ -6,11 +6,11 @@ from collections.abc import Iterable, Iterator
 
 import numpy as np
 
-from mqslam import se2
+from mqslam.core import se2
+from mqslam.core.frontend import Context
+from mqslam.core.measurement import RelativeMotion
+from mqslam.core.scans import Window
 from mqslam.errors import EstimationError
-from mqslam.frontend import Context
-from mqslam.measurement import RelativeMotion
-from mqslam.returns import Window
 
 # what a wheel odometry of which nothing is known is taken to be worth; the graph estimates better where it can
 SIGMA_TRAVEL = 0.05  # standard deviation of travel, per metre

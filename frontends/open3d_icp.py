@@ -9,14 +9,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mqslam import se2
 from mqslam.config import Open3dIcpConfig
+from mqslam.core import se2
+from mqslam.core.frontend import Context
+from mqslam.core.measurement import RelativeMotion
+from mqslam.core.scans import Window
 from mqslam.errors import ConfigError
-from mqslam.frontend import Context
 from mqslam.frontends.icp_covariance import Surface
 from mqslam.frontends.scan_matching import FEWEST, Match, in_space, matrix_of, motions, pose_of
-from mqslam.measurement import RelativeMotion
-from mqslam.returns import Window
 
 INFLATION = 35.0  # variance of a pose over s^2 H^-1; makes mean NEES/3 one on kaist01, and 0.85 on kaist02
 _FIRST_PASS = 3.0  # its reach over that of the last pass

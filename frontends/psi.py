@@ -9,13 +9,13 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from mqslam import se2
+from mqslam.core import se2
+from mqslam.core.frontend import Context
+from mqslam.core.measurement import RelativeMotion, Status
+from mqslam.core.scans import Window
 from mqslam.errors import EstimationError
-from mqslam.frontend import Context
-from mqslam.measurement import RelativeMotion, Status
-from mqslam.psi.tracker import START_REVOLUTIONS, Tracked, Tracker
-from mqslam.psi.unsteadiness import Unsteadiness
-from mqslam.returns import Window
+from mqslam.psi.tracking.tracker import START_REVOLUTIONS, Tracked, Tracker
+from mqslam.psi.tracking.unsteadiness import Unsteadiness
 
 
 class PsiFrontEnd:

@@ -10,12 +10,12 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from mqslam import se2
+from mqslam.core import se2
+from mqslam.core.frontend import Context
+from mqslam.core.measurement import RelativeMotion, Status
+from mqslam.core.motion import LONGEST_COAST_S
+from mqslam.core.scans import Window
 from mqslam.errors import EstimationError
-from mqslam.frontend import Context
-from mqslam.measurement import RelativeMotion, Status
-from mqslam.motion import LONGEST_COAST_S
-from mqslam.returns import Window
 
 FEWEST = 20  # correspondences below which a scan matches nothing
 _FEWEST_RETURNS = 20  # of the start, below which it holds nothing to match

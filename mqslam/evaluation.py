@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mqslam import se2
-from mqslam.trajectory import Trajectory
+from mqslam.core import se2
+from mqslam.core.trajectory import Trajectory
 
 _SEGMENT_LENGTHS_M = np.arange(100.0, 801.0, 100.0)
 _SEGMENT_START_STEP = 4

@@ -16,29 +16,29 @@ import numpy as np
 from gtsam.symbol_shorthand import X
 from numpy.typing import NDArray
 
-from mqslam import frontend as frontends
-from mqslam import se2
 from mqslam.audit.judge import WindowAudit
 from mqslam.audit.sample import judged_sample
-from mqslam.checkpoint import Checkpoint
+from mqslam.backend.loops.search import Loop, find_loops, kept_by_map
+from mqslam.backend.loops.submap import Drive
+from mqslam.backend.pose_graph import PoseGraph, chain, optimise, pose_graph, poses_of
 from mqslam.config import Config
-from mqslam.detection import Progress, detect_all
-from mqslam.engine import Engine
+from mqslam.core import frontend as frontends
+from mqslam.core import se2
+from mqslam.core.frontend import Context
+from mqslam.core.measurement import RelativeMotion
+from mqslam.core.point_map import PointMap
+from mqslam.core.recording import RadarStream
+from mqslam.core.scans import Window
+from mqslam.core.trajectory import Trajectory
+from mqslam.detection.stage import Progress, detect_all
 from mqslam.errors import DataError
+from mqslam.execution.checkpoint import Checkpoint
+from mqslam.execution.engine import Engine
 from mqslam.factors.loop_between import loop_between
 from mqslam.factors.odometry_between import odometry_between, odometry_covariance
 from mqslam.factors.psi_between import psi_between
-from mqslam.frontend import Context
-from mqslam.graph import PoseGraph, chain, optimise, pose_graph, poses_of
-from mqslam.loops.search import Loop, find_loops, kept_by_map
-from mqslam.loops.submap import Drive
-from mqslam.measurement import RelativeMotion
-from mqslam.pointmap import PointMap
-from mqslam.psi.doppler import with_doppler
-from mqslam.render import place_along, render
-from mqslam.returns import Window
-from mqslam.stream import RadarStream
-from mqslam.trajectory import Trajectory
+from mqslam.mapping.render import place_along, render
+from mqslam.psi.tracking.doppler import with_doppler
 
 Watch = Callable[[Window, se2.Array, NDArray[np.float64]], None]  # a window, its pose (3,) and points (N, 2) [m]
 

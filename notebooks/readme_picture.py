@@ -8,12 +8,12 @@ from pathlib import Path
 import matplotlib.pyplot as plt
 
 from mqslam.config import load_config
-from mqslam.engine import LocalEngine
-from mqslam.pointmap import PointMap
-from mqslam.readers import open_recording
+from mqslam.core.point_map import PointMap
+from mqslam.core.trajectory import Trajectory
+from mqslam.execution.engine import LocalEngine
+from mqslam.formats.recordings import open_recording
 from mqslam.simulator import simulate
 from mqslam.slam import Slam
-from mqslam.trajectory import Trajectory
 
 
 def draw(axes: plt.Axes, title: str, pointmap: PointMap, track: Trajectory, colour: str) -> None:

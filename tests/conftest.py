@@ -6,10 +6,10 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from clusters import Cluster, cluster
-from recordings import write_oxford
+from support.clusters import Cluster, cluster
+from support.recordings import write_oxford
 
-from mqslam import detection
+from mqslam.detection import stage as detection
 from mqslam.simulator import simulate
 
 
@@ -23,7 +23,7 @@ def oxford(tmp_path: Path) -> Path:
 def crew(tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPatch) -> Iterator[Cluster]:
     """A scheduler and two workers; stretches so short that both have work for a while, and no patience."""
     monkeypatch.setattr(detection, "_CHUNK", 4)
-    monkeypatch.setattr("mqslam.cluster._LOOK_S", 1.0)
+    monkeypatch.setattr("mqslam.execution.cluster._LOOK_S", 1.0)
     with cluster(tmp_path_factory.mktemp("crew") / "dask") as found:
         yield found
 

@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mqslam import se2
+from mqslam.core import se2
+from mqslam.core.trajectory import Trajectory, write_tum
 from mqslam.evaluation import alignment, evaluate
-from mqslam.trajectory import Trajectory, write_tum
 
 JUDGE = Path(__file__).resolve().parents[2] / "shared" / "tools" / "score_run.py"
 PERIOD_US = 250_000

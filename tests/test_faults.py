@@ -21,24 +21,26 @@ from typing import Any
 
 import numpy as np
 import pytest
-from clusters import Cluster, at
-from commands import INSTALLED, Result, contents, mqslam, processes
-from layouts import left_turn, write_radiate
 from PIL import Image
-from recordings import START_US, TURN_US, bag_path, raw_rows, with_metadata, write_bag, write_oxford, write_png
+from support.clusters import Cluster, at
+from support.commands import INSTALLED, Result, contents, mqslam, processes
+from support.layouts import left_turn, write_radiate
+from support.recordings import START_US, TURN_US, bag_path, raw_rows, with_metadata, write_bag, write_oxford, write_png
 
-from mqslam import detection, engine, se2
-from mqslam.checkpoint import FOLDER
 from mqslam.cli import main
 from mqslam.config import Config
-from mqslam.detection import detect_all
-from mqslam.engine import HERE, LocalEngine
+from mqslam.core import se2
+from mqslam.core.recording import RadarStream
+from mqslam.core.trajectory import read_tum
+from mqslam.detection import stage as detection
+from mqslam.detection.stage import detect_all
 from mqslam.errors import DataError
-from mqslam.readers import FORMATS, open_recording
+from mqslam.execution import engine
+from mqslam.execution.checkpoint import FOLDER
+from mqslam.execution.engine import HERE, LocalEngine
+from mqslam.formats.recordings import FORMATS, open_recording
+from mqslam.formats.writing import oxford as writer
 from mqslam.simulator import SensorModel, SimulatedStream, loop_drive, simulated_stream, street_scene
-from mqslam.stream import RadarStream
-from mqslam.trajectory import read_tum
-from mqslam.writers import oxford as writer
 
 README = Path(__file__).parents[1] / "README.md"
 QUICK = ("--odometry", "none", "--jobs", "1")
@@ -207,7 +209,7 @@ def test_stamps_that_repeat_or_run_backward(drive: Path, tmp_path: Path) -> None
 
 def write_stray(folder: Path, stream: RadarStream) -> Path:
     """A bag whose fifth message is stamped an hour too late."""
-    from recordings import bag_writer
+    from support.recordings import bag_writer
 
     with bag_writer(folder / "drive.bag", "ros1") as bag:
         radar = bag.topic("/Navtech/Polar", "sensor_msgs/msg/Image")
@@ -269,7 +271,7 @@ def write_truth(folder: Path, stream: RadarStream) -> Path:
 @pytest.mark.parametrize("kind", ["bag", "mcap", "npz", "odometry", "settings"])
 def test_a_file_cut_short(drive: Path, tmp_path: Path, kind: str) -> None:
     if kind == "npz":
-        from mqslam.readers.native import write_native
+        from mqslam.formats.recordings.native import write_native
 
         file = tmp_path / "drive.npz"
         write_native(file, open_recording(drive))
@@ -565,7 +567,7 @@ def test_a_pickle(drive: Path, tmp_path: Path) -> None:
 
 def test_bytes_that_are_damaged_anywhere() -> None:
     """Every reader is fuzzed: `tests/fuzz`, ten thousand inputs each by `MQSLAM_FUZZ=10000`."""
-    from fuzz.subjects import SUBJECTS
+    from support.subjects import SUBJECTS
 
     assert set(FORMATS) <= {"rosbag" if name in ("ros1 bag", "mcap") else name.split()[0] for name in SUBJECTS}
 

@@ -16,14 +16,14 @@ from typing import Any
 
 import numpy as np
 import pytest
-from commands import mqslam
-from drives import street_drive
+from support.commands import mqslam
+from support.drives import street_drive
 
+from mqslam.backend.pose_graph import chain
 from mqslam.config import Config
-from mqslam.frontend import Context
-from mqslam.graph import chain
+from mqslam.core.frontend import Context
+from mqslam.core.trajectory import write_kitti, write_tum
 from mqslam.simulator import simulate
-from mqslam.trajectory import write_kitti, write_tum
 
 ROOT = Path(__file__).parents[1]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
@@ -96,7 +96,7 @@ def test_a_command_works_as_printed(place: Path, line: str) -> None:
     if words[0] == "view" or "--live" in words:
         pytest.skip("needs a display or Rerun: tests/viewer runs it with both")
     if "--cluster" in words:
-        pytest.skip("needs a cluster: tests/test_cluster.py and tests/cli/test_batch.py start one for it")
+        pytest.skip("needs a cluster: tests/execution/test_cluster.py and tests/cli/test_batch.py start one for it")
     shown = mqslam(*words)
     allowed = {0, 1} if "--fail-on" in words or words[0] in ("check", "batch") else {0}
     assert shown.code in allowed, shown.err

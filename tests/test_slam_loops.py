@@ -7,15 +7,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mqslam import se2
-from mqslam.checkpoint import FOLDER, Checkpoint
 from mqslam.config import Config, LoopConfig, SensorConfig
-from mqslam.engine import LocalEngine
+from mqslam.core import se2
 from mqslam.evaluation import evaluate
-from mqslam.outputs import g2o
+from mqslam.execution.checkpoint import FOLDER, Checkpoint
+from mqslam.execution.engine import LocalEngine
+from mqslam.results.run_results import g2o
+from mqslam.results.summary import summarise
 from mqslam.simulator import SensorModel, SimulatedStream, loop_drive, simulated_stream, street_scene
 from mqslam.slam import Run, Slam
-from mqslam.summary import summarise
 
 CONFIG = Config(sensor=SensorConfig(doppler_beta=0.0))
 SENSOR = SensorModel(azimuths=200, range_resolution=0.175, max_range=80.0)

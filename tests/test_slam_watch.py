@@ -5,14 +5,14 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-from drives import constant, drive
 from numpy.typing import NDArray
+from support.drives import constant, drive
 
-from mqslam.checkpoint import Checkpoint
 from mqslam.config import Config
-from mqslam.engine import HERE
-from mqslam.render import place_along
-from mqslam.returns import Window
+from mqslam.core.scans import Window
+from mqslam.execution.checkpoint import Checkpoint
+from mqslam.execution.engine import HERE
+from mqslam.mapping.render import place_along
 from mqslam.simulator import street_scene
 from mqslam.slam import Run, Slam
 

@@ -13,9 +13,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mqslam import se2
 from mqslam.audit.sweeps import Sweeps
 from mqslam.config import Config
+from mqslam.core import se2
 from mqslam.psi.covariance import sandwich_by_differences
 from mqslam.psi.estimator import Evaluation, Scale
 from mqslam.psi.minimiser import EstimatorConfig, Minimum, Prior, minimise, score_itself

@@ -7,15 +7,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mqslam import se2
 from mqslam.audit.inflation import Bend, bend
 from mqslam.audit.measures import Measures, measures, sensors_of
 from mqslam.audit.revisits import Revisit, revisit, revisit_pairs
-from mqslam.audit.settings import AuditConfig
 from mqslam.audit.sweeps import Sweeps
 from mqslam.config import Config
-from mqslam.detection import Progress
-from mqslam.engine import Engine
+from mqslam.config.audit import AuditConfig
+from mqslam.core import se2
+from mqslam.detection.stage import Progress
+from mqslam.execution.engine import Engine
 
 WARN_WINDOWS, FAIL_WINDOWS = 0.05, 0.2  # shares of windows that are torn
 WARN_REVISITS, FAIL_REVISITS = 0.02, 0.1  # shares of revisits that are torn

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from mqslam import se2
+from mqslam.core import se2
 
 _FEWEST = 5  # points a neighbourhood must hold to have a shape
 _LEAST_M2 = 1e-6  # added to variances, so that points on one spot have a finite entropy [m^2]

@@ -7,13 +7,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mqslam import se2
-from mqslam.audit.settings import AuditConfig
 from mqslam.audit.sweeps import Sweeps
+from mqslam.backend.loops.align import align, cross_score
+from mqslam.backend.loops.passes import pairs_of_passes, reach, unrivalled
+from mqslam.backend.loops.submap import around
 from mqslam.config import Config
-from mqslam.loops.align import align, cross_score
-from mqslam.loops.passes import pairs_of_passes, reach, unrivalled
-from mqslam.loops.submap import around
+from mqslam.config.audit import AuditConfig
+from mqslam.core import se2
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,12 +10,12 @@ import numpy as np
 from mqslam.audit.judge import WindowAudit, audit_window
 from mqslam.audit.sweeps import swept
 from mqslam.config import Config
-from mqslam.detection import Progress
-from mqslam.engine import Engine
+from mqslam.core.evenly import evenly
+from mqslam.core.scans import Window
+from mqslam.core.trajectory import Trajectory
+from mqslam.detection.stage import Progress
 from mqslam.errors import EstimationError
-from mqslam.evenly import evenly
-from mqslam.returns import Window
-from mqslam.trajectory import Trajectory
+from mqslam.execution.engine import Engine
 
 MOST = 100  # windows of a run that are judged
 

@@ -11,12 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mqslam.audit.sweeps import Sweeps, path_length, swept
-from mqslam.cloud import TimedCloud
 from mqslam.config import Config
+from mqslam.core.lidar import LidarRecording
+from mqslam.core.scans import Window
+from mqslam.core.timed_cloud import TimedCloud
+from mqslam.core.trajectory import Trajectory
 from mqslam.errors import DataError
-from mqslam.lidar import LidarRecording
-from mqslam.returns import Window
-from mqslam.trajectory import Trajectory
 
 LIDAR_CONFIG = "lidar"  # the shipped settings for everything that is not a radar's
 CLOUDS = (".ply", ".pcd", ".las", ".laz", ".npz")

@@ -8,13 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mqslam import se2
 from mqslam.config import Config
+from mqslam.core import se2
+from mqslam.core.scans import Returns, Window
+from mqslam.core.trajectory import Trajectory
 from mqslam.errors import EstimationError
+from mqslam.mapping.render import place_along
 from mqslam.psi.place import PointSet, turned
-from mqslam.render import place_along
-from mqslam.returns import Returns, Window
-from mqslam.trajectory import Trajectory
 
 _LONGEST_SWEEP = 1.5  # usual ones
 

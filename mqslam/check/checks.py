@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from mqslam.check.finding import Finding
-from mqslam.check.motion import check_mirror, check_order, check_scale, check_stamp, follow
+from mqslam.check.motion_checks import check_mirror, check_order, check_scale, check_stamp, follow
 from mqslam.check.stretches import read_stretches
 from mqslam.check.sweeping import check_azimuths, check_stamps
 from mqslam.config import Config
-from mqslam.stream import RadarStream
-from mqslam.trajectory import Trajectory
+from mqslam.core.recording import RadarStream
+from mqslam.core.trajectory import Trajectory
 
 
 def check_recording(

@@ -7,14 +7,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mqslam.artefacts import drop_fixed
 from mqslam.config import Config
-from mqslam.detection import revolutions_or_errors
-from mqslam.detector import detect
+from mqslam.core.recording import RadarStream, Revolution
+from mqslam.core.scans import Returns, Window
+from mqslam.core.trajectory import Trajectory
+from mqslam.detection.artefacts import drop_fixed
+from mqslam.detection.detector import detect
+from mqslam.detection.stage import revolutions_or_errors
 from mqslam.errors import DataError
-from mqslam.returns import Returns, Window
-from mqslam.stream import RadarStream, Revolution
-from mqslam.trajectory import Trajectory
 
 STRETCHES = 3
 REVOLUTIONS = 12

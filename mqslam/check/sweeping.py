@@ -8,7 +8,7 @@ import numpy as np
 
 from mqslam.check.finding import Finding, Verdict
 from mqslam.check.stretches import Stretch
-from mqslam.stream import RadarStream
+from mqslam.core.recording import RadarStream
 
 _CLOSE = 0.5  # of a turn: revolutions that begin within it are doubled
 _UNSTEADY = 0.1  # of a turn, by which nine tenths of the turns may differ

@@ -20,7 +20,7 @@ from mqslam.cli.score import score
 from mqslam.cli.simulate import simulate
 from mqslam.cli.view import view
 from mqslam.errors import MqslamError
-from mqslam.interrupts import Interrupted, interruptible
+from mqslam.execution.interrupts import Interrupted, interruptible
 
 app = typer.Typer(
     name="mqslam",

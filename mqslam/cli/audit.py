@@ -13,9 +13,9 @@ from mqslam.cli.options import CORES, Cluster, ConfigOption, Force, Format, Jobs
 if TYPE_CHECKING:
     from mqslam.audit.sources import Source
     from mqslam.config import Config
-    from mqslam.detection import Progress
-    from mqslam.engine import Engine
-    from mqslam.trajectory import Trajectory
+    from mqslam.core.trajectory import Trajectory
+    from mqslam.detection.stage import Progress
+    from mqslam.execution.engine import Engine
 
 
 def audit(
@@ -57,13 +57,13 @@ def audit(
     from rich.console import Console
 
     from mqslam.audit.judge import audit as judged
-    from mqslam.audit.outputs import plain, summarise, write_audit
     from mqslam.audit.sources import LIDAR_CONFIG, is_cloud, sweeps_of, sweeps_of_cloud
-    from mqslam.cli.engine import chosen
     from mqslam.cli.progress import print_notes, progress
     from mqslam.config import load_config
-    from mqslam.outputs import check_free, whole_folder
-    from mqslam.readers.cloud import read_cloud
+    from mqslam.execution.workers import chosen
+    from mqslam.formats.clouds import read_cloud
+    from mqslam.results.audit_results import plain, summarise, write_audit
+    from mqslam.results.run_results import check_free, whole_folder
 
     check_free(out, force=force, recording=data)
     console = Console(stderr=True, markup=False)
@@ -97,7 +97,7 @@ def audit(
 def _read(trajectory: str | None, times: Path | None, topic: str | None) -> Trajectory | None:
     """The trajectory of a file; None where it is the recording's own."""
     from mqslam.errors import ConfigError
-    from mqslam.readers.trajectories import read_trajectory
+    from mqslam.formats.trajectories import read_trajectory
 
     if trajectory in (None, "recording", "odometry", "ground_truth"):
         if times is not None or topic is not None:
@@ -146,11 +146,11 @@ def _source(
     """A radar or lidar recording as windows of returns, the trajectory given or carried by name, and the settings."""
     from mqslam.audit.sources import LIDAR_CONFIG, Source, lidar_source
     from mqslam.audit.sweeps import shared
+    from mqslam.commands.opening import opened
     from mqslam.config import load_config
-    from mqslam.detection import detect_all, unread_warnings, windows_of
-    from mqslam.psi.doppler import with_doppler
-    from mqslam.readers import lidars
-    from mqslam.recording import opened
+    from mqslam.detection.stage import detect_all, unread_warnings, windows_of
+    from mqslam.formats import lidars
+    from mqslam.psi.tracking.doppler import with_doppler
 
     if format is None and data.exists() and lidars.recognises(data):
         source = lidar_source(lidars.read_lidar(data))

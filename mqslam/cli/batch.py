@@ -35,12 +35,12 @@ def batch(
     """
     from rich.console import Console
 
-    from mqslam.batch.outputs import check_batch, summarise, write_batch
-    from mqslam.batch.plan import read_plan
-    from mqslam.batch.schedule import AGAIN, run_all
-    from mqslam.cli.engine import chosen
     from mqslam.cli.progress import progress
+    from mqslam.commands.batch_plan import read_plan
+    from mqslam.commands.batch_schedule import AGAIN, run_all
     from mqslam.errors import ClusterError
+    from mqslam.execution.workers import chosen
+    from mqslam.results.batch_results import check_batch, summarise, write_batch
 
     orders, plan = read_plan(runs)
     check_batch(out, force=force)

@@ -36,8 +36,8 @@ def check(
     from mqslam.check.checks import check_recording
     from mqslam.check.finding import Verdict
     from mqslam.cli.progress import print_notes, progress
+    from mqslam.commands.opening import choose_odometry, opened
     from mqslam.config import load_config
-    from mqslam.recording import choose_odometry, opened
 
     settings = load_config(config)
     console = Console(stderr=True, markup=False)

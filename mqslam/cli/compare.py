@@ -61,19 +61,19 @@ def compare(
     """
     from rich.console import Console
 
-    from mqslam.checkpoint import run_key, unfinished
-    from mqslam.cli.engine import chosen
     from mqslam.cli.progress import print_notes, progress
-    from mqslam.compare.judge import agreement, enough_in_common, judge, places, stations
-    from mqslam.compare.outputs import summarise, table, write_compare
+    from mqslam.commands.opening import choose_odometry, opened
+    from mqslam.compare.judgement import agreement, enough_in_common, judge, places, stations
     from mqslam.compare.rows import front_end_rows
     from mqslam.config import load_config
-    from mqslam.detection import detect_all, unread_warnings, windows_of
+    from mqslam.core.frontend import Context, load
+    from mqslam.detection.stage import detect_all, unread_warnings, windows_of
     from mqslam.errors import EstimationError
-    from mqslam.frontend import Context, load
-    from mqslam.outputs import check_free, whole_folder
-    from mqslam.psi.doppler import with_doppler
-    from mqslam.recording import choose_odometry, opened
+    from mqslam.execution.checkpoint import run_key, unfinished
+    from mqslam.execution.workers import chosen
+    from mqslam.psi.tracking.doppler import with_doppler
+    from mqslam.results.compare_results import summarise, table, write_compare
+    from mqslam.results.run_results import check_free, whole_folder
 
     settings = _settings(load_config(config), kiss_config)
     names = _names(frontends)
@@ -143,7 +143,7 @@ def _names(frontends: str) -> list[str]:
     Raises:
         ConfigError: one that does not.
     """
-    from mqslam import frontend
+    from mqslam.core import frontend
     from mqslam.errors import ConfigError
 
     names = [name.strip() for name in frontends.split(",") if name.strip()]
@@ -165,7 +165,7 @@ def _given(trajectories: list[str], names: list[str]) -> list[Row]:
 
     from mqslam.compare.rows import given_row
     from mqslam.errors import ConfigError
-    from mqslam.readers.trajectories import read_trajectory
+    from mqslam.formats.trajectories import read_trajectory
 
     rows: list[Row] = []
     for text in trajectories:

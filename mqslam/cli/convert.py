@@ -52,12 +52,12 @@ def convert(
     from rich.console import Console
 
     from mqslam.cli.progress import print_notes, progress
+    from mqslam.commands.opening import opened
     from mqslam.config import load_config
     from mqslam.errors import ConfigError
-    from mqslam.recording import opened
-    from mqslam.writers.recording import write_recording
-    from mqslam.writers.results import is_run, write_results
-    from mqslam.writers.targets import check_target, target_of
+    from mqslam.formats.writing.recordings import write_recording
+    from mqslam.formats.writing.result_bags import is_run, write_results
+    from mqslam.formats.writing.targets import check_target, target_of
 
     console = Console(stderr=True, markup=False)
     target = target_of(out, to)

@@ -23,10 +23,10 @@ def info(
 
     Example: mqslam info drive
     """
+    from mqslam.commands.info import describe, describe_lidar
+    from mqslam.commands.opening import opened
     from mqslam.config import load_config
-    from mqslam.info import describe, describe_lidar
-    from mqslam.readers import lidars
-    from mqslam.recording import opened
+    from mqslam.formats import lidars
 
     if format is None and data.exists() and lidars.recognises(data):
         found = describe_lidar(lidars.read_lidar(data))

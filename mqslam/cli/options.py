@@ -19,14 +19,14 @@ def _configs(incomplete: str) -> list[str]:
 
 def _frontends(incomplete: str) -> list[str]:
     """Names of front ends, for the shell to complete."""
-    from mqslam.frontend import names
+    from mqslam.core.frontend import names
 
     return [name for name in names() if name.startswith(incomplete)]
 
 
 def _formats(incomplete: str) -> list[str]:
     """Names of layouts, for the shell to complete."""
-    from mqslam.readers import FORMATS
+    from mqslam.formats.recordings import FORMATS
 
     return [name for name in FORMATS if name.startswith(incomplete)]
 

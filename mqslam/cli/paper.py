@@ -35,7 +35,7 @@ def table1(
     from rich.console import Console
 
     from mqslam.cli.progress import progress
-    from mqslam.paper.table1 import table1, table_text
+    from mqslam.psi.published.table1 import table1, table_text
 
     with progress(Console(stderr=True, markup=False), quiet or as_json) as show:
         rows = table1(seeds, revolutions, jobs, progress=show)
@@ -55,8 +55,8 @@ def figures(
 
     Example: mqslam paper figures --out figures
     """
-    from mqslam.outputs import check_free
-    from mqslam.paper.figures import write_figures
+    from mqslam.psi.published.paper_figures import write_figures
+    from mqslam.results.run_results import check_free
 
     check_free(out, force=force)
     found = write_figures(out, seed)

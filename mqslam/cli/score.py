@@ -10,13 +10,13 @@ import typer
 from mqslam.cli.options import ConfigOption, Data, Format, Json, Quiet, RangeResolution, Verbose
 
 if TYPE_CHECKING:
-    from mqslam import se2
     from mqslam.config import Config
-    from mqslam.motion import MotionModel
-    from mqslam.psi.published import PsiConfig
+    from mqslam.core import se2
+    from mqslam.core.motion import MotionModel
+    from mqslam.core.recording import RadarStream
+    from mqslam.core.scans import Returns
+    from mqslam.psi.published.equations import PsiConfig
     from mqslam.psi.window import WindowMotion
-    from mqslam.returns import Returns
-    from mqslam.stream import RadarStream
 
 _UNITS = {"v": "m/s", "vx": "m/s", "vy": "m/s", "omega": "rad/s"}
 
@@ -58,9 +58,9 @@ def score(
 
     Example: mqslam score drive --start 2.0 --motion 9.1,0.05
     """
+    from mqslam.commands.opening import opened
     from mqslam.config import load_config
     from mqslam.psi.window import beam_of, estimate_window
-    from mqslam.recording import opened
 
     settings = load_config(config)
     variant = psi_variant(settings, temporal=temporal, numerator=numerator, factor=factor, unmatched=unmatched)
@@ -96,8 +96,8 @@ def parse_motion(text: str) -> tuple[se2.Array, MotionModel]:
     """
     import numpy as np
 
+    from mqslam.core.motion import CONSTANT_TWIST, CONSTANT_VELOCITY
     from mqslam.errors import ConfigError
-    from mqslam.motion import CONSTANT_TWIST, CONSTANT_VELOCITY
 
     try:
         theta = np.array([float(part) for part in text.split(",")])
@@ -117,7 +117,7 @@ def psi_variant(settings: Config, **chosen: str | float | None) -> PsiConfig:
     from pydantic import ValidationError
 
     from mqslam.errors import ConfigError
-    from mqslam.psi.published import PsiConfig
+    from mqslam.psi.published.equations import PsiConfig
 
     try:
         return PsiConfig.model_validate(
@@ -140,9 +140,9 @@ def read_window(stream: RadarStream, settings: Config, start: float, revolutions
     """
     import numpy as np
 
-    from mqslam.detection import detect_stretch
+    from mqslam.core.scans import Returns
+    from mqslam.detection.stage import detect_stretch
     from mqslam.errors import ConfigError, EstimationError
-    from mqslam.returns import Returns
 
     times = stream.start_times
     if len(times) < revolutions:
@@ -175,7 +175,7 @@ def scores(
 
     from mqslam.psi.minimiser import score_itself
     from mqslam.psi.place import place
-    from mqslam.psi.published import score as published
+    from mqslam.psi.published.equations import score as published
     from mqslam.psi.window import beam_of, without_start
 
     config = settings.estimator

@@ -34,7 +34,7 @@ def view(
 
     Example: mqslam view result --colour time
     """
-    from mqslam.viewer.scene import read_scene
+    from mqslam.viewer.finished_run import read_scene
 
     scene = read_scene(out)
     if not rerun:

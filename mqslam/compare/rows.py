@@ -10,16 +10,16 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mqslam import frontend as frontends
-from mqslam.detection import Progress, silent
-from mqslam.engine import DIED, Engine, LocalEngine
+from mqslam.backend.pose_graph import chain
+from mqslam.core import frontend as frontends
+from mqslam.core.frontend import Context
+from mqslam.core.measurement import RelativeMotion
+from mqslam.core.scans import Window
+from mqslam.core.trajectory import Trajectory
+from mqslam.detection.stage import Progress, silent
 from mqslam.errors import said
-from mqslam.frontend import Context
-from mqslam.graph import chain
-from mqslam.measurement import RelativeMotion
-from mqslam.returns import Window
+from mqslam.execution.engine import DIED, Engine, LocalEngine
 from mqslam.slam import Slam
-from mqslam.trajectory import Trajectory
 
 
 @dataclass(frozen=True, slots=True)

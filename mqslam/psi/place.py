@@ -8,9 +8,9 @@ import numba as nb
 import numpy as np
 from numpy.typing import NDArray
 
-from mqslam import se2
-from mqslam.motion import MotionModel, integrate
-from mqslam.returns import Returns
+from mqslam.core import se2
+from mqslam.core.motion import MotionModel, integrate
+from mqslam.core.scans import Returns
 
 
 @dataclass(frozen=True, slots=True)

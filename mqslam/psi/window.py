@@ -12,15 +12,15 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import minimum_filter
 
-from mqslam import se2
-from mqslam.measurement import Status
-from mqslam.motion import CONSTANT_TWIST, MotionModel
+from mqslam.core import se2
+from mqslam.core.measurement import Status
+from mqslam.core.motion import CONSTANT_TWIST, MotionModel
+from mqslam.core.scans import Returns
 from mqslam.psi.covariance import sandwich_by_differences
 from mqslam.psi.estimator import Evaluation
 from mqslam.psi.minimiser import EstimatorConfig, Minimum, Prior, minimise, score_itself
 from mqslam.psi.observability import loosened, weak_directions
 from mqslam.psi.place import Beam, PointSet, place
-from mqslam.returns import Returns
 
 SPANS = {0: 20.0, 1: 20.0, 2: 1.0}  # standard deviation of a component nothing is known of [m/s, m/s, rad/s]
 _STARTS = 3  # basins of the exhaustive search that are refined

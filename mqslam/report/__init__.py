@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from mqslam.report.audit import AuditReport, heat_map, write_audit_report
-from mqslam.report.compare import CompareReport, overlay, write_compare_report
+from mqslam.report.audit_page import AuditReport, heat_map, write_audit_report
+from mqslam.report.compare_page import CompareReport, overlay, write_compare_report
 from mqslam.report.content import Report, WindowScores
-from mqslam.report.html import write_report
+from mqslam.report.run_page import write_report
 
 __all__ = [
     "AuditReport",

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 from scipy.stats import chi2
 
 from mqslam.audit.judge import Audit, RevisitAudit, WindowAudit
-from mqslam.audit.settings import AuditConfig
 from mqslam.audit.sweeps import Sweeps
+from mqslam.config.audit import AuditConfig
 from mqslam.report.canvas import (
     BLUE,
     INK,

@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import median_filter
 
-from mqslam import se2
-from mqslam.compare.judge import Judged, Place
+from mqslam.compare.judgement import Judged, Place
+from mqslam.core import se2
+from mqslam.core.trajectory import Trajectory
 from mqslam.evaluation import alignment
 from mqslam.report.audit_figures import EXPECTED
 from mqslam.report.canvas import (
@@ -27,7 +28,6 @@ from mqslam.report.canvas import (
     world,
 )
 from mqslam.report.crops import distances, inside, where_it_shows
-from mqslam.trajectory import Trajectory
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

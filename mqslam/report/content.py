@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mqslam.audit.judge import WindowAudit
-from mqslam.audit.settings import AuditConfig
-from mqslam.pointmap import PointMap
-from mqslam.trajectory import Trajectory
+from mqslam.config.audit import AuditConfig
+from mqslam.core.point_map import PointMap
+from mqslam.core.trajectory import Trajectory
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,12 +9,12 @@ from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter
 from scipy.spatial import cKDTree
 
-from mqslam import se2
 from mqslam.audit.inflation import middled, twisted
 from mqslam.audit.judge import Audit, WindowAudit
 from mqslam.audit.revisits import Revisit, passes_of
-from mqslam.audit.settings import AuditConfig
 from mqslam.audit.sweeps import Sweeps
+from mqslam.config.audit import AuditConfig
+from mqslam.core import se2
 from mqslam.report.canvas import BLUE, ORANGE, View, common_view, png, square
 from mqslam.report.spots import WORST, Spot, worst_spots
 

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mqslam import se2
 from mqslam.audit.judge import Audit, RevisitAudit, WindowAudit
 from mqslam.audit.sweeps import Sweeps
+from mqslam.core import se2
 
 WORST = 10  # places that are shown
 _SPREAD_M = 50.0  # path between two places of one kind that are shown

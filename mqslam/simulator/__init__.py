@@ -4,10 +4,10 @@
 """
 
 from mqslam.simulator.drive import ConstantDrive, Drive, SampledDrive, loop_drive, with_way_made
-from mqslam.simulator.odometry import OdometryModel, WheelOdometry, wheel_odometry
+from mqslam.simulator.in_memory import SimulatedStream, simulated_stream
 from mqslam.simulator.scene import Scene, corridor_scene, street_scene, yard_scene
 from mqslam.simulator.sensor import SensorModel, render_revolution
-from mqslam.simulator.stream import SimulatedStream, simulated_stream
+from mqslam.simulator.wheels import OdometryModel, WheelOdometry, wheel_odometry
 from mqslam.simulator.write import SCENES, simulate
 
 __all__ = [

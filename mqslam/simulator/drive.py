@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from mqslam import se2
+from mqslam.core import se2
 from mqslam.simulator.scene import BLOCK, LANE, Scene
 
 Times = NDArray[np.float64]

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mqslam import se2
+from mqslam.core import se2
 from mqslam.errors import ConfigError
 from mqslam.simulator.beam import COUNTS_PER_DECADE, render
 from mqslam.simulator.scene import Scene

@@ -15,13 +15,13 @@ from pathlib import Path
 import numpy as np
 
 from mqslam.errors import ConfigError, OutputError
-from mqslam.files import new_folder, write_text
+from mqslam.execution.files import new_folder, write_text
+from mqslam.formats.writing import oxford
 from mqslam.simulator.drive import ConstantDrive, Drive, loop_drive, with_way_made
-from mqslam.simulator.odometry import OdometryModel
+from mqslam.simulator.in_memory import SimulatedStream, simulated_stream
 from mqslam.simulator.scene import Scene, corridor_scene, street_scene, yard_scene
 from mqslam.simulator.sensor import SensorModel
-from mqslam.simulator.stream import SimulatedStream, simulated_stream
-from mqslam.writers import oxford
+from mqslam.simulator.wheels import OdometryModel
 
 SCENES = ("street", "corridor", "yard")
 """Names `simulate` knows."""

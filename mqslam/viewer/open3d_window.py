@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from mqslam.errors import ViewerError
 from mqslam.viewer.colours import GROUND, LOOPS, TRAJECTORY, spread
 from mqslam.viewer.display import has_display
-from mqslam.viewer.scene import Scene
+from mqslam.viewer.finished_run import Scene
 
 KEYS = {"psi": "P", "intensity": "I", "time": "T"}
 _FRAME_S = 0.02

@@ -12,13 +12,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mqslam import se2
+from mqslam.core import se2
+from mqslam.core.scans import Window
 from mqslam.errors import ViewerError
-from mqslam.files import written_whole
-from mqslam.returns import Window
+from mqslam.execution.files import written_whole
 from mqslam.viewer.colours import GROUND, LOOPS, TRAJECTORY, rgb, spread
 from mqslam.viewer.display import has_display
-from mqslam.viewer.scene import Scene
+from mqslam.viewer.finished_run import Scene
 
 TIMELINE = "time"
 _POINT_M = 0.15  # radius of a point

@@ -6,17 +6,17 @@ from functools import lru_cache
 
 import numpy as np
 import pytest
-from drives import ON_THE_STREET, street_drive
 from scipy.stats import chi2
+from support.drives import ON_THE_STREET, street_drive
 
-from mqslam import se2
 from mqslam.audit.inflation import Bend, bend, middled, twisted
 from mqslam.audit.sweeps import Sweeps, swept
+from mqslam.backend.pose_graph import chain
 from mqslam.config import Config, SensorConfig
+from mqslam.core import se2
+from mqslam.core.trajectory import Trajectory
 from mqslam.errors import EstimationError
-from mqslam.graph import chain
 from mqslam.psi.covariance import curvature_by_differences
-from mqslam.trajectory import Trajectory
 
 CONFIG = Config(sensor=SensorConfig(doppler_beta=0.0))
 SIZE = CONFIG.audit.window

@@ -7,16 +7,16 @@ from functools import lru_cache
 import numpy as np
 import pytest
 
-from mqslam import se2
 from mqslam.audit.judge import Audit, audit, verdict
 from mqslam.audit.revisits import revisit_pairs
 from mqslam.audit.sweeps import swept
 from mqslam.config import Config, SensorConfig
-from mqslam.detection import detect_all
-from mqslam.engine import HERE, LocalEngine
-from mqslam.returns import Window
+from mqslam.core import se2
+from mqslam.core.scans import Window
+from mqslam.core.trajectory import Trajectory
+from mqslam.detection.stage import detect_all
+from mqslam.execution.engine import HERE, LocalEngine
 from mqslam.simulator import SensorModel, SimulatedStream, loop_drive, simulated_stream, street_scene
-from mqslam.trajectory import Trajectory
 
 CONFIG = Config(sensor=SensorConfig(doppler_beta=0.0))
 SENSOR = SensorModel(azimuths=200, range_resolution=0.175, max_range=80.0)

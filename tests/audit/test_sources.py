@@ -7,16 +7,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mqslam import se2
 from mqslam.audit.inflation import bend
 from mqslam.audit.judge import audit
 from mqslam.audit.sources import LIDAR_CONFIG, is_cloud, lidar_source, sweeps_of, sweeps_of_cloud
-from mqslam.cloud import TimedCloud
 from mqslam.config import load_config
-from mqslam.engine import LocalEngine
+from mqslam.core import se2
+from mqslam.core.timed_cloud import TimedCloud
+from mqslam.core.trajectory import Trajectory
 from mqslam.errors import DataError
-from mqslam.readers import carmen
-from mqslam.trajectory import Trajectory
+from mqslam.execution.engine import LocalEngine
+from mqslam.formats.lidars import carmen
 
 CONFIG = load_config(LIDAR_CONFIG)
 PERIOD_S = 0.1

@@ -10,19 +10,20 @@ from pathlib import Path
 import numpy as np
 from common import SHARED, Claim, shared, table, twin
 
-from mqslam import se2
 from mqslam.audit.judge import audit, audit_windows
 from mqslam.audit.sources import LIDAR_CONFIG, lidar_source, sweeps_of
 from mqslam.audit.sweeps import swept
+from mqslam.backend.pose_graph import chain
 from mqslam.config import load_config
-from mqslam.detection import detect_all
-from mqslam.engine import LocalEngine
-from mqslam.frontend import Context
+from mqslam.core import se2
+from mqslam.core.frontend import Context
+from mqslam.core.trajectory import Trajectory
+from mqslam.detection.stage import detect_all
+from mqslam.execution.engine import LocalEngine
+from mqslam.formats.lidars import carmen
+from mqslam.formats.recordings import open_recording
 from mqslam.frontends.kiss_icp import KissIcpFrontEnd
-from mqslam.graph import chain
-from mqslam.psi.doppler import with_doppler
-from mqslam.readers import carmen, open_recording
-from mqslam.trajectory import Trajectory
+from mqslam.psi.tracking.doppler import with_doppler
 
 _ENGINE = LocalEngine(2)
 _PLACES = 100

@@ -12,16 +12,16 @@ from typing import Any
 from common import Claim, table, twin
 from common import run as mqslam_run
 
-from mqslam.cluster import connected
+from mqslam.backend.loops.submap import Drive
+from mqslam.backend.pose_graph import chain
 from mqslam.config import Config, load_config
-from mqslam.detection import detect_all
-from mqslam.engine import HERE, Engine
-from mqslam.frontend import Context
+from mqslam.core.frontend import Context
+from mqslam.core.recording import RadarStream
+from mqslam.detection.stage import detect_all
+from mqslam.execution.cluster import connected
+from mqslam.execution.engine import HERE, Engine
+from mqslam.formats.recordings import open_recording
 from mqslam.frontends.psi import PsiFrontEnd
-from mqslam.graph import chain
-from mqslam.loops.submap import Drive
-from mqslam.readers import open_recording
-from mqslam.stream import RadarStream
 
 _STAGES = ("read", "detect", "windows", "loops", "optimise", "render", "check")
 _WORKERS = (1, 2, 4)

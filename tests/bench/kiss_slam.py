@@ -18,16 +18,16 @@ import numpy as np
 from common import MissingData, cache, table, twin
 from numpy.typing import NDArray
 
-from mqslam import se2
 from mqslam.config import load_config
-from mqslam.detection import detect_all
-from mqslam.engine import LocalEngine
+from mqslam.core import se2
+from mqslam.core.recording import RadarStream
+from mqslam.core.scans import Returns
+from mqslam.core.trajectory import Trajectory
+from mqslam.detection.stage import detect_all
 from mqslam.evaluation import Evaluation, evaluate
+from mqslam.execution.engine import LocalEngine
+from mqslam.formats.recordings import open_recording
 from mqslam.frontends.scan_matching import pose_of
-from mqslam.readers import open_recording
-from mqslam.returns import Returns
-from mqslam.stream import RadarStream
-from mqslam.trajectory import Trajectory
 
 _WORKER = Path(__file__).with_name("kiss_slam_worker.py")
 _LIMIT_S = 600

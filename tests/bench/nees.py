@@ -13,14 +13,14 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
-from mqslam import se2
 from mqslam.config import Config
-from mqslam.detection import detect_all
-from mqslam.engine import LocalEngine
-from mqslam.frontend import Context
+from mqslam.core import se2
+from mqslam.core.frontend import Context
+from mqslam.detection.stage import detect_all
+from mqslam.execution.engine import LocalEngine
+from mqslam.formats.recordings import open_recording
 from mqslam.frontends.psi import PsiFrontEnd
-from mqslam.psi.doppler import measure_doppler
-from mqslam.readers import open_recording
+from mqslam.psi.tracking.doppler import measure_doppler
 
 _STREETS = (11, 12)  # seeds nothing was tuned on
 _STREET_S = 45.0  # 179 windows each

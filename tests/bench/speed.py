@@ -11,20 +11,20 @@ import numpy as np
 from common import OXFORD, Claim, shared, table
 
 from mqslam.config import Config
-from mqslam.detection import detect_stretch, windows_of
-from mqslam.detector import DetectorConfig
-from mqslam.frontend import Context
+from mqslam.core.frontend import Context
+from mqslam.core.motion import CONSTANT_VELOCITY
+from mqslam.core.recording import Revolution
+from mqslam.core.scans import Returns
+from mqslam.detection.detector import DetectorConfig
+from mqslam.detection.stage import detect_stretch, windows_of
+from mqslam.formats.recordings import open_recording
 from mqslam.frontends.psi import PsiFrontEnd
-from mqslam.motion import CONSTANT_VELOCITY
 from mqslam.psi.neighbours import CandidateLists, candidates, cell_grid
 from mqslam.psi.place import PointSet, place
-from mqslam.psi.published import PsiConfig, score
-from mqslam.psi.reference import score_reference
+from mqslam.psi.published.equations import PsiConfig, score
+from mqslam.psi.published.reference import score_reference
 from mqslam.psi.window import beam_of, without_start
-from mqslam.readers import open_recording
-from mqslam.returns import Returns
 from mqslam.simulator import SimulatedStream, loop_drive, simulated_stream, street_scene
-from mqslam.stream import Revolution
 
 _FIRST, _REVOLUTIONS = 4, 3  # of the real sample
 _MOTION = np.array([8.3, 0.034])  # near its true motion there [m/s, rad/s]

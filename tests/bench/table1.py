@@ -7,7 +7,7 @@ from pathlib import Path
 
 from common import Claim
 
-from mqslam.paper.table1 import OURS, table1, table_text
+from mqslam.psi.published.table1 import OURS, table1, table_text
 
 _SEEDS = 20
 

@@ -9,17 +9,17 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from layouts import left_turn
-from recordings import START_US, TURN_US, oxford_rows, with_metadata, write_oxford, write_png
+from support.layouts import left_turn
+from support.recordings import START_US, TURN_US, oxford_rows, with_metadata, write_oxford, write_png
 
 from mqslam.check.finding import Finding, Verdict
 from mqslam.check.stretches import REVOLUTIONS, STRETCHES, read_stretches
 from mqslam.check.sweeping import check_azimuths, check_stamps
 from mqslam.config import Config
-from mqslam.readers import open_recording
+from mqslam.core.recording import RadarStream, Revolution
+from mqslam.core.trajectory import Trajectory
+from mqslam.formats.recordings import open_recording
 from mqslam.simulator import SimulatedStream
-from mqslam.stream import RadarStream, Revolution
-from mqslam.trajectory import Trajectory
 
 
 def findings(stream: RadarStream) -> tuple[Finding, Finding]:

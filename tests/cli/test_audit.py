@@ -8,9 +8,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from commands import contents, mqslam
+from support.commands import contents, mqslam
 
-from mqslam.trajectory import Trajectory, read_tum, write_kitti, write_tum
+from mqslam.core.trajectory import Trajectory, read_tum, write_kitti, write_tum
 
 FILES = {"audit.json", "audit.csv", "revisits.csv", "heatmap.png", "report.html", "config.yaml"}
 

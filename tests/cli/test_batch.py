@@ -10,10 +10,10 @@ import time
 from pathlib import Path
 
 import pytest
-from clusters import cluster
-from commands import INSTALLED, Result, contents, mqslam, processes
+from support.clusters import cluster
+from support.commands import INSTALLED, Result, contents, mqslam, processes
 
-from mqslam.checkpoint import FOLDER
+from mqslam.execution.checkpoint import FOLDER
 from mqslam.simulator import simulate
 
 NAMES = ("wheels", "drive", "radar only")
@@ -114,18 +114,18 @@ def test_results_of_other_settings_are_neither_kept_nor_replaced_unasked(work: P
 
 def test_a_run_that_was_killed_goes_on_where_it_stopped(work: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     from mqslam import slam
-    from mqslam.batch import schedule
-    from mqslam.batch.plan import read_plan
+    from mqslam.commands import batch_schedule
+    from mqslam.commands.batch_plan import read_plan
 
     orders, _ = read_plan(work / "runs.yaml")
-    terms = schedule.Terms(tmp_path, 1, False)
+    terms = batch_schedule.Terms(tmp_path, 1, False)
     with monkeypatch.context() as patch:
         patch.setattr(slam, "find_loops", lambda *_: (_ for _ in ()).throw(KeyboardInterrupt))
         with pytest.raises(KeyboardInterrupt):
-            schedule.run_one(terms, orders[1])
+            batch_schedule.run_one(terms, orders[1])
     assert {path.name for path in (tmp_path / "drive").iterdir()} == {FOLDER}
-    monkeypatch.setattr("mqslam.detection.detect_stretch", lambda *_: pytest.fail("detected again"))
-    assert schedule.run_one(terms, orders[1]).failure is None
+    monkeypatch.setattr("mqslam.detection.stage.detect_stretch", lambda *_: pytest.fail("detected again"))
+    assert batch_schedule.run_one(terms, orders[1]).failure is None
     assert tracks(tmp_path) == {"drive": tracks(work / "out")["drive"]}
 
 

@@ -10,12 +10,13 @@ from typing import Any
 
 import numpy as np
 import pytest
-from commands import contents, mqslam
-from layouts import write_mulran_columns, write_radiate
 from PIL import Image
+from support.commands import contents, mqslam
+from support.layouts import write_mulran_columns, write_radiate
 
-from mqslam.readers import open_recording
-from mqslam.readers.native import write_native
+from mqslam.core.trajectory import write_tum
+from mqslam.formats.recordings import open_recording
+from mqslam.formats.recordings.native import write_native
 from mqslam.simulator import (
     ConstantDrive,
     Drive,
@@ -28,7 +29,6 @@ from mqslam.simulator import (
     with_way_made,
     yard_scene,
 )
-from mqslam.trajectory import write_tum
 
 SENSOR = SensorModel(range_resolution=0.175, max_range=100.0)
 RESOLUTION = ["--range-resolution", "0.175"]

@@ -8,11 +8,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from commands import contents, mqslam
 from evo.core import metrics, sync
 from evo.tools import file_interface
+from support.commands import contents, mqslam
 
-from mqslam.measurement import RelativeMotion
+from mqslam.core.measurement import RelativeMotion
 
 OPTIONS = ("--odometry-only", "--quiet")
 
@@ -38,7 +38,7 @@ def dawdler(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
     info.mkdir(parents=True)
     source = Path(__file__).read_text()
     body = source[source.index("class Dawdler") : source.index("@pytest.fixture")]
-    head = "import numpy as np\nfrom mqslam.measurement import RelativeMotion\n\n\n"
+    head = "import numpy as np\nfrom mqslam.core.measurement import RelativeMotion\n\n\n"
     (package / "dawdler.py").write_text(head + body)
     (info / "METADATA").write_text("Metadata-Version: 2.1\nName: dawdler\nVersion: 1.0\n")
     (info / "entry_points.txt").write_text("[mqslam.frontends]\ndawdler = dawdler:Dawdler\n")

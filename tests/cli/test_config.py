@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 import yaml
-from commands import mqslam
 from pydantic import BaseModel
+from support.commands import mqslam
 
 from mqslam.config import Config, load_config
 

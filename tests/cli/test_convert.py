@@ -10,15 +10,15 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
-from commands import contents, mqslam
-from conversions import EVEN, STAMPED
-from layouts import assert_alike, left_turn, write_radiate
-from recordings import START_US, TURN_US, assert_same, write_oxford
 from rosbags.highlevel import AnyReader
+from support.commands import contents, mqslam
+from support.conversions import EVEN, STAMPED
+from support.layouts import assert_alike, left_turn, write_radiate
+from support.recordings import START_US, TURN_US, assert_same, write_oxford
 
-from mqslam.readers import open_recording
-from mqslam.trajectory import read_tum
-from mqslam.writers.targets import TARGETS
+from mqslam.core.trajectory import read_tum
+from mqslam.formats.recordings import open_recording
+from mqslam.formats.writing.targets import TARGETS
 
 FOLDERS = ("oxford", "boreas", "mulran", "mulran_oxford", "radiate", "rosbag2", "rosbag2_mcap")
 FORMATS = {"mulran_oxford": "mulran", "rosbag2": "rosbag", "rosbag2_mcap": "rosbag"}

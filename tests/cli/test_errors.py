@@ -9,11 +9,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from commands import contents, mqslam
-from recordings import KINDS, START_US, TURN_US, bag_path, bag_writer, write_oxford
+from support.commands import contents, mqslam
+from support.recordings import KINDS, START_US, TURN_US, bag_path, bag_writer, write_oxford
 
-from mqslam import detection, engine
-from mqslam.checkpoint import FOLDER
+from mqslam.detection import stage as detection
+from mqslam.execution import engine
+from mqslam.execution.checkpoint import FOLDER
 
 Arguments = list[str | Path]
 
@@ -195,12 +196,12 @@ def test_a_place_that_cannot_be_written_is_refused_before_the_work(
 def test_a_write_that_fails_leaves_what_can_be_resumed(
     street: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from mqslam import outputs
+    from mqslam.results import run_results
 
     def full(*_: object) -> None:
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(outputs, "write_report", full)
+    monkeypatch.setattr(run_results, "write_report", full)
     shown = mqslam("run", street, "--out", tmp_path / "out", "--frontend", "odometry", "--quiet")
     assert shown.code == 2 and "No space left on device" in shown.err and shown.err.count("\n") == 1
     assert "continue with --resume" in shown.err

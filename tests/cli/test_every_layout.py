@@ -7,13 +7,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from commands import mqslam
-from conversions import EVEN, STAMPED, convert
+from support.commands import mqslam
+from support.conversions import EVEN, STAMPED, convert
 
-from mqslam import se2
-from mqslam.readers import open_recording
+from mqslam.core import se2
+from mqslam.core.trajectory import Trajectory, read_tum
+from mqslam.formats.recordings import open_recording
 from mqslam.simulator import simulate
-from mqslam.trajectory import Trajectory, read_tum
 
 LAYOUTS = (*STAMPED, *EVEN)
 

@@ -9,7 +9,7 @@ import time
 from pathlib import Path
 
 import pytest
-from commands import mqslam
+from support.commands import mqslam
 
 import mqslam as package
 

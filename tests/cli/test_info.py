@@ -6,11 +6,11 @@ import json
 from pathlib import Path
 
 import pytest
-from commands import contents, mqslam
-from recordings import KINDS, START_US, TURN_US, bag_path, write_bag, write_oxford
+from support.commands import contents, mqslam
+from support.recordings import KINDS, START_US, TURN_US, bag_path, write_bag, write_oxford
 
-from mqslam.info import describe
-from mqslam.readers import open_recording
+from mqslam.commands.info import describe
+from mqslam.formats.recordings import open_recording
 
 
 def table_of(text: str) -> dict[str, str]:

@@ -11,11 +11,11 @@ import time
 from pathlib import Path
 
 import pytest
-from commands import contents, mqslam
+from support.commands import contents, mqslam
 
-from mqslam import detection
 from mqslam import slam as slam_module
-from mqslam.checkpoint import FOLDER
+from mqslam.detection import stage as detection
+from mqslam.execution.checkpoint import FOLDER
 from mqslam.simulator import simulate
 
 OPTIONS = ("--odometry", "none", "--jobs", "1", "--quiet")

@@ -16,15 +16,16 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
-from commands import mqslam
 from plyfile import PlyData
-from recordings import KINDS, bag_path, write_bag
-from reported import assert_alone
+from support.commands import mqslam
+from support.recordings import KINDS, bag_path, write_bag
+from support.reported import assert_alone
 
-from mqslam import engine, se2
 from mqslam.config import Config, load_config
-from mqslam.readers import open_recording
-from mqslam.trajectory import Trajectory, read_tum
+from mqslam.core import se2
+from mqslam.core.trajectory import Trajectory, read_tum
+from mqslam.execution import engine
+from mqslam.formats.recordings import open_recording
 
 FILES = {
     "summary.json", "trajectory.tum", "odometry.tum", "measurements.csv", "map.ply", "map.pgm", "map.yaml", "graph.g2o",

@@ -9,16 +9,16 @@ from typing import Any
 
 import numpy as np
 import pytest
-from commands import contents, mqslam
+from support.commands import contents, mqslam
 
 from mqslam.config import Config
-from mqslam.detection import detect_stretch
-from mqslam.motion import CONSTANT_TWIST, CONSTANT_VELOCITY
+from mqslam.core.motion import CONSTANT_TWIST, CONSTANT_VELOCITY
+from mqslam.core.scans import Returns
+from mqslam.detection.stage import detect_stretch
+from mqslam.formats.recordings import open_recording
 from mqslam.psi.place import place
-from mqslam.psi.published import PsiConfig, score
+from mqslam.psi.published.equations import PsiConfig, score
 from mqslam.psi.window import beam_of, estimate_window
-from mqslam.readers import open_recording
-from mqslam.returns import Returns
 
 TURN_S = 0.25
 SPEED = 9.0  # of the street's drive [m/s]

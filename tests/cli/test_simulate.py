@@ -6,7 +6,7 @@ import json
 from pathlib import Path
 
 import pytest
-from commands import contents, mqslam
+from support.commands import contents, mqslam
 
 SMALL = ["--duration", "1.5", "--azimuths", "90", "--range-resolution", "0.5", "--max-range", "60", "--quiet"]
 

@@ -8,7 +8,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from commands import mqslam
+from support.commands import mqslam
 
 COMMAND = Path(sys.executable).with_name("mqslam")
 
@@ -17,7 +17,7 @@ def test_verbose_says_what_each_stage_found_and_took(street: Path, tmp_path: Pat
     shown = mqslam("run", street, "--out", tmp_path / "loud", "-v")
     silent = mqslam("run", street, "--out", tmp_path / "silent", "-q")
     assert (shown.code, silent.code) == (0, 0)
-    assert "mqslam.detection: " in shown.err and "returns in 48 revolutions, 0 of them unread" in shown.err
+    assert "mqslam.detection.stage: " in shown.err and "returns in 48 revolutions, 0 of them unread" in shown.err
     assert "mqslam.slam: render took " in shown.err
     assert silent.err == "" and silent.out == ""
 

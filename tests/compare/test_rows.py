@@ -7,16 +7,16 @@ from functools import lru_cache
 
 import numpy as np
 import pytest
-from drives import street_drive
+from support.drives import street_drive
 
-from mqslam.compare.judge import agreement, enough_in_common, judge, places
+from mqslam.backend.pose_graph import chain
+from mqslam.compare.judgement import agreement, enough_in_common, judge, places
 from mqslam.compare.rows import Returned, Row, front_end_rows, given_row, run_front_end
 from mqslam.config import Config, SensorConfig
-from mqslam.engine import HERE
+from mqslam.core.frontend import Context
+from mqslam.core.trajectory import Trajectory
 from mqslam.errors import EstimationError
-from mqslam.frontend import Context
-from mqslam.graph import chain
-from mqslam.trajectory import Trajectory
+from mqslam.execution.engine import HERE
 
 CONFIG = Config(sensor=SensorConfig(doppler_beta=0.0))
 
@@ -63,7 +63,7 @@ def test_a_front_end_that_cannot_run_says_why(name: str, why: str) -> None:
 
 
 def test_a_front_end_of_somebody_that_raises_anything_is_a_row_too(monkeypatch: pytest.MonkeyPatch) -> None:
-    from mqslam import frontend
+    from mqslam.core import frontend
 
     class Broken:
         def __init__(self, context: Context) -> None: ...

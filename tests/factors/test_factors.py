@@ -5,13 +5,13 @@ import numpy as np
 import pytest
 from gtsam.symbol_shorthand import X
 
-from mqslam import se2
 from mqslam.config import GraphConfig
+from mqslam.core import se2
+from mqslam.core.measurement import RelativeMotion
 from mqslam.factors.noise import between_noise
 from mqslam.factors.odometry_between import odometry_between, odometry_covariance
 from mqslam.factors.prior import SIGMA_M, SIGMA_RAD, prior
 from mqslam.factors.psi_between import psi_between
-from mqslam.measurement import RelativeMotion
 
 FLAT = GraphConfig(floor_m=1e-9, floor_rad=1e-9, cancelling=1.0)  # the covariance as given
 COVARIANCE = np.array([[0.04, 0.01, 0.002], [0.01, 0.01, -0.001], [0.002, -0.001, 0.0009]])

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from gtsam.symbol_shorthand import X
 
-from mqslam import se2
+from mqslam.backend.loops.search import Loop
 from mqslam.config import LoopConfig
+from mqslam.core import se2
 from mqslam.factors.loop_between import loop_between
-from mqslam.loops.search import Loop
 
 COVARIANCE = np.array([[0.04, 0.01, 0.002], [0.01, 0.01, -0.001], [0.002, -0.001, 0.0009]])
 LOOP = Loop(3, 40, np.array([2.0, -1.5, 3.0]), COVARIANCE, 0.8, 0.2)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from mqslam import se2
+from mqslam.core import se2
 from mqslam.frontends.icp_covariance import Surface
 
 POSE = np.array([3.0, -1.0, 0.5 * np.pi])  # heads along y of the map

@@ -4,12 +4,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from drives import street_drive
+from support.drives import street_drive
 
-from mqslam import se2
 from mqslam.config import Config, KissIcpConfig, dump_yaml, load_config
+from mqslam.core import se2
+from mqslam.core.frontend import Context
 from mqslam.errors import ConfigError
-from mqslam.frontend import Context
 from mqslam.frontends.kiss_icp import KissIcpFrontEnd
 
 

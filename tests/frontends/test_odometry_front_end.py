@@ -4,15 +4,15 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from drives import street_drive
+from support.drives import street_drive
 
-from mqslam import se2
+from mqslam.backend.pose_graph import chain
 from mqslam.config import Config
+from mqslam.core import se2
+from mqslam.core.frontend import Context
+from mqslam.core.trajectory import Trajectory
 from mqslam.errors import EstimationError
-from mqslam.frontend import Context
 from mqslam.frontends.odometry import OdometryFrontEnd
-from mqslam.graph import chain
-from mqslam.trajectory import Trajectory
 
 
 def context(odometry: Trajectory | None) -> Context:

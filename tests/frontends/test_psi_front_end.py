@@ -5,18 +5,18 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from drives import drive, noise, street_drive
+from support.drives import drive, noise, street_drive
 
-from mqslam import se2
+from mqslam.backend.pose_graph import chain
 from mqslam.config import Config, SensorConfig
+from mqslam.core import se2
+from mqslam.core.frontend import Context
+from mqslam.core.measurement import RelativeMotion, Status
+from mqslam.core.scans import Window
+from mqslam.core.trajectory import Trajectory
 from mqslam.errors import EstimationError
-from mqslam.frontend import Context
 from mqslam.frontends.psi import PsiFrontEnd
-from mqslam.graph import chain
-from mqslam.measurement import RelativeMotion, Status
-from mqslam.returns import Window
 from mqslam.simulator import ConstantDrive, SimulatedStream, corridor_scene
-from mqslam.trajectory import Trajectory
 
 
 def measured(stream: SimulatedStream, windows: list[Window], odometry: Trajectory | None = None) -> list[RelativeMotion]:

@@ -9,22 +9,22 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from drives import drive, street_drive
 from numpy.typing import NDArray
+from support.drives import drive, street_drive
 
-from mqslam import frontend, se2
+from mqslam.backend.pose_graph import chain
 from mqslam.config import Config, SensorConfig
-from mqslam.detection import detect_all
-from mqslam.engine import HERE
+from mqslam.core import frontend, se2
+from mqslam.core.frontend import Context
+from mqslam.core.measurement import RelativeMotion, Status
+from mqslam.core.scans import Window
+from mqslam.core.trajectory import Trajectory
+from mqslam.detection.stage import detect_all
 from mqslam.errors import EstimationError
-from mqslam.frontend import Context
+from mqslam.execution.engine import HERE
+from mqslam.formats.recordings import open_recording
 from mqslam.frontends.scan_matching import Match, motions
-from mqslam.graph import chain
-from mqslam.measurement import RelativeMotion, Status
-from mqslam.readers import open_recording
-from mqslam.returns import Window
 from mqslam.simulator import ConstantDrive, SimulatedStream, corridor_scene, street_scene
-from mqslam.trajectory import Trajectory
 
 Measure = Callable[..., list[RelativeMotion]]
 

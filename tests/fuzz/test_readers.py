@@ -11,12 +11,11 @@ from pathlib import Path
 
 import pytest
 from hypothesis import HealthCheck, given, settings
+from support.limits import within_limits
+from support.mutation import CHANGES, Change
+from support.subjects import SUBJECTS, Subject
 
 from mqslam.errors import MqslamError
-
-from .limits import within_limits
-from .mutation import CHANGES, Change
-from .subjects import SUBJECTS, Subject
 
 os.environ["RUST_BACKTRACE"] = "0"  # else a panic of lazrs, which is handled, loads 50 MB of symbols to print
 INPUTS = int(os.environ.get("MQSLAM_FUZZ", "40"))

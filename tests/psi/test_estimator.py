@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from psi.clouds import TURN_S, point_set
+from support.clouds import TURN_S, point_set
 
 from mqslam.psi.estimator import Evaluation, Scale, evaluate
 from mqslam.psi.neighbours import candidates, cell_grid
 from mqslam.psi.place import PointSet
-from mqslam.psi.reference import evaluate_reference
+from mqslam.psi.published.reference import evaluate_reference
 
 SCALE = Scale(s=1.5, beta_s=0.6, c=2.0)
 SETTINGS = {"revolution_s": TURN_S, "beta_t": 0.06, "xi": 0.02, "blur": 0.15}

@@ -3,10 +3,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mqslam import se2
-from mqslam.motion import MODELS, MotionModel
+from mqslam.core import se2
+from mqslam.core.motion import MODELS, MotionModel
+from mqslam.core.scans import Returns
 from mqslam.psi.place import Beam, PointSet, place
-from mqslam.returns import Returns
 
 T0 = 3.0
 START = np.array([40.0, -7.0, 0.8])

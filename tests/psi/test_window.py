@@ -2,13 +2,13 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from drives import constant, drive, joined
+from support.drives import constant, drive, joined
 
 from mqslam.config import Config
-from mqslam.measurement import Status
-from mqslam.motion import ACCELERATED_TWIST, CONSTANT_VELOCITY
+from mqslam.core.measurement import Status
+from mqslam.core.motion import ACCELERATED_TWIST, CONSTANT_VELOCITY
+from mqslam.core.scans import Returns
 from mqslam.psi.window import WindowMotion, beam_of, estimate_window, find_window_motion, search_twist, window_score
-from mqslam.returns import Returns
 from mqslam.simulator import ConstantDrive, Drive, Scene, corridor_scene, street_scene, yard_scene
 
 ESTIMATOR = Config().estimator

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mqslam import se2
+from mqslam.core import se2
 from mqslam.simulator import ConstantDrive, Drive, Scene, loop_drive, with_way_made
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from mqslam import se2
+from mqslam.core import se2
 from mqslam.errors import ConfigError
 from mqslam.simulator import (
     ConstantDrive,

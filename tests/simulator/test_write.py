@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from mqslam import se2
+from mqslam.core import se2
+from mqslam.core.trajectory import read_tum
 from mqslam.errors import ConfigError, OutputError
 from mqslam.simulator import SimulatedStream, simulate
-from mqslam.trajectory import read_tum
 
 SMALL: dict[str, Any] = {"duration_s": 1.3, "azimuths": 90, "range_resolution": 0.5, "max_range": 60.0}
 

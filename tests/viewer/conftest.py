@@ -11,8 +11,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mqslam.pointmap import PointMap, write_ply
-from mqslam.trajectory import Trajectory, write_tum
+from mqslam.core.point_map import PointMap, write_ply
+from mqslam.core.trajectory import Trajectory, write_tum
 
 
 @pytest.fixture

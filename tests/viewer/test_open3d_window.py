@@ -18,7 +18,7 @@ import numpy as np
 import open3d as o3d
 from mqslam.viewer.colours import LOOPS, TRAJECTORY, spread
 from mqslam.viewer.open3d_window import window
-from mqslam.viewer.scene import read_scene
+from mqslam.viewer.finished_run import read_scene
 
 pressed = {}
 

@@ -6,7 +6,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from commands import contents, mqslam
+from support.commands import contents, mqslam
 
 
 def refusal(*arguments: str | Path) -> str:

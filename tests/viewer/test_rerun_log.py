@@ -7,13 +7,13 @@ from typing import Any
 
 import numpy as np
 import pytest
-from commands import mqslam
+from support.commands import mqslam
 
+from mqslam.core.trajectory import read_tum
 from mqslam.errors import ViewerError
-from mqslam.trajectory import read_tum
 from mqslam.viewer.colours import spread
+from mqslam.viewer.finished_run import read_scene
 from mqslam.viewer.rerun_log import recorded, streamed
-from mqslam.viewer.scene import read_scene
 
 chunks = pytest.importorskip("rerun.chunk", reason="Rerun is not installed: pip install 'mqslam[view]'")
 

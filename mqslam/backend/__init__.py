@@ -1,0 +1,1 @@
+"""The pose graph and what it is built from."""

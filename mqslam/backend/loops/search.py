@@ -1,0 +1,115 @@
+"""Loop closures of a drive: candidates from its own uncertainty, verified by psi."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mqslam.backend.loops.align import align, cross_score
+from mqslam.backend.loops.passes import pairs_of_passes, reach, unrivalled
+from mqslam.backend.loops.submap import Drive, submap
+from mqslam.config import Config
+from mqslam.core import se2
+from mqslam.detection.stage import Progress
+from mqslam.execution.engine import Engine
+from mqslam.psi.place import PointSet
+
+
+@dataclass(frozen=True, slots=True)
+class Loop:
+    """A place passed twice.
+
+    Args:
+        earlier, later: indices of the two revolutions.
+        pose: (3,) of the later one in the frame of the earlier.
+        covariance: (3, 3) of it [m, m, rad].
+        matched: share of the later pass's returns that lie on the earlier one's.
+        psi: score per point of the two passes laid on each other.
+    """
+
+    earlier: int
+    later: int
+    pose: se2.Array
+    covariance: NDArray[np.float64]
+    matched: float
+    psi: float
+
+
+def find_loops(
+    drive: Drive, config: Config, tried: set[tuple[int, int]], engine: Engine, progress: Progress
+) -> list[Loop]:
+    """Loops of a drive, each verified by psi on its own.
+
+    Args:
+        drive: windows under the best trajectory so far.
+        config: all settings.
+        tried: pairs that are not tried again; those of this search are added.
+        engine: where they are verified; the result does not depend on it.
+        progress: called as candidates are verified.
+    """
+    pairs = candidate_pairs(drive, config, tried)
+    tried.update(pairs)
+
+    def done(number: int, loop: Loop | None) -> None:
+        progress("loops", number, len(pairs))
+
+    verified = engine.map(_verified, (drive, config), pairs, done)
+    return [loop for loop in verified if loop is not None]
+
+
+def candidate_pairs(drive: Drive, config: Config, tried: set[tuple[int, int]]) -> list[tuple[int, int]]:
+    """Pairs (earlier, later) of revolutions that may show one place, as `passes.pairs_of_passes` finds them."""
+    return pairs_of_passes(drive.travelled, drive.poses, config.loops, config.loops.passes, tried)
+
+
+def gate(drive: Drive, earlier: int, later: int, config: Config) -> tuple[float, float]:
+    """How far two revolutions' relative pose may be off [m], [rad]."""
+    return reach(float(drive.travelled[later] - drive.travelled[earlier]), config.loops)
+
+
+def _verified(shared: tuple[Drive, Config], pair: tuple[int, int]) -> Loop | None:
+    drive, config = shared
+    earlier, later = pair
+    settings = config.loops
+    reference, query = _submaps(drive, earlier, later, config)
+    if len(reference) < settings.fewest or len(query) < settings.fewest:
+        return None
+    guess = se2.between(drive.poses[earlier], drive.poses[later])
+    found = align(reference, query, guess, *gate(drive, earlier, later, config), config.estimator)
+    sure = np.sqrt(np.diag(found.covariance))
+    if not unrivalled(found, settings) or max(sure[0], sure[1]) > settings.sure_m:
+        return None
+    return Loop(earlier, later, found.pose, found.covariance, found.matched, found.psi)
+
+
+def kept_by_map(loops: Sequence[Loop], drive: Drive, after: se2.Array, config: Config, engine: Engine) -> list[Loop]:
+    """The loops with which the map of their own two passes is better than without.
+
+    Args:
+        drive: windows under the trajectory before the loops.
+        after: (N, 3) poses with the loops.
+        config: all settings.
+        engine: where they are judged; the result does not depend on it.
+    """
+    better = engine.map(_improves, (drive, after, config), loops)
+    return [loop for loop, keep in zip(loops, better, strict=True) if keep]
+
+
+def _improves(shared: tuple[Drive, se2.Array, Config], loop: Loop) -> bool:
+    """Whether psi of the two passes is lower than before, or about as low as it was and as it can be."""
+    drive, after, config = shared
+    reference, query = _submaps(drive, loop.earlier, loop.later, config)
+    before_psi, after_psi = (
+        cross_score(reference, query, se2.between(poses[loop.earlier], poses[loop.later]), config.estimator)
+        for poses in (drive.poses, after)
+    )
+    return after_psi < before_psi or after_psi <= config.loops.kept * min(before_psi, loop.psi)
+
+
+def _submaps(drive: Drive, earlier: int, later: int, config: Config) -> tuple[PointSet, PointSet]:
+    """The earlier pass, and the smaller part of the later one that is laid into it."""
+    reach, spacing = config.loops.submap_m, config.loops.spacing_m
+    return submap(drive, earlier, reach, spacing, config), submap(drive, later, 0.5 * reach, spacing, config)

@@ -1,1 +1,0 @@
-"""Many recordings at once: what is to be run, running it, and one report over all."""

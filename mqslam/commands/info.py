@@ -1,0 +1,67 @@
+"""What is in a recording, in plain values."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from mqslam.core.lidar import LidarRecording
+from mqslam.core.recording import RadarStream
+from mqslam.core.trajectory import Trajectory
+
+
+def describe(stream: RadarStream) -> dict[str, Any]:
+    """A recording in numbers and strings that JSON can hold; one revolution is read.
+
+    Returns:
+        format, path, revolutions, duration_s [s], turn_rate_hz [1/s], azimuths and bins of the first revolution,
+        range_resolution_m and max_range_m [m], odometry and ground_truth (None, or poses and length_m [m]), gaps
+        (after_revolution, missing_s [s]), notes and faults.
+
+    Raises:
+        DataError: the first revolution cannot be read.
+    """
+    azimuths, bins = stream[0].power.shape
+    return {
+        "format": stream.format,
+        "path": str(stream.path),
+        "revolutions": len(stream),
+        "duration_s": stream.duration_s,
+        "turn_rate_hz": 1.0 / stream.period_s,
+        "azimuths": azimuths,
+        "bins": bins,
+        "range_resolution_m": stream.range_resolution,
+        "max_range_m": bins * stream.range_resolution,
+        "odometry": _extent(stream.odometry),
+        "ground_truth": _extent(stream.ground_truth),
+        "gaps": [{"after_revolution": k, "missing_s": missing} for k, missing in stream.gaps()],
+        "notes": list(stream.notes),
+        "faults": list(stream.faults),
+    }
+
+
+def describe_lidar(lidar: LidarRecording) -> dict[str, Any]:
+    """A lidar's recording likewise.
+
+    Returns:
+        format, path, scans, duration_s [s], scan_rate_hz [1/s], returns per scan, max_range_m [m] among them, odometry and
+        recording (the poses beside the scans), and notes.
+    """
+    steps = np.diff(lidar.stamps_us) * 1e-6
+    return {
+        "format": lidar.format,
+        "path": str(lidar.path),
+        "scans": len(lidar.windows),
+        "duration_s": float(steps.sum()),
+        "scan_rate_hz": 1.0 / float(np.median(steps)),
+        "returns": float(np.mean([len(window.returns) for window in lidar.windows])),
+        "max_range_m": max(float(window.returns.ranges.max(initial=0.0)) for window in lidar.windows),
+        "odometry": _extent(lidar.odometry),
+        "recording": _extent(lidar.trajectory),
+        "notes": list(lidar.notes),
+    }
+
+
+def _extent(trajectory: Trajectory | None) -> dict[str, Any] | None:
+    return None if trajectory is None else {"poses": len(trajectory), "length_m": trajectory.length_m}

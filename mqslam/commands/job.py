@@ -1,0 +1,122 @@
+"""A run from the recording's path to the folder of its results: what `run` does once and `batch` many times."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from mqslam.commands.opening import choose_odometry, opened
+from mqslam.config import Config
+from mqslam.core.recording import RadarStream
+from mqslam.core.trajectory import Trajectory
+from mqslam.detection.stage import Progress
+from mqslam.execution.checkpoint import HOW, run_key, unfinished
+from mqslam.execution.engine import Engine
+from mqslam.results.run_results import whole_folder, write_run
+from mqslam.results.summary import run_warnings, summarise
+from mqslam.slam import Slam, Watch
+
+
+@dataclass(frozen=True)
+class Job:
+    """A run that is ready to begin.
+
+    Args:
+        stream: the recording.
+        odometry: the odometry it uses, or None.
+        settings: all settings.
+        frontend: name of the front end.
+        strict: whether a revolution that cannot be read is an error.
+        notes: what a user should know about the choice of odometry.
+    """
+
+    stream: RadarStream
+    odometry: Trajectory | None
+    settings: Config
+    frontend: str
+    strict: bool
+    notes: tuple[str, ...]
+
+    @property
+    def log(self) -> tuple[str, ...]:
+        """What a user should know before the run begins."""
+        return (*self.stream.notes, *self.notes)
+
+    @property
+    def key(self) -> str:
+        """What the result depends on."""
+        return run_key(self.stream, self.settings, self.frontend, self.odometry)
+
+
+def job_of(
+    data: Path,
+    settings: Config,
+    frontend: str = "psi",
+    odometry: str = "auto",
+    format: str | None = None,
+    range_resolution: float | None = None,
+    *,
+    strict: bool = False,
+) -> Job:
+    """Open a recording and choose its odometry, as the options of `mqslam run` of the same names say.
+
+    Raises:
+        ConfigError: a format nobody knows, or a range resolution that is no length.
+        DataError: a recording or an odometry that cannot be used.
+    """
+    stream = opened(data, format, range_resolution, settings.sensor, strict=strict)
+    track, notes = choose_odometry(stream, odometry)
+    return Job(stream, track, settings, frontend, strict, tuple(notes))
+
+
+def execute(
+    job: Job, out: Path, engine: Engine, progress: Progress, *, resume: bool, how: str = HOW, watch: Watch | None = None
+) -> tuple[dict[str, Any], list[str]]:
+    """Do a run and write its results.
+
+    Args:
+        job: the run.
+        out: folder of the results.
+        engine: where its stages are done.
+        progress: called as they go on.
+        resume: whether to go on where an unfinished run has stopped.
+        how: what an error says about how to go on.
+        watch: called with every window once its motion is measured.
+
+    Returns:
+        the content of summary.json, and the warnings of the report.
+
+    Raises:
+        MqslamError: whatever makes the run impossible; nothing is left then but what can be resumed.
+    """
+    with unfinished(out, job.key, resume=resume, how=how) as checkpoint:
+        slam = Slam(job.settings, job.frontend, engine, progress, checkpoint, strict=job.strict, watch=watch)
+        result = slam.run(job.stream, job.odometry)
+        summary = {**summarise(result, job.stream), "run_key": job.key}
+        warnings = [*run_warnings(result, job.stream), *job.notes]
+        with whole_folder(out) as folder:
+            write_run(folder, result, job.stream, summary, warnings, log_text(summary, job.log, warnings))
+    return summary, warnings
+
+
+def finished(out: Path, key: str) -> dict[str, Any] | None:
+    """The summary of a run that `out` holds, if it is whole and its result depends on the same."""
+    try:
+        summary = json.loads((out / "summary.json").read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return None
+    return summary if isinstance(summary, dict) and summary.get("run_key") == key else None
+
+
+def log_text(summary: dict[str, Any], notes: Sequence[str], warnings: Sequence[str]) -> str:
+    """The lines of run.log."""
+    dataset = summary["dataset"]
+    lines = [f"mqslam {summary['mqslam_version']} on {dataset['path']} ({dataset['format']})"]
+    lines += [f"note: {note}" for note in notes] + [f"warning: {warning}" for warning in warnings]
+    lines.append(f"Doppler shift: {summary['doppler_beta']:.4f} s of range per closing speed")
+    lines += [f"{stage}: {seconds:.2f} s" for stage, seconds in summary["runtime_s"].items()]
+    lines.append(f"verdict: {summary['verdict']['status']}: {'; '.join(summary['verdict']['reasons'])}")
+    return "\n".join(lines) + "\n"

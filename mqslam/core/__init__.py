@@ -1,0 +1,1 @@
+"""What every layer speaks of: SE(2), motions, recordings, scans, measurements, trajectories, maps."""

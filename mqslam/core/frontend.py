@@ -1,0 +1,90 @@
+"""The protocol all front ends meet, and how they are found by name."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from importlib.metadata import EntryPoint, entry_points
+from typing import Protocol
+
+import numpy as np
+
+from mqslam.config import Config
+from mqslam.core import se2
+from mqslam.core.measurement import RelativeMotion
+from mqslam.core.scans import Window
+from mqslam.core.trajectory import Trajectory
+from mqslam.errors import ConfigError
+
+
+@dataclass(frozen=True, slots=True)
+class Context:
+    """What a front end may know besides the returns.
+
+    Args:
+        config: all settings.
+        revolution_s: duration of one turn [s].
+        start_us: stamp [us] of the stream's time zero.
+        odometry: dead-reckoned poses of another source, or None.
+    """
+
+    config: Config
+    revolution_s: float
+    start_us: int
+    odometry: Trajectory | None
+
+    def odometry_twist(self, t0: float, t1: float) -> se2.Array | None:
+        """Mean twist (3,) of the odometry between two times [s]; None where there is none."""
+        if self.odometry is None or t1 <= t0:
+            return None
+        stamps = self.start_us + np.round(np.array([t0, t1]) * 1e6).astype(np.int64)
+        if not self.odometry.covers(int(stamps[0]), int(stamps[1])):
+            return None
+        return np.asarray(self.odometry.mean_twists(stamps[:1], stamps[1:])[0])
+
+
+class FrontEnd(Protocol):
+    """Turns windows of returns into relative motions."""
+
+    def __init__(self, context: Context) -> None: ...
+
+    def measure(self, windows: Iterable[Window]) -> Iterator[RelativeMotion]:
+        """The motion from the start of each window to the start of the next, in order: one fewer than windows.
+
+        Raises:
+            EstimationError: the windows hold nothing a motion could be estimated from.
+        """
+        ...
+
+
+def names() -> list[str]:
+    """The front ends installed here, those of other packages included."""
+    return sorted(point.name for point in entry_points(group="mqslam.frontends"))
+
+
+def load(name: str) -> type[FrontEnd]:
+    """The front end of a name.
+
+    Raises:
+        ConfigError: there is none of that name, or it cannot be imported.
+    """
+    try:
+        found: type[FrontEnd] = known(name).load()
+    except ImportError as error:
+        raise ConfigError(f"front end {name}: cannot be imported ({error})") from error
+    return found
+
+
+def known(name: str) -> EntryPoint:
+    """Where the front end of a name is to be found, without importing it.
+
+    Raises:
+        ConfigError: there is none of that name.
+    """
+    for point in entry_points(group="mqslam.frontends"):
+        if point.name == name:
+            return point
+    near = difflib.get_close_matches(name, names(), 1)
+    hint = f"did you mean {near[0]}?" if near else f"choose one of {', '.join(names())}"
+    raise ConfigError(f"front end {name}: unknown; {hint}")

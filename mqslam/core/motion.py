@@ -1,0 +1,125 @@
+"""Motion models: the sensor's pose within a window as a function of a few parameters.
+
+Every model states the body twist as a polynomial in time, linear in its parameters; the pose follows by integrating
+
+    yaw(t) = int_0^t omega,    (x, y)(t) = int_0^t R(yaw(u)) (vx, vy)(u) du
+
+with Gauss-Legendre quadrature, which is exact to rounding for turns below a radian per window.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numba as nb
+import numpy as np
+from numpy.typing import NDArray
+
+from mqslam.core import se2
+
+VX, VY, OMEGA = 0, 1, 2
+LONGEST_COAST_S = 60.0
+"""A longer gap [s] is a pause or a jump of the clock: motion is not extrapolated across it, which could mean kilometres."""
+_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(6)
+_NODES = 0.5 * (_NODES + 1.0)
+_WEIGHTS = 0.5 * _WEIGHTS
+
+
+@dataclass(frozen=True, slots=True)
+class MotionModel:
+    """A body twist that is a polynomial in time.
+
+    Parameter p adds theta[p] * t**powers[p] to twist component components[p] (0 vx [m/s], 1 vy [m/s], 2 omega [rad/s]).
+    """
+
+    name: str
+    parameters: tuple[str, ...]
+    components: tuple[int, ...]
+    powers: tuple[int, ...]
+
+    @property
+    def size(self) -> int:
+        """Number of parameters."""
+        return len(self.parameters)
+
+    def pose(self, theta: se2.Array, t: float) -> tuple[se2.Array, se2.Array]:
+        """Pose (3,) after t [s], in the frame at t = 0, and its Jacobian (3, P) by the parameters."""
+        poses, jacobians, _ = integrate(np.asarray(theta, dtype=np.float64), *self.arrays, np.array([t]))
+        return poses[0], jacobians[0]
+
+    @property
+    def arrays(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """Components and powers (P,) as the kernels take them."""
+        return np.array(self.components, dtype=np.int64), np.array(self.powers, dtype=np.int64)
+
+    def from_twist(self, twist: se2.Array) -> se2.Array:
+        """Parameters (P,) of a constant twist (vx, vy, omega); what the model cannot hold is dropped."""
+        theta = np.zeros(self.size)
+        for p, (component, power) in enumerate(zip(self.components, self.powers, strict=True)):
+            if power == 0:
+                theta[p] = twist[component]
+        return theta
+
+
+CONSTANT_VELOCITY = MotionModel("constant_velocity", ("v", "omega"), (VX, OMEGA), (0, 0))
+CONSTANT_TWIST = MotionModel("constant_twist", ("vx", "vy", "omega"), (VX, VY, OMEGA), (0, 0, 0))
+ACCELERATED_TWIST = MotionModel(
+    "accelerated_twist", ("vx", "vy", "omega", "ax", "alpha"), (VX, VY, OMEGA, VX, OMEGA), (0, 0, 0, 1, 1)
+)
+MODELS = {model.name: model for model in (CONSTANT_VELOCITY, CONSTANT_TWIST, ACCELERATED_TWIST)}
+
+
+@nb.njit(cache=True, nogil=True)
+def integrate(
+    theta: NDArray[np.float64],
+    components: NDArray[np.int64],
+    powers: NDArray[np.int64],
+    times: NDArray[np.float64],
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Poses (N, 3), their Jacobians (N, 3, P), and twists (N, 3) at times (N,) [s] since the window's start."""
+    n, size = len(times), len(theta)
+    poses = np.zeros((n, 3))
+    jacobians = np.zeros((n, 3, size))
+    twists = np.zeros((n, 3))
+    d_yaw = np.zeros(size)
+    for i in range(n):
+        t = times[i]
+        for node in range(len(_NODES)):
+            u = t * _NODES[node]
+            weight = t * _WEIGHTS[node]
+            yaw = 0.0
+            vx = 0.0
+            vy = 0.0
+            for p in range(size):
+                base = u ** powers[p]
+                d_yaw[p] = 0.0
+                if components[p] == OMEGA:
+                    d_yaw[p] = base * u / (powers[p] + 1)
+                    yaw += theta[p] * d_yaw[p]
+                elif components[p] == VX:
+                    vx += theta[p] * base
+                else:
+                    vy += theta[p] * base
+            c, s = np.cos(yaw), np.sin(yaw)
+            ahead = c * vx - s * vy
+            left = s * vx + c * vy
+            poses[i, 0] += weight * ahead
+            poses[i, 1] += weight * left
+            for p in range(size):
+                base = u ** powers[p]
+                if components[p] == OMEGA:
+                    jacobians[i, 0, p] -= weight * left * d_yaw[p]
+                    jacobians[i, 1, p] += weight * ahead * d_yaw[p]
+                elif components[p] == VX:
+                    jacobians[i, 0, p] += weight * c * base
+                    jacobians[i, 1, p] += weight * s * base
+                else:
+                    jacobians[i, 0, p] -= weight * s * base
+                    jacobians[i, 1, p] += weight * c * base
+        for p in range(size):
+            base = t ** powers[p]
+            twists[i, components[p]] += theta[p] * base
+            if components[p] == OMEGA:
+                poses[i, 2] += theta[p] * base * t / (powers[p] + 1)
+                jacobians[i, 2, p] = base * t / (powers[p] + 1)
+    return poses, jacobians, twists

@@ -1,0 +1,1 @@
+"""From polar scans to returns."""

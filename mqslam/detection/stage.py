@@ -1,0 +1,187 @@
+"""The first stage of a run: every revolution read, detected and released."""
+
+from __future__ import annotations
+
+import logging
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from socket import gethostname
+from typing import Protocol
+
+import numpy as np
+
+from mqslam.core.recording import RadarStream, Revolution, usual_steps
+from mqslam.core.scans import Returns, Window
+from mqslam.detection.artefacts import drop_fixed
+from mqslam.detection.detector import DetectorConfig, detect
+from mqslam.errors import DataError
+from mqslam.execution.engine import Engine
+
+_log = logging.getLogger(__name__)
+Progress = Callable[[str, int, int], None]  # stage, done, total
+_CHUNK = 40  # revolutions a worker takes at a time
+_MOST_UNREAD = 0.5  # share of revolutions above which there is nothing to go on with
+_LISTED = 3  # files that a report on unread revolutions names
+
+
+def silent(stage: str, done: int, total: int) -> None:
+    """Progress that nobody sees."""
+
+
+@dataclass(frozen=True, slots=True)
+class Detected:
+    """What a stretch of revolutions holds and what that cost.
+
+    Args:
+        returns: of each revolution; none of one that could not be read.
+        unread: why a revolution could not be read, by its number in the recording.
+        read_s, detect_s: seconds spent.
+    """
+
+    returns: list[Returns]
+    unread: dict[int, DataError] = field(default_factory=dict)
+    read_s: float = 0.0
+    detect_s: float = 0.0
+
+
+def detect_stretch(
+    stream: RadarStream, config: DetectorConfig, start: int, stop: int, *, strict: bool = True
+) -> Detected:
+    """Read and detect the revolutions start <= k < stop.
+
+    Args:
+        stream: the recording.
+        config: settings.
+        start, stop: the stretch.
+        strict: whether a revolution that cannot be read is an error, rather than one without returns.
+
+    Raises:
+        DataError: a revolution that cannot be read, if strict, or the whole recording.
+    """
+    found: list[Returns] = []
+    unread: dict[int, DataError] = {}
+    read_s, detect_s = 0.0, 0.0
+    mark = time.perf_counter()
+    for k, revolution in revolutions_or_errors(stream, start, stop):
+        read = time.perf_counter()
+        if not isinstance(revolution, DataError):
+            found.append(detect(revolution, stream.range_resolution, config))
+        elif strict:
+            raise revolution
+        elif not stream.path.exists():  # not one that is damaged: all of them are out of reach, of this worker at least
+            raise DataError(stream.path, f"is not there on {gethostname()}", "it must be, on every machine that reads it")
+        else:
+            unread[k] = revolution.with_traceback(None)
+            found.append(Returns.none())
+        done = time.perf_counter()
+        read_s, detect_s, mark = read_s + read - mark, detect_s + done - read, done
+    return Detected(found, unread, read_s, detect_s)
+
+
+def revolutions_or_errors(stream: RadarStream, start: int, stop: int) -> Iterator[tuple[int, Revolution | DataError]]:
+    """The revolutions start <= k < stop, each with its number, or why it cannot be read."""
+    k = start
+    while k < stop:
+        try:  # reading ends with the first error: after one it begins again behind it
+            for revolution in stream.revolutions(k, stop):
+                yield k, revolution
+                k += 1
+        except DataError as error:
+            yield k, error
+            k += 1
+
+
+class Store(Protocol):
+    """Keeps what was detected in stretches of revolutions, so that a run can be resumed."""
+
+    def detected(self, begin: int, end: int) -> Detected | None:
+        """What was detected in the revolutions begin <= k < end, if it was kept."""
+        ...
+
+    def keep_detected(self, begin: int, end: int, found: Detected) -> None:
+        """Keep what was detected in a stretch of revolutions."""
+        ...
+
+
+def detect_all(
+    stream: RadarStream,
+    config: DetectorConfig,
+    engine: Engine,
+    progress: Progress,
+    store: Store | None = None,
+    *,
+    strict: bool = False,
+) -> tuple[list[Window], Detected]:
+    """One window of returns per revolution, empty where it cannot be read.
+
+    Args:
+        stream: the recording.
+        config: settings.
+        engine: where revolutions are read and detected; the result does not depend on it.
+        progress: called as stretches are done.
+        store: where stretches are kept, and looked for first.
+        strict: whether one revolution that cannot be read is an error.
+
+    Raises:
+        DataError: over half of the revolutions cannot be read, or one if strict.
+    """
+    total = len(stream)
+    spans = [(k, min(k + _CHUNK, total)) for k in range(0, total, _CHUNK)]
+    parts: dict[int, Detected] = {}
+    for begin, end in spans:
+        kept = store.detected(begin, end) if store else None
+        if kept is not None and not (strict and kept.unread):
+            parts[begin] = kept
+
+    missing = [(begin, end) for begin, end in spans if begin not in parts]
+
+    def done(number: int, found: Detected) -> None:
+        begin, end = missing[number - 1]
+        parts[begin] = found
+        if store:
+            store.keep_detected(begin, end, found)
+        progress("detect", sum(len(part.returns) for part in parts.values()), total)
+
+    engine.map(_stretch, (stream, config, strict), missing, done, processes=True)
+    returns = drop_fixed([r for begin, _ in spans for r in parts[begin].returns])
+    unread = {k: error for begin, _ in spans for k, error in parts[begin].unread.items()}
+    if len(unread) > _MOST_UNREAD * total:
+        first = next(iter(unread.values()))
+        raise DataError(first.path, f"{first.problem}, like {len(unread)} of {total} revolutions", first.remedy)
+    _log.info("%d returns in %d revolutions, %d of them unread", sum(map(len, returns)), total, len(unread))
+    read_s, detect_s = sum(p.read_s for p in parts.values()), sum(p.detect_s for p in parts.values())
+    return windows_of(stream, returns), Detected(returns, unread, read_s, detect_s)
+
+
+def _stretch(shared: tuple[RadarStream, DetectorConfig, bool], span: tuple[int, int]) -> Detected:
+    stream, config, strict = shared
+    return detect_stretch(stream, config, *span, strict=strict)
+
+
+def unread_warnings(unread: dict[int, DataError]) -> list[str]:
+    """What to tell about revolutions that could not be read, by number: one line, or none."""
+    if not unread:
+        return []
+    several = "1 revolution" if len(unread) == 1 else f"{len(unread)} revolutions"
+    named = [f"{error.path}: {error.problem}" for error in list(unread.values())[:_LISTED]]
+    others = [f"and {len(unread) - _LISTED} more"] if len(unread) > _LISTED else []
+    return [f"{several} could not be read and {'is' if len(unread) == 1 else 'are'} left out: {', '.join(named + others)}"]
+
+
+def windows_of(stream: RadarStream, returns: list[Returns] | None = None) -> list[Window]:
+    """A window per revolution: from its start to the next one's, or one turn long before a gap and at the end.
+
+    Args:
+        stream: the recording.
+        returns: of each revolution; None leaves the windows empty.
+    """
+    starts = stream.start_times
+    ends = [*starts[1:], (stream.end_us - stream.start_us) * 1e-6]
+    turns = np.append(usual_steps(stream.stamps_us) * 1e-6, stream.period_s)
+    turns[-1] = turns[-2:][0]
+    returns = [Returns.none()] * len(stream) if returns is None else returns
+    return [
+        Window(float(t0), float(t1 if t1 - t0 <= 1.5 * turn else t0 + turn), found)
+        for t0, t1, turn, found in zip(starts, ends, turns.tolist(), returns, strict=True)
+    ]

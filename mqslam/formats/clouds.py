@@ -1,0 +1,205 @@
+"""Finished clouds with a time per point: PLY, PCD, LAS or LAZ, and NPZ."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mqslam.core.timed_cloud import TimedCloud
+from mqslam.errors import DataError, MqslamError
+from mqslam.formats.shared import npz
+from mqslam.formats.shared.stamps import microseconds_of, time_unit
+
+_WANTED = "a cloud needs x, y and one of time, t, timestamp, stamp or gps_time for every point"
+_COARSEST_S = 0.05
+_MOST_EXPANSION = 1000
+_RECORD_BYTES, _COMPRESSED = 54, 0x80
+_MOST_NUMBERS = 10_000  # of a point
+_PANIC = "PanicException"  # what lazrs, written in Rust, raises beside all of Python's exceptions
+Columns = Mapping[str, Any]
+
+
+def read_cloud(path: Path, z_range: tuple[float, float] | None = None) -> TimedCloud:
+    """Read a cloud, such as the `map.ply` of a run, into the plane and the order of its times.
+
+    Times are seconds, above 1e14 microseconds and above 1e17 nanoseconds, unless the field's name ends in a unit (t_us).
+
+    Args:
+        path: a `.ply`, `.pcd`, `.las`, `.laz` or `.npz` with fields x, y and a time. An `.npz` holds arrays x, y and t, or
+            points (N, 2) or (N, 3) and t, times or stamps.
+        z_range: lowest and highest z [m] to keep; None keeps every point, whatever its z.
+
+    Raises:
+        DataError: unreadable, no time, or no points.
+    """
+    load = _LOADERS.get(path.suffix.lower())
+    if load is None:
+        raise DataError(path, "is no cloud in a known format", f"give one of {', '.join(_LOADERS)}")
+    try:
+        columns = load(path)
+    except MqslamError:
+        raise
+    except BaseException as error:  # each library has errors of its own, and lets NumPy's and the system's through
+        if not isinstance(error, Exception) and type(error).__name__ != _PANIC:
+            raise
+        reason = (getattr(error, "strerror", None) or str(error) or type(error).__name__).splitlines()[0][:160]
+        raise DataError(path, f"is not a readable {path.suffix} ({reason})", "write it anew") from error
+    return _cloud(path, columns, z_range)
+
+
+def _cloud(path: Path, columns: Columns, z_range: tuple[float, float] | None) -> TimedCloud:
+    name, unit = next(((name, unit) for name in columns if (unit := time_unit(name)) is not None), (None, ""))
+    if name is None or "x" not in columns or "y" not in columns:
+        missing = "time per point" if name is None else "x and y"
+        raise DataError(path, f"has no {missing} (fields: {', '.join([*columns][:20]) or 'none'})", _WANTED)
+    if z_range is not None and "z" not in columns:
+        raise DataError(path, "has no z to choose points by", "leave the range of z out")
+    x, y, times = (_numbers(path, columns, field) for field in ("x", "y", name))
+    z = _numbers(path, columns, "z") if z_range is not None else None
+    if len({len(x), len(y), len(times)}) > 1 or (z is not None and len(z) != len(x)):
+        raise DataError(path, f"has {len(x)} x, {len(y)} y and {len(times)} times", "write it anew")
+    notes = [_precision(path, name, times)] if times.dtype == np.float32 and len(times) else []
+    whole = np.isfinite(x) & np.isfinite(y) & np.isfinite(times)
+    if dropped := len(x) - int(np.count_nonzero(whole)):
+        notes.append(f"{dropped} points that are not finite are left out")
+    if z is not None and z_range is not None:
+        whole &= (z >= z_range[0]) & (z <= z_range[1])
+        notes.append(f"{np.count_nonzero(whole)} of {len(x)} points have z from {z_range[0]:g} m to {z_range[1]:g} m")
+    if not whole.any():
+        raise DataError(path, "holds no points", "check how it was written, and the range of z")
+    try:
+        stamps, unit = microseconds_of(times[whole], unit)
+    except ValueError as error:
+        raise DataError(path, f"{name} {error}", _WANTED) from error
+    order = np.argsort(stamps, kind="stable")
+    points = np.column_stack([x[whole], y[whole]]).astype(np.float64)
+    notes.append(f"times are {name} in {unit}")
+    return TimedCloud(path, points[order], stamps[order], tuple(note for note in notes if note))
+
+
+def _numbers(path: Path, columns: Columns, name: str) -> NDArray[Any]:
+    """A column (N,), once it has been found to hold one number per point."""
+    column: NDArray[Any] = np.asarray(columns[name])
+    if column.ndim != 1 or column.dtype.kind not in "iuf":
+        raise DataError(path, f"{name} is {column.ndim}-dimensional {column.dtype}, not a number per point", _WANTED)
+    return column
+
+
+def _precision(path: Path, name: str, times: NDArray[np.float32]) -> str:
+    """What to say about the step between single-precision times; "" where it does not matter.
+
+    Raises:
+        DataError: the steps are too long to tell one sweep from the next, as in seconds since 1970.
+    """
+    step = float(np.spacing(np.abs(times[np.isfinite(times)]).max(initial=np.float32(0.0))))
+    if step > _COARSEST_S:
+        problem = f"{name} is single-precision, which cannot tell times less than {step:.3g} s apart"
+        raise DataError(path, problem, "write it as double, or count it from the recording's start")
+    return f"{name} is single-precision: times come in steps of {step:.2g} s" if step > 1e-3 else ""
+
+
+def _ply(path: Path) -> Columns:
+    from plyfile import PlyData
+
+    content = PlyData.read(str(path))
+    if "vertex" not in content:
+        raise DataError(path, "has no element vertex", _WANTED)
+    vertices = content["vertex"].data
+    return {name: vertices[name] for name in vertices.dtype.names}
+
+
+def _pcd(path: Path) -> Columns:
+    from pypcd4.pypcd4 import MetaData, PointCloud
+
+    with path.open("rb") as file:
+        lines: list[str] = []
+        while len(lines) < 64 and not (lines and lines[-1].startswith("DATA")):
+            lines.append(file.readline(1 << 16).decode("utf-8").strip())
+        header = MetaData.parse_header(lines)
+        if min(header.count, default=1) < 1 or sum(header.count) > _MOST_NUMBERS:  # pypcd4 makes a list of them
+            raise DataError(path, f"claims {sum(header.count)} numbers per point", "write it anew")
+        claimed = header.points * header.build_dtype().itemsize
+        if claimed > _MOST_EXPANSION * path.stat().st_size:
+            raise DataError(path, f"claims {header.points} points in {path.stat().st_size} bytes", "write it anew")
+    points = PointCloud.from_path(path).pc_data
+    if len(points) != header.points:
+        raise DataError(path, f"holds {len(points)} of {header.points} points", "copy it anew")
+    return {name: points[name] for name in header.fields if name in (points.dtype.names or ())}
+
+
+def _las(path: Path) -> Columns:
+    import laspy
+
+    if not _plausible_las(path):
+        raise DataError(path, "has a damaged header or chunk table", "copy it anew")
+    backend = laspy.LazBackend.Lazrs  # the parallel one aborts the process on damaged chunks
+    with laspy.open(path, laz_backend=backend, read_evlrs=False) as file:
+        header = file.header
+        if header.point_count * header.point_format.size > _MOST_EXPANSION * path.stat().st_size:
+            raise DataError(path, f"claims {header.point_count} points in {path.stat().st_size} bytes", "write it anew")
+        cloud = file.read()
+    if len(cloud.points) != header.point_count:
+        raise DataError(path, f"holds {len(cloud.points)} of {header.point_count} points", "copy it anew")
+    fields = [name for name in cloud.point_format.dimension_names if name not in "XYZ"]
+    return {"x": cloud.x, "y": cloud.y, "z": cloud.z, **{name: cloud[name] for name in fields}}
+
+
+def _plausible_las(path: Path) -> bool:
+    """Whether the file can hold the records and compressed chunks it claims: laspy and lazrs allocate what they read."""
+    size = path.stat().st_size
+    with path.open("rb") as file:
+        head = file.read(107).ljust(107, b"\0")
+        header_size, points_at, records = struct.unpack_from("<HII", head, 94)
+        if header_size + _RECORD_BYTES * records > min(points_at, size):
+            return False
+        if not head[104] & _COMPRESSED:
+            return True
+        file.seek(header_size)
+        if not _plausible_items(file.read(points_at - header_size), records, int.from_bytes(head[105:107], "little")):
+            return False
+        file.seek(points_at)
+        (table_at,) = struct.unpack("<q", file.read(8).ljust(8, b"\0"))
+        if table_at == -1:  # written as a stream: the table's place follows it
+            file.seek(max(0, size - 8))
+            (table_at,) = struct.unpack("<q", file.read(8).ljust(8, b"\0"))
+        if not points_at < table_at < size:
+            return False
+        file.seek(table_at)
+        _, chunks = struct.unpack("<II", file.read(8).ljust(8, b"\xff"))
+    return bool(chunks <= size)
+
+
+def _plausible_items(block: bytes, records: int, point_bytes: int) -> bool:
+    """Whether records of a LAZ file say how points are packed, in items that add up to a point; else lazrs panics."""
+    at = 0
+    for _ in range(records):
+        user, number, length = struct.unpack_from("<2x16sHH", block.ljust(at + _RECORD_BYTES, b"\0"), at)
+        content = block[at + _RECORD_BYTES : at + _RECORD_BYTES + length]
+        at += _RECORD_BYTES + length
+        if user.rstrip(b"\0") == b"laszip encoded" and number == 22204 and len(content) >= 34:
+            count = int.from_bytes(content[32:34], "little")
+            sizes = [int.from_bytes(content[k + 2 : k + 4], "little") for k in range(34, 34 + 6 * count, 6)]
+            return count > 0 and sum(sizes) == point_bytes and len(content) >= 34 + 6 * count
+    return False
+
+
+def _npz(path: Path) -> Columns:
+    with npz.opened(path, _WANTED) as archive:
+        names = npz.names_of(archive)
+        wanted = [name for name in names if name in ("x", "y", "z") or time_unit(name) is not None]
+        columns = {name: npz.array_of(archive, name) for name in wanted}
+        others = {name: () for name in names if name not in columns}
+        if "points" in others:
+            points = npz.array_of(archive, "points")
+            if points.ndim != 2 or points.shape[1] not in (2, 3):
+                raise DataError(path, f"points are {points.shape}", "give points (N, 2) or (N, 3)")
+            columns.update(zip("xyz", points.T, strict=False))
+    return {**columns, **others}
+
+
+_LOADERS: dict[str, Callable[[Path], Columns]] = {".ply": _ply, ".pcd": _pcd, ".las": _las, ".laz": _las, ".npz": _npz}

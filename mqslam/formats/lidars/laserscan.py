@@ -1,0 +1,178 @@
+"""`sensor_msgs/LaserScan` in ROS bags: ROS 1 `.bag`, ROS 2 folder or `.db3`, `.mcap`."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mqslam.core import se2
+from mqslam.core.lidar import LidarRecording, windows_of
+from mqslam.core.scans import Returns
+from mqslam.core.trajectory import Trajectory
+from mqslam.errors import DataError
+from mqslam.formats.shared import bags
+from mqslam.formats.shared.bags import ODOMETRY_TYPE, POSE_TYPE, POSE_WITH_COVARIANCE_TYPE
+from mqslam.formats.shared.mounts import Mounts
+from mqslam.formats.shared.stamps import in_order
+
+if TYPE_CHECKING:
+    from rosbags.highlevel import AnyReader
+
+SCAN_TYPE = "sensor_msgs/msg/LaserScan"
+_STATIC = "/tf_static"
+_COMMANDS = ("goal", "initialpose", "initial_pose")
+
+
+@dataclass(slots=True)
+class _Index:
+    """What one pass over a bag collects: scans with times since their own stamps, poses by topic, frames, mounts."""
+
+    stamps_us: list[int] = field(default_factory=list)
+    scans: list[Returns] = field(default_factory=list)
+    poses: dict[str, list[bags.PoseRow]] = field(default_factory=dict)
+    sensor_frame: str = ""
+    body_frame: str = ""
+    mounts: Mounts = field(default_factory=Mounts)
+
+
+def holds_scans(path: Path) -> bool:
+    """Whether a bag has laser scans and nothing that a radar sent.
+
+    Raises:
+        DataError: no readable bag.
+    """
+    with bags.opened(path) as reader:
+        kinds = {connection.msgtype for connection in reader.connections}
+        topics = [connection.topic.lower() for connection in reader.connections]
+    return SCAN_TYPE in kinds and not any("polar" in topic or "navtech" in topic for topic in topics)
+
+
+def read_lidar(path: Path) -> LidarRecording:
+    """Read the scans of a bag, with its odometry and the poses that some SLAM published.
+
+    Ranges outside (range_min, range_max), NaN and infinite ones are no returns. Beam k is measured k time increments after
+    the header's stamp. Poses are carried to the lidar where /tf_static says how it is mounted.
+
+    Raises:
+        DataError: no readable bag, no topic of scans or several that could be meant, or fewer than two scans with returns.
+    """
+    with bags.opened(path) as reader:
+        topic = _scan_topic(path, reader)
+        odometry_topic, pose_topic = _pose_topics(reader)
+        index = _read(path, reader, topic, {odometry_topic, pose_topic})
+    rows = np.flatnonzero(in_order(index.stamps_us)).tolist()
+    stamps = np.array(index.stamps_us, dtype=np.int64)[rows]
+    scans = [index.scans[row] for row in rows]
+    if len(scans) < 2 or not any(map(len, scans)):
+        problem = f"has {len(scans)} scans with stamps that increase on {topic}, {sum(map(len, scans))} returns in them"
+        raise DataError(path, problem, "give a bag in which the lidar moves and sees something")
+    notes = [f"scans from {topic}"]
+    if dropped := len(index.scans) - len(scans):
+        notes.append(f"{dropped} scans whose stamps repeat or run backward are left out")
+    mount = index.mounts.find(index.sensor_frame, index.body_frame)
+    if mount and mount.upside_down:
+        notes.append("the lidar is mounted upside down: its angles are mirrored")
+    times, noted = _times(stamps, scans)
+    scans = [
+        Returns(scan.ranges, -scan.azimuths if mount and mount.upside_down else scan.azimuths, time, scan.intensities)
+        for scan, time in zip(scans, times, strict=True)
+    ]
+    notes += noted
+    carried = {}
+    for what, name in (("odometry", odometry_topic), ("trajectory", pose_topic)):
+        poses = bags.trajectory_of(index.poses.get(name or "", ()))
+        if poses is not None:
+            how = "carried to the lidar by /tf_static" if mount else "taken as that of the lidar itself"
+            notes.append(f"{what} from {name}, {how}")
+            carried[what] = Trajectory(poses.stamps_us, se2.compose(poses.poses, mount.pose)) if mount else poses
+    windows = windows_of(stamps, scans)
+    return LidarRecording(
+        path, "laserscan", stamps, windows, carried.get("trajectory"), carried.get("odometry"), tuple(notes)
+    )
+
+
+def _scan_topic(path: Path, reader: AnyReader) -> str:
+    """The only topic of scans, else the only one whose last name is scan."""
+    topics = sorted({c.topic for c in reader.connections if c.msgtype == SCAN_TYPE and c.msgcount})
+    if not topics:
+        raise DataError(path, f"has no scans (topics: {bags.topics_there(reader)})", f"scans are {SCAN_TYPE}")
+    named = [topic for topic in topics if topic.rsplit("/", 1)[-1].lower() == "scan"] if len(topics) > 1 else topics
+    if len(named) != 1:
+        remedy = "give a bag with one of them, or with one that is named scan"
+        raise DataError(path, f"has several topics of scans ({', '.join(topics[:12])})", remedy)
+    return named[0]
+
+
+def _pose_topics(reader: AnyReader) -> tuple[str | None, str | None]:
+    """The topics of odometry and of a SLAM's poses: those with the most messages, ground truth and commands apart."""
+    filled = sorted((c for c in reader.connections if c.msgcount > 1), key=lambda c: -c.msgcount)
+    drives = [c.topic for c in filled if c.msgtype == ODOMETRY_TYPE and not bags.TRUTH_NAME.search(c.topic.lower())]
+    drives.sort(key=lambda topic: "odom" not in topic.lower())
+    poses = [c.topic for c in filled if c.msgtype in (POSE_TYPE, POSE_WITH_COVARIANCE_TYPE)]
+    poses = [topic for topic in poses if not any(word in topic.lower() for word in _COMMANDS)]
+    poses.sort(key=lambda topic: bool(bags.TRUTH_NAME.search(topic.lower())))
+    return next(iter(drives), None), next(iter(poses), None)
+
+
+def _read(path: Path, reader: AnyReader, topic: str, pose_topics: set[str | None]) -> _Index:
+    """One pass over the messages of the scans, of the pose topics and of /tf_static."""
+    index = _Index()
+    connections = [c for c in reader.connections if c.topic in (topic, _STATIC) or c.topic in pose_topics]
+    for connection, logged, raw in reader.messages(connections):
+        message: Any = reader.deserialize(raw, connection.msgtype)
+        if connection.topic == topic:
+            with bags.naming(path, topic, logged):
+                index.scans.append(_scan(message))
+            index.stamps_us.append(bags.header_us(message) or logged // 1000)
+            index.sensor_frame = message.header.frame_id
+        elif connection.topic == _STATIC:
+            index.mounts.add(message)
+        else:
+            index.poses.setdefault(connection.topic, []).append(bags.pose_row(connection.msgtype, message))
+            if connection.msgtype == ODOMETRY_TYPE:
+                index.body_frame = message.child_frame_id
+    return index
+
+
+def _scan(message: Any) -> Returns:
+    """The returns of a scan, their times counted from its stamp.
+
+    Raises:
+        ValueError: angles or limits that are no numbers.
+    """
+    numbers = (message.angle_min, message.angle_increment, message.time_increment)
+    if not np.isfinite(numbers).all() or not message.range_min < message.range_max:
+        raise ValueError(f"has angles {numbers[:2]} and range limits ({message.range_min}, {message.range_max})")
+    ranges = np.asarray(message.ranges, dtype=np.float64)
+    intensities = np.asarray(message.intensities, dtype=np.float64)
+    beams = np.arange(len(ranges))
+    seen = np.isfinite(ranges) & (ranges > message.range_min) & (ranges < message.range_max)
+    return Returns(
+        ranges[seen],
+        message.angle_min + message.angle_increment * beams[seen],
+        message.time_increment * beams[seen],
+        intensities[seen] if len(intensities) == len(ranges) else np.zeros(np.count_nonzero(seen)),
+    )
+
+
+def _times(stamps: NDArray[np.int64], scans: Sequence[Returns]) -> tuple[list[NDArray[np.float64]], list[str]]:
+    """Times [s] since the first of the scans' stamps (N,) [us], and a note where beams have none of their own.
+
+    A driver's time increment cannot be right where sweeps last longer than from one scan to the next; all beams then have
+    the scan's time.
+    """
+    starts = ((stamps - stamps[0]) * 1e-6).tolist()
+    times = np.concatenate([scan.times for scan in scans])
+    sweep = float(times.max() if times.min() >= 0.0 else times.min())
+    if 0.0 < sweep < 1.05 * float(np.median(np.diff(starts))):
+        return [start + scan.times for start, scan in zip(starts, scans, strict=True)], []
+    note = "no time of their own" if sweep == 0.0 else f"impossible times (a sweep of {sweep:.3g} s)"
+    return (
+        [np.full(len(scan), start) for start, scan in zip(starts, scans, strict=True)],
+        [f"beams have {note}: all of a scan have the scan's"],
+    )

@@ -1,0 +1,110 @@
+"""Odometry files: poses as TUM, or body twists as CSV that are chained into poses."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mqslam.core import se2
+from mqslam.core.trajectory import Trajectory, checked, read_tum
+from mqslam.errors import DataError
+from mqslam.formats.shared.stamps import microseconds
+
+_LATEST_US = 2.0**62
+
+
+def read_odometry(path: Path) -> Trajectory:
+    """Read an odometry file: TUM, or CSV with the header `t,v,omega` and optionally `vy`.
+
+    In the CSV t is in us, v and vy in m/s, omega in rad/s (REP 103). The twist of a row holds until the next row's
+    stamp, so the poses lie on exact constant-twist arcs; the first pose is the origin.
+
+    Raises:
+        DataError: unreadable, neither layout, a number that is none, or stamps that do not increase.
+    """
+    try:
+        with path.open(encoding="utf-8") as lines:
+            first = next((line for line in lines if line.strip() and not line.lstrip().startswith("#")), "")
+    except FileNotFoundError as error:
+        raise DataError(path, "does not exist", "check the path of the odometry, or give auto or none") from error
+    except (OSError, UnicodeDecodeError) as error:
+        raise DataError(path, "is not a readable text file", "give TUM or a CSV with columns t,v,omega") from error
+    return _read_twists(path, first) if "," in first else read_tum(path)
+
+
+def chained(steps: se2.Array) -> se2.Array:
+    """Poses (N + 1, 3) from the origin on, of motions (N, 3) each given in the frame the one before ends in."""
+    yaw = np.concatenate([[0.0], np.cumsum(steps[:, 2])])
+    c, s = np.cos(yaw[:-1]), np.sin(yaw[:-1])
+    x = np.cumsum(c * steps[:, 0] - s * steps[:, 1])
+    y = np.cumsum(s * steps[:, 0] + c * steps[:, 1])
+    return np.column_stack([np.concatenate([[0.0], x]), np.concatenate([[0.0], y]), yaw])
+
+
+def read_numbers(path: Path, columns: list[int]) -> NDArray[np.float64]:
+    """The given columns (N, len(columns)) of a CSV whose first line is a header.
+
+    Raises:
+        DataError: a row that is too short or holds something other than finite numbers.
+    """
+    return _table(path, _rows(path)[1:], columns)
+
+
+def read_stamped(path: Path, columns: list[int]) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    """Stamps (N,) [us] and the given columns (N, len(columns)) of a CSV with or without a header.
+
+    The first column holds whole stamps in us or ns, too long for a float. Rows come in the order of their stamps, one of
+    each.
+
+    Raises:
+        DataError: a row that is too short or holds something other than finite numbers.
+    """
+    rows = _rows(path)
+    rows = rows[1:] if rows and not rows[0].lstrip()[:1].isdigit() else rows
+    try:
+        stamps, order = np.unique(microseconds([row.split(",", 1)[0].strip() for row in rows]), return_index=True)
+    except ValueError as error:
+        raise _no_table(path, error) from error
+    return stamps, _table(path, rows, columns)[order]
+
+
+def _rows(path: Path) -> list[str]:
+    """The lines of a text file that are neither empty nor a comment."""
+    try:
+        text = path.read_text(encoding="utf-8").split("\n")
+    except (OSError, ValueError) as error:
+        raise _no_table(path, error) from error
+    return [line for line in text if line.strip() and not line.startswith("#")]
+
+
+def _table(path: Path, rows: list[str], columns: list[int]) -> NDArray[np.float64]:
+    """The given columns of rows (N,)."""
+    try:
+        table = np.loadtxt(rows, delimiter=",", usecols=columns, ndmin=2) if rows else np.empty((0, len(columns)))
+        if not np.isfinite(table).all():
+            raise ValueError(f"row {int(np.argmin(np.isfinite(table).all(axis=1))) + 2} is not finite")
+    except ValueError as error:
+        raise _no_table(path, error) from error
+    return table
+
+
+def _no_table(path: Path, error: Exception) -> DataError:
+    return DataError(path, f"is not a table of numbers ({str(error).splitlines()[0]})", "repair or remove it")
+
+
+def _read_twists(path: Path, header: str) -> Trajectory:
+    names = [name.strip().lower() for name in header.split(",")]
+    missing = [name for name in ("t", "v", "omega") if name not in names]
+    if missing:
+        raise DataError(path, f"has no column {', '.join(missing)}", "give a CSV whose header is t,v,omega[,vy]")
+    wanted = [names.index(name) for name in ("t", "v", "omega", "vy") if name in names]
+    table = read_numbers(path, wanted)
+    if np.abs(table[:, 0]).max(initial=0.0) > _LATEST_US:
+        raise DataError(path, "holds stamps beyond any clock", "give them in microseconds")
+    stamps = np.round(table[:, 0]).astype(np.int64)
+    lateral = table[:, 3] if "vy" in names else np.zeros(len(table))
+    twists = np.column_stack([table[:, 1], lateral, table[:, 2]])
+    steps = se2.exp(twists[:-1], np.diff(stamps) * 1e-6) if len(stamps) > 1 else np.empty((0, 3))
+    return checked(path, stamps, chained(steps)[: len(stamps)])

@@ -1,0 +1,135 @@
+"""The native layout: one `.npz` with a few members per revolution, read member by member."""
+
+from __future__ import annotations
+
+import zipfile
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mqslam.core.recording import RadarStream, Revolution
+from mqslam.core.trajectory import Trajectory, checked
+from mqslam.errors import DataError
+from mqslam.execution.files import written_whole
+from mqslam.formats.shared import npz
+from mqslam.formats.shared.sensing import Sensing, is_bin_length
+
+_LONGEST_TURN_S = 30.0
+_REMEDY = "write it anew"
+_WRITTEN = "give a file written by mqslam"
+
+
+@dataclass(frozen=True, kw_only=True)
+class NativeStream(RadarStream):
+    """A recording in a native `.npz`."""
+
+    def revolutions(self, start: int = 0, stop: int | None = None) -> Iterator[Revolution]:
+        """Read the revolutions start <= k < stop, one after the other."""
+        with npz.opened(self.path, _WRITTEN) as archive:
+            for k in range(len(self))[start:stop]:
+                yield _revolution(self.path, archive, k, float(self.start_times[k]))
+
+
+def write_native(path: Path, stream: RadarStream) -> None:
+    """Write a recording as a native `.npz`, one revolution in memory at a time.
+
+    Members: `stamps_us`, `end_us`, `range_resolution`, `notes`; where there are any `odometry_stamps_us`,
+    `odometry_poses` and the same with `ground_truth`; and for revolution k `times_k`, `azimuths_k`, `power_k` and
+    `valid_k` with k in six digits at least. Nothing is compressed.
+
+    Raises:
+        DataError: the stream cannot be read.
+        OutputError: the file cannot be written.
+    """
+    with written_whole(path) as aside, zipfile.ZipFile(aside, "w", zipfile.ZIP_STORED) as archive:
+        _write(archive, "stamps_us", stream.stamps_us)
+        _write(archive, "end_us", np.int64(stream.end_us))
+        _write(archive, "range_resolution", np.float64(stream.range_resolution))
+        _write(archive, "notes", np.array(stream.notes, dtype=np.str_))
+        for name, trajectory in (("odometry", stream.odometry), ("ground_truth", stream.ground_truth)):
+            if trajectory is not None:
+                _write(archive, f"{name}_stamps_us", trajectory.stamps_us)
+                _write(archive, f"{name}_poses", trajectory.poses)
+        for k, revolution in enumerate(stream.revolutions()):
+            for name in ("times", "azimuths", "power", "valid"):
+                _write(archive, f"{name}_{k:06d}", getattr(revolution, name))
+
+
+def recognises(path: Path) -> bool:
+    """Whether the path is an `.npz` file."""
+    return path.suffix == ".npz" and path.is_file()
+
+
+def open_stream(path: Path, sensing: Sensing) -> NativeStream:
+    """Index a native `.npz`: everything but the revolutions is read.
+
+    Raises:
+        DataError: not such a file, damaged, or without revolutions.
+    """
+    with npz.opened(path, _WRITTEN) as archive:
+        stamps = _member(path, archive, "stamps_us", np.int64, 1)
+        if not len(stamps) or np.any(np.diff(stamps) <= 0):
+            raise DataError(path, "holds no revolutions whose stamps increase", _REMEDY)
+        missing = {f"power_{k:06d}" for k in range(len(stamps))} - set(npz.names_of(archive))
+        if missing:
+            raise DataError(path, f"lacks {len(missing)} of {len(stamps)} revolutions", _REMEDY)
+        end_us = int(_member(path, archive, "end_us", np.int64, 0))
+        if end_us <= stamps[-1]:
+            raise DataError(path, "ends before its last revolution", _REMEDY)
+        resolution = float(_member(path, archive, "range_resolution", np.float64, 0))
+        if not is_bin_length(resolution):
+            raise DataError(path, f"has a range resolution of {resolution} m", _REMEDY)
+        return NativeStream(
+            path=path,
+            format="native",
+            stamps_us=stamps,
+            end_us=end_us,
+            range_resolution=sensing.range_resolution or resolution,
+            odometry=_trajectory(path, archive, "odometry"),
+            ground_truth=_trajectory(path, archive, "ground_truth"),
+            notes=(*_member(path, archive, "notes", np.str_, 1).tolist(), *sensing.idle()),
+        )
+
+
+def _write(archive: zipfile.ZipFile, name: str, array: Any) -> None:
+    with archive.open(f"{name}.npy", "w", force_zip64=True) as member:
+        np.lib.format.write_array(member, np.ascontiguousarray(array).reshape(np.shape(array)), allow_pickle=False)
+
+
+def _member(path: Path, archive: zipfile.ZipFile, name: str, kind: Any, dimensions: int) -> NDArray[Any]:
+    """A member of the archive, once its type and number of dimensions have been found right."""
+    try:
+        array = npz.array_of(archive, name)
+    except ValueError as error:
+        raise DataError(path, str(error), _REMEDY) from error
+    if not np.issubdtype(array.dtype, kind) or array.ndim != dimensions:
+        raise DataError(path, f"{name} is {array.ndim}-dimensional {array.dtype}", _REMEDY)
+    return array
+
+
+def _trajectory(path: Path, archive: zipfile.ZipFile, name: str) -> Trajectory | None:
+    if f"{name}_stamps_us" not in npz.names_of(archive):
+        return None
+    stamps = _member(path, archive, f"{name}_stamps_us", np.int64, 1)
+    poses = _member(path, archive, f"{name}_poses", np.float64, 2)
+    if poses.shape != (len(stamps), 3):
+        raise DataError(path, f"{name} has {len(stamps)} stamps for poses {poses.shape}", _REMEDY)
+    return checked(path, stamps, poses)
+
+
+def _revolution(path: Path, archive: zipfile.ZipFile, k: int, start_s: float) -> Revolution:
+    """Revolution k, which begins about start_s [s] after the recording."""
+    times = _member(path, archive, f"times_{k:06d}", np.float64, 1)
+    azimuths = _member(path, archive, f"azimuths_{k:06d}", np.float64, 1)
+    power = _member(path, archive, f"power_{k:06d}", np.uint8, 2)
+    valid = _member(path, archive, f"valid_{k:06d}", np.bool_, 1)
+    if not len(times) == len(azimuths) == len(power) == len(valid):
+        raise DataError(path, f"revolution {k} has members of different lengths", _REMEDY)
+    sound = power.size and np.isfinite(azimuths).all() and np.all(np.abs(times - start_s) < _LONGEST_TURN_S)
+    if not sound or np.any(np.diff(times) < 0.0):
+        raise DataError(path, f"revolution {k} has times or azimuths that make no turn", _REMEDY)
+    return Revolution(times, azimuths, power, valid)

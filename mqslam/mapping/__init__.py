@@ -1,0 +1,1 @@
+"""Maps rendered from scans along a trajectory."""

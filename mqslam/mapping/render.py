@@ -1,0 +1,101 @@
+"""Render a whole run: every return where the trajectory had the sensor at the return's own time, and psi of the result."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mqslam.config import Config
+from mqslam.core import se2
+from mqslam.core.point_map import PointMap
+from mqslam.core.scans import Returns, Window
+from mqslam.errors import EstimationError
+from mqslam.execution.engine import HERE, Engine
+from mqslam.psi.minimiser import score
+from mqslam.psi.neighbours import CellGrid, candidates, cell_grid
+from mqslam.psi.place import PointSet
+
+_CHUNK = 50_000  # points scored at a time: bounds the memory of neighbour lists
+
+
+def render(
+    windows: Sequence[Window], poses: se2.Array, config: Config, revolution_s: float, engine: Engine = HERE
+) -> PointMap:
+    """The map of a run and each point's share of psi.
+
+    Args:
+        windows: one per revolution.
+        poses: (len(windows), 3) pose at the start of each.
+        config: all settings.
+        revolution_s: duration of a turn [s].
+        engine: where the points are scored; the result does not depend on it.
+
+    Raises:
+        EstimationError: the revolutions hold no returns.
+    """
+    keep = moving(poses, config.map.travel_m, config.map.travel_rad)
+    returns = Returns.concatenate([w.returns for w, kept in zip(windows, keep, strict=True) if kept])
+    if not len(returns):
+        raise EstimationError(f"no returns in {int(keep.sum())} revolutions to render; lower detector.threshold")
+    points = place_along(returns, np.array([w.t0 for w in windows]), poses, config)
+    shares, matched = score_points(points, revolution_s, config, engine)
+    return PointMap(points.points, returns.times, returns.intensities, shares, matched)
+
+
+def moving(poses: se2.Array, travel_m: float, travel_rad: float) -> NDArray[np.bool_]:
+    """(N,) poses (N, 3) that have moved on since the last one kept: a parked stretch is rendered once."""
+    keep = np.zeros(len(poses), dtype=bool)
+    last = poses[0]
+    for k, pose in enumerate(poses):
+        if k == 0 or np.hypot(*(pose[:2] - last[:2])) >= travel_m or abs(pose[2] - last[2]) >= travel_rad:
+            keep[k] = True
+            last = pose
+    return keep
+
+
+def place_along(returns: Returns, times: NDArray[np.float64], poses: se2.Array, config: Config) -> PointSet:
+    """Points of returns under poses (K, 3) at times (K,) [s], on the smooth curve at each return's own time."""
+    at = se2.smooth(times, poses, returns.times)
+    ranges = returns.ranges
+    beta = config.sensor.doppler_beta or 0.0
+    if beta != 0.0 and len(times) > 1:
+        i = np.clip(np.searchsorted(times, returns.times, side="right") - 1, 0, len(times) - 2)
+        twists = se2.log(se2.between(poses[:-1], poses[1:])) / np.diff(times)[:, None]
+        closing = twists[i, 0] * np.cos(returns.azimuths) + twists[i, 1] * np.sin(returns.azimuths)
+        ranges = ranges + beta * closing
+    heading = at[:, 2] + returns.azimuths
+    c, s = np.cos(heading), np.sin(heading)
+    points = np.column_stack([at[:, 0] + ranges * c, at[:, 1] + ranges * s])
+    along = config.estimator.sigma_range_m**2
+    across = (ranges * config.estimator.sigma_azimuth) ** 2
+    covariances = np.column_stack(
+        [along * c * c + across * s * s, (along - across) * c * s, along * s * s + across * c * c]
+    )
+    return PointSet(points, np.empty((len(returns), 2, 0)), covariances, returns.times)
+
+
+def score_points(
+    points: PointSet, revolution_s: float, config: Config, engine: Engine
+) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+    """Each point's share of psi (N,) against all others, charges included, and whether it was matched (N,).
+
+    Matched means a neighbour seen at least about one revolution earlier or later: any other pass over the place counts.
+    """
+    shared = points, cell_grid(points.points, config.estimator.s), revolution_s, config
+    parts = engine.map(_scored, shared, range(0, len(points), _CHUNK))
+    return np.concatenate([p[0] for p in parts]), np.concatenate([p[1] for p in parts])
+
+
+def _scored(
+    shared: tuple[PointSet, CellGrid, float, Config], begin: int
+) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+    """The same for the points of a chunk."""
+    points, grid, revolution_s, config = shared
+    estimator = config.estimator
+    span = slice(begin, begin + _CHUNK)
+    some = PointSet(points.points[span], points.jacobians[span], points.covariances[span], points.times[span])
+    lists = candidates(grid, some.points, estimator.s)
+    found = score(some, points, lists, estimator.final, revolution_s, estimator)
+    return found.shares, found.matched

@@ -1,0 +1,236 @@
+"""The published map-quality score, equations (4) and (8) to (10), for a rendered window.
+
+    kappa_ij = exp(-((s_ij - alpha_s)/beta_s)^2) exp(-((t_ij - alpha_t)/beta_t)^2)      (8)
+    s_o(i)   = s_ij at the largest kappa_ij; only pairs with kappa_ij > xi take part
+    L(s_ij)  = (1/pi) (tau/2) / ((s_ij - s_o)^2 + (tau/2)^2)                            (9)
+    S_ij     = L(s_ij) s_ij                                                             (10)
+    psi      = sum_i sum_j S_ij^2                                                       (4)
+
+Source: "Motion Estimation from Map Quality with Millimeter Wave Radar". As printed, a point without a selected
+neighbour costs nothing, so maps that do not overlap are the best of all. `unmatched` charges each such point, as a
+separate term, in units of the most a single pair can cost, (2 s / (pi tau))^2; zero gives the score as printed.
+
+Nothing transcendental is needed: kappa > xi is q < -ln xi with q = ((s - alpha_s)/beta_s)^2 + ((t - alpha_t)/beta_t)^2,
+and the largest kappa is the least q. Ties go to the smaller distance, then to the first of the points.
+The readable twin is `mqslam.psi.published.reference`.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Literal
+
+import numba as nb
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict, Field
+
+from mqslam.psi.neighbours import CandidateLists, candidates, cell_grid
+
+
+class PsiConfig(BaseModel):
+    """Parameters of the published score, named as in the paper, which gives no values: these are ours."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    s: float = Field(2.0, gt=0.0, description="radius of the neighbourhood [m]")
+    alpha_s: float = Field(0.0, ge=0.0, description="distance at which the spatial kernel peaks [m]")
+    beta_s: float = Field(1.0, gt=0.0, description="width of the spatial kernel [m]")
+    alpha_t: float | None = Field(
+        None, ge=0.0, description="time apart at which the temporal kernel peaks [s]; null takes one revolution"
+    )
+    beta_t: float = Field(0.06, gt=0.0, description="width of the temporal kernel [s]")
+    tau: float = Field(0.5, gt=0.0, description="width of the Lorentzian [m]")
+    xi: float = Field(0.02, gt=0.0, lt=1.0, description="pairs with a smaller kappa take no part")
+    temporal: Literal["plateau", "gaussian"] = Field(
+        "plateau", description="plateau: the time term is 1 from alpha_t on; gaussian: as printed in (8)"
+    )
+    numerator: Literal["tau/2", "tau"] = Field("tau/2", description="numerator of L: (9) or Algorithm 1")
+    factor: Literal["distance", "kappa"] = Field("distance", description="S = L s_ij (10) or L kappa_ij (Algorithm 1)")
+    unmatched: float = Field(
+        1.0, ge=0.0, description="charge of a point without a neighbour, in units of the dearest pair; 0 is as printed"
+    )
+
+    @property
+    def charge(self) -> float:
+        """What one unmatched point costs."""
+        return self.unmatched * (2.0 * self.s / (math.pi * self.tau)) ** 2
+
+
+@dataclass(frozen=True, slots=True)
+class PsiScore:
+    """The published score of a rendered window and its parts.
+
+    Args:
+        pairs_psi: sum of S_ij^2 over selected pairs, equation (4).
+        charge: what unmatched points cost together.
+        pairs: number of ordered pairs that took part.
+        matched: (N,) bool, whether point i has a selected neighbour.
+        shares: (N,) each point's part of psi, its charge included.
+        gradient: (P,) derivative of psi by the motion parameters; empty where no jacobians were given.
+    """
+
+    pairs_psi: float
+    charge: float
+    pairs: int
+    matched: NDArray[np.bool_]
+    shares: NDArray[np.float64]
+    gradient: NDArray[np.float64]
+
+    @property
+    def psi(self) -> float:
+        """The whole score: pairs and charges."""
+        return self.pairs_psi + self.charge
+
+
+def score(
+    points: NDArray[np.float64],
+    times: NDArray[np.float64],
+    revolution_s: float,
+    config: PsiConfig,
+    jacobians: NDArray[np.float64] | None = None,
+    lists: CandidateLists | None = None,
+) -> PsiScore:
+    """Score a rendered window.
+
+    Args:
+        points: (N, 2) m, any frame: the score is invariant under rigid motion.
+        times: (N,) s: only differences matter.
+        revolution_s: duration of one turn [s], the default of alpha_t.
+        config: parameters.
+        jacobians: (N, 2, P) derivatives of the points by motion parameters, for the gradient.
+        lists: neighbour candidates that hold all within `config.s`, reused from a nearby motion.
+
+    Raises:
+        ValueError: points or times that are not finite, or shapes that do not fit.
+    """
+    checked(points, times)
+    if lists is None:
+        lists = candidates(cell_grid(points, config.s), points, config.s)
+    if jacobians is None:
+        jacobians = np.empty((len(points), 2, 0))
+    alpha_t = revolution_s if config.alpha_t is None else config.alpha_t
+    shares, counts, gradient = _score(
+        points, times, jacobians, lists.offsets, lists.indices, config.s, config.alpha_s, config.beta_s, alpha_t,
+        config.beta_t, config.tau, config.xi, config.temporal == "plateau", config.numerator == "tau",
+        config.factor == "kappa",
+    )  # fmt: skip
+    matched = counts > 0
+    pairs_psi = float(shares.sum())
+    unmatched = ~matched
+    shares[unmatched] = config.charge
+    return PsiScore(pairs_psi, config.charge * int(unmatched.sum()), int(counts.sum()), matched, shares, gradient)
+
+
+def checked(points: NDArray[np.float64], times: NDArray[np.float64]) -> None:
+    """Refuse what has no score.
+
+    Raises:
+        ValueError: points that are not (N, 2), times that are not (N,), or values that are not finite.
+    """
+    if points.ndim != 2 or points.shape[1] != 2 or times.shape != (len(points),):
+        raise ValueError(f"points {points.shape} and times {times.shape} must be (N, 2) and (N,)")
+    if not (np.isfinite(points).all() and np.isfinite(times).all()):
+        raise ValueError("points and times must be finite")
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def _score(
+    points: NDArray[np.float64],
+    times: NDArray[np.float64],
+    jacobians: NDArray[np.float64],
+    offsets: NDArray[np.int64],
+    indices: NDArray[np.int64],
+    s: float,
+    alpha_s: float,
+    beta_s: float,
+    alpha_t: float,
+    beta_t: float,
+    tau: float,
+    xi: float,
+    plateau: bool,
+    whole_tau: bool,
+    by_kappa: bool,
+) -> tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.float64]]:
+    """Shares (N,) of the pair sum, selected neighbours (N,) per point, gradient (P,)."""
+    n, size = len(points), jacobians.shape[2]
+    shares = np.zeros(n)
+    counts = np.zeros(n, np.int64)
+    pull = np.zeros((n, 2))  # derivative of the pair sum by the position of each point
+    limit = -np.log(xi)
+    half = 0.5 * tau
+    top = (tau if whole_tau else half) / np.pi
+    latest = 0.0 if plateau else np.inf  # the time term beyond alpha_t
+    longest = 0
+    for i in range(n):
+        longest = max(longest, offsets[i + 1] - offsets[i])
+    chosen = np.empty(longest, np.int64)
+    distance = np.empty(longest)
+    exponent = np.empty(longest)
+    away = np.empty((longest, 2))
+    for i in range(n):
+        x, y, t = points[i, 0], points[i, 1], times[i]
+        count = 0
+        for k in range(offsets[i], offsets[i + 1]):  # no branches: which candidates are chosen is hard to predict
+            j = indices[k]
+            dx = x - points[j, 0]
+            dy = y - points[j, 1]
+            d = np.sqrt(dx * dx + dy * dy)
+            late = (abs(t - times[j]) - alpha_t) / beta_t
+            late = min(late, latest)
+            off = (d - alpha_s) / beta_s
+            q = off * off + late * late
+            chosen[count] = j
+            distance[count] = d
+            exponent[count] = q
+            away[count, 0] = dx
+            away[count, 1] = dy
+            count += int(q < limit) & int(d < s) & int(j != i)
+        best = 0
+        for k in range(1, count):
+            q, d = exponent[k], distance[k]
+            if q < exponent[best] or (
+                q == exponent[best] and (d < distance[best] or (d == distance[best] and chosen[k] < chosen[best]))
+            ):
+                best = k
+        counts[i] = count
+        if count == 0:
+            continue
+        centre = distance[best]
+        share = 0.0
+        d_centre = 0.0
+        pull_x = 0.0
+        pull_y = 0.0
+        for k in range(count):
+            apart = distance[k] - centre
+            narrow = 1.0 / (apart * apart + half * half)
+            lorentz = top * narrow
+            weight = np.exp(-exponent[k]) if by_kappa else distance[k]
+            cost = lorentz * weight
+            share += cost * cost
+            if size:
+                # derivative of the share by the distance, over the distance; coincident points have no direction
+                bend = -4.0 * cost * cost * apart * narrow
+                d_centre -= bend
+                d_weight = -2.0 * (distance[k] - alpha_s) / (beta_s * beta_s) * weight if by_kappa else 1.0
+                slope = bend + 2.0 * cost * lorentz * d_weight
+                slope = slope / distance[k] if distance[k] > 0.0 else 0.0
+                sx, sy = slope * away[k, 0], slope * away[k, 1]
+                pull_x += sx
+                pull_y += sy
+                pull[chosen[k], 0] -= sx
+                pull[chosen[k], 1] -= sy
+        shares[i] = share
+        if size:
+            slope = d_centre / centre if centre > 0.0 else 0.0
+            sx, sy = slope * away[best, 0], slope * away[best, 1]
+            pull[i, 0] += pull_x + sx
+            pull[i, 1] += pull_y + sy
+            pull[chosen[best], 0] -= sx
+            pull[chosen[best], 1] -= sy
+    gradient = np.zeros(size)
+    for i in range(n):
+        for p in range(size):
+            gradient[p] += pull[i, 0] * jacobians[i, 0, p] + pull[i, 1] * jacobians[i, 1, p]
+    return shares, counts, gradient

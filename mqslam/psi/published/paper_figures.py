@@ -1,0 +1,149 @@
+"""Figures 2 and 3: how psi falls as the motion gets right, and what compensation does to the map of each case."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mqslam.core import se2
+from mqslam.errors import OutputError
+from mqslam.execution.files import written_whole
+from mqslam.psi.published.equations import PsiConfig, score
+from mqslam.psi.published.paper_setting import CASES, REVOLUTION_S, PaperWindow, paper_window
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+REVOLUTIONS = 4
+_MOTION_2 = CASES[2]  # of figure 2: it both drives and turns
+_DPI = 160
+_INK, _SOFT = "#1c2430", "#5b6675"
+_COLOURS = ("#9ecae1", "#4292c6", "#08519c", "#d9620d")  # by revolution; the last stands out
+_HALF_WIDTH_M = 45.0  # of the world shown, about the sensor
+_PANEL_IN = 4.3
+
+
+@dataclass(frozen=True, slots=True)
+class Rendering:
+    """A window rendered under a motion.
+
+    Args:
+        name: what the motion is.
+        motion: (2,) v [m/s], omega [rad/s].
+        points: (N, 2) m, sensor frame at the window's start.
+        revolution: (N,) index of the revolution each point was seen in.
+        psi: the published score, unmatched points charged.
+    """
+
+    name: str
+    motion: se2.Array
+    points: NDArray[np.float64]
+    revolution: NDArray[np.int64]
+    psi: float
+
+
+def rendering(window: PaperWindow, name: str, motion: se2.Array) -> Rendering:
+    """Render a window under v [m/s], omega [rad/s] and score it."""
+    placed = window.points(motion)
+    psi = score(placed.points, placed.times, REVOLUTION_S, PsiConfig()).psi
+    revolution = np.floor(placed.times / REVOLUTION_S + 1e-9).astype(np.int64)
+    return Rendering(name, np.asarray(motion), placed.points, revolution, psi)
+
+
+def figure2(seed: int = 1) -> list[Rendering]:
+    """One window under no motion at all, half of the estimated one, and the estimated one."""
+    window = paper_window(_MOTION_2, seed, REVOLUTIONS)
+    best = window.estimate().theta
+    return [
+        rendering(window, "bad: no motion", np.zeros(2)),
+        rendering(window, "better: half the motion", 0.5 * best),
+        rendering(window, "good: the estimated motion", best),
+    ]
+
+
+def figure3(seed: int = 1) -> list[tuple[Rendering, Rendering]]:
+    """The three cases before compensation and after."""
+    windows = [paper_window(case, seed, REVOLUTIONS) for case in CASES]
+    return [
+        (rendering(window, "before: no motion", np.zeros(2)), rendering(window, "after: estimated", window.estimate().theta))
+        for window in windows
+    ]
+
+
+def write_figures(out: Path, seed: int = 1) -> Iterator[tuple[Path, str]]:
+    """Write figure2.png and figure3.png into a folder, made if need be; each path with what it shows.
+
+    Raises:
+        OutputError: the folder cannot be written to.
+    """
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise OutputError(f"{out}: cannot be made ({error.strerror}); choose another --out") from error
+    maps = figure2(seed)
+    yield _write(out / "figure2.png", [maps], [f"v {_MOTION_2[0]:g} m/s, omega {_MOTION_2[1]:g} rad/s"]), _psis(maps)
+    pairs = figure3(seed)
+    labels = [f"v {v:g} m/s, omega {omega:g} rad/s" for v, omega in CASES]
+    columns = [[before for before, _ in pairs], [after for _, after in pairs]]
+    text = "; ".join(_psis(pair) for pair in pairs)
+    yield _write(out / "figure3.png", columns, labels), text
+
+
+def _psis(maps: list[Rendering] | tuple[Rendering, ...]) -> str:
+    return "psi " + " > ".join(f"{m.psi:.0f}" for m in maps)
+
+
+def _write(path: Path, rows: list[list[Rendering]], labels: list[str]) -> Path:
+    """Draw rows of maps; one label for all, or one per column."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    across, down = len(rows[0]), len(rows)
+    figure = Figure(figsize=(_PANEL_IN * across, (_PANEL_IN + 0.4) * down + 0.7), layout="constrained")
+    FigureCanvasAgg(figure)
+    axes = figure.subplots(down, across, squeeze=False)
+    for i, row in enumerate(rows):
+        for k, shown in enumerate(row):
+            _draw(axes[i, k], shown)
+            axes[i, k].label_outer()
+    _head(figure, axes, labels)
+    with written_whole(path) as aside:
+        figure.savefig(aside, format="png", dpi=_DPI, facecolor="white")
+    return path
+
+
+def _draw(axes: Axes, shown: Rendering) -> None:
+    """One map, its returns coloured by revolution, under its motion and its score."""
+    for k, colour in enumerate(_COLOURS):
+        x, y = shown.points[shown.revolution == k].T
+        axes.plot(x, y, ".", color=colour, markersize=3.2, markeredgewidth=0.0, zorder=2 + k)
+    axes.plot(0.0, 0.0, "+", color=_INK, markersize=9, zorder=9)
+    axes.set(xlim=(-_HALF_WIDTH_M, _HALF_WIDTH_M), ylim=(-_HALF_WIDTH_M, _HALF_WIDTH_M), aspect="equal")
+    axes.set_title(f"{shown.name}\n$\\psi$ = {shown.psi:,.0f}", fontsize=11, color=_INK, linespacing=1.35)
+    axes.set_xlabel("x [m]", color=_SOFT)
+    axes.set_ylabel("y [m]", color=_SOFT)
+    axes.tick_params(labelsize=8, colors=_SOFT)
+    axes.grid(True, color="#e6e9ee", linewidth=0.6, zorder=0)
+    axes.set_axisbelow(True)
+    for spine in axes.spines.values():
+        spine.set_color("#c4cad3")
+
+
+def _head(figure: Figure, axes: NDArray[np.object_], labels: list[str]) -> None:
+    """What was driven, above, and the colours' meaning, below."""
+    from matplotlib.lines import Line2D
+
+    if len(labels) == 1:
+        figure.suptitle(f"one window of {REVOLUTIONS} revolutions, driven at {labels[0]}", fontsize=12, color=_INK)
+    else:
+        for axis, label in zip(axes[0], labels, strict=True):
+            axis.set_title(f"driven at {label}\n{axis.get_title()}", fontsize=11, color=_INK, linespacing=1.35)
+    handles = [Line2D([], [], marker="o", linestyle="", markersize=5, color=colour) for colour in _COLOURS]
+    names = [f"revolution {k + 1}" for k in range(REVOLUTIONS)]
+    figure.legend(handles, names, loc="outside lower center", ncols=REVOLUTIONS, frameon=False, fontsize=9, labelcolor=_INK)

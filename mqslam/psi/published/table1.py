@@ -1,0 +1,170 @@
+"""Table I: motion of three constant drives by the published score with exhaustive search, and by our estimator."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
+from functools import partial
+from itertools import product
+from multiprocessing import get_context
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mqslam.core import se2
+from mqslam.psi.neighbours import candidates, cell_grid
+from mqslam.psi.published.equations import PsiConfig, score
+from mqslam.psi.published.paper_setting import CASES, PAPER_LARGEST, REVOLUTION_S, PaperWindow, paper_window
+
+VARIANTS = {
+    "published, as printed": PsiConfig(temporal="gaussian", unmatched=0.0),
+    "published, charged": PsiConfig(),
+}
+"""Scores the exhaustive search minimises: equations (8) to (10) and (4) as they stand; our defaults (plateau, charge)."""
+OURS = "our estimator"
+METHODS = (*VARIANTS, OURS)
+
+
+@dataclass(frozen=True, slots=True)
+class Search:
+    """An exhaustive search in two rounds.
+
+    Args:
+        speeds, yaw_rates: (V,) m/s, (W,) rad/s of the first round.
+        fine_speeds, fine_yaw_rates: of the second, about the best of the first.
+    """
+
+    speeds: NDArray[np.float64]
+    yaw_rates: NDArray[np.float64]
+    fine_speeds: NDArray[np.float64]
+    fine_yaw_rates: NDArray[np.float64]
+
+
+SEARCH = Search(
+    np.linspace(-0.5, 1.5, 21), np.linspace(-0.6, 0.6, 61), np.linspace(-0.1, 0.1, 21), np.linspace(-0.02, 0.02, 21)
+)
+"""By 0.1 m/s and 0.02 rad/s, then by 0.01 m/s and 0.002 rad/s."""
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """What a method obtained in one case.
+
+    Args:
+        case: true v [m/s], omega [rad/s].
+        method: one of `METHODS`.
+        obtained: (S, 2) v [m/s], omega [rad/s] by seed.
+    """
+
+    case: tuple[float, float]
+    method: str
+    obtained: NDArray[np.float64]
+
+    @property
+    def mean(self) -> NDArray[np.float64]:
+        """(2,) over the seeds."""
+        return np.asarray(self.obtained.mean(axis=0))
+
+    @property
+    def rms(self) -> NDArray[np.float64]:
+        """(2,) root mean square error over the seeds."""
+        return np.asarray(np.sqrt(((self.obtained - self.case) ** 2).mean(axis=0)))
+
+    def tree(self) -> dict[str, object]:
+        """As JSON holds it."""
+        return {
+            "actual": dict(zip(("v", "omega"), self.case, strict=True)),
+            "method": self.method,
+            "mean": dict(zip(("v", "omega"), self.mean.tolist(), strict=True)),
+            "rms_error": dict(zip(("v", "omega"), self.rms.tolist(), strict=True)),
+            "paper_largest_error": dict(zip(("v", "omega"), PAPER_LARGEST, strict=True)),
+            "obtained": self.obtained.tolist(),
+        }
+
+
+def table1(
+    seeds: int,
+    revolutions: int = 4,
+    jobs: int = 1,
+    cases: Sequence[tuple[float, float]] = CASES,
+    search: Search = SEARCH,
+    progress: Callable[[str, int, int], None] = lambda stage, done, total: None,
+) -> list[Row]:
+    """Every method in every case.
+
+    Args:
+        seeds: yards and noise to try: 0 to seeds - 1.
+        revolutions: length of the window.
+        jobs: processes; the result does not depend on it.
+        cases: v [m/s], omega [rad/s] to drive.
+        search: motions the exhaustive search looks at.
+        progress: called as cases and seeds are done.
+    """
+    trials = [(case, seed, revolutions) for case, seed in product(cases, range(seeds))]
+    run = partial(trial, search=search)
+    obtained: list[NDArray[np.float64]] = []
+    if jobs == 1:
+        for done, one in enumerate(map(run, trials), 1):
+            obtained.append(one)
+            progress("table1", done, len(trials))
+    else:
+        with ProcessPoolExecutor(min(jobs, len(trials)), mp_context=get_context("spawn")) as pool:
+            for done, one in enumerate(pool.map(run, trials), 1):
+                obtained.append(one)
+                progress("table1", done, len(trials))
+    by_case = np.array(obtained).reshape(len(cases), seeds, len(METHODS), 2)
+    return [Row(case, method, by_case[i, :, k]) for i, case in enumerate(cases) for k, method in enumerate(METHODS)]
+
+
+def trial(what: tuple[tuple[float, float], int, int], search: Search) -> NDArray[np.float64]:
+    """(methods, 2) motions obtained in one case, seed and number of revolutions."""
+    case, seed, revolutions = what
+    window = paper_window(case, seed, revolutions)
+    grid = (search.speeds, search.yaw_rates)
+    scores = _scores(window, *grid, list(VARIANTS.values()))
+    found = []
+    for k, variant in enumerate(VARIANTS.values()):
+        v, omega = _lowest(scores[..., k], *grid)
+        fine = (v + search.fine_speeds, omega + search.fine_yaw_rates)
+        found.append(_lowest(_scores(window, *fine, [variant])[..., 0], *fine))
+    return np.array([*found, window.estimate().theta])
+
+
+def _lowest(scores: NDArray[np.float64], speeds: NDArray[np.float64], yaw_rates: NDArray[np.float64]) -> se2.Array:
+    i, k = np.unravel_index(int(np.argmin(scores)), scores.shape)
+    return np.array([speeds[i], yaw_rates[k]])
+
+
+def _scores(
+    window: PaperWindow, speeds: NDArray[np.float64], yaw_rates: NDArray[np.float64], variants: Sequence[PsiConfig]
+) -> NDArray[np.float64]:
+    """(V, W, variants) published scores on a grid."""
+    scores = np.empty((len(speeds), len(yaw_rates), len(variants)))
+    s = max(variant.s for variant in variants)
+    for i, v in enumerate(speeds):
+        for k, omega in enumerate(yaw_rates):
+            points = window.points(np.array([v, omega]))
+            lists = candidates(cell_grid(points.points, s), points.points, s)
+            for m, variant in enumerate(variants):
+                scores[i, k, m] = score(points.points, points.times, REVOLUTION_S, variant, None, lists).psi
+    return scores
+
+
+def table_text(rows: Sequence[Row]) -> str:
+    """The table as a person reads it."""
+    lines = [
+        f"{'v':>5}  {'omega':>7}  {'method':<22} {'mean v':>8} {'omega':>8}   {'RMS error v':>11} {'omega':>8}",
+        f"{'m/s':>5}  {'rad/s':>7}  {'':<22} {'m/s':>8} {'rad/s':>8}   {'m/s':>11} {'rad/s':>8}",
+    ]
+    before = None
+    for row in rows:
+        actual = f"{row.case[0]:5.1f}  {row.case[1]:7.4f}" if row.case != before else " " * 14
+        before = row.case
+        lines.append(
+            f"{actual}  {row.method:<22} {row.mean[0]:8.4f} {row.mean[1]:8.4f}   {row.rms[0]:11.4f} {row.rms[1]:8.4f}"
+        )
+    lines.append(
+        f"{'':14}  {'paper, largest error':<22} {'':8} {'':8}   {PAPER_LARGEST[0]:11.4f} {PAPER_LARGEST[1]:8.4f}"
+    )
+    return "\n".join(lines)

@@ -1,0 +1,1 @@
+"""Odometry by psi: scan after scan over a running map."""

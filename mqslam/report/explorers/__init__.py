@@ -1,0 +1,1 @@
+"""The map to move in, on every page of the report."""

@@ -1,0 +1,90 @@
+"""Figures of a run's report."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from mqslam.core.point_map import PointMap
+from mqslam.core.trajectory import Trajectory
+from mqslam.report.canvas import (
+    BLUE,
+    GREEN,
+    INK,
+    MAP_SHAPE,
+    ORANGE,
+    OUTERMOST,
+    PATH_SHAPE,
+    RED,
+    chart,
+    common_view,
+    densities,
+    lay_ink,
+    legend_above,
+    png,
+    world,
+)
+from mqslam.report.content import WindowScores
+
+ODOMETRY_COLOUR, OPTIMISED_COLOUR, TRUTH_COLOUR = ORANGE, BLUE, GREEN
+
+
+def map_figures(
+    maps: tuple[PointMap, PointMap], paths: tuple[Trajectory, Trajectory], colours: tuple[str, str]
+) -> tuple[bytes, bytes]:
+    """Two maps as images of the density of their points, on one extent, one scale and one shade of ink per count."""
+    view = common_view([*(m.points for m in maps), *(p.poses[:, :2] for p in paths)], MAP_SHAPE, OUTERMOST)
+    counts, well_seen = densities(world(view)[1], view, [m.points for m in maps])
+    images = []
+    for count, path, colour in zip(counts, paths, colours, strict=True):
+        figure, axes = world(view)
+        lay_ink(axes, view, count, well_seen)
+        axes.plot(path.poses[:, 0], path.poses[:, 1], color=colour, linewidth=1.4)
+        axes.plot(path.poses[0, 0], path.poses[0, 1], "o", color=colour, markersize=5)
+        images.append(png(figure))
+    return images[0], images[1]
+
+
+def trajectory_figure(odometry: Trajectory, optimised: Trajectory, truth: Trajectory | None, before: str) -> bytes:
+    """The trajectories from above, the first called `before`; the truth must already be in their frame."""
+    drawn = [p for p in (odometry, optimised, truth) if p is not None]
+    view = common_view([p.poses[:, :2] for p in drawn], PATH_SHAPE)
+    figure, axes = world(view)
+    if truth is not None:
+        axes.plot(
+            truth.poses[:, 0], truth.poses[:, 1], color=TRUTH_COLOUR, linewidth=4, alpha=0.4, label="ground truth"
+        )
+    axes.plot(odometry.poses[:, 0], odometry.poses[:, 1], color=ODOMETRY_COLOUR, linewidth=1.4, label=before)
+    axes.plot(optimised.poses[:, 0], optimised.poses[:, 1], color=OPTIMISED_COLOUR, linewidth=1.4, label="optimised")
+    axes.plot(optimised.poses[0, 0], optimised.poses[0, 1], "o", color=INK, markersize=5, label="start")
+    axes.legend(frameon=False, loc="best")
+    return png(figure)
+
+
+def psi_figure(windows: WindowScores) -> bytes:
+    """psi per point of every window over time, at its minimum and under odometry."""
+    figure, axes = chart("ψ per point")
+    time = 0.5 * (windows.t0 + windows.t1)
+    points = np.maximum(windows.points, 1)
+    if np.isfinite(windows.psi_odometry).any():
+        axes.plot(time, windows.psi_odometry / points, color=ODOMETRY_COLOUR, linewidth=1.2, label="under odometry")
+    axes.plot(time, windows.psi_minimum / points, color=OPTIMISED_COLOUR, linewidth=1.2, label="at its minimum")
+    unused = time[np.array([s != "converged" for s in windows.status], dtype=np.bool_)]
+    if len(unused):
+        height = np.full(len(unused), 0.02)
+        label = f"no measurement ({len(unused)})"
+        axes.plot(
+            unused, height, "|", color=RED, markersize=9, transform=axes.get_xaxis_transform(), label=label
+        )
+    axes.set_ylim(bottom=0.0)
+    legend_above(axes)
+    return png(figure)
+
+
+def matched_figure(windows: WindowScores) -> bytes:
+    """Share of every window's points that found a neighbour, over time."""
+    figure, axes = chart("matched points [%]")
+    time = 0.5 * (windows.t0 + windows.t1)
+    axes.fill_between(time, 100.0 * windows.matched, color=OPTIMISED_COLOUR, alpha=0.15, linewidth=0)
+    axes.plot(time, 100.0 * windows.matched, color=OPTIMISED_COLOUR, linewidth=1.2)
+    axes.set_ylim(0.0, 100.0)
+    return png(figure)

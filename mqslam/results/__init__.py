@@ -1,0 +1,1 @@
+"""What run, audit, compare and batch leave on disk."""

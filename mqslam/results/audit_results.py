@@ -1,0 +1,150 @@
+"""What an audit leaves: its numbers as JSON and CSV, a heat map and a report."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import mqslam
+from mqslam.audit.judge import Audit, RevisitAudit, WindowAudit
+from mqslam.audit.sweeps import Sweeps
+from mqslam.config import Config, dump_yaml
+from mqslam.execution.files import write_bytes, write_text
+from mqslam.report.audit_page import AuditReport, crops, heat_map, write_audit_report
+
+
+def summarise(found: Audit, sweeps: Sweeps, config: Config, dataset: Mapping[str, Any], trajectory: str) -> dict[str, Any]:
+    """The content of audit.json.
+
+    Args:
+        dataset: format and path of what was audited.
+        trajectory: where the trajectory came from.
+    """
+    sure = [r for r in found.revisits if r.revisit.sure]
+    inflation = [w.bend.inflation for w in found.windows]
+    return {
+        "mqslam_version": mqslam.__version__,
+        "dataset": {
+            **dataset,
+            "sweeps": len(sweeps),
+            "duration_s": float(sweeps.times[-1] - sweeps.times[0] + sweeps.period_s),
+            "length_m": float(sweeps.travelled[-1]),
+            "points": len(sweeps.points),
+        },
+        "trajectory": trajectory,
+        "verdict": {"status": found.status, "reasons": found.reasons},
+        "threshold": config.audit.threshold,
+        "bend_m": config.audit.bend_m,
+        "windows": {
+            "count": len(found.windows),
+            "torn": sum(w.torn for w in found.windows),
+            "inflation_median": float(np.median(inflation)) if inflation else None,
+            "psi_per_point": _mean([w.bend.psi for w in found.windows]),
+            "matched": _mean([w.bend.matched for w in found.windows]),
+        },
+        "revisits": {
+            "count": len(found.revisits),
+            "sure": len(sure),
+            "torn": sum(r.torn for r in sure),
+            "median_m": float(np.median([r.revisit.distance_m for r in sure])) if sure else None,
+            "worst_m": max((r.revisit.distance_m for r in sure if r.torn), default=None),
+        },
+        "per_window": [_window(w) for w in found.windows],
+        "per_revisit": [_revisit(r, sweeps) for r in found.revisits],
+    }
+
+
+def _mean(values: Sequence[float]) -> float | None:
+    return float(np.mean(values)) if values else None
+
+
+def _window(window: WindowAudit) -> dict[str, Any]:
+    bend, beside = window.bend, window.measures
+    span = window.t1 - window.t0
+    sigma = np.sqrt(np.diag(bend.covariance))
+    return {
+        "t0": window.t0, "t1": window.t1,
+        "x": float(window.pose[0]), "y": float(window.pose[1]), "yaw": float(window.pose[2]),
+        "torn": window.torn,
+        "inflation": bend.inflation,
+        "dx": float(bend.correction[0]), "dy": float(bend.correction[1]), "dyaw": float(bend.correction[2]),
+        "sigma_x": float(sigma[0]), "sigma_y": float(sigma[1]), "sigma_yaw": float(sigma[2]),
+        "dv": float(bend.correction[0] / span), "domega": float(bend.correction[2] / span),
+        "size_m": bend.size_m,
+        "psi_per_point": bend.psi, "psi_per_point_best": bend.psi_best,
+        "matched": bend.matched, "matched_best": bend.matched_best,
+        "points": bend.points,
+        "map_entropy": beside.map_entropy, "plane_variance": beside.plane_variance,
+        "joint_entropy": beside.joint_entropy, "grid_entropy": beside.grid_entropy,
+    }  # fmt: skip
+
+
+def _revisit(found: RevisitAudit, sweeps: Sweeps) -> dict[str, Any]:
+    revisit = found.revisit
+    pose, sigma = sweeps.poses[revisit.later], np.sqrt(np.diag(revisit.covariance))
+    return {
+        "t_earlier": float(sweeps.times[revisit.earlier]), "t_later": float(sweeps.times[revisit.later]),
+        "x": float(pose[0]), "y": float(pose[1]), "yaw": float(pose[2]),
+        "torn": found.torn, "sure": revisit.sure,
+        "dx": float(revisit.offset[0]), "dy": float(revisit.offset[1]), "dyaw": float(revisit.offset[2]),
+        "sigma_x": float(sigma[0]), "sigma_y": float(sigma[1]), "sigma_yaw": float(sigma[2]),
+        "inflation": revisit.inflation,
+        "matched": revisit.matched,
+        "psi_per_point": revisit.psi, "psi_per_point_best": revisit.psi_best,
+    }  # fmt: skip
+
+
+def write_audit(
+    folder: Path, title: str, found: Audit, sweeps: Sweeps, config: Config, summary: dict[str, Any], warnings: Sequence[str]
+) -> None:
+    """Write every result file of an audit into an existing folder.
+
+    Raises:
+        OutputError: a file cannot be written.
+    """
+    settings = dump_yaml(config)
+    write_text(folder / "config.yaml", settings)
+    write_text(folder / "audit.csv", _csv(summary["per_window"]))
+    write_text(folder / "revisits.csv", _csv(summary["per_revisit"]))
+    write_bytes(folder / "heatmap.png", heat_map(sweeps, found, config.audit))
+    write_audit_report(
+        folder / "report.html",
+        AuditReport(
+            title=title,
+            summary=summary,
+            sweeps=sweeps,
+            audit=found,
+            config=config,
+            crops=crops(sweeps, found, config.audit),
+            warnings=tuple(warnings),
+            settings_yaml=settings,
+        ),
+    )
+    write_text(folder / "audit.json", json.dumps(plain(summary), indent=1) + "\n")
+
+
+def plain(value: Any) -> Any:
+    """The content of audit.json with null for numbers that JSON does not have."""
+    if isinstance(value, Mapping):
+        return {key: plain(part) for key, part in value.items()}
+    if isinstance(value, list):
+        return [plain(part) for part in value]
+    return None if isinstance(value, float) and not np.isfinite(value) else value
+
+
+def _csv(rows: Sequence[Mapping[str, Any]]) -> str:
+    """Rows of numbers under their names; empty without any."""
+    if not rows:
+        return ""
+    text = io.StringIO()
+    writer = csv.DictWriter(text, list(rows[0]), lineterminator="\n")
+    writer.writeheader()
+    for row in rows:
+        writer.writerow({key: f"{value:.9g}" if isinstance(value, float) else value for key, value in row.items()})
+    return text.getvalue()

@@ -1,0 +1,196 @@
+"""What a comparison leaves: a folder per row, a table in several forms, pictures and a report."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import mqslam
+from mqslam.audit.judge import WindowAudit
+from mqslam.compare.judgement import Judged, Place
+from mqslam.compare.rows import Row
+from mqslam.config import Config, dump_yaml
+from mqslam.core.recording import RadarStream
+from mqslam.core.trajectory import write_kitti, write_tum
+from mqslam.evaluation import Evaluation
+from mqslam.execution.files import write_bytes, write_text
+from mqslam.report.compare_page import CompareReport, overlay, write_compare_report
+from mqslam.results.run_results import measurements_csv
+
+# column of the table: key in a row of compare.json, head, how it is printed
+WITH_TRUTH = (
+    ("drift_percent", "drift [%]", "{:.3f}"),
+    ("drift_deg_per_100m", "[deg/100 m]", "{:.3f}"),
+    ("ate_rmse_m", "ATE [m]", "{:.3f}"),
+    ("rpe_v_rms", "speed error [m/s]", "{:.3f}"),
+    ("odometry_drift_percent", "before back end [%]", "{:.3f}"),
+)
+WITHOUT_TRUTH = (
+    ("psi_per_point", "psi per point", "{:.4f}"),
+    ("matched", "matched", "{:.1%}"),
+    ("inflation", "inflation", "{:.3g}"),
+    ("windows_torn", "windows torn", "{:.1%}"),
+    ("revisit_m", "revisits apart [m]", "{:.3f}"),
+    ("loops", "loops", "{}"),
+    ("ms_per_revolution", "time [ms/rev]", "{:.1f}"),
+    ("back_end_s", "back end [s]", "{:.1f}"),
+    ("peak_rss_mb", "memory [MB]", "{:.0f}"),
+)
+
+
+def summarise(
+    stream: RadarStream,
+    config: Config,
+    rows: Sequence[Row],
+    judged: Mapping[str, Judged],
+    places: Sequence[Place],
+    agreement: Sequence[tuple[str, str, Evaluation]],
+    revolutions: int,
+) -> dict[str, Any]:
+    """The content of compare.json; `revolutions` are those that every row covers."""
+    return {
+        "mqslam_version": mqslam.__version__,
+        "dataset": {
+            "format": stream.format,
+            "path": str(stream.path),
+            "revolutions": len(stream),
+            "duration_s": stream.duration_s,
+            "compared": revolutions,
+        },
+        "doppler_beta": config.sensor.doppler_beta,
+        "threshold": config.audit.threshold,
+        "rows": [_row(row, judged.get(row.name), len(stream), config.audit.overlap) for row in rows],
+        "agreement": [
+            {"row": a, "against": b, "rmse_m": e.ate_rmse_m, "drift_percent": e.drift_percent, "speed_rms": e.rpe_v_rms}
+            for a, b, e in agreement
+        ],
+        "places": [{"t0": p.t0, "t1": p.t1, "apart_m": p.apart_m} for p in places],
+    }
+
+
+def _row(row: Row, found: Judged | None, revolutions: int, overlap: float) -> dict[str, Any]:
+    if found is None:
+        return {"name": row.name, "failure": row.failure}
+    windows, sure = found.audit.windows, [r for r in found.audit.revisits if r.revisit.sure]
+    truth, before = found.after, found.before
+    return {
+        "name": row.name,
+        "failure": None,
+        "drift_percent": truth and truth.drift_percent,
+        "drift_deg_per_100m": truth and truth.drift_deg_per_100m,
+        "ate_rmse_m": truth and truth.ate_rmse_m,
+        "rpe_v_rms": truth and truth.rpe_v_rms,
+        "rpe_w_rms": truth and truth.rpe_w_rms,
+        "odometry_drift_percent": before and before.drift_percent,
+        "odometry_drift_deg_per_100m": before and before.drift_deg_per_100m,
+        "odometry_ate_rmse_m": before and before.ate_rmse_m,
+        "psi_per_point": found.psi_per_point,
+        "matched": found.matched,
+        "inflation": _inflation(windows, overlap),
+        "windows": len(windows),
+        "windows_torn": float(np.mean([w.torn for w in windows])) if windows else None,
+        "revisits": len(sure),
+        "revisits_torn": sum(r.torn for r in sure),
+        "revisit_m": float(np.median([r.revisit.distance_m for r in sure])) if sure else None,
+        "loops": row.loops if row.measurements else None,
+        "loops_rejected": row.loops_rejected if row.measurements else None,
+        "measure_s": row.measure_s,
+        "ms_per_revolution": None if row.measure_s is None else 1e3 * row.measure_s / revolutions,
+        "back_end_s": row.back_end_s,
+        "peak_rss_mb": row.peak_rss_mb,
+    }
+
+
+def _inflation(windows: Sequence[WindowAudit], overlap: float) -> float | None:
+    """The median inflation; None where most windows do not overlap even at their best and have none to speak of."""
+    values = [w.bend.inflation if w.bend.matched_best >= overlap else np.inf for w in windows]
+    median = float(np.median(values)) if values else np.inf
+    return median if np.isfinite(median) else None
+
+
+def table(summary: Mapping[str, Any]) -> list[list[str]]:
+    """The table as a person reads it, its head first; columns that no row has are left out."""
+    rows: list[dict[str, Any]] = summary["rows"]
+    shown = [c for c in (*WITH_TRUTH, *WITHOUT_TRUTH) if any(row.get(c[0]) is not None for row in rows)]
+    cells = [["", *(head for _, head, _ in shown)]]
+    for row in rows:
+        if row["failure"] is not None:
+            cells.append([row["name"], f"could not run: {row['failure']}", *[""] * (len(shown) - 1)])
+            continue
+        values = (row[key] for key, _, _ in shown)
+        forms = (form for _, _, form in shown)
+        cells.append([row["name"], *("" if v is None else f.format(v) for f, v in zip(forms, values, strict=True))])
+    return cells
+
+
+def write_compare(
+    folder: Path,
+    stream: RadarStream,
+    config: Config,
+    summary: dict[str, Any],
+    rows: Sequence[Row],
+    judged: Mapping[str, Judged],
+    places: Sequence[Place],
+    stations: Sequence[Place],
+    agreement: Sequence[tuple[str, str, Evaluation]],
+    warnings: Sequence[str],
+) -> None:
+    """Write every result file of a comparison into an existing folder; crops of the stations follow those of the places.
+
+    Raises:
+        OutputError: a file cannot be written.
+    """
+    for row in rows:
+        if row.trajectory is not None:
+            _write_row(folder / row.name, row)
+    ran = tuple(judged.values())
+    settings = dump_yaml(config)
+    write_text(folder / "config.yaml", settings)
+    write_text(folder / "compare.csv", _csv(summary))
+    write_bytes(folder / "overlay.png", overlay(ran, stream.ground_truth))
+    write_compare_report(
+        folder / "report.html",
+        CompareReport(
+            title=stream.path.resolve().name,
+            summary=summary,
+            rows=ran,
+            failed=tuple(row for row in rows if row.failure is not None),
+            places=tuple(places),
+            stations=tuple(stations),
+            start_us=stream.start_us,
+            agreement=tuple(agreement),
+            ground_truth=stream.ground_truth,
+            table=tuple(tuple(line) for line in table(summary)),
+            warnings=tuple(warnings),
+            settings_yaml=settings,
+        ),
+    )
+    write_text(folder / "compare.json", json.dumps(summary, indent=1) + "\n")
+
+
+def _write_row(folder: Path, row: Row) -> None:
+    assert row.trajectory is not None and row.odometry is not None
+    folder.mkdir()
+    write_tum(folder / "trajectory.tum", row.trajectory)
+    write_kitti(folder / "trajectory.kitti", row.trajectory)
+    write_text(folder / "times.txt", "".join(f"{t / 1e6:.6f}\n" for t in row.trajectory.stamps_us.tolist()))
+    if row.measurements:
+        write_tum(folder / "odometry.tum", row.odometry)
+        write_text(folder / "measurements.csv", measurements_csv(row.measurements))
+
+
+def _csv(summary: Mapping[str, Any]) -> str:
+    """All numbers of the rows; an empty cell where there is none."""
+    rows: list[dict[str, Any]] = summary["rows"]
+    keys = max((list(row) for row in rows), key=len)
+    text = io.StringIO()
+    writer = csv.DictWriter(text, keys, lineterminator="\n", restval="")
+    writer.writeheader()
+    writer.writerows(rows)
+    return text.getvalue()

@@ -1,0 +1,97 @@
+"""A simulated recording that needs no files: every revolution is rendered when it is read."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mqslam.core.recording import RadarStream, Revolution
+from mqslam.core.trajectory import Trajectory
+from mqslam.errors import ConfigError
+from mqslam.simulator.drive import Drive
+from mqslam.simulator.scene import Scene
+from mqslam.simulator.sensor import SensorModel, render_revolution
+from mqslam.simulator.wheels import OdometryModel, WheelOdometry, wheel_odometry
+
+START_US = 1_600_000_000_000_000
+"""Stamp [us] of a simulated recording's first azimuth."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class SimulatedStream(RadarStream):
+    """A drive through a scene as a radar stream; `simulated_stream` makes one.
+
+    Args:
+        scene: what reflects.
+        drive: how the sensor moves.
+        sensor: the radar.
+        seed: of the noise, per revolution independent of which others are rendered.
+        wheel_odometry: what the wheels report.
+    """
+
+    scene: Scene
+    drive: Drive
+    sensor: SensorModel
+    seed: int
+    wheel_odometry: WheelOdometry
+
+    def azimuth_stamps(self, k: int) -> NDArray[np.int64]:
+        """(A,) stamps [us] of revolution k's azimuths; time is whole microseconds, as in a recording."""
+        turns = k + np.arange(self.sensor.azimuths) / self.sensor.azimuths
+        return self.start_us + np.round(turns / self.sensor.turn_rate_hz * 1e6).astype(np.int64)
+
+    def revolutions(self, start: int = 0, stop: int | None = None) -> Iterator[Revolution]:
+        for k in range(*slice(start, stop).indices(len(self))):
+            times = np.asarray((self.azimuth_stamps(k) - self.start_us) * 1e-6, dtype=np.float64)
+            poses, twists = self.drive.poses(times), self.drive.twists(times)
+            power = render_revolution(self.scene, poses, twists, times, self.sensor, (self.seed, k))
+            yield Revolution(times, self.sensor.angles, power, np.ones(len(times), dtype=np.bool_))
+
+
+def simulated_stream(
+    scene: Scene,
+    drive: Drive,
+    *,
+    duration_s: float,
+    sensor: SensorModel | None = None,
+    seed: int = 1,
+    odometry: OdometryModel | None = None,
+) -> SimulatedStream:
+    """A drive through a scene as a stream of whole revolutions, with odometry and ground truth.
+
+    Args:
+        scene: what reflects.
+        drive: how the sensor moves.
+        duration_s: the last revolution ends by then [s].
+        sensor: the radar; a Navtech CTS350-X if None.
+        seed: of all noise.
+        odometry: errors of the wheel odometry; the usual ones if None.
+
+    Raises:
+        ConfigError: the duration holds no whole revolution.
+    """
+    sensor = sensor or SensorModel()
+    revolutions = int(duration_s * sensor.turn_rate_hz + 1e-9) if np.isfinite(duration_s) else 0
+    if revolutions < 1:
+        raise ConfigError(f"simulator: {duration_s} s hold no revolution at {sensor.turn_rate_hz} turns/s")
+    periods = np.round(np.arange(revolutions + 1) / sensor.turn_rate_hz * 1e6).astype(np.int64)
+    starts = np.asarray(periods[:-1] * 1e-6, dtype=np.float64)
+    wheels = wheel_odometry(drive, float(periods[-1] * 1e-6), START_US, odometry or OdometryModel(), seed)
+    return SimulatedStream(
+        path=Path("simulated"),
+        format="simulated",
+        stamps_us=START_US + periods[:-1],
+        end_us=START_US + int(periods[-1]),
+        range_resolution=sensor.range_resolution,
+        odometry=wheels.dead_reckoned(),
+        ground_truth=Trajectory(START_US + periods[:-1], drive.poses(starts)),
+        scene=scene,
+        drive=drive,
+        sensor=sensor,
+        seed=seed,
+        wheel_odometry=wheels,
+    )

@@ -1,0 +1,70 @@
+"""What is to be shown of a finished run."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mqslam.core.point_map import read_ply
+from mqslam.core.trajectory import Trajectory, read_tum
+from mqslam.errors import DataError
+
+_REMEDY = "give the folder of a finished run"
+
+
+@dataclass(frozen=True, slots=True)
+class Scene:
+    """A map, the way through it and the places that were tied to each other.
+
+    Args:
+        name: of the run.
+        points: (N, 2) [m], world frame, ordered by time.
+        values: (N,) of each point by name: psi, intensity 0..255, time [s] since the recording's start.
+        trajectory: pose of the sensor at the start of every revolution, world frame.
+        loops: (L, 2) revolutions that a loop closure ties.
+    """
+
+    name: str
+    points: NDArray[np.float64]
+    values: dict[str, NDArray[np.float64]]
+    trajectory: Trajectory
+    loops: NDArray[np.int64]
+
+    @property
+    def start_times(self) -> NDArray[np.float64]:
+        """(K,) start of every revolution [s] since the recording's start."""
+        return self.trajectory.seconds(int(self.trajectory.stamps_us[0]))
+
+
+def read_scene(run: Path) -> Scene:
+    """The scene of a run from its map.ply, trajectory.tum and graph.g2o.
+
+    Raises:
+        DataError: not the folder of a finished run, or a file in it that is damaged.
+    """
+    if not (run / "map.ply").is_file():
+        raise DataError(run, "holds no map.ply", _REMEDY)
+    columns = read_ply(run / "map.ply", ("x", "y", "psi", "intensity", "time"))
+    trajectory = read_tum(run / "trajectory.tum")
+    return Scene(
+        name=run.resolve().name,
+        points=np.column_stack([columns.pop("x"), columns.pop("y")]),
+        values=columns,
+        trajectory=trajectory,
+        loops=_loops(run / "graph.g2o", len(trajectory)),
+    )
+
+
+def _loops(path: Path, revolutions: int) -> NDArray[np.int64]:
+    """The edges (L, 2) of a pose graph that do not join successive revolutions."""
+    try:
+        words = [line.split() for line in path.read_text(encoding="utf-8").splitlines()]
+        edges = [(int(w[1]), int(w[2])) for w in words if w and w[0] == "EDGE_SE2"]
+    except (OSError, ValueError, IndexError) as error:
+        raise DataError(path, "is not a readable pose graph", _REMEDY) from error
+    if any(not 0 <= k < revolutions for edge in edges for k in edge):
+        raise DataError(path, f"has edges beyond the {revolutions} poses of trajectory.tum", "run the recording anew")
+    return np.array([edge for edge in edges if abs(edge[1] - edge[0]) > 1], dtype=np.int64).reshape(-1, 2)

@@ -1,0 +1,126 @@
+"""Two submaps are laid on each other where they belong, and it is said where they do not belong or do not hold."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from support.passes import CONFIG, LANE_Y, MIDDLE, OTHER_LANE_Y, corridor_pass, street_pass
+
+from mqslam.backend.loops.align import Alignment, align, cross_score, moved
+from mqslam.backend.loops.submap import Drive, submap
+from mqslam.core import se2
+from mqslam.psi.place import PointSet
+
+REACH_M, REACH_RAD = 4.0, 0.06
+WRONG_GUESSES = [(2.5, -1.5, 0.05), (-1.0, 3.0, -0.05), (0.0, 0.0, 0.0)]
+
+
+def submaps(reference: Drive, query: Drive, a: int = MIDDLE, b: int = MIDDLE) -> tuple[PointSet, PointSet]:
+    settings = CONFIG.loops
+    return (
+        submap(reference, a, settings.submap_m, settings.spacing_m, CONFIG),
+        submap(query, b, 0.5 * settings.submap_m, settings.spacing_m, CONFIG),
+    )
+
+
+def aligned(reference: Drive, query: Drive, wrong: tuple[float, float, float]) -> tuple[Alignment, se2.Array]:
+    """The alignment from a wrong guess, and the true pose."""
+    truth = se2.between(reference.poses[MIDDLE], query.poses[MIDDLE])
+    found = align(*submaps(reference, query), truth + np.array(wrong), REACH_M, REACH_RAD, CONFIG.estimator)
+    return found, truth
+
+
+@pytest.mark.parametrize("wrong", WRONG_GUESSES)
+@pytest.mark.parametrize(
+    "later",
+    [(-22.0, LANE_Y, 0.0), (-28.0, OTHER_LANE_Y, 0.0), (15.0, OTHER_LANE_Y, np.pi)],
+    ids=["same lane", "other lane", "opposite heading"],
+)
+def test_two_passes_of_a_street_are_laid_where_they_were(
+    later: tuple[float, float, float], wrong: tuple[float, float, float]
+) -> None:
+    found, truth = aligned(street_pass(-25.0, LANE_Y, 0.0, 1), street_pass(*later, 2), wrong)
+    error = found.pose - truth
+    assert np.hypot(error[0], error[1]) < 0.1 and abs(se2.wrap(error[2])) < 0.005
+    assert found.observed and found.matched > CONFIG.loops.matched
+    assert found.psi * CONFIG.loops.rival <= found.rival
+
+
+def test_the_covariance_is_positive_and_fits_the_error() -> None:
+    chi_squares = []
+    for seed, later in enumerate([(-22.0, LANE_Y, 0.0), (-28.0, OTHER_LANE_Y, 0.0), (15.0, OTHER_LANE_Y, np.pi)], 2):
+        found, truth = aligned(street_pass(-25.0, LANE_Y, 0.0, 1), street_pass(*later, seed), WRONG_GUESSES[0])
+        np.testing.assert_array_equal(found.covariance, found.covariance.T)
+        assert np.linalg.eigvalsh(found.covariance)[0] > 0.0
+        sure = np.sqrt(np.diag(found.covariance))
+        assert sure[:2].max() < 0.05 and sure[2] < 0.005
+        error = found.pose - truth
+        error[2] = se2.wrap(error[2])
+        chi_squares.append(error @ np.linalg.solve(found.covariance, error))
+    assert np.mean(chi_squares) < 12.0  # 3 when the covariance is right
+
+
+def test_places_that_have_nothing_in_common_are_poorly_matched_or_have_a_rival() -> None:
+    """Another street of the same city, guessed to be the first one."""
+    reference = street_pass(-25.0, LANE_Y, 0.0, 1)
+    for other in (street_pass(-25.0, 37.75, 0.0, 3), street_pass(-51.75, -18.0, -np.pi / 2.0, 3)):
+        found = align(*submaps(reference, other), np.zeros(3), REACH_M, REACH_RAD, CONFIG.estimator)
+        assert found.matched < CONFIG.loops.matched or found.psi * CONFIG.loops.rival > found.rival
+        right, _ = aligned(reference, street_pass(-22.0, LANE_Y, 0.0, 2), (0.0, 0.0, 0.0))
+        assert found.matched < 0.8 * right.matched and found.psi > 2.0 * right.psi
+
+
+def test_bare_walls_are_not_observed_along_themselves() -> None:
+    found, truth = aligned(corridor_pass(-25.0, 0.0, 1), corridor_pass(-22.0, 0.5, 2), WRONG_GUESSES[0])
+    assert not found.observed
+    assert abs(found.pose[1] - truth[1]) < 0.1 and abs(found.pose[2] - truth[2]) < 0.005
+
+
+def test_a_truth_outside_the_gate_is_not_found() -> None:
+    reference, query = street_pass(-25.0, LANE_Y, 0.0, 1), street_pass(-22.0, LANE_Y, 0.0, 2)
+    truth = se2.between(reference.poses[MIDDLE], query.poses[MIDDLE])
+    guess = truth + np.array([0.0, 12.0, 0.0])
+    found = align(*submaps(reference, query), guess, REACH_M, REACH_RAD, CONFIG.estimator)
+    off = found.pose - guess
+    assert np.hypot(off[0], off[1]) <= REACH_M + 1.0 and abs(off[2]) <= REACH_RAD + 0.05
+    assert found.matched < CONFIG.loops.matched
+
+
+def test_the_joint_score_is_least_where_the_passes_belong() -> None:
+    reference, query = street_pass(-25.0, LANE_Y, 0.0, 1), street_pass(-22.0, LANE_Y, 0.0, 2)
+    truth = se2.between(reference.poses[MIDDLE], query.poses[MIDDLE])
+    maps = submaps(reference, query)
+    right = cross_score(*maps, truth, CONFIG.estimator)
+    found, _ = aligned(reference, query, (0.0, 0.0, 0.0))
+    assert found.psi == pytest.approx(cross_score(*maps, found.pose, CONFIG.estimator), rel=1e-6)
+    for offset in ([0.3, 0.0, 0.0], [0.0, -0.3, 0.0], [0.0, 0.0, 0.02]):
+        assert cross_score(*maps, truth + offset, CONFIG.estimator) > 1.3 * right
+
+
+def scattered(seed: int = 1, count: int = 40) -> PointSet:
+    rng = np.random.default_rng(seed)
+    roots = rng.normal(size=(count, 2, 2))
+    full = roots @ roots.transpose(0, 2, 1)
+    covariances = np.column_stack([full[:, 0, 0], full[:, 0, 1], full[:, 1, 1]])
+    return PointSet(rng.uniform(-30.0, 30.0, (count, 2)), np.empty((count, 2, 0)), covariances, np.arange(float(count)))
+
+
+@pytest.mark.parametrize("pose", [(0.0, 0.0, 0.0), (3.0, -1.0, 0.7), (-2.0, 5.0, -2.9)])
+def test_jacobians_of_a_moved_submap_are_its_differences(pose: tuple[float, float, float]) -> None:
+    points, at, step = scattered(), np.array(pose), 1e-6
+    found = moved(points, at)
+    np.testing.assert_allclose(found.points, se2.transform(at, points.points), atol=1e-12)
+    for axis in range(3):
+        nudge = step * np.eye(3)[axis]
+        numeric = (moved(points, at + nudge).points - moved(points, at - nudge).points) / (2.0 * step)
+        np.testing.assert_allclose(found.jacobians[:, :, axis], numeric, atol=1e-7)
+
+
+def test_covariances_of_a_moved_submap_turn_with_it() -> None:
+    points, yaw = scattered(), 0.7
+    turn = np.array([[np.cos(yaw), -np.sin(yaw)], [np.sin(yaw), np.cos(yaw)]])
+    found = moved(points, np.array([3.0, -1.0, yaw]))
+    for before, after in zip(points.covariances, found.covariances, strict=True):
+        expected = turn @ before[[[0, 1], [1, 2]]] @ turn.T
+        np.testing.assert_allclose(after[[[0, 1], [1, 2]]], expected, atol=1e-12)
+    np.testing.assert_array_equal(found.times, points.times)

@@ -1,0 +1,93 @@
+"""A submap holds the revolutions near one along the path, and lies in that one's frame."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from support.passes import path
+
+from mqslam.backend.loops.submap import Drive, submap
+from mqslam.config import Config
+from mqslam.core import se2
+from mqslam.core.scans import Returns, Window
+
+CONFIG = Config()
+LANDMARKS = np.array([[12.0, 20.0], [40.0, -15.0], [75.0, 8.0], [110.0, -20.0]])
+
+
+def watched(drive: Drive) -> Drive:
+    """The drive with windows in which the sensor, still at the start of its turn, sees every landmark of the world."""
+    windows = []
+    for window, pose in zip(drive.windows, drive.poses, strict=True):
+        x, y = se2.transform(se2.inverse(pose), LANDMARKS).T
+        ones = np.ones(len(LANDMARKS))
+        windows.append(Window(window.t0, window.t1, Returns(np.hypot(x, y), np.arctan2(y, x), window.t0 * ones, ones)))
+    return Drive.of(windows, drive.poses)
+
+
+@pytest.fixture
+def drive() -> Drive:
+    """120 m with a bend, at a speed that changes."""
+    along = np.cumsum(1.5 + np.sin(np.arange(80) / 9.0))
+    return watched(path(np.column_stack([along, 10.0 * np.sin(along / 40.0)])))
+
+
+def chosen_by(drive: Drive, centre: int, reach_m: float, spacing_m: float) -> np.ndarray:
+    """Indices of the revolutions whose returns a submap holds."""
+    times = submap(drive, centre, reach_m, spacing_m, CONFIG).times
+    return np.unique(np.searchsorted(drive.times, times))
+
+
+@pytest.mark.parametrize("reach_m, spacing_m", [(15.0, 5.0), (30.0, 5.0), (20.0, 10.0)])
+def test_revolutions_reach_as_far_and_lie_as_far_apart_as_asked(drive: Drive, reach_m: float, spacing_m: float) -> None:
+    centre, step = 40, float(np.diff(drive.travelled).max())
+    chosen = chosen_by(drive, centre, reach_m, spacing_m)
+    path_m = drive.travelled[chosen] - drive.travelled[centre]
+    assert centre in chosen
+    assert len(chosen) == 2 * round(reach_m / spacing_m) + 1
+    assert -reach_m <= path_m[0] < -reach_m + step and reach_m <= path_m[-1] < reach_m + step
+    np.testing.assert_allclose(np.diff(path_m), spacing_m, atol=step)
+
+
+@pytest.mark.parametrize("centre", [0, 79])
+def test_a_submap_at_an_end_of_the_drive_is_as_long_as_there_is_path(drive: Drive, centre: int) -> None:
+    chosen = chosen_by(drive, centre, 15.0, 5.0)
+    assert centre in chosen
+    assert np.all(np.abs(drive.travelled[chosen] - drive.travelled[centre]) <= 20.0) and 3 <= len(chosen) <= 5
+
+
+def test_a_parked_stretch_is_taken_once() -> None:
+    along = np.concatenate([np.arange(0.0, 30.0, 2.0), np.full(50, 30.0), np.arange(32.0, 60.0, 2.0)])
+    drive = watched(path(np.column_stack([along, np.zeros_like(along)])))
+    for centre in (15, 40, 64):
+        chosen = chosen_by(drive, centre, 15.0, 5.0)
+        assert len(chosen) == 7
+        assert np.sum(np.abs(drive.travelled[chosen] - 30.0) < 1e-9) == 1
+
+
+def test_another_pass_over_the_place_is_not_in_the_submap() -> None:
+    angles = np.linspace(0.0, 4.0 * np.pi, 200)
+    drive = watched(path(30.0 * np.column_stack([np.cos(angles), np.sin(angles)])))
+    chosen = chosen_by(drive, 150, 15.0, 5.0)
+    assert chosen.min() > 130 and chosen.max() < 170
+
+
+def test_the_frame_is_the_centres_pose(drive: Drive) -> None:
+    for centre in (3, 40, 70):
+        points = submap(drive, centre, 15.0, 5.0, CONFIG).points
+        expected = se2.transform(se2.inverse(drive.poses[centre]), LANDMARKS)
+        np.testing.assert_allclose(points, np.tile(expected, (len(points) // len(LANDMARKS), 1)), atol=1e-9)
+
+
+def test_a_submap_is_the_same_whichever_frame_the_drive_is_in(drive: Drive) -> None:
+    elsewhere = Drive.of(drive.windows, se2.compose(np.array([1000.0, -400.0, 2.5]), drive.poses))
+    ours, theirs = (submap(d, 40, 15.0, 5.0, CONFIG) for d in (drive, elsewhere))
+    np.testing.assert_allclose(ours.points, theirs.points, atol=1e-9)
+    np.testing.assert_allclose(ours.covariances, theirs.covariances, atol=1e-12)
+
+
+def test_spaced_revolutions_are_that_far_apart(drive: Drive) -> None:
+    nodes = drive.spaced(5.0)
+    step = float(np.diff(drive.travelled).max())
+    np.testing.assert_allclose(np.diff(drive.travelled[nodes]), 5.0, atol=step)
+    assert nodes[0] == 0 and drive.travelled[-1] - drive.travelled[nodes[-1]] < 5.0

@@ -1,0 +1,110 @@
+"""Planar motions against the matrices they stand for."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.linalg import expm
+
+from mqslam.core import se2
+
+Matrix = NDArray[np.float64]
+SIZES = [0.0, 1e-12, 1e-7, 1e-3, 0.3, 1.0, 3.0]
+
+
+def matrix(pose: se2.Array) -> Matrix:
+    """The homogeneous (3, 3) matrix of a pose."""
+    x, y, yaw = pose
+    return np.array([[np.cos(yaw), -np.sin(yaw), x], [np.sin(yaw), np.cos(yaw), y], [0.0, 0.0, 1.0]])
+
+
+def hat(twist: se2.Array) -> Matrix:
+    """The (3, 3) matrix of a twist, whose exponential is the matrix of a pose."""
+    vx, vy, omega = twist
+    return np.array([[0.0, -omega, vx], [omega, 0.0, vy], [0.0, 0.0, 0.0]])
+
+
+@pytest.fixture
+def poses() -> se2.Array:
+    """Poses (50, 3) with yaws of several turns."""
+    return np.random.default_rng(0).normal(scale=[20.0, 20.0, 4.0], size=(50, 3))
+
+
+def test_compose_multiplies_matrices(poses: se2.Array) -> None:
+    for a, b, ab in zip(poses, poses[::-1], se2.compose(poses, poses[::-1]), strict=True):
+        np.testing.assert_allclose(matrix(ab), matrix(a) @ matrix(b), atol=1e-12)
+
+
+def test_one_pose_is_composed_with_many(poses: se2.Array) -> None:
+    expected = [se2.compose(poses[0], pose) for pose in poses]
+    np.testing.assert_array_equal(se2.compose(poses[0], poses), expected)
+
+
+def test_inverse_inverts_the_matrix(poses: se2.Array) -> None:
+    for pose, back in zip(poses, se2.inverse(poses), strict=True):
+        np.testing.assert_allclose(matrix(back), np.linalg.inv(matrix(pose)), atol=1e-12)
+
+
+def test_between_is_what_composes_to_the_second_pose(poses: se2.Array) -> None:
+    a, b = poses[:-1], poses[1:]
+    np.testing.assert_allclose(se2.compose(a, se2.between(a, b)), b, atol=1e-12)
+
+
+def test_transform_moves_points_as_the_matrix_does(poses: se2.Array) -> None:
+    points = np.random.default_rng(1).normal(size=(7, 2))
+    for pose in poses[:5]:
+        expected = (matrix(pose) @ np.column_stack([points, np.ones(7)]).T).T[:, :2]
+        np.testing.assert_allclose(se2.transform(pose, points), expected, atol=1e-12)
+
+
+@pytest.mark.parametrize("omega", [sign * size for size in SIZES for sign in (1.0, -1.0)])
+def test_exp_is_the_matrix_exponential(omega: float) -> None:
+    twist = np.array([7.0, -0.4, omega])
+    np.testing.assert_allclose(matrix(se2.exp(twist)), expm(hat(twist)), rtol=0.0, atol=1e-13 * 7.0)
+    np.testing.assert_allclose(matrix(se2.exp(twist, 0.25)), expm(0.25 * hat(twist)), rtol=0.0, atol=1e-13 * 7.0)
+
+
+@pytest.mark.parametrize("yaw", [sign * size for size in [*SIZES, 6.0] for sign in (1.0, -1.0)])
+def test_log_undoes_exp(yaw: float) -> None:
+    twist = np.array([3.0, -1.0, yaw])
+    np.testing.assert_allclose(se2.log(se2.exp(twist)), twist, atol=1e-11)
+
+
+def test_twists_and_durations_are_taken_pairwise() -> None:
+    twists, durations = np.array([[1.0, 0.0, 0.2], [2.0, 0.1, -0.3]]), np.array([0.5, 2.0])
+    expected = [se2.exp(twist, duration) for twist, duration in zip(twists, durations, strict=True)]
+    np.testing.assert_allclose(se2.exp(twists, durations), expected)
+
+
+def test_adjoint_carries_a_twist_to_the_outer_frame(poses: se2.Array) -> None:
+    twist = np.array([0.3, -0.2, 0.1])
+    for pose in poses[:10]:
+        carried = matrix(pose) @ hat(twist) @ np.linalg.inv(matrix(pose))
+        np.testing.assert_allclose(hat(se2.adjoint(pose) @ twist), carried, atol=1e-11)
+
+
+def test_wrap_brings_angles_between_minus_pi_and_pi() -> None:
+    angles = np.array([0.0, 3.0, 3.5, -3.5, 10.0 * np.pi + 0.1, np.pi, -np.pi])
+    wrapped = se2.wrap(angles)
+    assert np.all((wrapped >= -np.pi) & (wrapped < np.pi))
+    np.testing.assert_allclose(np.exp(1j * wrapped), np.exp(1j * angles), atol=1e-12)
+    assert se2.wrap(np.pi) == se2.wrap(-np.pi) == -np.pi
+
+
+def test_interpolation_follows_the_arc_between_poses_and_goes_on_beyond_them() -> None:
+    twist, start = np.array([8.0, 0.3, 0.4]), np.array([5.0, -2.0, 3.0])
+    times, at = np.array([0.0, 1.0, 1.5]), np.array([-0.5, 0.0, 0.3, 1.0, 1.2, 1.5, 2.5])
+    poses = se2.compose(start, se2.exp(np.tile(twist, (3, 1)), times))
+    expected = se2.compose(start, se2.exp(np.tile(twist, (7, 1)), at))
+    np.testing.assert_allclose(se2.interpolate(times, poses, at), expected, atol=1e-12)
+
+
+def test_interpolation_turns_the_short_way_across_the_seam() -> None:
+    poses = np.array([[0.0, 0.0, np.pi - 0.1], [0.0, 0.0, -np.pi + 0.1]])
+    middle = se2.interpolate(np.array([0.0, 1.0]), poses, np.array([0.5]))[0]
+    assert abs(se2.wrap(middle[2] - np.pi)) < 1e-12
+
+
+def test_a_single_pose_is_held() -> None:
+    np.testing.assert_array_equal(se2.interpolate([1.0], [[1.0, 2.0, 3.0]], [0.0, 5.0]), [[1.0, 2.0, 3.0]] * 2)

@@ -1,0 +1,305 @@
+"""What a run has computed survives its death to the last bit, and nothing wrong is taken for it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from support.commands import contents
+from support.drives import constant
+
+from mqslam import slam as slam_module
+from mqslam.backend.loops.search import Loop
+from mqslam.config import Config, MapConfig, SensorConfig
+from mqslam.core.measurement import RelativeMotion, Status
+from mqslam.core.scans import Returns
+from mqslam.core.trajectory import Trajectory
+from mqslam.detection.stage import Detected, detect_all
+from mqslam.errors import DataError, OutputError
+from mqslam.execution.checkpoint import FOLDER, Checkpoint, run_key, unfinished
+from mqslam.execution.engine import HERE
+from mqslam.psi.tracking import doppler as doppler_module
+from mqslam.simulator import SensorModel, SimulatedStream, simulated_stream, street_scene
+from mqslam.slam import Slam
+
+RNG = np.random.default_rng(1)
+
+
+def some_returns(count: int) -> Returns:
+    return Returns(*(RNG.normal(size=count) for _ in range(4)))
+
+
+RETURNS = [some_returns(7), some_returns(0), some_returns(1), some_returns(30), some_returns(0)]
+DETECTED = Detected(RETURNS, {4: DataError("drive/radar/4.png", "is not a readable PNG", "copy it anew")})
+MEASUREMENTS = [
+    RelativeMotion(0.0, 0.25, RNG.normal(size=3), RNG.normal(size=(3, 3)), Status.CONVERGED, 12.3, 14.0, 812, 0.83),
+    RelativeMotion(0.25, 0.5, RNG.normal(size=3), RNG.normal(size=(3, 3)), Status.DEGENERATE, 1.0 / 3.0),
+    RelativeMotion(0.5, 0.75, RNG.normal(size=3), RNG.normal(size=(3, 3)), Status.AMBIGUOUS),
+    RelativeMotion(0.75, 1.0, RNG.normal(size=3), RNG.normal(size=(3, 3)), Status.LOST, points=3),
+]
+LOOPS = [
+    Loop(3, 170, RNG.normal(size=3), RNG.normal(size=(3, 3)), 0.71, 0.2),
+    Loop(9, 180, np.zeros(3), np.eye(3), 1.0, 0.1),
+]
+FILES = ("returns-000000-000005.npz", "measurements.npz", "loops.npz")
+
+
+def filled(out: Path, key: str = "this run") -> Checkpoint:
+    """A checkpoint with every stage."""
+    checkpoint = Checkpoint(out, key, resume=False)
+    checkpoint.keep_detected(0, 5, DETECTED)
+    checkpoint.keep_measurements(MEASUREMENTS, 0.0489)
+    checkpoint.keep_loops(LOOPS, 17)
+    return checkpoint
+
+
+def resumed(out: Path) -> Checkpoint:
+    return Checkpoint(out, "this run", resume=True)
+
+
+def found_in(checkpoint: Checkpoint) -> list[Any]:
+    return [checkpoint.detected(0, 5), checkpoint.measurements(), checkpoint.loops()]
+
+
+def assert_same(one: Any, other: Any) -> None:
+    """Two dataclasses are of equal fields, bit by bit, NaN included, and of equal types."""
+    for f in fields(one):
+        a, b = getattr(one, f.name), getattr(other, f.name)
+        assert type(a) is type(b), f.name
+        np.testing.assert_array_equal(a, b, err_msg=f.name)
+
+
+def test_returns_survive_a_round_trip(tmp_path: Path) -> None:
+    filled(tmp_path / "out")
+    found = resumed(tmp_path / "out").detected(0, 5)
+    assert found is not None and repr(found.unread) == repr(DETECTED.unread)
+    for one, other in zip(RETURNS, found.returns, strict=True):
+        assert_same(one, other)
+        assert all(getattr(other, f.name).flags.c_contiguous for f in fields(other))
+
+
+def test_measurements_survive_a_round_trip(tmp_path: Path) -> None:
+    filled(tmp_path / "out")
+    kept = resumed(tmp_path / "out").measurements()
+    assert kept is not None and kept[1] == 0.0489
+    for one, other in zip(MEASUREMENTS, kept[0], strict=True):
+        assert_same(one, other)
+
+
+def test_loops_survive_a_round_trip(tmp_path: Path) -> None:
+    filled(tmp_path / "out")
+    kept = resumed(tmp_path / "out").loops()
+    assert kept is not None and kept[1] == 17
+    for one, other in zip(LOOPS, kept[0], strict=True):
+        assert_same(one, other)
+
+
+def test_that_there_are_no_loops_is_kept_too(tmp_path: Path) -> None:
+    filled(tmp_path / "out").keep_loops([], 4)
+    assert resumed(tmp_path / "out").loops() == ([], 4)
+
+
+def test_another_stretch_is_not_there(tmp_path: Path) -> None:
+    filled(tmp_path / "out")
+    assert resumed(tmp_path / "out").detected(0, 4) is None and resumed(tmp_path / "out").detected(5, 10) is None
+
+
+def test_nothing_is_there_before_it_is_kept_and_looking_makes_nothing(tmp_path: Path) -> None:
+    for resume in (False, True):
+        assert found_in(Checkpoint(tmp_path / "out", "this run", resume=resume)) == [None, None, None]
+    assert contents(tmp_path) == {}
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_a_file_that_is_cut_short_is_not_there(tmp_path: Path, name: str) -> None:
+    filled(tmp_path / "out")
+    file = tmp_path / "out" / FOLDER / name
+    whole = file.read_bytes()
+    for length in [*range(0, len(whole), 101), len(whole) - 1]:
+        file.write_bytes(whole[:length])
+        found = found_in(resumed(tmp_path / "out"))
+        assert [part is None for part in found] == [other == name for other in FILES], length
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_a_file_with_a_broken_byte_is_not_there_or_as_it_was(tmp_path: Path, name: str) -> None:
+    checkpoint = filled(tmp_path / "out")
+    file = tmp_path / "out" / FOLDER / name
+    whole, right = file.read_bytes(), found_in(checkpoint)[FILES.index(name)]
+    missing = 0
+    for place in range(0, len(whole), 13):
+        broken = bytearray(whole)
+        broken[place] ^= 0x55
+        file.write_bytes(broken)
+        found = found_in(resumed(tmp_path / "out"))[FILES.index(name)]
+        missing += found is None
+        assert found is None or repr(found) == repr(right), place
+    assert missing > 20
+
+
+@pytest.mark.parametrize("other", [b"", b"no archive", "loops.npz"])
+def test_something_else_under_the_name_is_not_there(tmp_path: Path, other: bytes | str) -> None:
+    filled(tmp_path / "out")
+    folder = tmp_path / "out" / FOLDER
+    text = other if isinstance(other, bytes) else (folder / other).read_bytes()
+    for name in FILES[:2]:
+        (folder / name).write_bytes(text)
+    assert found_in(resumed(tmp_path / "out"))[:2] == [None, None]
+
+
+@pytest.fixture(scope="module")
+def stream() -> SimulatedStream:
+    """Forty-four revolutions, which are detected in two stretches."""
+    sensor = SensorModel(turn_rate_hz=8.0, azimuths=200, range_resolution=0.175, max_range=60.0)
+    return simulated_stream(street_scene(1, movers=0), constant(6.0, 0.0), duration_s=5.5, sensor=sensor)
+
+
+def silent(stage: str, done: int, total: int) -> None:
+    return None
+
+
+def test_a_broken_stretch_is_detected_again(stream: SimulatedStream, tmp_path: Path) -> None:
+    config = Config().detector
+    checkpoint = Checkpoint(tmp_path / "out", "this run", resume=False)
+    first, _ = detect_all(stream, config, HERE, silent, checkpoint)
+    before = contents(tmp_path)
+    kept = sorted((tmp_path / "out" / FOLDER).glob("returns-*"))
+    assert len(kept) == 2
+    for broken in ([], kept[:1], kept[1:], kept):
+        for file in broken:
+            file.write_bytes(file.read_bytes()[:500])
+        again, cost = detect_all(stream, config, HERE, silent, resumed(tmp_path / "out"))
+        assert (cost.read_s > 0.0) == bool(broken)
+        for one, other in zip(first, again, strict=True):
+            assert (one.t0, one.t1) == (other.t0, other.t1)
+            assert_same(one.returns, other.returns)
+        assert contents(tmp_path).keys() == before.keys()
+
+
+def test_a_resumed_run_repeats_no_finished_stage_and_ends_the_same(
+    stream: SimulatedStream, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The Doppler shift, which is measured, is kept with the measurements made with it."""
+    monkeypatch.setattr(doppler_module, "measure_doppler", lambda *_: 0.0123)
+    config = Config(map=MapConfig(travel_m=2.0))
+    first = Slam(config, "psi", HERE, silent, Checkpoint(tmp_path / "out", "this run", resume=False)).run(stream, None)
+    monkeypatch.setattr(doppler_module, "measure_doppler", lambda *_: pytest.fail("measured again"))
+    monkeypatch.setattr(slam_module, "find_loops", lambda *_: pytest.fail("searched again"))
+    monkeypatch.setattr(SimulatedStream, "revolutions", lambda *_: pytest.fail("read again"))
+    again = Slam(config, "psi", HERE, silent, resumed(tmp_path / "out")).run(stream, None)
+    assert again.config == first.config and again.config.sensor.doppler_beta == 0.0123
+    np.testing.assert_array_equal(again.optimised.poses, first.optimised.poses)
+    np.testing.assert_array_equal(again.map_optimised.psi, first.map_optimised.psi)
+    for one, other in zip(first.measurements, again.measurements, strict=True):
+        assert_same(one, other)
+
+
+def test_another_runs_checkpoint_is_refused_and_left(tmp_path: Path) -> None:
+    filled(tmp_path / "out", "another run")
+    before = contents(tmp_path)
+    with pytest.raises(OutputError, match=r"unfinished run of other data or settings; choose another --out"):
+        resumed(tmp_path / "out")
+    with pytest.raises(OutputError), unfinished(tmp_path / "out", "this run", resume=True):
+        pass
+    assert contents(tmp_path) == before
+
+
+@pytest.mark.parametrize("text", ["", "[]", "{}", '{"key": 3}'])
+def test_a_checkpoint_that_does_not_say_whose_it_is_is_refused(tmp_path: Path, text: str) -> None:
+    filled(tmp_path / "out")
+    (tmp_path / "out" / FOLDER / "run.json").write_text(text)
+    with pytest.raises(OutputError):
+        resumed(tmp_path / "out")
+
+
+def test_a_run_that_died_before_it_kept_anything_can_be_resumed(tmp_path: Path) -> None:
+    (tmp_path / "out" / FOLDER).mkdir(parents=True)
+    (tmp_path / "out" / FOLDER / ".run.json.x1y2").write_text('{"k')
+    assert found_in(resumed(tmp_path / "out")) == [None, None, None]
+
+
+def test_a_new_run_clears_what_an_old_one_kept_and_nothing_else(tmp_path: Path) -> None:
+    filled(tmp_path / "out")
+    (tmp_path / "out" / "mine").write_text("kept")
+    assert found_in(Checkpoint(tmp_path / "out", "this run", resume=False)) == [None, None, None]
+    assert contents(tmp_path) == {"out": None, "out/mine": b"kept"}
+
+
+def test_every_stage_is_written_whole_or_not_at_all(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    checkpoint = filled(tmp_path / "out")
+    before = contents(tmp_path)
+
+    def dies(file: Any, **arrays: Any) -> None:
+        file.write(b"half of")
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(np, "savez", dies)
+    with pytest.raises(KeyboardInterrupt):
+        checkpoint.keep_loops([], 0)
+    assert contents(tmp_path) == before
+
+
+def test_an_error_of_the_user_leaves_nothing(tmp_path: Path) -> None:
+    with pytest.raises(DataError), unfinished(tmp_path / "out", "this run", resume=False) as checkpoint:
+        checkpoint.keep_detected(0, 5, DETECTED)
+        raise DataError("drive", "is broken")
+    assert contents(tmp_path) == {}
+
+
+def test_an_error_of_the_user_leaves_an_earlier_result(tmp_path: Path) -> None:
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "mine").write_text("kept")
+    with pytest.raises(DataError), unfinished(tmp_path / "out", "this run", resume=False) as checkpoint:
+        checkpoint.keep_detected(0, 5, DETECTED)
+        raise DataError("drive", "is broken")
+    assert contents(tmp_path) == {"out": None, "out/mine": b"kept"}
+
+
+@pytest.mark.parametrize("error", [KeyboardInterrupt, MemoryError])
+@pytest.mark.parametrize("resume", [False, True])
+def test_an_interrupted_run_can_be_resumed(tmp_path: Path, error: type[BaseException], resume: bool) -> None:
+    with pytest.raises(error), unfinished(tmp_path / "out", "this run", resume=resume) as checkpoint:
+        checkpoint.keep_loops(LOOPS, 17)
+        raise error
+    assert resumed(tmp_path / "out").loops() is not None
+
+
+def test_an_error_while_resuming_keeps_what_was_there(tmp_path: Path) -> None:
+    filled(tmp_path / "out")
+    before = contents(tmp_path)
+    with pytest.raises(OutputError), unfinished(tmp_path / "out", "this run", resume=True):
+        raise OutputError("disk full")
+    assert contents(tmp_path) == before
+
+
+def test_a_place_that_cannot_be_written_is_said_so(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("kept")
+    with pytest.raises(OutputError, match="choose another --out"):
+        Checkpoint(tmp_path / "file" / "out", "this run", resume=False).keep_loops([], 0)
+
+
+ANOTHER: dict[str, Callable[[SimulatedStream], str]] = {
+    "settings": lambda s: run_key(s, Config(sensor=SensorConfig(doppler_beta=0.01)), "psi", s.odometry),
+    "front end": lambda s: run_key(s, Config(), "kiss_icp", s.odometry),
+    "no odometry": lambda s: run_key(s, Config(), "psi", None),
+    "other odometry": lambda s: run_key(s, Config(), "psi", moved(s.odometry)),
+    "other recording": lambda s: run_key(
+        simulated_stream(s.scene, s.drive, duration_s=4.0, sensor=s.sensor), Config(), "psi", s.odometry
+    ),
+}
+
+
+def moved(track: Trajectory | None) -> Trajectory:
+    assert track is not None
+    return Trajectory(track.stamps_us, track.poses + np.array([0.0, 0.0, 1e-9]))
+
+
+@pytest.mark.parametrize("change", ANOTHER)
+def test_whatever_changes_the_result_changes_the_key(stream: SimulatedStream, change: str) -> None:
+    key = run_key(stream, Config(), "psi", stream.odometry)
+    assert key == run_key(stream, Config(), "psi", stream.odometry)
+    assert ANOTHER[change](stream) != key

@@ -1,0 +1,178 @@
+"""A Dask cluster: whatever happens to its workers, a run ends with the bytes of one process or with one clear line."""
+
+from __future__ import annotations
+
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from support.clusters import Cluster, at, cluster, fatal, full_disk, slow_sum
+from support.commands import INSTALLED, mqslam, processes
+
+from mqslam.errors import ClusterError
+from mqslam.execution import cluster as cluster_module
+from mqslam.execution.checkpoint import FOLDER
+from mqslam.execution.cluster import connected
+from mqslam.execution.engine import HERE, LocalEngine
+from mqslam.simulator import simulate
+
+SAME = ("trajectory.tum", "odometry.tum", "measurements.csv", "graph.g2o", "map.ply", "map.pgm", "config.yaml")
+
+
+@pytest.fixture(scope="module")
+def lap(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A coarse recording of a bit more than one round of a block, with loops, and what one process makes of it."""
+    folder = tmp_path_factory.mktemp("lap")
+    simulate(
+        folder / "drive", duration_s=52.0, turn_rate_hz=2.0, azimuths=200, range_resolution=0.35, max_range=80.0, movers=0
+    )
+    (folder / "quick.yaml").write_text("sensor: {doppler_beta: 0.0}\n")
+    assert run(folder, folder / "alone", "--jobs", "1").code == 0
+    return folder
+
+
+def run(lap: Path, out: Path, *more: object):
+    options = ("--odometry", "none", "--config", lap / "quick.yaml", "--quiet")
+    return mqslam("run", lap / "drive", "--out", out, *options, *map(str, more))
+
+
+def test_a_worker_killed_while_loops_are_verified_changes_no_byte(
+    lap: Path, crew: Cluster, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    left = at(monkeypatch, "loops", crew.workers[0].kill)
+    shown = run(lap, tmp_path / "out", "--cluster", crew.address)
+    assert (shown.code, shown.err) == (0, "")
+    assert left[0] >= 3 and crew.workers[0].wait() == -signal.SIGKILL and crew.workers[1].poll() is None
+    for name in SAME:
+        assert (tmp_path / "out" / name).read_bytes() == (lap / "alone" / name).read_bytes(), name
+
+
+def test_workers_that_are_all_gone_are_not_waited_for_forever(crew: Cluster) -> None:
+    def kill(number: int, result: int) -> None:
+        for worker in crew.workers:
+            worker.kill()
+
+    with connected(crew.address) as engine, pytest.raises(ClusterError, match="has no workers left"):
+        engine.map(slow_sum, [1, 2], range(20), kill)
+
+
+def test_what_tasks_share_is_sent_again_when_all_who_held_it_are_gone(
+    crew: Cluster, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def replace(number: int, result: int) -> None:
+        if number == 3:
+            for worker in crew.workers:
+                worker.kill()
+            crew.add_worker()
+
+    numbers: list[int] = []
+    shared = list(range(100_000))  # too much to travel with every task
+    monkeypatch.setattr(cluster_module, "_LOOK_S", 10.0)  # a worker takes seconds to start
+    with connected(crew.address) as engine:
+        found = engine.map(slow_sum, shared, range(12), lambda number, _: (numbers.append(number), replace(number, 0)))
+    assert found == [sum(shared) + k for k in range(12)] and numbers == list(range(1, 13))
+
+
+def test_what_a_function_raises_is_not_taken_for_the_clusters_trouble(crew: Cluster) -> None:
+    with connected(crew.address) as engine, pytest.raises(OSError, match="No space left"):
+        engine.map(full_disk, [], range(3))
+
+
+def test_a_call_that_kills_its_process_again_and_again_is_its_own_failure_alone(tmp_path: Path) -> None:
+    assert LocalEngine(2).apart(fatal, [1], [-1, 5]) == [None, 6]
+    with cluster(tmp_path / "dask", workers=5) as found, connected(found.address) as engine:
+        assert engine.apart(fatal, [1], [-1, 5]) == [None, 6]
+
+
+@pytest.mark.parametrize("engine", [HERE, LocalEngine(3)])
+@pytest.mark.parametrize("processes", [False, True])
+def test_results_come_in_the_order_of_the_items(engine: LocalEngine, processes: bool) -> None:
+    done: list[tuple[int, int]] = []
+    found = engine.map(slow_sum, [1, 2], range(6), lambda *said: done.append(said), processes=processes)
+    assert found == [3, 4, 5, 6, 7, 8] and done == list(zip(range(1, 7), found, strict=True))
+
+
+def test_compare_and_audit_give_the_same_on_a_cluster(lap: Path, tmp_path: Path) -> None:
+    drive = tmp_path / "drive"
+    simulate(drive, duration_s=9.0, turn_rate_hz=2.0, azimuths=200, range_resolution=0.35, max_range=60.0, movers=0)
+    options = ("--config", lap / "quick.yaml", "--quiet")
+    for name, where in (("here", ("--jobs", "2")), ("there", ("--cluster", "local:2"))):
+        compare = ("compare", drive, "--frontends", "kiss_icp,odometry", "--odometry-only", *options)
+        assert mqslam(*compare, "--out", tmp_path / name, *where).code == 0
+        audit = ("audit", drive, "--trajectory", "odometry", *options)
+        assert mqslam(*audit, "--out", tmp_path / f"audit-{name}", *where).code == 0
+    same = ("kiss_icp/trajectory.tum", "odometry/trajectory.kitti", "overlay.png")
+    assert all((tmp_path / "here" / name).read_bytes() == (tmp_path / "there" / name).read_bytes() for name in same)
+    judged = [(tmp_path / f"audit-{name}" / "audit.csv").read_bytes() for name in ("here", "there")]
+    assert judged[0] == judged[1]
+
+
+@pytest.mark.parametrize(
+    ("address", "message"),
+    [
+        ("local:0", "give a scheduler's tcp://host:port, or local:N"),
+        ("local", "give a scheduler's tcp://host:port, or local:N"),
+        ("127.0.0.1:8786", "give a scheduler's tcp://host:port, or local:N"),
+        ("tcp://127.0.0.1:9", "no scheduler answers there; start one with 'dask scheduler'"),
+    ],
+)
+def test_an_address_that_leads_nowhere_is_said(
+    lap: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, address: str, message: str
+) -> None:
+    monkeypatch.setattr(cluster_module, "_ANSWER_S", 1.0)
+    shown = run(lap, tmp_path / "out", "--cluster", address)
+    assert shown.code == 2 and message in shown.err and shown.err.count("\n") == 1, shown.err
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_scheduler_without_workers_is_said(
+    lap: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(cluster_module, "_ANSWER_S", 1.0)
+    with cluster(tmp_path / "dask", workers=0) as found:
+        shown = run(lap, tmp_path / "out", "--cluster", found.address)
+    assert shown.err == f"mqslam: error: {found.address}: has no workers; start some with 'dask worker {found.address}'\n"
+
+
+def test_workers_of_another_version_are_refused(tmp_path: Path, lap: Path) -> None:
+    other = tmp_path / "other" / "mqslam"
+    (other / "execution").mkdir(parents=True)
+    (other / "__init__.py").touch()
+    (other / "execution" / "__init__.py").touch()
+    (other / "execution" / "cluster.py").write_text("def _version():\n    return '0.0.1'\n")
+    with cluster(tmp_path / "dask", workers=0) as found:
+        found.add_worker(finds=other.parent)
+        shown = run(lap, tmp_path / "out", "--cluster", found.address)
+    assert shown.code == 2 and "has mqslam 0.0.1; install" in shown.err and shown.err.count("\n") == 1, shown.err
+
+
+def test_without_dask_only_the_cluster_is_missing(lap: Path, tmp_path: Path) -> None:
+    """Dask hidden, in a process of its own."""
+    program = f"""
+import sys
+sys.modules["dask"] = sys.modules["distributed"] = None
+import mqslam.commands.batch_schedule, mqslam.results.batch_results, mqslam.compare.judgement, mqslam.commands.job
+from mqslam.cli import main
+sys.argv = ["mqslam", "run", {str(lap / "drive")!r}, "--out", {str(tmp_path / "out")!r}, "--cluster", "local:2", "--quiet"]
+main()
+"""
+    shown = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
+    assert shown.returncode == 2 and "pip install 'mqslam[cluster]'" in shown.stderr and shown.stderr.count("\n") == 1
+
+
+def test_an_interrupt_leaves_no_process_and_what_can_be_resumed(lap: Path, tmp_path: Path) -> None:
+    words = ["run", lap / "drive", "--out", tmp_path / "out", "--odometry", "none", "--cluster", "local:2"]
+    process = subprocess.Popen(
+        [INSTALLED, *words], stderr=subprocess.PIPE, text=True, start_new_session=True,
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),  # what runs the tests may ignore it
+    )  # fmt: skip
+    assert process.stderr is not None
+    while not (line := process.stderr.readline()).startswith("reading and detecting: 104/104"):
+        assert line
+    process.send_signal(signal.SIGINT)
+    rest = process.stderr.read()
+    assert process.wait(timeout=30) == 130 and rest.splitlines()[-1] == "mqslam: interrupted; continue with --resume"
+    assert "Traceback" not in rest and {path.name for path in (tmp_path / "out").iterdir()} == {FOLDER}
+    assert processes(process.pid) == []

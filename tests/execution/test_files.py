@@ -1,0 +1,100 @@
+"""A result file is whole or absent, whatever happens while it is written."""
+
+from __future__ import annotations
+
+import stat
+from pathlib import Path
+
+import pytest
+
+from mqslam.errors import OutputError
+from mqslam.execution.files import new_folder, write_text, written_whole
+
+
+def test_the_file_appears_when_the_block_ends(tmp_path: Path) -> None:
+    path = tmp_path / "result.txt"
+    with written_whole(path) as aside:
+        assert aside.parent == tmp_path
+        aside.write_text("half")
+        assert not path.exists()
+        aside.write_text("whole")
+    assert path.read_text() == "whole"
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_who_reads_the_old_file_goes_on_reading_it_whole(tmp_path: Path) -> None:
+    path = tmp_path / "result.txt"
+    path.write_text("old")
+    with path.open() as reader:
+        write_text(path, "new and longer")
+        assert reader.read() == "old"
+    assert path.read_text() == "new and longer"
+
+
+@pytest.mark.parametrize("error", [ValueError("broken"), KeyboardInterrupt()])
+def test_an_error_leaves_the_old_content_and_no_temporary_file(tmp_path: Path, error: BaseException) -> None:
+    old, new = tmp_path / "old.txt", tmp_path / "new.txt"
+    old.write_text("old")
+    for path in (old, new):
+        with pytest.raises(type(error)), written_whole(path) as aside:
+            aside.write_text("half")
+            raise error
+    assert old.read_text() == "old"
+    assert list(tmp_path.iterdir()) == [old]
+
+
+def test_a_full_disk_is_an_error_that_names_the_file(tmp_path: Path) -> None:
+    path = tmp_path / "result.txt"
+    path.write_text("old")
+    with pytest.raises(OutputError, match=r"result\.txt: cannot be written \(No space left"), written_whole(path):
+        raise OSError(28, "No space left on device")
+    assert path.read_text() == "old" and list(tmp_path.iterdir()) == [path]
+
+
+def test_a_missing_folder_is_an_error_that_names_the_file(tmp_path: Path) -> None:
+    with pytest.raises(OutputError, match=r"nowhere/result\.txt: cannot be written"):
+        write_text(tmp_path / "nowhere" / "result.txt", "text")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_folder_in_the_way_is_an_error_and_stays(tmp_path: Path) -> None:
+    (tmp_path / "result.txt").mkdir()
+    with pytest.raises(OutputError, match=r"result\.txt: cannot be written"):
+        write_text(tmp_path / "result.txt", "text")
+    assert [path.name for path in tmp_path.iterdir()] == ["result.txt"]
+
+
+def test_others_may_read_what_is_written(tmp_path: Path) -> None:
+    write_text(tmp_path / "result.txt", "text")
+    assert stat.S_IMODE((tmp_path / "result.txt").stat().st_mode) == 0o644
+
+
+def test_text_is_utf_8_and_replaces_what_was_there(tmp_path: Path) -> None:
+    path = tmp_path / "result.txt"
+    path.write_text("much longer than what follows")
+    write_text(path, "ψ\n")
+    assert path.read_bytes() == "ψ\n".encode()
+
+
+def test_a_new_folder_is_made_with_its_parents(tmp_path: Path) -> None:
+    out = tmp_path / "deep" / "out"
+    assert new_folder(out) == out and out.is_dir()
+    assert new_folder(out) == out
+
+
+@pytest.mark.parametrize("existing", ["file", "content"])
+def test_a_folder_that_holds_something_is_refused_and_left_alone(tmp_path: Path, existing: str) -> None:
+    out = tmp_path / "out"
+    if existing == "content":
+        out.mkdir()
+    kept = out / "mine" if existing == "content" else out
+    kept.write_text("kept")
+    with pytest.raises(OutputError, match="out: exists already"):
+        new_folder(out)
+    assert kept.read_text() == "kept"
+
+
+def test_a_folder_below_a_file_cannot_be_made(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("kept")
+    with pytest.raises(OutputError, match="cannot be made"):
+        new_folder(tmp_path / "file" / "out")

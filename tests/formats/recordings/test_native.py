@@ -1,0 +1,87 @@
+from __future__ import annotations
+
+import pickle
+import zipfile
+from pathlib import Path
+
+import numpy as np
+import pytest
+from support.recordings import START_US, TURN_US, assert_same, assert_same_revolution
+
+from mqslam.errors import DataError
+from mqslam.formats.recordings import open_recording
+from mqslam.formats.recordings.native import write_native
+
+
+@pytest.fixture
+def native(oxford: Path, tmp_path: Path) -> Path:
+    path = tmp_path / "drive.npz"
+    write_native(path, open_recording(oxford))
+    return path
+
+
+def test_a_written_recording_reads_back_identical(oxford: Path, native: Path) -> None:
+    written, read = open_recording(oxford), open_recording(native)
+    assert read.format == "native"
+    assert (read.range_resolution, read.notes) == (written.range_resolution, written.notes)
+    assert read.odometry is None and read.ground_truth is None
+    assert_same(written, pickle.loads(pickle.dumps(read)))
+    assert_same_revolution(written[4], read[4])
+
+
+def test_odometry_and_ground_truth_are_kept(oxford: Path, tmp_path: Path) -> None:
+    stamps = [START_US, START_US + TURN_US, START_US + 9 * TURN_US]
+    (oxford / "odom.csv").write_text("t,v,omega\n{},1,0.2\n{},2,0\n{},0,0\n".format(*stamps))
+    (oxford / "gt").mkdir()
+    (oxford / "gt" / "poses_tum.txt").write_text("1700000000.0 0 0 0 0 0 0 1\n1700000001.0 3 0 0 0 0 0 1\n")
+    written = open_recording(oxford)
+    write_native(tmp_path / "drive.npz", written)
+    read = open_recording(tmp_path / "drive.npz")
+    for ours, theirs in ((read.odometry, written.odometry), (read.ground_truth, written.ground_truth)):
+        assert ours is not None and theirs is not None
+        np.testing.assert_array_equal(ours.stamps_us, theirs.stamps_us)
+        np.testing.assert_array_equal(ours.poses, theirs.poses)
+
+
+def test_range_resolution_can_be_overridden(native: Path) -> None:
+    assert open_recording(native, range_resolution=0.1).range_resolution == 0.1
+
+
+def test_a_recording_that_cannot_be_read_leaves_no_file(oxford: Path, tmp_path: Path) -> None:
+    stream = open_recording(oxford)
+    (oxford / "radar" / f"{stream.stamps_us[3]}.png").unlink()
+    with pytest.raises(DataError):
+        write_native(tmp_path / "drive.npz", stream)
+    assert not list(tmp_path.glob("*drive.npz*"))
+
+
+@pytest.mark.parametrize("keep", [0.0, 0.5, 0.99])
+def test_a_truncated_file_is_named(native: Path, keep: float) -> None:
+    content = native.read_bytes()
+    native.write_bytes(content[: int(len(content) * keep)])
+    with pytest.raises(DataError, match=r"drive\.npz: is not a readable"):
+        open_recording(native)
+
+
+def test_flipped_bytes_in_a_revolution_are_named(native: Path) -> None:
+    with zipfile.ZipFile(native) as archive:
+        offset = archive.getinfo("power_000003.npy").header_offset + 1000
+    content = bytearray(native.read_bytes())
+    content[offset] ^= 0xFF
+    native.write_bytes(content)
+    stream = open_recording(native)
+    assert len(list(stream.revolutions(0, 3))) == 3
+    with pytest.raises(DataError, match=r"drive\.npz: power_000003 is missing or damaged"):
+        stream[3]
+
+
+def test_another_programs_npz_is_refused(tmp_path: Path) -> None:
+    np.savez(tmp_path / "other.npz", a=np.zeros(3))
+    with pytest.raises(DataError, match=r"other\.npz: stamps_us is missing"):
+        open_recording(tmp_path / "other.npz")
+
+
+def test_pickled_objects_are_never_loaded(tmp_path: Path) -> None:
+    np.savez(tmp_path / "other.npz", stamps_us=np.array([{"a": 1}], dtype=object))
+    with pytest.raises(DataError, match=r"other\.npz: stamps_us is missing or damaged"):
+        open_recording(tmp_path / "other.npz")

@@ -1,0 +1,125 @@
+from __future__ import annotations
+
+import pickle
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+from support.layouts import assert_alike, left_turn, write_radiate
+from support.recordings import assert_same
+
+from mqslam.errors import DataError
+from mqslam.formats.recordings import open_recording
+
+
+@pytest.fixture
+def radiate(tmp_path: Path) -> Path:
+    return write_radiate(tmp_path / "city_1_0", left_turn())
+
+
+def edit(listing: Path, number: int, line: str) -> None:
+    lines = listing.read_text().splitlines()
+    lines[number - 1] = line
+    listing.write_text("\n".join(line for line in lines if line) + "\n")
+
+
+def test_images_are_the_drive_spread_over_turns_that_end_at_their_arrival(radiate: Path) -> None:
+    stream = open_recording(radiate)
+    assert stream.format == "radiate"
+    assert stream.range_resolution == pytest.approx(100 / 576)
+    assert_alike(stream, left_turn())
+    assert stream.odometry is None and stream.ground_truth is None
+    assert_same(stream, pickle.loads(pickle.dumps(stream)))
+
+
+def test_what_was_assumed_is_said(radiate: Path) -> None:
+    notes = open_recording(radiate).notes
+    assert any(note.startswith("azimuths carry no own stamps: spread evenly over the turn") for note in notes)
+    assert any(note.startswith("GPS and IMU run on another clock") for note in notes)
+
+
+def test_the_folder_and_its_image_folder_open_the_same_recording(
+    radiate: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    whole = open_recording(radiate)
+    assert_same(whole, open_recording(radiate / "Navtech_Polar"))
+    monkeypatch.chdir(radiate / "Navtech_Polar")
+    assert_same(whole, open_recording(Path()))
+
+
+def test_frames_without_an_image_are_skipped_and_noted(radiate: Path) -> None:
+    (radiate / "Navtech_Polar" / "000003.png").unlink()
+    stream = open_recording(radiate)
+    np.testing.assert_allclose(stream.stamps_us, left_turn().stamps_us[[0, 1, 3, 4, 5]], rtol=0.0, atol=1)
+    assert any("1 of 6 frames in Navtech_Polar.txt have no image: skipped" in note for note in stream.notes)
+    np.testing.assert_array_equal(stream[2].power, left_turn()[3].power)
+
+
+@pytest.mark.parametrize(
+    ("line", "problem"),
+    [
+        ("Frame: 000003", "line 3 is not 'Frame: 000001 Time: "),
+        ("Frame: 000003 Time: soon", "line 3 is not 'Frame: 000001 Time: "),
+    ],
+)
+def test_a_broken_list_of_stamps_is_named(radiate: Path, line: str, problem: str) -> None:
+    edit(radiate / "Navtech_Polar.txt", 3, line)
+    with pytest.raises(DataError, match=rf"Navtech_Polar\.txt: {problem}"):
+        open_recording(radiate)
+
+
+def test_a_missing_list_of_stamps_is_named(radiate: Path) -> None:
+    (radiate / "Navtech_Polar.txt").unlink()
+    with pytest.raises(DataError, match=r"Navtech_Polar\.txt: is not a readable text file"):
+        open_recording(radiate)
+
+
+def test_an_empty_list_leaves_no_revolutions(radiate: Path) -> None:
+    (radiate / "Navtech_Polar.txt").write_text("")
+    with pytest.raises(DataError, match="Navtech_Polar: holds no revolutions"):
+        open_recording(radiate)
+
+
+@pytest.mark.parametrize(
+    ("line", "left", "fault"),
+    [
+        ("", 5, "Navtech_Polar.txt has no line for frame 000003: left out"),
+        ("Frame: 000003 Time: 1600000000.1", 5, "the stamp of frame 000003 repeats or runs backward: left out"),
+        ("Frame: 000002 Time: 1700000000.3", 5, "Navtech_Polar.txt has no line for frame 000003: left out"),
+    ],
+)
+def test_a_frame_without_a_stamp_in_order_is_left_out_and_said(radiate: Path, line: str, left: int, fault: str) -> None:
+    edit(radiate / "Navtech_Polar.txt", 3, line)
+    stream = open_recording(radiate)
+    assert len(list(stream.revolutions())) == left and fault in stream.faults
+
+
+def test_a_list_in_another_order_is_sorted_and_said(radiate: Path) -> None:
+    expected = open_recording(radiate)
+    file = radiate / "Navtech_Polar.txt"
+    file.write_text("\n".join(reversed(file.read_text().splitlines())))
+    stream = open_recording(radiate)
+    assert stream.stamps_us.tolist() == expected.stamps_us.tolist() and stream.names.tolist() == expected.names.tolist()
+    assert stream.faults == ("Navtech_Polar.txt does not list its frames in order, first at 000005: sorted",)
+
+
+def test_a_folder_without_images_holds_no_revolutions(radiate: Path) -> None:
+    for image in (radiate / "Navtech_Polar").iterdir():
+        image.unlink()
+    with pytest.raises(DataError, match="Navtech_Polar: holds no revolutions"):
+        open_recording(radiate)
+
+
+def test_a_truncated_image_in_the_middle_is_named(radiate: Path) -> None:
+    image = radiate / "Navtech_Polar" / "000004.png"
+    image.write_bytes(image.read_bytes()[:400])
+    with pytest.raises(DataError, match=r"000004\.png: is not a readable PNG"):
+        list(open_recording(radiate).revolutions())
+
+
+@pytest.mark.parametrize("shape", [(199, 40), (40, 200), (200, 41)])
+def test_an_image_of_another_shape_is_named(radiate: Path, shape: tuple[int, int]) -> None:
+    Image.fromarray(np.zeros(shape, np.uint8)).save(radiate / "Navtech_Polar" / "000004.png")
+    with pytest.raises(DataError, match=rf"000004\.png: holds {shape[0]} ranges by {shape[1]} azimuths"):
+        list(open_recording(radiate).revolutions())

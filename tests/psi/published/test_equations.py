@@ -1,0 +1,188 @@
+from __future__ import annotations
+
+from itertools import product
+
+import numpy as np
+import pytest
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+from support.clouds import TURN_S, Cloud, cloud, selection, with_duplicates
+
+from mqslam.core import se2
+from mqslam.core.motion import CONSTANT_VELOCITY
+from mqslam.core.scans import Returns
+from mqslam.psi.neighbours import candidates, cell_grid
+from mqslam.psi.place import Beam, place
+from mqslam.psi.published.equations import PsiConfig, PsiScore, score
+from mqslam.psi.published.reference import score_reference
+
+VARIANTS = [
+    PsiConfig(temporal=temporal, numerator=numerator, factor=factor, alpha_s=alpha_s, beta_t=0.15, unmatched=unmatched)
+    for temporal, numerator, factor, alpha_s, unmatched in product(
+        ("plateau", "gaussian"), ("tau/2", "tau"), ("distance", "kappa"), (0.0, 0.4), (0.0, 1.0)
+    )
+]
+variants = st.sampled_from(VARIANTS)
+seeds = st.integers(0, 2**32 - 1)
+counts = st.integers(0, 40)
+sides = st.sampled_from([1.0, 5.0, 30.0])  # from every point near every other to hardly any neighbour at all
+angles = st.floats(-7.0, 7.0)
+shifts = st.floats(-1000.0, 1000.0)
+
+
+def scored(found: Cloud, config: PsiConfig) -> PsiScore:
+    return score(found.points, found.times, TURN_S, config, found.jacobians)
+
+
+def assert_equal(one: PsiScore, other: PsiScore, rtol: float = 1e-9) -> None:
+    assert one.pairs == other.pairs
+    np.testing.assert_array_equal(one.matched, other.matched)
+    np.testing.assert_allclose(one.shares, other.shares, rtol=rtol, atol=1e-300)
+    for name in ("psi", "pairs_psi", "charge"):
+        assert getattr(one, name) == pytest.approx(getattr(other, name), rel=rtol)
+    size = max(1.0, np.abs(other.gradient).max(initial=0.0), other.pairs_psi)
+    np.testing.assert_allclose(one.gradient, other.gradient, rtol=rtol, atol=rtol * size)
+
+
+@given(seed=seeds, count=counts, side=sides, config=variants, repeat=st.booleans())
+@settings(max_examples=250, deadline=None)
+def test_the_kernel_equals_the_reference(seed: int, count: int, side: float, config: PsiConfig, repeat: bool) -> None:
+    found = cloud(seed, count, side)
+    if repeat:
+        found = with_duplicates(found, seed)
+    reference = score_reference(found.points, found.times, TURN_S, config, found.jacobians)
+    assert_equal(scored(found, config), reference)
+    plain = score(found.points, found.times, TURN_S, config)
+    assert plain.psi == pytest.approx(reference.psi, rel=1e-9)
+    assert plain.gradient.shape == (0,)
+
+
+@pytest.mark.parametrize("config", VARIANTS)
+def test_every_variant_equals_the_reference_where_pairs_abound(config: PsiConfig) -> None:
+    found = with_duplicates(cloud(3, 60, 4.0), 3)
+    result = scored(found, config)
+    assert result.pairs > 100
+    assert_equal(result, score_reference(found.points, found.times, TURN_S, config, found.jacobians))
+
+
+def test_every_variant_is_a_score_of_its_own() -> None:
+    found = cloud(3, 60, 4.0)
+    matched = [scored(found, config).pairs_psi for config in VARIANTS if config.unmatched == 0.0]
+    assert len({round(psi, 9) for psi in matched}) == len(matched)
+
+
+@pytest.mark.parametrize("count", [0, 1])
+@pytest.mark.parametrize("config", [PsiConfig(unmatched=0.0), PsiConfig(unmatched=1.0)])
+def test_nothing_and_a_single_point_have_no_pairs(count: int, config: PsiConfig) -> None:
+    found = cloud(1, count)
+    result = scored(found, config)
+    assert_equal(result, score_reference(found.points, found.times, TURN_S, config, found.jacobians))
+    assert (result.pairs, result.pairs_psi, result.psi) == (0, 0.0, count * config.charge)
+    assert not result.matched.any()
+    np.testing.assert_array_equal(result.gradient, np.zeros(3))
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
+@pytest.mark.parametrize("scorer", [score, score_reference])
+def test_what_is_not_finite_is_refused(scorer: object, bad: float) -> None:
+    assert callable(scorer)
+    for where in ("points", "times"):
+        found = cloud(1, 5)
+        getattr(found, where)[2, ...] = bad
+        with pytest.raises(ValueError, match="finite"):
+            scorer(found.points, found.times, TURN_S, PsiConfig())
+
+
+@pytest.mark.parametrize(("points", "times"), [((5, 3), (5,)), ((5,), (5,)), ((5, 2), (4,)), ((5, 2), (5, 1))])
+def test_shapes_that_do_not_fit_are_refused(points: tuple[int, ...], times: tuple[int, ...]) -> None:
+    with pytest.raises(ValueError, match=r"\(N, 2\) and \(N,\)"):
+        score(np.zeros(points), np.zeros(times), TURN_S, PsiConfig())
+
+
+@given(seed=seeds, count=counts, config=variants, x=shifts, y=shifts, yaw=angles, late=shifts)
+@settings(max_examples=150, deadline=None)
+def test_psi_does_not_see_where_the_map_lies_nor_when_it_was_made(
+    seed: int, count: int, config: PsiConfig, x: float, y: float, yaw: float, late: float
+) -> None:
+    found = cloud(seed, count)
+    assume(selection(found.points, found.times, config).margin > 1e-6)
+    before = scored(found, config)
+    moved = score(se2.transform([x, y, yaw], found.points), found.times + late, TURN_S, config)
+    assert moved.pairs == before.pairs
+    np.testing.assert_allclose(moved.shares, before.shares, rtol=1e-6)
+    assert moved.psi == pytest.approx(before.psi, rel=1e-6)
+
+
+def window(seed: int, count: int) -> Returns:
+    """Returns of one world seen in three revolutions while standing, rendered under a motion by the test."""
+    rng = np.random.default_rng(seed)
+    world = np.repeat(rng.uniform([3.0, -np.pi], [12.0, np.pi], (count, 2)), 3, axis=0)
+    turns = np.tile(np.arange(3), count)
+    times = TURN_S * (turns + (world[:, 1] + np.pi) / (2.0 * np.pi))
+    return Returns(world[:, 0] + rng.normal(0.0, 0.05, 3 * count), world[:, 1], times, np.full(3 * count, 100.0))
+
+
+@given(
+    seed=seeds, count=st.integers(1, 12), config=variants,
+    v=st.floats(-1.0, 1.0), omega=st.floats(-0.1, 0.1),
+)  # fmt: skip
+@settings(max_examples=150, deadline=None)
+def test_the_gradient_is_that_of_finite_differences_away_from_switches(
+    seed: int, count: int, config: PsiConfig, v: float, omega: float
+) -> None:
+    returns, theta, step = window(seed, count), np.array([v, omega]), 1e-6
+
+    def rendered(at: np.ndarray) -> Cloud:
+        placed = place(returns, 0.0, np.zeros(3), at, CONSTANT_VELOCITY, Beam(0.1, 0.01))
+        return Cloud(placed.points, placed.times, placed.jacobians[:, :, 3:])
+
+    here = rendered(theta)
+    chosen = selection(here.points, here.times, config)
+    assume(chosen.pairs.any() and chosen.margin > 1e-4)
+    gradient = scored(here, config).gradient
+    for p in range(2):
+        ahead, behind = (rendered(theta + sign * step * np.eye(2)[p]) for sign in (1.0, -1.0))
+        assume(all(selection(c.points, c.times, config).same_as(chosen) for c in (ahead, behind)))
+        difference = (scored(ahead, config).psi - scored(behind, config).psi) / (2.0 * step)
+        scale = np.abs(gradient).max() + scored(here, config).psi
+        assert gradient[p] == pytest.approx(difference, rel=1e-5, abs=1e-7 * scale)
+
+
+@pytest.mark.parametrize("unmatched", [0.0, 1.0, 2.5])
+def test_an_unmatched_point_costs_its_multiple_of_the_dearest_pair(unmatched: float) -> None:
+    config = PsiConfig(s=1.5, tau=0.4, unmatched=unmatched)
+    pair = np.array([[0.0, 0.0], [1e-9 - 1.5, 0.0]])  # as far apart as a pair can be
+    dearest = score(pair, np.array([0.0, TURN_S]), TURN_S, config.model_copy(update={"beta_s": 100.0}))
+    assert dearest.matched.all()
+    found = score(np.array([[0.0, 0.0], [50.0, 0.0]]), np.array([0.0, TURN_S]), TURN_S, config)
+    np.testing.assert_allclose(found.shares, unmatched * dearest.shares, rtol=1e-6)
+    assert found.charge == pytest.approx(found.shares.sum())
+    assert found.charge == pytest.approx(2.0 * unmatched * (2.0 * 1.5 / (np.pi * 0.4)) ** 2)
+
+
+def test_as_printed_a_map_that_does_not_overlap_is_the_best_of_all_and_with_the_charge_the_worst() -> None:
+    rng = np.random.default_rng(5)
+    world = rng.uniform(-20.0, 20.0, (30, 2))
+    times = np.repeat([0.0, TURN_S], 30)
+
+    def maps(config: PsiConfig) -> tuple[float, float, float]:
+        crisp, blurred, apart = (np.r_[world, world + np.array([dx, 0.0])] for dx in (0.05, 0.5, 500.0))
+        return tuple(score(points, times, TURN_S, config).psi for points in (crisp, blurred, apart))  # type: ignore
+
+    crisp, blurred, apart = maps(PsiConfig(unmatched=0.0))
+    assert apart == 0.0 < crisp < blurred
+    crisp, blurred, apart = maps(PsiConfig(unmatched=1.0))
+    assert crisp < blurred < apart
+
+
+@given(seed=seeds, count=counts, config=variants, more=st.floats(0.0, 5.0), repeat=st.booleans())
+@settings(max_examples=100, deadline=None)
+def test_lists_that_hold_more_than_needed_give_the_same_score(
+    seed: int, count: int, config: PsiConfig, more: float, repeat: bool
+) -> None:
+    found = cloud(seed, count)
+    if repeat:
+        found = with_duplicates(found, seed)
+    lists = candidates(cell_grid(found.points, 1.0), found.points, config.s + more)
+    wide = score(found.points, found.times, TURN_S, config, found.jacobians, lists)
+    assert_equal(wide, scored(found, config), rtol=1e-12)

@@ -1,0 +1,51 @@
+"""Figures 2 and 3: a motion that is nearer to the truth has the lower score, and the files are whole."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from PIL import Image
+from support.commands import contents, mqslam
+
+from mqslam.psi.published.paper_figures import figure2, figure3
+from mqslam.psi.published.paper_setting import CASES
+
+
+def test_scores_fall_from_bad_to_better_to_good() -> None:
+    for seed in (1, 2):
+        bad, better, good = figure2(seed)
+        assert bad.psi > better.psi > good.psi
+        assert len(bad.points) == len(good.points) and set(good.revolution) == {0, 1, 2, 3}
+
+
+def test_compensation_lowers_the_score_of_every_case_to_less_than_half() -> None:
+    pairs = figure3()
+    assert len(pairs) == len(CASES)
+    for (before, after), case in zip(pairs, CASES, strict=True):
+        assert after.psi < 0.5 * before.psi
+        np.testing.assert_array_equal(before.motion, 0.0)
+        np.testing.assert_allclose(after.motion, case, atol=0.02)
+
+
+def test_the_command_writes_both_figures_and_says_their_scores(tmp_path: Path) -> None:
+    out = tmp_path / "figures"
+    out.mkdir()
+    (out / "figure2.png").write_text("old")
+    shown = mqslam("paper", "figures", "--out", out, "--force")
+    assert (shown.code, shown.err) == (0, "")
+    assert sorted(contents(out)) == ["figure2.png", "figure3.png"]
+    for name in contents(out):
+        with Image.open(out / name) as image:
+            assert image.format == "PNG" and min(image.size) > 600
+            assert np.asarray(image.convert("L")).std() > 5.0
+    scores = "psi " + " > ".join(f"{shown.psi:.0f}" for shown in figure2())
+    assert f"{out / 'figure2.png'}: {scores}\n" in shown.out
+
+
+def test_a_folder_with_content_is_left_alone(tmp_path: Path) -> None:
+    (tmp_path / "mine").write_text("kept")
+    before = contents(tmp_path)
+    shown = mqslam("paper", "figures", "--out", tmp_path)
+    assert shown.code == 2 and shown.err.startswith(f"mqslam: error: {tmp_path}: exists already")
+    assert contents(tmp_path) == before

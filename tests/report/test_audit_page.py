@@ -1,0 +1,190 @@
+from __future__ import annotations
+
+import io
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from PIL import Image
+from selenium.webdriver.support.ui import WebDriverWait
+from support.reported import (
+    assert_alone,
+    chromium,
+    click_curve,
+    judged_revisit,
+    judged_walls,
+    judged_window,
+    opened,
+    page_of,
+    swept_walls,
+)
+
+from mqslam.audit.judge import Audit
+from mqslam.config import Config
+from mqslam.report.audit_page import AuditReport, crops, heat_map, write_audit_report
+from mqslam.report.spots import direction, worst_spots
+
+
+def a_report() -> AuditReport:
+    sweeps = swept_walls()
+    audit = judged_walls(sweeps)
+    return AuditReport(
+        title="map <01>",
+        summary={
+            "mqslam_version": "9.8.7",
+            "verdict": {"status": "warn", "reasons": ["1 of 10 windows & 1 of 2 revisits <torn>"]},
+            "dataset": {"format": "mulran", "path": "/data/<run>", "sweeps": 60, "length_m": 295.0, "duration_s": 15.0},
+            "trajectory": "given & <kept>.tum",
+            "windows": {"count": 10, "torn": 1, "inflation_median": 2.4},
+            "revisits": {"count": 3, "sure": 2, "torn": 1, "worst_m": None},
+            "per_window": [{"t0": 0.0}],
+        },
+        sweeps=sweeps,
+        audit=audit,
+        config=Config(),
+        crops=crops(sweeps, audit, Config().audit),
+        warnings=("sweep 7 <img src=x> holds nothing",),
+        settings_yaml="audit:\n  window: 6  # <sweeps>\n",
+    )
+
+
+@pytest.fixture(scope="module")
+def report() -> AuditReport:
+    return a_report()
+
+
+@pytest.fixture(scope="module")
+def written(report: AuditReport, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("audit") / "report.html"
+    write_audit_report(path, report)
+    return path
+
+
+def test_the_page_needs_nothing_from_outside(written: Path) -> None:
+    assert_alone(written)
+
+
+def test_what_is_written_by_others_is_escaped(written: Path) -> None:
+    text = page_of(written).text
+    for shown in ("map <01>", "<img src=x>", "& 1 of 2 revisits <torn>", "/data/<run>", "given & <kept>.tum", "# <sweeps>"):
+        assert shown in text
+    assert not re.search(r"<(img src=x|torn|run|kept|sweeps|01)>", written.read_text(encoding="utf-8"))
+
+
+def test_warnings_stand_before_the_verdict_and_the_verdict_before_the_numbers(written: Path) -> None:
+    text = page_of(written).text
+    assert text.index("<img src=x>") < text.index("warn\n") < text.index("of windows torn: 1 of 10") < text.index("Heat map")
+
+
+def test_tiles_say_what_is_torn_and_by_how_much(written: Path) -> None:
+    text = page_of(written).text
+    for shown in ("10.0 %\nof windows torn", "2.37 expected", "0.17 m\nworst window", "1 of 2\nrevisits torn"):
+        assert shown in text, shown
+
+
+def test_the_worst_place_is_listed_first_with_size_and_direction(written: Path) -> None:
+    text = page_of(written).text
+    motion = "1.25 m back, 0.50 m left, turned 1.1° right"
+    row = "\n".join(("1", "revisit", "2.2 s and 12.5 s", "(45, 0) m", "1.35 m", motion))
+    assert row in text
+    assert text.index(row) < text.index("4.5 s to 6.0 s")
+
+
+def test_measures_of_windows_without_a_value_leave_the_others(written: Path) -> None:
+    text = page_of(written).text
+    assert "joint less separate entropy\n0.2 nat\n0.2 nat\n0.2 nat" in text
+    assert "mean plane variance\n0.07 m²" in text
+
+
+def test_every_crop_is_shown_before_and_after_on_one_extent(report: AuditReport, written: Path) -> None:
+    images = page_of(written).images
+    shown = [name for name in images if name.endswith((", before", ", after"))]
+    assert len(shown) == 2 * len(report.crops) > 2
+    assert len({Image.open(io.BytesIO(images[name])).size for name in shown}) == 1
+
+
+def test_a_torn_revisit_is_corrected_by_moving_the_later_pass_alone(report: AuditReport) -> None:
+    crop = report.crops[0]
+    assert crop.title.startswith("revisit 2.2 s and 12.5 s")
+    np.testing.assert_array_equal(crop.before[0], crop.after[0])
+    moved = crop.after[1][np.argmin(np.hypot(*(crop.after[1]).T))]
+    c, s = np.cos(-0.02), np.sin(-0.02)
+    back = (moved - [-1.25, 0.5]) @ np.array([[c, -s], [s, c]])
+    assert np.hypot(*(crop.before[1] - back).T).min() < 1e-9
+
+
+def test_a_torn_window_is_corrected_against_its_middle(report: AuditReport) -> None:
+    crop = next(c for c in report.crops if c.title.startswith("window 4.5 s"))
+    assert len(crop.before) == len(crop.after) == 6
+    assert "0.50 m ahead, 0.25 m right" in crop.text
+
+
+def test_the_worst_places_keep_apart_and_fill_up_with_the_largest_inflation() -> None:
+    sweeps = swept_walls(120)
+    windows = [judged_window(sweeps, 6 * k, float(k), (0.5, 0.0, 0.0), k in (2, 3)) for k in range(20)]
+    revisits = [judged_revisit(9, later, (0.1 * later, 0.0, 0.0), True) for later in (100, 102, 104)]
+    spots = worst_spots(sweeps, Audit(windows, revisits, "warn", []), 5)
+    assert [(s.kind, s.sweep) for s in spots[:2]] == [("revisit", 104), ("window", 15)]
+    assert [s.torn for s in spots] == [True, True, False, False, False]
+    begins = [s.sweep for s in spots if s.kind == "window"]
+    assert begins[1] == 117
+    assert np.diff(np.sort(sweeps.travelled[begins])).min() > 50.0
+
+
+def test_directions_are_said_as_a_driver_would() -> None:
+    assert direction((1.5, -0.02, 0.01)) == "1.50 m ahead, 20 mm right, turned 0.57° left"
+    assert direction((0.0, 0.0, 0.0)) == "nowhere"
+
+
+def test_the_heat_map_tells_windows_beyond_the_threshold_from_the_others() -> None:
+    sweeps = swept_walls()
+
+    def blue_over_red(inflation: float) -> NDArray[np.int64]:
+        windows = [judged_window(sweeps, 6 * k, inflation, (0.0, 0.0, 0.0), False) for k in range(10)]
+        image = Image.open(io.BytesIO(heat_map(sweeps, Audit(windows, [], "pass", [])))).convert("RGB")
+        pixels = np.asarray(image).astype(np.int64)[200:]  # below the strip of all colours
+        return pixels[..., 2] - pixels[..., 0]
+
+    blue, orange = blue_over_red(2.0), blue_over_red(200.0)
+    assert (blue > 60).sum() > 1000 > (orange > 60).sum()
+    assert (orange < -60).sum() > 1000 > (blue < -60).sum()
+
+
+def test_the_heat_map_is_opaque_by_itself_and_transparent_in_a_page(report: AuditReport) -> None:
+    corners = [
+        np.asarray(Image.open(io.BytesIO(heat_map(report.sweeps, report.audit, opaque=opaque))).convert("RGBA"))[2, 2]
+        for opaque in (True, False)
+    ]
+    assert corners[0].tolist() == [255, 255, 255, 255]
+    assert corners[1][3] == 0
+
+
+def test_an_audit_with_nothing_in_it_still_has_a_report(report: AuditReport, tmp_path: Path) -> None:
+    nothing = Audit([], [], "pass", [])
+    bare = replace(report, summary={}, audit=nothing, crops=crops(report.sweeps, nothing, Config().audit), warnings=())
+    write_audit_report(tmp_path / "bare.html", bare)
+    page = page_of(tmp_path / "bare.html")
+    assert set(page.images) == {"Heat map"}
+    assert "Warnings" not in page.text
+    assert "it comes back to no place" in page.text
+
+
+def test_the_same_audit_gives_the_same_bytes(written: Path, tmp_path: Path) -> None:
+    write_audit_report(tmp_path / "again.html", a_report())
+    assert (tmp_path / "again.html").read_bytes() == written.read_bytes()
+
+
+def test_a_click_on_a_window_shows_it_as_it_is_and_corrected(written: Path) -> None:
+    with chromium() as browser:
+        opened(browser, written)
+        assert browser.find_element("tag name", "h1").text == "map <01>"
+        shown = browser.find_element("id", "place")
+        assert shown.text.startswith("revisit 2.2 s and 12.5 s")  # what is off the most
+        time = click_curve(browser, "inflation", 1)
+        WebDriverWait(browser, 20).until(lambda _: shown.text.startswith(f"window {time - 0.75:.1f} s to"))
+        views = browser.execute_script("return document.getElementById('crop').layout.annotations.map((a) => a.text)")
+        assert views == ["as it is", "corrected"]
+        assert browser.get_log("browser") == []

@@ -1,0 +1,157 @@
+from __future__ import annotations
+
+import html
+import io
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+from selenium.webdriver.support.ui import WebDriverWait
+from support.reported import assert_alone, chromium, click_curve, judged_walls, opened, page_of, swept_walls
+
+from mqslam.compare.judgement import Judged, Place, agreement
+from mqslam.compare.rows import Row
+from mqslam.core import se2
+from mqslam.core.point_map import PointMap
+from mqslam.core.trajectory import Trajectory
+from mqslam.report.compare_page import CompareReport, overlay, write_compare_report
+
+START_US = 1_600_000_000_000_000
+
+
+def bow(turn: float, begin: tuple[float, float, float] = (0.0, 0.0, 0.0), count: int = 200) -> Trajectory:
+    """A path of 1 m steps that turns by the same angle [rad] at each, from some pose."""
+    steps = se2.exp(np.tile([1.0, 0.0, turn], (count, 1)), np.arange(count))
+    return Trajectory(START_US + 250_000 * np.arange(count), se2.compose(np.array(begin), steps))
+
+
+def judged(name: str, trajectory: Trajectory) -> Judged:
+    rng = np.random.default_rng(len(name))
+    row = Row(name, None, trajectory, trajectory)
+    crops = tuple(rng.uniform(-50.0, 50.0, (300, 2)) for _ in range(2))
+    points = rng.uniform(-50.0, 50.0, (500, 2))
+    drawn = PointMap(points, rng.uniform(0.0, 15.0, 500), np.full(500, 80.0), rng.random(500), np.ones(500, bool))
+    return Judged(row, 0.6, 0.8, judged_walls(swept_walls()), None, None, crops, drawn)
+
+
+def a_report(truth: Trajectory | None) -> CompareReport:
+    rows = (judged("psi", bow(0.01)), judged("_kiss_$icp$ <icp>", bow(0.012, (30.0, 20.0, 1.0))))
+    failed = Row("odometry", failure="no odometry; give <FILE>")
+    return CompareReport(
+        title="run <01>",
+        summary={"mqslam_version": "9.8.7", "dataset": {"format": "mulran", "path": "/data/<run>"}, "threshold": 16.3},
+        rows=rows,
+        failed=(failed,),
+        places=(Place(6, 12, 1.5, 3.0, 1.25), Place(30, 36, 7.5, 9.0, 0.04)),
+        stations=(),
+        start_us=START_US,
+        agreement=tuple(agreement([row.row for row in rows])),
+        ground_truth=truth,
+        table=(
+            ("", "drift [%]", "inflation"),
+            ("psi", "0.5", "2.4"),
+            ("_kiss_$icp$ <icp>", "1.1", "9"),
+            ("odometry", "could not run", ""),
+        ),
+        warnings=("odometry <img src=x> could not run",),
+        settings_yaml="audit:\n  window: 6  # <sweeps>\n",
+    )
+
+
+@pytest.fixture(scope="module")
+def written(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("compare") / "report.html"
+    write_compare_report(path, a_report(bow(0.01, (500.0, 300.0, 2.0))))
+    return path
+
+
+def test_the_page_needs_nothing_from_outside(written: Path) -> None:
+    assert_alone(written)
+
+
+def test_what_is_written_by_others_is_escaped(written: Path) -> None:
+    text = page_of(written).text
+    for shown in ("run <01>", "<img src=x>", "_kiss_$icp$ <icp>", "give <FILE>", "/data/<run>", "# <sweeps>"):
+        assert shown in text
+    assert not re.search(r"<(img src=x|icp|run|FILE|sweeps|01)>", written.read_text(encoding="utf-8"))
+
+
+def test_warnings_come_first_and_the_table_is_the_terminals(written: Path) -> None:
+    text = page_of(written).text
+    assert text.index("<img src=x>") < text.index("drift [%]\ninflation\npsi\n0.5\n2.4") < text.index("running median")
+    assert 'colspan="2">could not run</td>' in written.read_text(encoding="utf-8")
+
+
+def test_every_place_shows_every_row_on_one_extent(written: Path) -> None:
+    images = page_of(written).images
+    shown = [name for name in images if " apart, " in name]
+    assert [name.split(" apart, ")[1] for name in shown] == ["psi", "_kiss_$icp$ <icp>"] * 2
+    assert "1.5 s to 3.0 s, up to 1.25 m apart" in shown[0]
+    assert "up to 40 mm apart" in shown[2]
+    assert len({Image.open(io.BytesIO(images[name])).size for name in shown}) == 1
+
+
+def test_agreement_and_failures_are_listed(written: Path) -> None:
+    text = page_of(written).text
+    assert re.search(r"psi – _kiss_\$icp\$ <icp>\n\d+\.\d{3} m\n\d+\.\d{3} %", text)
+    assert "Could not run\nodometry\nno odometry; give <FILE>" in text
+
+
+def test_trajectories_of_other_frames_are_laid_on_the_truth() -> None:
+    truth = bow(0.01, (500.0, 300.0, 2.0))
+    rows = [judged("alone", bow(0.01, (0.0, 0.0, -1.0)))]
+    assert overlay(rows, truth) == overlay([judged("alone", bow(0.01, (40.0, 0.0, 0.5)))], truth)
+
+
+def test_without_truth_all_start_from_one_pose() -> None:
+    rows = [judged("one", bow(0.01)), judged("two", bow(0.01, (40.0, 10.0, 0.5)))]
+    moved = [judged("one", bow(0.01)), judged("two", bow(0.01))]
+    assert overlay(rows, None) == overlay(moved, None)
+
+
+def test_the_overlay_is_opaque_by_itself_and_transparent_in_a_page() -> None:
+    corners = [
+        np.asarray(Image.open(io.BytesIO(overlay([judged("one", bow(0.01))], None, opaque=opaque))).convert("RGBA"))[2, 2]
+        for opaque in (True, False)
+    ]
+    assert corners[0].tolist() == [255, 255, 255, 255]
+    assert corners[1][3] == 0
+
+
+def test_a_comparison_of_one_row_without_truth_still_has_a_report(tmp_path: Path) -> None:
+    report = a_report(None)
+    alone = replace(report, rows=report.rows[:1], failed=(), places=(), agreement=(), summary={}, warnings=())
+    write_compare_report(tmp_path / "alone.html", alone)
+    page = page_of(tmp_path / "alone.html")
+    assert set(page.images) == {"Trajectories", "Inflation of the windows", "Offset of the revisits"}
+    assert "Could not run" not in page.text
+    assert "all starting from one pose" in page.text
+
+
+def test_many_rows_with_long_names_are_all_in_the_legend(tmp_path: Path) -> None:
+    report = a_report(None)
+    rows = tuple(judged(f"a front end with a long name, number {k}", bow(0.001 * k)) for k in range(8))
+    write_compare_report(tmp_path / "many.html", replace(report, rows=rows))
+    few, many = (Image.open(io.BytesIO(overlay(r, None))).size for r in (rows[:2], rows))
+    assert many[0] == few[0]
+    assert many[1] > few[1]
+
+
+def test_the_same_comparison_gives_the_same_bytes(written: Path, tmp_path: Path) -> None:
+    write_compare_report(tmp_path / "again.html", a_report(bow(0.01, (500.0, 300.0, 2.0))))
+    assert (tmp_path / "again.html").read_bytes() == written.read_bytes()
+
+
+def test_a_click_on_a_window_shows_it_under_every_row(written: Path) -> None:
+    with chromium() as browser:
+        opened(browser, written)
+        assert browser.find_element("tag name", "h1").text == "run <01>"
+        before = browser.find_element("id", "place").text
+        click_curve(browser, a_report(None).rows[0].row.name, 6)
+        WebDriverWait(browser, 20).until(lambda b: b.find_element("id", "place").text != before)
+        views = browser.execute_script("return document.getElementById('crop').layout.annotations.map((a) => a.text)")
+        assert [html.unescape(name) for name in views] == [row.row.name for row in a_report(None).rows]
+        assert browser.get_log("browser") == []

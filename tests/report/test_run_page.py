@@ -1,0 +1,288 @@
+from __future__ import annotations
+
+import base64
+import io
+import json
+import re
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from PIL import Image
+from selenium.webdriver.support.ui import Select, WebDriverWait
+from support.reported import assert_alone, chromium, click_curve, judged_walls, opened, page_of, swept_walls
+
+from mqslam.config.audit import AuditConfig
+from mqslam.core import se2
+from mqslam.core.point_map import PointMap
+from mqslam.core.trajectory import Trajectory
+from mqslam.report import Report, WindowScores, write_report
+from mqslam.report.explorers.explorer import MOST_POINTS
+from mqslam.report.run_figures import map_figures
+
+START_US = 1_600_000_000_000_000
+
+
+def circle(radius: float, revolutions: int = 60) -> Trajectory:
+    angle = np.linspace(0.0, 2.0 * np.pi, revolutions)
+    poses = np.c_[radius * np.sin(angle), radius * (1.0 - np.cos(angle)), angle]
+    return Trajectory(START_US + 500_000 * np.arange(revolutions), poses)
+
+
+def walls(offset: float, count: int = 4000) -> PointMap:
+    rng = np.random.default_rng(11)
+    points = np.c_[rng.uniform(-60.0, 60.0, count), rng.choice([-30.0, 90.0], count) + offset * rng.normal(size=count)]
+    return PointMap(
+        points,
+        np.sort(rng.uniform(0, 30, count)),
+        rng.uniform(60, 255, count),
+        rng.random(count),
+        rng.random(count) < 0.8,
+    )
+
+
+def windows(count: int) -> WindowScores:
+    rng = np.random.default_rng(12)
+    t0 = 1.5 * np.arange(count)
+    return WindowScores(
+        t0=t0,
+        t1=t0 + 1.5,
+        psi_minimum=rng.uniform(20.0, 30.0, count),
+        psi_odometry=rng.uniform(30.0, 45.0, count),
+        points=rng.integers(900, 1100, count),
+        matched=rng.uniform(0.7, 0.9, count),
+        status=tuple("lost" if k == 3 else "converged" for k in range(count)),
+    )
+
+
+def a_report() -> Report:
+    summary: dict[str, Any] = {
+        "mqslam_version": "9.8.7",
+        "dataset": {
+            "format": "oxford",
+            "path": "/data/<run>",
+            "revolutions": 60,
+            "duration_s": 30.0,
+            "length_m": 251.3,
+        },
+        "psi": {
+            "odometry": 132.0,
+            "optimised": 99.0,
+            "per_point_odometry": 0.033,
+            "per_point_optimised": 0.02475,
+            "matched_odometry": 0.71,
+            "matched_optimised": 0.82,
+        },
+        "verdict": {"status": "warn", "reasons": ["torn near t = 31 s & 40 s"]},
+        "factors": {"odometry": 59, "psi": 20, "loop": 0, "loop_rejected": 0},
+        "evaluation": {"ate_rmse_m": 0.312, "drift_percent": None, "drift_deg_per_100m": 0.41},
+        "runtime_s": {"read": 1.2, "total": 29.1},
+        "peak_rss_mb": 812.5,
+    }
+    truth = circle(40.0)
+    return Report(
+        title="kaist <01>",
+        summary=summary,
+        odometry=circle(42.0),
+        optimised=circle(40.1),
+        ground_truth=Trajectory(truth.stamps_us, se2.compose(np.array([500.0, 300.0, 1.0]), truth.poses)),
+        map_odometry=walls(3.0),
+        map_optimised=walls(0.2),
+        windows=windows(20),
+        before="odometry",
+        checks=tuple(judged_walls(swept_walls()).windows),
+        settings=AuditConfig(),
+        loops=np.array([[0, 59]]),
+        sure=np.array([0, 30, 59]),
+        covariances=np.diag([0.04, 0.09, 1e-4]) * np.arange(1, 4)[:, None, None],
+        warnings=("revolution 7 <img src=x> is truncated", "odometry ends & the run goes on"),
+        settings_yaml="detector:\n  k_strongest: 12  # <per azimuth>\n",
+    )
+
+
+@pytest.fixture(scope="module")
+def written(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("report") / "report.html"
+    write_report(path, a_report())
+    return path
+
+
+def test_the_page_needs_nothing_from_outside(written: Path) -> None:
+    assert_alone(written)
+
+
+def test_both_maps_and_all_curves_are_pictures_of_one_size_each(written: Path) -> None:
+    images = page_of(written).images
+    assert set(images) == {"Under odometry", "Optimised", "Trajectory", "ψ per window", "Matched share"}
+    before, after = (Image.open(io.BytesIO(images[name])) for name in ("Under odometry", "Optimised"))
+    assert before.size == after.size
+    assert images["Under odometry"] != images["Optimised"]
+
+
+def test_warnings_stand_before_the_verdict_and_are_escaped(written: Path) -> None:
+    text = page_of(written).text
+    first = text.index("revolution 7 <img src=x> is truncated")
+    assert first < text.index("warn\n") < text.index("torn near t = 31 s & 40 s") < text.index("Map quality")
+    assert "<img src=x>" not in written.read_text(encoding="utf-8")
+
+
+def test_numbers_of_the_summary_are_shown_with_units(written: Path) -> None:
+    text = page_of(written).text
+    for shown in (
+        "0.02475",
+        "−25.0 %",
+        "82 %",
+        "0.312 m",
+        "0.41 °/100 m",
+        "812.5 MB",
+        "/data/<run>",
+        "20 windows: 19 converged, 1 lost",
+    ):
+        assert shown in text, shown
+    assert "drift\n–" in re.sub(r"\n+", "\n", text)
+
+
+def test_settings_and_versions_are_listed(written: Path) -> None:
+    text = page_of(written).text
+    assert "k_strongest: 12  # <per azimuth>" in text
+    assert "mqslam 9.8.7" in text
+    assert f"numpy {np.__version__}" in text
+
+
+def test_the_same_run_gives_the_same_bytes(written: Path, tmp_path: Path) -> None:
+    write_report(tmp_path / "again.html", a_report())
+    assert (tmp_path / "again.html").read_bytes() == written.read_bytes()
+
+
+def test_a_run_that_optimisation_did_not_change_says_so(written: Path, tmp_path: Path) -> None:
+    report = a_report()
+    same = replace(report, odometry=report.optimised, map_odometry=report.map_optimised)
+    write_report(tmp_path / "same.html", same)
+    assert "both maps are the same" in page_of(tmp_path / "same.html").text
+    assert "both maps are the same" not in page_of(written).text
+
+
+def test_a_run_with_almost_nothing_in_it_still_has_a_report(tmp_path: Path) -> None:
+    nothing = np.empty(0)
+    empty = PointMap(np.empty((0, 2)), nothing, nothing, nothing, np.empty(0, dtype=np.bool_))
+    bare = replace(
+        a_report(),
+        summary={"evaluation": None},
+        ground_truth=None,
+        map_odometry=empty,
+        map_optimised=empty,
+        windows=windows(0),
+        warnings=(),
+    )
+    write_report(tmp_path / "bare.html", bare)
+    page = page_of(tmp_path / "bare.html")
+    assert "no verdict" in page.text
+    assert "Warnings" not in page.text
+    assert "Against ground truth" not in page.text
+    assert set(page.images) == {"Under odometry", "Optimised", "Trajectory"}
+
+
+def test_windows_without_odometry_have_one_curve(tmp_path: Path) -> None:
+    report = a_report()
+    lone = replace(report.windows, psi_odometry=np.full(20, np.nan))
+    write_report(tmp_path / "lone.html", replace(report, windows=lone))
+    assert "ψ per window" in page_of(tmp_path / "lone.html").images
+
+
+def test_maps_share_scale_and_shade() -> None:
+    path = circle(1.0)
+    corners = np.array([[-1.0, -1.0], [1.0, -1.0], [-1.0, 1.0], [1.0, 1.0]])
+    dense = replace(walls(0.0, 400), points=np.repeat(20.0 * corners, 100, axis=0))
+    sparse = replace(walls(0.0, 4), points=40.0 * corners)
+    images = map_figures((dense, sparse), (path, path), ("#ff0000", "#ff0000"))
+    inks = [inside_axes(png) for png in images]
+    spans = [np.ptp(np.nonzero(ink)[0]) for ink in inks]
+    assert spans[1] == pytest.approx(2 * spans[0], abs=4)
+    assert inks[0].max() == 255
+    assert 80 < inks[1].max() < 150
+
+
+def inside_axes(png: bytes) -> NDArray[np.int64]:
+    """Opacity (H, W) of the points drawn: neither axes, nor grid, nor the red path."""
+    image = np.asarray(Image.open(io.BytesIO(png))).astype(int)[30:-110, 170:-30]
+    return np.where((image[..., 3] > 70) & (image[..., 0] < 60), image[..., 3], 0)
+
+
+def test_a_million_points_stay_under_fifteen_megabytes(tmp_path: Path) -> None:
+    report = a_report()
+    many = walls(20.0, 1_000_000)
+    write_report(tmp_path / "many.html", replace(report, map_odometry=many, map_optimised=many, windows=windows(1200)))
+    assert (tmp_path / "many.html").stat().st_size < 15_000_000
+
+
+def test_importing_the_report_does_not_load_matplotlib() -> None:
+    code = "import sys, mqslam.report; print('matplotlib' in sys.modules)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "False"
+
+
+def test_a_click_on_a_curve_shows_the_place_before_and_after(written: Path) -> None:
+    with chromium() as browser:
+        opened(browser, written)
+        assert browser.find_element("tag name", "h1").text == "kaist <01>"
+        assert browser.find_element("id", "place").text.startswith("4.5 s to 6.0 s, inflation 120")  # the worst of them
+        time = click_curve(browser, "inflation", 0)
+        shown = browser.find_element("id", "place")
+        WebDriverWait(browser, 20).until(lambda _: shown.text.startswith(f"{time - 0.75:.1f} s to"))
+        crops = browser.execute_script("return document.getElementById('crop').data.map((t) => [t.name, t.x.length])")
+        assert [name for name, _ in crops] == ["this pass", "other passes"] * 2 and sum(count for _, count in crops) > 0
+        marked = browser.execute_script("return document.getElementById('map').data.at(-1).x.length")
+        assert marked == 2
+        browser.find_element("id", "next").click()
+        WebDriverWait(browser, 20).until(lambda _: not shown.text.startswith(f"{time - 0.75:.1f} s to"))
+        assert browser.get_log("browser") == []
+
+
+@pytest.mark.parametrize("by", ["time", "psi", "intensity"])
+def test_the_map_takes_the_colours_of_what_is_chosen(written: Path, by: str) -> None:
+    with chromium() as browser:
+        opened(browser, written)
+        Select(browser.find_element("id", "colour")).select_by_value(by)
+        script = "const m = document.getElementById('map').data[1].marker; return [m.cmin, m.cmax, Array.from(m.color)]"
+        low, high, colours = browser.execute_script(script)
+        drawn = a_report().map_optimised
+        values = {"time": drawn.times, "psi": drawn.psi, "intensity": drawn.intensities}[by]
+        assert low == pytest.approx(values.min()) and high <= values.max() + 1e-6 and high > low
+        np.testing.assert_allclose(colours, np.clip(values, low, high), atol=1.01 * (high - low) / 255.0)
+        assert browser.get_log("browser") == []
+
+
+def test_in_print_and_without_scripts_the_pictures_stand_for_the_map(written: Path) -> None:
+    with chromium() as browser:
+        opened(browser, written)
+        live, still = (browser.find_element("class name", name) for name in ("live", "still"))
+        assert live.is_displayed() and not still.is_displayed()
+        browser.execute_cdp_cmd("Emulation.setEmulatedMedia", {"media": "print"})
+        assert still.is_displayed() and not live.is_displayed()
+    assert "class=\"live\"" in written.read_text(encoding="utf-8") and "Under odometry" in page_of(written).images
+
+
+def test_on_a_phone_nothing_is_wider_than_the_screen(written: Path) -> None:
+    with chromium(500, 900) as browser:
+        opened(browser, written)
+        assert browser.execute_script("return document.documentElement.scrollWidth <= window.innerWidth")
+
+
+def test_a_map_of_many_points_is_thinned_evenly_and_says_so(tmp_path: Path) -> None:
+    rng = np.random.default_rng(3)
+    points = rng.uniform(0.0, 200.0, (400_000, 2))
+    big = PointMap(points, np.arange(4e5) * 1e-3, np.full(400_000, 80.0), rng.random(400_000), np.ones(400_000, bool))
+    write_report(tmp_path / "big.html", replace(a_report(), map_odometry=big, map_optimised=big))
+    text = (tmp_path / "big.html").read_text(encoding="utf-8")
+    assert len(text) < 15e6
+    shown = int(re.search(r"([\d,]+) of 800,000 points of all maps are shown", text)[1].replace(",", ""))
+    assert 0.8 * MOST_POINTS < shown <= MOST_POINTS
+    scene = json.loads(re.search(r'id="scene">(.*?)</script>', text, re.DOTALL)[1])
+    x = np.frombuffer(base64.b64decode(scene["layers"][0]["x"]["data"]), "<f4")
+    counts, _ = np.histogram(x, 10, (0.0, 200.0))
+    assert counts.min() > 0.9 * counts.max()

@@ -1,0 +1,107 @@
+"""A Dask cluster of separate processes, as tests start and kill them, and what they have it do."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+
+BELOW = Path(__file__).parents[1]  # where workers find this file
+
+
+class Cluster:
+    """A scheduler and workers of one thread each, without nannies: one that is killed stays dead."""
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+        self._folder.mkdir()
+        self.scheduler = self._started("scheduler", "--host", "127.0.0.1", "--port", "0", "--no-dashboard")
+        self.workers: list[subprocess.Popen[bytes]] = []
+        self.address = self._said("scheduler", "Scheduler at:").split()[-1]
+
+    def add_worker(self, finds: Path = BELOW) -> None:
+        """Start a worker that finds modules in a folder before all others; it joins within seconds."""
+        name = f"worker{len(self.workers)}"
+        options = ("--nthreads", "1", "--no-nanny", "--no-dashboard", "--local-directory", self._folder / name)
+        self.workers.append(self._started("worker", self.address, *options, log=name, finds=finds))
+
+    def wait(self) -> None:
+        """Until all workers have joined."""
+        for number in range(len(self.workers)):
+            self._said(f"worker{number}", "Registered to:")
+
+    def kill(self) -> None:
+        """End everything."""
+        for process in (*self.workers, self.scheduler):
+            process.kill()
+            process.wait()
+
+    def _started(self, kind: str, *words: object, log: str = "", finds: Path = BELOW) -> subprocess.Popen[bytes]:
+        command = [sys.executable, "-m", "dask", kind, *map(str, words)]
+        with (self._folder / (log or kind)).with_suffix(".log").open("wb") as file:
+            environment = {**os.environ, "PYTHONPATH": str(finds)}
+            return subprocess.Popen(command, stdout=file, stderr=file, env=environment, cwd=self._folder)
+
+    def _said(self, log: str, words: str) -> str:
+        end = time.monotonic() + 60.0
+        path = self._folder / f"{log}.log"
+        while time.monotonic() < end:
+            for line in path.read_text().splitlines():
+                if words in line:
+                    return line
+            time.sleep(0.05)
+        raise AssertionError(path.read_text())
+
+
+@contextmanager
+def cluster(folder: Path, workers: int = 2) -> Iterator[Cluster]:
+    """A cluster while the block lasts."""
+    found = Cluster(folder)
+    try:
+        for _ in range(workers):
+            found.add_worker()
+        found.wait()
+        yield found
+    finally:
+        found.kill()
+
+
+def at(monkeypatch: pytest.MonkeyPatch, stage: str, happens: Callable[[], None]) -> list[int]:
+    """Have something happen as soon as the first part of a stage is done; the parts that were left then."""
+    left: list[int] = []
+
+    @contextmanager
+    def watched(*_: object) -> Iterator[Callable[[str, int, int], None]]:
+        def show(name: str, done: int, total: int) -> None:
+            if name == stage and not left:
+                left.append(total - done)
+                happens()
+
+        yield show
+
+    monkeypatch.setattr("mqslam.cli.progress.progress", watched)
+    return left
+
+
+def slow_sum(shared: list[int], item: int) -> int:
+    """Their sum, a tenth of a second later."""
+    time.sleep(0.1)
+    return sum(shared) + item
+
+
+def full_disk(shared: list[int], item: int) -> int:
+    """What an operating system raises, by the function itself."""
+    raise OSError(28, "No space left on device")
+
+
+def fatal(shared: list[int], item: int) -> int:
+    """Takes its process with it, if the item says so."""
+    if item < 0:
+        os._exit(1)
+    return slow_sum(shared, item)

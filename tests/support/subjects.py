@@ -1,0 +1,297 @@
+"""The readers that are fuzzed: a small valid input of each, and what holds of whatever is read from a damaged one."""
+
+from __future__ import annotations
+
+import gzip
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import laspy
+import numpy as np
+from numpy.typing import NDArray
+from support.layouts import (
+    left_turn,
+    write_boreas,
+    write_mulran_columns,
+    write_mulran_poses,
+    write_mulran_rows,
+    write_radiate,
+)
+from support.mutation import Mutate, inside_gzip, inside_png, inside_zip, plain
+from support.recordings import START_US, TURN_US, bag_path, bag_writer, circle, write_bag, write_oxford
+
+from mqslam.config import Config, dump_yaml, load_config
+from mqslam.core.lidar import LidarRecording
+from mqslam.core.recording import RadarStream, Revolution
+from mqslam.core.scans import Returns
+from mqslam.core.timed_cloud import TimedCloud
+from mqslam.core.trajectory import Trajectory, write_kitti, write_tum
+from mqslam.detection.stage import detect_stretch
+from mqslam.formats.clouds import read_cloud
+from mqslam.formats.lidars import carmen, laserscan
+from mqslam.formats.recordings import open_recording, read_odometry
+from mqslam.formats.recordings.native import write_native
+from mqslam.formats.trajectories import read_trajectory
+
+_MOST = 10_000_000  # elements of an array that so small a file can mean
+
+
+@dataclass(frozen=True)
+class Subject:
+    """A reader with an input.
+
+    Args:
+        write: writes a valid input into a folder and returns the path to be read.
+        read: reads it, and checks what was read.
+        inside: damage under what is compressed, by suffix; everything is damaged as it lies on the disk, too.
+    """
+
+    write: Callable[[Path], Path]
+    read: Callable[[Path], None]
+    inside: dict[str, Mutate]
+
+    def mutations(self, file: Path) -> tuple[Mutate, ...]:
+        """The kinds of damage to a file."""
+        inside = self.inside.get(file.suffix)
+        return (plain, inside) if inside else (plain,)
+
+
+def check_radar(format: str) -> Callable[[Path], None]:
+    def read(path: Path) -> None:
+        stream = open_recording(path, format=format)
+        check_stream(stream)
+        found = detect_stretch(_Checked(stream), Config().detector, 0, len(stream), strict=False)  # type: ignore[arg-type]
+        assert len(found.returns) == len(stream)
+        for returns in found.returns:
+            check_returns(returns)
+
+    return read
+
+
+class _Checked:
+    """A stream whose revolutions are checked as they are read."""
+
+    def __init__(self, stream: RadarStream) -> None:
+        self._stream = stream
+        self.path, self.range_resolution = stream.path, stream.range_resolution
+
+    def revolutions(self, start: int, stop: int) -> Any:
+        for revolution in self._stream.revolutions(start, stop):
+            check_revolution(revolution)
+            yield revolution
+
+
+def check_stream(stream: RadarStream) -> None:
+    assert stream.stamps_us.dtype == np.int64 and 0 < len(stream) < _MOST
+    assert np.all(np.diff(stream.stamps_us) > 0) and stream.end_us > stream.stamps_us[-1]
+    assert np.isfinite(stream.range_resolution) and stream.range_resolution > 0.0
+    for track in (stream.odometry, stream.ground_truth):
+        if track is not None:
+            check_trajectory(track)
+    assert all(isinstance(text, str) and text for text in (*stream.notes, *stream.faults))
+
+
+def check_revolution(revolution: Revolution) -> None:
+    rows = len(revolution.power)
+    assert revolution.power.ndim == 2 and revolution.power.dtype == np.uint8 and revolution.power.size < 8 * _MOST
+    assert revolution.times.shape == revolution.azimuths.shape == revolution.valid.shape == (rows,)
+    assert np.isfinite(revolution.times).all() and np.isfinite(revolution.azimuths).all()
+    assert np.all(np.diff(revolution.times) >= 0.0)
+
+
+def check_returns(returns: Returns) -> None:
+    for values in (returns.ranges, returns.azimuths, returns.times, returns.intensities):
+        assert values.shape == returns.ranges.shape and np.isfinite(values).all()
+
+
+def check_trajectory(track: Trajectory) -> None:
+    assert 2 <= len(track) < _MOST and track.poses.shape == (len(track), 3)
+    assert np.isfinite(track.poses).all() and np.all(np.diff(track.stamps_us) > 0)
+
+
+def check_lidar(lidar: LidarRecording) -> None:
+    assert 2 <= len(lidar.windows) == len(lidar.stamps_us) < _MOST and np.all(np.diff(lidar.stamps_us) > 0)
+    for window in lidar.windows:
+        assert np.isfinite([window.t0, window.t1]).all() and window.t1 >= window.t0
+        check_returns(window.returns)
+    for track in (lidar.trajectory, lidar.odometry):
+        if track is not None:
+            check_trajectory(track)
+
+
+def check_cloud(cloud: TimedCloud) -> None:
+    assert 0 < len(cloud) < _MOST and cloud.points.shape == (len(cloud), 2) and np.isfinite(cloud.points).all()
+    assert cloud.stamps_us.shape == (len(cloud),) and np.all(np.diff(cloud.stamps_us) >= 0)
+
+
+def oxford(folder: Path) -> Path:
+    drive = write_oxford(folder / "drive")
+    (drive / "odom.csv").write_text("t,v,omega\n" + "".join(f"{START_US + 10**5 * k},8.0,0.1\n" for k in range(20)))
+    (drive / "simulation.json").write_text('{"range_resolution_m": 0.175}\n')
+    (drive / "gt").mkdir()
+    rows = [
+        f"{START_US + k * TURN_US},{START_US + (k - 1) * TURN_US},2.0,0.0,0,0,0,0.01,1,2\n" for k in range(1, 7)
+    ]
+    (drive / "gt" / "radar_odometry.csv").write_text("a,b,x,y,z,roll,pitch,yaw,c,d\n" + "".join(rows))
+    return drive
+
+
+def mulran(folder: Path) -> Path:
+    drive = write_mulran_columns(folder / "drive", left_turn())
+    write_mulran_poses(drive, left_turn())
+    return drive
+
+
+def native(folder: Path) -> Path:
+    write_native(folder / "drive.npz", open_recording(oxford(folder)))
+    return folder / "drive.npz"
+
+
+def bag(kind: str) -> Callable[[Path], Path]:
+    return lambda folder: write_bag(open_recording(oxford(folder)), bag_path(folder, kind), kind)
+
+
+def scans(kind: str) -> Callable[[Path], Path]:
+    def write(folder: Path) -> Path:
+        path = bag_path(folder, kind)
+        with bag_writer(path, kind) as bag:
+            types = bag.store.types
+            lidar, wheels = bag.topic("/scan", laserscan.SCAN_TYPE), bag.topic("/odom", "nav_msgs/msg/Odometry")
+            for k in range(4):
+                stamp = START_US + k * 100_000
+                message = types[laserscan.SCAN_TYPE](
+                    bag.header(stamp), angle_min=-1.0, angle_max=1.0, angle_increment=0.1, time_increment=1e-3,
+                    scan_time=0.1, range_min=0.1, range_max=30.0, ranges=np.linspace(1, 20, 21).astype(np.float32),
+                    intensities=np.zeros(0, np.float32),
+                )  # fmt: skip
+                bag.write(lidar, stamp, message)
+                bag.write(wheels, stamp, bag.odometry(stamp, np.array([0.1 * k, 0.0, 0.01])))
+        return path
+
+    return write
+
+
+def carmen_log(folder: Path) -> Path:
+    lines = ["PARAM robot_front_laser_max 30.0 host 0\n"]
+    for k in range(4):
+        pose = f"{0.1 * k} 0 0.01"
+        lines.append(f"ODOM {pose} 0 0 0 {k}.5 host {k}.5\n")
+        lines.append(f"FLASER 5 1 2 3 4 81.9 {pose} {pose} {k}.5 host {k}.5\n")
+        lines.append(f"ROBOTLASER1 0 -1.5 3.1 0.6 30.0 0.01 0 5 1 2 3 4 5 0 {pose} {pose} 0 0 0 0 0 {k}.6 host {k}.6\n")
+    (folder / "drive.log").write_text("".join(lines))
+    return folder / "drive.log"
+
+
+def carmen_gzip(folder: Path) -> Path:
+    (folder / "drive.log.gz").write_bytes(gzip.compress(carmen_log(folder).read_bytes()))
+    return folder / "drive.log.gz"
+
+
+_POINTS = np.column_stack([np.linspace(0, 9, 40), np.linspace(-3, 3, 40), np.zeros(40), np.linspace(0, 3.9, 40)])
+
+
+def ply(body: str) -> Callable[[Path], Path]:
+    def write(folder: Path) -> Path:
+        properties = "".join(f"property double {name}\n" for name in ("x", "y", "z", "time"))
+        header = f"ply\nformat {body} 1.0\nelement vertex {len(_POINTS)}\n{properties}end_header\n"
+        rows = "".join(" ".join(map(str, row)) + "\n" for row in _POINTS.tolist()).encode()
+        (folder / "map.ply").write_bytes(header.encode() + (rows if body == "ascii" else _POINTS.astype("<f8").tobytes()))
+        return folder / "map.ply"
+
+    return write
+
+
+def pcd(data: str) -> Callable[[Path], Path]:
+    def write(folder: Path) -> Path:
+        from pypcd4 import Encoding, PointCloud
+
+        cloud = PointCloud.from_points(_POINTS, ("x", "y", "z", "t"), (np.float64,) * 4)
+        cloud.save(folder / "map.pcd", encoding=Encoding(data))
+        return folder / "map.pcd"
+
+    return write
+
+
+def las(suffix: str) -> Callable[[Path], Path]:
+    def write(folder: Path) -> Path:
+        content = laspy.LasData(laspy.LasHeader(point_format=1, version="1.2"))
+        content.x, content.y, content.z, content.gps_time = _POINTS.T
+        content.write(str(folder / f"map.{suffix}"))
+        return folder / f"map.{suffix}"
+
+    return write
+
+
+def npz(folder: Path) -> Path:
+    np.savez(folder / "map.npz", points=_POINTS[:, :3], t=_POINTS[:, 3])
+    return folder / "map.npz"
+
+
+def _track() -> Trajectory:
+    return circle(START_US + TURN_US * np.arange(20))
+
+
+def tum(folder: Path) -> Path:
+    write_tum(folder / "track.tum", _track())
+    return folder / "track.tum"
+
+
+def kitti(folder: Path) -> Path:
+    (folder / "track").mkdir()
+    write_kitti(folder / "track" / "poses.txt", _track())
+    (folder / "track" / "times.txt").write_text("".join(f"{stamp * 1e-6:.6f}\n" for stamp in _track().stamps_us.tolist()))
+    return folder / "track"
+
+
+def csv(folder: Path) -> Path:
+    rows: NDArray[Any] = np.column_stack([_track().stamps_us * 1000, _track().poses])
+    text = "time_ns,x,y,yaw\n" + "".join(f"{int(t)},{x},{y},{yaw}\n" for t, x, y, yaw in rows.tolist())
+    (folder / "track.csv").write_text(text)
+    return folder / "track.csv"
+
+
+def twists(folder: Path) -> Path:
+    return oxford(folder) / "odom.csv"
+
+
+def settings(folder: Path) -> Path:
+    (folder / "settings.yaml").write_text(dump_yaml(Config()))
+    return folder / "settings.yaml"
+
+
+def _config(path: Path) -> None:
+    assert isinstance(load_config(path), Config)
+
+
+_PNG: dict[str, Mutate] = {".png": inside_png}
+_NPZ: dict[str, Mutate] = {".npz": inside_zip}
+SUBJECTS = {
+    "oxford": Subject(oxford, check_radar("oxford"), _PNG),
+    "boreas": Subject(lambda folder: write_boreas(folder / "drive", left_turn()), check_radar("boreas"), _PNG),
+    "mulran columns": Subject(mulran, check_radar("mulran"), _PNG),
+    "mulran rows": Subject(lambda folder: write_mulran_rows(folder / "drive", left_turn()), check_radar("mulran"), _PNG),
+    "radiate": Subject(lambda folder: write_radiate(folder / "drive", left_turn()), check_radar("radiate"), _PNG),
+    "native": Subject(native, check_radar("native"), _NPZ),
+    "ros1 bag": Subject(bag("ros1"), check_radar("rosbag"), {}),
+    "ros2 bag": Subject(bag("ros2"), check_radar("rosbag"), {}),
+    "mcap": Subject(bag("mcap"), check_radar("rosbag"), {}),
+    "laserscan ros1": Subject(scans("ros1"), lambda path: check_lidar(laserscan.read_lidar(path)), {}),
+    "laserscan mcap": Subject(scans("mcap"), lambda path: check_lidar(laserscan.read_lidar(path)), {}),
+    "carmen": Subject(carmen_log, lambda path: check_lidar(carmen.read_lidar(path)), {}),
+    "carmen gzip": Subject(carmen_gzip, lambda path: check_lidar(carmen.read_lidar(path)), {".gz": inside_gzip}),
+    "ply": Subject(ply("binary_little_endian"), lambda path: check_cloud(read_cloud(path)), {}),
+    "ply ascii": Subject(ply("ascii"), lambda path: check_cloud(read_cloud(path)), {}),
+    "pcd": Subject(pcd("binary"), lambda path: check_cloud(read_cloud(path)), {}),
+    "pcd compressed": Subject(pcd("binary_compressed"), lambda path: check_cloud(read_cloud(path)), {}),
+    "pcd ascii": Subject(pcd("ascii"), lambda path: check_cloud(read_cloud(path)), {}),
+    "las": Subject(las("las"), lambda path: check_cloud(read_cloud(path)), {}),
+    "laz": Subject(las("laz"), lambda path: check_cloud(read_cloud(path)), {}),
+    "npz": Subject(npz, lambda path: check_cloud(read_cloud(path)), _NPZ),
+    "tum": Subject(tum, lambda path: check_trajectory(read_trajectory(path)), {}),
+    "kitti": Subject(kitti, lambda path: check_trajectory(read_trajectory(path / "poses.txt", path / "times.txt")), {}),
+    "csv": Subject(csv, lambda path: check_trajectory(read_trajectory(path)), {}),
+    "odometry": Subject(twists, lambda path: check_trajectory(read_odometry(path)), {}),
+    "settings": Subject(settings, _config, {}),
+}

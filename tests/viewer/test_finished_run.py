@@ -1,0 +1,55 @@
+"""What is shown of a run is what the run has written."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from mqslam.errors import DataError
+from mqslam.viewer.colours import rgb, spread
+from mqslam.viewer.finished_run import read_scene
+
+
+def test_a_scene_holds_points_with_their_values_poses_and_loops(finished: Path) -> None:
+    scene = read_scene(finished)
+    assert scene.name == "result" and scene.points.shape == (16, 2)
+    assert scene.points[5] == pytest.approx([21.0, -10.5])
+    assert {name: values[0] for name, values in scene.values.items()} == {"psi": 2.0, "intensity": 40.0, "time": 0.0}
+    assert scene.start_times.tolist() == [0.0, 0.25, 0.5, 0.75, 1.0]
+    assert scene.trajectory.poses[2, :2].tolist() == [10.0, 10.0]
+    assert scene.loops.tolist() == [[4, 0]]  # and none of the edges between successive revolutions
+
+
+def test_a_folder_without_a_map_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(DataError, match=r"holds no map\.ply; give the folder of a finished run"):
+        read_scene(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "said"),
+    [
+        ("map.ply", "ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nend_header\n1\n", "is not a readable PLY"),
+        ("map.ply", "no map", "is not a readable PLY"),
+        ("graph.g2o", "EDGE_SE2 0 one", "is not a readable pose graph"),
+        ("graph.g2o", "EDGE_SE2 0 5 1 0 0 1 0 0 1 0 1", "has edges beyond the 5 poses"),
+        ("trajectory.tum", "1 2 3", "line 1 is not"),
+    ],
+)
+def test_a_damaged_file_is_named(finished: Path, name: str, content: str, said: str) -> None:
+    (finished / name).write_text(content)
+    with pytest.raises(DataError, match=said) as refused:
+        read_scene(finished)
+    assert refused.value.path.name == name
+
+
+def test_colours_grow_brighter_with_the_value_and_stand_out_from_the_ground() -> None:
+    brightness = rgb(np.linspace(0.0, 1.0, 50), 0.0, 1.0) @ np.array([0.2126, 0.7152, 0.0722])
+    assert np.all(np.diff(brightness) > 0.0) and brightness[0] > 60.0
+
+
+def test_a_few_extreme_values_do_not_take_the_colours_from_the_rest() -> None:
+    values = np.append(np.linspace(0.0, 1.0, 999), 1e6)
+    assert np.array_equal(spread(values)[500], rgb(np.array([0.5]), 0.0, 1.0)[0])
+    assert spread(np.empty(0)).shape == (0, 3)
