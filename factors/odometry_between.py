@@ -10,18 +10,18 @@ from numpy.typing import NDArray
 
 from mqslam.config import GraphConfig
 from mqslam.core import se2
-from mqslam.core.measurement import RelativeMotion
+from mqslam.core.measurement import Measurement
 from mqslam.factors.noise import between_noise
 
 
-def odometry_between(a: int, b: int, motion: RelativeMotion, config: GraphConfig) -> gtsam.BetweenFactorPose2:
+def odometry_between(a: int, b: int, motion: Measurement, config: GraphConfig) -> gtsam.BetweenFactorPose2:
     """The motion from key a to key b with its own covariance."""
     noise = between_noise(motion.covariance, motion.pose[2], config.floor_m, config.floor_rad, config.huber)
     return gtsam.BetweenFactorPose2(a, b, gtsam.Pose2(*motion.pose), noise)
 
 
 def odometry_covariance(
-    odometry: Sequence[RelativeMotion], measured: Sequence[RelativeMotion], span_s: float
+    odometry: Sequence[Measurement], measured: Sequence[Measurement], span_s: float
 ) -> NDArray[np.float64]:
     """Covariance (3, 3) of one odometry edge, from what edges chained over a span [s] disagree with psi.
 
@@ -41,7 +41,7 @@ def odometry_covariance(
     return np.diag(squares * len(odometry) / count + 1e-10)
 
 
-def _chained(motions: Sequence[RelativeMotion]) -> se2.Array:
+def _chained(motions: Sequence[Measurement]) -> se2.Array:
     pose = np.zeros(3)
     for motion in motions:
         pose = se2.compose(pose, motion.pose)

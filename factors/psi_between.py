@@ -5,11 +5,11 @@ from __future__ import annotations
 import gtsam
 
 from mqslam.config import GraphConfig
-from mqslam.core.measurement import RelativeMotion, Status
+from mqslam.core.measurement import Measurement, Status
 from mqslam.factors.noise import between_noise
 
 
-def psi_between(a: int, b: int, motion: RelativeMotion, config: GraphConfig) -> gtsam.BetweenFactorPose2:
+def psi_between(a: int, b: int, motion: Measurement, config: GraphConfig) -> gtsam.BetweenFactorPose2:
     """The motion from key a to key b with the covariance of its score's curvature and the floor of the settings."""
     cancelling = config.cancelling if motion.status is Status.CONVERGED else 1.0
     covariance = motion.covariance / cancelling

@@ -14,8 +14,8 @@ from pydantic import ValidationError
 from mqslam.config import KissIcpConfig
 from mqslam.core import se2
 from mqslam.core.frontend import Context
-from mqslam.core.measurement import RelativeMotion
-from mqslam.core.scans import Window
+from mqslam.core.measurement import Measurement
+from mqslam.core.scans import Scan
 from mqslam.errors import ConfigError
 from mqslam.frontends.icp_covariance import Surface
 from mqslam.frontends.scan_matching import FEWEST, Match, in_space, matrix_of, motions, pose_of
@@ -42,13 +42,13 @@ class KissIcpFrontEnd:
         self._context = context
         self._config = _kiss_config(context.config.kiss_icp)
 
-    def measure(self, windows: Iterable[Window]) -> Iterator[RelativeMotion]:
+    def measure(self, scans: Iterable[Scan]) -> Iterator[Measurement]:
         """The motion from the start of each window to the start of the next.
 
         Raises:
             EstimationError: fewer than two revolutions, or hardly any returns in the first ones.
         """
-        return motions(windows, lambda: _KissIcpMatcher(self._config), self._context, INFLATION)
+        return motions(scans, lambda: _KissIcpMatcher(self._config), self._context, INFLATION)
 
 
 class _KissIcpMatcher:

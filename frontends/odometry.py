@@ -8,8 +8,8 @@ import numpy as np
 
 from mqslam.core import se2
 from mqslam.core.frontend import Context
-from mqslam.core.measurement import RelativeMotion
-from mqslam.core.scans import Window
+from mqslam.core.measurement import Measurement
+from mqslam.core.scans import Scan
 from mqslam.errors import EstimationError
 
 # what a wheel odometry of which nothing is known is taken to be worth; the graph estimates better where it can
@@ -27,26 +27,26 @@ class OdometryFrontEnd:
         self._odometry = context.odometry
         self._start_us = context.start_us
 
-    def measure(self, windows: Iterable[Window]) -> Iterator[RelativeMotion]:
+    def measure(self, scans: Iterable[Scan]) -> Iterator[Measurement]:
         """The motion from the start of each window to the start of the next, where the odometry reaches that far.
 
         Raises:
             EstimationError: the odometry does not cover the windows.
         """
-        before: Window | None = None
-        for window in windows:
+        before: Scan | None = None
+        for scan in scans:
             if before is not None:
-                yield self._between(before.t0, window)
-            before = window
+                yield self._between(before.t0, scan)
+            before = scan
 
-    def _between(self, t0: float, window: Window) -> RelativeMotion:
-        stamps = self._start_us + np.round(np.array([t0, window.t0]) * 1e6).astype(np.int64)
+    def _between(self, t0: float, scan: Scan) -> Measurement:
+        stamps = self._start_us + np.round(np.array([t0, scan.t0]) * 1e6).astype(np.int64)
         if not self._odometry.covers(int(stamps[0]), int(stamps[1])):
-            raise EstimationError(f"the odometry does not cover {t0:.2f} s to {window.t0:.2f} s of the recording")
+            raise EstimationError(f"the odometry does not cover {t0:.2f} s to {scan.t0:.2f} s of the recording")
         first, last = self._odometry.at(stamps)
         pose = se2.between(first, last)
         along = SIGMA_REST_M + SIGMA_TRAVEL * float(np.hypot(pose[0], pose[1]))
-        yaw = SIGMA_YAW_RATE * (window.t0 - t0)
-        return RelativeMotion(
-            t0, window.t0, pose, np.diag([along**2, along**2, yaw**2]), points=len(window.returns)
+        yaw = SIGMA_YAW_RATE * (scan.t0 - t0)
+        return Measurement(
+            t0, scan.t0, pose, np.diag([along**2, along**2, yaw**2]), points=len(scan.returns)
         )

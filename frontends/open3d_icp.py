@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from mqslam.config import Open3dIcpConfig
 from mqslam.core import se2
 from mqslam.core.frontend import Context
-from mqslam.core.measurement import RelativeMotion
-from mqslam.core.scans import Window
+from mqslam.core.measurement import Measurement
+from mqslam.core.scans import Scan
 from mqslam.errors import ConfigError
 from mqslam.frontends.icp_covariance import Surface
 from mqslam.frontends.scan_matching import FEWEST, Match, in_space, matrix_of, motions, pose_of
@@ -34,14 +34,14 @@ class Open3dIcpFrontEnd:
         self._context = context
         self._open3d = _open3d()
 
-    def measure(self, windows: Iterable[Window]) -> Iterator[RelativeMotion]:
+    def measure(self, scans: Iterable[Scan]) -> Iterator[Measurement]:
         """The motion from the start of each window to the start of the next.
 
         Raises:
             EstimationError: fewer than two revolutions, or hardly any returns in the first ones.
         """
         settings = self._context.config.open3d_icp
-        return motions(windows, lambda: _Open3dMatcher(self._open3d, settings), self._context, INFLATION)
+        return motions(scans, lambda: _Open3dMatcher(self._open3d, settings), self._context, INFLATION)
 
 
 class _Open3dMatcher:

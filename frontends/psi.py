@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 
 from mqslam.core import se2
 from mqslam.core.frontend import Context
-from mqslam.core.measurement import RelativeMotion, Status
-from mqslam.core.scans import Window
+from mqslam.core.measurement import Measurement, Status
+from mqslam.core.scans import Scan
 from mqslam.errors import EstimationError
-from mqslam.psi.tracking.tracker import START_REVOLUTIONS, Tracked, Tracker
+from mqslam.psi.tracking.tracker import START_SCANS, Tracked, Tracker
 from mqslam.psi.tracking.unsteadiness import Unsteadiness
 
 
@@ -24,28 +24,28 @@ class PsiFrontEnd:
     def __init__(self, context: Context) -> None:
         self._context = context
 
-    def measure(self, windows: Iterable[Window]) -> Iterator[RelativeMotion]:
+    def measure(self, scans: Iterable[Scan]) -> Iterator[Measurement]:
         """The motion from the start of each window to the start of the next.
 
         Raises:
             EstimationError: fewer than two revolutions, or hardly any returns in the first ones.
         """
-        stream = iter(windows)
-        head = list(itertools.islice(stream, START_REVOLUTIONS))
+        coming = iter(scans)
+        head = list(itertools.islice(coming, START_SCANS))
         if len(head) < 2:
             raise EstimationError(f"{len(head)} revolutions hold no motion; two at least are needed")
         tracker = Tracker(self._context.config, self._context.revolution_s)
         unsteadiness = Unsteadiness()
         before = found = tracker.start(head, odometry=self._context.odometry_twist(head[0].t0, head[-1].t1))
         lost: list[tuple[Tracked, float]] = []  # revolutions since the last one found, with psi under odometry
-        for window in itertools.chain(head[1:], stream):
-            twist = self._context.odometry_twist(before.t0, window.t0)
-            now = self._context.odometry_twist(window.t0, window.t1)
+        for scan in itertools.chain(head[1:], coming):
+            twist = self._context.odometry_twist(before.t0, scan.t0)
+            now = self._context.odometry_twist(scan.t0, scan.t1)
             psi_odometry = float("nan")
             if twist is not None and now is not None:
-                pose = se2.compose(before.pose, se2.exp(twist, window.t0 - before.t0))
-                psi_odometry = tracker.score(window, pose, now)
-            after = tracker.follow(window, twist)
+                pose = se2.compose(before.pose, se2.exp(twist, scan.t0 - before.t0))
+                psi_odometry = tracker.score(scan, pose, now)
+            after = tracker.follow(scan, twist)
             lost.append((after, psi_odometry))
             if after.status is Status.LOST and twist is None:
                 before = after
@@ -59,7 +59,7 @@ class PsiFrontEnd:
             yield motion
 
 
-def _bridged(found: Tracked, then: list[tuple[Tracked, float]]) -> list[RelativeMotion]:
+def _bridged(found: Tracked, then: list[tuple[Tracked, float]]) -> list[Measurement]:
     """The motions from one revolution through those after it.
 
     Where the track was lost on the way to the last of them, what that one found is shared over the time, as a constant
@@ -79,7 +79,7 @@ def _bridged(found: Tracked, then: list[tuple[Tracked, float]]) -> list[Relative
     return motions
 
 
-def _relative(a: Tracked, b: Tracked, psi_odometry: float) -> RelativeMotion:
+def _relative(a: Tracked, b: Tracked, psi_odometry: float) -> Measurement:
     """The motion between two tracked revolutions, their errors given the map taken as independent."""
     pose = se2.between(a.pose, b.pose)
     c, s = np.cos(a.pose[2]), np.sin(a.pose[2])
@@ -90,7 +90,7 @@ def _relative(a: Tracked, b: Tracked, psi_odometry: float) -> RelativeMotion:
         by_start @ a.covariance[:3, :3] @ by_start.T + by_end @ b.covariance[:3, :3] @ by_end.T
     )
     found = b.evaluation
-    return RelativeMotion(
+    return Measurement(
         t0=a.t0,
         t1=b.t0,
         pose=pose,

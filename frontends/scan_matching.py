@@ -12,14 +12,14 @@ from numpy.typing import NDArray
 
 from mqslam.core import se2
 from mqslam.core.frontend import Context
-from mqslam.core.measurement import RelativeMotion, Status
+from mqslam.core.measurement import Measurement, Status
 from mqslam.core.motion import LONGEST_COAST_S
-from mqslam.core.scans import Window
+from mqslam.core.scans import Scan
 from mqslam.errors import EstimationError
 
 FEWEST = 20  # correspondences below which a scan matches nothing
 _FEWEST_RETURNS = 20  # of the start, below which it holds nothing to match
-_START_REVOLUTIONS = 10  # over which the first motion is found
+_START_SCANS = 10  # over which the first motion is found
 _SPEED_STEP_M = 2.0  # travel per revolution between the speeds a start tries
 _AS_GOOD = 0.95  # share of points matched, over the best, from which a slower start is as good
 _COASTING = np.array([1.0, 0.3, 0.1])  # what a twist is off by where it is only predicted [m/s, m/s, rad/s]
@@ -92,14 +92,14 @@ class _Track:
         self.twist = twist
         self.last = _Step(time, np.zeros(3), np.zeros((3, 3)), 0.0, 0.0)
 
-    def follow(self, window: Window, backwards: bool = False) -> _Step:
+    def follow(self, scan: Scan, backwards: bool = False) -> _Step:
         """Match a window; where hardly anything matches, go on at the last twist."""
-        first, last = (window.t1, window.t0) if backwards else (window.t0, window.t1)
+        first, last = (scan.t1, scan.t0) if backwards else (scan.t0, scan.t1)
         time = first + self._matcher.reference * (last - first)
         elapsed = time - self.last.time
         if abs(elapsed) > LONGEST_COAST_S:
             self.twist = np.zeros(3)
-        returns, duration = window.returns, last - first
+        returns, duration = scan.returns, last - first
         ahead, left = np.cos(returns.azimuths), np.sin(returns.azimuths)
         ranges = returns.ranges + self._doppler_beta * (self.twist[0] * ahead + self.twist[1] * left)
         points = np.stack([ranges * ahead, ranges * left], axis=1)
@@ -121,15 +121,15 @@ class _Track:
 
 
 def motions(
-    windows: Iterable[Window], new_matcher: Callable[[], Matcher], context: Context, inflation: float
-) -> Iterator[RelativeMotion]:
+    scans: Iterable[Scan], new_matcher: Callable[[], Matcher], context: Context, inflation: float
+) -> Iterator[Measurement]:
     """The motion from the start of each window to the start of the next.
 
     A matcher predicts by its last motion, so that it has to begin with one. It finds its own: over the first revolutions it
     runs forwards and then backwards in time, which ends at the start with the speed it had there.
 
     Args:
-        windows: in order.
+        scans: in order.
         new_matcher: makes a matcher that has seen nothing.
         context: of the front end; its odometry serves the start and nothing else.
         inflation: factor on the covariances of matches; one scan's residuals err together, and their mean square does not
@@ -138,11 +138,11 @@ def motions(
     Raises:
         EstimationError: fewer than two revolutions, or hardly any returns in the first ones.
     """
-    stream = iter(windows)
-    head = list(itertools.islice(stream, _START_REVOLUTIONS))
+    coming = iter(scans)
+    head = list(itertools.islice(coming, _START_SCANS))
     if len(head) < 2:
         raise EstimationError(f"{len(head)} revolutions hold no motion; two at least are needed")
-    returns = sum(len(window.returns) for window in head)
+    returns = sum(len(scan.returns) for scan in head)
     if returns < _FEWEST_RETURNS:
         raise EstimationError(f"only {returns} returns in {len(head)} revolutions; lower detector.threshold")
 
@@ -153,25 +153,25 @@ def motions(
     forwards = track(head[0].t0, twist)
     before, begin, coasted_s = head[0], np.zeros(3), 0.0
     step = replace(start, time=forwards.follow(before).time, pose=forwards.last.pose)
-    for window in itertools.chain(head[1:], stream):
-        after = forwards.follow(window)
-        end = se2.interpolate([step.time, after.time], np.array([step.pose, after.pose]), [window.t0])[0]
+    for scan in itertools.chain(head[1:], coming):
+        after = forwards.follow(scan)
+        end = se2.interpolate([step.time, after.time], np.array([step.pose, after.pose]), [scan.t0])[0]
         motion = _wrapped(se2.between(begin, end))
-        unseen_s = np.array([coasted_s, step.coasted_s, window.t0 - before.t1])
-        yield RelativeMotion(
+        unseen_s = np.array([coasted_s, step.coasted_s, scan.t0 - before.t1])
+        yield Measurement(
             before.t0,
-            window.t0,
+            scan.t0,
             motion,
             se2.turned(step.covariance, motion[2]) + np.diag(_COASTING**2) * (unseen_s**2).sum(),
             status=Status.LOST if step.coasted_s else Status.CONVERGED,
             points=len(before.returns),
             matched=step.matched,
         )
-        before, begin, coasted_s, step = window, end, step.coasted_s, after
+        before, begin, coasted_s, step = scan, end, step.coasted_s, after
 
 
 def _start(
-    head: Sequence[Window], track: Callable[[float, se2.Array], _Track], context: Context
+    head: Sequence[Scan], track: Callable[[float, se2.Array], _Track], context: Context
 ) -> tuple[se2.Array, _Step]:
     """The twist (3,) over the first window, and how that one fits those after it.
 
@@ -185,10 +185,10 @@ def _start(
     found = []
     for begin in begins:
         there = track(head[0].t0, begin)
-        for window in head:
-            there.follow(window)
+        for scan in head:
+            there.follow(scan)
         back = track(head[-1].t1, there.twist)
-        steps = [back.follow(window, backwards=True) for window in reversed(head)]
+        steps = [back.follow(scan, backwards=True) for scan in reversed(head)]
         found.append((sum(step.matched for step in steps), back.twist, steps[-1]))
     best = max(matched for matched, _, _ in found)
     return next((twist, step) for matched, twist, step in found if matched >= _AS_GOOD * best)

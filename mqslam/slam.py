@@ -1,6 +1,6 @@
 """Offline radar SLAM in which the measurement is map quality: the method on one screen.
 
-    recording -> windows of returns -> relative motions -> pose graph -> trajectory -> map -> psi
+    recording -> scans -> measurements -> pose graph -> trajectory -> map -> psi
 """
 
 from __future__ import annotations
@@ -25,10 +25,10 @@ from mqslam.config import Config
 from mqslam.core import frontend as frontends
 from mqslam.core import se2
 from mqslam.core.frontend import Context
-from mqslam.core.measurement import RelativeMotion
+from mqslam.core.measurement import Measurement
 from mqslam.core.point_map import PointMap
-from mqslam.core.recording import RadarStream
-from mqslam.core.scans import Window
+from mqslam.core.recording import Recording
+from mqslam.core.scans import Scan
 from mqslam.core.trajectory import Trajectory
 from mqslam.detection.stage import Progress, detect_all
 from mqslam.errors import DataError
@@ -40,7 +40,7 @@ from mqslam.factors.psi_between import psi_between
 from mqslam.mapping.render import place_along, render
 from mqslam.psi.tracking.doppler import with_doppler
 
-Watch = Callable[[Window, se2.Array, NDArray[np.float64]], None]  # a window, its pose (3,) and points (N, 2) [m]
+Watch = Callable[[Scan, se2.Array, NDArray[np.float64]], None]  # a scan, its pose (3,) and points (N, 2) [m]
 
 
 _log = logging.getLogger(__name__)
@@ -65,7 +65,7 @@ class Solution:
 
     frontend: str
     config: Config
-    measurements: list[RelativeMotion]
+    measurements: list[Measurement]
     odometry: Trajectory
     optimised: Trajectory
     graph: PoseGraph
@@ -135,11 +135,11 @@ class Slam:
         self._watch = watch
         self._runtime_s: dict[str, float] = {}
 
-    def run(self, stream: RadarStream, odometry: Trajectory | None) -> Run:
+    def run(self, recording: Recording, odometry: Trajectory | None) -> Run:
         """From a recording to its optimised map; a Slam runs once.
 
         Args:
-            stream: the recording.
+            recording: the recording.
             odometry: dead-reckoned poses that cover the recording, or None.
 
         Raises:
@@ -147,18 +147,24 @@ class Slam:
             EstimationError: data that holds no motion.
         """
         with self._stage("total"):
-            context = Context(self._config, stream.period_s, stream.start_us, odometry)
+            context = Context(self._config, recording.revolution_s, recording.start_us, odometry)
             self._frontend(context)  # says what it lacks before the recording is read
-            windows, detected = detect_all(
-                stream, self._config.detector, self._engine, self._progress, self._checkpoint, strict=self._strict
+            scans, detected = detect_all(
+                recording, self._config.detector, self._engine, self._progress, self._checkpoint, strict=self._strict
             )
             self._runtime_s |= {"read": detected.read_s, "detect": detected.detect_s}
-            found = self.solve(windows, context, stream.stamps_us)
+            found = self.solve(scans, context, recording.stamps_us)
             with self._stage("render"):
-                maps = self._render(windows, found.odometry.poses, found.optimised.poses, stream.period_s)
+                maps = self._render(scans, found.odometry.poses, found.optimised.poses, recording.revolution_s)
             with self._stage("check"):
                 checks = judged_sample(
-                    windows, stream.start_us, stream.period_s, found.optimised, found.config, self._engine, self._progress
+                    scans,
+                    recording.start_us,
+                    recording.revolution_s,
+                    found.optimised,
+                    found.config,
+                    self._engine,
+                    self._progress,
                 )
         return Run(
             **vars(found),
@@ -169,25 +175,25 @@ class Slam:
             unread=detected.unread,
         )
 
-    def solve(self, windows: list[Window], context: Context, stamps_us: NDArray[np.int64]) -> Solution:
+    def solve(self, scans: list[Scan], context: Context, stamps_us: NDArray[np.int64]) -> Solution:
         """From windows of returns to the optimised trajectory.
 
         Args:
-            windows: one per revolution.
+            scans: one per revolution.
             context: what the front end may know besides.
-            stamps_us: (len(windows),) when each begins [us].
+            stamps_us: (len(scans),) when each begins [us].
 
         Raises:
             EstimationError: data that holds no motion.
         """
         with self._stage("windows"):
-            context, measurements = self._measure(windows, context)
+            context, measurements = self._measure(scans, context)
         with self._stage("optimise"):
             initial = chain(m.pose for m in measurements)
-            edges = self._odometry(windows, context, measurements)
+            edges = self._odometry(scans, context, measurements)
             _, values = self._optimised(initial, measurements, edges, [])
         with self._stage("loops"):
-            loops, tried = self._loops(windows, initial, measurements, edges, values)
+            loops, tried = self._loops(scans, initial, measurements, edges, values)
         with self._stage("optimise"):
             graph, values = self._optimised(initial, measurements, edges, loops)
             poses = poses_of(values, graph.size)
@@ -210,51 +216,51 @@ class Slam:
         """Seconds by stage so far."""
         return self._runtime_s
 
-    def _measure(self, windows: list[Window], context: Context) -> tuple[Context, list[RelativeMotion]]:
+    def _measure(self, scans: list[Scan], context: Context) -> tuple[Context, list[Measurement]]:
         """All measurements of the front end, and the context with the Doppler shift they were made with."""
         kept = self._checkpoint.measurements() if self._checkpoint else None
         if kept is not None:
             sensor = self._config.sensor.model_copy(update={"doppler_beta": kept[1]})
             self._config = self._config.model_copy(update={"sensor": sensor})
-            return replace(context, config=self._config), list(self._watched(windows, kept[0]))
-        self._config = with_doppler(windows, self._config, context.revolution_s)
-        _log.info("%d revolutions, Doppler shift %.4f s", len(windows), self._config.sensor.doppler_beta or 0.0)
+            return replace(context, config=self._config), list(self._watched(scans, kept[0]))
+        self._config = with_doppler(scans, self._config, context.revolution_s)
+        _log.info("%d revolutions, Doppler shift %.4f s", len(scans), self._config.sensor.doppler_beta or 0.0)
         context = replace(context, config=self._config)
         measurements = []
-        for motion in self._watched(windows, self._frontend(context).measure(windows)):
+        for motion in self._watched(scans, self._frontend(context).measure(scans)):
             measurements.append(motion)
-            self._progress("windows", len(measurements) + 1, len(windows))
+            self._progress("windows", len(measurements) + 1, len(scans))
         if self._checkpoint:
             self._checkpoint.keep_measurements(measurements, self._config.sensor.doppler_beta or 0.0)
         return context, measurements
 
-    def _watched(self, windows: list[Window], motions: Iterable[RelativeMotion]) -> Iterator[RelativeMotion]:
+    def _watched(self, scans: list[Scan], motions: Iterable[Measurement]) -> Iterator[Measurement]:
         """The motions as they are measured; the window each begins with is shown to the watch, if there is one."""
         pose = np.zeros(3)
-        for window, motion in zip(windows, motions, strict=False):
+        for scan, motion in zip(scans, motions, strict=False):
             after = se2.compose(pose, motion.pose)
             if self._watch:
                 times, poses = np.array([motion.t0, motion.t1]), np.array([pose, after])
-                self._watch(window, pose, place_along(window.returns, times, poses, self._config).points)
+                self._watch(scan, pose, place_along(scan.returns, times, poses, self._config).points)
             pose = after
             yield motion
 
     def _odometry(
-        self, windows: list[Window], context: Context, measurements: list[RelativeMotion]
-    ) -> list[RelativeMotion]:
+        self, scans: list[Scan], context: Context, measurements: list[Measurement]
+    ) -> list[Measurement]:
         """Odometry's own motions with noise as large as they disagree with the front end's; none where it is that."""
         if context.odometry is None or self._name == "odometry":
             return []
-        motions = list(frontends.load("odometry")(context).measure(windows))
+        motions = list(frontends.load("odometry")(context).measure(scans))
         noise = odometry_covariance(motions, measurements, self._config.graph.odometry_span_s)
         return [replace(motion, covariance=noise) for motion in motions]
 
     def _loops(
         self,
-        windows: list[Window],
+        scans: list[Scan],
         initial: se2.Array,
-        measurements: list[RelativeMotion],
-        odometry: list[RelativeMotion],
+        measurements: list[Measurement],
+        odometry: list[Measurement],
         values: gtsam.Values,
     ) -> tuple[list[Loop], int]:
         """Loops that psi verifies and the map keeps, and the number of pairs tried."""
@@ -265,17 +271,17 @@ class Slam:
             return kept
         loops: list[Loop] = []
         tried: set[tuple[int, int]] = set()
-        drive = Drive.of(windows, poses_of(values, len(windows)))
+        drive = Drive.of(scans, poses_of(values, len(scans)))
         before = drive
         for _ in range(self._config.loops.rounds):
             found = find_loops(drive, self._config, tried, self._engine, self._progress)
             if not found:
                 break
             _, values = self._optimised(initial, measurements, odometry, loops + found)
-            after = poses_of(values, len(windows))
+            after = poses_of(values, len(scans))
             loops = kept_by_map(loops + found, before, after, self._config, self._engine)
             _, values = self._optimised(initial, measurements, odometry, loops)
-            drive = Drive.of(windows, poses_of(values, len(windows)))
+            drive = Drive.of(scans, poses_of(values, len(scans)))
         _log.info("%d of %d pairs of passes are loops that the map keeps", len(loops), len(tried))
         if self._checkpoint:
             self._checkpoint.keep_loops(loops, len(tried))
@@ -284,8 +290,8 @@ class Slam:
     def _optimised(
         self,
         initial: se2.Array,
-        measurements: list[RelativeMotion],
-        odometry: list[RelativeMotion],
+        measurements: list[Measurement],
+        odometry: list[Measurement],
         loops: list[Loop],
     ) -> tuple[PoseGraph, gtsam.Values]:
         """The graph of all measurements and its optimum."""
@@ -297,11 +303,11 @@ class Slam:
         return graph, optimise(graph)
 
     def _render(
-        self, windows: list[Window], before: se2.Array, after: se2.Array, revolution_s: float
+        self, scans: list[Scan], before: se2.Array, after: se2.Array, revolution_s: float
     ) -> tuple[PointMap, PointMap]:
-        first = render(windows, before, self._config, revolution_s, self._engine)
+        first = render(scans, before, self._config, revolution_s, self._engine)
         self._progress("render", 1, 2)
-        second = render(windows, after, self._config, revolution_s, self._engine)
+        second = render(scans, after, self._config, revolution_s, self._engine)
         self._progress("render", 2, 2)
         return first, second
 

@@ -26,8 +26,8 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as folder:
         drive = Path(folder) / "drive"
         simulate(drive, scene="street", duration_s=120.0, seed=1, movers=6, jobs=2)
-        stream = open_recording(drive)
-        run = Slam(load_config(), "psi", LocalEngine(2), lambda stage, done, total: None).run(stream, stream.odometry)
+        recording = open_recording(drive)
+        run = Slam(load_config(), "psi", LocalEngine(2), lambda stage, done, total: None).run(recording, recording.odometry)
     figure, (left, right) = plt.subplots(1, 2, figsize=(11, 5.4), sharey=True, layout="constrained")
     psi = [pointmap.psi.mean() for pointmap in (run.map_odometry, run.map_optimised)]
     draw(left, f"wheel odometry: ψ per point {psi[0]:.2f}", run.map_odometry, run.odometry, "#d9620d")

@@ -30,7 +30,7 @@ from support.recordings import START_US, TURN_US, bag_path, raw_rows, with_metad
 from mqslam.cli import main
 from mqslam.config import Config
 from mqslam.core import se2
-from mqslam.core.recording import RadarStream
+from mqslam.core.recording import Recording
 from mqslam.core.trajectory import read_tum
 from mqslam.detection import stage as detection
 from mqslam.detection.stage import detect_all
@@ -40,7 +40,7 @@ from mqslam.execution.checkpoint import FOLDER
 from mqslam.execution.engine import HERE, LocalEngine
 from mqslam.formats.recordings import FORMATS, open_recording
 from mqslam.formats.writing import oxford as writer
-from mqslam.simulator import SensorModel, SimulatedStream, loop_drive, simulated_stream, street_scene
+from mqslam.simulator import SensorModel, SimulatedRecording, loop_drive, simulated_recording, street_scene
 
 README = Path(__file__).parents[1] / "README.md"
 QUICK = ("--odometry", "none", "--jobs", "1")
@@ -64,15 +64,15 @@ def lane(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def small_street(turn_rate_hz: float, duration_s: float) -> SimulatedStream:
+def small_street(turn_rate_hz: float, duration_s: float) -> SimulatedRecording:
     sensor = SensorModel(turn_rate_hz=turn_rate_hz, azimuths=200, range_resolution=0.175, max_range=60.0)
-    return simulated_stream(street_scene(1, movers=0), loop_drive(duration_s), duration_s=duration_s, sensor=sensor)
+    return simulated_recording(street_scene(1, movers=0), loop_drive(duration_s), duration_s=duration_s, sensor=sensor)
 
 
-def write(folder: Path, stream: RadarStream) -> None:
+def write(folder: Path, recording: Recording) -> None:
     """Write a stream in the Oxford layout."""
     folder.mkdir(parents=True)
-    writer.write(folder, stream)
+    writer.write(folder, recording)
 
 
 @pytest.fixture
@@ -173,8 +173,8 @@ def test_azimuths_that_are_missing(drive: Path, tmp_path: Path) -> None:
         with Image.open(image) as whole:
             pixels = np.asarray(whole)[:rows]
         Image.fromarray(pixels).save(image)
-    stream = open_recording(drive)
-    assert stream[9].power.shape[0] == 120 and len(stream) == 30
+    recording = open_recording(drive)
+    assert recording[9].power.shape[0] == 120 and len(recording) == 30
     shown = run(drive, tmp_path / "out")
     assert shown.code == 0 and "1 revolution could not be read" in shown.err
     assert f"{images(drive)[15]}: has 12 azimuths, the first image 200" in shown.err
@@ -207,13 +207,13 @@ def test_stamps_that_repeat_or_run_backward(drive: Path, tmp_path: Path) -> None
     assert "the stamp of frame 000004 repeats or runs backward" in open_recording(tmp_path / "city").faults[0]
 
 
-def write_stray(folder: Path, stream: RadarStream) -> Path:
+def write_stray(folder: Path, recording: Recording) -> Path:
     """A bag whose fifth message is stamped an hour too late."""
     from support.recordings import bag_writer
 
     with bag_writer(folder / "drive.bag", "ros1") as bag:
         radar = bag.topic("/Navtech/Polar", "sensor_msgs/msg/Image")
-        for k, (stamp, rows) in enumerate(raw_rows(stream)):
+        for k, (stamp, rows) in enumerate(raw_rows(recording)):
             late = 3_600_000_000 if k == 4 else 0
             stamps = rows[:, :8].copy().view("<i8")[:, 0] + late
             ticks = rows[:, 8:10].copy().view("<u2")[:, 0].astype(np.int64)
@@ -248,23 +248,23 @@ def test_a_turn_rate_that_changes(tmp_path: Path) -> None:
     drive = tmp_path / "drive"
     (drive / "radar").mkdir(parents=True)
     halfway = slow.start_us + 6_000_000
-    for stream, chosen in ((slow, slow.stamps_us < halfway), (fast, fast.stamps_us >= halfway)):
+    for recording, chosen in ((slow, slow.stamps_us < halfway), (fast, fast.stamps_us >= halfway)):
         for k in np.flatnonzero(chosen).tolist():
-            writer.write_revolution(drive, stream, k, stream[k])
+            writer.write_polar_scan(drive, recording, k, recording[k])
     (drive / "simulation.json").write_text('{"range_resolution_m": 0.175}')
     shutil.copytree(write_truth(tmp_path, fast), drive / "gt")
-    stream = open_recording(drive)
-    assert len(stream) == 12 + 24 and stream.gaps() == []
-    windows, _ = detect_all(stream, Config().detector, HERE, lambda *_: None)
-    assert [round(w.t1 - w.t0, 3) for w in windows] == [0.5] * 12 + [0.25] * 24
+    recording = open_recording(drive)
+    assert len(recording) == 12 + 24 and recording.gaps() == []
+    scans, _ = detect_all(recording, Config().detector, HERE, lambda *_: None)
+    assert [round(w.t1 - w.t0, 3) for w in scans] == [0.5] * 12 + [0.25] * 24
     shown = run(drive, tmp_path / "out")
     assert shown.code == 0 and "gap" not in shown.err
     assert "lost track" not in shown.err and summary(tmp_path / "out")["evaluation"]["ate_rmse_m"] < 0.5
 
 
-def write_truth(folder: Path, stream: RadarStream) -> Path:
+def write_truth(folder: Path, recording: Recording) -> Path:
     (folder / "truth").mkdir()
-    writer.write_beside(folder / "truth", stream)
+    writer.write_beside(folder / "truth", recording)
     return folder / "truth" / "gt"
 
 
@@ -316,8 +316,8 @@ def test_a_recording_of_twelve_hours(tmp_path: Path, layout: str) -> None:
         lines = [f"Frame: {k:06d} Time: {1_600_000_000 + 0.25 * k:.9f}\n" for k in range(1, count + 1)]
         (drive / "Navtech_Polar.txt").write_text("".join(lines))
     begin = time.monotonic()
-    stream = open_recording(drive)
-    assert len(stream) == count and stream.gaps() == []
+    recording = open_recording(drive)
+    assert len(recording) == count and recording.gaps() == []
     assert time.monotonic() - begin < 10.0
 
 
@@ -334,9 +334,9 @@ def test_workers_are_sent_a_recordings_index_once(lane: Path, monkeypatch: pytes
     monkeypatch.setattr(engine, "ProcessPoolExecutor", Spied)
     monkeypatch.setattr(engine, "_WORTH_PROCESSES", 1)
     monkeypatch.setattr(detection, "_CHUNK", 4)
-    windows, _ = detect_all(open_recording(lane), Config().detector, LocalEngine(2), lambda *_: None)
+    scans, _ = detect_all(open_recording(lane), Config().detector, LocalEngine(2), lambda *_: None)
     assert len(sent) == 8 and max(sent) < 200
-    for one, other in zip(alone, windows, strict=True):
+    for one, other in zip(alone, scans, strict=True):
         np.testing.assert_array_equal(one.returns.ranges, other.returns.ranges)
 
 
@@ -644,11 +644,11 @@ def test_a_stretch_that_cannot_be_read_costs_no_more_than_itself(drive: Path) ->
     broken = [3, 4, 11, 29 - 1]
     for k in broken:
         cut(images(drive)[k])
-    stream = open_recording(drive)
+    recording = open_recording(drive)
     good = detect_all(open_recording(lane_like(drive)), Config().detector, HERE, lambda *_: None)[0]
-    windows, found = detect_all(stream, Config().detector, HERE, lambda *_: None)
+    scans, found = detect_all(recording, Config().detector, HERE, lambda *_: None)
     assert sorted(found.unread) == broken and all(isinstance(error, DataError) for error in found.unread.values())
-    for k, (one, other) in enumerate(zip(windows, good, strict=True)):
+    for k, (one, other) in enumerate(zip(scans, good, strict=True)):
         assert (one.t0, one.t1) == (other.t0, other.t1)
         assert len(one.returns) == (0 if k in broken else len(other.returns))
 

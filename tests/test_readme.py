@@ -46,8 +46,8 @@ def snippets(language: str) -> list[str]:
 def place(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     """A folder with everything that the README's commands name; it is the working directory meanwhile."""
     folder = tmp_path_factory.mktemp("readme")
-    stream = simulate(folder / "DATA", scene="street", duration_s=4.0, movers=2, seed=3)
-    truth = stream.ground_truth
+    recording = simulate(folder / "DATA", scene="street", duration_s=4.0, movers=2, seed=3)
+    truth = recording.ground_truth
     (folder / "demo").mkdir()
     (folder / "demo" / "drive").symlink_to(folder / "DATA")
     shutil.copy(folder / "DATA" / "odom.csv", folder / "wheels.csv")
@@ -131,10 +131,10 @@ def test_the_front_end_of_ones_own_is_one() -> None:
     (source,) = [text for text in snippets("python") if "class Mine" in text]
     names: dict[str, Any] = {}
     exec(source, names)
-    stream, windows = street_drive()
-    context = Context(Config(), stream.period_s, stream.start_us, None)
-    motions = list(names["Mine"](context).measure(windows))
-    assert len(motions) == len(windows) - 1
+    recording, scans = street_drive()
+    context = Context(Config(), recording.revolution_s, recording.start_us, None)
+    motions = list(names["Mine"](context).measure(scans))
+    assert len(motions) == len(scans) - 1
     np.testing.assert_allclose(chain(m.pose for m in motions)[-1], [2.0 * len(motions), 0.0, 0.0])
     (entry,) = snippets("toml")
     assert tomllib.loads(entry) == {"project": {"entry-points": {"mqslam.frontends": {"mine": "my_package:Mine"}}}}

@@ -14,18 +14,18 @@ from mqslam.execution.checkpoint import FOLDER, Checkpoint
 from mqslam.execution.engine import LocalEngine
 from mqslam.results.run_results import g2o
 from mqslam.results.summary import summarise
-from mqslam.simulator import SensorModel, SimulatedStream, loop_drive, simulated_stream, street_scene
+from mqslam.simulator import SensorModel, SimulatedRecording, loop_drive, simulated_recording, street_scene
 from mqslam.slam import Run, Slam
 
 CONFIG = Config(sensor=SensorConfig(doppler_beta=0.0))
 SENSOR = SensorModel(azimuths=200, range_resolution=0.175, max_range=80.0)
 
 
-def slam(stream: SimulatedStream, config: Config, jobs: int, out: Path, *, resume: bool) -> Run:
+def slam(recording: SimulatedRecording, config: Config, jobs: int, out: Path, *, resume: bool) -> Run:
     """The stream by radar alone, with the returns and measurements of an earlier run where they are to be used."""
     (out / FOLDER / "loops.npz").unlink(missing_ok=True)
     checkpoint = Checkpoint(out, "lap", resume=resume)
-    return Slam(config, "psi", LocalEngine(jobs), lambda stage, done, total: None, checkpoint).run(stream, None)
+    return Slam(config, "psi", LocalEngine(jobs), lambda stage, done, total: None, checkpoint).run(recording, None)
 
 
 @pytest.fixture(scope="module")
@@ -35,25 +35,25 @@ def out(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def lap() -> SimulatedStream:
+def lap() -> SimulatedRecording:
     """A bit more than one round of a block."""
-    return simulated_stream(street_scene(1, movers=0), loop_drive(54.0), duration_s=54.0, sensor=SENSOR, seed=1)
+    return simulated_recording(street_scene(1, movers=0), loop_drive(54.0), duration_s=54.0, sensor=SENSOR, seed=1)
 
 
 @pytest.fixture(scope="module")
-def run(lap: SimulatedStream, out: Path) -> Run:
+def run(lap: SimulatedRecording, out: Path) -> Run:
     """The lap under the default settings."""
     return slam(lap, CONFIG, 1, out, resume=False)
 
 
-def test_a_second_pass_is_tied_to_the_first(run: Run, lap: SimulatedStream) -> None:
+def test_a_second_pass_is_tied_to_the_first(run: Run, lap: SimulatedRecording) -> None:
     summary = summarise(run, lap)
     assert summary["factors"]["loop"] == len(run.loops) > 5
     assert summary["factors"]["loop_rejected"] == run.loops_rejected >= 0
     assert min(loop.later - loop.earlier for loop in run.loops) > 150
 
 
-def test_every_loop_in_the_graph_is_true(run: Run, lap: SimulatedStream) -> None:
+def test_every_loop_in_the_graph_is_true(run: Run, lap: SimulatedRecording) -> None:
     assert lap.ground_truth is not None
     truth = lap.ground_truth.poses
     for loop in run.loops:
@@ -61,7 +61,7 @@ def test_every_loop_in_the_graph_is_true(run: Run, lap: SimulatedStream) -> None
         assert np.hypot(error[0], error[1]) < 0.15 and abs(se2.wrap(error[2])) < 0.005
 
 
-def test_loops_bring_the_trajectory_closer_to_truth(run: Run, lap: SimulatedStream) -> None:
+def test_loops_bring_the_trajectory_closer_to_truth(run: Run, lap: SimulatedRecording) -> None:
     assert lap.ground_truth is not None
     before, after = (evaluate(track, lap.ground_truth).ate_rmse_m for track in (run.odometry, run.optimised))
     assert before is not None and after is not None
@@ -74,14 +74,14 @@ def test_loops_are_edges_of_the_graph_as_written(run: Run) -> None:
     assert far == {(loop.earlier, loop.later) for loop in run.loops}
 
 
-def test_the_number_of_jobs_changes_no_loop_and_no_pose(run: Run, lap: SimulatedStream, out: Path) -> None:
+def test_the_number_of_jobs_changes_no_loop_and_no_pose(run: Run, lap: SimulatedRecording, out: Path) -> None:
     again = slam(lap, CONFIG, 2, out, resume=True)
     np.testing.assert_array_equal(again.optimised.poses, run.optimised.poses)
     assert [(a.earlier, a.later, *a.pose) for a in again.loops] == [(b.earlier, b.later, *b.pose) for b in run.loops]
     np.testing.assert_array_equal(again.map_optimised.psi, run.map_optimised.psi)
 
 
-def test_loops_can_be_left_out(run: Run, lap: SimulatedStream, out: Path) -> None:
+def test_loops_can_be_left_out(run: Run, lap: SimulatedRecording, out: Path) -> None:
     found = slam(lap, CONFIG.model_copy(update={"loops": LoopConfig(enabled=False)}), 1, out, resume=True)
     assert found.loops == [] and summarise(found, lap)["factors"]["loop"] == 0 == found.loops_rejected
     np.testing.assert_array_equal(found.odometry.poses, run.odometry.poses)

@@ -9,34 +9,34 @@ from numpy.typing import NDArray
 from support.drives import constant, drive
 
 from mqslam.config import Config
-from mqslam.core.scans import Window
+from mqslam.core.scans import Scan
 from mqslam.execution.checkpoint import Checkpoint
 from mqslam.execution.engine import HERE
 from mqslam.mapping.render import place_along
 from mqslam.simulator import street_scene
 from mqslam.slam import Run, Slam
 
-Seen = list[tuple[Window, NDArray[np.float64], NDArray[np.float64]]]
+Seen = list[tuple[Scan, NDArray[np.float64], NDArray[np.float64]]]
 
 
-def watched(folder: Path, *, resume: bool) -> tuple[Seen, Run, list[Window]]:
+def watched(folder: Path, *, resume: bool) -> tuple[Seen, Run, list[Scan]]:
     """What the watch of a run that keeps a checkpoint is shown."""
-    stream, windows = drive(street_scene(1, movers=0), constant(8.0, 0.2), 2.0)
+    recording, scans = drive(street_scene(1, movers=0), constant(8.0, 0.2), 2.0)
     seen: Seen = []
     slam = Slam(
         Config(), "odometry", HERE, lambda stage, done, total: None, Checkpoint(folder, "key", resume=resume),
         watch=lambda *shown: seen.append(shown),
     )  # fmt: skip
-    return seen, slam.run(stream, stream.ground_truth), windows
+    return seen, slam.run(recording, recording.ground_truth), scans
 
 
 def test_every_measured_revolution_is_shown_where_it_was_measured(tmp_path: Path) -> None:
-    seen, run, windows = watched(tmp_path, resume=False)
-    assert [window.t0 for window, _, _ in seen] == [window.t0 for window in windows[:-1]]
+    seen, run, scans = watched(tmp_path, resume=False)
+    assert [scan.t0 for scan, _, _ in seen] == [scan.t0 for scan in scans[:-1]]
     assert np.allclose([pose for _, pose, _ in seen], run.odometry.poses[:-1])
-    times = np.array([window.t0 for window in windows])
-    for window, _, points in seen:
-        placed = place_along(window.returns, times, run.odometry.poses, run.config).points
+    times = np.array([scan.t0 for scan in scans])
+    for scan, _, points in seen:
+        placed = place_along(scan.returns, times, run.odometry.poses, run.config).points
         assert len(points) > 100 and np.hypot(*(points - placed).T).max() < 0.05
 
 

@@ -63,7 +63,7 @@ def bend(sweeps: Sweeps, begin: int, end: int, config: Config) -> Bend:
         sweeps: points under the trajectory to judge.
         config: all settings; lengths of time are counted in sweeps.
     """
-    estimator = in_sweeps(config.estimator, sweeps.period_s)
+    estimator = in_sweeps(config.estimator, sweeps.revolution_s)
     narrow = _narrowed(estimator, _NARROW)
     count = end - begin
     points, into = middled(sweeps, begin, end)
@@ -152,6 +152,6 @@ def twisted(points: PointSet, into: NDArray[np.float64], twist: NDArray[np.float
     return PointSet(turned + into[:, None] * twist[:2], jacobians, points.covariances, points.times)
 
 
-def in_sweeps(config: EstimatorConfig, period_s: float) -> EstimatorConfig:
+def in_sweeps(config: EstimatorConfig, revolution_s: float) -> EstimatorConfig:
     """The settings with times counted in sweeps."""
-    return config.model_copy(update={"beta_t": config.beta_t / period_s})
+    return config.model_copy(update={"beta_t": config.beta_t / revolution_s})

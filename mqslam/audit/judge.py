@@ -129,7 +129,7 @@ def audit_window(sweeps: Sweeps, begin: int, end: int, config: Config) -> Window
     )
     bent = found.inflation > settings.threshold and found.size_m > settings.bend_m
     torn = bool(bent or found.matched_best < settings.overlap)
-    t1 = sweeps.times[end - 1] + sweeps.period_s
+    t1 = sweeps.times[end - 1] + sweeps.revolution_s
     return WindowAudit(
         begin, end, float(sweeps.times[begin]), float(t1), sweeps.poses[(begin + end) // 2], found, beside, torn
     )

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from mqslam.audit.sweeps import Sweeps, path_length, swept
 from mqslam.config import Config
 from mqslam.core.lidar import LidarRecording
-from mqslam.core.scans import Window
+from mqslam.core.scans import Scan
 from mqslam.core.timed_cloud import TimedCloud
 from mqslam.core.trajectory import Trajectory
 from mqslam.errors import DataError
@@ -31,18 +31,18 @@ class Source:
     Args:
         path: where it came from.
         format: name of its layout.
-        windows: one per revolution or scan.
+        scans: one per revolution or scan.
         start_us: stamp [us] of the windows' time zero.
-        period_s: usual duration of a sweep [s].
+        revolution_s: usual duration of a sweep [s].
         tracks: trajectories the recording itself carries, by name.
         notes: what a user should know about how it was understood.
     """
 
     path: Path
     format: str
-    windows: list[Window]
+    scans: list[Scan]
     start_us: int
-    period_s: float
+    revolution_s: float
     tracks: dict[str, Trajectory]
     notes: tuple[str, ...]
 
@@ -64,9 +64,9 @@ def lidar_source(lidar: LidarRecording) -> Source:
     return Source(
         path=lidar.path,
         format=lidar.format,
-        windows=lidar.windows,
+        scans=lidar.scans,
         start_us=int(lidar.stamps_us[0]),
-        period_s=float(np.median(np.diff(lidar.stamps_us))) * 1e-6,
+        revolution_s=float(np.median(np.diff(lidar.stamps_us))) * 1e-6,
         tracks={name: track for name, track in tracks.items() if track is not None},
         notes=lidar.notes,
     )
@@ -78,9 +78,9 @@ def sweeps_of(source: Source, trajectory: Trajectory, config: Config) -> tuple[S
     Raises:
         EstimationError: they share no time.
     """
-    sweeps, inside = swept(source.windows, source.start_us, source.period_s, trajectory, config)
-    missing = len(source.windows) - len(inside)
-    return sweeps, [f"the trajectory does not cover {missing} of {len(source.windows)} sweeps"] if missing else []
+    sweeps, inside = swept(source.scans, source.start_us, source.revolution_s, trajectory, config)
+    missing = len(source.scans) - len(inside)
+    return sweeps, [f"the trajectory does not cover {missing} of {len(source.scans)} sweeps"] if missing else []
 
 
 def sweeps_of_cloud(cloud: TimedCloud, trajectory: Trajectory | None, config: Config) -> Sweeps:
@@ -94,10 +94,10 @@ def sweeps_of_cloud(cloud: TimedCloud, trajectory: Trajectory | None, config: Co
         raise DataError(cloud.path, "was measured all at once", "an audit needs the time of every scan or point")
     if len(stamps) * _FEW_STAMPS <= len(cloud):
         numbers, turns = of_stamp, of_stamp.astype(np.float64)
-        period_s = float(np.median(np.diff(stamps))) * 1e-6
+        revolution_s = float(np.median(np.diff(stamps))) * 1e-6
     else:
-        period_s = _SCAN_S
-        turns = (cloud.stamps_us - stamps[0]) * (1e-6 / period_s)
+        revolution_s = _SCAN_S
+        turns = (cloud.stamps_us - stamps[0]) * (1e-6 / revolution_s)
         numbers = np.floor(turns).astype(np.int64)
     present, first = np.unique(numbers, return_index=True)
     begins = np.append(first, len(cloud))
@@ -118,7 +118,7 @@ def sweeps_of_cloud(cloud: TimedCloud, trajectory: Trajectory | None, config: Co
         times=(begin_us - stamps[0]) * 1e-6,
         poses=poses,
         travelled=path_length(poses),
-        period_s=period_s,
+        revolution_s=revolution_s,
     )
 
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from mqslam.config import Config
 from mqslam.core import se2
-from mqslam.core.scans import Returns, Window
+from mqslam.core.scans import Returns, Scan
 from mqslam.core.trajectory import Trajectory
 from mqslam.errors import EstimationError
 from mqslam.mapping.render import place_along
@@ -32,7 +32,7 @@ class Sweeps:
         times: (S,) start of each sweep [s] since the recording's start.
         poses: (S, 3) pose of the sensor then.
         travelled: (S,) length of the path so far [m].
-        period_s: usual duration of a sweep [s].
+        revolution_s: usual duration of a sweep [s].
     """
 
     points: NDArray[np.float64]
@@ -43,7 +43,7 @@ class Sweeps:
     times: NDArray[np.float64]
     poses: se2.Array
     travelled: NDArray[np.float64]
-    period_s: float
+    revolution_s: float
 
     def __len__(self) -> int:
         return len(self.times)
@@ -62,14 +62,14 @@ class Sweeps:
 
 
 def swept(
-    windows: Sequence[Window], start_us: int, period_s: float, trajectory: Trajectory, config: Config
+    scans: Sequence[Scan], start_us: int, revolution_s: float, trajectory: Trajectory, config: Config
 ) -> tuple[Sweeps, list[int]]:
     """The returns of a recording under a trajectory.
 
     Args:
-        windows: one per revolution or scan.
+        scans: one per revolution or scan.
         start_us: stamp [us] of the windows' time zero.
-        period_s: duration of a sweep [s].
+        revolution_s: duration of a sweep [s].
         trajectory: poses of the sensor.
 
     Returns:
@@ -78,8 +78,8 @@ def swept(
     Raises:
         EstimationError: recording and trajectory share no time, or hold no returns where they do.
     """
-    inside = shared(windows, start_us, period_s, trajectory)
-    kept = [windows[k] for k in inside]
+    inside = shared(scans, start_us, revolution_s, trajectory)
+    kept = [scans[k] for k in inside]
     returns = Returns.concatenate([w.returns for w in kept])
     if not len(returns):
         raise EstimationError(f"no returns in {len(kept)} sweeps; lower detector.threshold")
@@ -88,23 +88,23 @@ def swept(
     sweep = np.repeat(np.arange(len(kept)), counts)
     times = np.array([w.t0 for w in kept])
     numbers = np.array(inside, dtype=np.float64)
-    turns = numbers[sweep] + (returns.times - times[sweep]) / period_s
+    turns = numbers[sweep] + (returns.times - times[sweep]) / revolution_s
     poses = trajectory.at(_stamps(kept, start_us)[:, 0])
     begins = np.concatenate([[0], np.cumsum(counts)])
     return Sweeps(
-        placed.points, placed.covariances, turns, begins, numbers, times, poses, path_length(poses), period_s
+        placed.points, placed.covariances, turns, begins, numbers, times, poses, path_length(poses), revolution_s
     ), inside
 
 
-def shared(windows: Sequence[Window], start_us: int, period_s: float, trajectory: Trajectory) -> list[int]:
+def shared(scans: Sequence[Scan], start_us: int, revolution_s: float, trajectory: Trajectory) -> list[int]:
     """Indices of the windows that a trajectory covers, of which there must be some.
 
     Raises:
         EstimationError: there are none.
     """
-    inside = covered(windows, start_us, period_s, trajectory)
+    inside = covered(scans, start_us, revolution_s, trajectory)
     if len(inside) < 2:
-        spans = ((trajectory.stamps_us[0], trajectory.stamps_us[-1]), _stamps(windows, start_us)[[0, -1], [0, 1]])
+        spans = ((trajectory.stamps_us[0], trajectory.stamps_us[-1]), _stamps(scans, start_us)[[0, -1], [0, 1]])
         track, recording = (f"{1e-6 * first:.2f} to {1e-6 * last:.2f} s" for first, last in spans)
         raise EstimationError(
             f"the trajectory ({track}) and the recording ({recording}) share no time; "
@@ -113,16 +113,16 @@ def shared(windows: Sequence[Window], start_us: int, period_s: float, trajectory
     return inside
 
 
-def covered(windows: Sequence[Window], start_us: int, period_s: float, trajectory: Trajectory) -> list[int]:
+def covered(scans: Sequence[Scan], start_us: int, revolution_s: float, trajectory: Trajectory) -> list[int]:
     """Indices of the windows that a trajectory covers, give or take a sweep, which takes period_s [s] or so."""
-    slack_us = round(1e6 * _LONGEST_SWEEP * period_s)
-    spans = _stamps(windows, start_us).tolist()
+    slack_us = round(1e6 * _LONGEST_SWEEP * revolution_s)
+    spans = _stamps(scans, start_us).tolist()
     return [k for k, (t0, t1) in enumerate(spans) if trajectory.covers(t0, t1, slack_us)]
 
 
-def _stamps(windows: Sequence[Window], start_us: int) -> NDArray[np.int64]:
+def _stamps(scans: Sequence[Scan], start_us: int) -> NDArray[np.int64]:
     """Stamps (N, 2) [us] of the begins and ends of windows."""
-    return start_us + np.round(np.array([(w.t0, w.t1) for w in windows]) * 1e6).astype(np.int64)
+    return start_us + np.round(np.array([(w.t0, w.t1) for w in scans]) * 1e6).astype(np.int64)
 
 
 def path_length(poses: se2.Array) -> NDArray[np.float64]:

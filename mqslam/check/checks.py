@@ -9,28 +9,28 @@ from mqslam.check.motion_checks import check_mirror, check_order, check_scale, c
 from mqslam.check.stretches import read_stretches
 from mqslam.check.sweeping import check_azimuths, check_stamps
 from mqslam.config import Config
-from mqslam.core.recording import RadarStream
+from mqslam.core.recording import Recording
 from mqslam.core.trajectory import Trajectory
 
 
 def check_recording(
-    stream: RadarStream, odometry: Trajectory | None, config: Config, progress: Callable[[int, int], None]
+    recording: Recording, odometry: Trajectory | None, config: Config, progress: Callable[[int, int], None]
 ) -> list[Finding]:
     """Whether a recording contradicts what was assumed to read it. Ground truth is not looked at.
 
     Args:
-        stream: the recording; a few short stretches of it are read.
+        recording: the recording; a few short stretches of it are read.
         odometry: of the same clock, or None.
         config: all settings.
         progress: called with (revolutions read, revolutions in all).
     """
-    stretches = read_stretches(stream, odometry, config, progress)
-    followed = follow(stream, stretches, config)
+    stretches = read_stretches(recording, odometry, config, progress)
+    followed = follow(recording, stretches, config)
     return [
-        check_stamps(stream, stretches),
+        check_stamps(recording, stretches),
         check_azimuths(stretches),
         check_order(followed),
-        check_mirror(stream, followed.steps, odometry),
-        check_stamp(stream, followed.steps, odometry),
-        check_scale(stream, followed.steps, odometry),
+        check_mirror(recording, followed.steps, odometry),
+        check_stamp(recording, followed.steps, odometry),
+        check_scale(recording, followed.steps, odometry),
     ]

@@ -20,11 +20,11 @@ from mqslam.check.stretches import Stretch
 from mqslam.config import Config
 from mqslam.core import se2
 from mqslam.core.measurement import Status
-from mqslam.core.recording import RadarStream
-from mqslam.core.scans import Returns, Window
+from mqslam.core.recording import Recording
+from mqslam.core.scans import Returns, Scan
 from mqslam.core.trajectory import Trajectory
 from mqslam.errors import EstimationError
-from mqslam.psi.tracking.tracker import START_REVOLUTIONS, Tracked, Tracker
+from mqslam.psi.tracking.tracker import START_SCANS, Tracked, Tracker
 
 _CHANCE = 5e-3  # probability below which a preference of psi's for an order of azimuths is none of chance
 _SPREAD_M = 40.0  # keyframes far apart: what a wrong order does shows against what was seen from elsewhere [m]
@@ -71,28 +71,28 @@ class Followed:
     psi_backward: NDArray[np.float64]
 
 
-def follow(stream: RadarStream, stretches: Sequence[Stretch], config: Config) -> Followed:
+def follow(recording: Recording, stretches: Sequence[Stretch], config: Config) -> Followed:
     """Track the stretches by psi, as they are and with their azimuths in the opposite order."""
     edges: list[tuple[float, float]] = []
     twists: list[se2.Array] = []
     forward: list[float] = []
     backward: list[float] = []
     for stretch in stretches:
-        if len(stretch.windows) < START_REVOLUTIONS:
+        if len(stretch.scans) < START_SCANS:
             continue
         try:
-            found = _tracked(stretch.windows, stream.period_s, config)
-            other = _tracked([_reversed(window) for window in stretch.windows], stream.period_s, config)
+            found = _tracked(stretch.scans, recording.revolution_s, config)
+            other = _tracked([_reversed(scan) for scan in stretch.scans], recording.revolution_s, config)
         except EstimationError:
             continue
         for a, b in itertools.pairwise(found):
             if a.status is b.status is Status.CONVERGED:
                 edges.append((a.t0, b.t0))
                 twists.append(se2.log(se2.between(a.pose, b.pose)) / (b.t0 - a.t0))
-        for one, two in zip(found[START_REVOLUTIONS - 1 :], other[START_REVOLUTIONS - 1 :], strict=True):
+        for one, two in zip(found[START_SCANS - 1 :], other[START_SCANS - 1 :], strict=True):
             forward.append(_per_point(one))
             backward.append(_per_point(two))
-    stamps = stream.start_us + np.round(np.array(edges).reshape(-1, 2) * 1e6).astype(np.int64)
+    stamps = recording.start_us + np.round(np.array(edges).reshape(-1, 2) * 1e6).astype(np.int64)
     steps = Steps(stamps[:, 0], stamps[:, 1], np.array(twists).reshape(-1, 3))
     return Followed(steps, np.array(forward), np.array(backward))
 
@@ -116,12 +116,12 @@ def check_order(followed: Followed) -> Finding:
     return Finding(name, Verdict.SUSPICIOUS, f"{both}; {remedy}", numbers)
 
 
-def check_mirror(stream: RadarStream, steps: Steps, odometry: Trajectory | None) -> Finding:
+def check_mirror(recording: Recording, steps: Steps, odometry: Trajectory | None) -> Finding:
     """Whether the radar turns left where odometry does."""
     name = "direction of rotation"
     if odometry is None or len(steps.begins_us) < _FEWEST:
         return Finding(name, Verdict.UNTOLD, _why(odometry, "psi is the same for a recording and its mirror image"))
-    measured, _, given = _yaw_rates(stream, steps, odometry)
+    measured, _, given = _yaw_rates(recording, steps, odometry)
     same, opposite = (float(np.min(np.mean((measured - sign * given) ** 2, axis=1))) for sign in (1.0, -1.0))
     numbers = {"rms_as_assumed_rad_s": same**0.5, "rms_mirrored_rad_s": opposite**0.5}
     turning = float(np.sqrt(np.mean(steps.of(odometry)[:, 2] ** 2)))
@@ -135,12 +135,12 @@ def check_mirror(stream: RadarStream, steps: Steps, odometry: Trajectory | None)
     return Finding(name, Verdict.SUSPICIOUS, f"{both}; {remedy}", numbers)
 
 
-def check_stamp(stream: RadarStream, steps: Steps, odometry: Trajectory | None) -> Finding:
+def check_stamp(recording: Recording, steps: Steps, odometry: Trajectory | None) -> Finding:
     """Whether odometry's yaw rate fits the radar's best at the stamps as they are."""
     name = "stamp convention"
     if odometry is None or len(steps.begins_us) < _FEWEST:
         return Finding(name, Verdict.UNTOLD, _why(odometry, "only another clock's motion shows a shift"))
-    measured, shifts, given = _yaw_rates(stream, steps, odometry)
+    measured, shifts, given = _yaw_rates(recording, steps, odometry)
     given *= 1.0 if np.sum(given @ measured) >= 0.0 else -1.0  # a mirrored recording is another check's matter
     rest = given - measured
     rest -= rest.mean(axis=1, keepdims=True)  # the gyro's bias
@@ -150,17 +150,17 @@ def check_stamp(stream: RadarStream, steps: Steps, odometry: Trajectory | None) 
     shift, error = shifts[best] * 1e-6, max(float(rms[best]), _RATE_FLOOR) / max(slope, 1e-9) / np.sqrt(len(measured))
     explained = 1.0 - float(rms[best]) ** 2 / max(float(np.var(measured)), _RATE_FLOOR**2)
     numbers = {"shift_s": shift, "shift_error_s": error, "explained": explained}
-    if explained < _EXPLAINED or 3.0 * error > 0.25 * stream.period_s or best in (0, len(shifts) - 1):
+    if explained < _EXPLAINED or 3.0 * error > 0.25 * recording.revolution_s or best in (0, len(shifts) - 1):
         return Finding(name, Verdict.UNTOLD, "odometry's yaw rate changes too little, or unlike the radar's", numbers)
     fits = f"odometry's yaw rate fits best {abs(shift):.2f} s {'later' if shift > 0.0 else 'earlier'}"
-    if abs(shift) < 0.5 * stream.period_s:
-        return Finding(name, Verdict.OK, f"{fits}, within half a turn of {stream.period_s:.2f} s", numbers)
+    if abs(shift) < 0.5 * recording.revolution_s:
+        return Finding(name, Verdict.OK, f"{fits}, within half a turn of {recording.revolution_s:.2f} s", numbers)
     meant = "the start of the revolution, not the end" if shift > 0.0 else "the end of the revolution, not the start"
     remedy = f"stamps seem to mean {meant} (sensor.stamp), or the clocks differ"
     return Finding(name, Verdict.SUSPICIOUS, f"{fits}; {remedy}", numbers)
 
 
-def check_scale(stream: RadarStream, steps: Steps, odometry: Trajectory | None) -> Finding:
+def check_scale(recording: Recording, steps: Steps, odometry: Trajectory | None) -> Finding:
     """Whether the radar's speed is odometry's, as far as the length of a range bin goes."""
     name = "range resolution"
     if odometry is None or len(steps.begins_us) < _FEWEST:
@@ -170,12 +170,13 @@ def check_scale(stream: RadarStream, steps: Steps, odometry: Trajectory | None) 
     if np.count_nonzero(fast) < _FEWEST:
         return Finding(name, Verdict.UNTOLD, f"odometry is slower than {_LEAST_SPEED:.0f} m/s")
     ratio = float(np.sum(measured[fast] * given[fast]) / np.sum(given[fast] ** 2))
-    numbers = {"speed_ratio": ratio, "range_resolution_m": stream.range_resolution}
+    numbers = {"speed_ratio": ratio, "range_resolution_m": recording.range_resolution}
     says = f"the radar's speed is {ratio:.3f} times odometry's"
     if abs(ratio - 1.0) < _WRONG_SCALE:
-        return Finding(name, Verdict.OK, f"{says} with bins of {stream.range_resolution:.4g} m", numbers)
-    fitting = f"bins of {stream.range_resolution / ratio:.4g} m would fit" if ratio > 0.1 else "they have little in common"
-    remedy = f"with bins of {stream.range_resolution:.4g} m; {fitting} (--range-resolution), or odometry's scale is off"
+        return Finding(name, Verdict.OK, f"{says} with bins of {recording.range_resolution:.4g} m", numbers)
+    resolution = recording.range_resolution / ratio if ratio > 0.1 else None
+    fitting = "they have little in common" if resolution is None else f"bins of {resolution:.4g} m would fit"
+    remedy = f"with bins of {recording.range_resolution:.4g} m; {fitting} (--range-resolution), or odometry's scale is off"
     return Finding(name, Verdict.SUSPICIOUS, f"{says} {remedy}", numbers)
 
 
@@ -184,26 +185,26 @@ def _why(odometry: Trajectory | None, reason: str) -> str:
 
 
 def _yaw_rates(
-    stream: RadarStream, steps: Steps, odometry: Trajectory
+    recording: Recording, steps: Steps, odometry: Trajectory
 ) -> tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.float64]]:
     """Yaw rates (S,) of the radar, shifts (K,) [us] of up to a turn and a half, odometry's yaw rates (K, S) at them."""
-    shifts = np.round(np.linspace(-1.5, 1.5, 61) * stream.period_s * 1e6).astype(np.int64)
+    shifts = np.round(np.linspace(-1.5, 1.5, 61) * recording.revolution_s * 1e6).astype(np.int64)
     return steps.twists[:, 2], shifts, np.array([steps.of(odometry, shift)[:, 2] for shift in shifts.tolist()])
 
 
-def _tracked(windows: Sequence[Window], revolution_s: float, config: Config) -> list[Tracked]:
+def _tracked(scans: Sequence[Scan], revolution_s: float, config: Config) -> list[Tracked]:
     spread = config.tracker.model_copy(update={"keyframe_m": _SPREAD_M})
     tracker = Tracker(config.model_copy(update={"tracker": spread}), revolution_s)
-    first = tracker.start(list(windows[:START_REVOLUTIONS]))
-    return [first, *(tracker.follow(window) for window in windows[1:])]
+    first = tracker.start(list(scans[:START_SCANS]))
+    return [first, *(tracker.follow(scan) for scan in scans[1:])]
 
 
-def _reversed(window: Window) -> Window:
+def _reversed(scan: Scan) -> Scan:
     """The same returns, measured in the opposite order."""
-    r = window.returns
-    times = window.t0 + window.t1 - r.times
+    r = scan.returns
+    times = scan.t0 + scan.t1 - r.times
     order = np.argsort(times, kind="stable")
-    return Window(window.t0, window.t1, Returns(r.ranges[order], r.azimuths[order], times[order], r.intensities[order]))
+    return Scan(scan.t0, scan.t1, Returns(r.ranges[order], r.azimuths[order], times[order], r.intensities[order]))
 
 
 def _per_point(tracked: Tracked) -> float:

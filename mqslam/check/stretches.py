@@ -8,12 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from mqslam.config import Config
-from mqslam.core.recording import RadarStream, Revolution
-from mqslam.core.scans import Returns, Window
+from mqslam.core.recording import PolarScan, Recording
+from mqslam.core.scans import Returns, Scan
 from mqslam.core.trajectory import Trajectory
 from mqslam.detection.artefacts import drop_fixed
 from mqslam.detection.detector import detect
-from mqslam.detection.stage import revolutions_or_errors
+from mqslam.detection.stage import polar_scans_or_errors
 from mqslam.errors import DataError
 
 STRETCHES = 3
@@ -50,49 +50,49 @@ class Stretch:
     """Successive revolutions without a gap.
 
     Args:
-        windows: their returns.
+        scans: their returns.
         sweeps: how each was swept that could be read.
         unread: why the others could not be; their windows hold no returns.
     """
 
-    windows: tuple[Window, ...]
+    scans: tuple[Scan, ...]
     sweeps: tuple[Sweep, ...]
     unread: tuple[str, ...]
 
 
 def read_stretches(
-    stream: RadarStream, odometry: Trajectory | None, config: Config, progress: Callable[[int, int], None]
+    recording: Recording, odometry: Trajectory | None, config: Config, progress: Callable[[int, int], None]
 ) -> list[Stretch]:
     """The stretches that tell most: where odometry's yaw rate changes most, or else spread over the recording.
 
     Args:
-        stream: the recording.
+        recording: the recording.
         odometry: of the same clock, or None.
         config: all settings.
         progress: called with (revolutions read, revolutions in all).
     """
-    spans = _spans(stream, odometry)
+    spans = _spans(recording, odometry)
     total = sum(end - begin for begin, end in spans)
     returns: dict[int, Returns] = {}
     sweeps: dict[int, Sweep] = {}
     unread: dict[int, str] = {}
     for begin, end in spans:
-        before: Revolution | None = None
-        for k, revolution in revolutions_or_errors(stream, begin, end):
-            if isinstance(revolution, DataError):
-                returns[k], unread[k], before = Returns.none(), str(revolution), None
+        before: PolarScan | None = None
+        for k, polar_scan in polar_scans_or_errors(recording, begin, end):
+            if isinstance(polar_scan, DataError):
+                returns[k], unread[k], before = Returns.none(), str(polar_scan), None
             else:
-                returns[k] = detect(revolution, stream.range_resolution, config.detector)
-                sweeps[k] = _sweep(stream, k, revolution, before)
-                before = revolution
+                returns[k] = detect(polar_scan, recording.range_resolution, config.detector)
+                sweeps[k] = _sweep(recording, k, polar_scan, before)
+                before = polar_scan
             progress(len(returns), total)
     kept = dict(zip(returns, drop_fixed(list(returns.values())), strict=True))
-    starts = stream.start_times
-    lengths = np.diff(starts, append=stream.duration_s)
-    ends = starts + np.where(lengths < 1.5 * stream.period_s, lengths, stream.period_s)
+    starts = recording.start_times
+    lengths = np.diff(starts, append=recording.duration_s)
+    ends = starts + np.where(lengths < 1.5 * recording.revolution_s, lengths, recording.revolution_s)
     return [
         Stretch(
-            tuple(Window(float(starts[k]), float(ends[k]), kept[k]) for k in range(*span)),
+            tuple(Scan(float(starts[k]), float(ends[k]), kept[k]) for k in range(*span)),
             tuple(sweeps[k] for k in range(*span) if k in sweeps),
             tuple(unread[k] for k in range(*span) if k in unread),
         )
@@ -100,19 +100,19 @@ def read_stretches(
     ]
 
 
-def _spans(stream: RadarStream, odometry: Trajectory | None) -> list[tuple[int, int]]:
+def _spans(recording: Recording, odometry: Trajectory | None) -> list[tuple[int, int]]:
     """First revolution and the one after the last of each stretch; they share none and hold no gap."""
-    size = min(REVOLUTIONS, len(stream))
-    gap_after = np.zeros(len(stream) + 1, dtype=np.int64)
-    gap_after[[k + 1 for k, _ in stream.gaps()]] = 1
+    size = min(REVOLUTIONS, len(recording))
+    gap_after = np.zeros(len(recording) + 1, dtype=np.int64)
+    gap_after[[k + 1 for k, _ in recording.gaps()]] = 1
     gaps = np.cumsum(gap_after)  # up to each revolution's start
-    begins = np.arange(len(stream) - size + 1)
+    begins = np.arange(len(recording) - size + 1)
     begins = begins[gaps[begins] == gaps[begins + size - 1]]
     if odometry is None or size == 1:
         even = np.linspace(0, len(begins) - 1, 2 * STRETCHES + 1)[1::2] if len(begins) else np.empty(0)
         order = begins[np.round(even).astype(np.int64)]
     else:
-        yaw_rates = odometry.mean_twists(stream.stamps_us[:-1], stream.stamps_us[1:])[:, 2]
+        yaw_rates = odometry.mean_twists(recording.stamps_us[:-1], recording.stamps_us[1:])[:, 2]
         order = begins[np.argsort([-np.std(yaw_rates[b : b + size - 1]) for b in begins], kind="stable")]
     chosen: list[int] = []
     for begin in order.tolist():
@@ -121,17 +121,17 @@ def _spans(stream: RadarStream, odometry: Trajectory | None) -> list[tuple[int, 
     return [(begin, begin + size) for begin in sorted(chosen)]
 
 
-def _sweep(stream: RadarStream, k: int, revolution: Revolution, before: Revolution | None) -> Sweep:
-    steps = np.abs(np.diff(revolution.azimuths))
+def _sweep(recording: Recording, k: int, polar_scan: PolarScan, before: PolarScan | None) -> Sweep:
+    steps = np.abs(np.diff(polar_scan.azimuths))
     usual = float(np.median(steps)) if len(steps) else 0.0
-    after = float(stream.start_times[k + 1]) if k + 1 < len(stream) else np.inf
+    after = float(recording.start_times[k + 1]) if k + 1 < len(recording) else np.inf
     return Sweep(
-        azimuths=len(revolution.times),
-        unmeasured=int(np.count_nonzero(~revolution.valid)),
+        azimuths=len(polar_scan.times),
+        unmeasured=int(np.count_nonzero(~polar_scan.valid)),
         turned=float(steps.sum()) + usual,
         step=usual,
         widest=float(steps.max(initial=0.0)),
-        span_s=float(revolution.times[-1] - revolution.times[0]),
-        late_s=max(0.0, float(revolution.times[-1]) - after),
-        repeated=before is not None and np.array_equal(before.power, revolution.power),
+        span_s=float(polar_scan.times[-1] - polar_scan.times[0]),
+        late_s=max(0.0, float(polar_scan.times[-1]) - after),
+        repeated=before is not None and np.array_equal(before.power, polar_scan.power),
     )

@@ -8,7 +8,7 @@ import numpy as np
 
 from mqslam.check.finding import Finding, Verdict
 from mqslam.check.stretches import Stretch
-from mqslam.core.recording import RadarStream
+from mqslam.core.recording import Recording
 
 _CLOSE = 0.5  # of a turn: revolutions that begin within it are doubled
 _UNSTEADY = 0.1  # of a turn, by which nine tenths of the turns may differ
@@ -18,13 +18,13 @@ _HOLE = 3.0  # usual steps that are no hole
 _UNMEASURED = 0.05  # of the azimuths
 
 
-def check_stamps(stream: RadarStream, stretches: Sequence[Stretch]) -> Finding:
+def check_stamps(recording: Recording, stretches: Sequence[Stretch]) -> Finding:
     """Whether revolutions follow one another: none doubled, backward, missing or of another duration."""
-    period = stream.period_s
-    seconds = np.diff(stream.stamps_us) * 1e-6
+    period = recording.revolution_s
+    seconds = np.diff(recording.stamps_us) * 1e-6
     turns = seconds[seconds < 1.5 * period]
     unsteady = float(np.ptp(np.percentile(turns, [5.0, 95.0]))) / period if len(turns) else 0.0
-    gaps = stream.gaps()
+    gaps = recording.gaps()
     missing = sum(seconds for _, seconds in gaps)
     sweeps = [sweep for stretch in stretches for sweep in stretch.sweeps]
     counted = {
@@ -38,11 +38,11 @@ def check_stamps(stream: RadarStream, stretches: Sequence[Stretch]) -> Finding:
     if unsteady > _UNSTEADY:
         found.append(f"the duration of a turn varies by {unsteady:.0%}")
     unread = [error for stretch in stretches for error in stretch.unread]
-    found += [*stream.faults, *(f"a revolution cannot be read: {error}" for error in unread)]
+    found += [*recording.faults, *(f"a revolution cannot be read: {error}" for error in unread)]
     numbers = {"gaps": len(gaps), "missing_s": missing, "turn_s": period, "unsteady": unsteady}
     if found:
         return Finding("stamps", Verdict.SUSPICIOUS, "; ".join(found), numbers)
-    text = f"{len(stream)} turns of {period:.4f} s, nine tenths of them within {unsteady:.1%}, no gaps"
+    text = f"{len(recording)} turns of {period:.4f} s, nine tenths of them within {unsteady:.1%}, no gaps"
     return Finding("stamps", Verdict.OK, text, numbers)
 
 

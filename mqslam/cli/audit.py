@@ -148,7 +148,7 @@ def _source(
     from mqslam.audit.sweeps import shared
     from mqslam.commands.opening import opened
     from mqslam.config import load_config
-    from mqslam.detection.stage import detect_all, unread_warnings, windows_of
+    from mqslam.detection.stage import detect_all, scans_of, unread_warnings
     from mqslam.formats import lidars
     from mqslam.psi.tracking.doppler import with_doppler
 
@@ -156,15 +156,15 @@ def _source(
         source = lidar_source(lidars.read_lidar(data))
         return source, given or _carried(data, source.tracks, name), load_config(config or LIDAR_CONFIG)
     settings = load_config(config)
-    stream = opened(data, format, range_resolution, settings.sensor)
-    carried = {"odometry": stream.odometry, "ground_truth": stream.ground_truth}
+    recording = opened(data, format, range_resolution, settings.sensor)
+    carried = {"odometry": recording.odometry, "ground_truth": recording.ground_truth}
     tracks = {name: track for name, track in carried.items() if track is not None}
     track = given or _carried(data, tracks, name)
-    shared(windows_of(stream), stream.start_us, stream.period_s, track)  # before the recording is read
-    windows, detected = detect_all(stream, settings.detector, engine, show)
-    notes = (*stream.notes, *stream.faults, *unread_warnings(detected.unread))
-    source = Source(stream.path, stream.format, windows, stream.start_us, stream.period_s, tracks, notes)
-    return source, track, with_doppler(windows, settings, stream.period_s)
+    shared(scans_of(recording), recording.start_us, recording.revolution_s, track)  # before the recording is read
+    scans, detected = detect_all(recording, settings.detector, engine, show)
+    notes = (*recording.notes, *recording.faults, *unread_warnings(detected.unread))
+    source = Source(recording.path, recording.format, scans, recording.start_us, recording.revolution_s, tracks, notes)
+    return source, track, with_doppler(scans, settings, recording.revolution_s)
 
 
 def _lines(summary: dict[str, Any]) -> list[str]:

@@ -41,16 +41,16 @@ def check(
 
     settings = load_config(config)
     console = Console(stderr=True, markup=False)
-    stream = opened(data, format, range_resolution, settings.sensor)
-    track, notes = choose_odometry(stream, odometry)
+    recording = opened(data, format, range_resolution, settings.sensor)
+    track, notes = choose_odometry(recording, odometry)
     with progress(console, quiet or as_json) as show:
-        findings = check_recording(stream, track, settings, partial(show, "detect"))
+        findings = check_recording(recording, track, settings, partial(show, "detect"))
     suspicious = any(finding.verdict is Verdict.SUSPICIOUS for finding in findings)
     if as_json:
         checks = [asdict(finding) for finding in findings]
-        typer.echo(json.dumps({"suspicious": suspicious, "notes": [*stream.notes, *notes], "checks": checks}, indent=1))
+        typer.echo(json.dumps({"suspicious": suspicious, "notes": [*recording.notes, *notes], "checks": checks}, indent=1))
     else:
-        print_notes(console, () if quiet else (*stream.notes, *notes))
+        print_notes(console, () if quiet else (*recording.notes, *notes))
         for finding in findings:
             typer.echo(f"{finding.name:<24}{finding.verdict:<18}{finding.text}")
     if suspicious:

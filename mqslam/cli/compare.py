@@ -67,7 +67,7 @@ def compare(
     from mqslam.compare.rows import front_end_rows
     from mqslam.config import load_config
     from mqslam.core.frontend import Context, load
-    from mqslam.detection.stage import detect_all, unread_warnings, windows_of
+    from mqslam.detection.stage import detect_all, scans_of, unread_warnings
     from mqslam.errors import EstimationError
     from mqslam.execution.checkpoint import run_key, unfinished
     from mqslam.execution.workers import chosen
@@ -79,45 +79,47 @@ def compare(
     names = _names(frontends)
     given = _given(trajectory or [], names)
     check_free(out, force=force, resume=resume, recording=data)
-    stream = opened(data, format, range_resolution, settings.sensor)
-    track, notes = choose_odometry(stream, odometry)
+    recording = opened(data, format, range_resolution, settings.sensor)
+    track, notes = choose_odometry(recording, odometry)
     console = Console(stderr=True, markup=False)
     if not quiet:
-        print_notes(console, stream.notes)
-    period_s, start_us = stream.period_s, stream.start_us
+        print_notes(console, recording.notes)
+    revolution_s, start_us = recording.revolution_s, recording.start_us
     if kiss_config is not None and "kiss_icp" in names:  # a file that KISS-ICP refuses is a mistake, not a row that fails
-        load("kiss_icp")(Context(settings, period_s, start_us, None))
-    enough_in_common(given, windows_of(stream), start_us, period_s, settings.audit.window)  # before the recording is read
-    key = run_key(stream, settings, f"compare {','.join(names)} {odometry_only}", track)
+        load("kiss_icp")(Context(settings, revolution_s, start_us, None))
+    # before the recording is read
+    enough_in_common(given, scans_of(recording), start_us, revolution_s, settings.audit.window)
+    key = run_key(recording, settings, f"compare {','.join(names)} {odometry_only}", track)
     with (
         chosen(cluster, jobs) as engine,
         unfinished(out, key, resume=resume) as checkpoint,
         progress(console, quiet or as_json) as show,
     ):
-        windows, detected = detect_all(stream, settings.detector, engine, show, checkpoint)
-        notes += [*stream.faults, *unread_warnings(detected.unread)]
-        settings = with_doppler(windows, settings, period_s)
-        contexts = {name: Context(settings, period_s, start_us, track if name == "odometry" else None) for name in names}
-        rows = front_end_rows(contexts, windows, stream.stamps_us, engine, show, back_end=not odometry_only)
+        scans, detected = detect_all(recording, settings.detector, engine, show, checkpoint)
+        notes += [*recording.faults, *unread_warnings(detected.unread)]
+        settings = with_doppler(scans, settings, revolution_s)
+        contexts = {name: Context(settings, revolution_s, start_us, track if name == "odometry" else None) for name in names}
+        rows = front_end_rows(contexts, scans, recording.stamps_us, engine, show, back_end=not odometry_only)
         rows += given
         ran = [row for row in rows if row.trajectory is not None]
         if not ran:
             raise EstimationError("; ".join(f"{row.name}: {row.failure}" for row in rows))
         tracks = [row.trajectory for row in ran if row.trajectory is not None]
-        common = enough_in_common(ran, windows, start_us, period_s, settings.audit.window)
-        if len(common) < len(windows):
-            notes = [*notes, f"{len(common)} of {len(windows)} revolutions are in every trajectory: judged on those"]
+        common = enough_in_common(ran, scans, start_us, revolution_s, settings.audit.window)
+        if len(common) < len(scans):
+            notes = [*notes, f"{len(common)} of {len(scans)} revolutions are in every trajectory: judged on those"]
         where = places(common, start_us, tracks, settings.audit.window)
         along = stations(common, settings.audit.window)
         shown = [*where, *along]
         judged = {
-            row.name: judge(row, common, start_us, period_s, stream.ground_truth, shown, settings, engine, show)
+            row.name: judge(row, common, start_us, revolution_s, recording.ground_truth, shown, settings, engine, show)
             for row in ran
         }
         pairs = agreement(ran)
-        summary = summarise(stream, settings, rows, judged, where, pairs, len(common))
+        summary = summarise(recording, settings, rows, judged, where, pairs, len(common))
         with whole_folder(out) as folder:
-            write_compare(folder, stream, settings, summary, rows, judged, where, along, pairs, [*_failures(rows), *notes])
+            notes = [*_failures(rows), *notes]
+            write_compare(folder, recording, settings, summary, rows, judged, where, along, pairs, notes)
     if as_json:
         typer.echo(json.dumps(summary, indent=1))
     elif not quiet:

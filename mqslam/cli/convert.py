@@ -68,10 +68,10 @@ def convert(
             raise ConfigError(f"{data}: is a run, and results become a bag; end OUT in .bag or .mcap, or give --to rosbag2")
         write_results(out, data, target.name)
     else:
-        stream = opened(data, format, range_resolution, load_config(config).sensor)
+        recording = opened(data, format, range_resolution, load_config(config).sensor)
         with progress(console, quiet) as show:
-            notes = write_recording(stream, out, target, message.value, partial(show, "converting"))
-        notes = [*stream.notes, *stream.faults, *notes]
+            notes = write_recording(recording, out, target, message.value, partial(show, "converting"))
+        notes = [*recording.notes, *recording.faults, *notes]
     if not quiet:
         print_notes(console, notes)
         console.print(f"wrote {out}", highlight=False, soft_wrap=True)

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from mqslam.config import Config
     from mqslam.core import se2
     from mqslam.core.motion import MotionModel
-    from mqslam.core.recording import RadarStream
+    from mqslam.core.recording import Recording
     from mqslam.core.scans import Returns
     from mqslam.psi.published.equations import PsiConfig
     from mqslam.psi.window import WindowMotion
@@ -65,22 +65,22 @@ def score(
     settings = load_config(config)
     variant = psi_variant(settings, temporal=temporal, numerator=numerator, factor=factor, unmatched=unmatched)
     theta, model = parse_motion(motion)
-    stream = opened(data, format, range_resolution, settings.sensor)
-    returns, t0 = read_window(stream, settings, start, revolutions)
+    recording = opened(data, format, range_resolution, settings.sensor)
+    returns, t0 = read_window(recording, settings, start, revolutions)
     beta = settings.sensor.doppler_beta or 0.0
     found: dict[str, Any] = {
-        "window": {"t0": t0, "revolutions": revolutions, "revolution_s": stream.period_s, "points": len(returns)},
+        "window": {"t0": t0, "revolutions": revolutions, "revolution_s": recording.revolution_s, "points": len(returns)},
         "doppler_beta": beta,
         "variant": variant.model_dump(include={"temporal", "numerator", "factor", "unmatched"}),
         "motion": dict(zip(model.parameters, theta.tolist(), strict=True)),
-        **scores(returns, t0, stream.period_s, theta, model, settings, variant),
+        **scores(returns, t0, recording.revolution_s, theta, model, settings, variant),
     }
     if minimise:
         twist = theta if model.size == 3 else theta[[0, 0, 1]] * [1.0, 0.0, 1.0]
         beam = beam_of(settings.estimator, beta)
-        best = estimate_window(returns, t0, stream.period_s, settings.estimator, beam, twist, model)
+        best = estimate_window(returns, t0, recording.revolution_s, settings.estimator, beam, twist, model)
         found["minimised"] = _estimate(best, model) | scores(
-            returns, t0, stream.period_s, best.theta, model, settings, variant
+            returns, t0, recording.revolution_s, best.theta, model, settings, variant
         )
     if as_json:
         typer.echo(json.dumps(found, indent=1))
@@ -128,7 +128,7 @@ def psi_variant(settings: Config, **chosen: str | float | None) -> PsiConfig:
         raise ConfigError(f"--{fault['loc'][0]} {fault['input']}: {fault['msg']}") from error
 
 
-def read_window(stream: RadarStream, settings: Config, start: float, revolutions: int) -> tuple[Returns, float]:
+def read_window(recording: Recording, settings: Config, start: float, revolutions: int) -> tuple[Returns, float]:
     """The returns of the revolutions from the first that begins at `start` [s] or later, and when it begins [s].
 
     No other revolutions are read.
@@ -144,17 +144,17 @@ def read_window(stream: RadarStream, settings: Config, start: float, revolutions
     from mqslam.detection.stage import detect_stretch
     from mqslam.errors import ConfigError, EstimationError
 
-    times = stream.start_times
+    times = recording.start_times
     if len(times) < revolutions:
-        raise ConfigError(f"--revolutions {revolutions}: {stream.path} holds only {len(times)}; give fewer")
+        raise ConfigError(f"--revolutions {revolutions}: {recording.path} holds only {len(times)}; give fewer")
     last = times[len(times) - revolutions]
     if not -1e-6 <= start <= last + 1e-6:
         raise ConfigError(
-            f"--start {start:g}: no {revolutions} revolutions begin there in {stream.path}, "
-            f"{stream.duration_s:.2f} s long; give 0 to {np.floor(1e3 * last) / 1e3:g}"
+            f"--start {start:g}: no {revolutions} revolutions begin there in {recording.path}, "
+            f"{recording.duration_s:.2f} s long; give 0 to {np.floor(1e3 * last) / 1e3:g}"
         )
     first = int(np.searchsorted(times, start - 1e-6))
-    found = detect_stretch(stream, settings.detector, first, first + revolutions)
+    found = detect_stretch(recording, settings.detector, first, first + revolutions)
     returns = Returns.concatenate(found.returns)
     if not len(returns):
         raise EstimationError(f"--start {start:g}: no returns in these {revolutions} revolutions; lower detector.threshold")

@@ -7,11 +7,11 @@ from typing import Any
 import numpy as np
 
 from mqslam.core.lidar import LidarRecording
-from mqslam.core.recording import RadarStream
+from mqslam.core.recording import Recording
 from mqslam.core.trajectory import Trajectory
 
 
-def describe(stream: RadarStream) -> dict[str, Any]:
+def describe(recording: Recording) -> dict[str, Any]:
     """A recording in numbers and strings that JSON can hold; one revolution is read.
 
     Returns:
@@ -22,22 +22,22 @@ def describe(stream: RadarStream) -> dict[str, Any]:
     Raises:
         DataError: the first revolution cannot be read.
     """
-    azimuths, bins = stream[0].power.shape
+    azimuths, bins = recording[0].power.shape
     return {
-        "format": stream.format,
-        "path": str(stream.path),
-        "revolutions": len(stream),
-        "duration_s": stream.duration_s,
-        "turn_rate_hz": 1.0 / stream.period_s,
+        "format": recording.format,
+        "path": str(recording.path),
+        "revolutions": len(recording),
+        "duration_s": recording.duration_s,
+        "turn_rate_hz": 1.0 / recording.revolution_s,
         "azimuths": azimuths,
         "bins": bins,
-        "range_resolution_m": stream.range_resolution,
-        "max_range_m": bins * stream.range_resolution,
-        "odometry": _extent(stream.odometry),
-        "ground_truth": _extent(stream.ground_truth),
-        "gaps": [{"after_revolution": k, "missing_s": missing} for k, missing in stream.gaps()],
-        "notes": list(stream.notes),
-        "faults": list(stream.faults),
+        "range_resolution_m": recording.range_resolution,
+        "max_range_m": bins * recording.range_resolution,
+        "odometry": _extent(recording.odometry),
+        "ground_truth": _extent(recording.ground_truth),
+        "gaps": [{"after_revolution": k, "missing_s": missing} for k, missing in recording.gaps()],
+        "notes": list(recording.notes),
+        "faults": list(recording.faults),
     }
 
 
@@ -52,11 +52,11 @@ def describe_lidar(lidar: LidarRecording) -> dict[str, Any]:
     return {
         "format": lidar.format,
         "path": str(lidar.path),
-        "scans": len(lidar.windows),
+        "scans": len(lidar.scans),
         "duration_s": float(steps.sum()),
         "scan_rate_hz": 1.0 / float(np.median(steps)),
-        "returns": float(np.mean([len(window.returns) for window in lidar.windows])),
-        "max_range_m": max(float(window.returns.ranges.max(initial=0.0)) for window in lidar.windows),
+        "returns": float(np.mean([len(scan.returns) for scan in lidar.scans])),
+        "max_range_m": max(float(scan.returns.ranges.max(initial=0.0)) for scan in lidar.scans),
         "odometry": _extent(lidar.odometry),
         "recording": _extent(lidar.trajectory),
         "notes": list(lidar.notes),

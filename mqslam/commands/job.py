@@ -10,7 +10,7 @@ from typing import Any
 
 from mqslam.commands.opening import choose_odometry, opened
 from mqslam.config import Config
-from mqslam.core.recording import RadarStream
+from mqslam.core.recording import Recording
 from mqslam.core.trajectory import Trajectory
 from mqslam.detection.stage import Progress
 from mqslam.execution.checkpoint import HOW, run_key, unfinished
@@ -25,7 +25,7 @@ class Job:
     """A run that is ready to begin.
 
     Args:
-        stream: the recording.
+        recording: the recording.
         odometry: the odometry it uses, or None.
         settings: all settings.
         frontend: name of the front end.
@@ -33,7 +33,7 @@ class Job:
         notes: what a user should know about the choice of odometry.
     """
 
-    stream: RadarStream
+    recording: Recording
     odometry: Trajectory | None
     settings: Config
     frontend: str
@@ -43,12 +43,12 @@ class Job:
     @property
     def log(self) -> tuple[str, ...]:
         """What a user should know before the run begins."""
-        return (*self.stream.notes, *self.notes)
+        return (*self.recording.notes, *self.notes)
 
     @property
     def key(self) -> str:
         """What the result depends on."""
-        return run_key(self.stream, self.settings, self.frontend, self.odometry)
+        return run_key(self.recording, self.settings, self.frontend, self.odometry)
 
 
 def job_of(
@@ -67,9 +67,9 @@ def job_of(
         ConfigError: a format nobody knows, or a range resolution that is no length.
         DataError: a recording or an odometry that cannot be used.
     """
-    stream = opened(data, format, range_resolution, settings.sensor, strict=strict)
-    track, notes = choose_odometry(stream, odometry)
-    return Job(stream, track, settings, frontend, strict, tuple(notes))
+    recording = opened(data, format, range_resolution, settings.sensor, strict=strict)
+    track, notes = choose_odometry(recording, odometry)
+    return Job(recording, track, settings, frontend, strict, tuple(notes))
 
 
 def execute(
@@ -94,11 +94,11 @@ def execute(
     """
     with unfinished(out, job.key, resume=resume, how=how) as checkpoint:
         slam = Slam(job.settings, job.frontend, engine, progress, checkpoint, strict=job.strict, watch=watch)
-        result = slam.run(job.stream, job.odometry)
-        summary = {**summarise(result, job.stream), "run_key": job.key}
-        warnings = [*run_warnings(result, job.stream), *job.notes]
+        result = slam.run(job.recording, job.odometry)
+        summary = {**summarise(result, job.recording), "run_key": job.key}
+        warnings = [*run_warnings(result, job.recording), *job.notes]
         with whole_folder(out) as folder:
-            write_run(folder, result, job.stream, summary, warnings, log_text(summary, job.log, warnings))
+            write_run(folder, result, job.recording, summary, warnings, log_text(summary, job.log, warnings))
     return summary, warnings
 
 

@@ -16,7 +16,7 @@ from mqslam.config import Config
 from mqslam.core import se2
 from mqslam.core.evenly import evenly
 from mqslam.core.point_map import PointMap, thinned
-from mqslam.core.scans import Window
+from mqslam.core.scans import Scan
 from mqslam.core.trajectory import Trajectory
 from mqslam.detection.stage import Progress
 from mqslam.errors import EstimationError
@@ -74,27 +74,27 @@ class Judged:
 
 
 def enough_in_common(
-    rows: Sequence[Row], windows: Sequence[Window], start_us: int, period_s: float, fewest: int
-) -> list[Window]:
+    rows: Sequence[Row], scans: Sequence[Scan], start_us: int, revolution_s: float, fewest: int
+) -> list[Scan]:
     """The windows that the trajectory of every row covers.
 
     Raises:
         EstimationError: they are fewer than `fewest`.
     """
-    by_row = {row.name: covered(windows, start_us, period_s, row.trajectory) for row in rows if row.trajectory is not None}
-    inside = set(range(len(windows))).intersection(*by_row.values())
-    if len(windows) < fewest:
-        raise EstimationError(f"{len(windows)} revolutions are too few to compare on; {fewest} at least are needed")
+    by_row = {row.name: covered(scans, start_us, revolution_s, row.trajectory) for row in rows if row.trajectory is not None}
+    inside = set(range(len(scans))).intersection(*by_row.values())
+    if len(scans) < fewest:
+        raise EstimationError(f"{len(scans)} revolutions are too few to compare on; {fewest} at least are needed")
     if len(inside) < fewest:
         said = ", ".join(f"{name} covers {len(its)}" for name, its in by_row.items())
-        raise EstimationError(f"the rows share {len(inside)} of {len(windows)} revolutions ({said}); leave some out")
-    return [windows[k] for k in sorted(inside)]
+        raise EstimationError(f"the rows share {len(inside)} of {len(scans)} revolutions ({said}); leave some out")
+    return [scans[k] for k in sorted(inside)]
 
 
-def places(windows: Sequence[Window], start_us: int, tracks: Sequence[Trajectory], size: int) -> list[Place]:
+def places(scans: Sequence[Scan], start_us: int, tracks: Sequence[Trajectory], size: int) -> list[Place]:
     """Where the trajectories differ most on the way through a window, the worst first, each well away from the others."""
-    stamps = start_us + np.round(np.array([w.t0 for w in windows]) * 1e6).astype(np.int64)
-    begins = np.arange(0, len(windows) - size + 1, size)
+    stamps = start_us + np.round(np.array([w.t0 for w in scans]) * 1e6).astype(np.int64)
+    begins = np.arange(0, len(scans) - size + 1, size)
     if len(tracks) < 2 or not len(begins):
         return []
     through = []
@@ -115,21 +115,21 @@ def places(windows: Sequence[Window], start_us: int, tracks: Sequence[Trajectory
         if len(chosen) == PLACES:
             break
     spans = [(int(begins[k]), int(begins[k]) + size, float(apart[k])) for k in chosen]
-    return [Place(a, b, windows[a].t0, windows[b - 1].t1, off) for a, b, off in spans]
+    return [Place(a, b, scans[a].t0, scans[b - 1].t1, off) for a, b, off in spans]
 
 
-def stations(windows: Sequence[Window], size: int) -> list[Place]:
+def stations(scans: Sequence[Scan], size: int) -> list[Place]:
     """Places evenly spread along the way, whatever the rows make of them."""
-    begins = np.arange(0, len(windows) - size + 1, size)
+    begins = np.arange(0, len(scans) - size + 1, size)
     chosen = begins[evenly(len(begins), STATIONS)]
-    return [Place(k, k + size, windows[k].t0, windows[k + size - 1].t1, 0.0) for k in chosen.tolist()]
+    return [Place(k, k + size, scans[k].t0, scans[k + size - 1].t1, 0.0) for k in chosen.tolist()]
 
 
 def judge(
     row: Row,
-    windows: Sequence[Window],
+    scans: Sequence[Scan],
     start_us: int,
-    period_s: float,
+    revolution_s: float,
     truth: Trajectory | None,
     where: Sequence[Place],
     config: Config,
@@ -140,9 +140,9 @@ def judge(
 
     Args:
         row: with a trajectory.
-        windows: those that every row covers.
+        scans: those that every row covers.
         start_us: stamp [us] of the windows' time zero.
-        period_s: duration of a revolution [s].
+        revolution_s: duration of a revolution [s].
         truth: ground truth, or None.
         where: the places to crop.
         config: all settings.
@@ -150,8 +150,8 @@ def judge(
         progress: called as the audit goes on.
     """
     assert row.trajectory is not None and row.odometry is not None
-    sweeps, _ = swept(windows, start_us, period_s, row.trajectory, config)
-    rendered = render(windows, sweeps.poses, config, period_s, engine)
+    sweeps, _ = swept(scans, start_us, revolution_s, row.trajectory, config)
+    rendered = render(scans, sweeps.poses, config, revolution_s, engine)
     return Judged(
         row=row,
         map=rendered.take(thinned(rendered.points, _MAP_POINTS)),

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from mqslam.backend.pose_graph import chain
 from mqslam.core import frontend as frontends
 from mqslam.core.frontend import Context
-from mqslam.core.measurement import RelativeMotion
-from mqslam.core.scans import Window
+from mqslam.core.measurement import Measurement
+from mqslam.core.scans import Scan
 from mqslam.core.trajectory import Trajectory
 from mqslam.detection.stage import Progress, silent
 from mqslam.errors import said
@@ -41,7 +41,7 @@ class Row:
     failure: str | None = None
     odometry: Trajectory | None = None
     trajectory: Trajectory | None = None
-    measurements: tuple[RelativeMotion, ...] = ()
+    measurements: tuple[Measurement, ...] = ()
     loops: int = 0
     loops_rejected: int = 0
     measure_s: float | None = None
@@ -54,13 +54,13 @@ class Returned:
     """What every front end gets.
 
     Args:
-        windows: one per revolution.
-        stamps_us: (len(windows),) when each begins [us].
+        scans: one per revolution.
+        stamps_us: (len(scans),) when each begins [us].
         back_end: whether graph and loops follow.
         jobs: threads of the back end.
     """
 
-    windows: list[Window]
+    scans: list[Scan]
     stamps_us: NDArray[np.int64]
     back_end: bool
     jobs: int
@@ -68,7 +68,7 @@ class Returned:
 
 def front_end_rows(
     contexts: Mapping[str, Context],
-    windows: Sequence[Window],
+    scans: Sequence[Scan],
     stamps_us: NDArray[np.int64],
     engine: Engine,
     progress: Progress,
@@ -79,8 +79,8 @@ def front_end_rows(
 
     Args:
         contexts: what each may know besides, by its name.
-        windows: one per revolution.
-        stamps_us: (len(windows),) when each begins [us].
+        scans: one per revolution.
+        stamps_us: (len(scans),) when each begins [us].
         engine: where they run.
         progress: called as rows are done.
         back_end: whether graph and loops follow.
@@ -89,7 +89,7 @@ def front_end_rows(
     def done(number: int, row: Row | None) -> None:
         progress("front ends", number, len(contexts))
 
-    returned = Returned(list(windows), stamps_us, back_end, engine.jobs)
+    returned = Returned(list(scans), stamps_us, back_end, engine.jobs)
     rows = engine.apart(run_front_end, returned, list(contexts.items()), done)
     return [Row(name, failure=DIED) if row is None else row for name, row in zip(contexts, rows, strict=True)]
 
@@ -100,14 +100,14 @@ def run_front_end(returned: Returned, named: tuple[str, Context]) -> Row:
     try:
         begin = time.perf_counter()
         if not returned.back_end:
-            measurements = list(frontends.load(name)(context).measure(returned.windows))
+            measurements = list(frontends.load(name)(context).measure(returned.scans))
             chained = Trajectory(returned.stamps_us, chain(m.pose for m in measurements))
             return Row(
                 name, None, chained, chained, tuple(measurements), measure_s=time.perf_counter() - begin,
                 back_end_s=0.0, peak_rss_mb=_peak_mb(),
             )  # fmt: skip
         slam = Slam(context.config, name, LocalEngine(returned.jobs), silent)
-        found = slam.solve(returned.windows, context, returned.stamps_us)
+        found = slam.solve(returned.scans, context, returned.stamps_us)
         spent = slam.runtime_s
         return Row(
             name, None, found.odometry, found.optimised, tuple(found.measurements), len(found.loops),

@@ -12,8 +12,8 @@ import numpy as np
 
 from mqslam.config import Config
 from mqslam.core import se2
-from mqslam.core.measurement import RelativeMotion
-from mqslam.core.scans import Window
+from mqslam.core.measurement import Measurement
+from mqslam.core.scans import Scan
 from mqslam.core.trajectory import Trajectory
 from mqslam.errors import ConfigError
 
@@ -25,7 +25,7 @@ class Context:
     Args:
         config: all settings.
         revolution_s: duration of one turn [s].
-        start_us: stamp [us] of the stream's time zero.
+        start_us: stamp [us] of the recording's time zero.
         odometry: dead-reckoned poses of another source, or None.
     """
 
@@ -49,7 +49,7 @@ class FrontEnd(Protocol):
 
     def __init__(self, context: Context) -> None: ...
 
-    def measure(self, windows: Iterable[Window]) -> Iterator[RelativeMotion]:
+    def measure(self, scans: Iterable[Scan]) -> Iterator[Measurement]:
         """The motion from the start of each window to the start of the next, in order: one fewer than windows.
 
         Raises:

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from mqslam.core.scans import Returns, Window
+from mqslam.core.scans import Returns, Scan
 from mqslam.core.trajectory import Trajectory
 
 
@@ -21,7 +21,7 @@ class LidarRecording:
         path: the recording.
         format: name of its layout: carmen or laserscan.
         stamps_us: (N,) int64 [us], stamp of the first beam of every scan, strictly increasing.
-        windows: one per scan, from its stamp to the next scan's; times count from the first scan's stamp [s],
+        scans: one per scan, from its stamp to the next scan's; times count from the first scan's stamp [s],
             intensities are 0 where the recording has none.
         trajectory: poses of the sensor that some SLAM wrote beside the scans, or None.
         odometry: dead-reckoned poses of the sensor that the recording carries, or None.
@@ -31,13 +31,13 @@ class LidarRecording:
     path: Path
     format: str
     stamps_us: NDArray[np.int64]
-    windows: list[Window]
+    scans: list[Scan]
     trajectory: Trajectory | None
     odometry: Trajectory | None
     notes: tuple[str, ...]
 
 
-def windows_of(stamps_us: NDArray[np.int64], scans: Sequence[Returns]) -> list[Window]:
+def scans_of(stamps_us: NDArray[np.int64], scans: Sequence[Returns]) -> list[Scan]:
     """Scans as windows that end where the next one begins; the last ends a median step after its stamp.
 
     Args:
@@ -46,4 +46,4 @@ def windows_of(stamps_us: NDArray[np.int64], scans: Sequence[Returns]) -> list[W
     """
     starts = (stamps_us - stamps_us[0]) * 1e-6
     edges = np.append(starts, starts[-1] + np.median(np.diff(starts))).tolist()
-    return [Window(t0, t1, scan) for t0, t1, scan in zip(edges[:-1], edges[1:], scans, strict=True)]
+    return [Scan(t0, t1, scan) for t0, t1, scan in zip(edges[:-1], edges[1:], scans, strict=True)]

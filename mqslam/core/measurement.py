@@ -19,11 +19,11 @@ class Status(StrEnum):
 
 
 @dataclass(frozen=True, slots=True)
-class RelativeMotion:
+class Measurement:
     """The sensor's motion from t0 to t1.
 
     Args:
-        t0, t1: [s] since the stream's start.
+        t0, t1: [s] since the recording's start.
         pose: (3,) x [m], y [m], yaw [rad] of the pose at t1 in the frame of the pose at t0.
         covariance: (3, 3) of x, y, yaw, in the frame of the pose at t0 [m, m, rad].
         status: how far it can be trusted.

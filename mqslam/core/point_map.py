@@ -21,7 +21,7 @@ class PointMap:
 
     Args:
         points: (N, 2) [m], world frame.
-        times: (N,) [s] since the stream's start.
+        times: (N,) [s] since the recording's start.
         intensities: (N,) received power, 0..255.
         psi: (N,) share of the map's score that each point carries.
         matched: (N,) bool, whether the point found a neighbour that takes part in the score.

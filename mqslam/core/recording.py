@@ -1,4 +1,4 @@
-"""A radar recording as a stream of azimuths, one revolution in memory at a time."""
+"""A radar recording: opened and indexed, one polar scan in memory at a time."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ _AROUND = 9  # steps whose median is the usual one between them
 
 
 @dataclass(frozen=True, slots=True)
-class Revolution:
+class PolarScan:
     """One turn of the radar.
 
     Args:
-        times: (A,) [s] since the stream's start, one per azimuth, not decreasing.
+        times: (A,) [s] since the recording's start, one per azimuth, not decreasing.
         azimuths: (A,) [rad] counter-clockwise from straight ahead (REP 103), unwrapped along the turn.
         power: (A, B) uint8 received power, one row per azimuth; bin b is centred at (b + 0.5) range resolutions.
         valid: (A,) bool, False where the recording marks the azimuth as not measured.
@@ -34,7 +34,7 @@ class Revolution:
 
 
 @dataclass(frozen=True)
-class RadarStream(ABC):
+class Recording(ABC):
     """A recording, indexed but not read: it pickles as paths and numbers, and workers read what they need.
 
     Args:
@@ -63,19 +63,19 @@ class RadarStream(ABC):
         return len(self.stamps_us)
 
     @abstractmethod
-    def revolutions(self, start: int = 0, stop: int | None = None) -> Iterator[Revolution]:
+    def polar_scans(self, start: int = 0, stop: int | None = None) -> Iterator[PolarScan]:
         """Read the revolutions start <= k < stop, one after the other, holding one at a time.
 
         Raises:
             DataError: a revolution that cannot be read, naming its file.
         """
 
-    def __getitem__(self, k: int) -> Revolution:
-        return next(iter(self.revolutions(k, k + 1)))
+    def __getitem__(self, k: int) -> PolarScan:
+        return next(iter(self.polar_scans(k, k + 1)))
 
     @property
     def start_us(self) -> int:
-        """Stamp [us] of the stream's start: time zero inside."""
+        """Stamp [us] of the recording's start: time zero inside."""
         return int(self.stamps_us[0])
 
     @property
@@ -85,11 +85,11 @@ class RadarStream(ABC):
 
     @property
     def start_times(self) -> NDArray[np.float64]:
-        """(N,) start of every revolution [s] since the stream's start."""
+        """(N,) start of every revolution [s] since the recording's start."""
         return np.asarray((self.stamps_us - self.start_us) * 1e-6, dtype=np.float64)
 
     @property
-    def period_s(self) -> float:
+    def revolution_s(self) -> float:
         """Duration of one revolution [s]: the median over the recording."""
         if len(self) == 1:
             return self.duration_s

@@ -1,4 +1,4 @@
-"""Returns: what the detector keeps of a revolution, and windows of them."""
+"""Returns: what the detector keeps of a polar scan; and scans, the returns of one turn each."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ class Returns:
     Args:
         ranges: (N,) [m].
         azimuths: (N,) [rad] counter-clockwise from straight ahead.
-        times: (N,) [s] since the stream's start.
+        times: (N,) [s] since the recording's start.
         intensities: (N,) received power, 0..255.
     """
 
@@ -49,8 +49,8 @@ class Returns:
 
 
 @dataclass(frozen=True, slots=True)
-class Window:
-    """A stretch of the stream: the returns whose times lie in [t0, t1) [s since the stream's start]."""
+class Scan:
+    """The returns of one turn, whose times lie in [t0, t1) [s since the recording's start]."""
 
     t0: float
     t1: float

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field
 from scipy.ndimage import uniform_filter1d
 
-from mqslam.core.recording import Revolution
+from mqslam.core.recording import PolarScan
 from mqslam.core.scans import Returns
 
 
@@ -46,28 +46,28 @@ class DetectorConfig(BaseModel):
     )
 
 
-def detect(revolution: Revolution, range_resolution: float, config: DetectorConfig) -> Returns:
+def detect(polar_scan: PolarScan, range_resolution: float, config: DetectorConfig) -> Returns:
     """The returns of one revolution.
 
     Args:
-        revolution: times (A,) s, azimuths (A,) rad, power (A, B), valid (A,).
+        polar_scan: times (A,) s, azimuths (A,) rad, power (A, B), valid (A,).
         range_resolution: length of a range bin [m]; bin b is centred at (b + 0.5) of it.
         config: settings.
 
     Returns:
         Returns in the order of their times.
     """
-    power = np.ascontiguousarray(revolution.power)
+    power = np.ascontiguousarray(polar_scan.power)
     bins = power.shape[1]
     first = max(1, math.floor(config.min_range_m / range_resolution))
     last = min(bins - 1, math.ceil(config.max_range_m / range_resolution))
     half = round(config.smoothing_m / range_resolution)
-    usable = revolution.valid & ~_saturated(power, config.saturation)
+    usable = polar_scan.valid & ~_saturated(power, config.saturation)
     threshold = min(config.threshold, _above_noise(power[usable, first:last], half, config.contrast))
     ranges, values = _peaks(power, usable, first, last, (half + 1) // 2, half // 2, config.strongest, threshold)
     ranges *= range_resolution
     _drop_rings(ranges, values, 2.0 * range_resolution * max(half, 1), config.ring_share)
-    rows = _targets(ranges, values, revolution.azimuths, revolution.times, config.join_m)
+    rows = _targets(ranges, values, polar_scan.azimuths, polar_scan.times, config.join_m)
     rows = rows[np.argsort(rows[:, 2], kind="stable")]
     return Returns(*(np.ascontiguousarray(rows[:, column]) for column in range(4)))
 

@@ -11,8 +11,8 @@ from typing import Protocol
 
 import numpy as np
 
-from mqslam.core.recording import RadarStream, Revolution, usual_steps
-from mqslam.core.scans import Returns, Window
+from mqslam.core.recording import PolarScan, Recording, usual_steps
+from mqslam.core.scans import Returns, Scan
 from mqslam.detection.artefacts import drop_fixed
 from mqslam.detection.detector import DetectorConfig, detect
 from mqslam.errors import DataError
@@ -46,12 +46,12 @@ class Detected:
 
 
 def detect_stretch(
-    stream: RadarStream, config: DetectorConfig, start: int, stop: int, *, strict: bool = True
+    recording: Recording, config: DetectorConfig, start: int, stop: int, *, strict: bool = True
 ) -> Detected:
     """Read and detect the revolutions start <= k < stop.
 
     Args:
-        stream: the recording.
+        recording: the recording.
         config: settings.
         start, stop: the stretch.
         strict: whether a revolution that cannot be read is an error, rather than one without returns.
@@ -63,29 +63,29 @@ def detect_stretch(
     unread: dict[int, DataError] = {}
     read_s, detect_s = 0.0, 0.0
     mark = time.perf_counter()
-    for k, revolution in revolutions_or_errors(stream, start, stop):
+    for k, polar_scan in polar_scans_or_errors(recording, start, stop):
         read = time.perf_counter()
-        if not isinstance(revolution, DataError):
-            found.append(detect(revolution, stream.range_resolution, config))
+        if not isinstance(polar_scan, DataError):
+            found.append(detect(polar_scan, recording.range_resolution, config))
         elif strict:
-            raise revolution
-        elif not stream.path.exists():  # not one that is damaged: all of them are out of reach, of this worker at least
-            raise DataError(stream.path, f"is not there on {gethostname()}", "it must be, on every machine that reads it")
+            raise polar_scan
+        elif not recording.path.exists():  # not one that is damaged: all of them are out of reach, of this worker at least
+            raise DataError(recording.path, f"is not there on {gethostname()}", "it must be, on every machine that reads it")
         else:
-            unread[k] = revolution.with_traceback(None)
+            unread[k] = polar_scan.with_traceback(None)
             found.append(Returns.none())
         done = time.perf_counter()
         read_s, detect_s, mark = read_s + read - mark, detect_s + done - read, done
     return Detected(found, unread, read_s, detect_s)
 
 
-def revolutions_or_errors(stream: RadarStream, start: int, stop: int) -> Iterator[tuple[int, Revolution | DataError]]:
+def polar_scans_or_errors(recording: Recording, start: int, stop: int) -> Iterator[tuple[int, PolarScan | DataError]]:
     """The revolutions start <= k < stop, each with its number, or why it cannot be read."""
     k = start
     while k < stop:
         try:  # reading ends with the first error: after one it begins again behind it
-            for revolution in stream.revolutions(k, stop):
-                yield k, revolution
+            for polar_scan in recording.polar_scans(k, stop):
+                yield k, polar_scan
                 k += 1
         except DataError as error:
             yield k, error
@@ -105,18 +105,18 @@ class Store(Protocol):
 
 
 def detect_all(
-    stream: RadarStream,
+    recording: Recording,
     config: DetectorConfig,
     engine: Engine,
     progress: Progress,
     store: Store | None = None,
     *,
     strict: bool = False,
-) -> tuple[list[Window], Detected]:
+) -> tuple[list[Scan], Detected]:
     """One window of returns per revolution, empty where it cannot be read.
 
     Args:
-        stream: the recording.
+        recording: the recording.
         config: settings.
         engine: where revolutions are read and detected; the result does not depend on it.
         progress: called as stretches are done.
@@ -126,7 +126,7 @@ def detect_all(
     Raises:
         DataError: over half of the revolutions cannot be read, or one if strict.
     """
-    total = len(stream)
+    total = len(recording)
     spans = [(k, min(k + _CHUNK, total)) for k in range(0, total, _CHUNK)]
     parts: dict[int, Detected] = {}
     for begin, end in spans:
@@ -143,7 +143,7 @@ def detect_all(
             store.keep_detected(begin, end, found)
         progress("detect", sum(len(part.returns) for part in parts.values()), total)
 
-    engine.map(_stretch, (stream, config, strict), missing, done, processes=True)
+    engine.map(_stretch, (recording, config, strict), missing, done, processes=True)
     returns = drop_fixed([r for begin, _ in spans for r in parts[begin].returns])
     unread = {k: error for begin, _ in spans for k, error in parts[begin].unread.items()}
     if len(unread) > _MOST_UNREAD * total:
@@ -151,12 +151,12 @@ def detect_all(
         raise DataError(first.path, f"{first.problem}, like {len(unread)} of {total} revolutions", first.remedy)
     _log.info("%d returns in %d revolutions, %d of them unread", sum(map(len, returns)), total, len(unread))
     read_s, detect_s = sum(p.read_s for p in parts.values()), sum(p.detect_s for p in parts.values())
-    return windows_of(stream, returns), Detected(returns, unread, read_s, detect_s)
+    return scans_of(recording, returns), Detected(returns, unread, read_s, detect_s)
 
 
-def _stretch(shared: tuple[RadarStream, DetectorConfig, bool], span: tuple[int, int]) -> Detected:
-    stream, config, strict = shared
-    return detect_stretch(stream, config, *span, strict=strict)
+def _stretch(shared: tuple[Recording, DetectorConfig, bool], span: tuple[int, int]) -> Detected:
+    recording, config, strict = shared
+    return detect_stretch(recording, config, *span, strict=strict)
 
 
 def unread_warnings(unread: dict[int, DataError]) -> list[str]:
@@ -169,19 +169,19 @@ def unread_warnings(unread: dict[int, DataError]) -> list[str]:
     return [f"{several} could not be read and {'is' if len(unread) == 1 else 'are'} left out: {', '.join(named + others)}"]
 
 
-def windows_of(stream: RadarStream, returns: list[Returns] | None = None) -> list[Window]:
+def scans_of(recording: Recording, returns: list[Returns] | None = None) -> list[Scan]:
     """A window per revolution: from its start to the next one's, or one turn long before a gap and at the end.
 
     Args:
-        stream: the recording.
+        recording: the recording.
         returns: of each revolution; None leaves the windows empty.
     """
-    starts = stream.start_times
-    ends = [*starts[1:], (stream.end_us - stream.start_us) * 1e-6]
-    turns = np.append(usual_steps(stream.stamps_us) * 1e-6, stream.period_s)
+    starts = recording.start_times
+    ends = [*starts[1:], (recording.end_us - recording.start_us) * 1e-6]
+    turns = np.append(usual_steps(recording.stamps_us) * 1e-6, recording.revolution_s)
     turns[-1] = turns[-2:][0]
-    returns = [Returns.none()] * len(stream) if returns is None else returns
+    returns = [Returns.none()] * len(recording) if returns is None else returns
     return [
-        Window(float(t0), float(t1 if t1 - t0 <= 1.5 * turn else t0 + turn), found)
+        Scan(float(t0), float(t1 if t1 - t0 <= 1.5 * turn else t0 + turn), found)
         for t0, t1, turn, found in zip(starts, ends, turns.tolist(), returns, strict=True)
     ]

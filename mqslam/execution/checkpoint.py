@@ -23,8 +23,8 @@ from numpy.typing import NDArray
 import mqslam
 from mqslam.backend.loops.search import Loop
 from mqslam.config import Config, dump_yaml
-from mqslam.core.measurement import RelativeMotion, Status
-from mqslam.core.recording import RadarStream
+from mqslam.core.measurement import Measurement, Status
+from mqslam.core.recording import Recording
 from mqslam.core.scans import Returns
 from mqslam.core.trajectory import Trajectory
 from mqslam.detection.stage import Detected
@@ -35,12 +35,13 @@ FOLDER = "checkpoint"
 HOW = "continue with --resume"
 
 
-def run_key(stream: RadarStream, config: Config, frontend: str, odometry: Trajectory | None) -> str:
+def run_key(recording: Recording, config: Config, frontend: str, odometry: Trajectory | None) -> str:
     """What a run's result depends on, in one string: another key is another run."""
     digest = hashlib.sha256()
-    for text in (mqslam.__version__, dump_yaml(config), frontend, str(stream.path.resolve()), str(stream.range_resolution)):
+    path, resolution = str(recording.path.resolve()), str(recording.range_resolution)
+    for text in (mqslam.__version__, dump_yaml(config), frontend, path, resolution):
         digest.update(text.encode() + b"\0")
-    digest.update(stream.stamps_us.tobytes())
+    digest.update(recording.stamps_us.tobytes())
     if odometry is not None:
         digest.update(odometry.stamps_us.tobytes() + odometry.poses.tobytes())
     return digest.hexdigest()
@@ -134,14 +135,14 @@ class Checkpoint:
         arrays["why"] = np.array(why, dtype=np.str_).reshape(-1, 3)
         self._save(f"returns-{begin:06d}-{end:06d}.npz", arrays)
 
-    def measurements(self) -> tuple[list[RelativeMotion], float] | None:
+    def measurements(self) -> tuple[list[Measurement], float] | None:
         """All measurements and the Doppler shift [s] they were made with, if they were kept."""
-        kept = self._load("measurements.npz", [*(f.name for f in fields(RelativeMotion)), "doppler_beta"])
+        kept = self._load("measurements.npz", [*(f.name for f in fields(Measurement)), "doppler_beta"])
         if kept is None:
             return None
-        rows = zip(*(kept[f.name] for f in fields(RelativeMotion)), strict=True)
+        rows = zip(*(kept[f.name] for f in fields(Measurement)), strict=True)
         motions = [
-            RelativeMotion(
+            Measurement(
                 float(t0), float(t1), pose, covariance, Status(str(status)), float(psi), float(psi_odometry), int(points),
                 float(matched),
             )
@@ -149,10 +150,10 @@ class Checkpoint:
         ]  # fmt: skip
         return motions, float(kept["doppler_beta"])
 
-    def keep_measurements(self, motions: Sequence[RelativeMotion], doppler_beta: float) -> None:
+    def keep_measurements(self, motions: Sequence[Measurement], doppler_beta: float) -> None:
         """Keep all measurements of a run."""
         arrays: dict[str, NDArray[Any]] = {"doppler_beta": np.array(doppler_beta)}
-        for f in fields(RelativeMotion):
+        for f in fields(Measurement):
             arrays[f.name] = np.array([getattr(m, f.name) for m in motions])
         self._save("measurements.npz", arrays)
 

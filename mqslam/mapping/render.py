@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from mqslam.config import Config
 from mqslam.core import se2
 from mqslam.core.point_map import PointMap
-from mqslam.core.scans import Returns, Window
+from mqslam.core.scans import Returns, Scan
 from mqslam.errors import EstimationError
 from mqslam.execution.engine import HERE, Engine
 from mqslam.psi.minimiser import score
@@ -21,13 +21,13 @@ _CHUNK = 50_000  # points scored at a time: bounds the memory of neighbour lists
 
 
 def render(
-    windows: Sequence[Window], poses: se2.Array, config: Config, revolution_s: float, engine: Engine = HERE
+    scans: Sequence[Scan], poses: se2.Array, config: Config, revolution_s: float, engine: Engine = HERE
 ) -> PointMap:
     """The map of a run and each point's share of psi.
 
     Args:
-        windows: one per revolution.
-        poses: (len(windows), 3) pose at the start of each.
+        scans: one per revolution.
+        poses: (len(scans), 3) pose at the start of each.
         config: all settings.
         revolution_s: duration of a turn [s].
         engine: where the points are scored; the result does not depend on it.
@@ -36,10 +36,10 @@ def render(
         EstimationError: the revolutions hold no returns.
     """
     keep = moving(poses, config.map.travel_m, config.map.travel_rad)
-    returns = Returns.concatenate([w.returns for w, kept in zip(windows, keep, strict=True) if kept])
+    returns = Returns.concatenate([w.returns for w, kept in zip(scans, keep, strict=True) if kept])
     if not len(returns):
         raise EstimationError(f"no returns in {int(keep.sum())} revolutions to render; lower detector.threshold")
-    points = place_along(returns, np.array([w.t0 for w in windows]), poses, config)
+    points = place_along(returns, np.array([w.t0 for w in scans]), poses, config)
     shares, matched = score_points(points, revolution_s, config, engine)
     return PointMap(points.points, returns.times, returns.intensities, shares, matched)
 

@@ -36,7 +36,7 @@ class PointSet:
         points: (N, 2) m, world frame.
         jacobians: (N, 2, 3 + P) derivative of each point by the start pose (x, y, yaw) and the P motion parameters.
         covariances: (N, 3) xx, xy, yy [m^2] of each point, world frame.
-        times: (N,) [s] since the stream's start.
+        times: (N,) [s] since the recording's start.
     """
 
     points: NDArray[np.float64]

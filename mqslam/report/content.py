@@ -20,7 +20,7 @@ class WindowScores:
     """The score of every window, as measurements.csv lists it.
 
     Args:
-        t0: (W,) start of the window [s] since the stream's start.
+        t0: (W,) start of the window [s] since the recording's start.
         t1: (W,) its end [s].
         psi_minimum: (W,) psi of the window's map under the motion found.
         psi_odometry: (W,) psi of the same returns under odometry, NaN where there is none.

@@ -33,7 +33,7 @@ def summarise(found: Audit, sweeps: Sweeps, config: Config, dataset: Mapping[str
         "dataset": {
             **dataset,
             "sweeps": len(sweeps),
-            "duration_s": float(sweeps.times[-1] - sweeps.times[0] + sweeps.period_s),
+            "duration_s": float(sweeps.times[-1] - sweeps.times[0] + sweeps.revolution_s),
             "length_m": float(sweeps.travelled[-1]),
             "points": len(sweeps.points),
         },

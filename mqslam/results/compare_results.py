@@ -16,7 +16,7 @@ from mqslam.audit.judge import WindowAudit
 from mqslam.compare.judgement import Judged, Place
 from mqslam.compare.rows import Row
 from mqslam.config import Config, dump_yaml
-from mqslam.core.recording import RadarStream
+from mqslam.core.recording import Recording
 from mqslam.core.trajectory import write_kitti, write_tum
 from mqslam.evaluation import Evaluation
 from mqslam.execution.files import write_bytes, write_text
@@ -45,7 +45,7 @@ WITHOUT_TRUTH = (
 
 
 def summarise(
-    stream: RadarStream,
+    recording: Recording,
     config: Config,
     rows: Sequence[Row],
     judged: Mapping[str, Judged],
@@ -57,15 +57,15 @@ def summarise(
     return {
         "mqslam_version": mqslam.__version__,
         "dataset": {
-            "format": stream.format,
-            "path": str(stream.path),
-            "revolutions": len(stream),
-            "duration_s": stream.duration_s,
+            "format": recording.format,
+            "path": str(recording.path),
+            "revolutions": len(recording),
+            "duration_s": recording.duration_s,
             "compared": revolutions,
         },
         "doppler_beta": config.sensor.doppler_beta,
         "threshold": config.audit.threshold,
-        "rows": [_row(row, judged.get(row.name), len(stream), config.audit.overlap) for row in rows],
+        "rows": [_row(row, judged.get(row.name), len(recording), config.audit.overlap) for row in rows],
         "agreement": [
             {"row": a, "against": b, "rmse_m": e.ate_rmse_m, "drift_percent": e.drift_percent, "speed_rms": e.rpe_v_rms}
             for a, b, e in agreement
@@ -131,7 +131,7 @@ def table(summary: Mapping[str, Any]) -> list[list[str]]:
 
 def write_compare(
     folder: Path,
-    stream: RadarStream,
+    recording: Recording,
     config: Config,
     summary: dict[str, Any],
     rows: Sequence[Row],
@@ -153,19 +153,19 @@ def write_compare(
     settings = dump_yaml(config)
     write_text(folder / "config.yaml", settings)
     write_text(folder / "compare.csv", _csv(summary))
-    write_bytes(folder / "overlay.png", overlay(ran, stream.ground_truth))
+    write_bytes(folder / "overlay.png", overlay(ran, recording.ground_truth))
     write_compare_report(
         folder / "report.html",
         CompareReport(
-            title=stream.path.resolve().name,
+            title=recording.path.resolve().name,
             summary=summary,
             rows=ran,
             failed=tuple(row for row in rows if row.failure is not None),
             places=tuple(places),
             stations=tuple(stations),
-            start_us=stream.start_us,
+            start_us=recording.start_us,
             agreement=tuple(agreement),
-            ground_truth=stream.ground_truth,
+            ground_truth=recording.ground_truth,
             table=tuple(tuple(line) for line in table(summary)),
             warnings=tuple(warnings),
             settings_yaml=settings,

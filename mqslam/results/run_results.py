@@ -18,9 +18,9 @@ import numpy as np
 from mqslam.backend.pose_graph import PoseGraph, marginals
 from mqslam.config import dump_yaml
 from mqslam.core.evenly import evenly
-from mqslam.core.measurement import RelativeMotion
+from mqslam.core.measurement import Measurement
 from mqslam.core.point_map import write_ply
-from mqslam.core.recording import RadarStream
+from mqslam.core.recording import Recording
 from mqslam.core.trajectory import write_tum
 from mqslam.errors import OutputError
 from mqslam.execution.checkpoint import FOLDER
@@ -107,7 +107,7 @@ def check_writable(out: Path, option: str) -> None:
 
 
 def write_run(
-    folder: Path, run: Run, stream: RadarStream, summary: dict[str, Any], warnings: Sequence[str], log: str
+    folder: Path, run: Run, recording: Recording, summary: dict[str, Any], warnings: Sequence[str], log: str
 ) -> None:
     """Write every result file of a run into an existing folder.
 
@@ -126,11 +126,11 @@ def write_run(
     write_report(
         folder / "report.html",
         Report(
-            title=stream.path.resolve().name,
+            title=recording.path.resolve().name,
             summary=summary,
             odometry=run.odometry,
             optimised=run.optimised,
-            ground_truth=stream.ground_truth,
+            ground_truth=recording.ground_truth,
             map_odometry=run.map_odometry,
             map_optimised=run.map_optimised,
             windows=window_scores(run.measurements),
@@ -148,7 +148,7 @@ def write_run(
     write_text(folder / "summary.json", json.dumps(summary, indent=1) + "\n")
 
 
-def measurements_csv(measurements: Sequence[RelativeMotion]) -> str:
+def measurements_csv(measurements: Sequence[Measurement]) -> str:
     """One row per measurement; covariance of dx [m], dy [m], dyaw [rad] in the frame of the pose at t0."""
     text = io.StringIO()
     rows = csv.writer(text, lineterminator="\n")
@@ -162,7 +162,7 @@ def measurements_csv(measurements: Sequence[RelativeMotion]) -> str:
     return text.getvalue()
 
 
-def window_scores(measurements: Sequence[RelativeMotion]) -> WindowScores:
+def window_scores(measurements: Sequence[Measurement]) -> WindowScores:
     """The measurements as the report plots them."""
     return WindowScores(
         t0=np.array([m.t0 for m in measurements]),

@@ -10,10 +10,10 @@ import numpy as np
 
 import mqslam
 from mqslam.audit.judge import FAIL_WINDOWS, WARN_WINDOWS
-from mqslam.core.measurement import RelativeMotion, Status
+from mqslam.core.measurement import Measurement, Status
 from mqslam.core.motion import LONGEST_COAST_S
 from mqslam.core.point_map import PointMap
-from mqslam.core.recording import RadarStream
+from mqslam.core.recording import Recording
 from mqslam.detection.stage import unread_warnings
 from mqslam.evaluation import evaluate
 from mqslam.mapping.render import moving
@@ -27,10 +27,10 @@ PARKED_S = 10.0  # shorter stops are traffic
 WORSE = 1.1  # psi per point after over before; passes that loops lay on each other cost a little more than alone
 
 
-def summarise(run: Run, stream: RadarStream) -> dict[str, Any]:
+def summarise(run: Run, recording: Recording) -> dict[str, Any]:
     """The content of summary.json."""
     before, after = run.map_odometry, run.map_optimised
-    truth = stream.ground_truth
+    truth = recording.ground_truth
     found = None if truth is None else evaluate(run.optimised, truth)
     found_before = None if truth is None else evaluate(run.odometry, truth)
     status, reasons = verdict(run)
@@ -40,11 +40,11 @@ def summarise(run: Run, stream: RadarStream) -> dict[str, Any]:
         "before": run.before,
         "doppler_beta": run.config.sensor.doppler_beta or 0.0,
         "dataset": {
-            "format": stream.format,
-            "path": str(stream.path),
-            "revolutions": len(stream),
+            "format": recording.format,
+            "path": str(recording.path),
+            "revolutions": len(recording),
             "unread": len(run.unread),
-            "duration_s": stream.duration_s,
+            "duration_s": recording.duration_s,
             "length_m": run.optimised.length_m,
         },
         "psi": {
@@ -107,7 +107,7 @@ def verdict(run: Run) -> tuple[str, list[str]]:
     return ("warn", warnings) if warnings else ("pass", [f"psi per point is {ratio:.2f} times that before optimisation"])
 
 
-def share(windows: list[RelativeMotion], status: Status) -> float:
+def share(windows: list[Measurement], status: Status) -> float:
     """Part of the windows that have a status."""
     return float(np.mean([w.status is status for w in windows])) if windows else 0.0
 
@@ -129,13 +129,13 @@ def peak_rss_mb() -> float:
     return max(own, workers) / 1024.0
 
 
-def run_warnings(run: Run, stream: RadarStream) -> list[str]:
+def run_warnings(run: Run, recording: Recording) -> list[str]:
     """What happened during a run that its reader should know first."""
-    found = [*stream.faults, *unread_warnings(run.unread)]
-    found += [_gap(k, missing) for k, missing in stream.gaps()]
+    found = [*recording.faults, *unread_warnings(run.unread)]
+    found += [_gap(k, missing) for k, missing in recording.gaps()]
     for status, what in ((Status.LOST, "lost track"), (Status.DEGENERATE, "did not observe every direction")):
         found += [f"{what} from {begin:.1f} s to {end:.1f} s" for begin, end in stretches(run.measurements, status)]
-    found += [f"stood still from {begin:.1f} s to {end:.1f} s: rendered once" for begin, end in parked(run, stream)]
+    found += [f"stood still from {begin:.1f} s to {end:.1f} s: rendered once" for begin, end in parked(run, recording)]
     return found
 
 
@@ -147,14 +147,14 @@ def _gap(revolution: int, missing_s: float) -> str:
     return f"jump of the clock or pause {where}: what lies beyond it is placed by a guess unless a loop ties it"
 
 
-def parked(run: Run, stream: RadarStream) -> list[tuple[float, float]]:
+def parked(run: Run, recording: Recording) -> list[tuple[float, float]]:
     """Spans [s] of at least PARKED_S in which no revolution moved on, and the map holds only the first."""
-    moved = stream.start_times[moving(run.optimised.poses, run.config.map.travel_m, run.config.map.travel_rad)]
-    ends = np.append(moved[1:], stream.duration_s)
+    moved = recording.start_times[moving(run.optimised.poses, run.config.map.travel_m, run.config.map.travel_rad)]
+    ends = np.append(moved[1:], recording.duration_s)
     return [(float(a), float(b)) for a, b in zip(moved, ends, strict=True) if b - a >= PARKED_S]
 
 
-def stretches(windows: list[RelativeMotion], status: Status) -> list[tuple[float, float]]:
+def stretches(windows: list[Measurement], status: Status) -> list[tuple[float, float]]:
     """Spans [s] of successive windows that share a status."""
     spans: list[tuple[float, float]] = []
     for window in windows:

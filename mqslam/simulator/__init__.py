@@ -1,12 +1,12 @@
 """A simulated radar drive: a geometric scene, a true motion, a spinning radar and wheels that slip.
 
-`simulated_stream` renders a drive in memory, `simulate` writes the same stream as a recording in the Oxford layout.
+`simulated_recording` renders a drive in memory, `simulate` writes the same stream as a recording in the Oxford layout.
 """
 
 from mqslam.simulator.drive import ConstantDrive, Drive, SampledDrive, loop_drive, with_way_made
-from mqslam.simulator.in_memory import SimulatedStream, simulated_stream
+from mqslam.simulator.in_memory import SimulatedRecording, simulated_recording
 from mqslam.simulator.scene import Scene, corridor_scene, street_scene, yard_scene
-from mqslam.simulator.sensor import SensorModel, render_revolution
+from mqslam.simulator.sensor import SensorModel, render_polar_scan
 from mqslam.simulator.wheels import OdometryModel, WheelOdometry, wheel_odometry
 from mqslam.simulator.write import SCENES, simulate
 
@@ -18,13 +18,13 @@ __all__ = [
     "SampledDrive",
     "Scene",
     "SensorModel",
-    "SimulatedStream",
+    "SimulatedRecording",
     "WheelOdometry",
     "corridor_scene",
     "loop_drive",
-    "render_revolution",
+    "render_polar_scan",
     "simulate",
-    "simulated_stream",
+    "simulated_recording",
     "street_scene",
     "wheel_odometry",
     "with_way_made",

@@ -300,7 +300,7 @@ def render(
     doppler_beta: float,
     seed: int,
 ) -> NDArray[np.uint8]:
-    """Power (A, B) uint8 of a revolution: as `render_revolution`, with linear powers and arguments as `cast_wall`'s."""
+    """Power (A, B) uint8 of a revolution: as `render_polar_scan`, with linear powers and arguments as `cast_wall`'s."""
     np.random.seed(seed)
     azimuths, middle = len(times), len(times) // 2
     x, y = poses[middle, 0], poses[middle, 1]

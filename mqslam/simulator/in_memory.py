@@ -9,12 +9,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from mqslam.core.recording import RadarStream, Revolution
+from mqslam.core.recording import PolarScan, Recording
 from mqslam.core.trajectory import Trajectory
 from mqslam.errors import ConfigError
 from mqslam.simulator.drive import Drive
 from mqslam.simulator.scene import Scene
-from mqslam.simulator.sensor import SensorModel, render_revolution
+from mqslam.simulator.sensor import SensorModel, render_polar_scan
 from mqslam.simulator.wheels import OdometryModel, WheelOdometry, wheel_odometry
 
 START_US = 1_600_000_000_000_000
@@ -22,8 +22,8 @@ START_US = 1_600_000_000_000_000
 
 
 @dataclass(frozen=True, kw_only=True)
-class SimulatedStream(RadarStream):
-    """A drive through a scene as a radar stream; `simulated_stream` makes one.
+class SimulatedRecording(Recording):
+    """A drive through a scene as a radar stream; `simulated_recording` makes one.
 
     Args:
         scene: what reflects.
@@ -44,15 +44,15 @@ class SimulatedStream(RadarStream):
         turns = k + np.arange(self.sensor.azimuths) / self.sensor.azimuths
         return self.start_us + np.round(turns / self.sensor.turn_rate_hz * 1e6).astype(np.int64)
 
-    def revolutions(self, start: int = 0, stop: int | None = None) -> Iterator[Revolution]:
+    def polar_scans(self, start: int = 0, stop: int | None = None) -> Iterator[PolarScan]:
         for k in range(*slice(start, stop).indices(len(self))):
             times = np.asarray((self.azimuth_stamps(k) - self.start_us) * 1e-6, dtype=np.float64)
             poses, twists = self.drive.poses(times), self.drive.twists(times)
-            power = render_revolution(self.scene, poses, twists, times, self.sensor, (self.seed, k))
-            yield Revolution(times, self.sensor.angles, power, np.ones(len(times), dtype=np.bool_))
+            power = render_polar_scan(self.scene, poses, twists, times, self.sensor, (self.seed, k))
+            yield PolarScan(times, self.sensor.angles, power, np.ones(len(times), dtype=np.bool_))
 
 
-def simulated_stream(
+def simulated_recording(
     scene: Scene,
     drive: Drive,
     *,
@@ -60,7 +60,7 @@ def simulated_stream(
     sensor: SensorModel | None = None,
     seed: int = 1,
     odometry: OdometryModel | None = None,
-) -> SimulatedStream:
+) -> SimulatedRecording:
     """A drive through a scene as a stream of whole revolutions, with odometry and ground truth.
 
     Args:
@@ -81,7 +81,7 @@ def simulated_stream(
     periods = np.round(np.arange(revolutions + 1) / sensor.turn_rate_hz * 1e6).astype(np.int64)
     starts = np.asarray(periods[:-1] * 1e-6, dtype=np.float64)
     wheels = wheel_odometry(drive, float(periods[-1] * 1e-6), START_US, odometry or OdometryModel(), seed)
-    return SimulatedStream(
+    return SimulatedRecording(
         path=Path("simulated"),
         format="simulated",
         stamps_us=START_US + periods[:-1],

@@ -80,7 +80,7 @@ class SensorModel:
         return np.asarray(-2.0 * np.pi / ENCODER * self.encoders)
 
 
-def render_revolution(
+def render_polar_scan(
     scene: Scene,
     poses: se2.Array,
     twists: se2.Array,

@@ -18,7 +18,7 @@ from mqslam.errors import ConfigError, OutputError
 from mqslam.execution.files import new_folder, write_text
 from mqslam.formats.writing import oxford
 from mqslam.simulator.drive import ConstantDrive, Drive, loop_drive, with_way_made
-from mqslam.simulator.in_memory import SimulatedStream, simulated_stream
+from mqslam.simulator.in_memory import SimulatedRecording, simulated_recording
 from mqslam.simulator.scene import Scene, corridor_scene, street_scene, yard_scene
 from mqslam.simulator.sensor import SensorModel
 from mqslam.simulator.wheels import OdometryModel
@@ -41,7 +41,7 @@ def simulate(
     doppler_beta: float = 0.0,
     jobs: int = 1,
     progress: Callable[[int, int], None] | None = None,
-) -> SimulatedStream:
+) -> SimulatedRecording:
     """Simulate a drive and write it, whole or not at all; the same arguments give the same bytes, whatever `jobs` is.
 
     Args:
@@ -72,29 +72,29 @@ def simulate(
     sensor = SensorModel(turn_rate_hz, azimuths, range_resolution, max_range, doppler_beta=doppler_beta)
     errors = OdometryModel()
     world, drive = _world(scene, seed, duration_s, movers)
-    stream = simulated_stream(world, drive, duration_s=duration_s, sensor=sensor, seed=seed, odometry=errors)
-    truth = stream.ground_truth
+    recording = simulated_recording(world, drive, duration_s=duration_s, sensor=sensor, seed=seed, odometry=errors)
+    truth = recording.ground_truth
     assert truth is not None
     parameters = {
         "scene": scene,
         "duration_s": duration_s,
         "seed": seed,
         "movers": len(world.movers),
-        "revolutions": len(stream),
+        "revolutions": len(recording),
         "length_m": round(truth.length_m, 3),
         "range_resolution_m": sensor.range_resolution,
         "sensor": asdict(sensor),
         "odometry": asdict(errors),
     }
     with _folder_written_whole(out) as folder:
-        oxford.write_beside(folder, stream)
-        oxford.write_stamps(folder, stream.stamps_us.tolist())
-        _write_revolutions(folder, stream, jobs, progress)
-        wheels = stream.wheel_odometry
+        oxford.write_beside(folder, recording)
+        oxford.write_stamps(folder, recording.stamps_us.tolist())
+        _write_polar_scans(folder, recording, jobs, progress)
+        wheels = recording.wheel_odometry
         twists = np.c_[np.round(wheels.v, 5), np.zeros_like(wheels.v), np.round(wheels.omega, 6)]
         oxford.write_twists(folder / "odom.csv", wheels.stamps_us.tolist(), twists)
         write_text(folder / "simulation.json", json.dumps(parameters, indent=1) + "\n")
-    return stream
+    return recording
 
 
 def _world(scene: str, seed: int, duration_s: float, movers: int | None) -> tuple[Scene, Drive]:
@@ -115,23 +115,23 @@ def _world(scene: str, seed: int, duration_s: float, movers: int | None) -> tupl
     raise ConfigError(f"simulator: there is no scene '{scene}'; choose one of {', '.join(SCENES)}")
 
 
-def _write_revolutions(
-    folder: Path, stream: SimulatedStream, jobs: int, progress: Callable[[int, int], None] | None
+def _write_polar_scans(
+    folder: Path, recording: SimulatedRecording, jobs: int, progress: Callable[[int, int], None] | None
 ) -> None:
     """Write every revolution, `jobs` at a time; the kernel and the PNG encoder let other threads run."""
     with ThreadPoolExecutor(jobs) as pool:
         try:
-            for done, _ in enumerate(pool.map(partial(_write_revolution, folder, stream), range(len(stream))), 1):
+            for done, _ in enumerate(pool.map(partial(_write_polar_scan, folder, recording), range(len(recording))), 1):
                 if progress is not None:
-                    progress(done, len(stream))
+                    progress(done, len(recording))
         except BaseException:
             pool.shutdown(wait=False, cancel_futures=True)
             raise
 
 
-def _write_revolution(folder: Path, stream: SimulatedStream, k: int) -> None:
+def _write_polar_scan(folder: Path, recording: SimulatedRecording, k: int) -> None:
     """Render revolution k and write it."""
-    oxford.write_revolution(folder, stream, k, stream[k])
+    oxford.write_polar_scan(folder, recording, k, recording[k])
 
 
 @contextlib.contextmanager

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mqslam.core import se2
-from mqslam.core.scans import Window
+from mqslam.core.scans import Scan
 from mqslam.errors import ViewerError
 from mqslam.execution.files import written_whole
 from mqslam.viewer.colours import GROUND, LOOPS, TRAJECTORY, rgb, spread
@@ -75,9 +75,9 @@ class RerunLog:
         if len(scene.loops):
             self._recording.log("loops", _lines(scene.trajectory.poses[scene.loops, :2], LOOPS), static=True)
 
-    def watch(self, window: Window, pose: se2.Array, points: NDArray[np.float64]) -> None:
+    def watch(self, scan: Scan, pose: se2.Array, points: NDArray[np.float64]) -> None:
         """Add a revolution as it is measured; its points are coloured by intensity."""
-        self.revolution(window.t0, pose, points, rgb(window.returns.intensities, 0.0, 255.0))
+        self.revolution(scan.t0, pose, points, rgb(scan.returns.intensities, 0.0, 255.0))
 
 
 @contextmanager

@@ -32,8 +32,8 @@ def bent(truth: Trajectory, twist: tuple[float, float, float]) -> Trajectory:
 
 @lru_cache
 def under(twist: tuple[float, float, float]) -> tuple[Sweeps, list[Bend]]:
-    stream, windows = street_drive()
-    sweeps, _ = swept(windows, stream.start_us, stream.period_s, bent(stream.ground_truth, twist), CONFIG)
+    recording, scans = street_drive()
+    sweeps, _ = swept(scans, recording.start_us, recording.revolution_s, bent(recording.ground_truth, twist), CONFIG)
     return sweeps, [bend(sweeps, k, k + SIZE, CONFIG) for k in range(0, len(sweeps) - SIZE + 1, SIZE)]
 
 
@@ -51,7 +51,7 @@ def test_the_true_trajectory_is_as_good_as_a_chi_square_says() -> None:
 )
 def test_a_bent_window_is_told_and_its_mending_is_the_bend_undone(twist: tuple[float, float, float]) -> None:
     true, (sweeps, found) = under(TRUE)[1], under(twist)
-    span = SIZE * sweeps.period_s
+    span = SIZE * sweeps.revolution_s
     assert min(b.inflation for b in found) > max(b.inflation for b in true)
     for good, b in zip(true, found, strict=True):
         undone = (b.correction - good.correction) / span
@@ -68,10 +68,10 @@ def test_the_covariance_is_positive_and_tight_where_there_is_something_to_see() 
 
 
 def test_judging_does_not_depend_on_where_in_the_world_a_window_lies() -> None:
-    stream, windows = street_drive()
+    recording, scans = street_drive()
     elsewhere = np.array([4000.0, -700.0, 2.5])
-    moved = Trajectory(stream.ground_truth.stamps_us, se2.compose(elsewhere, stream.ground_truth.poses))
-    sweeps, _ = swept(windows, stream.start_us, stream.period_s, moved, CONFIG)
+    moved = Trajectory(recording.ground_truth.stamps_us, se2.compose(elsewhere, recording.ground_truth.poses))
+    sweeps, _ = swept(scans, recording.start_us, recording.revolution_s, moved, CONFIG)
     here, there = under(TRUE)[1][1], bend(sweeps, SIZE, 2 * SIZE, CONFIG)
     np.testing.assert_allclose(there.correction, here.correction, atol=2e-4)
     assert there.inflation == pytest.approx(here.inflation, rel=0.02)
@@ -96,12 +96,12 @@ def test_curvature_by_differences_is_the_hessian_of_a_known_function() -> None:
 
 
 def test_sweeps_outside_the_trajectory_are_left_out_and_none_is_an_error() -> None:
-    stream, windows = street_drive()
-    truth = stream.ground_truth
+    recording, scans = street_drive()
+    truth = recording.ground_truth
     part = Trajectory(truth.stamps_us[10:30], truth.poses[10:30])
-    sweeps, inside = swept(windows, stream.start_us, stream.period_s, part, CONFIG)
-    assert len(sweeps) == len(inside) < len(windows)
+    sweeps, inside = swept(scans, recording.start_us, recording.revolution_s, part, CONFIG)
+    assert len(sweeps) == len(inside) < len(scans)
     assert 8 <= inside[0] <= 10 and 28 <= inside[-1] <= 31
     later = Trajectory(truth.stamps_us + 10**9, truth.poses)
     with pytest.raises(EstimationError, match="share no time"):
-        swept(windows, stream.start_us, stream.period_s, later, CONFIG)
+        swept(scans, recording.start_us, recording.revolution_s, later, CONFIG)

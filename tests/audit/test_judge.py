@@ -12,11 +12,11 @@ from mqslam.audit.revisits import revisit_pairs
 from mqslam.audit.sweeps import swept
 from mqslam.config import Config, SensorConfig
 from mqslam.core import se2
-from mqslam.core.scans import Window
+from mqslam.core.scans import Scan
 from mqslam.core.trajectory import Trajectory
 from mqslam.detection.stage import detect_all
 from mqslam.execution.engine import HERE, LocalEngine
-from mqslam.simulator import SensorModel, SimulatedStream, loop_drive, simulated_stream, street_scene
+from mqslam.simulator import SensorModel, SimulatedRecording, loop_drive, simulated_recording, street_scene
 
 CONFIG = Config(sensor=SensorConfig(doppler_beta=0.0))
 SENSOR = SensorModel(azimuths=200, range_resolution=0.175, max_range=80.0)
@@ -27,21 +27,21 @@ def silent(stage: str, done: int, total: int) -> None:
 
 
 @lru_cache
-def lap() -> tuple[SimulatedStream, list[Window]]:
+def lap() -> tuple[SimulatedRecording, list[Scan]]:
     """A bit more than one round of a block: the last 100 m are driven twice."""
-    stream = simulated_stream(street_scene(1, movers=0), loop_drive(54.0), duration_s=54.0, sensor=SENSOR, seed=1)
-    return stream, detect_all(stream, CONFIG.detector, HERE, silent)[0]
+    recording = simulated_recording(street_scene(1, movers=0), loop_drive(54.0), duration_s=54.0, sensor=SENSOR, seed=1)
+    return recording, detect_all(recording, CONFIG.detector, HERE, silent)[0]
 
 
 @lru_cache
 def judged(shift_m: float, jobs: int = 1) -> Audit:
     """The lap under a trajectory whose second pass is shifted sideways, slowly enough to bend no window."""
-    stream, windows = lap()
-    truth = stream.ground_truth
+    recording, scans = lap()
+    truth = recording.ground_truth
     along = np.linspace(0.0, 1.0, len(truth))
     poses = truth.poses.copy()
     poses[:, 1] += shift_m * np.clip(4.0 * along - 1.0, 0.0, 1.0)
-    sweeps, _ = swept(windows, stream.start_us, stream.period_s, Trajectory(truth.stamps_us, poses), CONFIG)
+    sweeps, _ = swept(scans, recording.start_us, recording.revolution_s, Trajectory(truth.stamps_us, poses), CONFIG)
     return audit(sweeps, CONFIG, LocalEngine(jobs), silent)
 
 
@@ -61,17 +61,17 @@ def test_a_torn_loop_fails_and_its_offset_is_measured() -> None:
     assert any("revisits are torn" in reason for reason in found.reasons)
     torn = [r.revisit for r in found.revisits if r.torn]
     assert len(torn) >= 3
-    stream, _ = lap()
+    recording, _ = lap()
     for r in torn:  # offsets are in the frame of the later sweep; the world's y is what was shifted
-        yaw = stream.ground_truth.poses[r.later][2]
+        yaw = recording.ground_truth.poses[r.later][2]
         world = se2.transform(np.array([0.0, 0.0, yaw]), r.offset[None, :2])[0]
         assert world == pytest.approx([0.0, -3.0], abs=0.4)
 
 
 @pytest.mark.parametrize("wrong", ["straight", "still", "spinning", "mirrored"])
 def test_a_trajectory_that_has_nothing_to_do_with_the_recording_fails(wrong: str) -> None:
-    stream, windows = lap()
-    truth = stream.ground_truth
+    recording, scans = lap()
+    truth = recording.ground_truth
     times = (truth.stamps_us - truth.stamps_us[0])[:, None] * 1e-6
     poses = {
         "straight": times * [12.0, 0.0, 0.0],
@@ -79,7 +79,7 @@ def test_a_trajectory_that_has_nothing_to_do_with_the_recording_fails(wrong: str
         "spinning": times * [0.0, 0.0, 0.5],
         "mirrored": truth.poses * [1.0, -1.0, -1.0],
     }[wrong]
-    sweeps, _ = swept(windows, stream.start_us, stream.period_s, Trajectory(truth.stamps_us, poses), CONFIG)
+    sweeps, _ = swept(scans, recording.start_us, recording.revolution_s, Trajectory(truth.stamps_us, poses), CONFIG)
     found = audit(sweeps, CONFIG, LocalEngine(2), silent)
     assert found.status == "fail", found.reasons
 
@@ -91,8 +91,8 @@ def test_the_verdict_does_not_depend_on_the_number_of_threads() -> None:
 
 
 def test_revisits_are_looked_for_where_the_path_comes_back_only() -> None:
-    stream, windows = lap()
-    sweeps, _ = swept(windows, stream.start_us, stream.period_s, stream.ground_truth, CONFIG)
+    recording, scans = lap()
+    sweeps, _ = swept(scans, recording.start_us, recording.revolution_s, recording.ground_truth, CONFIG)
     settings = CONFIG.audit
     pairs = revisit_pairs(sweeps, settings)
     assert pairs

@@ -19,7 +19,7 @@ from mqslam.execution.engine import LocalEngine
 from mqslam.formats.lidars import carmen
 
 CONFIG = load_config(LIDAR_CONFIG)
-PERIOD_S = 0.1
+REVOLUTION_S = 0.1
 
 
 def room(poses: np.ndarray, seed: int = 1) -> list[np.ndarray]:
@@ -42,7 +42,7 @@ def room(poses: np.ndarray, seed: int = 1) -> list[np.ndarray]:
     return scans
 
 
-TIMES_US = 1_500_000_000_000_000 + np.round(np.arange(24) * PERIOD_S * 1e6).astype(np.int64)
+TIMES_US = 1_500_000_000_000_000 + np.round(np.arange(24) * REVOLUTION_S * 1e6).astype(np.int64)
 POSES = np.c_[np.linspace(-2.0, 1.0, 24), 0.3 * np.sin(np.arange(24) / 5.0), 0.02 * np.arange(24)]
 
 
@@ -57,7 +57,7 @@ def test_a_true_cloud_passes_and_a_bent_one_is_told(given: bool) -> None:
     track = Trajectory(TIMES_US, POSES) if given else None
     wrong = se2.compose(POSES, np.c_[0.02 * np.arange(24), np.zeros(24), 0.004 * np.arange(24)])
     good, bad = (sweeps_of_cloud(cloud(poses), track, CONFIG) for poses in (POSES, wrong))
-    assert len(good) == 24 and good.period_s == pytest.approx(PERIOD_S)
+    assert len(good) == 24 and good.revolution_s == pytest.approx(REVOLUTION_S)
     size = CONFIG.audit.window
     for begin in range(0, 24 - size + 1, size):
         a, b = (bend(sweeps, begin, begin + size, CONFIG) for sweeps in (good, bad))

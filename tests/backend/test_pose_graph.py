@@ -7,7 +7,7 @@ from gtsam.symbol_shorthand import X
 from mqslam.backend.pose_graph import PoseGraph, chain, marginals, optimise, pose_graph, poses_of
 from mqslam.config import GraphConfig
 from mqslam.core import se2
-from mqslam.core.measurement import RelativeMotion
+from mqslam.core.measurement import Measurement
 from mqslam.factors.prior import SIGMA_M, SIGMA_RAD
 from mqslam.factors.psi_between import psi_between
 
@@ -20,7 +20,7 @@ def graph_of(motions: np.ndarray, initial: np.ndarray, loops: dict[tuple[int, in
     edges = {(k, k + 1): motion for k, motion in enumerate(motions)} | (loops or {})
     return pose_graph(
         initial,
-        [psi_between(X(a), X(b), RelativeMotion(a, b, motion, COVARIANCE), FLAT) for (a, b), motion in edges.items()],
+        [psi_between(X(a), X(b), Measurement(a, b, motion, COVARIANCE), FLAT) for (a, b), motion in edges.items()],
     )
 
 

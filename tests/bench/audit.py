@@ -46,16 +46,16 @@ def run(out: Path) -> list[Claim]:
 
 def _bends() -> list[Claim]:
     """AUC of every measure for windows whose trajectory errs by a constant twist, over places of kaist01."""
-    stream = open_recording(twin("kaist01", 1))
+    recording = open_recording(twin("kaist01", 1))
     config = load_config()
-    windows, _ = detect_all(stream, config.detector, _ENGINE, _silent)
-    config = with_doppler(windows, config, stream.period_s)
-    truth = stream.ground_truth
+    scans, _ = detect_all(recording, config.detector, _ENGINE, _silent)
+    config = with_doppler(scans, config, recording.revolution_s)
+    truth = recording.ground_truth
     chosen = None
     values = {}
     for name, twist in (("true", (0, 0, 0)), *((name, twist) for name, twist, _ in _BENDS)):
         bent = _bent(truth, np.array(twist, dtype=float))
-        sweeps, _ = swept(windows, stream.start_us, stream.period_s, bent, config)
+        sweeps, _ = swept(scans, recording.start_us, recording.revolution_s, bent, config)
         found = audit_windows(sweeps, config, _ENGINE, _silent)
         if chosen is None:
             chosen = np.sort(np.random.default_rng(0).choice(len(found), min(_PLACES, len(found)), replace=False))
@@ -81,17 +81,17 @@ def _bent(truth: Trajectory, twist: np.ndarray) -> Trajectory:
 
 def _trajectories(out: Path) -> list[Claim]:
     """kaist01 in full: the true trajectory, and KISS-ICP's without loops, its revisits against truth."""
-    stream = open_recording(twin("kaist01", 1, frames=None))
+    recording = open_recording(twin("kaist01", 1, frames=None))
     config = load_config()
-    windows, _ = detect_all(stream, config.detector, _ENGINE, _silent)
-    config = with_doppler(windows, config, stream.period_s)
-    sweeps, _ = swept(windows, stream.start_us, stream.period_s, stream.ground_truth, config)
+    scans, _ = detect_all(recording, config.detector, _ENGINE, _silent)
+    config = with_doppler(scans, config, recording.revolution_s)
+    sweeps, _ = swept(scans, recording.start_us, recording.revolution_s, recording.ground_truth, config)
     true = audit(sweeps, config, _ENGINE, _silent)
-    context = Context(config, stream.period_s, stream.start_us, None)
-    kiss = Trajectory(stream.stamps_us, chain(m.pose for m in KissIcpFrontEnd(context).measure(windows)))
-    sweeps, _ = swept(windows, stream.start_us, stream.period_s, kiss, config)
+    context = Context(config, recording.revolution_s, recording.start_us, None)
+    kiss = Trajectory(recording.stamps_us, chain(m.pose for m in KissIcpFrontEnd(context).measure(scans)))
+    sweeps, _ = swept(scans, recording.start_us, recording.revolution_s, kiss, config)
     rival = audit(sweeps, config, _ENGINE, _silent)
-    poses = stream.ground_truth.at(stream.stamps_us)
+    poses = recording.ground_truth.at(recording.stamps_us)
     off, torn = [], []
     for judged in rival.revisits:
         pair = judged.revisit.earlier, judged.revisit.later

@@ -16,7 +16,7 @@ from mqslam.backend.loops.submap import Drive
 from mqslam.backend.pose_graph import chain
 from mqslam.config import Config, load_config
 from mqslam.core.frontend import Context
-from mqslam.core.recording import RadarStream
+from mqslam.core.recording import Recording
 from mqslam.detection.stage import detect_all
 from mqslam.execution.cluster import connected
 from mqslam.execution.engine import HERE, Engine
@@ -50,26 +50,26 @@ def _costs(summary: dict[str, Any]) -> None:
 
 def _travels(data: Path, out: Path) -> None:
     """Bytes per revolution of what is read, and of what goes between processes."""
-    stream, config = open_recording(data), load_config(out / "config.yaml")
-    windows, found = detect_all(stream, config.detector, HERE, _silent)
-    motions = list(PsiFrontEnd(Context(config, stream.period_s, stream.start_us, None)).measure(windows))
+    recording, config = open_recording(data), load_config(out / "config.yaml")
+    scans, found = detect_all(recording, config.detector, HERE, _silent)
+    motions = list(PsiFrontEnd(Context(config, recording.revolution_s, recording.start_us, None)).measure(scans))
     images = sum(path.stat().st_size for path in (data / "radar").iterdir())
-    drive = Drive.of(windows, chain(motion.pose for motion in motions))
+    drive = Drive.of(scans, chain(motion.pose for motion in motions))
     sizes = {
-        "image, decoded (stays on the worker)": stream[0].power.nbytes * len(stream),
+        "image, decoded (stays on the worker)": recording[0].power.nbytes * len(recording),
         "image, packed (stays on the worker)": images,
         "returns, from a worker": len(pickle.dumps(found.returns, 5)),
         "windows under a trajectory, to every worker, a round of loops": len(pickle.dumps(drive, 5)),
         "measurements, from a worker of compare": len(pickle.dumps(motions, 5)),
         "summary, from a worker of batch": (out / "summary.json").stat().st_size,
     }
-    table(["what", "bytes per revolution"], [[what, f"{size / len(stream):,.0f}"] for what, size in sizes.items()])
+    table(["what", "bytes per revolution"], [[what, f"{size / len(recording):,.0f}"] for what, size in sizes.items()])
     print()
 
 
 def _workers(data: Path, out: Path) -> list[Claim]:
     """Detection of one run, and a batch of runs, on growing numbers of workers of this machine."""
-    stream, config = open_recording(data), load_config()
+    recording, config = open_recording(data), load_config()
     short = twin("kaist01", 1, frames=_REVOLUTIONS)
     runs = "".join(f"  - {{data: {short}, name: run{k}, odometry: none}}\n" for k in range(_RUNS))
     (out / "runs.yaml").write_text(f"runs:\n{runs}", encoding="utf-8")
@@ -77,8 +77,8 @@ def _workers(data: Path, out: Path) -> list[Claim]:
     batches = []
     for workers in _WORKERS:
         with connected(f"local:{workers}") as engine:
-            _detected(stream, config, engine)  # warm
-            detect = min(_detected(stream, config, engine) for _ in range(_ROUNDS))
+            _detected(recording, config, engine)  # warm
+            detect = min(_detected(recording, config, engine) for _ in range(_ROUNDS))
         begin = time.perf_counter()
         _command("batch", out / "runs.yaml", "--out", out / "batch", "--cluster", f"local:{workers}")
         batches.append(time.perf_counter() - begin)
@@ -89,9 +89,9 @@ def _workers(data: Path, out: Path) -> list[Claim]:
     return [Claim(f"batch of {_RUNS} runs: 2 workers over 1", batches[0] / batches[1], least=1.4)]
 
 
-def _detected(stream: RadarStream, config: Config, engine: Engine) -> float:
+def _detected(recording: Recording, config: Config, engine: Engine) -> float:
     begin = time.perf_counter()
-    detect_all(stream, config.detector, engine, _silent)
+    detect_all(recording, config.detector, engine, _silent)
     return time.perf_counter() - begin
 
 

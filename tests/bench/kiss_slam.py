@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from mqslam.config import load_config
 from mqslam.core import se2
-from mqslam.core.recording import RadarStream
+from mqslam.core.recording import Recording
 from mqslam.core.scans import Returns
 from mqslam.core.trajectory import Trajectory
 from mqslam.detection.stage import detect_all
@@ -51,9 +51,9 @@ def main() -> int:
         return 0
     out = chosen.out or cache() / "out" / "kiss_slam"
     out.mkdir(parents=True, exist_ok=True)
-    stream = open_recording(data)
-    _detect(stream, out / "returns.npz")
-    rows = [_row(name, stream, chosen.python, out, copies, low, high) for name, copies, low, high in _SHAPES]
+    recording = open_recording(data)
+    _detect(recording, out / "returns.npz")
+    rows = [_row(name, recording, chosen.python, out, copies, low, high) for name, copies, low, high in _SHAPES]
     table(
         ["returns", "drift [%]", "[deg/100 m]", "ATE [m]", "ATE after loops [m]", "drift after [%]", "[deg/100 m]",
          "candidates", "singular", "loops", "worst loop [m]", "[deg]", "time [s]", "of one core [s]", "peak [MB]"],
@@ -62,19 +62,19 @@ def main() -> int:
     return 0
 
 
-def _detect(stream: RadarStream, path: Path) -> None:
+def _detect(recording: Recording, path: Path) -> None:
     """Returns in the sensor's frame [m], when in their revolution each was measured, and how many a revolution has."""
-    windows, _ = detect_all(stream, load_config().detector, LocalEngine(2), lambda stage, done, total: None)
-    together = Returns.concatenate([window.returns for window in windows])
+    scans, _ = detect_all(recording, load_config().detector, LocalEngine(2), lambda stage, done, total: None)
+    together = Returns.concatenate([scan.returns for scan in scans])
     np.savez(
         path,
         points=together.ranges[:, None] * np.stack([np.cos(together.azimuths), np.sin(together.azimuths)], axis=1),
-        fractions=np.concatenate([(window.returns.times - window.t0) / (window.t1 - window.t0) for window in windows]),
-        counts=[len(window.returns) for window in windows],
+        fractions=np.concatenate([(scan.returns.times - scan.t0) / (scan.t1 - scan.t0) for scan in scans]),
+        counts=[len(scan.returns) for scan in scans],
     )
 
 
-def _row(name: str, stream: RadarStream, python: str, out: Path, copies: int, low: float, high: float) -> list[str | float]:
+def _row(name: str, recording: Recording, python: str, out: Path, copies: int, low: float, high: float) -> list[str | float]:
     """A row of the table: what KISS-SLAM makes of returns at random heights."""
     stem = f"{copies}-{low:g}-{high:g}"
     found, log = out / f"{stem}.npz", out / f"{stem}.log"
@@ -89,8 +89,8 @@ def _row(name: str, stream: RadarStream, python: str, out: Path, copies: int, lo
         return [name, f"ended with {code}: {log}", *[""] * 13]
     with np.load(found) as file:
         result = dict(file)
-    before, after = (_errors(stream, result[track]) for track in ("odometry", "optimised"))
-    distance, angle = _worst_loop(stream, result)
+    before, after = (_errors(recording, result[track]) for track in ("odometry", "optimised"))
+    distance, angle = _worst_loop(recording, result)
     return [
         name, before.drift_percent or "-", before.drift_deg_per_100m or "-", before.ate_rmse_m, after.ate_rmse_m,
         after.drift_percent or "-", after.drift_deg_per_100m or "-", str(result["candidates"]), str(result["failed"]),
@@ -99,31 +99,31 @@ def _row(name: str, stream: RadarStream, python: str, out: Path, copies: int, lo
     ]  # fmt: skip
 
 
-def _errors(stream: RadarStream, matrices: NDArray[np.float64]) -> Evaluation:
-    found = evaluate(Trajectory(_ends_us(stream), _planar(matrices)), _truth(stream))
+def _errors(recording: Recording, matrices: NDArray[np.float64]) -> Evaluation:
+    found = evaluate(Trajectory(_ends_us(recording), _planar(matrices)), _truth(recording))
     assert found is not None
     return found
 
 
-def _worst_loop(stream: RadarStream, result: dict[str, NDArray[np.float64]]) -> tuple[str | float, str | float]:
+def _worst_loop(recording: Recording, result: dict[str, NDArray[np.float64]]) -> tuple[str | float, str | float]:
     """Largest error of an accepted loop [m], [deg]; a loop is the pose of its first local map in the frame of its second."""
     if len(result["loops"]) == 0:
         return "-", "-"
-    begins = _truth(stream).at(_ends_us(stream))[result["starts"]]
+    begins = _truth(recording).at(_ends_us(recording))[result["starts"]]
     first, second = result["loops"].T
     errors = se2.between(se2.between(begins[second], begins[first]), _planar(result["constraints"]))
     return float(np.hypot(errors[:, 0], errors[:, 1]).max()), float(np.rad2deg(np.abs(se2.wrap(errors[:, 2]))).max())
 
 
-def _ends_us(stream: RadarStream) -> NDArray[np.int64]:
+def _ends_us(recording: Recording) -> NDArray[np.int64]:
     """When each revolution ends: there its pose belongs."""
-    return np.append(stream.stamps_us[1:], stream.end_us)
+    return np.append(recording.stamps_us[1:], recording.end_us)
 
 
-def _truth(stream: RadarStream) -> Trajectory:
-    if stream.ground_truth is None:
-        raise SystemExit(f"{stream.path} has no ground truth")
-    return stream.ground_truth
+def _truth(recording: Recording) -> Trajectory:
+    if recording.ground_truth is None:
+        raise SystemExit(f"{recording.path} has no ground truth")
+    return recording.ground_truth
 
 
 def _planar(matrices: NDArray[np.float64]) -> se2.Array:

@@ -69,17 +69,17 @@ def run(out: Path) -> list[Claim]:
 
 def _errors(data: Path) -> Errors:
     """Measure a recording by radar only and compare every window with truth."""
-    stream = open_recording(data)
-    truth = stream.ground_truth
+    recording = open_recording(data)
+    truth = recording.ground_truth
     assert truth is not None
     config = Config()
-    windows, _ = detect_all(stream, config.detector, LocalEngine(os.cpu_count() or 1), lambda stage, done, total: None)
-    beta = round(measure_doppler(windows, config, stream.period_s), 4)
+    scans, _ = detect_all(recording, config.detector, LocalEngine(os.cpu_count() or 1), lambda stage, done, total: None)
+    beta = round(measure_doppler(scans, config, recording.revolution_s), 4)
     config = config.model_copy(update={"sensor": config.sensor.model_copy(update={"doppler_beta": beta})})
-    context = Context(config, stream.period_s, stream.start_us, None)
+    context = Context(config, recording.revolution_s, recording.start_us, None)
     nees, axes = [], []
-    for motion in PsiFrontEnd(context).measure(windows):
-        first, last = truth.at(stream.start_us + np.round(np.array([motion.t0, motion.t1]) * 1e6).astype(np.int64))
+    for motion in PsiFrontEnd(context).measure(scans):
+        first, last = truth.at(recording.start_us + np.round(np.array([motion.t0, motion.t1]) * 1e6).astype(np.int64))
         error = motion.pose - se2.between(first, last)
         error[2] = float(se2.wrap(error[2]))
         nees.append(error @ np.linalg.solve(motion.covariance, error))

@@ -13,10 +13,10 @@ from common import OXFORD, Claim, shared, table
 from mqslam.config import Config
 from mqslam.core.frontend import Context
 from mqslam.core.motion import CONSTANT_VELOCITY
-from mqslam.core.recording import Revolution
+from mqslam.core.recording import PolarScan
 from mqslam.core.scans import Returns
 from mqslam.detection.detector import DetectorConfig
-from mqslam.detection.stage import detect_stretch, windows_of
+from mqslam.detection.stage import detect_stretch, scans_of
 from mqslam.formats.recordings import open_recording
 from mqslam.frontends.psi import PsiFrontEnd
 from mqslam.psi.neighbours import CandidateLists, candidates, cell_grid
@@ -24,7 +24,7 @@ from mqslam.psi.place import PointSet, place
 from mqslam.psi.published.equations import PsiConfig, score
 from mqslam.psi.published.reference import score_reference
 from mqslam.psi.window import beam_of, without_start
-from mqslam.simulator import SimulatedStream, loop_drive, simulated_stream, street_scene
+from mqslam.simulator import SimulatedRecording, loop_drive, simulated_recording, street_scene
 
 _FIRST, _REVOLUTIONS = 4, 3  # of the real sample
 _MOTION = np.array([8.3, 0.034])  # near its true motion there [m/s, rad/s]
@@ -52,12 +52,12 @@ def run(out: Path) -> list[Claim]:
 
 
 def _window(detector: DetectorConfig) -> tuple[PointSet, float]:
-    stream = open_recording(shared(OXFORD))
-    found = detect_stretch(stream, detector, _FIRST, _FIRST + _REVOLUTIONS)
+    recording = open_recording(shared(OXFORD))
+    found = detect_stretch(recording, detector, _FIRST, _FIRST + _REVOLUTIONS)
     returns = Returns.concatenate(found.returns)
     beam = beam_of(Config().estimator, 0.0)
-    t0 = float(stream.start_times[_FIRST])
-    return without_start(place(returns, t0, np.zeros(3), _MOTION, CONSTANT_VELOCITY, beam)), stream.period_s
+    t0 = float(recording.start_times[_FIRST])
+    return without_start(place(returns, t0, np.zeros(3), _MOTION, CONSTANT_VELOCITY, beam)), recording.revolution_s
 
 
 def _ratio(p: PointSet, turn: float) -> tuple[float, float, float, float]:
@@ -89,12 +89,12 @@ def _timed(call: Callable[[], object]) -> float:
 
 
 @dataclass(frozen=True, kw_only=True)
-class _InMemory(SimulatedStream):
+class _InMemory(SimulatedRecording):
     """A simulated stream rendered once."""
 
-    rendered: tuple[Revolution, ...]
+    rendered: tuple[PolarScan, ...]
 
-    def revolutions(self, start: int = 0, stop: int | None = None) -> Iterator[Revolution]:
+    def polar_scans(self, start: int = 0, stop: int | None = None) -> Iterator[PolarScan]:
         yield from self.rendered[start:stop]
 
 
@@ -102,22 +102,23 @@ def _real_time() -> Claim:
     """Detection and psi front end over a simulated drive with a real radar's 3,767 bins, in seconds of one core."""
     config = Config()
     config = config.model_copy(update={"sensor": config.sensor.model_copy(update={"doppler_beta": 0.0})})
-    plain = simulated_stream(street_scene(3, movers=0), loop_drive(45.0), duration_s=40.0, seed=3)
+    plain = simulated_recording(street_scene(3, movers=0), loop_drive(45.0), duration_s=40.0, seed=3)
     parts = {name: getattr(plain, name) for name in plain.__dataclass_fields__}
-    stream = _InMemory(**parts, rendered=tuple(plain.revolutions()))
-    context = Context(config, stream.period_s, stream.start_us, None)
-    warm = windows_of(stream, detect_stretch(stream, config.detector, 0, len(stream)).returns)
+    recording = _InMemory(**parts, rendered=tuple(plain.polar_scans()))
+    context = Context(config, recording.revolution_s, recording.start_us, None)
+    warm = scans_of(recording, detect_stretch(recording, config.detector, 0, len(recording)).returns)
     list(PsiFrontEnd(context).measure(warm[:6]))  # compiles
     wall, core = time.perf_counter(), time.process_time()
-    detected = detect_stretch(stream, config.detector, 0, len(stream))
+    detected = detect_stretch(recording, config.detector, 0, len(recording))
     after_detection = time.process_time()
-    windows = windows_of(stream, detected.returns)
-    list(PsiFrontEnd(context).measure(windows))
+    scans = scans_of(recording, detected.returns)
+    list(PsiFrontEnd(context).measure(scans))
     wall, end = time.perf_counter() - wall, time.process_time()
-    per_window = [1e3 * s / len(stream) for s in (after_detection - core, end - after_detection, end - core)]
-    rate = len(stream) / (end - core)
+    per_window = [1e3 * s / len(recording) for s in (after_detection - core, end - after_detection, end - core)]
+    rate = len(recording) / (end - core)
     table(
         ["windows", "detection [ms]", "front end, cold start included [ms]", "windows per core second", "wall clock [s]"],
-        [[str(len(stream)), per_window[0], per_window[1], rate, wall]],
+        [[str(len(recording)), per_window[0], per_window[1], rate, wall]],
     )
-    return Claim("psi front end with detection, times real time at 4 turns/s on one core", rate * stream.period_s, least=8.0)
+    named = "psi front end with detection, times real time at 4 turns/s on one core"
+    return Claim(named, rate * recording.revolution_s, least=8.0)

@@ -16,27 +16,27 @@ from mqslam.check.finding import Finding, Verdict
 from mqslam.check.stretches import REVOLUTIONS, STRETCHES, read_stretches
 from mqslam.check.sweeping import check_azimuths, check_stamps
 from mqslam.config import Config
-from mqslam.core.recording import RadarStream, Revolution
+from mqslam.core.recording import PolarScan, Recording
 from mqslam.core.trajectory import Trajectory
 from mqslam.formats.recordings import open_recording
-from mqslam.simulator import SimulatedStream
+from mqslam.simulator import SimulatedRecording
 
 
-def findings(stream: RadarStream) -> tuple[Finding, Finding]:
-    stretches = read_stretches(stream, None, Config(), lambda done, total: None)
-    return check_stamps(stream, stretches), check_azimuths(stretches)
+def findings(recording: Recording) -> tuple[Finding, Finding]:
+    stretches = read_stretches(recording, None, Config(), lambda done, total: None)
+    return check_stamps(recording, stretches), check_azimuths(stretches)
 
 
-class Holed(SimulatedStream):
+class Holed(SimulatedRecording):
     """A drive without its azimuths 20 to 24."""
 
-    def revolutions(self, start: int = 0, stop: int | None = None) -> Iterator[Revolution]:
-        for turn in super().revolutions(start, stop):
+    def polar_scans(self, start: int = 0, stop: int | None = None) -> Iterator[PolarScan]:
+        for turn in super().polar_scans(start, stop):
             names = ("times", "azimuths", "power", "valid")
             yield replace(turn, **{name: np.delete(getattr(turn, name), np.arange(20, 25), axis=0) for name in names})
 
 
-def spread(folder: Path, begins_us: list[int], *, turn_us: int = TURN_US, swept: float = 1.0) -> RadarStream:
+def spread(folder: Path, begins_us: list[int], *, turn_us: int = TURN_US, swept: float = 1.0) -> Recording:
     """A recording of revolutions that begin at stamps after the start [us], each swept for part of a turn."""
     (folder / "radar").mkdir(parents=True)
     rows = np.arange(40)
@@ -83,9 +83,9 @@ def test_a_revolution_that_comes_twice_is_noticed(oxford: Path) -> None:
 
 
 def test_faults_that_the_reader_found_are_passed_on(oxford: Path) -> None:
-    stream = open_recording(oxford)
-    assert findings(stream)[0].verdict is Verdict.OK
-    stamps, _ = findings(replace(stream, faults=("the stamps of 2 messages repeat or run backward: left out",)))
+    recording = open_recording(oxford)
+    assert findings(recording)[0].verdict is Verdict.OK
+    stamps, _ = findings(replace(recording, faults=("the stamps of 2 messages repeat or run backward: left out",)))
     assert stamps.verdict is Verdict.SUSPICIOUS and "2 messages repeat or run backward" in stamps.text
 
 
@@ -116,12 +116,12 @@ def test_azimuths_that_were_not_measured_are_counted(tmp_path: Path) -> None:
 
 
 def test_stretches_are_short_few_and_apart_and_lie_where_odometry_turns(tmp_path: Path) -> None:
-    stream = open_recording(write_oxford(tmp_path / "d", revolutions=80, skip=(60,)))
-    spans = [[w.t0 for w in s.windows] for s in read_stretches(stream, None, Config(), lambda done, total: None)]
+    recording = open_recording(write_oxford(tmp_path / "d", revolutions=80, skip=(60,)))
+    spans = [[w.t0 for w in s.scans] for s in read_stretches(recording, None, Config(), lambda done, total: None)]
     assert len(spans) == STRETCHES and all(len(span) == REVOLUTIONS for span in spans)
     assert all(np.allclose(np.diff(span), 0.25) for span in spans)
     assert all(one[-1] < other[0] for one, other in itertools.pairwise(spans))
     turn = np.cumsum(np.where(np.arange(80) == 30, 0.5, 0.0))
     track = Trajectory(START_US + TURN_US * np.arange(80), np.column_stack([2.0 * np.arange(80), np.zeros(80), turn]))
-    spans = [[w.t0 for w in s.windows] for s in read_stretches(stream, track, Config(), lambda done, total: None)]
+    spans = [[w.t0 for w in s.scans] for s in read_stretches(recording, track, Config(), lambda done, total: None)]
     assert any(span[0] < 29 * 0.25 < span[-1] for span in spans)

@@ -22,9 +22,9 @@ from mqslam.simulator import (
     Drive,
     Scene,
     SensorModel,
-    SimulatedStream,
+    SimulatedRecording,
     loop_drive,
-    simulated_stream,
+    simulated_recording,
     street_scene,
     with_way_made,
     yard_scene,
@@ -35,12 +35,12 @@ RESOLUTION = ["--range-resolution", "0.175"]
 NAMES = ["stamps", "azimuths", "order of azimuths", "direction of rotation", "stamp convention", "range resolution"]
 
 
-def drive(scene: Scene, motion: Drive, duration_s: float) -> SimulatedStream:
-    return simulated_stream(scene, motion, duration_s=duration_s, sensor=SENSOR)
+def drive(scene: Scene, motion: Drive, duration_s: float) -> SimulatedRecording:
+    return simulated_recording(scene, motion, duration_s=duration_s, sensor=SENSOR)
 
 
 @lru_cache(maxsize=1)
-def corner() -> SimulatedStream:
+def corner() -> SimulatedRecording:
     """Eleven seconds along a street and round its corner."""
     motion = loop_drive(11.0, speed=8.0)
     return drive(with_way_made(street_scene(1, movers=3), motion, 11.0), motion, 11.0)
@@ -145,9 +145,9 @@ def test_the_real_sample_is_not_suspicious(oxford_tiny: Path) -> None:
 
 
 def test_ground_truth_is_never_used(tmp_path: Path) -> None:
-    stream = drive(yard_scene(1), ConstantDrive(8.0, 0.1), 2.0)
-    write_native(tmp_path / "with.npz", replace(stream, odometry=None))
-    write_native(tmp_path / "without.npz", replace(stream, odometry=None, ground_truth=None))
+    recording = drive(yard_scene(1), ConstantDrive(8.0, 0.1), 2.0)
+    write_native(tmp_path / "with.npz", replace(recording, odometry=None))
+    write_native(tmp_path / "without.npz", replace(recording, odometry=None, ground_truth=None))
     assert verdicts(tmp_path / "with.npz") == verdicts(tmp_path / "without.npz")
 
 

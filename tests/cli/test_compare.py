@@ -12,7 +12,7 @@ from evo.core import metrics, sync
 from evo.tools import file_interface
 from support.commands import contents, mqslam
 
-from mqslam.core.measurement import RelativeMotion
+from mqslam.core.measurement import Measurement
 
 OPTIONS = ("--odometry-only", "--quiet")
 
@@ -22,12 +22,12 @@ class Dawdler:
 
     def __init__(self, context) -> None: ...
 
-    def measure(self, windows):
+    def measure(self, scans):
         before = None
-        for window in windows:
+        for scan in scans:
             if before is not None:
-                yield RelativeMotion(before.t0, window.t0, np.array([2.0, 0.0, 0.0]), np.eye(3) * 1e-2)
-            before = window
+                yield Measurement(before.t0, scan.t0, np.array([2.0, 0.0, 0.0]), np.eye(3) * 1e-2)
+            before = scan
 
 
 @pytest.fixture
@@ -38,7 +38,7 @@ def dawdler(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
     info.mkdir(parents=True)
     source = Path(__file__).read_text()
     body = source[source.index("class Dawdler") : source.index("@pytest.fixture")]
-    head = "import numpy as np\nfrom mqslam.core.measurement import RelativeMotion\n\n\n"
+    head = "import numpy as np\nfrom mqslam.core.measurement import Measurement\n\n\n"
     (package / "dawdler.py").write_text(head + body)
     (info / "METADATA").write_text("Metadata-Version: 2.1\nName: dawdler\nVersion: 1.0\n")
     (info / "entry_points.txt").write_text("[mqslam.frontends]\ndawdler = dawdler:Dawdler\n")

@@ -32,9 +32,9 @@ def test_the_suffix_says_the_layout(oxford: Path, tmp_path: Path, name: str, for
     shown = mqslam("convert", oxford, tmp_path / "deep" / name)
     assert (shown.code, shown.out) == (0, "") and f"wrote {tmp_path / 'deep' / name}" in shown.err
     assert "converting: 6/6" in shown.err and "note: range resolution 0.0438 m assumed" in shown.err
-    stream = open_recording(tmp_path / "deep" / name)
-    assert stream.format == format
-    assert_same(open_recording(oxford), stream)
+    recording = open_recording(tmp_path / "deep" / name)
+    assert recording.format == format
+    assert_same(open_recording(oxford), recording)
     assert [path.name for path in (tmp_path / "deep").iterdir()] == [name]
 
 
@@ -43,18 +43,18 @@ def test_a_named_layout_goes_into_a_folder(tmp_path: Path, to: str) -> None:
     drive = write_radiate(tmp_path / "drive", left_turn())
     shown = mqslam("convert", drive, tmp_path / "out", "--to", to, "--quiet")
     assert (shown.code, shown.out, shown.err) == (0, "", "")
-    stream = open_recording(tmp_path / "out")
-    assert stream.format == FORMATS.get(to, to)
-    assert_alike(left_turn(), stream)
+    recording = open_recording(tmp_path / "out")
+    assert recording.format == FORMATS.get(to, to)
+    assert_alike(left_turn(), recording)
 
 
 def test_settings_of_the_sensor_reach_the_recording(tmp_path: Path) -> None:
     drive = write_radiate(tmp_path / "drive", left_turn())
     (tmp_path / "mine.yaml").write_text("sensor: {stamp: start, range_resolution_m: 0.5}\n")
     assert mqslam("convert", drive, tmp_path / "out", "--config", tmp_path / "mine.yaml", "--quiet").code == 0
-    stream = open_recording(tmp_path / "out")
-    assert stream.range_resolution == 0.5
-    np.testing.assert_allclose(stream.stamps_us - left_turn().stamps_us, 250_000, rtol=0.0, atol=1)
+    recording = open_recording(tmp_path / "out")
+    assert recording.range_resolution == 0.5
+    np.testing.assert_allclose(recording.stamps_us - left_turn().stamps_us, 250_000, rtol=0.0, atol=1)
 
 
 def test_the_drivers_messages_can_be_had(oxford: Path, tmp_path: Path) -> None:

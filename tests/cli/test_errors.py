@@ -45,7 +45,7 @@ def no_returns_but_odometry(folder: Path) -> Arguments:
     return [drive, *rest, "--frontend", "odometry"]
 
 
-def one_revolution(folder: Path) -> Arguments:
+def one_polar_scan(folder: Path) -> Arguments:
     return [write_oxford(folder / "drive", revolutions=1)]
 
 
@@ -90,7 +90,7 @@ CASES: dict[str, tuple[Callable[[Path], Arguments], str]] = {
     "truncated image": (truncated_image, f"{START_US + 4 * TURN_US}.png: is not a readable PNG"),
     "no returns": (no_returns, "lower detector.threshold"),
     "no returns but odometry": (no_returns_but_odometry, "lower detector.threshold"),
-    "one revolution": (one_revolution, "two at least"),
+    "one revolution": (one_polar_scan, "two at least"),
     **{f"{kind} without radar": (bag_without_radar(kind), "has no radar (topics: /camera") for kind in KINDS},
     "unknown setting": (config("psi: {bta_s: 1.0}"), "unknown setting psi.bta_s; did you mean beta_s?"),
     "unknown section": (config("detecter: {}"), "unknown setting detecter; did you mean detector?"),

@@ -26,8 +26,8 @@ BEAM = beam_of(Config().estimator, 0.0)
 
 
 def window(street: Path, first: int, revolutions: int) -> Returns:
-    stream = open_recording(street)
-    return Returns.concatenate(detect_stretch(stream, Config().detector, first, first + revolutions).returns)
+    recording = open_recording(street)
+    return Returns.concatenate(detect_stretch(recording, Config().detector, first, first + revolutions).returns)
 
 
 def shown(street: Path, *words: str | float) -> dict[str, Any]:

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from support.detector_reference import peaks_reference, targets_reference
 
-from mqslam.core.recording import Revolution
+from mqslam.core.recording import PolarScan
 from mqslam.core.scans import Returns
 from mqslam.detection.detector import DetectorConfig, _peaks, _targets, detect
 
@@ -16,11 +16,11 @@ AZIMUTHS, BINS = 60, 600
 SETTINGS = DetectorConfig()
 
 
-def revolution(power: NDArray[np.uint8], invalid: tuple[int, ...] = ()) -> Revolution:
+def polar_scan(power: NDArray[np.uint8], invalid: tuple[int, ...] = ()) -> PolarScan:
     turn = np.arange(len(power)) / len(power)
     valid = np.ones(len(power), dtype=bool)
     valid[list(invalid)] = False
-    return Revolution(10.0 + 0.25 * turn, -2.0 * np.pi * turn, power, valid)
+    return PolarScan(10.0 + 0.25 * turn, -2.0 * np.pi * turn, power, valid)
 
 
 def quiet() -> NDArray[np.uint8]:
@@ -36,7 +36,7 @@ def add(power: NDArray[np.uint8], azimuth: int, range_m: float, level: float = 1
 
 
 def found(power: NDArray[np.uint8], config: DetectorConfig = SETTINGS, invalid: tuple[int, ...] = ()) -> Returns:
-    return detect(revolution(power, invalid), BIN_M, config)
+    return detect(polar_scan(power, invalid), BIN_M, config)
 
 
 def pictures(levels: int) -> st.SearchStrategy[NDArray[np.uint8]]:

@@ -15,7 +15,7 @@ from support.drives import constant
 from mqslam import slam as slam_module
 from mqslam.backend.loops.search import Loop
 from mqslam.config import Config, MapConfig, SensorConfig
-from mqslam.core.measurement import RelativeMotion, Status
+from mqslam.core.measurement import Measurement, Status
 from mqslam.core.scans import Returns
 from mqslam.core.trajectory import Trajectory
 from mqslam.detection.stage import Detected, detect_all
@@ -23,7 +23,7 @@ from mqslam.errors import DataError, OutputError
 from mqslam.execution.checkpoint import FOLDER, Checkpoint, run_key, unfinished
 from mqslam.execution.engine import HERE
 from mqslam.psi.tracking import doppler as doppler_module
-from mqslam.simulator import SensorModel, SimulatedStream, simulated_stream, street_scene
+from mqslam.simulator import SensorModel, SimulatedRecording, simulated_recording, street_scene
 from mqslam.slam import Slam
 
 RNG = np.random.default_rng(1)
@@ -36,10 +36,10 @@ def some_returns(count: int) -> Returns:
 RETURNS = [some_returns(7), some_returns(0), some_returns(1), some_returns(30), some_returns(0)]
 DETECTED = Detected(RETURNS, {4: DataError("drive/radar/4.png", "is not a readable PNG", "copy it anew")})
 MEASUREMENTS = [
-    RelativeMotion(0.0, 0.25, RNG.normal(size=3), RNG.normal(size=(3, 3)), Status.CONVERGED, 12.3, 14.0, 812, 0.83),
-    RelativeMotion(0.25, 0.5, RNG.normal(size=3), RNG.normal(size=(3, 3)), Status.DEGENERATE, 1.0 / 3.0),
-    RelativeMotion(0.5, 0.75, RNG.normal(size=3), RNG.normal(size=(3, 3)), Status.AMBIGUOUS),
-    RelativeMotion(0.75, 1.0, RNG.normal(size=3), RNG.normal(size=(3, 3)), Status.LOST, points=3),
+    Measurement(0.0, 0.25, RNG.normal(size=3), RNG.normal(size=(3, 3)), Status.CONVERGED, 12.3, 14.0, 812, 0.83),
+    Measurement(0.25, 0.5, RNG.normal(size=3), RNG.normal(size=(3, 3)), Status.DEGENERATE, 1.0 / 3.0),
+    Measurement(0.5, 0.75, RNG.normal(size=3), RNG.normal(size=(3, 3)), Status.AMBIGUOUS),
+    Measurement(0.75, 1.0, RNG.normal(size=3), RNG.normal(size=(3, 3)), Status.LOST, points=3),
 ]
 LOOPS = [
     Loop(3, 170, RNG.normal(size=3), RNG.normal(size=(3, 3)), 0.71, 0.2),
@@ -152,27 +152,27 @@ def test_something_else_under_the_name_is_not_there(tmp_path: Path, other: bytes
 
 
 @pytest.fixture(scope="module")
-def stream() -> SimulatedStream:
+def recording() -> SimulatedRecording:
     """Forty-four revolutions, which are detected in two stretches."""
     sensor = SensorModel(turn_rate_hz=8.0, azimuths=200, range_resolution=0.175, max_range=60.0)
-    return simulated_stream(street_scene(1, movers=0), constant(6.0, 0.0), duration_s=5.5, sensor=sensor)
+    return simulated_recording(street_scene(1, movers=0), constant(6.0, 0.0), duration_s=5.5, sensor=sensor)
 
 
 def silent(stage: str, done: int, total: int) -> None:
     return None
 
 
-def test_a_broken_stretch_is_detected_again(stream: SimulatedStream, tmp_path: Path) -> None:
+def test_a_broken_stretch_is_detected_again(recording: SimulatedRecording, tmp_path: Path) -> None:
     config = Config().detector
     checkpoint = Checkpoint(tmp_path / "out", "this run", resume=False)
-    first, _ = detect_all(stream, config, HERE, silent, checkpoint)
+    first, _ = detect_all(recording, config, HERE, silent, checkpoint)
     before = contents(tmp_path)
     kept = sorted((tmp_path / "out" / FOLDER).glob("returns-*"))
     assert len(kept) == 2
     for broken in ([], kept[:1], kept[1:], kept):
         for file in broken:
             file.write_bytes(file.read_bytes()[:500])
-        again, cost = detect_all(stream, config, HERE, silent, resumed(tmp_path / "out"))
+        again, cost = detect_all(recording, config, HERE, silent, resumed(tmp_path / "out"))
         assert (cost.read_s > 0.0) == bool(broken)
         for one, other in zip(first, again, strict=True):
             assert (one.t0, one.t1) == (other.t0, other.t1)
@@ -181,16 +181,16 @@ def test_a_broken_stretch_is_detected_again(stream: SimulatedStream, tmp_path: P
 
 
 def test_a_resumed_run_repeats_no_finished_stage_and_ends_the_same(
-    stream: SimulatedStream, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    recording: SimulatedRecording, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The Doppler shift, which is measured, is kept with the measurements made with it."""
     monkeypatch.setattr(doppler_module, "measure_doppler", lambda *_: 0.0123)
     config = Config(map=MapConfig(travel_m=2.0))
-    first = Slam(config, "psi", HERE, silent, Checkpoint(tmp_path / "out", "this run", resume=False)).run(stream, None)
+    first = Slam(config, "psi", HERE, silent, Checkpoint(tmp_path / "out", "this run", resume=False)).run(recording, None)
     monkeypatch.setattr(doppler_module, "measure_doppler", lambda *_: pytest.fail("measured again"))
     monkeypatch.setattr(slam_module, "find_loops", lambda *_: pytest.fail("searched again"))
-    monkeypatch.setattr(SimulatedStream, "revolutions", lambda *_: pytest.fail("read again"))
-    again = Slam(config, "psi", HERE, silent, resumed(tmp_path / "out")).run(stream, None)
+    monkeypatch.setattr(SimulatedRecording, "revolutions", lambda *_: pytest.fail("read again"))
+    again = Slam(config, "psi", HERE, silent, resumed(tmp_path / "out")).run(recording, None)
     assert again.config == first.config and again.config.sensor.doppler_beta == 0.0123
     np.testing.assert_array_equal(again.optimised.poses, first.optimised.poses)
     np.testing.assert_array_equal(again.map_optimised.psi, first.map_optimised.psi)
@@ -282,13 +282,13 @@ def test_a_place_that_cannot_be_written_is_said_so(tmp_path: Path) -> None:
         Checkpoint(tmp_path / "file" / "out", "this run", resume=False).keep_loops([], 0)
 
 
-ANOTHER: dict[str, Callable[[SimulatedStream], str]] = {
+ANOTHER: dict[str, Callable[[SimulatedRecording], str]] = {
     "settings": lambda s: run_key(s, Config(sensor=SensorConfig(doppler_beta=0.01)), "psi", s.odometry),
     "front end": lambda s: run_key(s, Config(), "kiss_icp", s.odometry),
     "no odometry": lambda s: run_key(s, Config(), "psi", None),
     "other odometry": lambda s: run_key(s, Config(), "psi", moved(s.odometry)),
     "other recording": lambda s: run_key(
-        simulated_stream(s.scene, s.drive, duration_s=4.0, sensor=s.sensor), Config(), "psi", s.odometry
+        simulated_recording(s.scene, s.drive, duration_s=4.0, sensor=s.sensor), Config(), "psi", s.odometry
     ),
 }
 
@@ -299,7 +299,7 @@ def moved(track: Trajectory | None) -> Trajectory:
 
 
 @pytest.mark.parametrize("change", ANOTHER)
-def test_whatever_changes_the_result_changes_the_key(stream: SimulatedStream, change: str) -> None:
-    key = run_key(stream, Config(), "psi", stream.odometry)
-    assert key == run_key(stream, Config(), "psi", stream.odometry)
-    assert ANOTHER[change](stream) != key
+def test_whatever_changes_the_result_changes_the_key(recording: SimulatedRecording, change: str) -> None:
+    key = run_key(recording, Config(), "psi", recording.odometry)
+    assert key == run_key(recording, Config(), "psi", recording.odometry)
+    assert ANOTHER[change](recording) != key

@@ -7,7 +7,7 @@ from gtsam.symbol_shorthand import X
 
 from mqslam.config import GraphConfig
 from mqslam.core import se2
-from mqslam.core.measurement import RelativeMotion
+from mqslam.core.measurement import Measurement
 from mqslam.factors.noise import between_noise
 from mqslam.factors.odometry_between import odometry_between, odometry_covariance
 from mqslam.factors.prior import SIGMA_M, SIGMA_RAD, prior
@@ -15,7 +15,7 @@ from mqslam.factors.psi_between import psi_between
 
 FLAT = GraphConfig(floor_m=1e-9, floor_rad=1e-9, cancelling=1.0)  # the covariance as given
 COVARIANCE = np.array([[0.04, 0.01, 0.002], [0.01, 0.01, -0.001], [0.002, -0.001, 0.0009]])
-MOTION = RelativeMotion(0.0, 0.25, np.array([3.0, 0.4, 1.1]), COVARIANCE)
+MOTION = Measurement(0.0, 0.25, np.array([3.0, 0.4, 1.1]), COVARIANCE)
 
 
 def gaussian(factor: gtsam.BetweenFactorPose2) -> np.ndarray:
@@ -62,7 +62,7 @@ def test_the_floor_is_added_in_square() -> None:
 
 
 def test_a_residual_beyond_huber_pulls_only_linearly() -> None:
-    factor = psi_between(X(0), X(1), RelativeMotion(0.0, 0.25, np.zeros(3), np.eye(3)), FLAT)
+    factor = psi_between(X(0), X(1), Measurement(0.0, 0.25, np.zeros(3), np.eye(3)), FLAT)
 
     def error(x: float) -> float:
         values = gtsam.Values()
@@ -81,8 +81,8 @@ def test_the_prior_holds_the_pose_it_is_given() -> None:
     np.testing.assert_allclose(factor.noiseModel().sigmas(), [SIGMA_M, SIGMA_M, SIGMA_RAD])
 
 
-def run(poses: np.ndarray) -> list[RelativeMotion]:
-    return [RelativeMotion(0.25 * k, 0.25 * (k + 1), pose, COVARIANCE) for k, pose in enumerate(poses)]
+def run(poses: np.ndarray) -> list[Measurement]:
+    return [Measurement(0.25 * k, 0.25 * (k + 1), pose, COVARIANCE) for k, pose in enumerate(poses)]
 
 
 def straight(count: int = 200) -> np.ndarray:

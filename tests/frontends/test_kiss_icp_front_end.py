@@ -14,8 +14,8 @@ from mqslam.frontends.kiss_icp import KissIcpFrontEnd
 
 
 def front_end(settings: KissIcpConfig) -> KissIcpFrontEnd:
-    stream, _ = street_drive()
-    return KissIcpFrontEnd(Context(Config(kiss_icp=settings), stream.period_s, stream.start_us, None))
+    recording, _ = street_drive()
+    return KissIcpFrontEnd(Context(Config(kiss_icp=settings), recording.revolution_s, recording.start_us, None))
 
 
 def poses(settings: KissIcpConfig, count: int) -> se2.Array:
@@ -62,7 +62,7 @@ def test_a_missing_file_is_named(tmp_path: Path) -> None:
 
 
 def test_without_deskewing_a_pose_is_of_the_middle_of_its_revolution() -> None:
-    stream, windows = street_drive()
-    truth = stream.drive.poses(np.array([window.t0 for window in windows]))
-    off = se2.between(se2.between(truth[:-1], truth[1:]), poses(KissIcpConfig(deskew=False), len(windows)))
+    recording, scans = street_drive()
+    truth = recording.drive.poses(np.array([scan.t0 for scan in scans]))
+    off = se2.between(se2.between(truth[:-1], truth[1:]), poses(KissIcpConfig(deskew=False), len(scans)))
     np.testing.assert_array_less(np.sqrt(np.mean(off**2, axis=0)), [0.12, 0.05, 0.005])

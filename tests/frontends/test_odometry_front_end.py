@@ -16,35 +16,35 @@ from mqslam.frontends.odometry import OdometryFrontEnd
 
 
 def context(odometry: Trajectory | None) -> Context:
-    stream, _ = street_drive()
-    return Context(Config(), stream.period_s, stream.start_us, odometry)
+    recording, _ = street_drive()
+    return Context(Config(), recording.revolution_s, recording.start_us, odometry)
 
 
 def test_the_motions_chained_are_the_odometry_itself() -> None:
-    stream, windows = street_drive()
-    assert stream.odometry is not None
-    motions = list(OdometryFrontEnd(context(stream.odometry)).measure(windows))
-    at = stream.odometry.at(stream.stamps_us)
+    recording, scans = street_drive()
+    assert recording.odometry is not None
+    motions = list(OdometryFrontEnd(context(recording.odometry)).measure(scans))
+    at = recording.odometry.at(recording.stamps_us)
     np.testing.assert_allclose(chain([m.pose for m in motions], at[0]), at, atol=1e-9)
-    assert [(m.t0, m.t1) for m in motions] == [(a.t0, b.t0) for a, b in pairwise(windows)]
+    assert [(m.t0, m.t1) for m in motions] == [(a.t0, b.t0) for a, b in pairwise(scans)]
 
 
 def test_a_motion_is_read_between_the_stamps_of_the_odometry() -> None:
-    _, windows = street_drive()
+    _, scans = street_drive()
     stamps = np.array([0, 10_000_000]) + street_drive()[0].start_us
     twist = np.array([8.0, 0.0, 0.05])
     odometry = Trajectory(stamps.astype(np.int64), np.array([np.zeros(3), se2.exp(twist, 10.0)]))
-    for motion in OdometryFrontEnd(context(odometry)).measure(windows):
+    for motion in OdometryFrontEnd(context(odometry)).measure(scans):
         np.testing.assert_allclose(motion.pose, se2.exp(twist, 0.25), atol=1e-9)
 
 
 def test_uncertainty_grows_with_travel() -> None:
-    _, windows = street_drive()
+    _, scans = street_drive()
     stamps = street_drive()[0].stamps_us
 
     def variance(speed: float) -> float:
         along = np.c_[speed * np.arange(len(stamps)) * 0.25, np.zeros((len(stamps), 2))]
-        motion = next(iter(OdometryFrontEnd(context(Trajectory(stamps, along))).measure(windows)))
+        motion = next(iter(OdometryFrontEnd(context(Trajectory(stamps, along))).measure(scans)))
         np.testing.assert_array_less(0.0, np.linalg.eigvalsh(motion.covariance))
         return float(motion.covariance[0, 0])
 
@@ -57,8 +57,8 @@ def test_without_odometry_it_says_what_to_do() -> None:
 
 
 def test_odometry_that_ends_too_early_is_an_error_that_says_where() -> None:
-    stream, windows = street_drive()
-    assert stream.odometry is not None
-    short = Trajectory(stream.odometry.stamps_us[:60], stream.odometry.poses[:60])  # three seconds
+    recording, scans = street_drive()
+    assert recording.odometry is not None
+    short = Trajectory(recording.odometry.stamps_us[:60], recording.odometry.poses[:60])  # three seconds
     with pytest.raises(EstimationError, match=r"3\.[0-9]+ s to 3\.[0-9]+ s"):
-        list(OdometryFrontEnd(context(short)).measure(windows))
+        list(OdometryFrontEnd(context(short)).measure(scans))

@@ -14,16 +14,16 @@ from mqslam.frontends.open3d_icp import Open3dIcpFrontEnd
 
 
 def context(config: Config) -> Context:
-    stream, _ = street_drive()
-    return Context(config, stream.period_s, stream.start_us, None)
+    recording, _ = street_drive()
+    return Context(config, recording.revolution_s, recording.start_us, None)
 
 
 def test_generalized_icp_stays_in_the_plane() -> None:
     pytest.importorskip("open3d", exc_type=ImportError)
-    stream, windows = street_drive()
+    recording, scans = street_drive()
     config = Config(open3d_icp=Open3dIcpConfig(method="generalized"))
-    found = np.array([motion.pose for motion in Open3dIcpFrontEnd(context(config)).measure(windows[:12])])
-    truth = stream.drive.poses(np.array([window.t0 for window in windows[:12]]))
+    found = np.array([motion.pose for motion in Open3dIcpFrontEnd(context(config)).measure(scans[:12])])
+    truth = recording.drive.poses(np.array([scan.t0 for scan in scans[:12]]))
     off = se2.between(se2.between(truth[:-1], truth[1:]), found)
     np.testing.assert_array_less(np.sqrt(np.mean(off**2, axis=0)), [0.15, 0.08, 0.01])
 

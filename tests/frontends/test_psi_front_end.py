@@ -11,33 +11,33 @@ from mqslam.backend.pose_graph import chain
 from mqslam.config import Config, SensorConfig
 from mqslam.core import se2
 from mqslam.core.frontend import Context
-from mqslam.core.measurement import RelativeMotion, Status
-from mqslam.core.scans import Window
+from mqslam.core.measurement import Measurement, Status
+from mqslam.core.scans import Scan
 from mqslam.core.trajectory import Trajectory
 from mqslam.errors import EstimationError
 from mqslam.frontends.psi import PsiFrontEnd
-from mqslam.simulator import ConstantDrive, SimulatedStream, corridor_scene
+from mqslam.simulator import ConstantDrive, SimulatedRecording, corridor_scene
 
 
-def measured(stream: SimulatedStream, windows: list[Window], odometry: Trajectory | None = None) -> list[RelativeMotion]:
+def measured(recording: SimulatedRecording, scans: list[Scan], odometry: Trajectory | None = None) -> list[Measurement]:
     config = Config(sensor=SensorConfig(doppler_beta=0.0))
-    context = Context(config, stream.period_s, stream.start_us, odometry)
-    return list(PsiFrontEnd(context).measure(windows))
+    context = Context(config, recording.revolution_s, recording.start_us, odometry)
+    return list(PsiFrontEnd(context).measure(scans))
 
 
-def errors(stream: SimulatedStream, motions: list[RelativeMotion]) -> se2.Array:
-    stamps = [stream.start_us + np.round(np.array([m.t0, m.t1]) * 1e6).astype(np.int64) for m in motions]
-    truth = np.array([se2.between(*stream.drive.poses((s - stream.start_us) * 1e-6)) for s in stamps])
+def errors(recording: SimulatedRecording, motions: list[Measurement]) -> se2.Array:
+    stamps = [recording.start_us + np.round(np.array([m.t0, m.t1]) * 1e6).astype(np.int64) for m in motions]
+    truth = np.array([se2.between(*recording.drive.poses((s - recording.start_us) * 1e-6)) for s in stamps])
     found = se2.between(truth, np.array([m.pose for m in motions]))
     found[:, 2] = se2.wrap(found[:, 2])
     return found
 
 
 def test_the_motions_are_those_driven_and_their_covariances_say_how_well() -> None:
-    stream, windows = street_drive()
-    motions = measured(stream, windows)
-    assert [(m.t0, m.t1) for m in motions] == [(a.t0, b.t0) for a, b in pairwise(windows)]
-    off = errors(stream, motions)
+    recording, scans = street_drive()
+    motions = measured(recording, scans)
+    assert [(m.t0, m.t1) for m in motions] == [(a.t0, b.t0) for a, b in pairwise(scans)]
+    off = errors(recording, motions)
     np.testing.assert_array_less(np.sqrt(np.mean(off**2, axis=0)), [0.02, 0.01, 0.002])
     np.testing.assert_array_less(np.abs(off).max(axis=0), [0.06, 0.03, 0.006])
     assert {m.status for m in motions} == {Status.CONVERGED}
@@ -45,19 +45,19 @@ def test_the_motions_are_those_driven_and_their_covariances_say_how_well() -> No
     assert 0.3 < np.mean(nees) < 2.0
 
 
-def wrong_odometry(stream: SimulatedStream) -> Trajectory:
+def wrong_odometry(recording: SimulatedRecording) -> Trajectory:
     """Odometry that is a tenth too fast and turns by 0.02 rad/s too much."""
-    assert stream.odometry is not None
-    twists = se2.log(se2.between(stream.odometry.poses[:-1], stream.odometry.poses[1:]))
+    assert recording.odometry is not None
+    twists = se2.log(se2.between(recording.odometry.poses[:-1], recording.odometry.poses[1:]))
     moves = se2.exp(twists * [1.1, 1.0, 1.0] + [0.0, 0.0, 0.02 * 0.05])
-    return replace(stream.odometry, poses=chain(moves))
+    return replace(recording.odometry, poses=chain(moves))
 
 
 def test_a_measurement_says_what_it_rests_on() -> None:
-    stream, windows = street_drive()
-    with_it, without = measured(stream, windows[:12], wrong_odometry(stream)), measured(stream, windows[:12])
-    for m, window in zip(with_it, windows[1:], strict=False):
-        assert m.points == len(window.returns)
+    recording, scans = street_drive()
+    with_it, without = measured(recording, scans[:12], wrong_odometry(recording)), measured(recording, scans[:12])
+    for m, scan in zip(with_it, scans[1:], strict=False):
+        assert m.points == len(scan.returns)
         assert 0.5 < m.matched <= 1.0
         assert m.psi < m.psi_odometry
         np.testing.assert_array_less(0.0, np.linalg.eigvalsh(m.covariance))
@@ -65,41 +65,41 @@ def test_a_measurement_says_what_it_rests_on() -> None:
 
 
 def test_odometry_is_a_start_and_never_information() -> None:
-    stream, windows = street_drive()
-    with_it, without = measured(stream, windows[:20], wrong_odometry(stream)), measured(stream, windows[:20])
+    recording, scans = street_drive()
+    with_it, without = measured(recording, scans[:20], wrong_odometry(recording)), measured(recording, scans[:20])
     for a, b in zip(with_it, without, strict=True):
         np.testing.assert_allclose(a.pose, b.pose, atol=5e-3)
 
 
 def test_the_same_windows_give_the_same_motions() -> None:
-    stream, windows = street_drive()
-    for a, b in zip(measured(stream, windows[:15]), measured(stream, windows[:15]), strict=True):
+    recording, scans = street_drive()
+    for a, b in zip(measured(recording, scans[:15]), measured(recording, scans[:15]), strict=True):
         np.testing.assert_array_equal(a.pose, b.pose)
         np.testing.assert_array_equal(a.covariance, b.covariance)
         assert a.psi == b.psi
 
 
 def test_revolutions_of_noise_are_lost_and_the_run_goes_on() -> None:
-    stream, windows = street_drive()
-    broken = list(windows)
+    recording, scans = street_drive()
+    broken = list(scans)
     for k in (15, 16, 17):
-        broken[k] = noise(windows[k], seed=k)
-    motions = measured(stream, broken)
-    assert len(motions) == len(windows) - 1
+        broken[k] = noise(scans[k], seed=k)
+    motions = measured(recording, broken)
+    assert len(motions) == len(scans) - 1
     assert [m.status for m in motions[14:17]] == [Status.LOST] * 3
     assert {m.status for m in motions[18:]} == {Status.CONVERGED}
-    off = errors(stream, motions)
+    off = errors(recording, motions)
     np.testing.assert_array_less(np.sqrt(np.mean(off[20:] ** 2, axis=0)), [0.03, 0.02, 0.003])
     np.testing.assert_array_less(np.abs(off[14:18].sum(axis=0)), [0.5, 0.3, 0.05])
     assert np.diag(motions[15].covariance)[0] > 10.0 * np.diag(motions[30].covariance)[0]
 
 
 def test_empty_revolutions_are_lost_and_the_run_goes_on() -> None:
-    stream, windows = street_drive()
-    broken = list(windows[:25])
-    nothing = np.zeros(len(windows[15].returns), dtype=bool)
-    broken[15] = replace(windows[15], returns=windows[15].returns.take(nothing))
-    motions = measured(stream, broken)
+    recording, scans = street_drive()
+    broken = list(scans[:25])
+    nothing = np.zeros(len(scans[15].returns), dtype=bool)
+    broken[15] = replace(scans[15], returns=scans[15].returns.take(nothing))
+    motions = measured(recording, broken)
     assert motions[14].status is Status.LOST
     assert motions[14].points == 0
     assert {m.status for m in motions[15:]} == {Status.CONVERGED}
@@ -107,41 +107,41 @@ def test_empty_revolutions_are_lost_and_the_run_goes_on() -> None:
 
 @pytest.mark.parametrize("with_odometry", [True, False])
 def test_a_gap_of_a_second_is_bridged(with_odometry: bool) -> None:
-    stream, windows = street_drive()
-    rest = windows[:15] + windows[19:]
-    motions = measured(stream, rest, stream.odometry if with_odometry else None)
+    recording, scans = street_drive()
+    rest = scans[:15] + scans[19:]
+    motions = measured(recording, rest, recording.odometry if with_odometry else None)
     assert motions[14].t1 - motions[14].t0 == pytest.approx(1.25)
-    off = errors(stream, motions)
+    off = errors(recording, motions)
     assert {m.status for m in motions} == {Status.CONVERGED}
     np.testing.assert_array_less(np.abs(off).max(axis=0), [0.15, 0.1, 0.01])
 
 
 def test_a_corridor_is_called_degenerate_with_the_covariance_large_along_it() -> None:
-    stream, windows = drive(corridor_scene(), ConstantDrive(5.0, 0.0), 3.0)
-    motions = measured(stream, windows, stream.odometry)
+    recording, scans = drive(corridor_scene(), ConstantDrive(5.0, 0.0), 3.0)
+    motions = measured(recording, scans, recording.odometry)
     assert {m.status for m in motions} == {Status.DEGENERATE}
     for m in motions:
         assert m.covariance[0, 0] > 100.0 * m.covariance[1, 1]
-    off = errors(stream, motions)
+    off = errors(recording, motions)
     assert np.abs(off[:, 1]).max() < 0.03
     assert all(abs(e[0]) < 3.0 * np.sqrt(m.covariance[0, 0]) for e, m in zip(off, motions, strict=True))
 
 
 @pytest.mark.parametrize("count", [0, 1])
 def test_fewer_than_two_revolutions_hold_no_motion(count: int) -> None:
-    stream, windows = street_drive()
+    recording, scans = street_drive()
     with pytest.raises(EstimationError, match="two at least"):
-        measured(stream, windows[:count])
+        measured(recording, scans[:count])
 
 
 def test_two_revolutions_are_enough() -> None:
-    stream, windows = street_drive()
-    (motion,) = measured(stream, windows[:2])
-    np.testing.assert_array_less(np.abs(errors(stream, [motion])[0]), [0.06, 0.03, 0.005])
+    recording, scans = street_drive()
+    (motion,) = measured(recording, scans[:2])
+    np.testing.assert_array_less(np.abs(errors(recording, [motion])[0]), [0.06, 0.03, 0.005])
 
 
 def test_a_start_without_returns_is_refused_with_advice() -> None:
-    stream, windows = street_drive()
-    empty = [replace(w, returns=w.returns.take(np.zeros(len(w.returns), dtype=bool))) for w in windows[:4]]
+    recording, scans = street_drive()
+    empty = [replace(w, returns=w.returns.take(np.zeros(len(w.returns), dtype=bool))) for w in scans[:4]]
     with pytest.raises(EstimationError, match=r"detector\.threshold"):
-        measured(stream, empty)
+        measured(recording, empty)

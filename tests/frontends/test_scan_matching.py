@@ -16,17 +16,17 @@ from mqslam.backend.pose_graph import chain
 from mqslam.config import Config, SensorConfig
 from mqslam.core import frontend, se2
 from mqslam.core.frontend import Context
-from mqslam.core.measurement import RelativeMotion, Status
-from mqslam.core.scans import Window
+from mqslam.core.measurement import Measurement, Status
+from mqslam.core.scans import Scan
 from mqslam.core.trajectory import Trajectory
 from mqslam.detection.stage import detect_all
 from mqslam.errors import EstimationError
 from mqslam.execution.engine import HERE
 from mqslam.formats.recordings import open_recording
 from mqslam.frontends.scan_matching import Match, motions
-from mqslam.simulator import ConstantDrive, SimulatedStream, corridor_scene, street_scene
+from mqslam.simulator import ConstantDrive, SimulatedRecording, corridor_scene, street_scene
 
-Measure = Callable[..., list[RelativeMotion]]
+Measure = Callable[..., list[Measurement]]
 
 
 @pytest.fixture(params=["kiss_icp", "open3d_icp"])
@@ -36,99 +36,99 @@ def measured(request: pytest.FixtureRequest) -> Measure:
         pytest.importorskip("open3d", exc_type=ImportError)
 
     def measure(
-        stream: SimulatedStream, windows: list[Window], odometry: Trajectory | None = None
-    ) -> list[RelativeMotion]:
-        context = Context(Config(), stream.period_s, stream.start_us, odometry)
-        return list(frontend.load(request.param)(context).measure(windows))
+        recording: SimulatedRecording, scans: list[Scan], odometry: Trajectory | None = None
+    ) -> list[Measurement]:
+        context = Context(Config(), recording.revolution_s, recording.start_us, odometry)
+        return list(frontend.load(request.param)(context).measure(scans))
 
     return measure
 
 
-def errors(stream: SimulatedStream, found: list[RelativeMotion]) -> se2.Array:
-    truth = [se2.between(*stream.drive.poses(np.array([m.t0, m.t1]))) for m in found]
+def errors(recording: SimulatedRecording, found: list[Measurement]) -> se2.Array:
+    truth = [se2.between(*recording.drive.poses(np.array([m.t0, m.t1]))) for m in found]
     off = se2.between(truth, np.array([m.pose for m in found]))
     off[:, 2] = se2.wrap(off[:, 2])
     return off
 
 
 def test_the_motions_are_those_driven_through_a_corner(measured: Measure) -> None:
-    stream, windows = street_drive()
-    found = measured(stream, windows)
-    assert [(m.t0, m.t1) for m in found] == [(a.t0, b.t0) for a, b in pairwise(windows)]
-    off = errors(stream, found)
+    recording, scans = street_drive()
+    found = measured(recording, scans)
+    assert [(m.t0, m.t1) for m in found] == [(a.t0, b.t0) for a, b in pairwise(scans)]
+    off = errors(recording, found)
     np.testing.assert_array_less(np.sqrt(np.mean(off**2, axis=0)), [0.15, 0.06, 0.009])
     np.testing.assert_array_less(np.abs(off.sum(axis=0)), [0.4, 0.2, 0.03])  # what is off by a revolution adds up
-    for motion, window in zip(found, windows, strict=False):
-        assert motion.points == len(window.returns)
+    for motion, scan in zip(found, scans, strict=False):
+        assert motion.points == len(scan.returns)
         assert motion.matched > 0.8
 
 
 @pytest.mark.parametrize("speed", [8.0, 25.0])
 def test_a_recording_that_begins_on_the_move_is_followed_from_its_first_pair(measured: Measure, speed: float) -> None:
-    stream, windows = drive(street_scene(1, movers=3), ConstantDrive(speed, 0.0, (-60.0, -37.75, 0.0)), 2.0)
-    off = errors(stream, measured(stream, windows))
+    recording, scans = drive(street_scene(1, movers=3), ConstantDrive(speed, 0.0, (-60.0, -37.75, 0.0)), 2.0)
+    off = errors(recording, measured(recording, scans))
     np.testing.assert_array_less(np.abs(off[0]), [0.4, 0.1, 0.02])
     np.testing.assert_array_less(np.abs(off).max(axis=0), [0.4, 0.15, 0.02])
 
 
 def test_two_revolutions_are_enough(measured: Measure) -> None:
-    stream, windows = street_drive()
-    (motion,) = measured(stream, windows[:2])
-    np.testing.assert_array_less(np.abs(errors(stream, [motion])[0]), [0.4, 0.2, 0.02])
+    recording, scans = street_drive()
+    (motion,) = measured(recording, scans[:2])
+    np.testing.assert_array_less(np.abs(errors(recording, [motion])[0]), [0.4, 0.2, 0.02])
 
 
 @pytest.mark.parametrize("count", [0, 1])
 def test_fewer_than_two_revolutions_hold_no_motion(measured: Measure, count: int) -> None:
-    stream, windows = street_drive()
+    recording, scans = street_drive()
     with pytest.raises(EstimationError, match="two at least"):
-        measured(stream, windows[:count])
+        measured(recording, scans[:count])
 
 
 def test_a_start_without_returns_is_refused_with_advice(measured: Measure) -> None:
-    stream, windows = street_drive()
+    recording, scans = street_drive()
     with pytest.raises(EstimationError, match=r"detector\.threshold"):
-        measured(stream, [emptied(w) for w in windows[:4]])
+        measured(recording, [emptied(w) for w in scans[:4]])
 
 
 def test_odometry_serves_the_start_and_nothing_else(measured: Measure) -> None:
-    stream, windows = street_drive()
-    assert stream.odometry is not None
-    twists = se2.log(se2.between(stream.odometry.poses[:-1], stream.odometry.poses[1:]))
-    wrong = replace(stream.odometry, poses=chain(se2.exp(twists * [1.1, 1.0, 1.0] + [0.0, 0.0, 0.001])))
-    for a, b in zip(measured(stream, windows[:8], wrong), measured(stream, windows[:8]), strict=True):
+    recording, scans = street_drive()
+    assert recording.odometry is not None
+    twists = se2.log(se2.between(recording.odometry.poses[:-1], recording.odometry.poses[1:]))
+    wrong = replace(recording.odometry, poses=chain(se2.exp(twists * [1.1, 1.0, 1.0] + [0.0, 0.0, 0.001])))
+    for a, b in zip(measured(recording, scans[:8], wrong), measured(recording, scans[:8]), strict=True):
         np.testing.assert_allclose(a.pose, b.pose, atol=0.1)
 
 
 def test_an_empty_revolution_is_lost_and_the_run_goes_on(measured: Measure) -> None:
-    stream, windows = street_drive()
-    broken = [*windows[:15], emptied(windows[15]), *windows[16:20]]
-    found = measured(stream, broken)
+    recording, scans = street_drive()
+    broken = [*scans[:15], emptied(scans[15]), *scans[16:20]]
+    found = measured(recording, broken)
     assert [m.status is Status.LOST for m in found] == [k == 15 for k in range(len(found))]
     assert (found[15].points, found[15].matched) == (0, 0.0)
-    np.testing.assert_array_less(np.abs(errors(stream, found)).max(axis=0), [0.4, 0.15, 0.02])
+    np.testing.assert_array_less(np.abs(errors(recording, found)).max(axis=0), [0.4, 0.15, 0.02])
     for k in (15, 16):  # what the prediction missed is in the next motion
         assert found[k].covariance[0, 0] > 3.0 * found[14].covariance[0, 0]
 
 
 def test_a_gap_of_a_second_is_bridged(measured: Measure) -> None:
-    stream, windows = street_drive()
-    found = measured(stream, windows[:15] + windows[19:24])
+    recording, scans = street_drive()
+    found = measured(recording, scans[:15] + scans[19:24])
     assert found[14].t1 - found[14].t0 == pytest.approx(1.25)
-    np.testing.assert_array_less(np.abs(errors(stream, found)).max(axis=0), [0.45, 0.15, 0.025])
+    np.testing.assert_array_less(np.abs(errors(recording, found)).max(axis=0), [0.45, 0.15, 0.025])
     assert found[14].covariance[0, 0] > 10.0 * found[13].covariance[0, 0]
 
 
 def test_a_covariance_is_one_and_large_along_a_corridor(measured: Measure) -> None:
-    stream, windows = drive(corridor_scene(), ConstantDrive(5.0, 0.0), 1.5)
-    for motion in measured(stream, windows):
+    recording, scans = drive(corridor_scene(), ConstantDrive(5.0, 0.0), 1.5)
+    for motion in measured(recording, scans):
         np.testing.assert_array_equal(motion.covariance, motion.covariance.T)
         np.testing.assert_array_less(0.0, np.linalg.eigvalsh(motion.covariance))
         assert motion.covariance[0, 0] > 10.0 * motion.covariance[1, 1]
 
 
 def test_the_same_windows_give_the_same_motions(measured: Measure) -> None:
-    stream, windows = street_drive()
-    for a, b in zip(measured(stream, windows[:5]), measured(stream, windows[:5]), strict=True):
+    recording, scans = street_drive()
+    for a, b in zip(measured(recording, scans[:5]), measured(recording, scans[:5]), strict=True):
         np.testing.assert_array_equal(a.pose, b.pose)
         np.testing.assert_array_equal(a.covariance, b.covariance)
 
@@ -137,14 +137,14 @@ def test_the_same_windows_give_the_same_motions(measured: Measure) -> None:
 def test_the_real_sample_is_followed_from_its_first_pair(name: str, oxford_tiny: Path) -> None:
     if name == "open3d_icp":
         pytest.importorskip("open3d", exc_type=ImportError)
-    stream = open_recording(oxford_tiny)
-    assert stream.ground_truth is not None
-    windows, _ = detect_all(stream, Config().detector, HERE, lambda stage, done, total: None)
-    context = Context(Config(), stream.period_s, stream.start_us, None)
-    found = list(frontend.load(name)(context).measure(windows))
-    stamps = [stream.start_us + np.round(np.array([m.t0, m.t1]) * 1e6).astype(np.int64) for m in found]
-    truth = np.array([se2.between(*stream.ground_truth.at(s)) for s in stamps])
-    off = (np.array([m.pose for m in found]) - truth) / stream.period_s
+    recording = open_recording(oxford_tiny)
+    assert recording.ground_truth is not None
+    scans, _ = detect_all(recording, Config().detector, HERE, lambda stage, done, total: None)
+    context = Context(Config(), recording.revolution_s, recording.start_us, None)
+    found = list(frontend.load(name)(context).measure(scans))
+    stamps = [recording.start_us + np.round(np.array([m.t0, m.t1]) * 1e6).astype(np.int64) for m in found]
+    truth = np.array([se2.between(*recording.ground_truth.at(s)) for s in stamps])
+    off = (np.array([m.pose for m in found]) - truth) / recording.revolution_s
     np.testing.assert_array_less(np.sqrt(np.mean(off**2, axis=0)), [0.5, 0.3, 0.02])
 
 
@@ -162,10 +162,10 @@ class Recorder:
         return Match(se2.compose(before, motion), np.diag([1e-4, 4e-4, 1e-6]), 1.0)
 
 
-def through_recorder(config: Config) -> tuple[Recorder, list[Window], list[RelativeMotion]]:
+def through_recorder(config: Config) -> tuple[Recorder, list[Scan], list[Measurement]]:
     """Three revolutions through a recorder that starts with odometry of 8 m/s in a bend."""
-    stream, windows = street_drive()
-    stamps = stream.start_us + np.array([0, 10_000_000])
+    recording, scans = street_drive()
+    stamps = recording.start_us + np.array([0, 10_000_000])
     odometry = Trajectory(stamps, np.array([np.zeros(3), se2.exp([8.0, 0.0, 0.1], 10.0)]))
     recorders = []
 
@@ -173,25 +173,25 @@ def through_recorder(config: Config) -> tuple[Recorder, list[Window], list[Relat
         recorders.append(Recorder())
         return recorders[-1]
 
-    context = Context(config, stream.period_s, stream.start_us, odometry)
-    found = list(motions(windows[:3], new, context, 2.0))
-    return recorders[-1], windows[:3], found
+    context = Context(config, recording.revolution_s, recording.start_us, odometry)
+    found = list(motions(scans[:3], new, context, 2.0))
+    return recorders[-1], scans[:3], found
 
 
 def test_ranges_are_freed_of_the_doppler_shift_of_the_last_motion() -> None:
-    recorder, windows, _ = through_recorder(Config(sensor=SensorConfig(doppler_beta=0.05)))
-    for (points, _, _, _), window in zip(recorder.given, windows, strict=True):
-        returns = window.returns
+    recorder, scans, _ = through_recorder(Config(sensor=SensorConfig(doppler_beta=0.05)))
+    for (points, _, _, _), scan in zip(recorder.given, scans, strict=True):
+        returns = scan.returns
         closing = 8.0 * np.cos(returns.azimuths)
         np.testing.assert_allclose(np.hypot(*points.T), returns.ranges + 0.05 * closing, atol=1e-9)
         np.testing.assert_allclose(se2.wrap(np.arctan2(*points.T[::-1]) - returns.azimuths), 0.0, atol=1e-9)
 
 
 def test_a_scan_is_handed_on_with_its_times_and_the_last_motion() -> None:
-    recorder, windows, found = through_recorder(Config())
+    recorder, scans, found = through_recorder(Config())
     step = se2.exp([8.0, 0.0, 0.1], 0.25)
-    for (_, fractions, _, motion), window in zip(recorder.given, windows, strict=True):
-        np.testing.assert_allclose(fractions, (window.returns.times - window.t0) / 0.25, atol=1e-6)
+    for (_, fractions, _, motion), scan in zip(recorder.given, scans, strict=True):
+        np.testing.assert_allclose(fractions, (scan.returns.times - scan.t0) / 0.25, atol=1e-6)
         np.testing.assert_allclose(motion, step, atol=1e-9)
     for motion in found:
         np.testing.assert_allclose(motion.pose, step, atol=1e-9)
@@ -205,5 +205,5 @@ def test_covariances_are_inflated_and_turned_into_the_frame_the_motion_starts_in
         np.testing.assert_allclose(motion.covariance, turn @ np.diag([2e-4, 8e-4, 2e-6]) @ turn.T, atol=1e-9)
 
 
-def emptied(window: Window) -> Window:
-    return replace(window, returns=window.returns.take(np.zeros(len(window.returns), dtype=bool)))
+def emptied(scan: Scan) -> Scan:
+    return replace(scan, returns=scan.returns.take(np.zeros(len(scan.returns), dtype=bool)))

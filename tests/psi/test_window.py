@@ -18,8 +18,8 @@ OFF = np.array([1.0, 0.0, 0.05])  # how far off the searches start
 
 
 def window(scene: Scene, motion: Drive, seed: int, beta: float = 0.0, revolutions: int = 3) -> Returns:
-    _, windows = drive(scene, motion, revolutions * TURN_S, seed, beta, max_range=100.0)
-    return joined(windows)
+    _, scans = drive(scene, motion, revolutions * TURN_S, seed, beta, max_range=100.0)
+    return joined(scans)
 
 
 def estimated(returns: Returns, start: np.ndarray, beta: float = 0.0) -> WindowMotion:

@@ -16,8 +16,8 @@ def test_a_long_stop_is_named_and_a_short_one_is_not(standing_s, said):
     x = np.concatenate([driving, stop, driving[-1] + 2.5 + driving])
     times = 0.25 * np.arange(len(x))
     run = SimpleNamespace(optimised=SimpleNamespace(poses=np.c_[x, np.zeros((len(x), 2))]), config=Config())
-    stream = SimpleNamespace(start_times=times, duration_s=times[-1] + 0.25)
-    found = parked(run, stream)
+    recording = SimpleNamespace(start_times=times, duration_s=times[-1] + 0.25)
+    found = parked(run, recording)
     assert len(found) == len(said)
     for span, expected in zip(found, said, strict=True):
         assert span == pytest.approx(expected, abs=0.6)

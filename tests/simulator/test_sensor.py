@@ -14,8 +14,8 @@ from mqslam.simulator import (
     Scene,
     SensorModel,
     corridor_scene,
-    render_revolution,
-    simulated_stream,
+    render_polar_scan,
+    simulated_recording,
     street_scene,
 )
 
@@ -36,7 +36,7 @@ def quiet(**changes: float) -> SensorModel:
 
 
 def render(scene: Scene, drive: Drive = STILL, sensor: SensorModel = QUIET, turn: int = 0) -> NDArray[np.uint8]:
-    return simulated_stream(scene, drive, duration_s=5.0, sensor=sensor)[turn].power
+    return simulated_recording(scene, drive, duration_s=5.0, sensor=sensor)[turn].power
 
 
 def pole(x: float, y: float, radius: float = 0.05) -> Scene:
@@ -92,14 +92,14 @@ def test_echoes_weaken_with_range() -> None:
 def test_an_azimuth_is_cast_from_its_own_pose() -> None:
     drive, sensor = ConstantDrive(10.0, 0.5, (1.0, 2.0, 0.4)), quiet(beam_width_deg=0.9)
     place = np.array([-8.0, 25.0])
-    stream = simulated_stream(pole(place[0], place[1]), drive, duration_s=2.0, sensor=sensor)
+    recording = simulated_recording(pole(place[0], place[1]), drive, duration_s=2.0, sensor=sensor)
     for k in (0, 3, 6):
-        r, _, row = peak(stream[k].power, sensor)
-        pose = drive.poses(stream[k].times[row : row + 1])[0]
+        r, _, row = peak(recording[k].power, sensor)
+        pose = drive.poses(recording[k].times[row : row + 1])[0]
         x, y = se2.transform(se2.inverse(pose), place[None])[0]
         assert r == pytest.approx(np.hypot(x, y) - 0.05, abs=0.03)
-        assert abs(se2.wrap(stream[k].azimuths[row] - np.arctan2(y, x))) < 1.01 * np.pi / sensor.azimuths
-        at_start = se2.transform(se2.inverse(drive.poses(stream[k].times[:1])[0]), place[None])[0]
+        assert abs(se2.wrap(recording[k].azimuths[row] - np.arctan2(y, x))) < 1.01 * np.pi / sensor.azimuths
+        at_start = se2.transform(se2.inverse(drive.poses(recording[k].times[:1])[0]), place[None])[0]
         assert np.hypot(x - at_start[0], y - at_start[1]) > 0.3
 
 
@@ -139,10 +139,10 @@ def test_saturated_azimuths_are_lifted_as_a_whole() -> None:
 
 def test_the_same_seed_gives_the_same_bytes_in_any_order() -> None:
     sensor = SensorModel(range_resolution=0.5, max_range=80.0)
-    streams = [simulated_stream(street_scene(4), STILL, duration_s=1.0, sensor=sensor, seed=s) for s in (7, 7, 8)]
-    first, second, third = (list(s.revolutions()) for s in streams)
+    recordings = [simulated_recording(street_scene(4), STILL, duration_s=1.0, sensor=sensor, seed=s) for s in (7, 7, 8)]
+    first, second, third = (list(s.polar_scans()) for s in recordings)
     assert all(np.array_equal(a.power, b.power) for a, b in zip(first, second, strict=True))
-    assert np.array_equal(streams[0][2].power, first[2].power)
+    assert np.array_equal(recordings[0][2].power, first[2].power)
     assert not np.array_equal(first[0].power, first[1].power)
     assert not np.array_equal(first[0].power, third[0].power)
     assert not np.array_equal(street_scene(4).walls, street_scene(5).walls)
@@ -160,10 +160,10 @@ def test_a_corridor_looks_the_same_all_along() -> None:
     np.testing.assert_allclose(views[0].astype(int), views[1].astype(int), atol=1)
 
 
-def test_render_revolution_takes_any_poses() -> None:
+def test_render_polar_scan_takes_any_poses() -> None:
     times = np.arange(QUIET.azimuths) / 1600.0
     poses = np.tile([5.0, 0.0, np.pi / 2.0], (len(times), 1))
-    power = render_revolution(pole(5.0, 30.0), poses, np.zeros_like(poses), times, QUIET, 1)
+    power = render_polar_scan(pole(5.0, 30.0), poses, np.zeros_like(poses), times, QUIET, 1)
     assert power.shape == (400, QUIET.bins)
     assert peak(power)[1] == pytest.approx(0.0, abs=1e-3)
 

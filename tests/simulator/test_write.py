@@ -13,7 +13,7 @@ from PIL import Image
 from mqslam.core import se2
 from mqslam.core.trajectory import read_tum
 from mqslam.errors import ConfigError, OutputError
-from mqslam.simulator import SimulatedStream, simulate
+from mqslam.simulator import SimulatedRecording, simulate
 
 SMALL: dict[str, Any] = {"duration_s": 1.3, "azimuths": 90, "range_resolution": 0.5, "max_range": 60.0}
 
@@ -23,57 +23,57 @@ def everything(folder: Path) -> dict[str, bytes]:
 
 
 @pytest.fixture(scope="module")
-def written(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, SimulatedStream]:
+def written(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, SimulatedRecording]:
     out = tmp_path_factory.mktemp("simulated") / "deep" / "drive"
     return out, simulate(out, **SMALL)
 
 
-def test_every_file_of_the_layout_is_there(written: tuple[Path, SimulatedStream]) -> None:
-    out, stream = written
+def test_every_file_of_the_layout_is_there(written: tuple[Path, SimulatedRecording]) -> None:
+    out, recording = written
     stamps = [line.split()[0] for line in (out / "radar.timestamps").read_text().splitlines()]
-    assert len(stamps) == len(stream) == 5
+    assert len(stamps) == len(recording) == 5
     radar = {f"radar/{t}.png" for t in stamps}
     others = {"radar.timestamps", "gt/poses_tum.txt", "gt/radar_odometry.csv", "odom.csv", "simulation.json"}
     assert set(everything(out)) == radar | others
     assert list(out.parent.iterdir()) == [out]
 
 
-def test_images_hold_what_the_stream_renders(written: tuple[Path, SimulatedStream]) -> None:
-    out, stream = written
+def test_images_hold_what_the_stream_renders(written: tuple[Path, SimulatedRecording]) -> None:
+    out, recording = written
     for k in (0, 4):
-        image = np.array(Image.open(out / "radar" / f"{stream.stamps_us[k]}.png"))
-        turn = stream[k]
+        image = np.array(Image.open(out / "radar" / f"{recording.stamps_us[k]}.png"))
+        turn = recording[k]
         times = image[:, :8].copy().view("<i8")[:, 0]
         encoders = image[:, 8:10].copy().view("<u2")[:, 0]
         assert image.dtype == np.uint8 and np.all(image[:, 10] == 255)
-        np.testing.assert_allclose((times - stream.start_us) * 1e-6, turn.times, atol=1e-9)
+        np.testing.assert_allclose((times - recording.start_us) * 1e-6, turn.times, atol=1e-9)
         np.testing.assert_allclose(-2.0 * np.pi * encoders / 5600, turn.azimuths, atol=1e-12)
         assert np.array_equal(image[:, 11:], turn.power)
 
 
-def test_ground_truth_is_the_drive_in_both_frames(written: tuple[Path, SimulatedStream]) -> None:
-    out, stream = written
+def test_ground_truth_is_the_drive_in_both_frames(written: tuple[Path, SimulatedRecording]) -> None:
+    out, recording = written
     truth = read_tum(out / "gt" / "poses_tum.txt")
-    assert np.array_equal(truth.stamps_us, stream.stamps_us)
-    np.testing.assert_allclose(truth.poses, stream.drive.poses(stream.start_times), atol=2e-6)
+    assert np.array_equal(truth.stamps_us, recording.stamps_us)
+    np.testing.assert_allclose(truth.poses, recording.drive.poses(recording.start_times), atol=2e-6)
     rows = np.loadtxt(out / "gt" / "radar_odometry.csv", delimiter=",", skiprows=1)
     moves = se2.between(truth.poses[:-1], truth.poses[1:])
     np.testing.assert_allclose(rows[:, [2, 3, 7]] * [1.0, -1.0, -1.0], moves, atol=5e-6)
     assert np.array_equal(rows[:, 0], truth.stamps_us[1:]) and np.array_equal(rows[:, 1], truth.stamps_us[:-1])
 
 
-def test_odometry_rows_span_the_recording(written: tuple[Path, SimulatedStream]) -> None:
-    out, stream = written
+def test_odometry_rows_span_the_recording(written: tuple[Path, SimulatedRecording]) -> None:
+    out, recording = written
     assert (out / "odom.csv").read_text().startswith("t,v,omega\n")
     rows = np.loadtxt(out / "odom.csv", delimiter=",", skiprows=1)
-    assert rows[0, 0] == stream.start_us and rows[-1, 0] >= stream.end_us
+    assert rows[0, 0] == recording.start_us and rows[-1, 0] >= recording.end_us
     assert np.all(np.diff(rows[:, 0]) == 50_000)
 
 
-def test_parameters_are_written(written: tuple[Path, SimulatedStream]) -> None:
-    out, stream = written
+def test_parameters_are_written(written: tuple[Path, SimulatedRecording]) -> None:
+    out, recording = written
     parameters = json.loads((out / "simulation.json").read_text())
-    assert parameters["range_resolution_m"] == stream.range_resolution == 0.5
+    assert parameters["range_resolution_m"] == recording.range_resolution == 0.5
     assert parameters["sensor"]["azimuths"] == 90 and parameters["seed"] == 1 and parameters["scene"] == "street"
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from support.layouts import left_turn
 from support.recordings import START_US, TURN_US, circle, with_metadata, write_png
 
-from mqslam.core.recording import RadarStream, Revolution
+from mqslam.core.recording import PolarScan, Recording
 from mqslam.core.trajectory import write_tum
 from mqslam.formats.recordings import open_recording
 from mqslam.formats.writing.recordings import write_recording
@@ -26,17 +26,17 @@ EVEN = ("mulran", "radiate")
 _RESOLUTION_M = 0.5
 
 
-def convert(stream: RadarStream, root: Path, to: str) -> tuple[Path, list[str]]:
+def convert(recording: Recording, root: Path, to: str) -> tuple[Path, list[str]]:
     """Write a stream below a folder in a layout of `STAMPED` or `EVEN`; the path and the notes."""
     target = TARGETS["rosbag1" if to == "b_scan" else to]
     message: Message = "b_scan" if to == "b_scan" else "image"
     out = root / f"{to}{target.suffix}"
-    return out, write_recording(stream, out, target, message, lambda done, total: None)
+    return out, write_recording(recording, out, target, message, lambda done, total: None)
 
 
-def converted(stream: RadarStream, root: Path, to: str) -> RadarStream:
+def converted(recording: Recording, root: Path, to: str) -> Recording:
     """The stream after it has been written in a layout and read back."""
-    return open_recording(convert(stream, root, to)[0], range_resolution=_RESOLUTION_M)
+    return open_recording(convert(recording, root, to)[0], range_resolution=_RESOLUTION_M)
 
 
 def uneven_oxford(folder: Path) -> Path:
@@ -60,21 +60,21 @@ def uneven_oxford(folder: Path) -> Path:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Turns(RadarStream):
+class Turns(Recording):
     """A recording of given revolutions."""
 
-    turns: tuple[Revolution, ...]
+    turns: tuple[PolarScan, ...]
 
-    def revolutions(self, start: int = 0, stop: int | None = None) -> Iterator[Revolution]:
+    def polar_scans(self, start: int = 0, stop: int | None = None) -> Iterator[PolarScan]:
         yield from self.turns[start:stop]
 
 
 def changed(start_us: int | None = None, **by_name: Any) -> Turns:
     """The left turn, each of its revolutions changed by functions of a revolution that make new fields."""
-    stream = left_turn()
-    turns = tuple(replace(r, **{name: change(r) for name, change in by_name.items()}) for r in stream.revolutions())
-    late = stream.start_us - (stream.start_us if start_us is None else start_us)
+    recording = left_turn()
+    turns = tuple(replace(r, **{name: change(r) for name, change in by_name.items()}) for r in recording.polar_scans())
+    late = recording.start_us - (recording.start_us if start_us is None else start_us)
     return Turns(
-        path=Path("drive"), format="given", stamps_us=stream.stamps_us - late, end_us=stream.end_us - late,
+        path=Path("drive"), format="given", stamps_us=recording.stamps_us - late, end_us=recording.end_us - late,
         range_resolution=0.5, turns=turns,
     )  # fmt: skip

@@ -11,47 +11,47 @@ from PIL import Image
 from support.recordings import bag_writer, with_metadata
 
 from mqslam.core import se2
-from mqslam.core.recording import RadarStream, Revolution
+from mqslam.core.recording import PolarScan, Recording
 from mqslam.core.trajectory import Trajectory
-from mqslam.simulator import ConstantDrive, SensorModel, SimulatedStream, simulated_stream, yard_scene
+from mqslam.simulator import ConstantDrive, SensorModel, SimulatedRecording, simulated_recording, yard_scene
 
 NS = 417
 """What the stamps of a recording in ns have beyond whole microseconds [ns]."""
 
 
 @lru_cache(maxsize=1)
-def left_turn() -> SimulatedStream:
+def left_turn() -> SimulatedRecording:
     """Six small revolutions of a drive that turns left, 8 m/s and 0.4 rad/s."""
     sensor = SensorModel(azimuths=40, range_resolution=0.5, max_range=100.0)
-    return simulated_stream(yard_scene(1), ConstantDrive(8.0, 0.4), duration_s=1.5, sensor=sensor)
+    return simulated_recording(yard_scene(1), ConstantDrive(8.0, 0.4), duration_s=1.5, sensor=sensor)
 
 
-def truth_at(stream: SimulatedStream, stamps_us: NDArray[np.int64]) -> Trajectory:
+def truth_at(recording: SimulatedRecording, stamps_us: NDArray[np.int64]) -> Trajectory:
     """True poses of the radar at stamps (N,) [us]."""
-    return Trajectory(stamps_us, stream.drive.poses((stamps_us - stream.start_us) * 1e-6))
+    return Trajectory(stamps_us, recording.drive.poses((stamps_us - recording.start_us) * 1e-6))
 
 
-def ends(stream: RadarStream) -> list[int]:
+def ends(recording: Recording) -> list[int]:
     """Ends of the revolutions of a stream without gaps [us]."""
-    return [*stream.stamps_us[1:].tolist(), stream.end_us]
+    return [*recording.stamps_us[1:].tolist(), recording.end_us]
 
 
-def rows_of(stream: SimulatedStream, k: int, flags: NDArray[np.bool_], per_us: int = 1) -> NDArray[np.uint8]:
+def rows_of(recording: SimulatedRecording, k: int, flags: NDArray[np.bool_], per_us: int = 1) -> NDArray[np.uint8]:
     """Revolution k as Oxford rows with flags (A,) in byte 10 and `per_us` ticks of time in a microsecond."""
-    stamps = stream.azimuth_stamps(k) * per_us + (NS if per_us == 1000 else 0)
-    return with_metadata(stream[k].power, stamps, stream.sensor.encoders, flags)
+    stamps = recording.azimuth_stamps(k) * per_us + (NS if per_us == 1000 else 0)
+    return with_metadata(recording[k].power, stamps, recording.sensor.encoders, flags)
 
 
-def write_boreas(folder: Path, stream: SimulatedStream, flags: NDArray[np.bool_] | None = None) -> Path:
+def write_boreas(folder: Path, recording: SimulatedRecording, flags: NDArray[np.bool_] | None = None) -> Path:
     """Write a stream as Boreas: images named after the middle of the revolution, poses of that instant."""
     (folder / "radar").mkdir(parents=True)
     (folder / "applanix").mkdir()
-    flags = np.ones(stream.sensor.azimuths, dtype=np.bool_) if flags is None else flags
-    middles = [int(stream.azimuth_stamps(k)[stream.sensor.azimuths // 2 - 1]) for k in range(len(stream))]
+    flags = np.ones(recording.sensor.azimuths, dtype=np.bool_) if flags is None else flags
+    middles = [int(recording.azimuth_stamps(k)[recording.sensor.azimuths // 2 - 1]) for k in range(len(recording))]
     for k, middle in enumerate(middles):
-        Image.fromarray(rows_of(stream, k, flags)).save(folder / "radar" / f"{middle}.png")
+        Image.fromarray(rows_of(recording, k, flags)).save(folder / "radar" / f"{middle}.png")
     lines = ["GPSTime,easting,northing,altitude,vel_east,vel_north,vel_up,roll,pitch,heading,angvel_z,angvel_y,angvel_x"]
-    for stamp, (x, y, yaw) in zip(middles, truth_at(stream, np.array(middles)).poses.tolist(), strict=True):
+    for stamp, (x, y, yaw) in zip(middles, truth_at(recording, np.array(middles)).poses.tolist(), strict=True):
         roll, pitch, heading = boreas_angles(yaw, nose_up=0.04, left_side_up=0.02)
         lines.append(f"{stamp},{x + 623_000.0:.6f},{y + 4_848_000.0:.6f},154,0,0,0,{roll},{pitch},{heading},0,0,0")
     (folder / "applanix" / "radar_poses.csv").write_text("\n".join(lines) + "\n")
@@ -70,30 +70,30 @@ def boreas_angles(yaw: float, *, nose_up: float, left_side_up: float) -> tuple[f
     return float(np.arctan2(c[1, 2], c[2, 2])), float(-np.arcsin(c[0, 2])), float(np.arctan2(c[0, 1], c[0, 0]))
 
 
-def write_mulran_columns(root: Path, stream: SimulatedStream) -> Path:
+def write_mulran_columns(root: Path, recording: SimulatedRecording) -> Path:
     """Write a stream as MulRan's polar images, named after the ends of the revolutions [ns]."""
     folder = root / "sensor_data" / "radar" / "polar"
     folder.mkdir(parents=True)
-    for end, revolution in zip(ends(stream), stream.revolutions(), strict=True):
-        Image.fromarray(revolution.power.T).save(folder / f"{end * 1000 + NS}.png")
+    for end, polar_scan in zip(ends(recording), recording.polar_scans(), strict=True):
+        Image.fromarray(polar_scan.power.T).save(folder / f"{end * 1000 + NS}.png")
     return root
 
 
-def write_mulran_rows(root: Path, stream: SimulatedStream, inside: str = "sensor_data/radar") -> Path:
+def write_mulran_rows(root: Path, recording: SimulatedRecording, inside: str = "sensor_data/radar") -> Path:
     """Write a stream as MulRan's Oxford rows, with stamps in ns."""
     folder = root / inside / "polar_oxford_form"
     folder.mkdir(parents=True)
-    for k, end in enumerate(ends(stream)):
-        rows = rows_of(stream, k, np.ones(stream.sensor.azimuths, dtype=np.bool_), per_us=1000)
+    for k, end in enumerate(ends(recording)):
+        rows = rows_of(recording, k, np.ones(recording.sensor.azimuths, dtype=np.bool_), per_us=1000)
         Image.fromarray(rows).save(folder / f"{end * 1000 + NS}.png")
     return root
 
 
-def write_mulran_poses(root: Path, stream: SimulatedStream) -> None:
+def write_mulran_poses(root: Path, recording: SimulatedRecording) -> None:
     """Write the poses of the vehicle that carries the radar: the radar is 1.50 m ahead, 0.04 m right, turned by 0.9 deg."""
     lines = []
-    stamps = stream.start_us + np.arange(0, 1_500_001, 100_000)
-    radars = truth_at(stream, stamps).poses
+    stamps = recording.start_us + np.arange(0, 1_500_001, 100_000)
+    radars = truth_at(recording, stamps).poses
     for stamp, pose in zip(stamps.tolist(), radars, strict=True):
         x, y, yaw = se2.compose(pose, se2.inverse([1.50, -0.04, np.deg2rad(0.9)]))
         c, s = np.cos(yaw), np.sin(yaw)
@@ -101,37 +101,37 @@ def write_mulran_poses(root: Path, stream: SimulatedStream) -> None:
     (root / "global_pose.csv").write_text("\n".join(lines) + "\n")
 
 
-def write_radiate(root: Path, stream: SimulatedStream) -> Path:
+def write_radiate(root: Path, recording: SimulatedRecording) -> Path:
     """Write a stream as RADIATE: numbered images, stamps of the revolutions' ends [s] in a file."""
     folder = root / "Navtech_Polar"
     folder.mkdir(parents=True)
     lines = []
-    for number, (end, revolution) in enumerate(zip(ends(stream), stream.revolutions(), strict=True), 1):
-        Image.fromarray(revolution.power.T).save(folder / f"{number:06d}.png")
+    for number, (end, polar_scan) in enumerate(zip(ends(recording), recording.polar_scans(), strict=True), 1):
+        Image.fromarray(polar_scan.power.T).save(folder / f"{number:06d}.png")
         lines.append(f"Frame: {number:06d} Time: {end // 1_000_000}.{end % 1_000_000:06d}{NS}")
     (root / "Navtech_Polar.txt").write_text("\n".join(lines) + "\n")
     return root
 
 
-def write_player_bag(path: Path, stream: SimulatedStream) -> Path:
+def write_player_bag(path: Path, recording: SimulatedRecording) -> Path:
     """Write a stream as MulRan's player sends it: images of columns, stamped at the ends of the revolutions."""
     path = path.with_suffix(".bag")
     with bag_writer(path, "ros1") as bag:
         radar = bag.topic("/radar/polar", "sensor_msgs/msg/Image")
-        for end, revolution in zip(ends(stream), stream.revolutions(), strict=True):
-            bag.write(radar, end, bag.image(end, revolution.power.T))
+        for end, polar_scan in zip(ends(recording), recording.polar_scans(), strict=True):
+            bag.write(radar, end, bag.image(end, polar_scan.power.T))
     return path
 
 
-def assert_alike(a: RadarStream, b: RadarStream) -> None:
+def assert_alike(a: Recording, b: Recording) -> None:
     """Two streams hold the same power at the same times and angles, to a microsecond."""
     np.testing.assert_allclose(a.stamps_us - b.stamps_us, 0, atol=1)
     assert abs(a.end_us - b.end_us) <= 1
-    for one, other in zip(a.revolutions(), b.revolutions(), strict=True):
-        assert_alike_revolution(one, other)
+    for one, other in zip(a.polar_scans(), b.polar_scans(), strict=True):
+        assert_alike_polar_scan(one, other)
 
 
-def assert_alike_revolution(a: Revolution, b: Revolution) -> None:
+def assert_alike_polar_scan(a: PolarScan, b: PolarScan) -> None:
     """Two revolutions hold the same power at the same times and angles, to a microsecond."""
     np.testing.assert_array_equal(a.power, b.power)
     np.testing.assert_array_equal(a.valid, b.valid)
@@ -139,11 +139,11 @@ def assert_alike_revolution(a: Revolution, b: Revolution) -> None:
     np.testing.assert_allclose(a.azimuths, b.azimuths, rtol=0.0, atol=1e-9)
 
 
-def assert_turns_left(truth: Trajectory | None, stream: SimulatedStream, stamps_us: NDArray[np.int64]) -> None:
-    """Ground truth is the stream's own at the stamps, whatever the fixed frame: forward and to the left."""
+def assert_turns_left(truth: Trajectory | None, recording: SimulatedRecording, stamps_us: NDArray[np.int64]) -> None:
+    """Ground truth is the recording's own at the stamps, whatever the fixed frame: forward and to the left."""
     assert truth is not None
     np.testing.assert_array_equal(truth.stamps_us, stamps_us)
     moved = se2.between(truth.poses[:1], truth.poses)
-    expected = truth_at(stream, stamps_us).poses
+    expected = truth_at(recording, stamps_us).poses
     np.testing.assert_allclose(moved, se2.between(expected[:1], expected), rtol=0.0, atol=1e-5)
     assert moved[-1, 0] > 1.0 and moved[-1, 1] > 0.1 and moved[-1, 2] > 0.1

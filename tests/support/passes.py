@@ -9,10 +9,10 @@ import numpy as np
 from mqslam.backend.loops.submap import Drive
 from mqslam.config import Config
 from mqslam.core import se2
-from mqslam.core.scans import Returns, Window
+from mqslam.core.scans import Returns, Scan
 from mqslam.detection.stage import detect_all
 from mqslam.execution.engine import HERE
-from mqslam.simulator import ConstantDrive, Scene, SensorModel, corridor_scene, simulated_stream, street_scene
+from mqslam.simulator import ConstantDrive, Scene, SensorModel, corridor_scene, simulated_recording, street_scene
 
 CONFIG = Config()
 SENSOR = SensorModel(range_resolution=0.175, max_range=80.0)
@@ -33,25 +33,25 @@ def corridor_pass(x: float, y: float, seed: int) -> Drive:
 
 
 def _driven(scene: Scene, start: tuple[float, float, float], seed: int) -> Drive:
-    stream = simulated_stream(scene, ConstantDrive(8.0, 0.0, start), duration_s=5.0, sensor=SENSOR, seed=seed)
-    windows, _ = detect_all(stream, CONFIG.detector, HERE, lambda stage, done, total: None)
-    assert stream.ground_truth is not None
-    return Drive.of(windows, stream.ground_truth.poses)
+    recording = simulated_recording(scene, ConstantDrive(8.0, 0.0, start), duration_s=5.0, sensor=SENSOR, seed=seed)
+    scans, _ = detect_all(recording, CONFIG.detector, HERE, lambda stage, done, total: None)
+    assert recording.ground_truth is not None
+    return Drive.of(scans, recording.ground_truth.poses)
 
 
 def joined(first: Drive, second: Drive, poses: se2.Array | None = None) -> Drive:
     """Two passes as one drive, a minute apart; the second under other poses (N, 3) than its own where they are given."""
     late = float(first.times[-1]) + 60.0
-    windows = list(first.windows)
-    for w in second.windows:
+    scans = list(first.scans)
+    for w in second.scans:
         r = w.returns
-        windows.append(Window(w.t0 + late, w.t1 + late, Returns(r.ranges, r.azimuths, r.times + late, r.intensities)))
-    return Drive.of(windows, np.concatenate([first.poses, second.poses if poses is None else poses]))
+        scans.append(Scan(w.t0 + late, w.t1 + late, Returns(r.ranges, r.azimuths, r.times + late, r.intensities)))
+    return Drive.of(scans, np.concatenate([first.poses, second.poses if poses is None else poses]))
 
 
 def path(xy: np.ndarray) -> Drive:
     """A drive without returns along places (N, 2) [m], a revolution at each."""
     nothing = Returns(*(np.empty(0) for _ in range(4)))
-    windows = [Window(0.25 * k, 0.25 * (k + 1), nothing) for k in range(len(xy))]
+    scans = [Scan(0.25 * k, 0.25 * (k + 1), nothing) for k in range(len(xy))]
     ahead = np.diff(xy, axis=0, append=2.0 * xy[-1:] - xy[-2:-1])
-    return Drive.of(windows, np.column_stack([xy, np.unwrap(np.arctan2(ahead[:, 1], ahead[:, 0]))]))
+    return Drive.of(scans, np.column_stack([xy, np.unwrap(np.arctan2(ahead[:, 1], ahead[:, 0]))]))

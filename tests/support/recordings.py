@@ -18,7 +18,7 @@ from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as Writer2
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from mqslam.core.recording import RadarStream, Revolution
+from mqslam.core.recording import PolarScan, Recording
 from mqslam.core.trajectory import Trajectory
 
 START_US = 1_700_000_000_000_000
@@ -166,20 +166,20 @@ def bag_path(folder: Path, kind: str) -> Path:
     return folder / {"ros1": "drive.bag", "ros2": "drive_ros2", "mcap": "drive.mcap"}[kind]
 
 
-def raw_rows(stream: RadarStream) -> Iterator[tuple[int, NDArray[np.uint8]]]:
+def raw_rows(recording: Recording) -> Iterator[tuple[int, NDArray[np.uint8]]]:
     """The stamp [us] and the Oxford rows of every revolution of a stream."""
-    for stamp, revolution in zip(stream.stamps_us.tolist(), stream.revolutions(), strict=True):
-        stamps = stream.start_us + np.round(revolution.times * 1e6).astype(np.int64)
-        ticks = np.round(-revolution.azimuths * 5600 / (2 * np.pi)).astype(np.int64)
-        yield stamp, with_metadata(revolution.power, stamps, ticks, revolution.valid)
+    for stamp, polar_scan in zip(recording.stamps_us.tolist(), recording.polar_scans(), strict=True):
+        stamps = recording.start_us + np.round(polar_scan.times * 1e6).astype(np.int64)
+        ticks = np.round(-polar_scan.azimuths * 5600 / (2 * np.pi)).astype(np.int64)
+        yield stamp, with_metadata(polar_scan.power, stamps, ticks, polar_scan.valid)
 
 
-def write_bag(stream: RadarStream, path: Path, kind: str, topic: str = "/Navtech/Polar") -> Path:
+def write_bag(recording: Recording, path: Path, kind: str, topic: str = "/Navtech/Polar") -> Path:
     """Write a stream as a bag of Oxford rows in mono8 images, with its odometry and ground truth where it has any."""
     with bag_writer(path, kind) as bag:
         radar = bag.topic(topic, "sensor_msgs/msg/Image")
-        messages = [(stamp, radar, bag.image(stamp, rows)) for stamp, rows in raw_rows(stream)]
-        for trajectory, name in ((stream.odometry, ODOMETRY_TOPIC), (stream.ground_truth, TRUTH_TOPIC)):
+        messages = [(stamp, radar, bag.image(stamp, rows)) for stamp, rows in raw_rows(recording)]
+        for trajectory, name in ((recording.odometry, ODOMETRY_TOPIC), (recording.ground_truth, TRUTH_TOPIC)):
             if trajectory is None:
                 continue
             odometry = bag.topic(name, "nav_msgs/msg/Odometry")
@@ -190,15 +190,15 @@ def write_bag(stream: RadarStream, path: Path, kind: str, topic: str = "/Navtech
     return path
 
 
-def assert_same(a: RadarStream, b: RadarStream) -> None:
+def assert_same(a: Recording, b: Recording) -> None:
     """Two streams hold identical revolutions at identical stamps."""
     np.testing.assert_array_equal(a.stamps_us, b.stamps_us)
     assert a.end_us == b.end_us
-    for one, other in zip(a.revolutions(), b.revolutions(), strict=True):
-        assert_same_revolution(one, other)
+    for one, other in zip(a.polar_scans(), b.polar_scans(), strict=True):
+        assert_same_polar_scan(one, other)
 
 
-def assert_same_revolution(a: Revolution, b: Revolution) -> None:
+def assert_same_polar_scan(a: PolarScan, b: PolarScan) -> None:
     """Two revolutions are identical, bit by bit."""
     for name in ("times", "azimuths", "power", "valid"):
         one, other = getattr(a, name), getattr(b, name)

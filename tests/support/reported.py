@@ -140,7 +140,7 @@ def swept_walls(count: int = 60, per_sweep: int = 40) -> Sweeps:
         times=0.25 * np.arange(count),
         poses=poses,
         travelled=path_length(poses),
-        period_s=0.25,
+        revolution_s=0.25,
     )
 
 

@@ -24,7 +24,7 @@ from support.recordings import START_US, TURN_US, bag_path, bag_writer, circle, 
 
 from mqslam.config import Config, dump_yaml, load_config
 from mqslam.core.lidar import LidarRecording
-from mqslam.core.recording import RadarStream, Revolution
+from mqslam.core.recording import PolarScan, Recording
 from mqslam.core.scans import Returns
 from mqslam.core.timed_cloud import TimedCloud
 from mqslam.core.trajectory import Trajectory, write_kitti, write_tum
@@ -60,10 +60,10 @@ class Subject:
 
 def check_radar(format: str) -> Callable[[Path], None]:
     def read(path: Path) -> None:
-        stream = open_recording(path, format=format)
-        check_stream(stream)
-        found = detect_stretch(_Checked(stream), Config().detector, 0, len(stream), strict=False)  # type: ignore[arg-type]
-        assert len(found.returns) == len(stream)
+        recording = open_recording(path, format=format)
+        check_recording(recording)
+        found = detect_stretch(_Checked(recording), Config().detector, 0, len(recording), strict=False)  # type: ignore[arg-type]
+        assert len(found.returns) == len(recording)
         for returns in found.returns:
             check_returns(returns)
 
@@ -73,32 +73,32 @@ def check_radar(format: str) -> Callable[[Path], None]:
 class _Checked:
     """A stream whose revolutions are checked as they are read."""
 
-    def __init__(self, stream: RadarStream) -> None:
-        self._stream = stream
-        self.path, self.range_resolution = stream.path, stream.range_resolution
+    def __init__(self, recording: Recording) -> None:
+        self._recording = recording
+        self.path, self.range_resolution = recording.path, recording.range_resolution
 
-    def revolutions(self, start: int, stop: int) -> Any:
-        for revolution in self._stream.revolutions(start, stop):
-            check_revolution(revolution)
-            yield revolution
+    def polar_scans(self, start: int, stop: int) -> Any:
+        for polar_scan in self._recording.polar_scans(start, stop):
+            check_polar_scan(polar_scan)
+            yield polar_scan
 
 
-def check_stream(stream: RadarStream) -> None:
-    assert stream.stamps_us.dtype == np.int64 and 0 < len(stream) < _MOST
-    assert np.all(np.diff(stream.stamps_us) > 0) and stream.end_us > stream.stamps_us[-1]
-    assert np.isfinite(stream.range_resolution) and stream.range_resolution > 0.0
-    for track in (stream.odometry, stream.ground_truth):
+def check_recording(recording: Recording) -> None:
+    assert recording.stamps_us.dtype == np.int64 and 0 < len(recording) < _MOST
+    assert np.all(np.diff(recording.stamps_us) > 0) and recording.end_us > recording.stamps_us[-1]
+    assert np.isfinite(recording.range_resolution) and recording.range_resolution > 0.0
+    for track in (recording.odometry, recording.ground_truth):
         if track is not None:
             check_trajectory(track)
-    assert all(isinstance(text, str) and text for text in (*stream.notes, *stream.faults))
+    assert all(isinstance(text, str) and text for text in (*recording.notes, *recording.faults))
 
 
-def check_revolution(revolution: Revolution) -> None:
-    rows = len(revolution.power)
-    assert revolution.power.ndim == 2 and revolution.power.dtype == np.uint8 and revolution.power.size < 8 * _MOST
-    assert revolution.times.shape == revolution.azimuths.shape == revolution.valid.shape == (rows,)
-    assert np.isfinite(revolution.times).all() and np.isfinite(revolution.azimuths).all()
-    assert np.all(np.diff(revolution.times) >= 0.0)
+def check_polar_scan(polar_scan: PolarScan) -> None:
+    rows = len(polar_scan.power)
+    assert polar_scan.power.ndim == 2 and polar_scan.power.dtype == np.uint8 and polar_scan.power.size < 8 * _MOST
+    assert polar_scan.times.shape == polar_scan.azimuths.shape == polar_scan.valid.shape == (rows,)
+    assert np.isfinite(polar_scan.times).all() and np.isfinite(polar_scan.azimuths).all()
+    assert np.all(np.diff(polar_scan.times) >= 0.0)
 
 
 def check_returns(returns: Returns) -> None:
@@ -112,10 +112,10 @@ def check_trajectory(track: Trajectory) -> None:
 
 
 def check_lidar(lidar: LidarRecording) -> None:
-    assert 2 <= len(lidar.windows) == len(lidar.stamps_us) < _MOST and np.all(np.diff(lidar.stamps_us) > 0)
-    for window in lidar.windows:
-        assert np.isfinite([window.t0, window.t1]).all() and window.t1 >= window.t0
-        check_returns(window.returns)
+    assert 2 <= len(lidar.scans) == len(lidar.stamps_us) < _MOST and np.all(np.diff(lidar.stamps_us) > 0)
+    for scan in lidar.scans:
+        assert np.isfinite([scan.t0, scan.t1]).all() and scan.t1 >= scan.t0
+        check_returns(scan.returns)
     for track in (lidar.trajectory, lidar.odometry):
         if track is not None:
             check_trajectory(track)

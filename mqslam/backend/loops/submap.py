@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from mqslam.config import Config
 from mqslam.core import se2
-from mqslam.core.scans import Returns, Window
+from mqslam.core.scans import Returns, Scan
 from mqslam.mapping.render import place_along
 from mqslam.psi.place import PointSet
 
@@ -20,22 +20,22 @@ class Drive:
     """A run as loops are looked for in it.
 
     Args:
-        windows: one per revolution.
+        scans: one per revolution.
         times: (N,) start of each [s].
         poses: (N, 3) at these times.
         travelled: (N,) length of the path so far [m].
     """
 
-    windows: Sequence[Window]
+    scans: Sequence[Scan]
     times: NDArray[np.float64]
     poses: se2.Array
     travelled: NDArray[np.float64]
 
     @classmethod
-    def of(cls, windows: Sequence[Window], poses: se2.Array) -> Drive:
+    def of(cls, scans: Sequence[Scan], poses: se2.Array) -> Drive:
         """The drive of windows under poses (N, 3)."""
         steps = np.hypot(*np.diff(poses[:, :2], axis=0).T)
-        return cls(windows, np.array([w.t0 for w in windows]), poses, np.concatenate([[0.0], np.cumsum(steps)]))
+        return cls(scans, np.array([w.t0 for w in scans]), poses, np.concatenate([[0.0], np.cumsum(steps)]))
 
     def spaced(self, spacing_m: float) -> NDArray[np.int64]:
         """Indices of revolutions about spacing_m [m] of path apart."""
@@ -62,7 +62,7 @@ def submap(drive: Drive, centre: int, reach_m: float, spacing_m: float, config: 
         centre: index of the revolution whose start pose is the frame.
     """
     chosen = around(drive.travelled, centre, reach_m, spacing_m)
-    returns = Returns.concatenate([drive.windows[k].returns for k in chosen])
+    returns = Returns.concatenate([drive.scans[k].returns for k in chosen])
     first, last = max(int(chosen[0]) - 1, 0), min(int(chosen[-1]) + 2, len(drive.times))
     local = se2.between(drive.poses[centre], drive.poses[first:last])
     return place_along(returns, drive.times[first:last], local, config)

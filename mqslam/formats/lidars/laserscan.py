@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mqslam.core import se2
-from mqslam.core.lidar import LidarRecording, windows_of
+from mqslam.core.lidar import LidarRecording, scans_of
 from mqslam.core.scans import Returns
 from mqslam.core.trajectory import Trajectory
 from mqslam.errors import DataError
@@ -90,9 +90,9 @@ def read_lidar(path: Path) -> LidarRecording:
             how = "carried to the lidar by /tf_static" if mount else "taken as that of the lidar itself"
             notes.append(f"{what} from {name}, {how}")
             carried[what] = Trajectory(poses.stamps_us, se2.compose(poses.poses, mount.pose)) if mount else poses
-    windows = windows_of(stamps, scans)
+    timed = scans_of(stamps, scans)
     return LidarRecording(
-        path, "laserscan", stamps, windows, carried.get("trajectory"), carried.get("odometry"), tuple(notes)
+        path, "laserscan", stamps, timed, carried.get("trajectory"), carried.get("odometry"), tuple(notes)
     )
 
 

@@ -1,4 +1,4 @@
-"""Recordings on disk as `RadarStream`s: one module per layout, one line per module."""
+"""Recordings on disk as `Recording`s: one module per layout, one line per module."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import importlib
 from pathlib import Path
 from typing import Protocol, cast
 
-from mqslam.core.recording import RadarStream
+from mqslam.core.recording import Recording
 from mqslam.errors import ConfigError, DataError
 from mqslam.formats.odometry_files import read_odometry
 from mqslam.formats.shared.sensing import Sensing, Stamp, is_bin_length
@@ -21,7 +21,7 @@ class Reader(Protocol):
     def recognises(self, path: Path) -> bool:
         """Whether the path looks like a recording of this layout; reads names only."""
 
-    def open_stream(self, path: Path, sensing: Sensing) -> RadarStream:
+    def open_recording(self, path: Path, sensing: Sensing) -> Recording:
         """Index the recording; `sensing` overrides what the layout says."""
 
 
@@ -42,7 +42,7 @@ def open_recording(
     *,
     clockwise: bool | None = None,
     stamp: Stamp | None = None,
-) -> RadarStream:
+) -> Recording:
     """Open a recording without reading its revolutions.
 
     Args:
@@ -69,7 +69,7 @@ def open_recording(
         if path.is_dir() and not any(path.iterdir()):
             raise DataError(path, "is an empty folder", "give the folder or file that holds the recording")
         sensing = Sensing(range_resolution, clockwise, stamp)
-        return (_reader(format) if format else _guess(path)).open_stream(path, sensing)
+        return (_reader(format) if format else _guess(path)).open_recording(path, sensing)
     except OSError as error:
         raise DataError(path, f"cannot be read ({error.strerror or error})", "check its permissions") from error
 

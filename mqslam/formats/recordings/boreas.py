@@ -14,7 +14,7 @@ from mqslam.core.trajectory import Trajectory, checked
 from mqslam.formats.odometry_files import read_stamped
 from mqslam.formats.recordings import oxford
 from mqslam.formats.shared.images import stamped_names
-from mqslam.formats.shared.row_images import RowImageStream, index_rows
+from mqslam.formats.shared.row_images import RowImageRecording, index_rows
 from mqslam.formats.shared.sensing import Sensing
 
 UPGRADE_US = 1_632_182_400_000_000
@@ -29,7 +29,7 @@ def recognises(path: Path) -> bool:
     return oxford.recognises(path) and any((root / name).is_dir() for name in ("calib", "applanix"))
 
 
-def open_stream(path: Path, sensing: Sensing) -> RowImageStream:
+def open_recording(path: Path, sensing: Sensing) -> RowImageRecording:
     """Index a recording of Boreas: names, two images and the poses are read, whatever its length.
 
     Raises:
@@ -38,7 +38,7 @@ def open_stream(path: Path, sensing: Sensing) -> RowImageStream:
     folder = oxford.image_folder(path)
     images = index_rows(folder, stamped_names(folder))
     poses = folder.parent / "applanix" / "radar_poses.csv"
-    return images.stream(
+    return images.recording(
         path,
         "boreas",
         sensing.range_resolution or usual_resolution(int(images.stamps_us[0])),

@@ -15,12 +15,12 @@ from pathlib import Path
 import numpy as np
 
 from mqslam.core import se2
-from mqslam.core.recording import RadarStream
+from mqslam.core.recording import Recording
 from mqslam.core.trajectory import Trajectory, checked
 from mqslam.errors import DataError
 from mqslam.formats.odometry_files import read_stamped
 from mqslam.formats.shared.azimuth_rows import in_us
-from mqslam.formats.shared.column_images import column_stream
+from mqslam.formats.shared.column_images import column_recording
 from mqslam.formats.shared.images import stamped_names
 from mqslam.formats.shared.row_images import index_rows
 from mqslam.formats.shared.sensing import Sensing
@@ -36,7 +36,7 @@ def recognises(path: Path) -> bool:
     return any(_folders(path))
 
 
-def open_stream(path: Path, sensing: Sensing) -> RadarStream:
+def open_recording(path: Path, sensing: Sensing) -> Recording:
     """Index a recording of MulRan: names, two images and the poses are read, whatever its length.
 
     Rows with own stamps go before columns without.
@@ -53,8 +53,8 @@ def open_stream(path: Path, sensing: Sensing) -> RadarStream:
     names = stamped_names(folder)
     if folder.resolve().name == ROWS:
         resolution = sensing.range_resolution or RANGE_RESOLUTION_M
-        return index_rows(folder, names).stream(path, "mulran", resolution, ground_truth=truth, notes=sensing.idle())
-    return column_stream(path, "mulran", folder, names, in_us(names), RANGE_RESOLUTION_M, sensing, ground_truth=truth)
+        return index_rows(folder, names).recording(path, "mulran", resolution, ground_truth=truth, notes=sensing.idle())
+    return column_recording(path, "mulran", folder, names, in_us(names), RANGE_RESOLUTION_M, sensing, ground_truth=truth)
 
 
 def _folders(path: Path) -> Iterator[Path]:

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mqslam.core.recording import RadarStream, Revolution
+from mqslam.core.recording import PolarScan, Recording
 from mqslam.core.trajectory import Trajectory, checked
 from mqslam.errors import DataError
 from mqslam.execution.files import written_whole
@@ -24,17 +24,17 @@ _WRITTEN = "give a file written by mqslam"
 
 
 @dataclass(frozen=True, kw_only=True)
-class NativeStream(RadarStream):
+class NativeRecording(Recording):
     """A recording in a native `.npz`."""
 
-    def revolutions(self, start: int = 0, stop: int | None = None) -> Iterator[Revolution]:
+    def polar_scans(self, start: int = 0, stop: int | None = None) -> Iterator[PolarScan]:
         """Read the revolutions start <= k < stop, one after the other."""
         with npz.opened(self.path, _WRITTEN) as archive:
             for k in range(len(self))[start:stop]:
-                yield _revolution(self.path, archive, k, float(self.start_times[k]))
+                yield _polar_scan(self.path, archive, k, float(self.start_times[k]))
 
 
-def write_native(path: Path, stream: RadarStream) -> None:
+def write_native(path: Path, recording: Recording) -> None:
     """Write a recording as a native `.npz`, one revolution in memory at a time.
 
     Members: `stamps_us`, `end_us`, `range_resolution`, `notes`; where there are any `odometry_stamps_us`,
@@ -46,17 +46,17 @@ def write_native(path: Path, stream: RadarStream) -> None:
         OutputError: the file cannot be written.
     """
     with written_whole(path) as aside, zipfile.ZipFile(aside, "w", zipfile.ZIP_STORED) as archive:
-        _write(archive, "stamps_us", stream.stamps_us)
-        _write(archive, "end_us", np.int64(stream.end_us))
-        _write(archive, "range_resolution", np.float64(stream.range_resolution))
-        _write(archive, "notes", np.array(stream.notes, dtype=np.str_))
-        for name, trajectory in (("odometry", stream.odometry), ("ground_truth", stream.ground_truth)):
+        _write(archive, "stamps_us", recording.stamps_us)
+        _write(archive, "end_us", np.int64(recording.end_us))
+        _write(archive, "range_resolution", np.float64(recording.range_resolution))
+        _write(archive, "notes", np.array(recording.notes, dtype=np.str_))
+        for name, trajectory in (("odometry", recording.odometry), ("ground_truth", recording.ground_truth)):
             if trajectory is not None:
                 _write(archive, f"{name}_stamps_us", trajectory.stamps_us)
                 _write(archive, f"{name}_poses", trajectory.poses)
-        for k, revolution in enumerate(stream.revolutions()):
+        for k, polar_scan in enumerate(recording.polar_scans()):
             for name in ("times", "azimuths", "power", "valid"):
-                _write(archive, f"{name}_{k:06d}", getattr(revolution, name))
+                _write(archive, f"{name}_{k:06d}", getattr(polar_scan, name))
 
 
 def recognises(path: Path) -> bool:
@@ -64,7 +64,7 @@ def recognises(path: Path) -> bool:
     return path.suffix == ".npz" and path.is_file()
 
 
-def open_stream(path: Path, sensing: Sensing) -> NativeStream:
+def open_recording(path: Path, sensing: Sensing) -> NativeRecording:
     """Index a native `.npz`: everything but the revolutions is read.
 
     Raises:
@@ -83,7 +83,7 @@ def open_stream(path: Path, sensing: Sensing) -> NativeStream:
         resolution = float(_member(path, archive, "range_resolution", np.float64, 0))
         if not is_bin_length(resolution):
             raise DataError(path, f"has a range resolution of {resolution} m", _REMEDY)
-        return NativeStream(
+        return NativeRecording(
             path=path,
             format="native",
             stamps_us=stamps,
@@ -121,7 +121,7 @@ def _trajectory(path: Path, archive: zipfile.ZipFile, name: str) -> Trajectory |
     return checked(path, stamps, poses)
 
 
-def _revolution(path: Path, archive: zipfile.ZipFile, k: int, start_s: float) -> Revolution:
+def _polar_scan(path: Path, archive: zipfile.ZipFile, k: int, start_s: float) -> PolarScan:
     """Revolution k, which begins about start_s [s] after the recording."""
     times = _member(path, archive, f"times_{k:06d}", np.float64, 1)
     azimuths = _member(path, archive, f"azimuths_{k:06d}", np.float64, 1)
@@ -132,4 +132,4 @@ def _revolution(path: Path, archive: zipfile.ZipFile, k: int, start_s: float) ->
     sound = power.size and np.isfinite(azimuths).all() and np.all(np.abs(times - start_s) < _LONGEST_TURN_S)
     if not sound or np.any(np.diff(times) < 0.0):
         raise DataError(path, f"revolution {k} has times or azimuths that make no turn", _REMEDY)
-    return Revolution(times, azimuths, power, valid)
+    return PolarScan(times, azimuths, power, valid)

@@ -13,7 +13,7 @@ from mqslam.core.trajectory import Trajectory, checked, read_tum
 from mqslam.errors import DataError
 from mqslam.formats.odometry_files import chained, read_numbers, read_odometry
 from mqslam.formats.shared.images import stamped_names
-from mqslam.formats.shared.row_images import RowImageStream, index_rows
+from mqslam.formats.shared.row_images import RowImageRecording, index_rows
 from mqslam.formats.shared.sensing import Sensing, is_bin_length
 
 RANGE_RESOLUTION_M = 0.0438
@@ -27,7 +27,7 @@ def recognises(path: Path) -> bool:
     return folder.is_dir() and any(image.stem.isdigit() for image in folder.glob("*.png"))
 
 
-def open_stream(path: Path, sensing: Sensing) -> RowImageStream:
+def open_recording(path: Path, sensing: Sensing) -> RowImageRecording:
     """Index a recording in the Oxford layout: names and two images are read, whatever its length.
 
     Raises:
@@ -42,7 +42,7 @@ def open_stream(path: Path, sensing: Sensing) -> RowImageStream:
     resolution, assumed = _range_resolution(root, sensing.range_resolution)
     truth, broken = _ground_truth(root, int(images.stamps_us[0]), images.end_us)
     odometry = root / "odom.csv"
-    return images.stream(
+    return images.recording(
         path,
         "oxford",
         resolution,

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mqslam.errors import DataError
-from mqslam.formats.shared.column_images import ColumnImageStream, column_stream
+from mqslam.formats.shared.column_images import ColumnImageRecording, column_recording
 from mqslam.formats.shared.images import numbered_names
 from mqslam.formats.shared.sensing import Sensing
 from mqslam.formats.shared.stamps import in_order, microseconds
@@ -28,7 +28,7 @@ def recognises(path: Path) -> bool:
     return _image_folder(path).is_dir()
 
 
-def open_stream(path: Path, sensing: Sensing) -> ColumnImageStream:
+def open_recording(path: Path, sensing: Sensing) -> ColumnImageRecording:
     """Index a recording of RADIATE: names, stamps and one image are read, whatever its length.
 
     Raises:
@@ -56,7 +56,7 @@ def open_stream(path: Path, sensing: Sensing) -> ColumnImageStream:
     missing = len(order) - len(names)
     skipped = [f"{missing} of {len(frames)} frames in {listing.name} have no image: skipped"] if missing else []
     notes = (*skipped, _OTHER_CLOCK)
-    return column_stream(
+    return column_recording(
         path, "radiate", folder, names, stamps, RANGE_RESOLUTION_M, sensing, digits=_DIGITS, notes=notes, faults=faults
     )
 

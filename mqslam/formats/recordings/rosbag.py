@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mqslam.core.recording import RadarStream, Revolution
+from mqslam.core.recording import PolarScan, Recording
 from mqslam.errors import DataError
 from mqslam.formats.shared import bags, polar_message
 from mqslam.formats.shared.azimuth_rows import even_azimuths, spread_note, turns_of
@@ -42,7 +42,7 @@ class Spread:
 
 
 @dataclass(frozen=True, kw_only=True)
-class RosbagStream(RadarStream):
+class RosbagRecording(Recording):
     """A recording in a ROS bag; the bag is opened anew by every call of `revolutions`.
 
     Args:
@@ -59,7 +59,7 @@ class RosbagStream(RadarStream):
     logged_ns: NDArray[np.int64]
     spread: Spread | None
 
-    def revolutions(self, start: int = 0, stop: int | None = None) -> Iterator[Revolution]:
+    def polar_scans(self, start: int = 0, stop: int | None = None) -> Iterator[PolarScan]:
         """Read the revolutions start <= k < stop, one after the other."""
         wanted = range(len(self))[start:stop]
         if not wanted:
@@ -76,21 +76,21 @@ class RosbagStream(RadarStream):
                 except ValueError:  # the index left it out, too
                     continue
                 with bags.naming(self.path, self.topic, logged):
-                    revolution = self._revolution(k, message)
-                yield revolution
+                    polar_scan = self._polar_scan(k, message)
+                yield polar_scan
                 k += 1
                 if k == wanted.stop:
                     return
         raise DataError(self.path, f"revolution {k} on {self.topic} is gone", "the bag changed since it was opened")
 
-    def _revolution(self, k: int, message: Any) -> Revolution:
+    def _polar_scan(self, k: int, message: Any) -> PolarScan:
         power = polar_message.power_of(self.layout, message)
         if self.spread is None:
             azimuths = polar_message.stamped_azimuths(self.layout, message)
         else:
             begin, duration = int(self.stamps_us[k]), int(self.spread.durations_us[k])
             azimuths = even_azimuths(len(power), begin, duration, clockwise=self.spread.clockwise)
-        return azimuths.revolution(power, self.start_us)
+        return azimuths.polar_scan(power, self.start_us)
 
 
 def recognises(path: Path) -> bool:
@@ -98,7 +98,7 @@ def recognises(path: Path) -> bool:
     return bags.recognises(path)
 
 
-def open_stream(path: Path, sensing: Sensing) -> RosbagStream:
+def open_recording(path: Path, sensing: Sensing) -> RosbagRecording:
     """Index a bag: one pass over the messages of radar, odometry and ground truth, of which only stamps and poses stay.
 
     Raises:
@@ -129,7 +129,7 @@ def open_stream(path: Path, sensing: Sensing) -> RosbagStream:
         notes.append(f"odometry from {odometry_topic}, taken as the motion of the radar itself")
     if truth is not None:
         notes.append(f"ground truth from {truth_topic}, taken as the pose of the radar itself")
-    return RosbagStream(
+    return RosbagRecording(
         path=path,
         format="rosbag",
         stamps_us=starts,

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mqslam.core.recording import Revolution, usual_steps
+from mqslam.core.recording import PolarScan, usual_steps
 from mqslam.formats.shared.sensing import Stamp
 
 METADATA_BYTES = 11
@@ -43,10 +43,10 @@ class Azimuths:
         """The chosen ones (A,) of these azimuths."""
         return Azimuths(self.stamps_us[chosen], self.angles[chosen], self.valid[chosen])
 
-    def revolution(self, power: NDArray[np.uint8], start_us: int) -> Revolution:
-        """The turn of these azimuths with their power (A, B), its times counted from the stream's start [us]."""
+    def polar_scan(self, power: NDArray[np.uint8], start_us: int) -> PolarScan:
+        """The turn of these azimuths with their power (A, B), its times counted from the recording's start [us]."""
         times = ((self.stamps_us - start_us) * 1e-6).astype(np.float64)
-        return Revolution(times, self.angles, power, self.valid)
+        return PolarScan(times, self.angles, power, self.valid)
 
 
 def repaired(

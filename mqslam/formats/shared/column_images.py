@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from mqslam.core.recording import RadarStream, Revolution
+from mqslam.core.recording import PolarScan, Recording
 from mqslam.core.trajectory import Trajectory
 from mqslam.errors import DataError
 from mqslam.formats.shared.azimuth_rows import even_azimuths, spread_note, turns_of
@@ -18,7 +18,7 @@ from mqslam.formats.shared.sensing import Sensing
 
 
 @dataclass(frozen=True, kw_only=True)
-class ColumnImageStream(RadarStream):
+class ColumnImageRecording(Recording):
     """A recording in polar images whose azimuths carry neither stamps nor angles.
 
     Args:
@@ -37,7 +37,7 @@ class ColumnImageStream(RadarStream):
     durations_us: NDArray[np.int64]
     clockwise: bool
 
-    def revolutions(self, start: int = 0, stop: int | None = None) -> Iterator[Revolution]:
+    def polar_scans(self, start: int = 0, stop: int | None = None) -> Iterator[PolarScan]:
         """Read the revolutions start <= k < stop, one after the other."""
         for k in range(len(self))[start:stop]:
             image = _image(self.folder, int(self.names[k]), self.digits)
@@ -47,10 +47,10 @@ class ColumnImageStream(RadarStream):
                 raise DataError(image, f"holds {sizes[0]}, the first image {sizes[1]}", "leave it out of the recording")
             stamp, duration = int(self.stamps_us[k]), int(self.durations_us[k])
             azimuths = even_azimuths(pixels.shape[1], stamp, duration, clockwise=self.clockwise)
-            yield azimuths.revolution(np.ascontiguousarray(pixels.T), self.start_us)
+            yield azimuths.polar_scan(np.ascontiguousarray(pixels.T), self.start_us)
 
 
-def column_stream(
+def column_recording(
     path: Path,
     format: str,
     folder: Path,
@@ -63,7 +63,7 @@ def column_stream(
     ground_truth: Trajectory | None = None,
     notes: Iterable[str] = (),
     faults: Iterable[str] = (),
-) -> ColumnImageStream:
+) -> ColumnImageRecording:
     """Polar images as the stream of a recording: the first that can be read is, whatever their number.
 
     Args:
@@ -89,7 +89,7 @@ def column_stream(
     stamp = sensing.stamp or "end"
     clockwise = sensing.clockwise is not False
     starts, durations = turns_of(named_us, stamp)
-    return ColumnImageStream(
+    return ColumnImageRecording(
         path=path,
         format=format,
         stamps_us=starts,

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from mqslam.core.recording import RadarStream, Revolution
+from mqslam.core.recording import PolarScan, Recording
 from mqslam.core.trajectory import Trajectory
 from mqslam.errors import DataError
 from mqslam.formats.shared.azimuth_rows import FLAG_BYTE, METADATA_BYTES, Azimuths, in_us, read_metadata, turns_of
@@ -30,7 +30,7 @@ class Flag(Enum):
 
 
 @dataclass(frozen=True, kw_only=True)
-class RowImageStream(RadarStream):
+class RowImageRecording(Recording):
     """A recording in images of Oxford rows.
 
     Args:
@@ -45,11 +45,11 @@ class RowImageStream(RadarStream):
     flag: Flag
     usual: int
 
-    def revolutions(self, start: int = 0, stop: int | None = None) -> Iterator[Revolution]:
+    def polar_scans(self, start: int = 0, stop: int | None = None) -> Iterator[PolarScan]:
         """Read the revolutions start <= k < stop, one after the other."""
         for name in self.names[start:stop].tolist():
             azimuths, power = _read(self.folder, name, self.flag, self.usual)
-            yield azimuths.revolution(power, self.start_us)
+            yield azimuths.polar_scan(power, self.start_us)
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,7 +76,7 @@ class RowImages:
     notes: tuple[str, ...]
     faults: tuple[str, ...]
 
-    def stream(
+    def recording(
         self,
         path: Path,
         format: str,
@@ -86,9 +86,9 @@ class RowImages:
         ground_truth: Trajectory | None = None,
         notes: Iterable[str] = (),
         faults: Iterable[str] = (),
-    ) -> RowImageStream:
+    ) -> RowImageRecording:
         """The images as the stream of a recording at a path."""
-        return RowImageStream(
+        return RowImageRecording(
             path=path,
             format=format,
             stamps_us=self.stamps_us,

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mqslam.core import se2
-from mqslam.core.recording import RadarStream
+from mqslam.core.recording import Recording
 from mqslam.core.trajectory import Trajectory
 from mqslam.execution.files import write_text
 from mqslam.formats.writing.azimuth_rows import azimuth_stamps, oxford_rows, write_png
@@ -16,7 +16,7 @@ from mqslam.formats.writing.azimuth_rows import azimuth_stamps, oxford_rows, wri
 _COLUMNS = "GPSTime,easting,northing,altitude,vel_east,vel_north,vel_up,roll,pitch,heading,angvel_z,angvel_y,angvel_x"
 
 
-def write(folder: Path, stream: RadarStream) -> list[str]:
+def write(folder: Path, recording: Recording) -> list[str]:
     """Write a recording into an empty folder, one revolution in memory at a time.
 
     An image and its pose are stamped in the middle of the revolution, at row floor(A / 2) - 1.
@@ -29,11 +29,11 @@ def write(folder: Path, stream: RadarStream) -> list[str]:
     """
     for name in ("radar", "applanix"):
         (folder / name).mkdir()
-    middles = np.empty(len(stream), dtype=np.int64)
-    for k, revolution in enumerate(stream.revolutions()):
-        middles[k] = azimuth_stamps(stream, revolution)[len(revolution.times) // 2 - 1]
-        write_png(folder / "radar" / f"{middles[k]}.png", oxford_rows(stream, k, revolution))
-    return [] if stream.ground_truth is None else _write_poses(folder, stream.ground_truth, middles)
+    middles = np.empty(len(recording), dtype=np.int64)
+    for k, polar_scan in enumerate(recording.polar_scans()):
+        middles[k] = azimuth_stamps(recording, polar_scan)[len(polar_scan.times) // 2 - 1]
+        write_png(folder / "radar" / f"{middles[k]}.png", oxford_rows(recording, k, polar_scan))
+    return [] if recording.ground_truth is None else _write_poses(folder, recording.ground_truth, middles)
 
 
 def _write_poses(folder: Path, truth: Trajectory, middles: NDArray[np.int64]) -> list[str]:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mqslam.core import se2
-from mqslam.core.recording import RadarStream, Revolution, usual_steps
+from mqslam.core.recording import PolarScan, Recording, usual_steps
 from mqslam.errors import DataError
 from mqslam.formats.shared.azimuth_rows import even_azimuths, turns_of
 from mqslam.formats.writing.azimuth_rows import write_png
@@ -17,13 +17,13 @@ from mqslam.formats.writing.azimuth_rows import write_png
 _MOST_STEPS = 0.75  # azimuths may lie this many steps beside where a reader of polar images takes them
 
 
-def ends_of(stream: RadarStream) -> NDArray[np.int64]:
+def ends_of(recording: Recording) -> NDArray[np.int64]:
     """(N,) stamps [us] of the ends of the revolutions: where the next one begins, but for gaps."""
-    starts, durations = turns_of(stream.stamps_us, "start")
-    return np.append((starts + durations)[:-1], stream.end_us)
+    starts, durations = turns_of(recording.stamps_us, "start")
+    return np.append((starts + durations)[:-1], recording.end_us)
 
 
-def write_columns(folder: Path, stream: RadarStream, names: Sequence[str]) -> list[str]:
+def write_columns(folder: Path, recording: Recording, names: Sequence[str]) -> list[str]:
     """Write a polar image `<name>.png` per revolution into a folder, one revolution in memory at a time.
 
     The first column looks straight ahead. Where turns begin one step later, as Oxford's do, it is the last azimuth of the
@@ -31,7 +31,7 @@ def write_columns(folder: Path, stream: RadarStream, names: Sequence[str]) -> li
 
     Args:
         folder: where they go.
-        stream: the recording.
+        recording: the recording.
         names: (N,) of the images.
 
     Returns:
@@ -42,14 +42,14 @@ def write_columns(folder: Path, stream: RadarStream, names: Sequence[str]) -> li
     """
     shape, apart, clockwise, late = (0, 0), 0.0, True, False
     ahead: NDArray[np.uint8] | None = None  # what a turn that begins one step late has of the next one's first column
-    follows = np.append(False, np.diff(stream.stamps_us) < 1.5 * usual_steps(stream.stamps_us))
-    for k, revolution in enumerate(stream.revolutions()):
+    follows = np.append(False, np.diff(recording.stamps_us) < 1.5 * usual_steps(recording.stamps_us))
+    for k, polar_scan in enumerate(recording.polar_scans()):
         if k == 0:
-            shape, clockwise = revolution.power.shape, bool(revolution.azimuths[-1] <= revolution.azimuths[0])
-            late = _apart(revolution, clockwise, 1) < _apart(revolution, clockwise, 0)
-        _check(stream, k, revolution, shape, clockwise, int(late))
-        apart = max(apart, _apart(revolution, clockwise, int(late)))
-        power = revolution.power
+            shape, clockwise = polar_scan.power.shape, bool(polar_scan.azimuths[-1] <= polar_scan.azimuths[0])
+            late = _apart(polar_scan, clockwise, 1) < _apart(polar_scan, clockwise, 0)
+        _check(recording, k, polar_scan, shape, clockwise, int(late))
+        apart = max(apart, _apart(polar_scan, clockwise, int(late)))
+        power = polar_scan.power
         if late:
             first = ahead if ahead is not None and follows[k] else np.zeros(shape[1], dtype=np.uint8)
             power, ahead = np.vstack([first, power[:-1]]), power[-1]
@@ -58,7 +58,7 @@ def write_columns(folder: Path, stream: RadarStream, names: Sequence[str]) -> li
 
 
 def _check(
-    stream: RadarStream, k: int, revolution: Revolution, shape: tuple[int, int], clockwise: bool, late: int
+    recording: Recording, k: int, polar_scan: PolarScan, shape: tuple[int, int], clockwise: bool, late: int
 ) -> None:
     """See that polar images can hold revolution k as they hold the first, which begins `late` steps after straight ahead.
 
@@ -66,23 +66,23 @@ def _check(
         DataError: they cannot.
     """
     remedy = "convert it to a layout that keeps times and angles: oxford, boreas, mulran_oxford, a bag or .npz"
-    if revolution.power.shape != shape:
-        sizes = [f"{azimuths} azimuths by {bins} bins" for azimuths, bins in (revolution.power.shape, shape)]
+    if polar_scan.power.shape != shape:
+        sizes = [f"{azimuths} azimuths by {bins} bins" for azimuths, bins in (polar_scan.power.shape, shape)]
         problem = f"revolution {k} has {sizes[0]}, the first {sizes[1]}; polar images have one size"
-        raise DataError(stream.path, problem, remedy)
+        raise DataError(recording.path, problem, remedy)
     if shape[0] > shape[1]:
-        raise DataError(stream.path, f"has more azimuths ({shape[0]}) than range bins ({shape[1]})", remedy)
-    apart = _apart(revolution, clockwise, late)
+        raise DataError(recording.path, f"has more azimuths ({shape[0]}) than range bins ({shape[1]})", remedy)
+    apart = _apart(polar_scan, clockwise, late)
     if apart * shape[0] > _MOST_STEPS * 2.0 * np.pi:
         problem = f"azimuths of revolution {k} lie {np.rad2deg(apart):.2f} deg beside even steps from straight ahead"
-        raise DataError(stream.path, f"{problem}, which polar images stand for", remedy)
+        raise DataError(recording.path, f"{problem}, which polar images stand for", remedy)
 
 
-def _apart(revolution: Revolution, clockwise: bool, late: int) -> float:
+def _apart(polar_scan: PolarScan, clockwise: bool, late: int) -> float:
     """How far azimuths lie from where a reader of polar images takes them [rad], from column `late` on."""
-    even = even_azimuths(len(revolution.azimuths), 0, 0, clockwise=clockwise).angles
+    even = even_azimuths(len(polar_scan.azimuths), 0, 0, clockwise=clockwise).angles
     even = even + late * (even[1] - even[0])
-    return float(np.abs(se2.wrap(revolution.azimuths - even)).max())
+    return float(np.abs(se2.wrap(polar_scan.azimuths - even)).max())
 
 
 def _notes(apart: float, clockwise: bool) -> list[str]:

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from mqslam.core import se2
-from mqslam.core.recording import RadarStream
+from mqslam.core.recording import Recording
 from mqslam.core.trajectory import Trajectory
 from mqslam.errors import DataError
 from mqslam.execution.files import write_text
@@ -17,7 +17,7 @@ from mqslam.formats.writing.azimuth_rows import azimuth_stamps, oxford_rows, wri
 from mqslam.formats.writing.columns import ends_of, write_columns
 
 
-def write(folder: Path, stream: RadarStream) -> list[str]:
+def write(folder: Path, recording: Recording) -> list[str]:
     """Write a recording as polar images into an empty folder, one revolution in memory at a time.
 
     Returns:
@@ -26,11 +26,11 @@ def write(folder: Path, stream: RadarStream) -> list[str]:
     Raises:
         DataError: a revolution that cannot be read, or that polar images cannot hold.
     """
-    images = _prepared(folder, stream, COLUMNS)
-    return write_columns(images, stream, [f"{end}000" for end in ends_of(stream).tolist()])
+    images = _prepared(folder, recording, COLUMNS)
+    return write_columns(images, recording, [f"{end}000" for end in ends_of(recording).tolist()])
 
 
-def write_rows(folder: Path, stream: RadarStream) -> list[str]:
+def write_rows(folder: Path, recording: Recording) -> list[str]:
     """Write a recording as Oxford rows with stamps in ns into an empty folder, one revolution in memory at a time.
 
     Returns:
@@ -39,24 +39,24 @@ def write_rows(folder: Path, stream: RadarStream) -> list[str]:
     Raises:
         DataError: a revolution that cannot be read or that turns counter-clockwise.
     """
-    images = _prepared(folder, stream, ROWS)
-    for k, revolution in enumerate(stream.revolutions()):
-        end_us = Azimuths(azimuth_stamps(stream, revolution), revolution.azimuths, revolution.valid).end_us
-        write_png(images / f"{end_us}000.png", oxford_rows(stream, k, revolution, per_us=1000))
+    images = _prepared(folder, recording, ROWS)
+    for k, polar_scan in enumerate(recording.polar_scans()):
+        end_us = Azimuths(azimuth_stamps(recording, polar_scan), polar_scan.azimuths, polar_scan.valid).end_us
+        write_png(images / f"{end_us}000.png", oxford_rows(recording, k, polar_scan, per_us=1000))
     return []
 
 
-def _prepared(folder: Path, stream: RadarStream, form: str) -> Path:
+def _prepared(folder: Path, recording: Recording, form: str) -> Path:
     """The folder of the images, once the poses lie above it.
 
     Raises:
         DataError: stamps that nobody could take for nanoseconds.
     """
-    if stream.start_us * 1000 <= FIRST_NS:
-        problem = f"begins at {stream.start_us} us: in MulRan's ns such stamps are taken for us"
-        raise DataError(stream.path, problem, "convert it to another layout")
-    if stream.ground_truth is not None:
-        write_text(folder / "global_pose.csv", _poses(stream.ground_truth))
+    if recording.start_us * 1000 <= FIRST_NS:
+        problem = f"begins at {recording.start_us} us: in MulRan's ns such stamps are taken for us"
+        raise DataError(recording.path, problem, "convert it to another layout")
+    if recording.ground_truth is not None:
+        write_text(folder / "global_pose.csv", _poses(recording.ground_truth))
     images = folder / "sensor_data" / "radar" / form
     images.mkdir(parents=True)
     return images

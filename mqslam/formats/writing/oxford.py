@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from mqslam.core import se2
-from mqslam.core.recording import RadarStream, Revolution
+from mqslam.core.recording import PolarScan, Recording
 from mqslam.core.trajectory import Trajectory, write_tum
 from mqslam.execution.files import write_text
 from mqslam.formats.recordings.oxford import RANGE_RESOLUTION_M, RECORDING
@@ -19,7 +19,7 @@ COLUMNS = "source_timestamp,destination_timestamp,x,y,z,roll,pitch,yaw,source_ra
 """First line of an Oxford ground-truth file."""
 
 
-def write(folder: Path, stream: RadarStream) -> list[str]:
+def write(folder: Path, recording: Recording) -> list[str]:
     """Write a recording into an empty folder, one revolution in memory at a time.
 
     Returns:
@@ -28,15 +28,15 @@ def write(folder: Path, stream: RadarStream) -> list[str]:
     Raises:
         DataError: a revolution that cannot be read or that turns counter-clockwise.
     """
-    write_beside(folder, stream)
-    if stream.range_resolution != RANGE_RESOLUTION_M:
-        write_text(folder / RECORDING, json.dumps({"range_resolution_m": stream.range_resolution}) + "\n")
-    if stream.odometry is not None:
-        track = stream.odometry
+    write_beside(folder, recording)
+    if recording.range_resolution != RANGE_RESOLUTION_M:
+        write_text(folder / RECORDING, json.dumps({"range_resolution_m": recording.range_resolution}) + "\n")
+    if recording.odometry is not None:
+        track = recording.odometry
         twists = track.mean_twists(track.stamps_us[:-1], track.stamps_us[1:])
         write_twists(folder / "odom.csv", track.stamps_us.tolist(), np.vstack([twists, twists[-1:]]))
-    revolutions = enumerate(stream.revolutions())
-    write_stamps(folder, [write_revolution(folder, stream, k, revolution) for k, revolution in revolutions])
+    polar_scans = enumerate(recording.polar_scans())
+    write_stamps(folder, [write_polar_scan(folder, recording, k, polar_scan) for k, polar_scan in polar_scans])
     return []
 
 
@@ -45,19 +45,19 @@ def write_stamps(folder: Path, stamps_us: Iterable[int]) -> None:
     write_text(folder / "radar.timestamps", "".join(f"{stamp} 1\n" for stamp in stamps_us))
 
 
-def write_beside(folder: Path, stream: RadarStream) -> None:
+def write_beside(folder: Path, recording: Recording) -> None:
     """Write ground truth, which lies beside the images, and make their folder."""
     (folder / "radar").mkdir()
-    if stream.ground_truth is not None:
+    if recording.ground_truth is not None:
         (folder / "gt").mkdir()
-        write_tum(folder / "gt" / "poses_tum.txt", stream.ground_truth)
-        write_text(folder / "gt" / "radar_odometry.csv", _moves(stream.ground_truth))
+        write_tum(folder / "gt" / "poses_tum.txt", recording.ground_truth)
+        write_text(folder / "gt" / "radar_odometry.csv", _moves(recording.ground_truth))
 
 
-def write_revolution(folder: Path, stream: RadarStream, k: int, revolution: Revolution) -> int:
+def write_polar_scan(folder: Path, recording: Recording, k: int, polar_scan: PolarScan) -> int:
     """Write the image of revolution k, named after the stamp of its first azimuth [us], which is returned."""
-    stamp = int(azimuth_stamps(stream, revolution)[0])
-    write_png(folder / "radar" / f"{stamp}.png", oxford_rows(stream, k, revolution))
+    stamp = int(azimuth_stamps(recording, polar_scan)[0])
+    write_png(folder / "radar" / f"{stamp}.png", oxford_rows(recording, k, polar_scan))
     return stamp
 
 

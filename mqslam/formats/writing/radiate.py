@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from mqslam.core.recording import RadarStream
+from mqslam.core.recording import Recording
 from mqslam.execution.files import write_text
 from mqslam.formats.writing.columns import ends_of, write_columns
 
 
-def write(folder: Path, stream: RadarStream) -> list[str]:
+def write(folder: Path, recording: Recording) -> list[str]:
     """Write a recording into an empty folder, one revolution in memory at a time.
 
     Returns:
@@ -18,12 +18,12 @@ def write(folder: Path, stream: RadarStream) -> list[str]:
     Raises:
         DataError: a revolution that cannot be read, or that polar images cannot hold.
     """
-    names = [f"{number:06d}" for number in range(1, len(stream) + 1)]
+    names = [f"{number:06d}" for number in range(1, len(recording) + 1)]
     lines = [
         f"Frame: {name} Time: {end // 1_000_000}.{end % 1_000_000:06d}000\n"
-        for name, end in zip(names, ends_of(stream).tolist(), strict=True)
+        for name, end in zip(names, ends_of(recording).tolist(), strict=True)
     ]
     write_text(folder / "Navtech_Polar.txt", "".join(lines))
     images = folder / "Navtech_Polar"
     images.mkdir()
-    return write_columns(images, stream, names)
+    return write_columns(images, recording, names)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
-from mqslam.core.recording import RadarStream
+from mqslam.core.recording import Recording
 from mqslam.errors import OutputError
 from mqslam.formats.recordings import mulran as mulran_reader
 from mqslam.formats.recordings import radiate as radiate_reader
@@ -28,12 +28,12 @@ _FOLDERS = {
 
 
 def write_recording(
-    stream: RadarStream, out: Path, target: Target, message: Message, progress: Callable[[int, int], None]
+    recording: Recording, out: Path, target: Target, message: Message, progress: Callable[[int, int], None]
 ) -> list[str]:
     """Write a recording in a layout, one revolution in memory at a time.
 
     Args:
-        stream: the recording.
+        recording: the recording.
         out: the file or folder; what is there is replaced.
         target: its layout.
         message: how a bag holds revolutions, see `mqslam.formats.writing.rosbag.write`.
@@ -46,7 +46,7 @@ def write_recording(
         DataError: a revolution that cannot be read, or a recording that the layout cannot hold.
         OutputError: it cannot be written.
     """
-    source = watched(stream, progress)
+    source = watched(recording, progress)
     try:
         out.parent.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -60,31 +60,31 @@ def write_recording(
     else:
         write_native(out, source)
     marks = target.validity and not (target.is_bag and message == "b_scan")
-    return [*notes, *_losses(stream, target, 0 if marks else source.tally.unmeasured)]
+    return [*notes, *_losses(recording, target, 0 if marks else source.tally.unmeasured)]
 
 
-def _losses(stream: RadarStream, target: Target, unmarked: int) -> list[str]:
+def _losses(recording: Recording, target: Target, unmarked: int) -> list[str]:
     """What of a recording a layout has no place for, and how to read the rest."""
     notes = []
-    if stream.odometry is not None and not target.odometry:
+    if recording.odometry is not None and not target.odometry:
         notes.append(f"odometry is left behind: {target.name} has no place for it")
-    if stream.ground_truth is not None and not target.truth:
+    if recording.ground_truth is not None and not target.truth:
         notes.append(f"ground truth is left behind: {target.name} has no place for it")
     if unmarked:
         notes.append(f"{unmarked} azimuths marked as not measured lose that mark: the layout has no place for it")
-    assumed = _assumed_resolution(stream, target)
-    if assumed is not None and stream.range_resolution != assumed:
-        given = f"--range-resolution {stream.range_resolution:.9g}"
+    assumed = _assumed_resolution(recording, target)
+    if assumed is not None and recording.range_resolution != assumed:
+        given = f"--range-resolution {recording.range_resolution:.9g}"
         notes.append(f"{target.name} does not say how long a range bin is: read the result with {given}")
     return notes
 
 
-def _assumed_resolution(stream: RadarStream, target: Target) -> float | None:
+def _assumed_resolution(recording: Recording, target: Target) -> float | None:
     """Length of a range bin [m] that readers of a layout assume, None where it says so itself."""
     if target.is_bag:
         return rosbag_reader.RANGE_RESOLUTION_M
     return {
-        "boreas": usual_resolution(stream.start_us),
+        "boreas": usual_resolution(recording.start_us),
         "mulran": mulran_reader.RANGE_RESOLUTION_M,
         "mulran_oxford": mulran_reader.RANGE_RESOLUTION_M,
         "radiate": radiate_reader.RANGE_RESOLUTION_M,

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from mqslam.core.recording import RadarStream, Revolution
+from mqslam.core.recording import PolarScan, Recording
 from mqslam.core.trajectory import Trajectory
 from mqslam.errors import DataError
 from mqslam.formats.shared.azimuth_rows import has_metadata
@@ -28,15 +28,15 @@ TRUTH_TOPIC = "/ground_truth"
 RADAR_FRAME = "radar"
 _TOPICS = {"image": ("/Navtech/Polar", IMAGE_TYPE), "b_scan": ("/radar_data/b_scan_msg", B_SCAN_TYPE)}
 _Entry = tuple[int, "Connection", Any]  # stamp [us], topic, message
-_Made = Callable[[Bag, RadarStream, int, Revolution], Any]
+_Made = Callable[[Bag, Recording, int, PolarScan], Any]
 
 
-def write(out: Path, stream: RadarStream, kind: str, message: Message) -> None:
+def write(out: Path, recording: Recording, kind: str, message: Message) -> None:
     """Write a recording as a bag, one revolution in memory at a time.
 
     Args:
         out: the file or folder.
-        stream: the recording.
+        recording: the recording.
         kind: one of `mqslam.formats.writing.bags.KINDS`.
         message: `image` for mono8 images whose rows begin with time, angle and validity, as in the Oxford layout;
             `b_scan` for the driver's own messages, which do not say whether an azimuth was measured.
@@ -46,20 +46,20 @@ def write(out: Path, stream: RadarStream, kind: str, message: Message) -> None:
         OutputError: the bag cannot be written.
     """
     with bag_written(out, kind) as bag:
-        sources = [_turns(bag, stream, _image if message == "image" else _b_scan, *_TOPICS[message])]
-        if stream.odometry is not None:
-            sources.append(_poses(bag, stream.odometry, ODOMETRY_TOPIC, "odom"))
-        if stream.ground_truth is not None:
-            sources.append(_poses(bag, stream.ground_truth, TRUTH_TOPIC, "map"))
+        sources = [_turns(bag, recording, _image if message == "image" else _b_scan, *_TOPICS[message])]
+        if recording.odometry is not None:
+            sources.append(_poses(bag, recording.odometry, ODOMETRY_TOPIC, "odom"))
+        if recording.ground_truth is not None:
+            sources.append(_poses(bag, recording.ground_truth, TRUTH_TOPIC, "map"))
         for stamp, connection, content in heapq.merge(*sources, key=lambda entry: entry[0]):
             bag.write(connection, stamp, content)
 
 
-def _turns(bag: Bag, stream: RadarStream, made: _Made, topic: str, message_type: str) -> Iterator[_Entry]:
+def _turns(bag: Bag, recording: Recording, made: _Made, topic: str, message_type: str) -> Iterator[_Entry]:
     """The revolutions as messages, stamped by their first azimuths."""
     connection = bag.topic(topic, message_type)
-    for k, revolution in enumerate(stream.revolutions()):
-        yield int(azimuth_stamps(stream, revolution)[0]), connection, made(bag, stream, k, revolution)
+    for k, polar_scan in enumerate(recording.polar_scans()):
+        yield int(azimuth_stamps(recording, polar_scan)[0]), connection, made(bag, recording, k, polar_scan)
 
 
 def _poses(bag: Bag, track: Trajectory, topic: str, frame: str) -> Iterator[_Entry]:
@@ -81,27 +81,27 @@ def _poses(bag: Bag, track: Trajectory, topic: str, frame: str) -> Iterator[_Ent
         yield stamp, connection, message
 
 
-def _image(bag: Bag, stream: RadarStream, k: int, revolution: Revolution) -> Any:
+def _image(bag: Bag, recording: Recording, k: int, polar_scan: PolarScan) -> Any:
     """Revolution k as a mono8 image of Oxford rows."""
-    rows = oxford_rows(stream, k, revolution)
+    rows = oxford_rows(recording, k, polar_scan)
     if k == 0 and not has_metadata(rows):
         problem = "its first revolution is under half a turn, by which readers know rows with times and angles"
-        raise DataError(stream.path, problem, "use --message b_scan, or convert it to oxford or .npz")
-    return _mono8(bag, int(azimuth_stamps(stream, revolution)[0]), rows)
+        raise DataError(recording.path, problem, "use --message b_scan, or convert it to oxford or .npz")
+    return _mono8(bag, int(azimuth_stamps(recording, polar_scan)[0]), rows)
 
 
-def _b_scan(bag: Bag, stream: RadarStream, k: int, revolution: Revolution) -> Any:
+def _b_scan(bag: Bag, recording: Recording, k: int, polar_scan: PolarScan) -> Any:
     """Revolution k as a message of Navtech's driver, by the encoder its azimuths fit best."""
-    stamps = azimuth_stamps(stream, revolution)
-    ticks = encoder_ticks(stream, k, revolution, _encoder(revolution))
-    image = _mono8(bag, int(stamps[0]), np.ascontiguousarray(revolution.power))
+    stamps = azimuth_stamps(recording, polar_scan)
+    ticks = encoder_ticks(recording, k, polar_scan, _encoder(polar_scan))
+    image = _mono8(bag, int(stamps[0]), np.ascontiguousarray(polar_scan.power))
     return bag.make(B_SCAN_TYPE, image, ticks.astype(np.uint16), (stamps * 1000).astype(np.uint64))
 
 
-def _encoder(revolution: Revolution) -> int:
+def _encoder(polar_scan: PolarScan) -> int:
     """Ticks per turn of the encoder: the usual, unless azimuths lie on a finer one's only and values show which it is."""
     usual, fine = ENCODER_TURNS
-    turns = -revolution.azimuths / (2.0 * np.pi)
+    turns = -polar_scan.azimuths / (2.0 * np.pi)
     on_usual, on_fine = (np.allclose(turns * t, np.round(turns * t), rtol=0.0, atol=1e-6) for t in (usual, fine))
     shows = bool(np.max(np.round(turns * fine) % fine) > usual)
     return fine if on_fine and shows and not on_usual else usual

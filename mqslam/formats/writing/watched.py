@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, fields
 
 import numpy as np
 
-from mqslam.core.recording import RadarStream, Revolution
+from mqslam.core.recording import PolarScan, Recording
 
 
 @dataclass(slots=True)
@@ -18,7 +18,7 @@ class Tally:
 
 
 @dataclass(frozen=True, kw_only=True)
-class WatchedStream(RadarStream):
+class WatchedRecording(Recording):
     """Another recording, that tells how far it has been read; `watched` makes one.
 
     Args:
@@ -27,19 +27,19 @@ class WatchedStream(RadarStream):
         tally: of what was read.
     """
 
-    inner: RadarStream
+    inner: Recording
     progress: Callable[[int, int], None]
     tally: Tally = field(default_factory=Tally)
 
-    def revolutions(self, start: int = 0, stop: int | None = None) -> Iterator[Revolution]:
+    def polar_scans(self, start: int = 0, stop: int | None = None) -> Iterator[PolarScan]:
         """Read the revolutions start <= k < stop, one after the other."""
-        for k, revolution in enumerate(self.inner.revolutions(start, stop), start + 1):
-            self.tally.unmeasured += int(np.count_nonzero(~revolution.valid))
+        for k, polar_scan in enumerate(self.inner.polar_scans(start, stop), start + 1):
+            self.tally.unmeasured += int(np.count_nonzero(~polar_scan.valid))
             self.progress(k, len(self))
-            yield revolution
+            yield polar_scan
 
 
-def watched(stream: RadarStream, progress: Callable[[int, int], None]) -> WatchedStream:
+def watched(recording: Recording, progress: Callable[[int, int], None]) -> WatchedRecording:
     """A recording that reports what is read of it."""
-    same = {entry.name: getattr(stream, entry.name) for entry in fields(RadarStream)}
-    return WatchedStream(inner=stream, progress=progress, **same)
+    same = {entry.name: getattr(recording, entry.name) for entry in fields(Recording)}
+    return WatchedRecording(inner=recording, progress=progress, **same)

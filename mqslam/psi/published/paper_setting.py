@@ -14,7 +14,7 @@ from mqslam.core.scans import Returns
 from mqslam.detection.stage import detect_stretch
 from mqslam.psi.place import PointSet, place
 from mqslam.psi.window import WindowMotion, beam_of, find_window_motion, without_start
-from mqslam.simulator import ConstantDrive, SensorModel, simulated_stream, yard_scene
+from mqslam.simulator import ConstantDrive, SensorModel, simulated_recording, yard_scene
 
 CASES = ((0.0, -0.3840), (0.1, 0.2967), (1.0, -0.1920))
 """v [m/s] and omega [rad/s] of the cases of Table I."""
@@ -54,6 +54,6 @@ class PaperWindow:
 def paper_window(case: tuple[float, float], seed: int, revolutions: int) -> PaperWindow:
     """Simulate a case in the yard of a seed, as the detector with its default settings sees it."""
     drive = ConstantDrive(*case)
-    stream = simulated_stream(yard_scene(seed), drive, duration_s=revolutions * REVOLUTION_S, sensor=SENSOR, seed=seed)
-    found = detect_stretch(stream, _CONFIG.detector, 0, revolutions)
+    recording = simulated_recording(yard_scene(seed), drive, duration_s=revolutions * REVOLUTION_S, sensor=SENSOR, seed=seed)
+    found = detect_stretch(recording, _CONFIG.detector, 0, revolutions)
     return PaperWindow(np.array(case), Returns.concatenate(found.returns))

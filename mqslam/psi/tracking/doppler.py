@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mqslam.config import Config
-from mqslam.core.scans import Window
-from mqslam.psi.tracking.tracker import START_REVOLUTIONS, Tracker
+from mqslam.core.scans import Scan
+from mqslam.psi.tracking.tracker import START_SCANS, Tracker
 
 _STRETCHES = 4  # of the recording that are tried
 _LENGTH = 12  # revolutions of each
@@ -23,20 +23,20 @@ _GAIN = 0.003  # share of psi that a shift must save to be believed
 _LEAST = 0.01  # smaller shifts move no return by a tenth of its own error [s]
 
 
-def measure_doppler(windows: Sequence[Window], config: Config, revolution_s: float) -> float:
+def measure_doppler(scans: Sequence[Scan], config: Config, revolution_s: float) -> float:
     """The range shift per closing speed [s] that makes the recording's map crispest; zero where none does.
 
     Args:
-        windows: one per revolution.
+        scans: one per revolution.
         config: all settings.
         revolution_s: duration of a turn [s].
     """
-    starts = np.unique(np.linspace(0, max(len(windows) - _LENGTH, 0), _STRETCHES + 2).astype(int)[1:-1])
-    stretches = [list(windows[k : k + _LENGTH]) for k in starts]
-    stretches = [s for s in stretches if len(s) > START_REVOLUTIONS and sum(len(w.returns) for w in s[:3]) > 100]
+    starts = np.unique(np.linspace(0, max(len(scans) - _LENGTH, 0), _STRETCHES + 2).astype(int)[1:-1])
+    stretches = [list(scans[k : k + _LENGTH]) for k in starts]
+    stretches = [s for s in stretches if len(s) > START_SCANS and sum(len(w.returns) for w in s[:3]) > 100]
     if not stretches:
         return 0.0
-    twists = [_tracker(config, revolution_s, 0.0).first_twist(s[:START_REVOLUTIONS]) for s in stretches]
+    twists = [_tracker(config, revolution_s, 0.0).first_twist(s[:START_SCANS]) for s in stretches]
 
     def psi(beta: float) -> float:
         return sum(_psi(s, t, config, revolution_s, beta) for s, t in zip(stretches, twists, strict=True))
@@ -48,11 +48,11 @@ def measure_doppler(windows: Sequence[Window], config: Config, revolution_s: flo
     return beta
 
 
-def with_doppler(windows: Sequence[Window], config: Config, revolution_s: float) -> Config:
+def with_doppler(scans: Sequence[Scan], config: Config, revolution_s: float) -> Config:
     """The settings with the Doppler shift that they name, or else the one measured."""
     if config.sensor.doppler_beta is not None:
         return config
-    beta = round(measure_doppler(windows, config, revolution_s), 4)
+    beta = round(measure_doppler(scans, config, revolution_s), 4)
     return config.model_copy(update={"sensor": config.sensor.model_copy(update={"doppler_beta": beta})})
 
 
@@ -73,10 +73,10 @@ def _tracker(config: Config, revolution_s: float, beta: float) -> Tracker:
 
 
 def _psi(
-    windows: list[Window], twist: NDArray[np.float64], config: Config, revolution_s: float, beta: float
+    scans: list[Scan], twist: NDArray[np.float64], config: Config, revolution_s: float, beta: float
 ) -> float:
     """psi of a stretch tracked under a beta [s], per point."""
     tracker = _tracker(config, revolution_s, beta)
-    tracker.start(windows[:START_REVOLUTIONS], twist)
-    found = [tracker.follow(window).evaluation.shares for window in windows[1:]]
+    tracker.start(scans[:START_SCANS], twist)
+    found = [tracker.follow(scan).evaluation.shares for scan in scans[1:]]
     return float(np.concatenate(found).mean())

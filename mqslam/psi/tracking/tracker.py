@@ -16,7 +16,7 @@ from mqslam.config import Config
 from mqslam.core import se2
 from mqslam.core.measurement import Status
 from mqslam.core.motion import CONSTANT_TWIST, LONGEST_COAST_S
-from mqslam.core.scans import Returns, Window
+from mqslam.core.scans import Returns, Scan
 from mqslam.errors import EstimationError
 from mqslam.psi.covariance import sandwich
 from mqslam.psi.estimator import Evaluation, Scale
@@ -29,7 +29,7 @@ from mqslam.psi.tracking.dynamics import MODEL, SIZE, TOLERANCES, held, initial_
 from mqslam.psi.tracking.local_map import LocalMap
 from mqslam.psi.window import beam_of, estimate_window, search_twist
 
-START_REVOLUTIONS = 3  # that start the tracker together
+START_SCANS = 3  # that start the tracker together
 PREDICTION_GAIN = 0.1  # variance left of psi's own once the state before has smoothed it; measured, see BENCHMARKS.md
 _USUAL_MEMORY = 0.95  # the usual matched share forgets with this factor per revolution
 _SEARCH_M, _SEARCH_RAD = 30.0, 0.8  # farthest that a lost track is searched around its prediction
@@ -82,79 +82,79 @@ class Tracker:
         self._turn_s = revolution_s  # of the last revolution followed; the radar may be told to turn at another rate
         self._keyframe: se2.Array | None = None
         self._usual_share = 0.0
-        self._lost: list[Window] = []
+        self._lost: list[Scan] = []
         self._patience = _PATIENCE
 
     def start(
-        self, windows: list[Window], begin: se2.Array | None = None, odometry: se2.Array | None = None
+        self, scans: list[Scan], begin: se2.Array | None = None, odometry: se2.Array | None = None
     ) -> Tracked:
         """Find the motion of the first revolutions from psi alone and begin the map with the first of them.
 
         Args:
-            windows: two or three revolutions.
+            scans: two or three revolutions.
             begin: (3,) twist near the truth, or None for an exhaustive search.
             odometry: (3,) what odometry says, for where psi alone does not observe the motion.
 
         Raises:
             EstimationError: the windows hold too few returns.
         """
-        returns = Returns.concatenate([w.returns for w in windows])
+        returns = Returns.concatenate([w.returns for w in scans])
         if len(returns) < _FEWEST:
             raise EstimationError(
-                f"only {len(returns)} returns in {len(windows)} revolutions; lower detector.threshold"
+                f"only {len(returns)} returns in {len(scans)} revolutions; lower detector.threshold"
             )
-        theta, _ = self._first_motion(windows, begin, odometry)
-        self._t0, self._state = windows[0].t0, np.r_[np.zeros(3), theta]
-        self._turn_s = windows[0].t1 - windows[0].t0
-        self._add_keyframe(self._place(windows[0], self._state))
+        theta, _ = self._first_motion(scans, begin, odometry)
+        self._t0, self._state = scans[0].t0, np.r_[np.zeros(3), theta]
+        self._turn_s = scans[0].t1 - scans[0].t0
+        self._add_keyframe(self._place(scans[0], self._state))
         empty = Evaluation(
             np.zeros(0), np.zeros(0, dtype=bool), np.zeros((0, SIZE)), np.zeros((SIZE, SIZE)), np.zeros((SIZE, SIZE))
         )
         return Tracked(self._t0, self._state, self._covariance[:6, :6], empty, Status.CONVERGED)
 
-    def first_twist(self, windows: list[Window]) -> se2.Array:
+    def first_twist(self, scans: list[Scan]) -> se2.Array:
         """The twist (3,) of two or three revolutions, without any start."""
-        return self._first_motion(windows)[0][:3]
+        return self._first_motion(scans)[0][:3]
 
-    def follow(self, window: Window, twist: se2.Array | None = None) -> Tracked:
+    def follow(self, scan: Scan, twist: se2.Array | None = None) -> Tracked:
         """Match the next revolution to the map.
 
         Args:
-            window: one revolution.
+            scan: one revolution.
             twist: (3,) mean twist since the last revolution according to odometry; it serves where psi alone does not find
                 or does not observe the motion.
         """
-        dt = window.t0 - self._t0
+        dt = scan.t0 - self._t0
         if dt > LONGEST_COAST_S:
             self._state = np.r_[self._state[:3], np.zeros(MODEL.size)]
-            self._patience = START_REVOLUTIONS  # the map of before is probably of elsewhere
+            self._patience = START_SCANS  # the map of before is probably of elsewhere
         predicted, covariance = predict(
             self._state, self._covariance, min(dt, LONGEST_COAST_S), 1.5 * self._turn_s, self._settings
         )
-        self._turn_s = window.t1 - window.t0
+        self._turn_s = scan.t1 - scan.t0
         information = np.asarray(np.linalg.inv(covariance), dtype=np.float64)
         begin = predicted
         if twist is not None:
             begin = np.r_[se2.compose(self._state[:3], se2.exp(twist, dt)), twist, 0.0, 0.0]
-        found = self._minimise(window, predicted, Prior(predicted, information))
+        found = self._minimise(scan, predicted, Prior(predicted, information))
         if self._out_of_place(found):
-            found = self._searched(window, Prior(begin, information), found)
-        self._t0 = window.t0
+            found = self._searched(scan, Prior(begin, information), found)
+        self._t0 = scan.t0
         if self._out_of_place(found):
-            return self._coast(window, begin, covariance, found)
+            return self._coast(scan, begin, covariance, found)
         self._lost, self._patience = [], _PATIENCE
-        weak = weak_directions(self._evaluate(window, found.state, self._estimator.scale(0)), 3)
+        weak = weak_directions(self._evaluate(scan, found.state, self._estimator.scale(0)), 3)
         if len(weak):
-            found = self._minimise(window, begin, held(Prior(begin, information), weak))
-        return self._accept(window, found, covariance, information, weak)
+            found = self._minimise(scan, begin, held(Prior(begin, information), weak))
+        return self._accept(scan, found, covariance, information, weak)
 
-    def score(self, window: Window, pose: se2.Array, twist: se2.Array) -> float:
+    def score(self, scan: Scan, pose: se2.Array, twist: se2.Array) -> float:
         """psi of a revolution against the map under another start pose (3,) and constant twist (3,)."""
-        return self._evaluate(window, np.r_[pose, twist, 0.0, 0.0], self._estimator.final).psi
+        return self._evaluate(scan, np.r_[pose, twist, 0.0, 0.0], self._estimator.final).psi
 
     def _accept(
         self,
-        window: Window,
+        scan: Scan,
         found: Minimum,
         predicted: NDArray[np.float64],
         information: NDArray[np.float64],
@@ -163,7 +163,7 @@ class Tracker:
         """Take a match as the new state, and as a keyframe where the last one is far behind."""
         self._state = found.state
         self._covariance = self._posterior(found.evaluation, information)
-        placed = self._place(window, found.state)
+        placed = self._place(scan, found.state)
         measured = self._measured(found.evaluation, placed, predicted)
         measured[:3, :3] = loosened(measured[:3, :3], weak, spans(self._settings, self._revolution_s))
         memory = _USUAL_MEMORY if self._usual_share > 0.0 else 0.0
@@ -171,42 +171,42 @@ class Tracker:
         if self._far_from_keyframe():
             self._add_keyframe(placed)
         status = Status.DEGENERATE if len(weak) else Status.CONVERGED
-        return Tracked(window.t0, found.state, measured[:6, :6], found.evaluation, status)
+        return Tracked(scan.t0, found.state, measured[:6, :6], found.evaluation, status)
 
     def _coast(
-        self, window: Window, predicted: se2.Array, covariance: NDArray[np.float64], found: Minimum
+        self, scan: Scan, predicted: se2.Array, covariance: NDArray[np.float64], found: Minimum
     ) -> Tracked:
         """Follow the prediction at constant twist; after a few revolutions of it begin a new map."""
         self._state, self._covariance = np.r_[predicted[:6], 0.0, 0.0], covariance
-        self._lost = [*self._lost, window]
+        self._lost = [*self._lost, scan]
         if len(self._lost) == self._patience:
-            self._begin_again(self._lost[-START_REVOLUTIONS:])
+            self._begin_again(self._lost[-START_SCANS:])
             self._lost, self._patience = [], _PATIENCE
-        return Tracked(window.t0, predicted, covariance[:6, :6], found.evaluation, Status.LOST)
+        return Tracked(scan.t0, predicted, covariance[:6, :6], found.evaluation, Status.LOST)
 
-    def _begin_again(self, windows: list[Window]) -> None:
+    def _begin_again(self, scans: list[Scan]) -> None:
         """Start a new map with the last of the windows, where they agree on a motion of their own."""
-        if sum(len(w.returns) for w in windows) < _FEWEST:
+        if sum(len(w.returns) for w in scans) < _FEWEST:
             return
-        theta, share = self._first_motion(windows)
+        theta, share = self._first_motion(scans)
         if share < self._settings.lost_share * self._usual_share:
             return
-        into = windows[-1].t0 - windows[0].t0
+        into = scans[-1].t0 - scans[0].t0
         now, _ = predict(np.r_[np.zeros(3), theta], self._covariance, into, into, self._settings)
         self._state = np.r_[self._state[:3], now[3:]]
         self._covariance = initial_covariance(self._settings)
         self._map = LocalMap(self._settings.keyframes)
-        self._add_keyframe(self._place(windows[-1], self._state))
+        self._add_keyframe(self._place(scans[-1], self._state))
 
     def _first_motion(
-        self, windows: list[Window], begin: se2.Array | None = None, odometry: se2.Array | None = None
+        self, scans: list[Scan], begin: se2.Array | None = None, odometry: se2.Array | None = None
     ) -> tuple[se2.Array, float]:
         """Motion parameters (5,) at the start of two or three revolutions from psi alone, and their matched share."""
-        t0, config = windows[0].t0, self._estimator
+        t0, config = scans[0].t0, self._estimator
         if begin is None:
-            begin = self._cold_start(Returns.concatenate([w.returns for w in windows[:2]]), t0)
-        model = MODEL if len(windows) > 2 else CONSTANT_TWIST
-        returns = Returns.concatenate([w.returns for w in windows])
+            begin = self._cold_start(Returns.concatenate([w.returns for w in scans[:2]]), t0)
+        model = MODEL if len(scans) > 2 else CONSTANT_TWIST
+        returns = Returns.concatenate([w.returns for w in scans])
         motion = estimate_window(returns, t0, self._revolution_s, config, self._beam, begin, model)
         if odometry is not None and motion.status is not Status.CONVERGED:
             motion = estimate_window(returns, t0, self._revolution_s, config, self._beam, odometry, model)
@@ -231,29 +231,29 @@ class Tracker:
         share = _share(found)
         return share == 0.0 or share < self._settings.lost_share * self._usual_share
 
-    def _searched(self, window: Window, prior: Prior, found: Minimum) -> Minimum:
+    def _searched(self, scan: Scan, prior: Prior, found: Minimum) -> Minimum:
         """The best match around the prediction, as far as that may be off."""
         spread = np.sqrt(np.diag(np.linalg.inv(prior.information)))
         reach_m = float(np.clip(2.0 * np.hypot(spread[0], spread[1]), 3.0, _SEARCH_M))
         reach_rad = float(np.clip(2.0 * spread[2], 0.05, _SEARCH_RAD))
-        own = self._place(window, np.r_[np.zeros(3), prior.mean[3:]]).points
+        own = self._place(scan, np.r_[np.zeros(3), prior.mean[3:]]).points
         best = found
         pixel_m = PIXEL * self._estimator.s_start
         for pose in correlation_peaks(self._map.points.points, own, prior.mean[:3], reach_m, reach_rad, pixel_m):
             begin = np.r_[pose, prior.mean[3:]]
-            tried = self._minimise(window, begin, Prior(begin, prior.information))
+            tried = self._minimise(scan, begin, Prior(begin, prior.information))
             if tried.evaluation.psi < best.evaluation.psi:
                 best = tried
         return best
 
-    def _evaluate(self, window: Window, state: se2.Array, scale: Scale) -> Evaluation:
-        placed = self._place(window, state)
+    def _evaluate(self, scan: Scan, state: se2.Array, scale: Scale) -> Evaluation:
+        placed = self._place(scan, state)
         lists = candidates(self._map.grid, placed.points, scale.s)
         return score(placed, self._map.points, lists, scale, self._revolution_s, self._estimator)
 
-    def _minimise(self, window: Window, start: se2.Array, prior: Prior) -> Minimum:
+    def _minimise(self, scan: Scan, start: se2.Array, prior: Prior) -> Minimum:
         return minimise(
-            start, lambda state: self._place(window, state), self._map.points, prior, self._estimator,
+            start, lambda state: self._place(scan, state), self._map.points, prior, self._estimator,
             self._revolution_s, TOLERANCES, self._map.grid,
         )  # fmt: skip
 
@@ -277,8 +277,8 @@ class Tracker:
         covariance = np.linalg.inv(safe + prior_information)
         return np.asarray(0.5 * (covariance + covariance.T))
 
-    def _place(self, window: Window, state: se2.Array) -> PointSet:
-        return place(window.returns, window.t0, state[:3], state[3:], MODEL, self._beam)
+    def _place(self, scan: Scan, state: se2.Array) -> PointSet:
+        return place(scan.returns, scan.t0, state[:3], state[3:], MODEL, self._beam)
 
     def _far_from_keyframe(self) -> bool:
         if self._keyframe is None:

@@ -25,7 +25,7 @@ def audit_explorer(sweeps: Sweeps, audit: Audit, settings: AuditConfig) -> Explo
         audit: what came of it.
         settings: it was judged by.
     """
-    times = sweeps.times[0] + (sweeps.turns - sweeps.numbers[0]) * sweeps.period_s
+    times = sweeps.times[0] + (sweeps.turns - sweeps.numbers[0]) * sweeps.revolution_s
     layer = Layer("trajectory", BLUE, sweeps.times, sweeps.poses[:, :2], sweeps.points, {"time": times})
     spots = _spots(sweeps, audit)
     torn = [sweeps.poses[[r.revisit.earlier, r.revisit.later], :2] for r in audit.revisits if r.torn]
@@ -57,7 +57,7 @@ def _place(sweeps: Sweeps, spot: Spot, settings: AuditConfig) -> Place:
     crop = crop_of(sweeps, spot, settings)
     colours = shades(len(crop.before))
     views = (View("as it is", crop.before, colours), View("corrected", crop.after, colours))
-    t0 = spot.t0 if isinstance(spot.found, WindowAudit) else spot.t1 - sweeps.period_s
+    t0 = spot.t0 if isinstance(spot.found, WindowAudit) else spot.t1 - sweeps.revolution_s
     return Place(t0, spot.t1, crop.title, crop.text, spot.torn, views)
 
 

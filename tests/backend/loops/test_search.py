@@ -174,7 +174,7 @@ def test_the_map_keeps_a_right_loop_and_drops_one_that_makes_it_worse() -> None:
     wrong = loop_at(drive, a, b, right.pose + np.array([0.0, 3.0, 0.0]))
     follows = truth.copy()
     follows[len(truth) - len(truth) // 2 :, 1] += 3.0  # the later pass is drawn to where the loop has it
-    before = Drive.of(drive.windows, truth)
+    before = Drive.of(drive.scans, truth)
     assert kept_by_map([wrong], before, follows, CONFIG, HERE) == []
     assert kept_by_map([right], before, follows, CONFIG, HERE) == []  # right, but the graph did not heed it
 
@@ -185,7 +185,7 @@ def test_a_loop_that_the_graph_heeds_by_half_stays_for_the_map_is_better_with_it
     right = loop_at(drive, a, b, se2.between(truth[a], truth[b]))
     half = 0.5 * (drive.poses + truth)
     assert kept_by_map([right], drive, half, CONFIG, HERE) == [right]
-    assert kept_by_map([right], Drive.of(drive.windows, half), drive.poses, CONFIG, HERE) == []
+    assert kept_by_map([right], Drive.of(drive.scans, half), drive.poses, CONFIG, HERE) == []
 
 
 def test_the_map_judges_each_loop_by_its_own_place() -> None:
@@ -193,7 +193,7 @@ def test_the_map_judges_each_loop_by_its_own_place() -> None:
     a, b = MIDDLE, len(street_pass(-25.0, LANE_Y, 0.0, 1).times) + MIDDLE
     right = [loop_at(drive, a + k, b + k, se2.between(truth[a + k], truth[b + k])) for k in (-4, 0, 4)]
     assert kept_by_map(right, drive, truth, CONFIG, LocalEngine(2)) == right
-    assert kept_by_map(right, Drive.of(drive.windows, truth), drive.poses, CONFIG, LocalEngine(2)) == []
+    assert kept_by_map(right, Drive.of(drive.scans, truth), drive.poses, CONFIG, LocalEngine(2)) == []
 
 
 def test_a_loop_that_only_confirms_a_good_map_stays() -> None:

@@ -9,7 +9,7 @@ from support.passes import path
 from mqslam.backend.loops.submap import Drive, submap
 from mqslam.config import Config
 from mqslam.core import se2
-from mqslam.core.scans import Returns, Window
+from mqslam.core.scans import Returns, Scan
 
 CONFIG = Config()
 LANDMARKS = np.array([[12.0, 20.0], [40.0, -15.0], [75.0, 8.0], [110.0, -20.0]])
@@ -17,12 +17,12 @@ LANDMARKS = np.array([[12.0, 20.0], [40.0, -15.0], [75.0, 8.0], [110.0, -20.0]])
 
 def watched(drive: Drive) -> Drive:
     """The drive with windows in which the sensor, still at the start of its turn, sees every landmark of the world."""
-    windows = []
-    for window, pose in zip(drive.windows, drive.poses, strict=True):
+    scans = []
+    for scan, pose in zip(drive.scans, drive.poses, strict=True):
         x, y = se2.transform(se2.inverse(pose), LANDMARKS).T
         ones = np.ones(len(LANDMARKS))
-        windows.append(Window(window.t0, window.t1, Returns(np.hypot(x, y), np.arctan2(y, x), window.t0 * ones, ones)))
-    return Drive.of(windows, drive.poses)
+        scans.append(Scan(scan.t0, scan.t1, Returns(np.hypot(x, y), np.arctan2(y, x), scan.t0 * ones, ones)))
+    return Drive.of(scans, drive.poses)
 
 
 @pytest.fixture
@@ -80,7 +80,7 @@ def test_the_frame_is_the_centres_pose(drive: Drive) -> None:
 
 
 def test_a_submap_is_the_same_whichever_frame_the_drive_is_in(drive: Drive) -> None:
-    elsewhere = Drive.of(drive.windows, se2.compose(np.array([1000.0, -400.0, 2.5]), drive.poses))
+    elsewhere = Drive.of(drive.scans, se2.compose(np.array([1000.0, -400.0, 2.5]), drive.poses))
     ours, theirs = (submap(d, 40, 15.0, 5.0, CONFIG) for d in (drive, elsewhere))
     np.testing.assert_allclose(ours.points, theirs.points, atol=1e-9)
     np.testing.assert_allclose(ours.covariances, theirs.covariances, atol=1e-12)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from mqslam.core import se2
-from mqslam.core.scans import Window
+from mqslam.core.scans import Scan
 from mqslam.core.trajectory import Trajectory
 from mqslam.errors import DataError
 from mqslam.formats.lidars.carmen import read_lidar, recognises
@@ -45,10 +45,10 @@ def test_the_beam_that_looks_straight_ahead_lies_a_quarter_turn_after_the_first(
     readings[0], readings[90 * (count // 180)] = 3.0, 4.0
     recording = read_lidar(log(tmp_path, two_scans(*readings)))
     assert recording.format == "carmen"
-    for window in recording.windows:
-        np.testing.assert_allclose(window.returns.ranges, [3.0, 4.0])
-        np.testing.assert_allclose(window.returns.azimuths, [-np.pi / 2, 0.0], atol=1e-12)
-        np.testing.assert_array_equal(window.returns.intensities, [0.0, 0.0])
+    for scan in recording.scans:
+        np.testing.assert_allclose(scan.returns.ranges, [3.0, 4.0])
+        np.testing.assert_allclose(scan.returns.azimuths, [-np.pi / 2, 0.0], atol=1e-12)
+        np.testing.assert_array_equal(scan.returns.intensities, [0.0, 0.0])
 
 
 def test_scans_become_windows_with_poses_and_stamps(tmp_path: Path) -> None:
@@ -57,11 +57,11 @@ def test_scans_become_windows_with_poses_and_stamps(tmp_path: Path) -> None:
     times = [1096000000.123456, 1096000001.123457, 1096000003.0]
     recording = read_lidar(log(tmp_path, *(flaser(t, p, scan) for t, p in zip(times, poses, strict=True))))
     np.testing.assert_allclose(recording.stamps_us[1:] - recording.stamps_us[0], [1_000_001, 2_876_544], atol=2)
-    starts = [window.t0 for window in recording.windows]
+    starts = [scan.t0 for scan in recording.scans]
     assert starts == pytest.approx([0.0, 1.000001, 2.876544], abs=2e-6)
-    assert [window.t1 for window in recording.windows][:2] == starts[1:]
-    for window in recording.windows:
-        assert np.all(window.returns.times == window.t0) and window.t1 > window.t0
+    assert [scan.t1 for scan in recording.scans][:2] == starts[1:]
+    for scan in recording.scans:
+        assert np.all(scan.returns.times == scan.t0) and scan.t1 > scan.t0
     assert recording.trajectory is not None and recording.odometry is None
     np.testing.assert_array_equal(recording.trajectory.stamps_us, recording.stamps_us)
     np.testing.assert_allclose(recording.trajectory.poses, poses)
@@ -70,7 +70,7 @@ def test_scans_become_windows_with_poses_and_stamps(tmp_path: Path) -> None:
 def test_robotlaser_lines_say_their_angles_their_maximum_and_remissions(tmp_path: Path) -> None:
     lines = [robotlaser(t, [1.0, 30.0, 2.0], [7, 8, 9], (t, 0, 0)) for t in (1.0, 2.0)]
     recording = read_lidar(log(tmp_path, *lines))
-    returns = recording.windows[0].returns
+    returns = recording.scans[0].returns
     np.testing.assert_allclose(returns.ranges, [1.0, 2.0])
     np.testing.assert_allclose(returns.azimuths, [-2.0, -1.0])
     np.testing.assert_allclose(returns.intensities, [7, 9])
@@ -79,12 +79,12 @@ def test_robotlaser_lines_say_their_angles_their_maximum_and_remissions(tmp_path
 def test_error_codes_zeros_and_what_is_no_number_are_no_returns(tmp_path: Path) -> None:
     readings = [81.83, 81.91, 0.0, -1.0, float("nan"), float("inf"), 5.0, 6.0]
     recording = read_lidar(log(tmp_path, two_scans(*readings)))
-    np.testing.assert_allclose(recording.windows[0].returns.ranges, [5.0, 6.0])
+    np.testing.assert_allclose(recording.scans[0].returns.ranges, [5.0, 6.0])
 
 
 def test_a_log_clipped_below_the_sensors_maximum_has_no_returns_there(tmp_path: Path) -> None:
     recording = read_lidar(log(tmp_path, two_scans(*([50.0] * 9), *np.linspace(3, 49, 171))))
-    assert max(window.returns.ranges.max() for window in recording.windows) == 49.0
+    assert max(scan.returns.ranges.max() for scan in recording.scans) == 49.0
     assert any("50 m and above" in note for note in recording.notes)
 
 
@@ -98,7 +98,7 @@ def test_a_maximum_among_the_parameters_counts_where_no_range_is_longer(tmp_path
             flaser(2.0, (0, 0, 0), [5.0, 6.0, 7.0]),
         )
     )
-    assert len(recording.windows[0].returns) == kept
+    assert len(recording.scans[0].returns) == kept
 
 
 @pytest.mark.parametrize(("named", "offset"), [("0.25", 0.25), ("25", 0.25), ("0.0", 0.0)])
@@ -189,7 +189,7 @@ def test_poses_that_are_the_odometrys_own_are_noted(tmp_path: Path) -> None:
 def test_scans_of_a_rear_lidar_are_left_out_with_a_note(tmp_path: Path) -> None:
     rear = two_scans(*[3.0] * 180).replace("FLASER", "RLASER")
     recording = read_lidar(log(tmp_path, two_scans(*[2.0] * 180), rear))
-    assert len(recording.windows) == 2 and any("2 RLASER" in note for note in recording.notes)
+    assert len(recording.scans) == 2 and any("2 RLASER" in note for note in recording.notes)
 
 
 def test_compressed_logs_are_read_whatever_they_are_called(tmp_path: Path) -> None:
@@ -199,7 +199,7 @@ def test_compressed_logs_are_read_whatever_they_are_called(tmp_path: Path) -> No
     renamed = tmp_path / "renamed.clf"
     renamed.write_bytes(packed.read_bytes())
     for path in (plain, packed, renamed):
-        assert recognises(path) and len(read_lidar(path).windows) == 2
+        assert recognises(path) and len(read_lidar(path).scans) == 2
     assert not recognises(tmp_path / "missing.log") and not recognises(tmp_path)
 
 
@@ -247,14 +247,14 @@ def test_damaged_compression_and_noise_are_named(tmp_path: Path) -> None:
         read_lidar(tmp_path / "missing.log")
 
 
-def spread(trajectory: Trajectory, windows: list[Window]) -> float:
+def spread(trajectory: Trajectory, scans: list[Scan]) -> float:
     """Median distance [m] from a return to the nearest one measured over twenty scans before or after."""
     from scipy.spatial import cKDTree
 
     places, owners = [], []
-    for k, (pose, window) in enumerate(zip(trajectory.poses, windows, strict=True)):
-        near = window.returns.ranges < 15.0
-        r, a = window.returns.ranges[near], window.returns.azimuths[near]
+    for k, (pose, scan) in enumerate(zip(trajectory.poses, scans, strict=True)):
+        near = scan.returns.ranges < 15.0
+        r, a = scan.returns.ranges[near], scan.returns.azimuths[near]
         places.append(se2.transform(pose, np.column_stack([r * np.cos(a), r * np.sin(a)])))
         owners.append(np.full(len(r), k))
     points, owner = np.concatenate(places), np.concatenate(owners)
@@ -273,10 +273,10 @@ def test_real_logs_make_a_sharp_map_under_their_poses_and_none_under_the_odometr
         pytest.skip(f"the real sample is not at {path}")
     recording = read_lidar(path)
     trajectory, odometry = recording.trajectory, recording.odometry
-    assert trajectory is not None and odometry is not None and len(recording.windows) == scans
-    assert max(window.returns.ranges.max() for window in recording.windows) < 50.0
+    assert trajectory is not None and odometry is not None and len(recording.scans) == scans
+    assert max(scan.returns.ranges.max() for scan in recording.scans) < 50.0
     raw = Trajectory(trajectory.stamps_us, odometry.at(trajectory.stamps_us))
     one, other = (se2.between(poses[0], poses) for poses in (trajectory.poses, raw.poses))
     apart = np.hypot(*se2.between(one, other)[:, :2].T)
     assert apart.max() == pytest.approx(drift, abs=0.01)
-    assert spread(trajectory, recording.windows) < 0.04 < spread(raw, recording.windows)
+    assert spread(trajectory, recording.scans) < 0.04 < spread(raw, recording.scans)

@@ -53,22 +53,22 @@ def test_beams_become_returns_with_times_angles_and_intensities(tmp_path: Path, 
     path = bag_path(tmp_path, kind)
     write(path, kind, {"ranges": [1, 2, 3, 4, 5], "intensities": [9, 8, 7, 6, 5]}, {"ranges": [5, 4, 3, 2, 1]})
     recording = read_lidar(path)
-    assert holds_scans(path) and recording.format == "laserscan" and len(recording.windows) == 2
+    assert holds_scans(path) and recording.format == "laserscan" and len(recording.scans) == 2
     assert recording.stamps_us.tolist() == [START_US, START_US + PERIOD_US]
-    first, second = (window.returns for window in recording.windows)
+    first, second = (scan.returns for scan in recording.scans)
     np.testing.assert_allclose(first.ranges, [1, 2, 3, 4, 5])
     np.testing.assert_allclose(first.azimuths, [-1, -0.5, 0, 0.5, 1])
     np.testing.assert_allclose(first.times, [0, 1e-3, 2e-3, 3e-3, 4e-3])
     np.testing.assert_allclose(first.intensities, [9, 8, 7, 6, 5])
     np.testing.assert_allclose(second.times, 0.1 + first.times)
     np.testing.assert_array_equal(second.intensities, np.zeros(5))
-    np.testing.assert_allclose([(window.t0, window.t1) for window in recording.windows], [(0.0, 0.1), (0.1, 0.2)])
+    np.testing.assert_allclose([(scan.t0, scan.t1) for scan in recording.scans], [(0.0, 0.1), (0.1, 0.2)])
     assert recording.trajectory is None and recording.odometry is None
 
 
 def test_ranges_outside_the_limits_nan_and_infinite_ones_are_no_returns(tmp_path: Path) -> None:
     content = {"ranges": [np.nan, np.inf, 0.1, 30.0, 7.0], "intensities": [1, 2, 3, 4, 5]}
-    returns = read_lidar(write(tmp_path / "drive.bag", "ros1", content, content)).windows[1].returns
+    returns = read_lidar(write(tmp_path / "drive.bag", "ros1", content, content)).scans[1].returns
     np.testing.assert_allclose(returns.ranges, [7.0])
     np.testing.assert_allclose(returns.azimuths, [1.0])
     np.testing.assert_allclose(returns.times, [0.104])
@@ -79,8 +79,8 @@ def test_ranges_outside_the_limits_nan_and_infinite_ones_are_no_returns(tmp_path
 def test_beams_without_usable_times_have_the_scans(tmp_path: Path, increment: float, note: str) -> None:
     content = {"ranges": [1, 2, 3, 4, 5], "time_increment": increment}
     recording = read_lidar(write(tmp_path / "drive.bag", "ros1", content, content, content))
-    for window in recording.windows:
-        assert np.all(window.returns.times == window.t0)
+    for scan in recording.scans:
+        assert np.all(scan.returns.times == scan.t0)
     assert any(note in text for text in recording.notes)
 
 
@@ -165,7 +165,7 @@ def test_poses_are_carried_to_the_lidar_by_static_transforms(tmp_path: Path, kin
 def test_a_lidar_mounted_upside_down_sweeps_the_other_way(tmp_path: Path) -> None:
     turned = Rotation.from_euler("ZX", [0.5, np.pi])
     recording = drive(tmp_path / "drive.bag", mount=turned)
-    returns, trajectory = recording.windows[0].returns, recording.trajectory
+    returns, trajectory = recording.scans[0].returns, recording.trajectory
     assert trajectory is not None
     planar = np.column_stack([np.cos(returns.azimuths), np.sin(returns.azimuths)]) * returns.ranges[:, None]
     angles = -1.0 + 0.5 * np.arange(5)

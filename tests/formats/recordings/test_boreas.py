@@ -25,11 +25,11 @@ def note_of(folder: Path, word: str) -> str:
 
 
 def test_a_drive_in_boreas_layout_is_the_drive(boreas: Path) -> None:
-    stream = open_recording(boreas)
-    assert stream.format == "boreas" and not stream.notes
-    assert_alike(stream, left_turn())
-    assert_same(stream, pickle.loads(pickle.dumps(stream)))
-    assert_same(stream, open_recording(boreas / "radar"))
+    recording = open_recording(boreas)
+    assert recording.format == "boreas" and not recording.notes
+    assert_alike(recording, left_turn())
+    assert_same(recording, pickle.loads(pickle.dumps(recording)))
+    assert_same(recording, open_recording(boreas / "radar"))
 
 
 def test_poses_are_those_of_the_middle_of_the_revolutions_in_rep_103(boreas: Path) -> None:
@@ -51,15 +51,15 @@ def test_poses_stamped_in_ns_are_read_exactly(boreas: Path) -> None:
 def test_a_recording_without_poses_has_no_ground_truth(boreas: Path) -> None:
     (boreas / "calib").mkdir()
     (boreas / "applanix" / "radar_poses.csv").unlink()
-    stream = open_recording(boreas)
-    assert stream.format == "boreas" and stream.ground_truth is None
+    recording = open_recording(boreas)
+    assert recording.format == "boreas" and recording.ground_truth is None
 
 
 def test_without_its_other_folders_it_is_read_as_oxford_all_the_same(boreas: Path) -> None:
     (boreas / "applanix").rename(boreas.parent / "applanix")
-    stream = open_recording(boreas)
-    assert stream.format == "oxford"
-    assert_alike(stream, left_turn())
+    recording = open_recording(boreas)
+    assert recording.format == "oxford"
+    assert_alike(recording, left_turn())
 
 
 @pytest.mark.parametrize(("begin_us", "expected"), [(UPGRADE_US - 10_000_000, 0.0596), (UPGRADE_US, 0.04381)])
@@ -78,14 +78,15 @@ def test_the_length_of_a_bin_goes_by_the_date(tmp_path: Path, begin_us: int, exp
 def test_of_alternating_chirps_the_rising_ones_are_kept(tmp_path: Path) -> None:
     up = np.arange(AZIMUTHS) % 2 == 1
     folder = write_boreas(tmp_path / "rt", left_turn(), up)
-    stream = open_recording(folder)
+    recording = open_recording(folder)
     assert "50% of the rows: taken as the direction of the chirp" in note_of(folder, "byte 10")
-    for kept, whole in zip(stream.revolutions(), left_turn().revolutions(), strict=True):
+    for kept, whole in zip(recording.polar_scans(), left_turn().polar_scans(), strict=True):
         assert kept.valid.all()
         np.testing.assert_array_equal(kept.power, whole.power[up])
         np.testing.assert_allclose(kept.azimuths, whole.azimuths[up])
         np.testing.assert_allclose(np.diff(kept.times), np.diff(whole.times[up]), atol=1.1e-6)
-    np.testing.assert_allclose(stream[3].times - stream.start_times[3], left_turn()[3].times[up] - 0.75 - 0.00625, atol=2e-6)
+    into = recording[3].times - recording.start_times[3]
+    np.testing.assert_allclose(into, left_turn()[3].times[up] - 0.75 - 0.00625, atol=2e-6)
 
 
 def test_falling_chirps_only_or_an_unused_byte_are_all_kept(tmp_path: Path) -> None:
@@ -96,9 +97,9 @@ def test_falling_chirps_only_or_an_unused_byte_are_all_kept(tmp_path: Path) -> N
 
 def test_a_few_unmarked_rows_were_not_measured(tmp_path: Path) -> None:
     measured = np.arange(AZIMUTHS) != 7
-    stream = open_recording(write_boreas(tmp_path / "drive", left_turn(), measured))
-    assert not stream.notes
-    np.testing.assert_array_equal(stream[2].valid, measured)
+    recording = open_recording(write_boreas(tmp_path / "drive", left_turn(), measured))
+    assert not recording.notes
+    np.testing.assert_array_equal(recording[2].valid, measured)
 
 
 def test_a_revolution_without_rising_chirps_is_named(tmp_path: Path) -> None:
@@ -110,7 +111,7 @@ def test_a_revolution_without_rising_chirps_is_named(tmp_path: Path) -> None:
     write_png(folder, falling)
     (folder / "radar" / f"{left_turn().azimuth_stamps(2)[0]}.png").rename(image)
     with pytest.raises(DataError, match=rf"{image.name}: has 0 up-chirps"):
-        list(open_recording(folder).revolutions())
+        list(open_recording(folder).polar_scans())
 
 
 def test_revolutions_begin_where_their_own_turns_did_even_if_the_motor_drifts(tmp_path: Path) -> None:
@@ -132,10 +133,10 @@ def test_only_the_first_and_the_last_image_are_read_to_open(boreas: Path) -> Non
     images = sorted((boreas / "radar").iterdir())
     for image in images[1:-1]:
         image.write_bytes(image.read_bytes()[:300])
-    stream = open_recording(boreas)
-    assert len(stream) == 6
+    recording = open_recording(boreas)
+    assert len(recording) == 6
     with pytest.raises(DataError, match=rf"{images[1].name}: is not a readable PNG"):
-        list(stream.revolutions())
+        list(recording.polar_scans())
 
 
 @pytest.mark.parametrize("line", ["1600000000124375,1,2", "1600000000124375,1,2,3,4,5,6,7,8,x,1,1,1", "soon,1"])

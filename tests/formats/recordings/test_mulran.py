@@ -21,7 +21,7 @@ from support.recordings import assert_same
 
 from mqslam.errors import DataError
 from mqslam.formats.recordings import open_recording
-from mqslam.simulator import SimulatedStream
+from mqslam.simulator import SimulatedRecording
 
 
 @pytest.fixture
@@ -34,20 +34,20 @@ def images_of(root: Path) -> list[Path]:
 
 
 def test_polar_images_are_the_drive_spread_over_turns_that_end_at_their_names(columns: Path) -> None:
-    stream = open_recording(columns)
-    assert (stream.format, stream.range_resolution) == ("mulran", 0.0595)
-    assert_alike(stream, left_turn())
-    (note,) = stream.notes
+    recording = open_recording(columns)
+    assert (recording.format, recording.range_resolution) == ("mulran", 0.0595)
+    assert_alike(recording, left_turn())
+    (note,) = recording.notes
     assert note.startswith("azimuths carry no own stamps: spread evenly over the turn; file stamps taken as the end")
-    assert_same(stream, pickle.loads(pickle.dumps(stream)))
+    assert_same(recording, pickle.loads(pickle.dumps(recording)))
 
 
 @pytest.mark.parametrize("inside", ["sensor_data/radar", "radar", "."])
 def test_oxford_rows_are_the_drive_by_their_own_stamps(tmp_path: Path, inside: str) -> None:
-    stream = open_recording(write_mulran_rows(tmp_path / "KAIST03", left_turn(), inside))
-    assert (stream.format, stream.range_resolution) == ("mulran", 0.0595)
-    assert not stream.notes
-    assert_alike(stream, left_turn())
+    recording = open_recording(write_mulran_rows(tmp_path / "KAIST03", left_turn(), inside))
+    assert (recording.format, recording.range_resolution) == ("mulran", 0.0595)
+    assert not recording.notes
+    assert_alike(recording, left_turn())
 
 
 def test_rows_with_own_stamps_go_before_columns_without(columns: Path) -> None:
@@ -58,14 +58,14 @@ def test_rows_with_own_stamps_go_before_columns_without(columns: Path) -> None:
 @pytest.mark.parametrize("inside", [".", "sensor_data/radar", "sensor_data/radar/polar"])
 def test_every_folder_down_to_the_images_opens_the_same_recording(columns: Path, inside: str) -> None:
     write_mulran_poses(columns, left_turn())
-    stream = open_recording(columns / inside)
-    assert_same(open_recording(columns), stream)
-    assert stream.ground_truth is not None
+    recording = open_recording(columns / inside)
+    assert_same(open_recording(columns), recording)
+    assert recording.ground_truth is not None
 
 
 @pytest.mark.parametrize("write", [write_mulran_columns, write_mulran_rows])
 def test_poses_of_the_vehicle_become_poses_of_the_radar(
-    tmp_path: Path, write: Callable[[Path, SimulatedStream], Path]
+    tmp_path: Path, write: Callable[[Path, SimulatedRecording], Path]
 ) -> None:
     root = write(tmp_path / "DCC01", left_turn())
     write_mulran_poses(root, left_turn())
@@ -93,45 +93,45 @@ def test_broken_poses_are_refused_by_name(columns: Path, line: str) -> None:
 
 def test_names_of_19_digits_are_kept_exactly(columns: Path) -> None:
     assert [image.stem for image in images_of(columns)] == [str(end * 1000 + NS) for end in ends(left_turn())]
-    (last,) = open_recording(columns).revolutions(5)
+    (last,) = open_recording(columns).polar_scans(5)
     np.testing.assert_array_equal(last.power, left_turn()[5].power)
 
 
 def test_a_gap_does_not_stretch_the_turn_after_it(columns: Path) -> None:
     for image in images_of(columns)[2:4]:
         image.unlink()
-    stream = open_recording(columns)
-    np.testing.assert_allclose(stream.stamps_us, left_turn().stamps_us[[0, 1, 4, 5]], rtol=0.0, atol=1)
-    assert stream.gaps() == [(1, pytest.approx(0.5, abs=1e-5))]
-    assert all(np.ptp(revolution.times) < 0.25 for revolution in stream.revolutions())
+    recording = open_recording(columns)
+    np.testing.assert_allclose(recording.stamps_us, left_turn().stamps_us[[0, 1, 4, 5]], rtol=0.0, atol=1)
+    assert recording.gaps() == [(1, pytest.approx(0.5, abs=1e-5))]
+    assert all(np.ptp(polar_scan.times) < 0.25 for polar_scan in recording.polar_scans())
 
 
 def test_one_image_is_a_recording_at_4_turns_a_second(columns: Path) -> None:
     for image in images_of(columns)[1:]:
         image.unlink()
-    stream = open_recording(columns)
-    assert len(stream) == 1 and stream.period_s == pytest.approx(0.25)
+    recording = open_recording(columns)
+    assert len(recording) == 1 and recording.revolution_s == pytest.approx(0.25)
 
 
 def test_a_truncated_image_in_the_middle_is_named(columns: Path) -> None:
     image = images_of(columns)[3]
     image.write_bytes(image.read_bytes()[:400])
-    stream = open_recording(columns)
-    assert len(list(stream.revolutions(0, 3))) == 3
+    recording = open_recording(columns)
+    assert len(list(recording.polar_scans(0, 3))) == 3
     with pytest.raises(DataError, match=rf"{image.name}: is not a readable PNG"):
-        list(stream.revolutions())
+        list(recording.polar_scans())
 
 
 def test_an_image_of_another_shape_is_named(columns: Path) -> None:
     image = images_of(columns)[3]
     Image.fromarray(np.zeros((100, 40), np.uint8)).save(image)
     with pytest.raises(DataError, match=rf"{image.name}: holds 100 ranges by 40 azimuths, the first image 200 ranges by 40"):
-        list(open_recording(columns).revolutions())
+        list(open_recording(columns).polar_scans())
 
 
 def test_images_that_lie_on_their_side_are_named(columns: Path) -> None:
-    for image, revolution in zip(images_of(columns), left_turn().revolutions(), strict=True):
-        Image.fromarray(revolution.power).save(image)
+    for image, polar_scan in zip(images_of(columns), left_turn().polar_scans(), strict=True):
+        Image.fromarray(polar_scan.power).save(image)
     with pytest.raises(DataError, match=rf"{images_of(columns)[0].name}: holds 40 rows by 200 columns"):
         open_recording(columns)
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from support.recordings import START_US, TURN_US, assert_same, assert_same_revolution
+from support.recordings import START_US, TURN_US, assert_same, assert_same_polar_scan
 
 from mqslam.errors import DataError
 from mqslam.formats.recordings import open_recording
@@ -26,7 +26,7 @@ def test_a_written_recording_reads_back_identical(oxford: Path, native: Path) ->
     assert (read.range_resolution, read.notes) == (written.range_resolution, written.notes)
     assert read.odometry is None and read.ground_truth is None
     assert_same(written, pickle.loads(pickle.dumps(read)))
-    assert_same_revolution(written[4], read[4])
+    assert_same_polar_scan(written[4], read[4])
 
 
 def test_odometry_and_ground_truth_are_kept(oxford: Path, tmp_path: Path) -> None:
@@ -48,10 +48,10 @@ def test_range_resolution_can_be_overridden(native: Path) -> None:
 
 
 def test_a_recording_that_cannot_be_read_leaves_no_file(oxford: Path, tmp_path: Path) -> None:
-    stream = open_recording(oxford)
-    (oxford / "radar" / f"{stream.stamps_us[3]}.png").unlink()
+    recording = open_recording(oxford)
+    (oxford / "radar" / f"{recording.stamps_us[3]}.png").unlink()
     with pytest.raises(DataError):
-        write_native(tmp_path / "drive.npz", stream)
+        write_native(tmp_path / "drive.npz", recording)
     assert not list(tmp_path.glob("*drive.npz*"))
 
 
@@ -69,10 +69,10 @@ def test_flipped_bytes_in_a_revolution_are_named(native: Path) -> None:
     content = bytearray(native.read_bytes())
     content[offset] ^= 0xFF
     native.write_bytes(content)
-    stream = open_recording(native)
-    assert len(list(stream.revolutions(0, 3))) == 3
+    recording = open_recording(native)
+    assert len(list(recording.polar_scans(0, 3))) == 3
     with pytest.raises(DataError, match=r"drive\.npz: power_000003 is missing or damaged"):
-        stream[3]
+        recording[3]
 
 
 def test_another_programs_npz_is_refused(tmp_path: Path) -> None:

@@ -17,11 +17,11 @@ from mqslam.formats.shared.azimuth_rows import read_metadata
 
 
 def test_revolutions_carry_time_angle_power_and_validity_of_every_azimuth(oxford: Path) -> None:
-    stream = open_recording(oxford)
-    assert (stream.format, len(stream)) == ("oxford", 6)
-    np.testing.assert_array_equal(stream.stamps_us, START_US + TURN_US * np.arange(6))
-    assert stream.end_us == START_US + 6 * TURN_US
-    third = stream[2]
+    recording = open_recording(oxford)
+    assert (recording.format, len(recording)) == ("oxford", 6)
+    np.testing.assert_array_equal(recording.stamps_us, START_US + TURN_US * np.arange(6))
+    assert recording.end_us == START_US + 6 * TURN_US
+    third = recording[2]
     assert third.power.shape == (40, 200) and third.power.dtype == np.uint8
     np.testing.assert_allclose(third.times, 0.5 + 0.25 * np.arange(40) / 40, atol=1e-9)
     np.testing.assert_allclose(third.azimuths, -2 * np.pi * (7 + 140 * np.arange(40)) / 5600)
@@ -63,9 +63,9 @@ def test_revolutions_marked_absent_or_without_an_image_are_skipped_and_noted(oxf
     stamps = [START_US + k * TURN_US for k in range(6)]
     (oxford / "radar.timestamps").write_text("".join(f"{stamp} {int(k != 1)}\n" for k, stamp in enumerate(stamps)))
     (oxford / "radar" / f"{stamps[4]}.png").unlink()
-    stream = open_recording(oxford)
-    np.testing.assert_array_equal(stream.stamps_us, np.array(stamps)[[0, 2, 3, 5]])
-    assert any("2 of 6 revolutions" in note for note in stream.notes)
+    recording = open_recording(oxford)
+    np.testing.assert_array_equal(recording.stamps_us, np.array(stamps)[[0, 2, 3, 5]])
+    assert any("2 of 6 revolutions" in note for note in recording.notes)
 
 
 def test_range_resolution_comes_from_the_user_then_the_recording_then_the_layout(oxford: Path) -> None:
@@ -155,34 +155,34 @@ def test_ground_truth_with_a_break_keeps_its_longest_stretch(oxford: Path) -> No
     file = oxford / "gt" / "radar_odometry.csv"
     lines = file.read_text().splitlines()
     file.write_text("\n".join(lines[:2] + lines[3:]) + "\n")
-    stream = open_recording(oxford)
-    assert stream.ground_truth is not None
-    np.testing.assert_array_equal(stream.ground_truth.stamps_us, stamps[2:])
-    assert any("break" in note for note in stream.notes)
+    recording = open_recording(oxford)
+    assert recording.ground_truth is not None
+    np.testing.assert_array_equal(recording.ground_truth.stamps_us, stamps[2:])
+    assert any("break" in note for note in recording.notes)
 
 
 def test_the_real_sample_opens_with_its_ground_truth(oxford_tiny: Path) -> None:
-    stream = open_recording(oxford_tiny)
-    assert len(stream) == 11 and stream.period_s == pytest.approx(0.25, rel=0.02)
-    assert stream.ground_truth is not None
-    assert stream.ground_truth.covers(stream.start_us, stream.end_us)
-    assert stream.ground_truth.length_m == pytest.approx(20, abs=5)
-    first = stream[0]
+    recording = open_recording(oxford_tiny)
+    assert len(recording) == 11 and recording.revolution_s == pytest.approx(0.25, rel=0.02)
+    assert recording.ground_truth is not None
+    assert recording.ground_truth.covers(recording.start_us, recording.end_us)
+    assert recording.ground_truth.length_m == pytest.approx(20, abs=5)
+    first = recording[0]
     assert first.power.shape == (400, 3768) and first.valid.all()
     assert np.all(np.diff(first.azimuths) < 0) and np.all(np.diff(first.times) > 0)
 
 
 def test_a_stream_survives_pickling(oxford: Path) -> None:
-    stream = open_recording(oxford)
-    assert_same(stream, pickle.loads(pickle.dumps(stream)))
+    recording = open_recording(oxford)
+    assert_same(recording, pickle.loads(pickle.dumps(recording)))
 
 
 def test_a_range_of_revolutions_is_read_lazily(oxford: Path) -> None:
-    stream = open_recording(oxford)
-    (oxford / "radar" / f"{stream.stamps_us[4]}.png").unlink()
-    assert len(list(stream.revolutions(1, 4))) == 3
-    with pytest.raises(DataError, match=str(stream.stamps_us[4])):
-        list(stream.revolutions(3))
+    recording = open_recording(oxford)
+    (oxford / "radar" / f"{recording.stamps_us[4]}.png").unlink()
+    assert len(list(recording.polar_scans(1, 4))) == 3
+    with pytest.raises(DataError, match=str(recording.stamps_us[4])):
+        list(recording.polar_scans(3))
 
 
 def test_a_missing_path_is_named(tmp_path: Path) -> None:
@@ -217,9 +217,9 @@ def test_an_explicit_format_overrides_the_guess(oxford: Path) -> None:
 def test_a_truncated_image_in_the_middle_is_named(oxford: Path) -> None:
     image = oxford / "radar" / f"{START_US + 3 * TURN_US}.png"
     image.write_bytes(image.read_bytes()[:2000])
-    stream = open_recording(oxford)
+    recording = open_recording(oxford)
     with pytest.raises(DataError, match=rf"{image.name}: is not a readable PNG"):
-        list(stream.revolutions())
+        list(recording.polar_scans())
 
 
 @pytest.mark.parametrize(
@@ -239,7 +239,7 @@ def test_an_image_that_is_no_revolution_is_named(oxford: Path, pixels: np.ndarra
     image = oxford / "radar" / f"{START_US + TURN_US}.png"
     Image.fromarray(pixels).save(image)
     with pytest.raises(DataError, match=rf"{image.name}: .*{problem}"):
-        list(open_recording(oxford).revolutions())
+        list(open_recording(oxford).polar_scans())
 
 
 def test_a_list_that_goes_back_or_repeats_is_sorted_and_said(oxford: Path) -> None:
@@ -247,9 +247,9 @@ def test_a_list_that_goes_back_or_repeats_is_sorted_and_said(oxford: Path) -> No
     file = oxford / "radar.timestamps"
     lines = file.read_text().splitlines()
     file.write_text("\n".join([*reversed(lines), lines[2]]))
-    stream = open_recording(oxford)
-    assert_same(stream, expected)
-    assert stream.faults == (
+    recording = open_recording(oxford)
+    assert_same(recording, expected)
+    assert recording.faults == (
         f"radar.timestamps runs backward 5 times, first at {START_US + 4 * TURN_US}: sorted",
         "radar.timestamps lists 1 stamps more than once: read once",
     )
@@ -262,11 +262,11 @@ def test_a_list_that_names_no_image_leaves_no_revolutions(oxford: Path) -> None:
 
 
 def test_a_recording_of_one_revolution_opens(tmp_path: Path) -> None:
-    stream = open_recording(write_oxford(tmp_path / "drive", revolutions=1))
-    assert len(stream) == 1 and stream.period_s == pytest.approx(0.25)
+    recording = open_recording(write_oxford(tmp_path / "drive", revolutions=1))
+    assert len(recording) == 1 and recording.revolution_s == pytest.approx(0.25)
 
 
 def test_images_of_any_size_are_read(tmp_path: Path) -> None:
     folder = write_oxford(tmp_path / "drive")
     write_png(folder, oxford_rows(3, azimuths=57, bins=31))
-    assert [revolution.power.shape for revolution in open_recording(folder).revolutions(2, 4)] == [(40, 200), (57, 31)]
+    assert [polar_scan.power.shape for polar_scan in open_recording(folder).polar_scans(2, 4)] == [(40, 200), (57, 31)]

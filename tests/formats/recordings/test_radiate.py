@@ -25,12 +25,12 @@ def edit(listing: Path, number: int, line: str) -> None:
 
 
 def test_images_are_the_drive_spread_over_turns_that_end_at_their_arrival(radiate: Path) -> None:
-    stream = open_recording(radiate)
-    assert stream.format == "radiate"
-    assert stream.range_resolution == pytest.approx(100 / 576)
-    assert_alike(stream, left_turn())
-    assert stream.odometry is None and stream.ground_truth is None
-    assert_same(stream, pickle.loads(pickle.dumps(stream)))
+    recording = open_recording(radiate)
+    assert recording.format == "radiate"
+    assert recording.range_resolution == pytest.approx(100 / 576)
+    assert_alike(recording, left_turn())
+    assert recording.odometry is None and recording.ground_truth is None
+    assert_same(recording, pickle.loads(pickle.dumps(recording)))
 
 
 def test_what_was_assumed_is_said(radiate: Path) -> None:
@@ -50,10 +50,10 @@ def test_the_folder_and_its_image_folder_open_the_same_recording(
 
 def test_frames_without_an_image_are_skipped_and_noted(radiate: Path) -> None:
     (radiate / "Navtech_Polar" / "000003.png").unlink()
-    stream = open_recording(radiate)
-    np.testing.assert_allclose(stream.stamps_us, left_turn().stamps_us[[0, 1, 3, 4, 5]], rtol=0.0, atol=1)
-    assert any("1 of 6 frames in Navtech_Polar.txt have no image: skipped" in note for note in stream.notes)
-    np.testing.assert_array_equal(stream[2].power, left_turn()[3].power)
+    recording = open_recording(radiate)
+    np.testing.assert_allclose(recording.stamps_us, left_turn().stamps_us[[0, 1, 3, 4, 5]], rtol=0.0, atol=1)
+    assert any("1 of 6 frames in Navtech_Polar.txt have no image: skipped" in note for note in recording.notes)
+    np.testing.assert_array_equal(recording[2].power, left_turn()[3].power)
 
 
 @pytest.mark.parametrize(
@@ -91,17 +91,18 @@ def test_an_empty_list_leaves_no_revolutions(radiate: Path) -> None:
 )
 def test_a_frame_without_a_stamp_in_order_is_left_out_and_said(radiate: Path, line: str, left: int, fault: str) -> None:
     edit(radiate / "Navtech_Polar.txt", 3, line)
-    stream = open_recording(radiate)
-    assert len(list(stream.revolutions())) == left and fault in stream.faults
+    recording = open_recording(radiate)
+    assert len(list(recording.polar_scans())) == left and fault in recording.faults
 
 
 def test_a_list_in_another_order_is_sorted_and_said(radiate: Path) -> None:
     expected = open_recording(radiate)
     file = radiate / "Navtech_Polar.txt"
     file.write_text("\n".join(reversed(file.read_text().splitlines())))
-    stream = open_recording(radiate)
-    assert stream.stamps_us.tolist() == expected.stamps_us.tolist() and stream.names.tolist() == expected.names.tolist()
-    assert stream.faults == ("Navtech_Polar.txt does not list its frames in order, first at 000005: sorted",)
+    recording = open_recording(radiate)
+    assert recording.stamps_us.tolist() == expected.stamps_us.tolist()
+    assert recording.names.tolist() == expected.names.tolist()
+    assert recording.faults == ("Navtech_Polar.txt does not list its frames in order, first at 000005: sorted",)
 
 
 def test_a_folder_without_images_holds_no_revolutions(radiate: Path) -> None:
@@ -115,11 +116,11 @@ def test_a_truncated_image_in_the_middle_is_named(radiate: Path) -> None:
     image = radiate / "Navtech_Polar" / "000004.png"
     image.write_bytes(image.read_bytes()[:400])
     with pytest.raises(DataError, match=r"000004\.png: is not a readable PNG"):
-        list(open_recording(radiate).revolutions())
+        list(open_recording(radiate).polar_scans())
 
 
 @pytest.mark.parametrize("shape", [(199, 40), (40, 200), (200, 41)])
 def test_an_image_of_another_shape_is_named(radiate: Path, shape: tuple[int, int]) -> None:
     Image.fromarray(np.zeros(shape, np.uint8)).save(radiate / "Navtech_Polar" / "000004.png")
     with pytest.raises(DataError, match=rf"000004\.png: holds {shape[0]} ranges by {shape[1]} azimuths"):
-        list(open_recording(radiate).revolutions())
+        list(open_recording(radiate).polar_scans())

@@ -11,7 +11,7 @@ from support.recordings import (
     START_US,
     TURN_US,
     assert_same,
-    assert_same_revolution,
+    assert_same_polar_scan,
     bag_path,
     bag_writer,
     circle,
@@ -56,9 +56,9 @@ def test_single_revolutions_are_found_again(oxford: Path, tmp_path: Path, kind: 
     folder = open_recording(oxford)
     bag = pickle.loads(pickle.dumps(open_recording(write_bag(folder, bag_path(tmp_path, kind), kind))))
     for k in (5, 0, 3):
-        assert_same_revolution(folder[k], bag[k])
-    assert len(list(bag.revolutions(2, 4))) == 2
-    assert list(bag.revolutions(6)) == []
+        assert_same_polar_scan(folder[k], bag[k])
+    assert len(list(bag.polar_scans(2, 4))) == 2
+    assert list(bag.polar_scans(6)) == []
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -73,14 +73,14 @@ def test_images_without_metadata_are_spread_over_the_turn(
         for stamp, rows in raw_rows(open_recording(oxford)):
             stamp += TURN_US if columns else 0  # MulRan's player stamps the ends
             bag.write(radar, stamp, bag.image(stamp, rows[:, 11:].T if columns else rows[:, 11:]))
-    stream = open_recording(path)
-    np.testing.assert_array_equal(stream.stamps_us, START_US + TURN_US * np.arange(6))
-    assert stream.end_us == START_US + 6 * TURN_US
-    revolution = stream[5]
-    np.testing.assert_array_equal(revolution.power, oxford_rows(5)[:, 11:])
-    np.testing.assert_allclose(revolution.azimuths, -2 * np.pi * np.arange(40) / 40)
-    np.testing.assert_allclose(revolution.times, 1.25 + 0.25 * np.arange(40) / 40, atol=1e-6)
-    (note,) = (note for note in stream.notes if "carry no own stamps" in note)
+    recording = open_recording(path)
+    np.testing.assert_array_equal(recording.stamps_us, START_US + TURN_US * np.arange(6))
+    assert recording.end_us == START_US + 6 * TURN_US
+    polar_scan = recording[5]
+    np.testing.assert_array_equal(polar_scan.power, oxford_rows(5)[:, 11:])
+    np.testing.assert_allclose(polar_scan.azimuths, -2 * np.pi * np.arange(40) / 40)
+    np.testing.assert_allclose(polar_scan.times, 1.25 + 0.25 * np.arange(40) / 40, atol=1e-6)
+    (note,) = (note for note in recording.notes if "carry no own stamps" in note)
     assert f"{'columns' if columns else 'rows'} of the images taken as azimuths" in note
     assert f"header stamps taken as the {'end' if columns else 'start'} of the revolution (sensor.stamp)" in note
 
@@ -91,8 +91,8 @@ def test_a_gap_does_not_stretch_the_turn_before_it(oxford: Path, tmp_path: Path)
         for stamp, rows in raw_rows(open_recording(oxford)):
             if stamp != START_US + 3 * TURN_US:
                 bag.write(radar, stamp, bag.image(stamp, rows[:, 11:]))
-    stream = open_recording(tmp_path / "drive.bag")
-    assert np.ptp(stream[2].times) < 0.25
+    recording = open_recording(tmp_path / "drive.bag")
+    assert np.ptp(recording[2].times) < 0.25
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -115,9 +115,9 @@ def test_images_compressed_with_loss_are_spread_over_the_turn(tmp_path: Path, to
         for k in range(3):
             stamp = START_US + k * TURN_US
             bag.write(radar, stamp, bag.compressed(stamp, power.T if columns else power, "jpeg"))
-    stream = open_recording(tmp_path / "drive.bag")
-    assert stream.start_us == START_US - (TURN_US if columns else 0)
-    np.testing.assert_allclose(stream[2].power.astype(float), power, atol=8)
+    recording = open_recording(tmp_path / "drive.bag")
+    assert recording.start_us == START_US - (TURN_US if columns else 0)
+    np.testing.assert_allclose(recording[2].power.astype(float), power, atol=8)
 
 
 def test_of_a_topic_and_its_compressed_twin_the_first_is_taken(oxford: Path, tmp_path: Path) -> None:
@@ -146,11 +146,11 @@ def test_a_compressed_image_that_is_no_revolution_is_named(
             message = bag.compressed(stamp, pixels if k == 3 else rows[:, 11:], "png")
             message.data = message.data[:keep] if k == 3 else message.data
             bag.write(radar, stamp, message)
-    stream = open_recording(tmp_path / "drive.bag")
-    assert len(list(stream.revolutions(0, 3))) == 3
+    recording = open_recording(tmp_path / "drive.bag")
+    assert len(list(recording.polar_scans(0, 3))) == 3
     logged = f"the message on /Navtech/Polar recorded at {START_US + 3 * TURN_US}000 ns"
     with pytest.raises(DataError, match=rf"drive\.bag: {logged} {problem}"):
-        list(stream.revolutions())
+        list(recording.polar_scans())
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -163,12 +163,12 @@ def test_b_scan_messages_carry_times_and_angles_beside_the_image(tmp_path: Path,
             stamp = START_US + k * TURN_US
             stamps_ns = 1000 * (stamp + np.arange(40) * 6000)
             bag.write(radar, stamp, bag.b_scan(stamp, oxford_rows(k)[:, 11:], ticks, stamps_ns))
-    stream = open_recording(bag_path(tmp_path, kind))
-    np.testing.assert_array_equal(stream.stamps_us, START_US + TURN_US * np.arange(3))
-    assert stream.end_us == START_US + 2 * TURN_US + 240_000
-    np.testing.assert_allclose(stream[1].azimuths, -2 * np.pi * ticks / turn)
-    np.testing.assert_allclose(stream[1].times, 0.25 + 0.006 * np.arange(40), atol=1e-9)
-    np.testing.assert_array_equal(stream[2].power, oxford_rows(2)[:, 11:])
+    recording = open_recording(bag_path(tmp_path, kind))
+    np.testing.assert_array_equal(recording.stamps_us, START_US + TURN_US * np.arange(3))
+    assert recording.end_us == START_US + 2 * TURN_US + 240_000
+    np.testing.assert_allclose(recording[1].azimuths, -2 * np.pi * ticks / turn)
+    np.testing.assert_allclose(recording[1].times, 0.25 + 0.006 * np.arange(40), atol=1e-9)
+    np.testing.assert_array_equal(recording[2].power, oxford_rows(2)[:, 11:])
 
 
 def test_ros2_bags_without_message_definitions_are_read(oxford: Path, tmp_path: Path) -> None:
@@ -187,9 +187,9 @@ def test_the_only_topic_shaped_like_a_radar_is_taken_with_a_note(oxford: Path, t
         for stamp, rows in raw_rows(folder):
             bag.write(camera, stamp, bag.image(stamp, np.zeros((480, 640), np.uint8)))
             bag.write(radar, stamp, bag.image(stamp, rows))
-    stream = open_recording(tmp_path / "drive.bag")
-    assert_same(folder, stream)
-    assert any("/navtech_images, the only topic" in note for note in stream.notes)
+    recording = open_recording(tmp_path / "drive.bag")
+    assert_same(folder, recording)
+    assert any("/navtech_images, the only topic" in note for note in recording.notes)
 
 
 def test_messages_that_repeat_a_stamp_are_skipped_and_noted(oxford: Path, tmp_path: Path) -> None:
@@ -199,10 +199,10 @@ def test_messages_that_repeat_a_stamp_are_skipped_and_noted(oxford: Path, tmp_pa
         for stamp, rows in raw_rows(folder):
             for delay in (0, 0, 10_000):
                 bag.write(radar, stamp + delay, bag.image(stamp, rows))
-    stream = open_recording(tmp_path / "drive.bag")
-    assert_same(folder, stream)
-    assert_same_revolution(folder[4], stream[4])
-    assert stream.faults == ("the stamps of 12 messages on /Navtech/Polar repeat or run backward: left out",)
+    recording = open_recording(tmp_path / "drive.bag")
+    assert_same(folder, recording)
+    assert_same_polar_scan(folder[4], recording[4])
+    assert recording.faults == ("the stamps of 12 messages on /Navtech/Polar repeat or run backward: left out",)
 
 
 def test_range_resolution_is_assumed_with_a_note_or_given(oxford: Path, tmp_path: Path) -> None:
@@ -231,7 +231,7 @@ def test_a_corrupt_bag_is_named(oxford: Path, tmp_path: Path, kind: str, keep: f
     content = file.read_bytes()
     file.write_bytes(content[: int(len(content) * keep)])
     with pytest.raises(DataError, match=f"{path.name}: "):
-        list(open_recording(path).revolutions())
+        list(open_recording(path).polar_scans())
 
 
 def test_a_ros2_folder_without_its_files_is_named(tmp_path: Path) -> None:
@@ -248,9 +248,9 @@ def test_a_message_that_is_no_revolution_is_left_out_and_named_by_topic_and_time
             broken = stamp == START_US + 3 * TURN_US
             bag.write(radar, stamp, bag.image(stamp, rows, "16UC1" if broken else "mono8"))
     logged = f"the message on /Navtech/Polar recorded at {START_US + 3 * TURN_US}000 ns"
-    stream = open_recording(tmp_path / "drive.bag")
-    assert len(list(stream.revolutions())) == len(stream) == 5
-    (fault,) = stream.faults
+    recording = open_recording(tmp_path / "drive.bag")
+    assert len(list(recording.polar_scans())) == len(recording) == 5
+    (fault,) = recording.faults
     assert "1 messages on /Navtech/Polar could not be read, left out: " in fault
     assert f"drive.bag: {logged} is an image in '16UC1'" in fault
 

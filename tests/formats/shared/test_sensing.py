@@ -22,9 +22,9 @@ from support.recordings import write_bag
 from mqslam.formats.recordings import open_recording
 from mqslam.formats.recordings.native import write_native
 from mqslam.formats.shared.azimuth_rows import turns_of
-from mqslam.simulator import SimulatedStream
+from mqslam.simulator import SimulatedRecording
 
-Writer = Callable[[Path, SimulatedStream], Path]
+Writer = Callable[[Path, SimulatedRecording], Path]
 WITHOUT_STAMPS = [write_mulran_columns, write_radiate, write_player_bag]
 
 

@@ -11,9 +11,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 from support.conversions import BAGS, EVEN, STAMPED, Turns, changed, convert, converted
-from support.layouts import assert_alike_revolution, left_turn
+from support.layouts import assert_alike_polar_scan, left_turn
 
-from mqslam.core.recording import Revolution
+from mqslam.core.recording import PolarScan
 from mqslam.errors import DataError, OutputError
 from mqslam.formats.recordings import open_recording
 from mqslam.formats.writing import bags
@@ -34,8 +34,8 @@ def test_encoder_values_cannot_hold_a_counter_clockwise_turn(tmp_path: Path, lay
 def test_polar_images_hold_it_where_the_reader_is_told(tmp_path: Path, layout: str) -> None:
     out, notes = convert(counter_clockwise(), tmp_path, layout)
     assert any("sensor: {clockwise: false}" in note for note in notes)
-    for one, other in zip(counter_clockwise().turns, open_recording(out, clockwise=False).revolutions(), strict=True):
-        assert_alike_revolution(one, other)
+    for one, other in zip(counter_clockwise().turns, open_recording(out, clockwise=False).polar_scans(), strict=True):
+        assert_alike_polar_scan(one, other)
 
 
 def test_the_native_layout_holds_it_as_it_is(tmp_path: Path) -> None:
@@ -45,7 +45,7 @@ def test_the_native_layout_holds_it_as_it_is(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("layout", EVEN)
 @pytest.mark.parametrize(
-    ("stream", "problem"),
+    ("recording", "problem"),
     [
         (changed(azimuths=lambda r: r.azimuths - 0.3), "azimuths of revolution 0 lie 8.19 deg beside even steps"),
         (changed(azimuths=lambda r: r.azimuths * 0.9), "azimuths of revolution 0 lie 35.10 deg beside even steps"),
@@ -56,9 +56,9 @@ def test_the_native_layout_holds_it_as_it_is(tmp_path: Path) -> None:
         ),
     ],
 )
-def test_polar_images_refuse_what_they_would_bend(tmp_path: Path, layout: str, stream: Turns, problem: str) -> None:
+def test_polar_images_refuse_what_they_would_bend(tmp_path: Path, layout: str, recording: Turns, problem: str) -> None:
     with pytest.raises(DataError, match=f"drive: {problem}"):
-        convert(stream, tmp_path, layout)
+        convert(recording, tmp_path, layout)
     assert list(tmp_path.iterdir()) == []
 
 
@@ -108,12 +108,12 @@ def test_sqlite_is_not_given_a_path_it_would_misread(tmp_path: Path) -> None:
 @pytest.mark.parametrize("layout", [*STAMPED, *EVEN])
 def test_a_recording_that_breaks_off_leaves_nothing(tmp_path: Path, layout: str) -> None:
     class Broken(Turns):
-        def revolutions(self, start: int = 0, stop: int | None = None) -> Iterator[Revolution]:
+        def polar_scans(self, start: int = 0, stop: int | None = None) -> Iterator[PolarScan]:
             yield from self.turns[start:4]
             raise DataError("4.png", "is not a readable PNG")
 
-    stream = changed()
-    broken = Broken(**{name: getattr(stream, name) for name in stream.__dataclass_fields__})
+    recording = changed()
+    broken = Broken(**{name: getattr(recording, name) for name in recording.__dataclass_fields__})
     with pytest.raises(DataError, match=r"4\.png"):
         convert(broken, tmp_path, layout)
     assert list(tmp_path.iterdir()) == []
@@ -142,7 +142,7 @@ def test_one_revolution_is_held_at_a_time(tmp_path: Path, layout: str) -> None:
         def __array_finalize__(self, _: object) -> None: ...
 
     class Watched(Turns):
-        def revolutions(self, start: int = 0, stop: int | None = None) -> Iterator[Revolution]:
+        def polar_scans(self, start: int = 0, stop: int | None = None) -> Iterator[PolarScan]:
             nonlocal most
             for k, turn in enumerate(self.turns[start:stop]):
                 power = turn.power.copy().view(Counted)
@@ -152,6 +152,6 @@ def test_one_revolution_is_held_at_a_time(tmp_path: Path, layout: str) -> None:
                 yield replace(turn, power=power)
                 del power
 
-    stream = changed()
-    convert(Watched(**{name: getattr(stream, name) for name in stream.__dataclass_fields__}), tmp_path, layout)
+    recording = changed()
+    convert(Watched(**{name: getattr(recording, name) for name in recording.__dataclass_fields__}), tmp_path, layout)
     assert most <= 2  # the one that is written, while the next one is read

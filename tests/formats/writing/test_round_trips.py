@@ -13,7 +13,7 @@ from support.layouts import assert_alike, left_turn
 from support.recordings import assert_same
 
 from mqslam.core import se2
-from mqslam.core.recording import RadarStream
+from mqslam.core.recording import Recording
 from mqslam.core.trajectory import Trajectory
 from mqslam.formats.recordings import open_recording
 
@@ -22,17 +22,17 @@ WITH_START_STAMPS = ("oxford", *BAGS, "b_scan", "native")
 
 
 @pytest.fixture(scope="module")
-def uneven(tmp_path_factory: pytest.TempPathFactory) -> RadarStream:
+def uneven(tmp_path_factory: pytest.TempPathFactory) -> Recording:
     return open_recording(uneven_oxford(tmp_path_factory.mktemp("uneven") / "drive"), range_resolution=0.5)
 
 
 @pytest.mark.parametrize(("first", "second"), list(itertools.product(STAMPED, STAMPED)))
 def test_power_times_and_angles_survive_every_pair_of_layouts_that_stamp_azimuths(
-    uneven: RadarStream, tmp_path: Path, first: str, second: str
+    uneven: Recording, tmp_path: Path, first: str, second: str
 ) -> None:
     there = converted(uneven, tmp_path / "a", first)
     back = converted(converted(there, tmp_path / "b", second), tmp_path / "c", "oxford")
-    for one, other in zip(uneven.revolutions(), back.revolutions(), strict=True):
+    for one, other in zip(uneven.polar_scans(), back.polar_scans(), strict=True):
         np.testing.assert_array_equal(one.power, other.power)
         np.testing.assert_array_equal(one.azimuths, other.azimuths)
         np.testing.assert_allclose(one.times, other.times, rtol=0.0, atol=1e-9)
@@ -42,7 +42,7 @@ def test_power_times_and_angles_survive_every_pair_of_layouts_that_stamp_azimuth
 
 
 @pytest.mark.parametrize("layout", WITH_START_STAMPS)
-def test_layouts_stamped_at_the_start_give_the_same_stream(uneven: RadarStream, tmp_path: Path, layout: str) -> None:
+def test_layouts_stamped_at_the_start_give_the_same_stream(uneven: Recording, tmp_path: Path, layout: str) -> None:
     back = converted(uneven, tmp_path, layout)
     if layout == "b_scan":
         np.testing.assert_array_equal(back.stamps_us, uneven.stamps_us)
@@ -52,7 +52,7 @@ def test_layouts_stamped_at_the_start_give_the_same_stream(uneven: RadarStream, 
 
 @pytest.mark.parametrize("layout", ["boreas", "mulran_oxford"])
 def test_layouts_named_after_the_middle_or_the_end_give_the_starts_nearly(
-    uneven: RadarStream, tmp_path: Path, layout: str
+    uneven: Recording, tmp_path: Path, layout: str
 ) -> None:
     back = converted(uneven, tmp_path, layout)
     np.testing.assert_allclose(back.stamps_us - uneven.stamps_us, 0, atol=40_000)
@@ -68,7 +68,7 @@ def test_even_revolutions_survive_layouts_that_stamp_only_them(tmp_path: Path, f
 
 @pytest.mark.parametrize("layout", [*STAMPED, *EVEN])
 def test_odometry_and_ground_truth_go_along_where_there_is_a_place(
-    uneven: RadarStream, tmp_path: Path, layout: str
+    uneven: Recording, tmp_path: Path, layout: str
 ) -> None:
     drive = left_turn() if layout in EVEN else uneven
     out, notes = convert(drive, tmp_path, layout)
@@ -103,13 +103,13 @@ def test_the_length_of_a_bin_is_kept_or_asked_for(tmp_path: Path, layout: str) -
 def test_marks_of_azimuths_that_were_not_measured_are_kept_or_missed(
     oxford: Path, tmp_path: Path, layout: str
 ) -> None:
-    stream = open_recording(oxford)
+    recording = open_recording(oxford)
     image = next((oxford / "radar").glob("*.png"))
     pixels = np.array(Image.open(image))
     pixels[[4, 7], 10] = 0
     Image.fromarray(pixels).save(image)
-    out, notes = convert(stream, tmp_path, layout)
-    missed = sum(int(np.count_nonzero(~revolution.valid)) for revolution in open_recording(out).revolutions())
+    out, notes = convert(recording, tmp_path, layout)
+    missed = sum(int(np.count_nonzero(~polar_scan.valid)) for polar_scan in open_recording(out).polar_scans())
     told = [note for note in notes if note.startswith("2 azimuths marked as not measured lose that mark")]
     assert (missed, len(told)) == ((0, 1) if layout in WITHOUT_VALIDITY else (2, 0))
 
@@ -129,7 +129,7 @@ def test_turns_that_begin_one_step_late_fill_the_first_column_from_the_turn_befo
     late = changed(azimuths=lambda r: r.azimuths - step)
     back = converted(late, tmp_path, layout)
     before = np.zeros_like(late[0].power[-1])
-    for one, other in zip(late.revolutions(), back.revolutions(), strict=True):
+    for one, other in zip(late.polar_scans(), back.polar_scans(), strict=True):
         np.testing.assert_array_equal(other.power, np.vstack([before, one.power[:-1]]))
         np.testing.assert_allclose(other.azimuths[1:], one.azimuths[:-1], rtol=0.0, atol=1e-9)
         before = one.power[-1]
