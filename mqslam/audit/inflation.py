@@ -14,11 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mqslam.audit.sweeps import Sweeps
-from mqslam.config import Config
+from mqslam.config import Config, EstimatorConfig
 from mqslam.core import se2
 from mqslam.psi.covariance import sandwich_by_differences
 from mqslam.psi.estimator import Evaluation, Scale
-from mqslam.psi.minimiser import EstimatorConfig, Minimum, Prior, minimise, score_itself
+from mqslam.psi.minimiser import Minimum, Prior, annealed_scale, final_scale, minimise, score_itself
 from mqslam.psi.observability import loosened, weak_directions
 from mqslam.psi.place import PointSet
 
@@ -64,7 +64,7 @@ def bend(sweeps: Sweeps, begin: int, end: int, config: Config) -> Bend:
         config: all settings; lengths of time are counted in sweeps.
     """
     estimator = in_sweeps(config.estimator, sweeps.revolution_s)
-    narrow = _narrowed(estimator, _NARROW)
+    final, narrow = final_scale(estimator), _narrowed(estimator, _NARROW)
     count = end - begin
     points, into = middled(sweeps, begin, end)
     reach = max(float(np.sqrt(np.mean(points.points**2) * 2.0)), 1.0)  # root mean square distance from the middle
@@ -73,11 +73,11 @@ def bend(sweeps: Sweeps, begin: int, end: int, config: Config) -> Bend:
     def bent(twist: NDArray[np.float64]) -> PointSet:
         return twisted(points, into, twist)
 
-    def scored(twist: NDArray[np.float64], scale: Scale = estimator.final) -> Evaluation:
+    def scored(twist: NDArray[np.float64], scale: Scale = final) -> Evaluation:
         return score_itself(bent(twist), scale, _SWEEP, estimator)
 
     own = scored(np.zeros(3))
-    weak = weak_directions(scored(np.zeros(3), narrow.scale(0)), 3)
+    weak = weak_directions(scored(np.zeros(3), annealed_scale(narrow, 0)), 3)
     free = Prior(np.zeros(3), np.zeros((3, 3)))
 
     def minimum(widths: EstimatorConfig) -> Minimum:

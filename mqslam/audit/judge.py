@@ -6,13 +6,13 @@ import itertools
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.stats import chi2
 
 from mqslam.audit.inflation import Bend, bend
 from mqslam.audit.measures import Measures, measures, sensors_of
 from mqslam.audit.revisits import Revisit, revisit, revisit_pairs
 from mqslam.audit.sweeps import Sweeps
-from mqslam.config import Config
-from mqslam.config.audit import AuditConfig
+from mqslam.config import AuditConfig, Config
 from mqslam.core import se2
 from mqslam.detection.stage import Progress
 from mqslam.execution.engine import Engine
@@ -127,7 +127,7 @@ def audit_window(sweeps: Sweeps, begin: int, end: int, config: Config) -> Window
         settings.radius_m,
         settings.cell_m,
     )
-    bent = found.inflation > settings.threshold and found.size_m > settings.bend_m
+    bent = found.inflation > torn_threshold(settings) and found.size_m > settings.bend_m
     torn = bool(bent or found.matched_best < settings.overlap)
     t1 = sweeps.times[end - 1] + sweeps.revolution_s
     return WindowAudit(
@@ -140,9 +140,14 @@ def _revisit(shared: tuple[Sweeps, Config], pair: tuple[int, int]) -> Revisit | 
     return revisit(sweeps, *pair, config)
 
 
+def torn_threshold(settings: AuditConfig) -> float:
+    """Inflation beyond which a window or a revisit is bent by more than chance, with three degrees of freedom."""
+    return float(chi2.ppf(settings.probability, 3))
+
+
 def torn_revisit(found: Revisit, settings: AuditConfig) -> bool:
     """Whether two passes are off each other."""
-    beyond = found.inflation > settings.threshold
+    beyond = found.inflation > torn_threshold(settings)
     far = found.distance_m > settings.torn_m or abs(found.offset[2]) > settings.torn_rad
     return bool(found.sure and beyond and far)
 

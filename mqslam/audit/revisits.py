@@ -11,8 +11,7 @@ from mqslam.audit.sweeps import Sweeps
 from mqslam.backend.loops.align import align, cross_score
 from mqslam.backend.loops.passes import pairs_of_passes, reach, unrivalled
 from mqslam.backend.loops.submap import around
-from mqslam.config import Config
-from mqslam.config.audit import AuditConfig
+from mqslam.config import AuditConfig, Config
 from mqslam.core import se2
 
 

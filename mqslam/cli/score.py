@@ -10,12 +10,11 @@ import typer
 from mqslam.cli.options import ConfigOption, Data, Format, Json, Quiet, RangeResolution, Verbose
 
 if TYPE_CHECKING:
-    from mqslam.config import Config
+    from mqslam.config import Config, PsiConfig
     from mqslam.core import se2
     from mqslam.core.motion import MotionModel
     from mqslam.core.recording import Recording
     from mqslam.core.scans import Returns
-    from mqslam.psi.published.equations import PsiConfig
     from mqslam.psi.window import WindowMotion
 
 _UNITS = {"v": "m/s", "vx": "m/s", "vy": "m/s", "omega": "rad/s"}
@@ -116,8 +115,8 @@ def psi_variant(settings: Config, **chosen: str | float | None) -> PsiConfig:
     """
     from pydantic import ValidationError
 
+    from mqslam.config import PsiConfig
     from mqslam.errors import ConfigError
-    from mqslam.psi.published.equations import PsiConfig
 
     try:
         return PsiConfig.model_validate(
@@ -173,7 +172,7 @@ def scores(
     """The published score of a window under a motion with its parts, and the estimator's at its final widths."""
     import numpy as np
 
-    from mqslam.psi.minimiser import score_itself
+    from mqslam.psi.minimiser import final_scale, score_itself
     from mqslam.psi.place import place
     from mqslam.psi.published.equations import score as published
     from mqslam.psi.window import beam_of, without_start
@@ -182,7 +181,7 @@ def scores(
     beam = beam_of(config, settings.sensor.doppler_beta or 0.0)
     points = without_start(place(returns, t0, np.zeros(3), theta, model, beam))
     whole = published(points.points, points.times, revolution_s, variant, points.jacobians)
-    own = score_itself(points, config.final, revolution_s, config)
+    own = score_itself(points, final_scale(config), revolution_s, config)
     return {
         "published": {
             "psi": whole.psi,

@@ -9,7 +9,7 @@ from pathlib import Path
 from pydantic import BaseModel, ConfigDict, Field
 
 from mqslam.config import Config, load_config, shipped_names
-from mqslam.config.settings_file import parsed
+from mqslam.config.reading import parsed
 from mqslam.core import frontend as frontends
 from mqslam.errors import ConfigError
 

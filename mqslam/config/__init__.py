@@ -5,154 +5,43 @@ from __future__ import annotations
 import textwrap
 from importlib import resources
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import yaml
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict
 
-from mqslam.config.audit import AuditConfig
-from mqslam.config.settings_file import parsed
-from mqslam.detection.detector import DetectorConfig
+from mqslam.config.audit_config import AuditConfig
+from mqslam.config.detector_config import DetectorConfig
+from mqslam.config.estimator_config import EstimatorConfig
+from mqslam.config.frontend_config import KissIcpConfig, Open3dIcpConfig
+from mqslam.config.graph_config import GraphConfig
+from mqslam.config.loop_config import LoopConfig
+from mqslam.config.map_config import MapConfig
+from mqslam.config.psi_config import PsiConfig
+from mqslam.config.reading import parsed
+from mqslam.config.sensor_config import SensorConfig
+from mqslam.config.tracker_config import TrackerConfig
 from mqslam.errors import ConfigError
-from mqslam.psi.minimiser import EstimatorConfig
-from mqslam.psi.published.equations import PsiConfig
 
-
-class SensorConfig(BaseModel):
-    """What a recording does not say about its radar."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-    range_resolution_m: float | None = Field(
-        None, gt=0.0, description="length of a range bin [m]; null takes the recording's or its format's"
-    )
-    doppler_beta: float | None = Field(
-        None,
-        description="range shift per closing speed [s], signed by the chirp, about 0.049 on the Oxford unit; "
-        "null measures it by psi",
-    )
-    clockwise: bool | None = Field(
-        None,
-        description="whether the radar turns clockwise, seen from above, where azimuths carry no angles; null takes the "
-        "format's default, clockwise in all of them",
-    )
-    stamp: Literal["start", "end"] | None = Field(
-        None,
-        description="which instant of a revolution its only stamp is, where azimuths carry no stamps; null takes the "
-        "format's default: end in mulran, radiate and images on a bag's /radar/polar (MulRan's player), start in other bags",
-    )
-
-
-class TrackerConfig(BaseModel):
-    """Settings of odometry by psi over a running map."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-    keyframe_m: float = Field(
-        8.0, gt=0.0, description="a revolution joins the map after this much travel [m], sooner while the map is young"
-    )
-    keyframe_rad: float = Field(0.1, gt=0.0, description="or after this much turning [rad]")
-    keyframes: int = Field(40, ge=1, description="revolutions the map holds")
-    sigma_position_m: float = Field(0.01, gt=0.0, description="process noise of the start pose per revolution [m]")
-    sigma_yaw: float = Field(0.0003, gt=0.0, description="process noise of the start yaw per revolution [rad]")
-    sigma_vx: float = Field(0.6, gt=0.0, description="jump of forward speed per 0.25 s besides acceleration [m/s]")
-    sigma_vy: float = Field(0.15, gt=0.0, description="change of sideways speed per 0.25 s [m/s]")
-    sigma_omega: float = Field(0.08, gt=0.0, description="jump of yaw rate per 0.25 s besides acceleration [rad/s]")
-    sigma_ax: float = Field(4.0, gt=0.0, description="change of forward acceleration per 0.25 s [m/s^2]")
-    sigma_alpha: float = Field(0.6, gt=0.0, description="change of yaw acceleration per 0.25 s [rad/s^2]")
-    persistence: float = Field(0.9, ge=0.0, le=1.0, description="part of an acceleration that is left after 0.25 s")
-    speed_min: float = Field(-5.0, description="slowest speed of the cold start's search [m/s]")
-    speed_max: float = Field(40.0, description="fastest speed of the cold start's search [m/s]")
-    omega_max: float = Field(1.0, gt=0.0, description="fastest turn of the cold start's search [rad/s]")
-    lost_share: float = Field(
-        0.5, gt=0.0, lt=1.0, description="a matched share below this part of the usual one means the track may be lost"
-    )
-
-
-class KissIcpConfig(BaseModel):
-    """Settings of the KISS-ICP front end."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-    voxel_size_m: float = Field(1.0, gt=0.0, description="voxel of its map [m]; 0.5 to 2.0 measure alike on radar returns")
-    max_range_m: float = Field(100.0, gt=0.0, description="farther returns are dropped [m]")
-    deskew: bool = Field(True, description="whether each return is moved by the last motion")
-    config_file: Path | None = Field(
-        None, description="YAML file of KISS-ICP's own, which takes the place of the settings above; null for those"
-    )
-
-
-class Open3dIcpConfig(BaseModel):
-    """Settings of the Open3D ICP front end."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-    method: Literal["point_to_point", "generalized"] = Field(
-        "point_to_point", description="registration of Open3D's; generalized takes three times as long and drifts no less"
-    )
-    voxel_size_m: float = Field(1.0, gt=0.0, description="voxel of its map [m]; a scan's is half of it")
-    max_range_m: float = Field(100.0, gt=0.0, description="farther returns are dropped [m]")
-    reach_m: float = Field(1.0, gt=0.0, description="farthest correspondence [m], three times that for a first pass")
-    keyframes: int = Field(20, ge=1, description="revolutions the map holds")
-    keyframe_m: float = Field(2.0, ge=0.0, description="a revolution joins the map after this much travel [m]")
-    keyframe_rad: float = Field(0.1, ge=0.0, description="or after this much turning [rad]")
-
-
-class GraphConfig(BaseModel):
-    """Settings of the pose graph."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-    floor_m: float = Field(0.01, gt=0.0, description="least standard deviation of an edge's position [m]")
-    floor_rad: float = Field(0.0003, gt=0.0, description="least standard deviation of an edge's yaw [rad]")
-    cancelling: float = Field(
-        40.0,
-        ge=1.0,
-        description="both ends of an edge are matched to one map, so errors of successive edges cancel: in the graph an "
-        "edge's covariance is divided by this, and the floor says how edges drift together",
-    )
-    huber: float = Field(1.345, gt=0.0, description="residual beyond which an edge's pull grows only linearly [sigma]")
-    odometry_span_s: float = Field(
-        10.0, gt=0.0, description="odometry noise is what it disagrees with psi over this span [s]"
-    )
-
-
-class LoopConfig(BaseModel):
-    """Settings of loop closures."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-    enabled: bool = Field(True, description="whether loops are looked for")
-    rounds: int = Field(2, ge=1, description="searches; each starts from the trajectory the one before has mended")
-    passes: int = Field(1, ge=1, description="earlier passes a revolution is tied to, the nearest first")
-    spacing_m: float = Field(5.0, gt=0.0, description="path between revolutions that are tried and rendered [m]")
-    least_path_m: float = Field(60.0, gt=0.0, description="shorter ways round are odometry, not loops [m]")
-    reach_m: float = Field(12.0, gt=0.0, description="two passes this far apart still see the same things [m]")
-    drift: float = Field(0.005, ge=0.0, description="drift of the trajectory to reckon with, per path [m/m]")
-    drift_rad: float = Field(3e-5, ge=0.0, description="the same for yaw [rad/m]")
-    search_m: float = Field(3.0, gt=0.0, description="least half width of the search [m]")
-    search_rad: float = Field(0.03, gt=0.0, description="the same for yaw [rad]")
-    gate_m: float = Field(40.0, gt=0.0, description="largest half width of the search [m]")
-    gate_rad: float = Field(0.15, gt=0.0, description="the same for yaw [rad]")
-    submap_m: float = Field(15.0, gt=0.0, description="path around a revolution that its submap holds, either way [m]")
-    fewest: int = Field(300, ge=1, description="least returns of a submap")
-    matched: float = Field(0.45, gt=0.0, lt=1.0, description="least share of returns that lie on the other pass")
-    rival: float = Field(1.1, ge=1.0, description="the next best pose must score worse by this factor")
-    sure_m: float = Field(0.3, gt=0.0, description="largest standard deviation of a loop's position [m]")
-    kept: float = Field(1.1, ge=1.0, description="a loop stays if psi under the final poses is within this of its own")
-    floor_m: float = Field(0.05, gt=0.0, description="standard deviation of a loop besides its own: submaps bend [m]")
-    floor_rad: float = Field(0.0015, gt=0.0, description="the same for yaw [rad]")
-    cauchy: float = Field(3.0, gt=0.0, description="residual at which a loop's pull begins to fade [sigma]")
-
-
-class MapConfig(BaseModel):
-    """Settings of the rendered map."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-    cell_m: float = Field(0.2, gt=0.0, description="cell of the nav2 map [m]")
-    travel_m: float = Field(0.1, ge=0.0, description="a revolution nearer to the last rendered one adds nothing [m]")
-    travel_rad: float = Field(0.01, ge=0.0, description="unless it has turned by more than this [rad]")
+__all__ = [
+    "AuditConfig",
+    "Config",
+    "DetectorConfig",
+    "EstimatorConfig",
+    "GraphConfig",
+    "KissIcpConfig",
+    "LoopConfig",
+    "MapConfig",
+    "Open3dIcpConfig",
+    "PsiConfig",
+    "SensorConfig",
+    "TrackerConfig",
+    "changes",
+    "dump_yaml",
+    "explained_yaml",
+    "load_config",
+    "shipped_names",
+]
 
 
 class Config(BaseModel):

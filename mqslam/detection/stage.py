@@ -11,10 +11,11 @@ from typing import Protocol
 
 import numpy as np
 
+from mqslam.config import DetectorConfig
 from mqslam.core.recording import PolarScan, Recording, usual_steps
 from mqslam.core.scans import Returns, Scan
 from mqslam.detection.artefacts import drop_fixed
-from mqslam.detection.detector import DetectorConfig, detect
+from mqslam.detection.detector import detect
 from mqslam.errors import DataError
 from mqslam.execution.engine import Engine
 

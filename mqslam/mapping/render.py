@@ -13,7 +13,7 @@ from mqslam.core.point_map import PointMap
 from mqslam.core.scans import Returns, Scan
 from mqslam.errors import EstimationError
 from mqslam.execution.engine import HERE, Engine
-from mqslam.psi.minimiser import score
+from mqslam.psi.minimiser import final_scale, score
 from mqslam.psi.neighbours import CellGrid, candidates, cell_grid
 from mqslam.psi.place import PointSet
 
@@ -97,5 +97,5 @@ def _scored(
     span = slice(begin, begin + _CHUNK)
     some = PointSet(points.points[span], points.jacobians[span], points.covariances[span], points.times[span])
     lists = candidates(grid, some.points, estimator.s)
-    found = score(some, points, lists, estimator.final, revolution_s, estimator)
+    found = score(some, points, lists, final_scale(estimator), revolution_s, estimator)
     return found.shares, found.matched

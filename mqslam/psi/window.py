@@ -12,13 +12,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import minimum_filter
 
+from mqslam.config import EstimatorConfig
 from mqslam.core import se2
 from mqslam.core.measurement import Status
 from mqslam.core.motion import CONSTANT_TWIST, MotionModel
 from mqslam.core.scans import Returns
 from mqslam.psi.covariance import sandwich_by_differences
 from mqslam.psi.estimator import Evaluation
-from mqslam.psi.minimiser import EstimatorConfig, Minimum, Prior, minimise, score_itself
+from mqslam.psi.minimiser import Minimum, Prior, annealed_scale, final_scale, minimise, score_itself
 from mqslam.psi.observability import loosened, weak_directions
 from mqslam.psi.place import Beam, PointSet, place
 
@@ -83,10 +84,10 @@ def estimate_window(
     points = render(found.state)
 
     def gradient(theta: NDArray[np.float64]) -> NDArray[np.float64]:
-        return score_itself(render(theta), config.final, revolution_s, config).gradient
+        return score_itself(render(theta), final_scale(config), revolution_s, config).gradient
 
     covariance = sandwich_by_differences(found.evaluation, points.points, gradient, found.state, _DIFFERENCE * tolerances)
-    weak = weak_directions(score_itself(points, config.scale(0), revolution_s, config), model.size)
+    weak = weak_directions(score_itself(points, annealed_scale(config, 0), revolution_s, config), model.size)
     if len(weak):
         covariance = loosened(covariance, weak, np.array([SPANS[component] for component in model.components]))
     return WindowMotion(found.state, covariance, found, Status.DEGENERATE if len(weak) else Status.CONVERGED)
@@ -170,4 +171,4 @@ def window_score(
     """The estimator's score of a window under a constant twist (3,), at the widest scale."""
     placed = place(returns, t0, np.zeros(3), twist, CONSTANT_TWIST, beam)
     points = PointSet(placed.points, np.empty((len(returns), 2, 0)), placed.covariances, placed.times)
-    return score_itself(points, config.scale(0), revolution_s, config)
+    return score_itself(points, annealed_scale(config, 0), revolution_s, config)

@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
-from mqslam.audit.judge import Audit, RevisitAudit, WindowAudit
+from mqslam.audit.judge import Audit, RevisitAudit, WindowAudit, torn_threshold
 from mqslam.audit.sweeps import Sweeps
-from mqslam.config.audit import AuditConfig
+from mqslam.config import AuditConfig
 from mqslam.report.canvas import (
     BLUE,
     INK,
@@ -103,7 +103,7 @@ def revisit_figure(sweeps: Sweeps, audit: Audit, settings: AuditConfig) -> bytes
 
 def threshold(settings: AuditConfig | None) -> float:
     """Inflation beyond which a window or a revisit is torn."""
-    return (settings or AuditConfig()).threshold
+    return torn_threshold(settings or AuditConfig())
 
 
 def _colours(limit: float) -> ScalarMappable:

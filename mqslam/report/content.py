@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mqslam.audit.judge import WindowAudit
-from mqslam.config.audit import AuditConfig
+from mqslam.config import AuditConfig
 from mqslam.core.point_map import PointMap
 from mqslam.core.trajectory import Trajectory
 

@@ -13,7 +13,7 @@ from mqslam.audit.inflation import middled, twisted
 from mqslam.audit.judge import Audit, WindowAudit
 from mqslam.audit.revisits import Revisit, passes_of
 from mqslam.audit.sweeps import Sweeps
-from mqslam.config.audit import AuditConfig
+from mqslam.config import AuditConfig
 from mqslam.core import se2
 from mqslam.report.canvas import BLUE, ORANGE, View, common_view, png, square
 from mqslam.report.spots import WORST, Spot, worst_spots

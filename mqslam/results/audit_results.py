@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 import mqslam
-from mqslam.audit.judge import Audit, RevisitAudit, WindowAudit
+from mqslam.audit.judge import Audit, RevisitAudit, WindowAudit, torn_threshold
 from mqslam.audit.sweeps import Sweeps
 from mqslam.config import Config, dump_yaml
 from mqslam.execution.files import write_bytes, write_text
@@ -39,7 +39,7 @@ def summarise(found: Audit, sweeps: Sweeps, config: Config, dataset: Mapping[str
         },
         "trajectory": trajectory,
         "verdict": {"status": found.status, "reasons": found.reasons},
-        "threshold": config.audit.threshold,
+        "threshold": torn_threshold(config.audit),
         "bend_m": config.audit.bend_m,
         "windows": {
             "count": len(found.windows),

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 import mqslam
-from mqslam.audit.judge import WindowAudit
+from mqslam.audit.judge import WindowAudit, torn_threshold
 from mqslam.compare.judgement import Judged, Place
 from mqslam.compare.rows import Row
 from mqslam.config import Config, dump_yaml
@@ -64,7 +64,7 @@ def summarise(
             "compared": revolutions,
         },
         "doppler_beta": config.sensor.doppler_beta,
-        "threshold": config.audit.threshold,
+        "threshold": torn_threshold(config.audit),
         "rows": [_row(row, judged.get(row.name), len(recording), config.audit.overlap) for row in rows],
         "agreement": [
             {"row": a, "against": b, "rmse_m": e.ate_rmse_m, "drift_percent": e.drift_percent, "speed_rms": e.rpe_v_rms}

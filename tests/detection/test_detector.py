@@ -7,9 +7,10 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from support.detector_reference import peaks_reference, targets_reference
 
+from mqslam.config import DetectorConfig
 from mqslam.core.recording import PolarScan
 from mqslam.core.scans import Returns
-from mqslam.detection.detector import DetectorConfig, _peaks, _targets, detect
+from mqslam.detection.detector import _peaks, _targets, detect
 
 BIN_M = 0.1
 AZIMUTHS, BINS = 60, 600

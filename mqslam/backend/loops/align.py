@@ -11,10 +11,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from mqslam.config import EstimatorConfig
 from mqslam.core import se2
 from mqslam.psi.covariance import sandwich
 from mqslam.psi.estimator import Evaluation
-from mqslam.psi.minimiser import EstimatorConfig, Prior, minimise, score
+from mqslam.psi.minimiser import Prior, annealed_scale, final_scale, minimise, score
 from mqslam.psi.neighbours import CellGrid, candidates, cell_grid
 from mqslam.psi.observability import weak_directions
 from mqslam.psi.place import PointSet, turned
@@ -107,6 +108,6 @@ def moved(points: PointSet, pose: se2.Array) -> PointSet:
 
 
 def _scored(reference: PointSet, grid: CellGrid, points: PointSet, config: EstimatorConfig, *, wide: bool) -> Evaluation:
-    scale = config.scale(0) if wide else config.final
+    scale = annealed_scale(config, 0) if wide else final_scale(config)
     lists = candidates(grid, points.points, scale.s)
     return score(points, reference, lists, scale, ANY_TIME, config)

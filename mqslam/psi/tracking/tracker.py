@@ -20,7 +20,7 @@ from mqslam.core.scans import Returns, Scan
 from mqslam.errors import EstimationError
 from mqslam.psi.covariance import sandwich
 from mqslam.psi.estimator import Evaluation, Scale
-from mqslam.psi.minimiser import Minimum, Prior, minimise, score
+from mqslam.psi.minimiser import Minimum, Prior, annealed_scale, final_scale, minimise, score
 from mqslam.psi.neighbours import candidates
 from mqslam.psi.observability import loosened, weak_directions
 from mqslam.psi.place import PointSet, place
@@ -143,14 +143,14 @@ class Tracker:
         if self._out_of_place(found):
             return self._coast(scan, begin, covariance, found)
         self._lost, self._patience = [], _PATIENCE
-        weak = weak_directions(self._evaluate(scan, found.state, self._estimator.scale(0)), 3)
+        weak = weak_directions(self._evaluate(scan, found.state, annealed_scale(self._estimator, 0)), 3)
         if len(weak):
             found = self._minimise(scan, begin, held(Prior(begin, information), weak))
         return self._accept(scan, found, covariance, information, weak)
 
     def score(self, scan: Scan, pose: se2.Array, twist: se2.Array) -> float:
         """psi of a revolution against the map under another start pose (3,) and constant twist (3,)."""
-        return self._evaluate(scan, np.r_[pose, twist, 0.0, 0.0], self._estimator.final).psi
+        return self._evaluate(scan, np.r_[pose, twist, 0.0, 0.0], final_scale(self._estimator)).psi
 
     def _accept(
         self,

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from mqslam.audit.judge import Audit, WindowAudit
+from mqslam.audit.judge import Audit, WindowAudit, torn_threshold
 from mqslam.audit.sweeps import Sweeps
-from mqslam.config.audit import AuditConfig
+from mqslam.config import AuditConfig
 from mqslam.core.evenly import evenly
 from mqslam.report.canvas import BLUE, RED
 from mqslam.report.crops import crop_of
@@ -64,7 +64,7 @@ def _place(sweeps: Sweeps, spot: Spot, settings: AuditConfig) -> Place:
 def _charts(sweeps: Sweeps, audit: Audit, settings: AuditConfig) -> tuple[Chart, ...]:
     charts = []
     if audit.windows:
-        charts.append(inflation_chart([("inflation", tuple(audit.windows), BLUE)], settings.threshold))
+        charts.append(inflation_chart([("inflation", tuple(audit.windows), BLUE)], torn_threshold(settings)))
     curves = []
     for torn, colour, name in ((False, BLUE, "revisits"), (True, RED, "revisits: torn")):
         shown = [r.revisit for r in audit.revisits if r.revisit.sure and r.torn is torn]

@@ -7,8 +7,8 @@ import itertools
 import numpy as np
 from numpy.typing import NDArray
 
-from mqslam.audit.judge import WindowAudit
-from mqslam.config.audit import AuditConfig
+from mqslam.audit.judge import WindowAudit, torn_threshold
+from mqslam.config import AuditConfig
 from mqslam.core import se2
 from mqslam.core.point_map import PointMap
 from mqslam.core.trajectory import Trajectory
@@ -100,7 +100,7 @@ def _charts(report: Report) -> tuple[Chart, ...]:
     curves.append(Curve("ψ at its minimum", BLUE, times, windows.psi_minimum / points))
     charts = [Chart("ψ per point of a window", tuple(curves))]
     if checks:
-        charts.append(inflation_chart([("inflation", checks, BLUE)], report.settings.threshold))
+        charts.append(inflation_chart([("inflation", checks, BLUE)], torn_threshold(report.settings)))
     return tuple(charts)
 
 
@@ -122,8 +122,8 @@ def inflation_chart(rows: list[tuple[str, tuple[WindowAudit, ...], str]], thresh
 def torn_means(settings: AuditConfig) -> str:
     """When a window is torn, for those who see dots beyond the threshold."""
     return (
-        f"A window is torn where its inflation is above {settings.threshold:.1f} and its correction moves its points by "
-        f"more than {length(settings.bend_m)}. "
+        f"A window is torn where its inflation is above {torn_threshold(settings):.1f} and its correction moves its "
+        f"points by more than {length(settings.bend_m)}. "
     )
 
 

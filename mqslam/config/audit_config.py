@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from pydantic import BaseModel, ConfigDict, Field
-from scipy.stats import chi2
 
 
 class AuditConfig(BaseModel):
@@ -37,8 +36,3 @@ class AuditConfig(BaseModel):
     rival: float = Field(1.1, ge=1.0, description="the next best offset must score worse by this factor")
     torn_m: float = Field(0.5, gt=0.0, description="smaller offsets between two passes are not torn [m]")
     torn_rad: float = Field(0.02, gt=0.0, description="unless they are turned by more than this [rad]")
-
-    @property
-    def threshold(self) -> float:
-        """Inflation beyond which a window or a revisit is bent by more than chance, with three degrees of freedom."""
-        return float(chi2.ppf(self.probability, 3))
