@@ -28,6 +28,7 @@ test: $(READY) lint
 
 lint: $(READY) types
 	$(BIN)/ruff check .
+	cd $(TYPED) && $(CURDIR)/$(BIN)/lint-imports --config $(CURDIR)/pyproject.toml
 
 types: $(READY)
 	rm -rf build && $(BIN)/pip install --quiet --disable-pip-version-check --no-deps --target $(TYPED) .

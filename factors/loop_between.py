@@ -5,9 +5,9 @@ from __future__ import annotations
 import gtsam
 import numpy as np
 
-from mqslam.backend.loops.search import Loop
 from mqslam.config import LoopConfig
 from mqslam.core import se2
+from mqslam.core.measurement import Loop
 
 
 def loop_between(a: int, b: int, loop: Loop, config: LoopConfig) -> gtsam.BetweenFactorPose2:

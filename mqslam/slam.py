@@ -18,22 +18,23 @@ from numpy.typing import NDArray
 
 from mqslam.audit.judge import WindowAudit
 from mqslam.audit.sample import judged_sample
-from mqslam.backend.loops.search import Loop, find_loops, kept_by_map
+from mqslam.backend.loops.search import find_loops, kept_by_map
 from mqslam.backend.loops.submap import Drive
 from mqslam.backend.pose_graph import PoseGraph, chain, optimise, pose_graph, poses_of
 from mqslam.config import Config
 from mqslam.core import frontend as frontends
 from mqslam.core import se2
 from mqslam.core.frontend import Context
-from mqslam.core.measurement import Measurement
+from mqslam.core.measurement import Loop, Measurement
 from mqslam.core.point_map import PointMap
 from mqslam.core.recording import Recording
 from mqslam.core.scans import Scan
 from mqslam.core.trajectory import Trajectory
-from mqslam.detection.stage import Progress, detect_all
+from mqslam.detection.stage import detect_all
 from mqslam.errors import DataError
 from mqslam.execution.checkpoint import Checkpoint
 from mqslam.execution.engine import Engine
+from mqslam.execution.progress import Progress
 from mqslam.factors.loop_between import loop_between
 from mqslam.factors.odometry_between import odometry_between, odometry_covariance
 from mqslam.factors.psi_between import psi_between

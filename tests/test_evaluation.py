@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 
 from mqslam.core import se2
-from mqslam.core.trajectory import Trajectory, write_tum
+from mqslam.core.trajectory import Trajectory
 from mqslam.evaluation import alignment, evaluate
+from mqslam.formats.tum import write_tum
 
 JUDGE = Path(__file__).resolve().parents[2] / "shared" / "tools" / "score_run.py"
 PERIOD_US = 250_000

@@ -31,7 +31,6 @@ from mqslam.cli import main
 from mqslam.config import Config
 from mqslam.core import se2
 from mqslam.core.recording import Recording
-from mqslam.core.trajectory import read_tum
 from mqslam.detection import stage as detection
 from mqslam.detection.stage import detect_all
 from mqslam.errors import DataError
@@ -39,6 +38,7 @@ from mqslam.execution import engine
 from mqslam.execution.checkpoint import FOLDER
 from mqslam.execution.engine import HERE, LocalEngine
 from mqslam.formats.recordings import FORMATS, open_recording
+from mqslam.formats.tum import read_tum
 from mqslam.formats.writing import oxford as writer
 from mqslam.simulator import SensorModel, SimulatedRecording, loop_drive, simulated_recording, street_scene
 

@@ -22,7 +22,8 @@ from support.drives import street_drive
 from mqslam.backend.pose_graph import chain
 from mqslam.config import Config
 from mqslam.core.frontend import Context
-from mqslam.core.trajectory import write_kitti, write_tum
+from mqslam.formats.trajectories import write_kitti
+from mqslam.formats.tum import write_tum
 from mqslam.simulator import simulate
 
 ROOT = Path(__file__).parents[1]

@@ -14,8 +14,8 @@ from mqslam.audit.revisits import Revisit, revisit, revisit_pairs
 from mqslam.audit.sweeps import Sweeps
 from mqslam.config import AuditConfig, Config
 from mqslam.core import se2
-from mqslam.detection.stage import Progress
 from mqslam.execution.engine import Engine
+from mqslam.execution.progress import Progress
 
 WARN_WINDOWS, FAIL_WINDOWS = 0.05, 0.2  # shares of windows that are torn
 WARN_REVISITS, FAIL_REVISITS = 0.02, 0.1  # shares of revisits that are torn

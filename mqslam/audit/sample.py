@@ -13,9 +13,9 @@ from mqslam.config import Config
 from mqslam.core.evenly import evenly
 from mqslam.core.scans import Scan
 from mqslam.core.trajectory import Trajectory
-from mqslam.detection.stage import Progress
 from mqslam.errors import EstimationError
 from mqslam.execution.engine import Engine
+from mqslam.execution.progress import Progress
 
 MOST = 100  # windows of a run that are judged
 

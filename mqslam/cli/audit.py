@@ -14,8 +14,8 @@ if TYPE_CHECKING:
     from mqslam.audit.sources import Source
     from mqslam.config import Config
     from mqslam.core.trajectory import Trajectory
-    from mqslam.detection.stage import Progress
     from mqslam.execution.engine import Engine
+    from mqslam.execution.progress import Progress
 
 
 def audit(
@@ -60,10 +60,11 @@ def audit(
     from mqslam.audit.sources import LIDAR_CONFIG, is_cloud, sweeps_of, sweeps_of_cloud
     from mqslam.cli.progress import print_notes, progress
     from mqslam.config import load_config
+    from mqslam.execution.folders import check_free, whole_folder
     from mqslam.execution.workers import chosen
     from mqslam.formats.clouds import read_cloud
+    from mqslam.report.audit_page import write_audit_pages
     from mqslam.results.audit_results import plain, summarise, write_audit
-    from mqslam.results.run_results import check_free, whole_folder
 
     check_free(out, force=force, recording=data)
     console = Console(stderr=True, markup=False)
@@ -84,7 +85,8 @@ def audit(
         found = judged(sweeps, settings, engine, show)
     summary = summarise(found, sweeps, settings, {"format": kind, "path": str(data)}, trajectory or "recording")
     with whole_folder(out) as folder:
-        write_audit(folder, data.resolve().name, found, sweeps, settings, summary, notes)
+        write_audit(folder, settings, summary)
+        write_audit_pages(folder, data.resolve().name, found, sweeps, settings, summary, notes)
     if as_json:
         typer.echo(json.dumps(plain(summary), indent=1))
     elif not quiet:

@@ -40,6 +40,8 @@ def batch(
     from mqslam.commands.batch_schedule import AGAIN, run_all
     from mqslam.errors import ClusterError
     from mqslam.execution.workers import chosen
+    from mqslam.formats.tum import read_tum
+    from mqslam.report.batch_page import write_batch_report
     from mqslam.results.batch_results import check_batch, summarise, write_batch
 
     orders, plan = read_plan(runs)
@@ -54,7 +56,9 @@ def batch(
         error.add_note(AGAIN)
         raise
     summary = summarise(orders, outcomes)
-    write_batch(out, runs.stem, summary, plan)
+    write_batch(out, summary)
+    tracks = {run["name"]: read_tum(out / run["trajectory"]) for run in summary["runs"] if run["trajectory"]}
+    write_batch_report(out / "report.html", runs.stem, summary, tracks, plan)
     if as_json:
         typer.echo(json.dumps(summary, indent=1))
     elif not quiet:

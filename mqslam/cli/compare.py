@@ -65,15 +65,16 @@ def compare(
     from mqslam.commands.opening import choose_odometry, opened
     from mqslam.compare.judgement import agreement, enough_in_common, judge, places, stations
     from mqslam.compare.rows import front_end_rows
-    from mqslam.config import load_config
+    from mqslam.config import dump_yaml, load_config
     from mqslam.core.frontend import Context, load
     from mqslam.detection.stage import detect_all, scans_of, unread_warnings
     from mqslam.errors import EstimationError
     from mqslam.execution.checkpoint import run_key, unfinished
+    from mqslam.execution.folders import check_free, whole_folder
     from mqslam.execution.workers import chosen
     from mqslam.psi.tracking.doppler import with_doppler
+    from mqslam.report.compare_page import CompareReport, write_compare_pages
     from mqslam.results.compare_results import summarise, table, write_compare
-    from mqslam.results.run_results import check_free, whole_folder
 
     settings = _settings(load_config(config), kiss_config)
     names = _names(frontends)
@@ -119,7 +120,22 @@ def compare(
         summary = summarise(recording, settings, rows, judged, where, pairs, len(common))
         with whole_folder(out) as folder:
             notes = [*_failures(rows), *notes]
-            write_compare(folder, recording, settings, summary, rows, judged, where, along, pairs, notes)
+            write_compare(folder, settings, summary, rows)
+            report = CompareReport(
+                title=recording.path.resolve().name,
+                summary=summary,
+                rows=tuple(judged.values()),
+                failed=tuple(row for row in rows if row.failure is not None),
+                places=tuple(where),
+                stations=tuple(along),
+                start_us=recording.start_us,
+                agreement=tuple(pairs),
+                ground_truth=recording.ground_truth,
+                table=tuple(tuple(line) for line in table(summary)),
+                warnings=tuple(notes),
+                settings_yaml=dump_yaml(settings),
+            )
+            write_compare_pages(folder, report)
     if as_json:
         typer.echo(json.dumps(summary, indent=1))
     elif not quiet:

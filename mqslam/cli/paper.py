@@ -55,8 +55,8 @@ def figures(
 
     Example: mqslam paper figures --out figures
     """
+    from mqslam.execution.folders import check_free
     from mqslam.psi.published.paper_figures import write_figures
-    from mqslam.results.run_results import check_free
 
     check_free(out, force=force)
     found = write_figures(out, seed)

@@ -69,8 +69,8 @@ def run(
     from mqslam.cli.progress import print_notes, progress
     from mqslam.commands.job import execute, job_of
     from mqslam.config import load_config
+    from mqslam.execution.folders import check_free
     from mqslam.execution.workers import chosen
-    from mqslam.results.run_results import check_free
 
     settings = load_config(config)
     check_free(out, force=force, resume=resume, recording=data)

@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
 from pathlib import Path
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from mqslam.config import Config, load_config, shipped_names
+from mqslam.config import load_config, shipped_names
 from mqslam.config.reading import parsed
 from mqslam.core import frontend as frontends
 from mqslam.errors import ConfigError
+from mqslam.results.batch_results import Order
 
 
 class PlannedRun(BaseModel):
@@ -32,25 +32,6 @@ class Plan(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
 
     runs: list[PlannedRun] = Field(min_length=1, description="what to run")
-
-
-@dataclass(frozen=True, slots=True)
-class Order:
-    """A run to be done.
-
-    Args:
-        name: folder of its results, in the batch's.
-        data: the recording, as an absolute path.
-        frontend: name of the front end.
-        odometry: `auto`, `none` or the absolute path of a file.
-        settings: all settings.
-    """
-
-    name: str
-    data: Path
-    frontend: str
-    odometry: str
-    settings: Config
 
 
 def read_plan(path: Path) -> tuple[list[Order], str]:

@@ -5,31 +5,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
-from mqslam.commands.batch_plan import Order
 from mqslam.commands.job import Job, execute, finished, job_of
-from mqslam.detection.stage import Progress, silent
 from mqslam.errors import MqslamError, OutputError, said
 from mqslam.execution.engine import DIED, Engine, LocalEngine
-from mqslam.results.run_results import check_free
+from mqslam.execution.folders import check_free
+from mqslam.execution.progress import Progress, silent
+from mqslam.results.batch_results import Order, Outcome
 
 AGAIN = "the same command goes on with it"
-
-
-@dataclass(frozen=True, slots=True)
-class Outcome:
-    """What became of a run.
-
-    Args:
-        summary: content of its summary.json, or None.
-        failure: why there is none, or None.
-        kept: whether it was finished before.
-    """
-
-    summary: dict[str, Any] | None = None
-    failure: str | None = None
-    kept: bool = False
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,10 +12,13 @@ from mqslam.commands.opening import choose_odometry, opened
 from mqslam.config import Config
 from mqslam.core.recording import Recording
 from mqslam.core.trajectory import Trajectory
-from mqslam.detection.stage import Progress
 from mqslam.execution.checkpoint import HOW, run_key, unfinished
 from mqslam.execution.engine import Engine
-from mqslam.results.run_results import whole_folder, write_run
+from mqslam.execution.folders import whole_folder
+from mqslam.execution.progress import Progress
+from mqslam.report.content import report_of
+from mqslam.report.run_page import write_report
+from mqslam.results.run_results import write_run
 from mqslam.results.summary import run_warnings, summarise
 from mqslam.slam import Slam, Watch
 
@@ -98,7 +101,8 @@ def execute(
         summary = {**summarise(result, job.recording), "run_key": job.key}
         warnings = [*run_warnings(result, job.recording), *job.notes]
         with whole_folder(out) as folder:
-            write_run(folder, result, job.recording, summary, warnings, log_text(summary, job.log, warnings))
+            write_run(folder, result, summary, log_text(summary, job.log, warnings))
+            write_report(folder / "report.html", report_of(result, job.recording, summary, warnings))
     return summary, warnings
 
 

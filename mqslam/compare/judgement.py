@@ -18,12 +18,11 @@ from mqslam.core.evenly import evenly
 from mqslam.core.point_map import PointMap, thinned
 from mqslam.core.scans import Scan
 from mqslam.core.trajectory import Trajectory
-from mqslam.detection.stage import Progress
 from mqslam.errors import EstimationError
 from mqslam.evaluation import Evaluation, evaluate
 from mqslam.execution.engine import Engine
+from mqslam.execution.progress import Progress
 from mqslam.mapping.render import render
-from mqslam.results.summary import matched, per_point
 
 STATIONS = 60  # that can be looked at
 PLACES = 6  # that are shown, where the rows differ most
@@ -155,8 +154,8 @@ def judge(
     return Judged(
         row=row,
         map=rendered.take(thinned(rendered.points, _MAP_POINTS)),
-        psi_per_point=per_point(rendered),
-        matched=matched(rendered),
+        psi_per_point=rendered.psi_per_point,
+        matched=rendered.matched_share,
         audit=audit(sweeps, config, engine, progress),
         before=None if truth is None else evaluate(row.odometry, truth),
         after=None if truth is None else evaluate(row.trajectory, truth),

@@ -16,9 +16,9 @@ from mqslam.core.frontend import Context
 from mqslam.core.measurement import Measurement
 from mqslam.core.scans import Scan
 from mqslam.core.trajectory import Trajectory
-from mqslam.detection.stage import Progress, silent
 from mqslam.errors import said
 from mqslam.execution.engine import DIED, Engine, LocalEngine
+from mqslam.execution.progress import Progress, silent
 from mqslam.slam import Slam
 
 

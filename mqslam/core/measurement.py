@@ -8,6 +8,8 @@ from enum import StrEnum
 import numpy as np
 from numpy.typing import NDArray
 
+from mqslam.core import se2
+
 
 class Status(StrEnum):
     """How far a measurement can be trusted."""
@@ -42,3 +44,23 @@ class Measurement:
     psi_odometry: float = float("nan")
     points: int = 0
     matched: float = float("nan")
+
+
+@dataclass(frozen=True, slots=True)
+class Loop:
+    """A place passed twice.
+
+    Args:
+        earlier, later: indices of the two revolutions.
+        pose: (3,) of the later one in the frame of the earlier.
+        covariance: (3, 3) of it [m, m, rad].
+        matched: share of the later pass's returns that lie on the earlier one's.
+        psi: score per point of the two passes laid on each other.
+    """
+
+    earlier: int
+    later: int
+    pose: se2.Array
+    covariance: NDArray[np.float64]
+    matched: float
+    psi: float

@@ -1,18 +1,11 @@
-"""A rendered map: every return of a run placed in the world by a trajectory."""
+"""Maps: every return of a run placed in the world by a trajectory, and the cells that hold some."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-
-from mqslam.errors import DataError
-from mqslam.execution.files import written_whole
-
-_VERTEX = [("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("intensity", "<f4"), ("time", "<f8"), ("psi", "<f4")]
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,6 +28,16 @@ class PointMap:
 
     def __len__(self) -> int:
         return len(self.points)
+
+    @property
+    def psi_per_point(self) -> float:
+        """Score per point, charges for unmatched points included."""
+        return float(self.psi.mean()) if len(self) else float("nan")
+
+    @property
+    def matched_share(self) -> float:
+        """Share of points with a neighbour from another revolution."""
+        return float(self.matched.mean()) if len(self) else 0.0
 
     def take(self, chosen: NDArray[np.int64]) -> PointMap:
         """The points of indices (M,)."""
@@ -61,36 +64,16 @@ def thinned(points: NDArray[np.float64], most: int) -> NDArray[np.int64]:
     return taken(high)
 
 
-def write_ply(path: Path, pointmap: PointMap) -> None:
-    """Write a binary little-endian PLY with the vertex properties x, y, z, intensity, time and psi; z is 0.
+@dataclass(frozen=True, slots=True)
+class OccupancyGrid:
+    """Cells in which the radar saw something.
 
-    Open3D's tensor reader (`open3d.t.io.read_point_cloud`) keeps all of them; time is a double, the rest are floats.
-
-    Raises:
-        OutputError: the file cannot be written.
+    Args:
+        occupied: (H, W) bool, row 0 at the lowest y, column 0 at the lowest x.
+        resolution: side of a cell [m].
+        origin: x, y [m] of the lower left corner of cell (0, 0), world frame.
     """
-    from plyfile import PlyData, PlyElement
 
-    vertices = np.zeros(len(pointmap), dtype=_VERTEX)
-    vertices["x"], vertices["y"] = pointmap.points.T
-    vertices["intensity"] = pointmap.intensities
-    vertices["time"] = pointmap.times
-    vertices["psi"] = pointmap.psi
-    with written_whole(path) as aside:
-        PlyData([PlyElement.describe(vertices, "vertex")], byte_order="<").write(str(aside))
-
-
-def read_ply(path: Path, names: Sequence[str]) -> dict[str, NDArray[np.float64]]:
-    """Vertex properties (N,) of a run's PLY by name.
-
-    Raises:
-        DataError: unreadable, or without one of them.
-    """
-    from plyfile import PlyData, PlyParseError
-
-    try:
-        vertices = PlyData.read(str(path))["vertex"]
-        return {name: np.asarray(vertices[name], dtype=np.float64) for name in names}
-    except (OSError, ValueError, KeyError, PlyParseError) as error:
-        problem = f"is not a readable PLY with {', '.join(names)} ({error})"
-        raise DataError(path, problem, "give the folder of a finished run") from error
+    occupied: NDArray[np.bool_]
+    resolution: float
+    origin: tuple[float, float]

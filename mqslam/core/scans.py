@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
+
+from mqslam.errors import DataError
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,3 +57,19 @@ class Scan:
     t0: float
     t1: float
     returns: Returns
+
+
+@dataclass(frozen=True, slots=True)
+class Detected:
+    """What a stretch of revolutions holds and what that cost.
+
+    Args:
+        returns: of each revolution; none of one that could not be read.
+        unread: why a revolution could not be read, by its number in the recording.
+        read_s, detect_s: seconds spent.
+    """
+
+    returns: list[Returns]
+    unread: dict[int, DataError] = field(default_factory=dict)
+    read_s: float = 0.0
+    detect_s: float = 0.0

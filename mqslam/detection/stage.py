@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import logging
 import time
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
+from collections.abc import Iterator
 from socket import gethostname
 from typing import Protocol
 
@@ -13,37 +12,19 @@ import numpy as np
 
 from mqslam.config import DetectorConfig
 from mqslam.core.recording import PolarScan, Recording, usual_steps
-from mqslam.core.scans import Returns, Scan
+from mqslam.core.scans import Detected, Returns, Scan
 from mqslam.detection.artefacts import drop_fixed
 from mqslam.detection.detector import detect
 from mqslam.errors import DataError
 from mqslam.execution.engine import Engine
+from mqslam.execution.progress import Progress
 
 _log = logging.getLogger(__name__)
-Progress = Callable[[str, int, int], None]  # stage, done, total
+
+
 _CHUNK = 40  # revolutions a worker takes at a time
 _MOST_UNREAD = 0.5  # share of revolutions above which there is nothing to go on with
 _LISTED = 3  # files that a report on unread revolutions names
-
-
-def silent(stage: str, done: int, total: int) -> None:
-    """Progress that nobody sees."""
-
-
-@dataclass(frozen=True, slots=True)
-class Detected:
-    """What a stretch of revolutions holds and what that cost.
-
-    Args:
-        returns: of each revolution; none of one that could not be read.
-        unread: why a revolution could not be read, by its number in the recording.
-        read_s, detect_s: seconds spent.
-    """
-
-    returns: list[Returns]
-    unread: dict[int, DataError] = field(default_factory=dict)
-    read_s: float = 0.0
-    detect_s: float = 0.0
 
 
 def detect_stretch(

@@ -21,13 +21,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 import mqslam
-from mqslam.backend.loops.search import Loop
 from mqslam.config import Config, dump_yaml
-from mqslam.core.measurement import Measurement, Status
+from mqslam.core.measurement import Loop, Measurement, Status
 from mqslam.core.recording import Recording
-from mqslam.core.scans import Returns
+from mqslam.core.scans import Detected, Returns
 from mqslam.core.trajectory import Trajectory
-from mqslam.detection.stage import Detected
 from mqslam.errors import ClusterError, DataError, MqslamError, OutputError
 from mqslam.execution.files import write_text, written_whole
 

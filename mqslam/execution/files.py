@@ -44,18 +44,3 @@ def write_bytes(path: Path, content: bytes) -> None:
     """Write a file whole or not at all."""
     with written_whole(path) as aside:
         aside.write_bytes(content)
-
-
-def new_folder(path: Path) -> Path:
-    """Make an output folder that must not hold anything yet.
-
-    Raises:
-        OutputError: it exists with content, is a file, or cannot be made.
-    """
-    if path.exists() and (not path.is_dir() or any(path.iterdir())):
-        raise OutputError(f"{path}: exists already; choose another --out or remove it")
-    try:
-        path.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise OutputError(f"{path}: cannot be made ({error.strerror}); choose another --out") from error
-    return path

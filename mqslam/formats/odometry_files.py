@@ -8,9 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mqslam.core import se2
-from mqslam.core.trajectory import Trajectory, checked, read_tum
+from mqslam.core.trajectory import Trajectory
 from mqslam.errors import DataError
+from mqslam.formats.shared.poses import checked
 from mqslam.formats.shared.stamps import microseconds
+from mqslam.formats.tum import read_tum
 
 _LATEST_US = 2.0**62
 

@@ -10,10 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mqslam.core import se2
-from mqslam.core.trajectory import Trajectory, checked, read_tum, yaw_of_quaternion
+from mqslam.core.trajectory import Trajectory
 from mqslam.errors import DataError
+from mqslam.execution.files import write_text
 from mqslam.formats.shared import bags
+from mqslam.formats.shared.poses import checked, yaw_of_quaternion
 from mqslam.formats.shared.stamps import microseconds, time_unit
+from mqslam.formats.tum import read_tum
 
 _KNOWN = "give TUM, KITTI with a file of times, a CSV whose header names t, x, y and yaw or qx, qy, qz, qw, or a bag"
 _YAWS = ("yaw", "theta", "heading")
@@ -162,3 +165,12 @@ def _read_bag(path: Path, topic: str | None) -> Trajectory:
     if trajectory is None:
         raise DataError(path, f"holds no two poses at different times on {chosen[0]}", "name another topic")
     return trajectory
+
+
+def write_kitti(path: Path, trajectory: Trajectory) -> None:
+    """Write the first three rows of every pose's 4x4 matrix, 12 numbers a line, as evo reads it: x-y plane, no stamps."""
+    lines = []
+    for x, y, yaw in trajectory.poses.tolist():
+        c, s = np.cos(yaw), np.sin(yaw)
+        lines.append(f"{c:.9f} {-s:.9f} 0 {x:.6f} {s:.9f} {c:.9f} 0 {y:.6f} 0 0 1 0\n")
+    write_text(path, "".join(lines))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any, Final
@@ -12,8 +12,8 @@ import numpy as np
 from mqslam.audit.judge import Audit
 from mqslam.audit.measures import Measures
 from mqslam.audit.sweeps import Sweeps
-from mqslam.config import Config
-from mqslam.execution.files import write_text
+from mqslam.config import Config, dump_yaml
+from mqslam.execution.files import write_bytes, write_text
 from mqslam.report.audit_figures import EXPECTED, heat_map, inflation_figure, revisit_figure, threshold
 from mqslam.report.crops import Crop, crop_pictures, crops
 from mqslam.report.explorers.audit_explorer import audit_explorer
@@ -35,7 +35,7 @@ from mqslam.report.page import (
 )
 from mqslam.report.spots import direction, length, of_window, rank, three, worst_spots
 
-__all__ = ["AuditReport", "Crop", "crops", "heat_map", "write_audit_report"]
+__all__ = ["AuditReport", "Crop", "crops", "heat_map", "write_audit_pages", "write_audit_report"]
 
 _MEASURES: Final = {
     "map_entropy": ("mean map entropy", " nat"),
@@ -68,6 +68,36 @@ class AuditReport:
     crops: tuple[Crop, ...]
     warnings: tuple[str, ...]
     settings_yaml: str
+
+
+def write_audit_pages(
+    folder: Path,
+    title: str,
+    found: Audit,
+    sweeps: Sweeps,
+    config: Config,
+    summary: Mapping[str, Any],
+    warnings: Sequence[str],
+) -> None:
+    """Write an audit's heat map and its report into an existing folder.
+
+    Raises:
+        OutputError: a file cannot be written.
+    """
+    write_bytes(folder / "heatmap.png", heat_map(sweeps, found, config.audit))
+    write_audit_report(
+        folder / "report.html",
+        AuditReport(
+            title=title,
+            summary=summary,
+            sweeps=sweeps,
+            audit=found,
+            config=config,
+            crops=crops(sweeps, found, config.audit),
+            warnings=tuple(warnings),
+            settings_yaml=dump_yaml(config),
+        ),
+    )
 
 
 def write_audit_report(path: Path, report: AuditReport) -> None:

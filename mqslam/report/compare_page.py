@@ -11,7 +11,7 @@ from mqslam.compare.judgement import Judged, Place
 from mqslam.compare.rows import Row
 from mqslam.core.trajectory import Trajectory
 from mqslam.evaluation import Evaluation
-from mqslam.execution.files import write_text
+from mqslam.execution.files import write_bytes, write_text
 from mqslam.report.audit_figures import threshold
 from mqslam.report.compare_figures import inflation_chart, overlay, place_pictures, revisit_chart
 from mqslam.report.explorers.compare_explorer import compare_explorer
@@ -31,7 +31,7 @@ from mqslam.report.page import (
 )
 from mqslam.report.spots import length
 
-__all__ = ["CompareReport", "overlay", "write_compare_report"]
+__all__ = ["CompareReport", "overlay", "write_compare_pages", "write_compare_report"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,6 +65,16 @@ class CompareReport:
     table: tuple[tuple[str, ...], ...]
     warnings: tuple[str, ...]
     settings_yaml: str
+
+
+def write_compare_pages(folder: Path, report: CompareReport) -> None:
+    """Write a comparison's picture of all trajectories and its report into an existing folder.
+
+    Raises:
+        OutputError: a file cannot be written.
+    """
+    write_bytes(folder / "overlay.png", overlay(report.rows, report.ground_truth))
+    write_compare_report(folder / "report.html", report)
 
 
 def write_compare_report(path: Path, report: CompareReport) -> None:

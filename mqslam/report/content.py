@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -10,9 +10,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mqslam.audit.judge import WindowAudit
-from mqslam.config import AuditConfig
+from mqslam.backend.pose_graph import marginals
+from mqslam.config import AuditConfig, dump_yaml
+from mqslam.core.evenly import evenly
+from mqslam.core.measurement import Measurement
 from mqslam.core.point_map import PointMap
+from mqslam.core.recording import Recording
 from mqslam.core.trajectory import Trajectory
+from mqslam.slam import Run
+
+_ELLIPSES = 150  # poses whose covariance the report shows
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,3 +87,46 @@ class Report:
     covariances: NDArray[np.float64]
     warnings: tuple[str, ...]
     settings_yaml: str
+
+
+def window_scores(measurements: Sequence[Measurement]) -> WindowScores:
+    """The measurements as the report plots them."""
+    return WindowScores(
+        t0=np.array([m.t0 for m in measurements]),
+        t1=np.array([m.t1 for m in measurements]),
+        psi_minimum=np.array([m.psi for m in measurements]),
+        psi_odometry=np.array([m.psi_odometry for m in measurements]),
+        points=np.array([m.points for m in measurements], dtype=np.int64),
+        matched=np.array([m.matched for m in measurements]),
+        status=tuple(m.status.value for m in measurements),
+    )
+
+
+def report_of(run: Run, recording: Recording, summary: Mapping[str, Any], warnings: Sequence[str]) -> Report:
+    """A run as its report shows it.
+
+    Args:
+        run: what came of it.
+        recording: what it was made from.
+        summary: content of summary.json.
+        warnings: what the reader has to know before the numbers.
+    """
+    sure = evenly(run.graph.size, _ELLIPSES)
+    return Report(
+        title=recording.path.resolve().name,
+        summary=summary,
+        odometry=run.odometry,
+        optimised=run.optimised,
+        ground_truth=recording.ground_truth,
+        map_odometry=run.map_odometry,
+        map_optimised=run.map_optimised,
+        windows=window_scores(run.measurements),
+        before=run.before,
+        checks=tuple(run.checks),
+        settings=run.config.audit,
+        loops=np.array([(loop.earlier, loop.later) for loop in run.loops], dtype=np.int64).reshape(-1, 2),
+        sure=sure,
+        covariances=marginals(run.graph, run.values, sure.tolist()),
+        warnings=tuple(warnings),
+        settings_yaml=dump_yaml(run.config),
+    )

@@ -15,8 +15,7 @@ import mqslam
 from mqslam.audit.judge import Audit, RevisitAudit, WindowAudit, torn_threshold
 from mqslam.audit.sweeps import Sweeps
 from mqslam.config import Config, dump_yaml
-from mqslam.execution.files import write_bytes, write_text
-from mqslam.report.audit_page import AuditReport, crops, heat_map, write_audit_report
+from mqslam.execution.files import write_text
 
 
 def summarise(found: Audit, sweeps: Sweeps, config: Config, dataset: Mapping[str, Any], trajectory: str) -> dict[str, Any]:
@@ -100,32 +99,15 @@ def _revisit(found: RevisitAudit, sweeps: Sweeps) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def write_audit(
-    folder: Path, title: str, found: Audit, sweeps: Sweeps, config: Config, summary: dict[str, Any], warnings: Sequence[str]
-) -> None:
-    """Write every result file of an audit into an existing folder.
+def write_audit(folder: Path, config: Config, summary: Mapping[str, Any]) -> None:
+    """Write every result file of an audit but its pictures and its report into an existing folder.
 
     Raises:
         OutputError: a file cannot be written.
     """
-    settings = dump_yaml(config)
-    write_text(folder / "config.yaml", settings)
+    write_text(folder / "config.yaml", dump_yaml(config))
     write_text(folder / "audit.csv", _csv(summary["per_window"]))
     write_text(folder / "revisits.csv", _csv(summary["per_revisit"]))
-    write_bytes(folder / "heatmap.png", heat_map(sweeps, found, config.audit))
-    write_audit_report(
-        folder / "report.html",
-        AuditReport(
-            title=title,
-            summary=summary,
-            sweeps=sweeps,
-            audit=found,
-            config=config,
-            crops=crops(sweeps, found, config.audit),
-            warnings=tuple(warnings),
-            settings_yaml=settings,
-        ),
-    )
     write_text(folder / "audit.json", json.dumps(plain(summary), indent=1) + "\n")
 
 

@@ -5,17 +5,15 @@ from __future__ import annotations
 import csv
 import io
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import mqslam
-from mqslam.commands.batch_plan import Order
-from mqslam.commands.batch_schedule import Outcome
-from mqslam.core.trajectory import read_tum
+from mqslam.config import Config
 from mqslam.errors import OutputError
 from mqslam.execution.files import write_text
-from mqslam.report.batch_page import write_batch_report
 
 
 def check_batch(out: Path, *, force: bool) -> None:
@@ -77,24 +75,54 @@ def _row(order: Order, outcome: Outcome) -> dict[str, Any]:
     }
 
 
-def write_batch(out: Path, title: str, summary: dict[str, Any], plan: str) -> None:
-    """Write the files over all runs into the batch's folder, where the runs' own folders are.
+def write_batch(out: Path, summary: Mapping[str, Any]) -> None:
+    """Write the numbers of all runs into the batch's folder, where the runs' own folders are.
 
     Args:
         out: the folder.
-        title: heading of the report.
         summary: content of batch.json.
-        plan: text of RUNS.yaml.
 
     Raises:
         OutputError: a file cannot be written.
     """
     rows: list[dict[str, Any]] = summary["runs"]
-    tracks = {row["name"]: read_tum(out / row["trajectory"]) for row in rows if row["trajectory"]}
     write_text(out / "batch.json", json.dumps(summary, indent=1) + "\n")
     text = io.StringIO()
     writer = csv.DictWriter(text, list(rows[0]), lineterminator="\n", restval="")
     writer.writeheader()
     writer.writerows(rows)
     write_text(out / "batch.csv", text.getvalue())
-    write_batch_report(out / "report.html", title, summary, tracks, plan)
+
+
+@dataclass(frozen=True, slots=True)
+class Order:
+    """A run to be done.
+
+    Args:
+        name: folder of its results, in the batch's.
+        data: the recording, as an absolute path.
+        frontend: name of the front end.
+        odometry: `auto`, `none` or the absolute path of a file.
+        settings: all settings.
+    """
+
+    name: str
+    data: Path
+    frontend: str
+    odometry: str
+    settings: Config
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """What became of a run.
+
+    Args:
+        summary: content of its summary.json, or None.
+        failure: why there is none, or None.
+        kept: whether it was finished before.
+    """
+
+    summary: dict[str, Any] | None = None
+    failure: str | None = None
+    kept: bool = False

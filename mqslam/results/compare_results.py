@@ -17,10 +17,10 @@ from mqslam.compare.judgement import Judged, Place
 from mqslam.compare.rows import Row
 from mqslam.config import Config, dump_yaml
 from mqslam.core.recording import Recording
-from mqslam.core.trajectory import write_kitti, write_tum
 from mqslam.evaluation import Evaluation
-from mqslam.execution.files import write_bytes, write_text
-from mqslam.report.compare_page import CompareReport, overlay, write_compare_report
+from mqslam.execution.files import write_text
+from mqslam.formats.trajectories import write_kitti
+from mqslam.formats.tum import write_tum
 from mqslam.results.run_results import measurements_csv
 
 # column of the table: key in a row of compare.json, head, how it is printed
@@ -129,19 +129,8 @@ def table(summary: Mapping[str, Any]) -> list[list[str]]:
     return cells
 
 
-def write_compare(
-    folder: Path,
-    recording: Recording,
-    config: Config,
-    summary: dict[str, Any],
-    rows: Sequence[Row],
-    judged: Mapping[str, Judged],
-    places: Sequence[Place],
-    stations: Sequence[Place],
-    agreement: Sequence[tuple[str, str, Evaluation]],
-    warnings: Sequence[str],
-) -> None:
-    """Write every result file of a comparison into an existing folder; crops of the stations follow those of the places.
+def write_compare(folder: Path, config: Config, summary: Mapping[str, Any], rows: Sequence[Row]) -> None:
+    """Write every result file of a comparison but its pictures and its report into an existing folder.
 
     Raises:
         OutputError: a file cannot be written.
@@ -149,28 +138,8 @@ def write_compare(
     for row in rows:
         if row.trajectory is not None:
             _write_row(folder / row.name, row)
-    ran = tuple(judged.values())
-    settings = dump_yaml(config)
-    write_text(folder / "config.yaml", settings)
+    write_text(folder / "config.yaml", dump_yaml(config))
     write_text(folder / "compare.csv", _csv(summary))
-    write_bytes(folder / "overlay.png", overlay(ran, recording.ground_truth))
-    write_compare_report(
-        folder / "report.html",
-        CompareReport(
-            title=recording.path.resolve().name,
-            summary=summary,
-            rows=ran,
-            failed=tuple(row for row in rows if row.failure is not None),
-            places=tuple(places),
-            stations=tuple(stations),
-            start_us=recording.start_us,
-            agreement=tuple(agreement),
-            ground_truth=recording.ground_truth,
-            table=tuple(tuple(line) for line in table(summary)),
-            warnings=tuple(warnings),
-            settings_yaml=settings,
-        ),
-    )
     write_text(folder / "compare.json", json.dumps(summary, indent=1) + "\n")
 
 

@@ -5,28 +5,20 @@ from __future__ import annotations
 import csv
 import io
 import json
-import os
-import shutil
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-import gtsam
 import numpy as np
 
-from mqslam.backend.pose_graph import PoseGraph, marginals
 from mqslam.config import dump_yaml
-from mqslam.core.evenly import evenly
 from mqslam.core.measurement import Measurement
-from mqslam.core.point_map import write_ply
-from mqslam.core.recording import Recording
-from mqslam.core.trajectory import write_tum
-from mqslam.errors import OutputError
-from mqslam.execution.checkpoint import FOLDER
 from mqslam.execution.files import write_text
-from mqslam.mapping.occupancy_grid import write_nav2_map
-from mqslam.report import Report, WindowScores, write_report
+from mqslam.formats.g2o import g2o
+from mqslam.formats.nav2_map import write_nav2_map
+from mqslam.formats.ply import write_ply
+from mqslam.formats.tum import write_tum
+from mqslam.mapping.occupancy_grid import occupancy_grid
 from mqslam.slam import Run
 
 _COLUMNS = [
@@ -35,115 +27,19 @@ _COLUMNS = [
 ]  # fmt: skip
 
 
-_ELLIPSES = 150  # poses whose covariance the report shows
-
-
-@contextmanager
-def whole_folder(out: Path) -> Iterator[Path]:
-    """A folder aside that takes the place of `out` when the block ends without an error.
-
-    Its name is always the same, so that what a killed run leaves there is cleared by the next one.
-
-    Raises:
-        OutputError: it cannot be written.
-    """
-    aside, replaced = out.parent / f".{out.name}.unfinished", out.parent / f".{out.name}.replaced"
-    shutil.rmtree(aside, ignore_errors=True)
-    shutil.rmtree(replaced, ignore_errors=True)
-    try:
-        aside.mkdir(parents=True)
-    except OSError as error:
-        raise OutputError(f"{out}: cannot be made ({error.strerror}); choose another --out") from error
-    try:
-        yield aside
-        if out.exists():
-            out.rename(replaced)
-        aside.rename(out)
-        shutil.rmtree(replaced, ignore_errors=True)
-    except OSError as error:
-        raise OutputError(f"{out}: cannot be written ({error.strerror}); free space or choose another --out") from error
-    finally:
-        shutil.rmtree(aside, ignore_errors=True)
-
-
-def check_free(out: Path, *, force: bool, resume: bool = False, recording: Path | None = None) -> None:
-    """See that a folder may be written before hours are spent on what goes into it.
-
-    Args:
-        out: the folder.
-        force: whether what it holds may be replaced.
-        resume: whether an unfinished run in it is to be continued.
-        recording: what the result is computed from, which must not be replaced by it.
-
-    Raises:
-        OutputError: it exists with content and neither is given, holds the recording, is a file or cannot be made.
-    """
-    if out.name in ("", ".."):
-        raise OutputError(f"{out}: is no name of a new folder; choose another --out")
-    unfinished = (out / FOLDER).is_dir()
-    if out.is_file() or (out.is_dir() and any(out.iterdir()) and not force and not (resume and unfinished)):
-        how = "--resume to continue the unfinished run in it" if unfinished else "--force to replace it"
-        raise OutputError(f"{out}: exists already; choose another --out or give {how}")
-    if recording is not None and recording.resolve().is_relative_to(out.resolve()):
-        raise OutputError(f"{out}: holds the recording; choose another --out")
-    if recording is not None and recording.is_dir() and out.resolve().is_relative_to(recording.resolve()):
-        raise OutputError(f"{out}: lies in the recording; choose another --out")
-    check_writable(out, "--out")
-
-
-def check_writable(out: Path, option: str) -> None:
-    """See that the folder nearest above what is to be made may be written to.
-
-    Args:
-        out: what is to be made.
-        option: what an error calls it.
-
-    Raises:
-        OutputError: it may not.
-    """
-    above = next(folder for folder in out.absolute().parents if folder.exists())
-    if not (above.is_dir() and os.access(above, os.W_OK)):
-        raise OutputError(f"{out}: cannot be made ({above} is no folder to write to); choose another {option}")
-
-
-def write_run(
-    folder: Path, run: Run, recording: Recording, summary: dict[str, Any], warnings: Sequence[str], log: str
-) -> None:
-    """Write every result file of a run into an existing folder.
+def write_run(folder: Path, run: Run, summary: dict[str, Any], log: str) -> None:
+    """Write every result file of a run but its report into an existing folder.
 
     Raises:
         OutputError: a file cannot be written.
     """
-    settings = dump_yaml(run.config)
-    sure = evenly(run.graph.size, _ELLIPSES)
     write_tum(folder / "trajectory.tum", run.optimised)
     write_tum(folder / "odometry.tum", run.odometry)
     write_text(folder / "measurements.csv", measurements_csv(run.measurements))
-    write_text(folder / "graph.g2o", g2o(run.graph, run.values))
-    write_text(folder / "config.yaml", settings)
+    write_text(folder / "graph.g2o", g2o(run.graph.factors, run.values, run.graph.size))
+    write_text(folder / "config.yaml", dump_yaml(run.config))
     write_ply(folder / "map.ply", run.map_optimised)
-    write_nav2_map(folder, run.map_optimised, run.config.map.cell_m)
-    write_report(
-        folder / "report.html",
-        Report(
-            title=recording.path.resolve().name,
-            summary=summary,
-            odometry=run.odometry,
-            optimised=run.optimised,
-            ground_truth=recording.ground_truth,
-            map_odometry=run.map_odometry,
-            map_optimised=run.map_optimised,
-            windows=window_scores(run.measurements),
-            before=run.before,
-            checks=tuple(run.checks),
-            settings=run.config.audit,
-            loops=np.array([(loop.earlier, loop.later) for loop in run.loops], dtype=np.int64).reshape(-1, 2),
-            sure=sure,
-            covariances=marginals(run.graph, run.values, sure.tolist()),
-            warnings=tuple(warnings),
-            settings_yaml=settings,
-        ),
-    )
+    write_nav2_map(folder, occupancy_grid(run.map_optimised.points, run.config.map.cell_m))
     write_text(folder / "run.log", log)
     write_text(folder / "summary.json", json.dumps(summary, indent=1) + "\n")
 
@@ -160,37 +56,3 @@ def measurements_csv(measurements: Sequence[Measurement]) -> str:
             [f"{m.t0:.6f}", f"{m.t1:.6f}", *(f"{n:.9g}" for n in numbers), m.points, f"{m.matched:.4f}", m.status.value]
         )
     return text.getvalue()
-
-
-def window_scores(measurements: Sequence[Measurement]) -> WindowScores:
-    """The measurements as the report plots them."""
-    return WindowScores(
-        t0=np.array([m.t0 for m in measurements]),
-        t1=np.array([m.t1 for m in measurements]),
-        psi_minimum=np.array([m.psi for m in measurements]),
-        psi_odometry=np.array([m.psi_odometry for m in measurements]),
-        points=np.array([m.points for m in measurements], dtype=np.int64),
-        matched=np.array([m.matched for m in measurements]),
-        status=tuple(m.status.value for m in measurements),
-    )
-
-
-def g2o(graph: PoseGraph, values: gtsam.Values) -> str:
-    """The graph in g2o's text form; GTSAM's own writer takes no robust noise, so the Gaussian under it is written."""
-    lines = []
-    for k in range(graph.size):
-        pose = values.atPose2(gtsam.symbol("x", k))
-        lines.append(f"VERTEX_SE2 {k} {pose.x():.9g} {pose.y():.9g} {pose.theta():.9g}")
-    for i in range(graph.factors.size()):
-        factor = graph.factors.at(i)
-        if not isinstance(factor, gtsam.BetweenFactorPose2):
-            continue
-        a, b = (gtsam.Symbol(key).index() for key in factor.keys())
-        z = factor.measured()
-        robust = factor.noiseModel()
-        assert isinstance(robust, gtsam.noiseModel.Robust)
-        gaussian = robust.noise()
-        assert isinstance(gaussian, gtsam.noiseModel.Gaussian)
-        upper = " ".join(f"{v:.9g}" for v in gaussian.information()[np.triu_indices(3)])
-        lines.append(f"EDGE_SE2 {a} {b} {z.x():.9g} {z.y():.9g} {z.theta():.9g} {upper}")
-    return "\n".join(lines) + "\n"

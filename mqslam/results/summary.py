@@ -12,7 +12,6 @@ import mqslam
 from mqslam.audit.judge import FAIL_WINDOWS, WARN_WINDOWS
 from mqslam.core.measurement import Measurement, Status
 from mqslam.core.motion import LONGEST_COAST_S
-from mqslam.core.point_map import PointMap
 from mqslam.core.recording import Recording
 from mqslam.detection.stage import unread_warnings
 from mqslam.evaluation import evaluate
@@ -50,10 +49,10 @@ def summarise(run: Run, recording: Recording) -> dict[str, Any]:
         "psi": {
             "odometry": float(before.psi.sum()),
             "optimised": float(after.psi.sum()),
-            "per_point_odometry": per_point(before),
-            "per_point_optimised": per_point(after),
-            "matched_odometry": matched(before),
-            "matched_optimised": matched(after),
+            "per_point_odometry": before.psi_per_point,
+            "per_point_optimised": after.psi_per_point,
+            "matched_odometry": before.matched_share,
+            "matched_optimised": after.matched_share,
         },
         "inflation": {
             "windows": len(run.checks),
@@ -90,14 +89,14 @@ def verdict(run: Run) -> tuple[str, list[str]]:
         warnings.append(f"{len(run.unread)} of {len(windows) + 1} revolutions could not be read")
     if degenerate > WARN_DEGENERATE:
         warnings.append(f"{degenerate:.0%} of the windows do not observe every direction of motion")
-    overlap = matched(run.map_optimised)
+    overlap = run.map_optimised.matched_share
     if overlap < FAIL_MATCHED:
         failures.append(f"only {overlap:.0%} of the map's points are seen twice: psi cannot judge it")
     torn = sum(w.torn for w in run.checks)
     if torn > WARN_WINDOWS * len(run.checks):
         said = f"{torn} of {len(run.checks)} windows of the map are torn"
         (failures if torn > FAIL_WINDOWS * len(run.checks) else warnings).append(said)
-    ratio = per_point(run.map_optimised) / per_point(run.map_odometry)
+    ratio = run.map_optimised.psi_per_point / run.map_odometry.psi_per_point
     if ratio > WORSE:
         failures.append(f"psi per point is {ratio:.2f} times that of the map before optimisation")
     if not run.odometry_factors and not run.loops and not failures and not warnings:
@@ -110,16 +109,6 @@ def verdict(run: Run) -> tuple[str, list[str]]:
 def share(windows: list[Measurement], status: Status) -> float:
     """Part of the windows that have a status."""
     return float(np.mean([w.status is status for w in windows])) if windows else 0.0
-
-
-def per_point(pointmap: PointMap) -> float:
-    """psi per point, charges for unmatched points included."""
-    return float(pointmap.psi.mean()) if len(pointmap) else float("nan")
-
-
-def matched(pointmap: PointMap) -> float:
-    """Share of points with a neighbour from another revolution."""
-    return float(pointmap.matched.mean()) if len(pointmap) else 0.0
 
 
 def peak_rss_mb() -> float:

@@ -15,7 +15,8 @@ from pathlib import Path
 import numpy as np
 
 from mqslam.errors import ConfigError, OutputError
-from mqslam.execution.files import new_folder, write_text
+from mqslam.execution.files import write_text
+from mqslam.execution.folders import new_folder
 from mqslam.formats.writing import oxford
 from mqslam.simulator.drive import ConstantDrive, Drive, loop_drive, with_way_made
 from mqslam.simulator.in_memory import SimulatedRecording, simulated_recording

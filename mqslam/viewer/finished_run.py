@@ -8,9 +8,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from mqslam.core.point_map import read_ply
-from mqslam.core.trajectory import Trajectory, read_tum
+from mqslam.core.trajectory import Trajectory
 from mqslam.errors import DataError
+from mqslam.formats.g2o import read_edges
+from mqslam.formats.ply import read_ply
+from mqslam.formats.tum import read_tum
 
 _REMEDY = "give the folder of a finished run"
 
@@ -60,11 +62,7 @@ def read_scene(run: Path) -> Scene:
 
 def _loops(path: Path, revolutions: int) -> NDArray[np.int64]:
     """The edges (L, 2) of a pose graph that do not join successive revolutions."""
-    try:
-        words = [line.split() for line in path.read_text(encoding="utf-8").splitlines()]
-        edges = [(int(w[1]), int(w[2])) for w in words if w and w[0] == "EDGE_SE2"]
-    except (OSError, ValueError, IndexError) as error:
-        raise DataError(path, "is not a readable pose graph", _REMEDY) from error
+    edges = read_edges(path)
     if any(not 0 <= k < revolutions for edge in edges for k in edge):
         raise DataError(path, f"has edges beyond the {revolutions} poses of trajectory.tum", "run the recording anew")
     return np.array([edge for edge in edges if abs(edge[1] - edge[0]) > 1], dtype=np.int64).reshape(-1, 2)

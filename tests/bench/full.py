@@ -10,7 +10,7 @@ from common import run as mqslam_run
 from scipy.spatial import cKDTree
 
 from mqslam.core import se2
-from mqslam.core.trajectory import read_tum
+from mqslam.formats.tum import read_tum
 
 _RUNS = (("kaist01", 1, 0.35, 0.11, 0.8), ("kaist02", 2, 0.45, 0.14, 1.0))  # bounds of drift [%], [deg/100 m], ATE [m]
 _NEAR_M, _PATH_M, _SPACING_M = 10.0, 60.0, 2.6  # a revisit; its way round; how far a loop reaches along the path

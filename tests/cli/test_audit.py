@@ -10,7 +10,9 @@ import numpy as np
 import pytest
 from support.commands import contents, mqslam
 
-from mqslam.core.trajectory import Trajectory, read_tum, write_kitti, write_tum
+from mqslam.core.trajectory import Trajectory
+from mqslam.formats.trajectories import write_kitti
+from mqslam.formats.tum import read_tum, write_tum
 
 FILES = {"audit.json", "audit.csv", "revisits.csv", "heatmap.png", "report.html", "config.yaml"}
 

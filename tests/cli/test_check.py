@@ -14,9 +14,9 @@ from PIL import Image
 from support.commands import contents, mqslam
 from support.layouts import write_mulran_columns, write_radiate
 
-from mqslam.core.trajectory import write_tum
 from mqslam.formats.recordings import open_recording
 from mqslam.formats.recordings.native import write_native
+from mqslam.formats.tum import write_tum
 from mqslam.simulator import (
     ConstantDrive,
     Drive,

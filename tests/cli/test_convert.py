@@ -16,8 +16,8 @@ from support.conversions import EVEN, STAMPED
 from support.layouts import assert_alike, left_turn, write_radiate
 from support.recordings import START_US, TURN_US, assert_same, write_oxford
 
-from mqslam.core.trajectory import read_tum
 from mqslam.formats.recordings import open_recording
+from mqslam.formats.tum import read_tum
 from mqslam.formats.writing.targets import TARGETS
 
 FOLDERS = ("oxford", "boreas", "mulran", "mulran_oxford", "radiate", "rosbag2", "rosbag2_mcap")

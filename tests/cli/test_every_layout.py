@@ -11,8 +11,9 @@ from support.commands import mqslam
 from support.conversions import EVEN, STAMPED, convert
 
 from mqslam.core import se2
-from mqslam.core.trajectory import Trajectory, read_tum
+from mqslam.core.trajectory import Trajectory
 from mqslam.formats.recordings import open_recording
+from mqslam.formats.tum import read_tum
 from mqslam.simulator import simulate
 
 LAYOUTS = (*STAMPED, *EVEN)

@@ -23,9 +23,10 @@ from support.reported import assert_alone
 
 from mqslam.config import Config, load_config
 from mqslam.core import se2
-from mqslam.core.trajectory import Trajectory, read_tum
+from mqslam.core.trajectory import Trajectory
 from mqslam.execution import engine
 from mqslam.formats.recordings import open_recording
+from mqslam.formats.tum import read_tum
 
 FILES = {
     "summary.json", "trajectory.tum", "odometry.tum", "measurements.csv", "map.ply", "map.pgm", "map.yaml", "graph.g2o",

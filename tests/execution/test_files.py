@@ -8,7 +8,8 @@ from pathlib import Path
 import pytest
 
 from mqslam.errors import OutputError
-from mqslam.execution.files import new_folder, write_text, written_whole
+from mqslam.execution.files import write_text, written_whole
+from mqslam.execution.folders import new_folder
 
 
 def test_the_file_appears_when_the_block_ends(tmp_path: Path) -> None:

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from gtsam.symbol_shorthand import X
 
-from mqslam.backend.loops.search import Loop
 from mqslam.config import LoopConfig
 from mqslam.core import se2
+from mqslam.core.measurement import Loop
 from mqslam.factors.loop_between import loop_between
 
 COVARIANCE = np.array([[0.04, 0.01, 0.002], [0.01, 0.01, -0.001], [0.002, -0.001, 0.0009]])

@@ -9,9 +9,10 @@ import open3d as o3d
 import pytest
 from numpy.typing import NDArray
 
-from mqslam.core.point_map import PointMap, write_ply
+from mqslam.core.point_map import PointMap
 from mqslam.errors import DataError
 from mqslam.formats.clouds import read_cloud
+from mqslam.formats.ply import write_ply
 
 START_US = 1_547_131_046_353_776
 X = np.array([3.0, 1.0, 2.0, 5.0])

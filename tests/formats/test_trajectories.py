@@ -8,9 +8,10 @@ from scipy.spatial.transform import Rotation
 from support.recordings import KINDS, START_US, bag_path, bag_writer
 
 from mqslam.core import se2
-from mqslam.core.trajectory import Trajectory, write_kitti, write_tum
+from mqslam.core.trajectory import Trajectory
 from mqslam.errors import DataError
-from mqslam.formats.trajectories import read_trajectory
+from mqslam.formats.trajectories import read_trajectory, write_kitti
+from mqslam.formats.tum import write_tum
 
 ODOMETRY = "nav_msgs/msg/Odometry"
 POSE = "geometry_msgs/msg/PoseStamped"

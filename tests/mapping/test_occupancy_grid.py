@@ -8,14 +8,9 @@ import yaml
 from numpy.typing import NDArray
 from PIL import Image
 
-from mqslam.core.point_map import PointMap
+from mqslam.formats.nav2_map import write_nav2_map
 from mqslam.mapping import occupancy_grid as module
-from mqslam.mapping.occupancy_grid import occupancy_grid, write_nav2_map
-
-
-def map_of(points: NDArray[np.float64]) -> PointMap:
-    count = len(points)
-    return PointMap(points, np.zeros(count), np.zeros(count), np.zeros(count), np.zeros(count, dtype=np.bool_))
+from mqslam.mapping.occupancy_grid import occupancy_grid
 
 
 def wall_and_stray(times_seen: int = 9) -> NDArray[np.float64]:
@@ -33,7 +28,7 @@ def meaning(pixel: int, settings: dict[str, float]) -> str:
 
 
 def test_map_server_finds_the_wall_where_it_stands(tmp_path: Path) -> None:
-    write_nav2_map(tmp_path, map_of(wall_and_stray() + np.array([-3.0, 20.0])))
+    write_nav2_map(tmp_path, occupancy_grid(wall_and_stray() + np.array([-3.0, 20.0])))
     settings = yaml.safe_load((tmp_path / "map.yaml").read_text())
     assert set(settings) == {"image", "mode", "resolution", "origin", "negate", "occupied_thresh", "free_thresh"}
     assert (settings["mode"], settings["negate"], settings["resolution"]) == ("trinary", 0, 0.2)
@@ -47,7 +42,7 @@ def test_map_server_finds_the_wall_where_it_stands(tmp_path: Path) -> None:
 
 
 def test_a_stray_return_is_unknown_and_nothing_is_free(tmp_path: Path) -> None:
-    write_nav2_map(tmp_path, map_of(wall_and_stray()))
+    write_nav2_map(tmp_path, occupancy_grid(wall_and_stray()))
     settings = yaml.safe_load((tmp_path / "map.yaml").read_text())
     image = np.asarray(Image.open(tmp_path / "map.pgm"))
     meanings = {meaning(int(pixel), settings) for pixel in np.unique(image)}
@@ -68,5 +63,5 @@ def test_a_grid_that_would_be_too_long_gets_coarser(monkeypatch: pytest.MonkeyPa
 
 
 def test_an_empty_map_is_one_unknown_cell(tmp_path: Path) -> None:
-    write_nav2_map(tmp_path, map_of(np.empty((0, 2))))
+    write_nav2_map(tmp_path, occupancy_grid(np.empty((0, 2))))
     assert np.asarray(Image.open(tmp_path / "map.pgm")).tolist() == [[205]]

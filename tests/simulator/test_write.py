@@ -11,8 +11,8 @@ import pytest
 from PIL import Image
 
 from mqslam.core import se2
-from mqslam.core.trajectory import read_tum
 from mqslam.errors import ConfigError, OutputError
+from mqslam.formats.tum import read_tum
 from mqslam.simulator import SimulatedRecording, simulate
 
 SMALL: dict[str, Any] = {"duration_s": 1.3, "azimuths": 90, "range_resolution": 0.5, "max_range": 60.0}

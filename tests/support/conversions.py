@@ -12,8 +12,8 @@ from support.layouts import left_turn
 from support.recordings import START_US, TURN_US, circle, with_metadata, write_png
 
 from mqslam.core.recording import PolarScan, Recording
-from mqslam.core.trajectory import write_tum
 from mqslam.formats.recordings import open_recording
+from mqslam.formats.tum import write_tum
 from mqslam.formats.writing.recordings import write_recording
 from mqslam.formats.writing.rosbag import Message
 from mqslam.formats.writing.targets import TARGETS

@@ -27,13 +27,14 @@ from mqslam.core.lidar import LidarRecording
 from mqslam.core.recording import PolarScan, Recording
 from mqslam.core.scans import Returns
 from mqslam.core.timed_cloud import TimedCloud
-from mqslam.core.trajectory import Trajectory, write_kitti, write_tum
+from mqslam.core.trajectory import Trajectory
 from mqslam.detection.stage import detect_stretch
 from mqslam.formats.clouds import read_cloud
 from mqslam.formats.lidars import carmen, laserscan
 from mqslam.formats.recordings import open_recording, read_odometry
 from mqslam.formats.recordings.native import write_native
-from mqslam.formats.trajectories import read_trajectory
+from mqslam.formats.trajectories import read_trajectory, write_kitti
+from mqslam.formats.tum import write_tum
 
 _MOST = 10_000_000  # elements of an array that so small a file can mean
 

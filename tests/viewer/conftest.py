@@ -11,8 +11,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mqslam.core.point_map import PointMap, write_ply
-from mqslam.core.trajectory import Trajectory, write_tum
+from mqslam.core.point_map import PointMap
+from mqslam.core.trajectory import Trajectory
+from mqslam.formats.ply import write_ply
+from mqslam.formats.tum import write_tum
 
 
 @pytest.fixture

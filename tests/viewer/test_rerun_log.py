@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from support.commands import mqslam
 
-from mqslam.core.trajectory import read_tum
 from mqslam.errors import ViewerError
+from mqslam.formats.tum import read_tum
 from mqslam.viewer.colours import spread
 from mqslam.viewer.finished_run import read_scene
 from mqslam.viewer.rerun_log import recorded, streamed

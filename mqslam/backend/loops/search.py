@@ -3,39 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mqslam.backend.loops.align import align, cross_score
 from mqslam.backend.loops.passes import pairs_of_passes, reach, unrivalled
 from mqslam.backend.loops.submap import Drive, submap
 from mqslam.config import Config
 from mqslam.core import se2
-from mqslam.detection.stage import Progress
+from mqslam.core.measurement import Loop
 from mqslam.execution.engine import Engine
+from mqslam.execution.progress import Progress
 from mqslam.psi.place import PointSet
-
-
-@dataclass(frozen=True, slots=True)
-class Loop:
-    """A place passed twice.
-
-    Args:
-        earlier, later: indices of the two revolutions.
-        pose: (3,) of the later one in the frame of the earlier.
-        covariance: (3, 3) of it [m, m, rad].
-        matched: share of the later pass's returns that lie on the earlier one's.
-        psi: score per point of the two passes laid on each other.
-    """
-
-    earlier: int
-    later: int
-    pose: se2.Array
-    covariance: NDArray[np.float64]
-    matched: float
-    psi: float
 
 
 def find_loops(

@@ -10,10 +10,11 @@ from pathlib import Path
 
 import numpy as np
 
-from mqslam.core.trajectory import Trajectory, checked
+from mqslam.core.trajectory import Trajectory
 from mqslam.formats.odometry_files import read_stamped
 from mqslam.formats.recordings import oxford
 from mqslam.formats.shared.images import stamped_names
+from mqslam.formats.shared.poses import checked
 from mqslam.formats.shared.row_images import RowImageRecording, index_rows
 from mqslam.formats.shared.sensing import Sensing
 

@@ -16,12 +16,13 @@ import numpy as np
 
 from mqslam.core import se2
 from mqslam.core.recording import Recording
-from mqslam.core.trajectory import Trajectory, checked
+from mqslam.core.trajectory import Trajectory
 from mqslam.errors import DataError
 from mqslam.formats.odometry_files import read_stamped
 from mqslam.formats.shared.azimuth_rows import in_us
 from mqslam.formats.shared.column_images import column_recording
 from mqslam.formats.shared.images import stamped_names
+from mqslam.formats.shared.poses import checked
 from mqslam.formats.shared.row_images import index_rows
 from mqslam.formats.shared.sensing import Sensing
 

@@ -12,10 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mqslam.core.recording import PolarScan, Recording
-from mqslam.core.trajectory import Trajectory, checked
+from mqslam.core.trajectory import Trajectory
 from mqslam.errors import DataError
 from mqslam.execution.files import written_whole
 from mqslam.formats.shared import npz
+from mqslam.formats.shared.poses import checked
 from mqslam.formats.shared.sensing import Sensing, is_bin_length
 
 _LONGEST_TURN_S = 30.0

@@ -9,12 +9,14 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from mqslam.core.trajectory import Trajectory, checked, read_tum
+from mqslam.core.trajectory import Trajectory
 from mqslam.errors import DataError
 from mqslam.formats.odometry_files import chained, read_numbers, read_odometry
 from mqslam.formats.shared.images import stamped_names
+from mqslam.formats.shared.poses import checked
 from mqslam.formats.shared.row_images import RowImageRecording, index_rows
 from mqslam.formats.shared.sensing import Sensing, is_bin_length
+from mqslam.formats.tum import read_tum
 
 RANGE_RESOLUTION_M = 0.0438
 RECORDING = "recording.json"

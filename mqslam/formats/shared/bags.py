@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from mqslam.core.trajectory import Trajectory, yaw_of_quaternion
+from mqslam.core.trajectory import Trajectory
 from mqslam.errors import DataError, MqslamError
+from mqslam.formats.shared.poses import yaw_of_quaternion
 
 if TYPE_CHECKING:
     from rosbags.highlevel import AnyReader

@@ -16,8 +16,8 @@ import numpy as np
 from mqslam.core import se2
 from mqslam.errors import OutputError
 from mqslam.execution.files import written_whole
+from mqslam.execution.folders import whole_folder
 from mqslam.formats.shared.polar_message import B_SCAN_DEFINITION, B_SCAN_TYPE
-from mqslam.results.run_results import whole_folder
 
 if TYPE_CHECKING:
     from rosbags.interfaces import Connection

@@ -10,9 +10,10 @@ import numpy as np
 
 from mqslam.core import se2
 from mqslam.core.recording import PolarScan, Recording
-from mqslam.core.trajectory import Trajectory, write_tum
+from mqslam.core.trajectory import Trajectory
 from mqslam.execution.files import write_text
 from mqslam.formats.recordings.oxford import RANGE_RESOLUTION_M, RECORDING
+from mqslam.formats.tum import write_tum
 from mqslam.formats.writing.azimuth_rows import azimuth_stamps, oxford_rows, write_png
 
 COLUMNS = "source_timestamp,destination_timestamp,x,y,z,roll,pitch,yaw,source_radar_timestamp,destination_radar_timestamp"

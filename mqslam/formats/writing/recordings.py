@@ -7,6 +7,7 @@ from pathlib import Path
 
 from mqslam.core.recording import Recording
 from mqslam.errors import OutputError
+from mqslam.execution.folders import whole_folder
 from mqslam.formats.recordings import mulran as mulran_reader
 from mqslam.formats.recordings import radiate as radiate_reader
 from mqslam.formats.recordings import rosbag as rosbag_reader
@@ -16,7 +17,6 @@ from mqslam.formats.writing import boreas, mulran, oxford, radiate, rosbag
 from mqslam.formats.writing.rosbag import Message
 from mqslam.formats.writing.targets import Target
 from mqslam.formats.writing.watched import watched
-from mqslam.results.run_results import whole_folder
 
 _FOLDERS = {
     "oxford": oxford.write,

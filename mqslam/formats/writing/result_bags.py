@@ -10,10 +10,11 @@ import yaml
 from numpy.typing import NDArray
 
 from mqslam.core import se2
-from mqslam.core.point_map import read_ply
-from mqslam.core.trajectory import Trajectory, read_tum
+from mqslam.core.trajectory import Trajectory
 from mqslam.errors import DataError
+from mqslam.formats.ply import read_ply
 from mqslam.formats.shared.bags import PATH_TYPE, POSE_TYPE
+from mqslam.formats.tum import read_tum
 from mqslam.formats.writing.bags import TF_TYPE, Bag, bag_written
 
 WORLD_FRAME = "map"

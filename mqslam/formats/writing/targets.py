@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from mqslam.errors import ConfigError, OutputError
+from mqslam.execution.folders import check_free, check_writable
 from mqslam.formats.writing.bags import KINDS
-from mqslam.results.run_results import check_free, check_writable
 
 
 @dataclass(frozen=True, slots=True)

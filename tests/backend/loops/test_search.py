@@ -7,10 +7,11 @@ import pytest
 from support.passes import CONFIG, LANE_Y, MIDDLE, OTHER_LANE_Y, joined, path, street_pass
 
 from mqslam.backend.loops.align import align, cross_score
-from mqslam.backend.loops.search import Loop, candidate_pairs, find_loops, gate, kept_by_map
+from mqslam.backend.loops.search import candidate_pairs, find_loops, gate, kept_by_map
 from mqslam.backend.loops.submap import Drive, submap
 from mqslam.config import Config, LoopConfig
 from mqslam.core import se2
+from mqslam.core.measurement import Loop
 from mqslam.execution.engine import HERE, LocalEngine
 
 RADIUS = 30.0

@@ -10,10 +10,11 @@ from PIL import Image
 from support.recordings import START_US, TURN_US, assert_same, oxford_rows, with_metadata, write_oxford, write_png
 
 from mqslam.core import se2
-from mqslam.core.trajectory import Trajectory, write_tum
+from mqslam.core.trajectory import Trajectory
 from mqslam.errors import ConfigError, DataError
 from mqslam.formats.recordings import open_recording, read_odometry
 from mqslam.formats.shared.azimuth_rows import read_metadata
+from mqslam.formats.tum import write_tum
 
 
 def test_revolutions_carry_time_angle_power_and_validity_of_every_azimuth(oxford: Path) -> None:

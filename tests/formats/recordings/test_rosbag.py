@@ -20,9 +20,10 @@ from support.recordings import (
     write_bag,
 )
 
-from mqslam.core.trajectory import Trajectory, write_tum
+from mqslam.core.trajectory import Trajectory
 from mqslam.errors import DataError
 from mqslam.formats.recordings import open_recording
+from mqslam.formats.tum import write_tum
 
 IMAGE = "sensor_msgs/msg/Image"
 COMPRESSED = "sensor_msgs/msg/CompressedImage"

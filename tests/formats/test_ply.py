@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 from plyfile import PlyData
 
-from mqslam.core.point_map import PointMap, write_ply
+from mqslam.core.point_map import PointMap
 from mqslam.errors import OutputError
+from mqslam.formats.ply import write_ply
 
 
 def some_map(count: int) -> PointMap:
@@ -64,6 +65,6 @@ def test_a_folder_that_is_not_there_is_an_output_error(tmp_path: Path) -> None:
 
 
 def test_importing_the_module_loads_no_heavy_package() -> None:
-    code = "import sys, mqslam.core.point_map; print({'open3d', 'plyfile', 'matplotlib'} & set(sys.modules))"
+    code = "import sys, mqslam.formats.ply; print({'open3d', 'plyfile', 'matplotlib'} & set(sys.modules))"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "set()"

@@ -1,0 +1,95 @@
+"""Folders of results: seen to be free beforehand, and written aside and renamed, so that one is either whole or absent."""
+
+from __future__ import annotations
+
+import os
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from mqslam.errors import OutputError
+from mqslam.execution.checkpoint import FOLDER
+
+
+@contextmanager
+def whole_folder(out: Path) -> Iterator[Path]:
+    """A folder aside that takes the place of `out` when the block ends without an error.
+
+    Its name is always the same, so that what a killed run leaves there is cleared by the next one.
+
+    Raises:
+        OutputError: it cannot be written.
+    """
+    aside, replaced = out.parent / f".{out.name}.unfinished", out.parent / f".{out.name}.replaced"
+    shutil.rmtree(aside, ignore_errors=True)
+    shutil.rmtree(replaced, ignore_errors=True)
+    try:
+        aside.mkdir(parents=True)
+    except OSError as error:
+        raise OutputError(f"{out}: cannot be made ({error.strerror}); choose another --out") from error
+    try:
+        yield aside
+        if out.exists():
+            out.rename(replaced)
+        aside.rename(out)
+        shutil.rmtree(replaced, ignore_errors=True)
+    except OSError as error:
+        raise OutputError(f"{out}: cannot be written ({error.strerror}); free space or choose another --out") from error
+    finally:
+        shutil.rmtree(aside, ignore_errors=True)
+
+
+def check_free(out: Path, *, force: bool, resume: bool = False, recording: Path | None = None) -> None:
+    """See that a folder may be written before hours are spent on what goes into it.
+
+    Args:
+        out: the folder.
+        force: whether what it holds may be replaced.
+        resume: whether an unfinished run in it is to be continued.
+        recording: what the result is computed from, which must not be replaced by it.
+
+    Raises:
+        OutputError: it exists with content and neither is given, holds the recording, is a file or cannot be made.
+    """
+    if out.name in ("", ".."):
+        raise OutputError(f"{out}: is no name of a new folder; choose another --out")
+    unfinished = (out / FOLDER).is_dir()
+    if out.is_file() or (out.is_dir() and any(out.iterdir()) and not force and not (resume and unfinished)):
+        how = "--resume to continue the unfinished run in it" if unfinished else "--force to replace it"
+        raise OutputError(f"{out}: exists already; choose another --out or give {how}")
+    if recording is not None and recording.resolve().is_relative_to(out.resolve()):
+        raise OutputError(f"{out}: holds the recording; choose another --out")
+    if recording is not None and recording.is_dir() and out.resolve().is_relative_to(recording.resolve()):
+        raise OutputError(f"{out}: lies in the recording; choose another --out")
+    check_writable(out, "--out")
+
+
+def check_writable(out: Path, option: str) -> None:
+    """See that the folder nearest above what is to be made may be written to.
+
+    Args:
+        out: what is to be made.
+        option: what an error calls it.
+
+    Raises:
+        OutputError: it may not.
+    """
+    above = next(folder for folder in out.absolute().parents if folder.exists())
+    if not (above.is_dir() and os.access(above, os.W_OK)):
+        raise OutputError(f"{out}: cannot be made ({above} is no folder to write to); choose another {option}")
+
+
+def new_folder(path: Path) -> Path:
+    """Make an output folder that must not hold anything yet.
+
+    Raises:
+        OutputError: it exists with content, is a file, or cannot be made.
+    """
+    if path.exists() and (not path.is_dir() or any(path.iterdir())):
+        raise OutputError(f"{path}: exists already; choose another --out or remove it")
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise OutputError(f"{path}: cannot be made ({error.strerror}); choose another --out") from error
+    return path

@@ -1,0 +1,55 @@
+"""Pose graphs in g2o's text form."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from mqslam.errors import DataError
+
+if TYPE_CHECKING:
+    import gtsam
+
+
+def g2o(factors: gtsam.NonlinearFactorGraph, values: gtsam.Values, size: int) -> str:
+    """The text of a graph; GTSAM's own writer takes no robust noise, so the Gaussian under it is written.
+
+    Args:
+        factors: of which the between-factors are written.
+        values: the poses x0 .. x(size - 1).
+        size: number of poses.
+    """
+    import gtsam
+
+    lines = []
+    for k in range(size):
+        pose = values.atPose2(gtsam.symbol("x", k))
+        lines.append(f"VERTEX_SE2 {k} {pose.x():.9g} {pose.y():.9g} {pose.theta():.9g}")
+    for i in range(factors.size()):
+        factor = factors.at(i)
+        if not isinstance(factor, gtsam.BetweenFactorPose2):
+            continue
+        a, b = (gtsam.Symbol(key).index() for key in factor.keys())
+        z = factor.measured()
+        robust = factor.noiseModel()
+        assert isinstance(robust, gtsam.noiseModel.Robust)
+        gaussian = robust.noise()
+        assert isinstance(gaussian, gtsam.noiseModel.Gaussian)
+        upper = " ".join(f"{v:.9g}" for v in gaussian.information()[np.triu_indices(3)])
+        lines.append(f"EDGE_SE2 {a} {b} {z.x():.9g} {z.y():.9g} {z.theta():.9g} {upper}")
+    return "\n".join(lines) + "\n"
+
+
+def read_edges(path: Path) -> list[tuple[int, int]]:
+    """The pairs of poses that the edges of a graph join, in the order of the file.
+
+    Raises:
+        DataError: the file cannot be read or is no graph.
+    """
+    try:
+        words = [line.split() for line in path.read_text(encoding="utf-8").splitlines()]
+        return [(int(w[1]), int(w[2])) for w in words if w and w[0] == "EDGE_SE2"]
+    except (OSError, ValueError, IndexError) as error:
+        raise DataError(path, "is not a readable pose graph", "give the folder of a finished run") from error

@@ -1,0 +1,34 @@
+"""Poses that a file states, turned into a trajectory once they are found usable."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mqslam.core import se2
+from mqslam.core.trajectory import Trajectory
+from mqslam.errors import DataError
+
+
+def yaw_of_quaternion(qx: float, qy: float, qz: float, qw: float) -> float:
+    """Yaw [rad] of a rotation given as a quaternion, of any length."""
+    return float(np.arctan2(2.0 * (qw * qz + qx * qy), qw * qw + qx * qx - qy * qy - qz * qz))
+
+
+def checked(path: Path, stamps_us: NDArray[np.int64], poses: se2.Array) -> Trajectory:
+    """A trajectory of a file's stamps and poses, once they have been found usable.
+
+    Raises:
+        DataError: fewer than two poses, one that is not finite, or stamps that do not increase.
+    """
+    if len(stamps_us) < 2:
+        raise DataError(path, f"holds {len(stamps_us)} poses", "a trajectory needs two at least")
+    if np.any(np.diff(stamps_us) <= 0):
+        row = int(np.argmax(np.diff(stamps_us) <= 0)) + 2
+        raise DataError(path, f"stamps do not increase at pose {row}", "sort the file by time and drop duplicates")
+    finite = np.isfinite(poses).all(axis=1)
+    if not finite.all():
+        raise DataError(path, f"pose {int(np.argmin(finite)) + 1} is beyond all numbers", "repair or remove its line")
+    return Trajectory(stamps_us, poses)

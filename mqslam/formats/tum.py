@@ -1,0 +1,62 @@
+"""Trajectories as TUM writes them: a stamp, a place and a quaternion per line."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from mqslam.core.trajectory import Trajectory
+from mqslam.errors import DataError
+from mqslam.execution.files import write_text
+from mqslam.formats.shared.poses import checked, yaw_of_quaternion
+
+_LATEST_US = 2**62  # beyond any clock
+
+
+def write_tum(path: Path, trajectory: Trajectory) -> None:
+    """Write `t[s] x y z qx qy qz qw` per line, as evo and score_run.py read it."""
+    lines = []
+    for stamp, (x, y, yaw) in zip(trajectory.stamps_us.tolist(), trajectory.poses.tolist(), strict=True):
+        seconds = f"{stamp // 1_000_000}.{stamp % 1_000_000:06d}"
+        lines.append(f"{seconds} {x:.6f} {y:.6f} 0 0 0 {np.sin(yaw / 2):.9f} {np.cos(yaw / 2):.9f}\n")
+    write_text(path, "".join(lines))
+
+
+def read_tum(path: Path) -> Trajectory:
+    """Read a TUM file: `t[s] x y z qx qy qz qw`, `#` starts a comment; z, roll and pitch are dropped.
+
+    Raises:
+        DataError: unreadable, not eight numbers a line, or stamps that do not increase.
+    """
+    stamps: list[int] = []
+    poses: list[tuple[float, float, float]] = []
+    try:
+        text = path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise DataError(path, "is not a readable text file", "give a TUM trajectory") from error
+    for number, line in enumerate(text.splitlines(), 1):
+        words = line.split("#", 1)[0].split()
+        if not words:
+            continue
+        try:
+            values = [float(word) for word in words]
+            if len(values) != 8 or not np.isfinite(values).all():
+                raise ValueError
+            stamp = _microseconds(words[0])
+            if abs(stamp) > _LATEST_US:
+                raise ValueError
+        except (ValueError, OverflowError):
+            raise DataError(path, f"line {number} is not 't x y z qx qy qz qw'", "give a TUM trajectory") from None
+        qx, qy, qz, qw = values[4:]
+        stamps.append(stamp)
+        poses.append((values[1], values[2], yaw_of_quaternion(qx, qy, qz, qw)))
+    return checked(path, np.array(stamps, dtype=np.int64), np.array(poses, dtype=np.float64).reshape(-1, 3))
+
+
+def _microseconds(seconds: str) -> int:
+    """A stamp [us] of decimal seconds, which a float would round."""
+    whole, _, fraction = seconds.partition(".")
+    if whole.isdigit() and (fraction.isdigit() or not fraction):
+        return int(whole) * 1_000_000 + int((fraction + "000000")[:6])
+    return round(float(seconds) * 1e6)
