@@ -14,6 +14,7 @@ from mqslam.core.frontend import Context
 from mqslam.core.measurement import Measurement, Status
 from mqslam.core.scans import Scan
 from mqslam.errors import EstimationError
+from mqslam.psi.place import beam_of
 from mqslam.psi.tracking.tracker import START_SCANS, Tracked, Tracker
 from mqslam.psi.tracking.unsteadiness import Unsteadiness
 
@@ -34,7 +35,9 @@ class PsiFrontEnd:
         head = list(itertools.islice(coming, START_SCANS))
         if len(head) < 2:
             raise EstimationError(f"{len(head)} revolutions hold no motion; two at least are needed")
-        tracker = Tracker(self._context.config, self._context.revolution_s)
+        context, config = self._context, self._context.config
+        beam = beam_of(config.estimator, context.doppler_beta)
+        tracker = Tracker(config.tracker, config.estimator, beam, context.revolution_s)
         unsteadiness = Unsteadiness()
         before = found = tracker.start(head, odometry=self._context.odometry_twist(head[0].t0, head[-1].t1))
         lost: list[tuple[Tracked, float]] = []  # revolutions since the last one found, with psi under odometry

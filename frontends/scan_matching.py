@@ -147,7 +147,7 @@ def motions(
         raise EstimationError(f"only {returns} returns in {len(head)} revolutions; lower detector.threshold")
 
     def track(time: float, twist: se2.Array) -> _Track:
-        return _Track(new_matcher(), time, twist, inflation, context.config.sensor.doppler_beta or 0.0)
+        return _Track(new_matcher(), time, twist, inflation, context.doppler_beta)
 
     twist, start = _start(head, track, context)
     forwards = track(head[0].t0, twist)

@@ -28,7 +28,7 @@ from mqslam.core.frontend import Context
 from mqslam.core.measurement import Loop, Measurement
 from mqslam.core.point_map import PointMap
 from mqslam.core.recording import Recording
-from mqslam.core.scans import Scan
+from mqslam.core.scans import Scan, Scans
 from mqslam.core.trajectory import Trajectory
 from mqslam.detection.stage import detect_all
 from mqslam.errors import DataError
@@ -39,7 +39,8 @@ from mqslam.factors.loop_between import loop_between
 from mqslam.factors.odometry_between import odometry_between, odometry_covariance
 from mqslam.factors.psi_between import psi_between
 from mqslam.mapping.render import place_along, render
-from mqslam.psi.tracking.doppler import with_doppler
+from mqslam.psi.place import Beam, beam_of
+from mqslam.psi.tracking.doppler import doppler_beta_of
 
 Watch = Callable[[Scan, se2.Array, NDArray[np.float64]], None]  # a scan, its pose (3,) and points (N, 2) [m]
 
@@ -53,7 +54,8 @@ class Solution:
 
     Args:
         frontend: name of the front end.
-        config: every setting used.
+        config: all settings, as they were given.
+        doppler_beta: range shift per closing speed [s], as the settings name it or as it was measured.
         measurements: relative motions of the front end, one per pair of successive revolutions.
         odometry: trajectory before optimisation: the odometry given, or the front end's measurements chained.
         optimised: trajectory after it.
@@ -66,6 +68,7 @@ class Solution:
 
     frontend: str
     config: Config
+    doppler_beta: float
     measurements: list[Measurement]
     odometry: Trajectory
     optimised: Trajectory
@@ -74,6 +77,11 @@ class Solution:
     odometry_factors: int
     loops: list[Loop]
     loops_rejected: int
+
+    @property
+    def beam(self) -> Beam:
+        """The sensor's errors that the returns were placed with."""
+        return beam_of(self.config.estimator, self.doppler_beta)
 
     @property
     def before(self) -> str:
@@ -154,18 +162,15 @@ class Slam:
                 recording, self._config.detector, self._engine, self._progress, self._checkpoint, strict=self._strict
             )
             self._runtime_s |= {"read": detected.read_s, "detect": detected.detect_s}
-            found = self.solve(scans, context, recording.stamps_us)
+            with self._stage("windows"):
+                context = replace(context, doppler_beta=self._doppler_beta(scans))
+            found = self.solve(scans, context)
             with self._stage("render"):
-                maps = self._render(scans, found.odometry.poses, found.optimised.poses, recording.revolution_s)
+                maps = self._render(scans, found)
             with self._stage("check"):
+                settings, estimator = self._config.audit, self._config.estimator
                 checks = judged_sample(
-                    scans,
-                    recording.start_us,
-                    recording.revolution_s,
-                    found.optimised,
-                    found.config,
-                    self._engine,
-                    self._progress,
+                    scans, found.optimised, settings, estimator, found.beam, self._engine, self._progress
                 )
         return Run(
             **vars(found),
@@ -176,25 +181,25 @@ class Slam:
             unread=detected.unread,
         )
 
-    def solve(self, scans: list[Scan], context: Context, stamps_us: NDArray[np.int64]) -> Solution:
-        """From windows of returns to the optimised trajectory.
+    def solve(self, scans: Scans, context: Context) -> Solution:
+        """From scans to the optimised trajectory.
 
         Args:
-            scans: one per revolution.
-            context: what the front end may know besides.
-            stamps_us: (len(scans),) when each begins [us].
+            scans: of the recording.
+            context: what the front end may know besides; its Doppler shift serves all stages.
 
         Raises:
             EstimationError: data that holds no motion.
         """
         with self._stage("windows"):
-            context, measurements = self._measure(scans, context)
+            measurements = self._measure(scans, context)
         with self._stage("optimise"):
             initial = chain(m.pose for m in measurements)
             edges = self._odometry(scans, context, measurements)
             _, values = self._optimised(initial, measurements, edges, [])
         with self._stage("loops"):
-            loops, tried = self._loops(scans, initial, measurements, edges, values)
+            beam = beam_of(self._config.estimator, context.doppler_beta)
+            loops, tried = self._loops(scans, initial, measurements, edges, values, beam)
         with self._stage("optimise"):
             graph, values = self._optimised(initial, measurements, edges, loops)
             poses = poses_of(values, graph.size)
@@ -202,9 +207,10 @@ class Slam:
         return Solution(
             frontend=self._name,
             config=self._config,
+            doppler_beta=context.doppler_beta,
             measurements=measurements,
-            odometry=Trajectory(stamps_us, before),
-            optimised=Trajectory(stamps_us, poses),
+            odometry=Trajectory(scans.stamps_us, before),
+            optimised=Trajectory(scans.stamps_us, poses),
             graph=graph,
             values=values,
             odometry_factors=len(edges),
@@ -217,37 +223,43 @@ class Slam:
         """Seconds by stage so far."""
         return self._runtime_s
 
-    def _measure(self, scans: list[Scan], context: Context) -> tuple[Context, list[Measurement]]:
-        """All measurements of the front end, and the context with the Doppler shift they were made with."""
+    def _doppler_beta(self, scans: Scans) -> float:
+        """The Doppler shift [s] that kept measurements were made with, or the settings name, or psi measures."""
         kept = self._checkpoint.measurements() if self._checkpoint else None
         if kept is not None:
-            sensor = self._config.sensor.model_copy(update={"doppler_beta": kept[1]})
-            self._config = self._config.model_copy(update={"sensor": sensor})
-            return replace(context, config=self._config), list(self._watched(scans, kept[0]))
-        self._config = with_doppler(scans, self._config, context.revolution_s)
-        _log.info("%d revolutions, Doppler shift %.4f s", len(scans), self._config.sensor.doppler_beta or 0.0)
-        context = replace(context, config=self._config)
+            return kept[1]
+        config = self._config
+        beta = doppler_beta_of(scans, config.sensor, config.tracker, config.estimator)
+        _log.info("%d revolutions, Doppler shift %.4f s", len(scans), beta)
+        return beta
+
+    def _measure(self, scans: Scans, context: Context) -> list[Measurement]:
+        """All measurements of the front end."""
+        beam = beam_of(self._config.estimator, context.doppler_beta)
+        kept = self._checkpoint.measurements() if self._checkpoint else None
+        if kept is not None:
+            return list(self._watched(scans, kept[0], beam))
         measurements = []
-        for motion in self._watched(scans, self._frontend(context).measure(scans)):
+        for motion in self._watched(scans, self._frontend(context).measure(scans), beam):
             measurements.append(motion)
             self._progress("windows", len(measurements) + 1, len(scans))
         if self._checkpoint:
-            self._checkpoint.keep_measurements(measurements, self._config.sensor.doppler_beta or 0.0)
-        return context, measurements
+            self._checkpoint.keep_measurements(measurements, context.doppler_beta)
+        return measurements
 
-    def _watched(self, scans: list[Scan], motions: Iterable[Measurement]) -> Iterator[Measurement]:
-        """The motions as they are measured; the window each begins with is shown to the watch, if there is one."""
+    def _watched(self, scans: Scans, motions: Iterable[Measurement], beam: Beam) -> Iterator[Measurement]:
+        """The motions as they are measured; the scan each begins with is shown to the watch, if there is one."""
         pose = np.zeros(3)
         for scan, motion in zip(scans, motions, strict=False):
             after = se2.compose(pose, motion.pose)
             if self._watch:
                 times, poses = np.array([motion.t0, motion.t1]), np.array([pose, after])
-                self._watch(scan, pose, place_along(scan.returns, times, poses, self._config).points)
+                self._watch(scan, pose, place_along(scan.returns, times, poses, beam).points)
             pose = after
             yield motion
 
     def _odometry(
-        self, scans: list[Scan], context: Context, measurements: list[Measurement]
+        self, scans: Scans, context: Context, measurements: list[Measurement]
     ) -> list[Measurement]:
         """Odometry's own motions with noise as large as they disagree with the front end's; none where it is that."""
         if context.odometry is None or self._name == "odometry":
@@ -258,14 +270,16 @@ class Slam:
 
     def _loops(
         self,
-        scans: list[Scan],
+        scans: Scans,
         initial: se2.Array,
         measurements: list[Measurement],
         odometry: list[Measurement],
         values: gtsam.Values,
+        beam: Beam,
     ) -> tuple[list[Loop], int]:
         """Loops that psi verifies and the map keeps, and the number of pairs tried."""
-        if not self._config.loops.enabled:
+        settings, estimator = self._config.loops, self._config.estimator
+        if not settings.enabled:
             return [], 0
         kept = self._checkpoint.loops() if self._checkpoint else None
         if kept is not None:
@@ -274,13 +288,13 @@ class Slam:
         tried: set[tuple[int, int]] = set()
         drive = Drive.of(scans, poses_of(values, len(scans)))
         before = drive
-        for _ in range(self._config.loops.rounds):
-            found = find_loops(drive, self._config, tried, self._engine, self._progress)
+        for _ in range(settings.rounds):
+            found = find_loops(drive, settings, estimator, beam, tried, self._engine, self._progress)
             if not found:
                 break
             _, values = self._optimised(initial, measurements, odometry, loops + found)
             after = poses_of(values, len(scans))
-            loops = kept_by_map(loops + found, before, after, self._config, self._engine)
+            loops = kept_by_map(loops + found, before, after, settings, estimator, beam, self._engine)
             _, values = self._optimised(initial, measurements, odometry, loops)
             drive = Drive.of(scans, poses_of(values, len(scans)))
         _log.info("%d of %d pairs of passes are loops that the map keeps", len(loops), len(tried))
@@ -303,14 +317,14 @@ class Slam:
         graph = pose_graph(initial, factors)
         return graph, optimise(graph)
 
-    def _render(
-        self, scans: list[Scan], before: se2.Array, after: se2.Array, revolution_s: float
-    ) -> tuple[PointMap, PointMap]:
-        first = render(scans, before, self._config, revolution_s, self._engine)
-        self._progress("render", 1, 2)
-        second = render(scans, after, self._config, revolution_s, self._engine)
-        self._progress("render", 2, 2)
-        return first, second
+    def _render(self, scans: Scans, found: Solution) -> tuple[PointMap, PointMap]:
+        """The map under the trajectory before optimisation and under the optimised one."""
+        maps = []
+        for trajectory in (found.odometry, found.optimised):
+            settings, estimator = self._config.map, self._config.estimator
+            maps.append(render(scans, trajectory.poses, settings, estimator, found.beam, self._engine))
+            self._progress("render", len(maps), 2)
+        return maps[0], maps[1]
 
     @contextmanager
     def _stage(self, name: str) -> Iterator[None]:

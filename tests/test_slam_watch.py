@@ -36,7 +36,7 @@ def test_every_measured_revolution_is_shown_where_it_was_measured(tmp_path: Path
     assert np.allclose([pose for _, pose, _ in seen], run.odometry.poses[:-1])
     times = np.array([scan.t0 for scan in scans])
     for scan, _, points in seen:
-        placed = place_along(scan.returns, times, run.odometry.poses, run.config).points
+        placed = place_along(scan.returns, times, run.odometry.poses, run.beam).points
         assert len(points) > 100 and np.hypot(*(points - placed).T).max() < 0.05
 
 

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mqslam.audit.sweeps import Sweeps
-from mqslam.config import Config, EstimatorConfig
+from mqslam.config import EstimatorConfig
 from mqslam.core import se2
 from mqslam.psi.covariance import sandwich_by_differences
 from mqslam.psi.estimator import Evaluation, Scale
@@ -56,14 +56,14 @@ class Bend:
     points: int
 
 
-def bend(sweeps: Sweeps, begin: int, end: int, config: Config) -> Bend:
+def bend(sweeps: Sweeps, begin: int, end: int, config: EstimatorConfig) -> Bend:
     """Judge the window of the sweeps begin <= k < end against its own best.
 
     Args:
         sweeps: points under the trajectory to judge.
-        config: all settings; lengths of time are counted in sweeps.
+        config: settings of the score; lengths of time are counted in sweeps.
     """
-    estimator = in_sweeps(config.estimator, sweeps.revolution_s)
+    estimator = in_sweeps(config, sweeps.revolution_s)
     final, narrow = final_scale(estimator), _narrowed(estimator, _NARROW)
     count = end - begin
     points, into = middled(sweeps, begin, end)

@@ -12,7 +12,7 @@ from mqslam.audit.inflation import Bend, bend
 from mqslam.audit.measures import Measures, measures, sensors_of
 from mqslam.audit.revisits import Revisit, revisit, revisit_pairs
 from mqslam.audit.sweeps import Sweeps
-from mqslam.config import AuditConfig, Config
+from mqslam.config import AuditConfig, EstimatorConfig, LoopConfig
 from mqslam.core import se2
 from mqslam.execution.engine import Engine
 from mqslam.execution.progress import Progress
@@ -76,29 +76,40 @@ class Audit:
     reasons: list[str]
 
 
-def audit(sweeps: Sweeps, config: Config, engine: Engine, progress: Progress) -> Audit:
+def audit(
+    sweeps: Sweeps,
+    settings: AuditConfig,
+    estimator: EstimatorConfig,
+    loops: LoopConfig,
+    engine: Engine,
+    progress: Progress,
+) -> Audit:
     """Judge a map.
 
     Args:
         sweeps: its points under the trajectory.
-        config: all settings.
+        settings: of the audit.
+        estimator: settings of the score.
+        loops: settings of loops, whose floor holds for revisits too.
         engine: where windows and revisits are judged; the result does not depend on it.
         progress: called as windows and revisits are done.
     """
-    windows = audit_windows(sweeps, config, engine, progress)
-    pairs = revisit_pairs(sweeps, config.audit)
+    windows = audit_windows(sweeps, settings, estimator, engine, progress)
+    pairs = revisit_pairs(sweeps, settings)
 
     def done(number: int, found: Revisit | None) -> None:
         progress("revisits", number, len(pairs))
 
-    laid = engine.map(_revisit, (sweeps, config), pairs, done)
-    revisits = [RevisitAudit(found, torn_revisit(found, config.audit)) for found in laid if found is not None]
+    laid = engine.map(_revisit, (sweeps, settings, estimator, loops), pairs, done)
+    revisits = [RevisitAudit(found, torn_revisit(found, settings)) for found in laid if found is not None]
     return Audit(windows, revisits, *verdict(windows, revisits))
 
 
-def audit_windows(sweeps: Sweeps, config: Config, engine: Engine, progress: Progress) -> list[WindowAudit]:
+def audit_windows(
+    sweeps: Sweeps, settings: AuditConfig, estimator: EstimatorConfig, engine: Engine, progress: Progress
+) -> list[WindowAudit]:
     """Judge the windows of a map, in the order of time."""
-    size = config.audit.window
+    size = settings.window
     begins = list(range(0, len(sweeps) - size + 1, size))
     if begins and begins[-1] + size < len(sweeps):
         begins.append(len(sweeps) - size)  # the last one overlaps the one before, so that every sweep is judged
@@ -106,20 +117,21 @@ def audit_windows(sweeps: Sweeps, config: Config, engine: Engine, progress: Prog
     def done(number: int, window: WindowAudit) -> None:
         progress("audit", number, len(begins))
 
-    return engine.map(_window, (sweeps, config), begins, done)
+    return engine.map(_window, (sweeps, settings, estimator), begins, done)
 
 
-def _window(shared: tuple[Sweeps, Config], begin: int) -> WindowAudit:
-    sweeps, config = shared
-    return audit_window(sweeps, begin, begin + config.audit.window, config)
+def _window(shared: tuple[Sweeps, AuditConfig, EstimatorConfig], begin: int) -> WindowAudit:
+    sweeps, settings, estimator = shared
+    return audit_window(sweeps, begin, begin + settings.window, settings, estimator)
 
 
-def audit_window(sweeps: Sweeps, begin: int, end: int, config: Config) -> WindowAudit:
+def audit_window(
+    sweeps: Sweeps, begin: int, end: int, settings: AuditConfig, estimator: EstimatorConfig
+) -> WindowAudit:
     """Judge one window: the sweeps begin <= k < end."""
-    settings = config.audit
     span = sweeps.span(begin, end)
     turns = sweeps.turns[span]
-    found = bend(sweeps, begin, end, config)
+    found = bend(sweeps, begin, end, estimator)
     beside = measures(
         sweeps.points[span],
         np.searchsorted(sweeps.numbers[begin:end], turns, side="right"),
@@ -135,9 +147,11 @@ def audit_window(sweeps: Sweeps, begin: int, end: int, config: Config) -> Window
     )
 
 
-def _revisit(shared: tuple[Sweeps, Config], pair: tuple[int, int]) -> Revisit | None:
-    sweeps, config = shared
-    return revisit(sweeps, *pair, config)
+def _revisit(
+    shared: tuple[Sweeps, AuditConfig, EstimatorConfig, LoopConfig], pair: tuple[int, int]
+) -> Revisit | None:
+    sweeps, settings, estimator, loops = shared
+    return revisit(sweeps, *pair, settings, estimator, loops)
 
 
 def torn_threshold(settings: AuditConfig) -> float:

@@ -11,7 +11,7 @@ from mqslam.audit.sweeps import Sweeps
 from mqslam.backend.loops.align import align, cross_score
 from mqslam.backend.loops.passes import pairs_of_passes, reach, unrivalled
 from mqslam.backend.loops.submap import around
-from mqslam.config import AuditConfig, Config
+from mqslam.config import AuditConfig, EstimatorConfig, LoopConfig
 from mqslam.core import se2
 
 
@@ -51,23 +51,32 @@ def revisit_pairs(sweeps: Sweeps, settings: AuditConfig) -> list[tuple[int, int]
     return pairs_of_passes(sweeps.travelled, sweeps.poses, settings)
 
 
-def revisit(sweeps: Sweeps, earlier: int, later: int, config: Config) -> Revisit | None:
-    """Lay one pass on the other; None where either holds too few points."""
-    settings = config.audit
+def revisit(
+    sweeps: Sweeps, earlier: int, later: int, settings: AuditConfig, estimator: EstimatorConfig, loops: LoopConfig
+) -> Revisit | None:
+    """Lay one pass on the other; None where either holds too few points.
+
+    Args:
+        sweeps: points under the trajectory to judge.
+        earlier, later: the two sweeps.
+        settings: of the audit.
+        estimator: settings of the score.
+        loops: whose floor holds here too: submaps bend.
+    """
     chosen = passes_of(sweeps, earlier, later, settings)
     reference, query = (sweeps.local(part, sweeps.poses[k]) for part, k in zip(chosen, (earlier, later), strict=True))
     if min(len(reference), len(query)) < settings.fewest:
         return None
     guess = se2.between(sweeps.poses[earlier], sweeps.poses[later])
     path_m = float(sweeps.travelled[later] - sweeps.travelled[earlier])
-    found = align(reference, query, guess, *reach(path_m, settings), config.estimator)
+    found = align(reference, query, guess, *reach(path_m, settings), estimator)
     offset = se2.between(guess, found.pose)
     offset[2] = se2.wrap(offset[2])
-    floor = np.diag([config.loops.floor_m**2, config.loops.floor_m**2, config.loops.floor_rad**2])
+    floor = np.diag([loops.floor_m**2, loops.floor_m**2, loops.floor_rad**2])
     covariance = se2.turned(found.covariance, -guess[2]) + floor
     return Revisit(
         earlier, later, offset, covariance, float(offset @ np.linalg.solve(covariance, offset)), found.matched,
-        cross_score(reference, query, guess, config.estimator), found.psi, unrivalled(found, settings),
+        cross_score(reference, query, guess, estimator), found.psi, unrivalled(found, settings),
     )  # fmt: skip
 
 

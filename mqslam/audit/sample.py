@@ -2,57 +2,63 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from mqslam.audit.judge import WindowAudit, audit_window
 from mqslam.audit.sweeps import swept
-from mqslam.config import Config
+from mqslam.config import AuditConfig, EstimatorConfig
 from mqslam.core.evenly import evenly
-from mqslam.core.scans import Scan
+from mqslam.core.scans import Scans
 from mqslam.core.trajectory import Trajectory
 from mqslam.errors import EstimationError
 from mqslam.execution.engine import Engine
 from mqslam.execution.progress import Progress
+from mqslam.psi.place import Beam
 
 MOST = 100  # windows of a run that are judged
 
 
 def judged_sample(
-    scans: Sequence[Scan], start_us: int, revolution_s: float, trajectory: Trajectory, config: Config, engine: Engine,
+    scans: Scans,
+    trajectory: Trajectory,
+    settings: AuditConfig,
+    estimator: EstimatorConfig,
+    beam: Beam,
+    engine: Engine,
     progress: Progress,
-) -> list[WindowAudit]:  # fmt: skip
+) -> list[WindowAudit]:
     """At most `MOST` windows of a recording, evenly spread, under a trajectory; those without returns are left out.
 
     Args:
-        scans: one per revolution.
-        start_us: stamp [us] of their time zero.
-        revolution_s: duration of a revolution [s].
+        scans: of the recording.
         trajectory: poses of the sensor.
-        config: all settings.
+        settings: of the audit.
+        estimator: settings of the score.
+        beam: the sensor's errors.
         engine: where they are judged; the result does not depend on it.
         progress: called as windows are done.
     """
-    size = config.audit.window
+    size = settings.window
     begins = np.arange(0, len(scans) - size + 1, size)
     begins = begins[evenly(len(begins), MOST)]
 
     def done(number: int, window: WindowAudit | None) -> None:
         progress("check", number, len(begins))
 
-    found = engine.map(_judged, (scans, start_us, revolution_s, trajectory, config), begins.tolist(), done)
+    found = engine.map(_judged, (scans, trajectory, settings, estimator, beam), begins.tolist(), done)
     return [window for window in found if window is not None]
 
 
-def _judged(shared: tuple[Sequence[Scan], int, float, Trajectory, Config], begin: int) -> WindowAudit | None:
+def _judged(
+    shared: tuple[Scans, Trajectory, AuditConfig, EstimatorConfig, Beam], begin: int
+) -> WindowAudit | None:
     """The window that begins with a revolution; None without returns."""
-    scans, start_us, revolution_s, trajectory, config = shared
-    stretch = scans[begin : begin + config.audit.window]
+    scans, trajectory, settings, estimator, beam = shared
     try:
-        sweeps, inside = swept(stretch, start_us, revolution_s, trajectory, config)
+        sweeps, inside = swept(scans[begin : begin + settings.window], trajectory, beam)
     except EstimationError:
         return None
-    found = audit_window(sweeps, 0, len(sweeps), config)
+    found = audit_window(sweeps, 0, len(sweeps), settings, estimator)
     return replace(found, begin=begin + inside[0], end=begin + inside[-1] + 1)

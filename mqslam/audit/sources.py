@@ -11,12 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mqslam.audit.sweeps import Sweeps, path_length, swept
-from mqslam.config import Config
 from mqslam.core.lidar import LidarRecording
-from mqslam.core.scans import Scan
+from mqslam.core.scans import Scans
 from mqslam.core.timed_cloud import TimedCloud
 from mqslam.core.trajectory import Trajectory
 from mqslam.errors import DataError
+from mqslam.psi.place import Beam
 
 LIDAR_CONFIG = "lidar"  # the shipped settings for everything that is not a radar's
 CLOUDS = (".ply", ".pcd", ".las", ".laz", ".npz")
@@ -31,18 +31,14 @@ class Source:
     Args:
         path: where it came from.
         format: name of its layout.
-        scans: one per revolution or scan.
-        start_us: stamp [us] of the windows' time zero.
-        revolution_s: usual duration of a sweep [s].
+        scans: its scans, of a radar or a lidar.
         tracks: trajectories the recording itself carries, by name.
         notes: what a user should know about how it was understood.
     """
 
     path: Path
     format: str
-    scans: list[Scan]
-    start_us: int
-    revolution_s: float
+    scans: Scans
     tracks: dict[str, Trajectory]
     notes: tuple[str, ...]
 
@@ -65,25 +61,23 @@ def lidar_source(lidar: LidarRecording) -> Source:
         path=lidar.path,
         format=lidar.format,
         scans=lidar.scans,
-        start_us=int(lidar.stamps_us[0]),
-        revolution_s=float(np.median(np.diff(lidar.stamps_us))) * 1e-6,
         tracks={name: track for name, track in tracks.items() if track is not None},
         notes=lidar.notes,
     )
 
 
-def sweeps_of(source: Source, trajectory: Trajectory, config: Config) -> tuple[Sweeps, list[str]]:
+def sweeps_of(source: Source, trajectory: Trajectory, beam: Beam) -> tuple[Sweeps, list[str]]:
     """A recording under a trajectory, and a note where that does not cover it.
 
     Raises:
         EstimationError: they share no time.
     """
-    sweeps, inside = swept(source.scans, source.start_us, source.revolution_s, trajectory, config)
+    sweeps, inside = swept(source.scans, trajectory, beam)
     missing = len(source.scans) - len(inside)
     return sweeps, [f"the trajectory does not cover {missing} of {len(source.scans)} sweeps"] if missing else []
 
 
-def sweeps_of_cloud(cloud: TimedCloud, trajectory: Trajectory | None, config: Config) -> Sweeps:
+def sweeps_of_cloud(cloud: TimedCloud, trajectory: Trajectory | None, beam: Beam) -> Sweeps:
     """The sweeps of a finished cloud; without a trajectory the middle of a sweep's points stands for the sensor.
 
     Raises:
@@ -108,7 +102,7 @@ def sweeps_of_cloud(cloud: TimedCloud, trajectory: Trajectory | None, config: Co
         _check_cover(cloud, trajectory)
         poses = trajectory.at(begin_us)
     covariances = np.zeros((len(cloud), 3))
-    covariances[:, [0, 2]] = config.estimator.sigma_range_m**2
+    covariances[:, [0, 2]] = beam.sigma_range**2
     return Sweeps(
         points=cloud.points,
         covariances=covariances,

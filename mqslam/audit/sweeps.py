@@ -8,13 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mqslam.config import Config
 from mqslam.core import se2
-from mqslam.core.scans import Returns, Scan
+from mqslam.core.scans import Returns, Scans
 from mqslam.core.trajectory import Trajectory
 from mqslam.errors import EstimationError
 from mqslam.mapping.render import place_along
-from mqslam.psi.place import PointSet, turned
+from mqslam.psi.place import Beam, PointSet, turned
 
 _LONGEST_SWEEP = 1.5  # usual ones
 
@@ -61,50 +60,47 @@ class Sweeps:
         return PointSet(points, np.empty((len(picked), 2, 0)), covariances, self.turns[picked])
 
 
-def swept(
-    scans: Sequence[Scan], start_us: int, revolution_s: float, trajectory: Trajectory, config: Config
-) -> tuple[Sweeps, list[int]]:
+def swept(scans: Scans, trajectory: Trajectory, beam: Beam) -> tuple[Sweeps, list[int]]:
     """The returns of a recording under a trajectory.
 
     Args:
-        scans: one per revolution or scan.
-        start_us: stamp [us] of the windows' time zero.
-        revolution_s: duration of a sweep [s].
+        scans: of a radar or a lidar.
         trajectory: poses of the sensor.
+        beam: the sensor's errors.
 
     Returns:
-        the sweeps that lie in the trajectory's span, and their indices in `windows`.
+        the sweeps that lie in the trajectory's span, and their indices in `scans`.
 
     Raises:
         EstimationError: recording and trajectory share no time, or hold no returns where they do.
     """
-    inside = shared(scans, start_us, revolution_s, trajectory)
-    kept = [scans[k] for k in inside]
+    inside = shared(scans, trajectory)
+    kept = scans.take(inside)
     returns = Returns.concatenate([w.returns for w in kept])
     if not len(returns):
         raise EstimationError(f"no returns in {len(kept)} sweeps; lower detector.threshold")
-    placed = place_along(returns, trajectory.seconds(start_us), trajectory.poses, config)
+    placed = place_along(returns, trajectory.seconds(scans.start_us), trajectory.poses, beam)
     counts = np.array([len(w.returns) for w in kept])
     sweep = np.repeat(np.arange(len(kept)), counts)
-    times = np.array([w.t0 for w in kept])
+    times = kept.start_times
     numbers = np.array(inside, dtype=np.float64)
-    turns = numbers[sweep] + (returns.times - times[sweep]) / revolution_s
-    poses = trajectory.at(_stamps(kept, start_us)[:, 0])
+    turns = numbers[sweep] + (returns.times - times[sweep]) / scans.revolution_s
+    poses = trajectory.at(kept.stamps_us)
     begins = np.concatenate([[0], np.cumsum(counts)])
     return Sweeps(
-        placed.points, placed.covariances, turns, begins, numbers, times, poses, path_length(poses), revolution_s
+        placed.points, placed.covariances, turns, begins, numbers, times, poses, path_length(poses), scans.revolution_s
     ), inside
 
 
-def shared(scans: Sequence[Scan], start_us: int, revolution_s: float, trajectory: Trajectory) -> list[int]:
-    """Indices of the windows that a trajectory covers, of which there must be some.
+def shared(scans: Scans, trajectory: Trajectory) -> list[int]:
+    """Indices of the scans that a trajectory covers, of which there must be some.
 
     Raises:
         EstimationError: there are none.
     """
-    inside = covered(scans, start_us, revolution_s, trajectory)
+    inside = covered(scans, trajectory)
     if len(inside) < 2:
-        spans = ((trajectory.stamps_us[0], trajectory.stamps_us[-1]), _stamps(scans, start_us)[[0, -1], [0, 1]])
+        spans = ((trajectory.stamps_us[0], trajectory.stamps_us[-1]), _spans(scans)[[0, -1], [0, 1]])
         track, recording = (f"{1e-6 * first:.2f} to {1e-6 * last:.2f} s" for first, last in spans)
         raise EstimationError(
             f"the trajectory ({track}) and the recording ({recording}) share no time; "
@@ -113,16 +109,16 @@ def shared(scans: Sequence[Scan], start_us: int, revolution_s: float, trajectory
     return inside
 
 
-def covered(scans: Sequence[Scan], start_us: int, revolution_s: float, trajectory: Trajectory) -> list[int]:
-    """Indices of the windows that a trajectory covers, give or take a sweep, which takes period_s [s] or so."""
-    slack_us = round(1e6 * _LONGEST_SWEEP * revolution_s)
-    spans = _stamps(scans, start_us).tolist()
+def covered(scans: Scans, trajectory: Trajectory) -> list[int]:
+    """Indices of the scans that a trajectory covers, give or take a revolution."""
+    slack_us = round(1e6 * _LONGEST_SWEEP * scans.revolution_s)
+    spans = _spans(scans).tolist()
     return [k for k, (t0, t1) in enumerate(spans) if trajectory.covers(t0, t1, slack_us)]
 
 
-def _stamps(scans: Sequence[Scan], start_us: int) -> NDArray[np.int64]:
-    """Stamps (N, 2) [us] of the begins and ends of windows."""
-    return start_us + np.round(np.array([(w.t0, w.t1) for w in scans]) * 1e6).astype(np.int64)
+def _spans(scans: Scans) -> NDArray[np.int64]:
+    """Stamps (N, 2) [us] of the begins and ends of scans."""
+    return scans.start_us + np.round(np.array([(w.t0, w.t1) for w in scans]) * 1e6).astype(np.int64)
 
 
 def path_length(poses: se2.Array) -> NDArray[np.float64]:

@@ -11,6 +11,7 @@ from mqslam.check.sweeping import check_azimuths, check_stamps
 from mqslam.config import Config
 from mqslam.core.recording import Recording
 from mqslam.core.trajectory import Trajectory
+from mqslam.psi.place import beam_of
 
 
 def check_recording(
@@ -24,8 +25,9 @@ def check_recording(
         config: all settings.
         progress: called with (revolutions read, revolutions in all).
     """
-    stretches = read_stretches(recording, odometry, config, progress)
-    followed = follow(recording, stretches, config)
+    beam = beam_of(config.estimator, config.sensor.doppler_beta or 0.0)
+    stretches = read_stretches(recording, odometry, config.detector, progress)
+    followed = follow(recording, stretches, config.tracker, config.estimator, beam)
     return [
         check_stamps(recording, stretches),
         check_azimuths(stretches),

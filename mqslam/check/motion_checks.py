@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,13 +17,14 @@ from scipy.stats import wilcoxon
 
 from mqslam.check.finding import Finding, Verdict
 from mqslam.check.stretches import Stretch
-from mqslam.config import Config
+from mqslam.config import EstimatorConfig, TrackerConfig
 from mqslam.core import se2
 from mqslam.core.measurement import Status
 from mqslam.core.recording import Recording
-from mqslam.core.scans import Returns, Scan
+from mqslam.core.scans import Returns, Scan, Scans
 from mqslam.core.trajectory import Trajectory
 from mqslam.errors import EstimationError
+from mqslam.psi.place import Beam
 from mqslam.psi.tracking.tracker import START_SCANS, Tracked, Tracker
 
 _CHANCE = 5e-3  # probability below which a preference of psi's for an order of azimuths is none of chance
@@ -71,8 +72,21 @@ class Followed:
     psi_backward: NDArray[np.float64]
 
 
-def follow(recording: Recording, stretches: Sequence[Stretch], config: Config) -> Followed:
+def follow(
+    recording: Recording,
+    stretches: Sequence[Stretch],
+    tracker: TrackerConfig,
+    estimator: EstimatorConfig,
+    beam: Beam,
+) -> Followed:
     """Track the stretches by psi, as they are and with their azimuths in the opposite order."""
+    spread = tracker.model_copy(update={"keyframe_m": _SPREAD_M})
+
+    def tracked(scans: Scans) -> list[Tracked]:
+        following = Tracker(spread, estimator, beam, scans.revolution_s)
+        first = following.start(scans[:START_SCANS])
+        return [first, *(following.follow(scan) for scan in scans[1:])]
+
     edges: list[tuple[float, float]] = []
     twists: list[se2.Array] = []
     forward: list[float] = []
@@ -81,8 +95,8 @@ def follow(recording: Recording, stretches: Sequence[Stretch], config: Config) -
         if len(stretch.scans) < START_SCANS:
             continue
         try:
-            found = _tracked(stretch.scans, recording.revolution_s, config)
-            other = _tracked([_reversed(scan) for scan in stretch.scans], recording.revolution_s, config)
+            found = tracked(stretch.scans)
+            other = tracked(replace(stretch.scans, scans=tuple(map(_reversed, stretch.scans))))
         except EstimationError:
             continue
         for a, b in itertools.pairwise(found):
@@ -190,13 +204,6 @@ def _yaw_rates(
     """Yaw rates (S,) of the radar, shifts (K,) [us] of up to a turn and a half, odometry's yaw rates (K, S) at them."""
     shifts = np.round(np.linspace(-1.5, 1.5, 61) * recording.revolution_s * 1e6).astype(np.int64)
     return steps.twists[:, 2], shifts, np.array([steps.of(odometry, shift)[:, 2] for shift in shifts.tolist()])
-
-
-def _tracked(scans: Sequence[Scan], revolution_s: float, config: Config) -> list[Tracked]:
-    spread = config.tracker.model_copy(update={"keyframe_m": _SPREAD_M})
-    tracker = Tracker(config.model_copy(update={"tracker": spread}), revolution_s)
-    first = tracker.start(list(scans[:START_SCANS]))
-    return [first, *(tracker.follow(scan) for scan in scans[1:])]
 
 
 def _reversed(scan: Scan) -> Scan:

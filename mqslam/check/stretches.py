@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mqslam.config import Config
+from mqslam.config import DetectorConfig
 from mqslam.core.recording import PolarScan, Recording
-from mqslam.core.scans import Returns, Scan
+from mqslam.core.scans import Returns, Scan, Scans
 from mqslam.core.trajectory import Trajectory
 from mqslam.detection.artefacts import drop_fixed
 from mqslam.detection.detector import detect
@@ -55,20 +55,20 @@ class Stretch:
         unread: why the others could not be; their windows hold no returns.
     """
 
-    scans: tuple[Scan, ...]
+    scans: Scans
     sweeps: tuple[Sweep, ...]
     unread: tuple[str, ...]
 
 
 def read_stretches(
-    recording: Recording, odometry: Trajectory | None, config: Config, progress: Callable[[int, int], None]
+    recording: Recording, odometry: Trajectory | None, config: DetectorConfig, progress: Callable[[int, int], None]
 ) -> list[Stretch]:
     """The stretches that tell most: where odometry's yaw rate changes most, or else spread over the recording.
 
     Args:
         recording: the recording.
         odometry: of the same clock, or None.
-        config: all settings.
+        config: settings of the detector.
         progress: called with (revolutions read, revolutions in all).
     """
     spans = _spans(recording, odometry)
@@ -82,7 +82,7 @@ def read_stretches(
             if isinstance(polar_scan, DataError):
                 returns[k], unread[k], before = Returns.none(), str(polar_scan), None
             else:
-                returns[k] = detect(polar_scan, recording.range_resolution, config.detector)
+                returns[k] = detect(polar_scan, recording.range_resolution, config)
                 sweeps[k] = _sweep(recording, k, polar_scan, before)
                 before = polar_scan
             progress(len(returns), total)
@@ -92,7 +92,11 @@ def read_stretches(
     ends = starts + np.where(lengths < 1.5 * recording.revolution_s, lengths, recording.revolution_s)
     return [
         Stretch(
-            tuple(Scan(float(starts[k]), float(ends[k]), kept[k]) for k in range(*span)),
+            Scans(
+                tuple(Scan(float(starts[k]), float(ends[k]), kept[k]) for k in range(*span)),
+                recording.start_us,
+                recording.revolution_s,
+            ),
             tuple(sweeps[k] for k in range(*span) if k in sweeps),
             tuple(unread[k] for k in range(*span) if k in unread),
         )

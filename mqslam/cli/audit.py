@@ -63,6 +63,7 @@ def audit(
     from mqslam.execution.folders import check_free, whole_folder
     from mqslam.execution.workers import chosen
     from mqslam.formats.clouds import read_cloud
+    from mqslam.psi.place import beam_of
     from mqslam.report.audit_page import write_audit_pages
     from mqslam.results.audit_results import plain, summarise, write_audit
 
@@ -73,17 +74,18 @@ def audit(
         if is_cloud(data):
             settings = load_config(config or LIDAR_CONFIG)
             cloud = read_cloud(data, _heights(z_range))
-            sweeps, notes, kind = sweeps_of_cloud(cloud, given, settings), list(cloud.notes), data.suffix.lower()[1:]
+            sweeps = sweeps_of_cloud(cloud, given, beam_of(settings.estimator, 0.0))
+            notes, kind = list(cloud.notes), data.suffix.lower()[1:]
         else:
             source, track, settings = _source(
                 data, given, trajectory or "recording", config, format, range_resolution, engine, show
             )
-            sweeps, notes = sweeps_of(source, track, settings)
+            sweeps, notes = sweeps_of(source, track, beam_of(settings.estimator, settings.sensor.doppler_beta or 0.0))
             notes, kind = [*source.notes, *notes], source.format
         if not quiet:
             print_notes(console, notes)
-        found = judged(sweeps, settings, engine, show)
-    summary = summarise(found, sweeps, settings, {"format": kind, "path": str(data)}, trajectory or "recording")
+        found = judged(sweeps, settings.audit, settings.estimator, settings.loops, engine, show)
+    summary = summarise(found, sweeps, settings.audit, {"format": kind, "path": str(data)}, trajectory or "recording")
     with whole_folder(out) as folder:
         write_audit(folder, settings, summary)
         write_audit_pages(folder, data.resolve().name, found, sweeps, settings, summary, notes)
@@ -149,10 +151,10 @@ def _source(
     from mqslam.audit.sources import LIDAR_CONFIG, Source, lidar_source
     from mqslam.audit.sweeps import shared
     from mqslam.commands.opening import opened
-    from mqslam.config import load_config
+    from mqslam.config import load_config, with_doppler_beta
     from mqslam.detection.stage import detect_all, scans_of, unread_warnings
     from mqslam.formats import lidars
-    from mqslam.psi.tracking.doppler import with_doppler
+    from mqslam.psi.tracking.doppler import doppler_beta_of
 
     if format is None and data.exists() and lidars.recognises(data):
         source = lidar_source(lidars.read_lidar(data))
@@ -162,11 +164,12 @@ def _source(
     carried = {"odometry": recording.odometry, "ground_truth": recording.ground_truth}
     tracks = {name: track for name, track in carried.items() if track is not None}
     track = given or _carried(data, tracks, name)
-    shared(scans_of(recording), recording.start_us, recording.revolution_s, track)  # before the recording is read
+    shared(scans_of(recording), track)  # before the recording is read
     scans, detected = detect_all(recording, settings.detector, engine, show)
     notes = (*recording.notes, *recording.faults, *unread_warnings(detected.unread))
-    source = Source(recording.path, recording.format, scans, recording.start_us, recording.revolution_s, tracks, notes)
-    return source, track, with_doppler(scans, settings, recording.revolution_s)
+    source = Source(recording.path, recording.format, scans, tracks, notes)
+    beta = doppler_beta_of(scans, settings.sensor, settings.tracker, settings.estimator)
+    return source, track, with_doppler_beta(settings, beta)
 
 
 def _lines(summary: dict[str, Any]) -> list[str]:

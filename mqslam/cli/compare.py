@@ -65,14 +65,15 @@ def compare(
     from mqslam.commands.opening import choose_odometry, opened
     from mqslam.compare.judgement import agreement, enough_in_common, judge, places, stations
     from mqslam.compare.rows import front_end_rows
-    from mqslam.config import dump_yaml, load_config
+    from mqslam.config import dump_yaml, load_config, with_doppler_beta
     from mqslam.core.frontend import Context, load
     from mqslam.detection.stage import detect_all, scans_of, unread_warnings
     from mqslam.errors import EstimationError
     from mqslam.execution.checkpoint import run_key, unfinished
     from mqslam.execution.folders import check_free, whole_folder
     from mqslam.execution.workers import chosen
-    from mqslam.psi.tracking.doppler import with_doppler
+    from mqslam.psi.place import beam_of
+    from mqslam.psi.tracking.doppler import doppler_beta_of
     from mqslam.report.compare_page import CompareReport, write_compare_pages
     from mqslam.results.compare_results import summarise, table, write_compare
 
@@ -89,7 +90,7 @@ def compare(
     if kiss_config is not None and "kiss_icp" in names:  # a file that KISS-ICP refuses is a mistake, not a row that fails
         load("kiss_icp")(Context(settings, revolution_s, start_us, None))
     # before the recording is read
-    enough_in_common(given, scans_of(recording), start_us, revolution_s, settings.audit.window)
+    enough_in_common(given, scans_of(recording), settings.audit.window)
     key = run_key(recording, settings, f"compare {','.join(names)} {odometry_only}", track)
     with (
         chosen(cluster, jobs) as engine,
@@ -98,28 +99,31 @@ def compare(
     ):
         scans, detected = detect_all(recording, settings.detector, engine, show, checkpoint)
         notes += [*recording.faults, *unread_warnings(detected.unread)]
-        settings = with_doppler(scans, settings, revolution_s)
-        contexts = {name: Context(settings, revolution_s, start_us, track if name == "odometry" else None) for name in names}
-        rows = front_end_rows(contexts, scans, recording.stamps_us, engine, show, back_end=not odometry_only)
+        beta = doppler_beta_of(scans, settings.sensor, settings.tracker, settings.estimator)
+        settings = with_doppler_beta(settings, beta)
+        beam = beam_of(settings.estimator, beta)
+        contexts = {
+            name: Context(settings, revolution_s, start_us, track if name == "odometry" else None, beta) for name in names
+        }
+        rows = front_end_rows(contexts, scans, engine, show, back_end=not odometry_only)
         rows += given
         ran = [row for row in rows if row.trajectory is not None]
         if not ran:
             raise EstimationError("; ".join(f"{row.name}: {row.failure}" for row in rows))
         tracks = [row.trajectory for row in ran if row.trajectory is not None]
-        common = enough_in_common(ran, scans, start_us, revolution_s, settings.audit.window)
+        common = enough_in_common(ran, scans, settings.audit.window)
         if len(common) < len(scans):
             notes = [*notes, f"{len(common)} of {len(scans)} revolutions are in every trajectory: judged on those"]
-        where = places(common, start_us, tracks, settings.audit.window)
+        where = places(common, tracks, settings.audit.window)
         along = stations(common, settings.audit.window)
         shown = [*where, *along]
         judged = {
-            row.name: judge(row, common, start_us, revolution_s, recording.ground_truth, shown, settings, engine, show)
+            row.name: judge(row, common, recording.ground_truth, shown, settings, beam, engine, show)
             for row in ran
         }
         pairs = agreement(ran)
-        summary = summarise(recording, settings, rows, judged, where, pairs, len(common))
+        summary = summarise(recording, beta, settings.audit, rows, judged, where, pairs, len(common))
         with whole_folder(out) as folder:
-            notes = [*_failures(rows), *notes]
             write_compare(folder, settings, summary, rows)
             report = CompareReport(
                 title=recording.path.resolve().name,
@@ -132,7 +136,7 @@ def compare(
                 agreement=tuple(pairs),
                 ground_truth=recording.ground_truth,
                 table=tuple(tuple(line) for line in table(summary)),
-                warnings=tuple(notes),
+                warnings=(*_failures(rows), *notes),
                 settings_yaml=dump_yaml(settings),
             )
             write_compare_pages(folder, report)

@@ -10,11 +10,12 @@ import typer
 from mqslam.cli.options import ConfigOption, Data, Format, Json, Quiet, RangeResolution, Verbose
 
 if TYPE_CHECKING:
-    from mqslam.config import Config, PsiConfig
+    from mqslam.config import DetectorConfig, EstimatorConfig, PsiConfig
     from mqslam.core import se2
     from mqslam.core.motion import MotionModel
     from mqslam.core.recording import Recording
     from mqslam.core.scans import Returns
+    from mqslam.psi.place import Beam
     from mqslam.psi.window import WindowMotion
 
 _UNITS = {"v": "m/s", "vx": "m/s", "vy": "m/s", "omega": "rad/s"}
@@ -59,27 +60,28 @@ def score(
     """
     from mqslam.commands.opening import opened
     from mqslam.config import load_config
-    from mqslam.psi.window import beam_of, estimate_window
+    from mqslam.psi.place import beam_of
+    from mqslam.psi.window import estimate_window
 
     settings = load_config(config)
-    variant = psi_variant(settings, temporal=temporal, numerator=numerator, factor=factor, unmatched=unmatched)
+    variant = psi_variant(settings.psi, temporal=temporal, numerator=numerator, factor=factor, unmatched=unmatched)
     theta, model = parse_motion(motion)
     recording = opened(data, format, range_resolution, settings.sensor)
-    returns, t0 = read_window(recording, settings, start, revolutions)
+    returns, t0 = read_window(recording, settings.detector, start, revolutions)
     beta = settings.sensor.doppler_beta or 0.0
+    beam = beam_of(settings.estimator, beta)
     found: dict[str, Any] = {
         "window": {"t0": t0, "revolutions": revolutions, "revolution_s": recording.revolution_s, "points": len(returns)},
         "doppler_beta": beta,
         "variant": variant.model_dump(include={"temporal", "numerator", "factor", "unmatched"}),
         "motion": dict(zip(model.parameters, theta.tolist(), strict=True)),
-        **scores(returns, t0, recording.revolution_s, theta, model, settings, variant),
+        **scores(returns, t0, recording.revolution_s, theta, model, settings.estimator, beam, variant),
     }
     if minimise:
         twist = theta if model.size == 3 else theta[[0, 0, 1]] * [1.0, 0.0, 1.0]
-        beam = beam_of(settings.estimator, beta)
         best = estimate_window(returns, t0, recording.revolution_s, settings.estimator, beam, twist, model)
         found["minimised"] = _estimate(best, model) | scores(
-            returns, t0, recording.revolution_s, best.theta, model, settings, variant
+            returns, t0, recording.revolution_s, best.theta, model, settings.estimator, beam, variant
         )
     if as_json:
         typer.echo(json.dumps(found, indent=1))
@@ -107,7 +109,7 @@ def parse_motion(text: str) -> tuple[se2.Array, MotionModel]:
     return theta, CONSTANT_VELOCITY if len(theta) == 2 else CONSTANT_TWIST
 
 
-def psi_variant(settings: Config, **chosen: str | float | None) -> PsiConfig:
+def psi_variant(settings: PsiConfig, **chosen: str | float | None) -> PsiConfig:
     """The settings of the published score with the given ones changed.
 
     Raises:
@@ -120,14 +122,14 @@ def psi_variant(settings: Config, **chosen: str | float | None) -> PsiConfig:
 
     try:
         return PsiConfig.model_validate(
-            settings.psi.model_dump() | {name: value for name, value in chosen.items() if value is not None}
+            settings.model_dump() | {name: value for name, value in chosen.items() if value is not None}
         )
     except ValidationError as error:
         fault = error.errors()[0]
         raise ConfigError(f"--{fault['loc'][0]} {fault['input']}: {fault['msg']}") from error
 
 
-def read_window(recording: Recording, settings: Config, start: float, revolutions: int) -> tuple[Returns, float]:
+def read_window(recording: Recording, detector: DetectorConfig, start: float, revolutions: int) -> tuple[Returns, float]:
     """The returns of the revolutions from the first that begins at `start` [s] or later, and when it begins [s].
 
     No other revolutions are read.
@@ -153,7 +155,7 @@ def read_window(recording: Recording, settings: Config, start: float, revolution
             f"{recording.duration_s:.2f} s long; give 0 to {np.floor(1e3 * last) / 1e3:g}"
         )
     first = int(np.searchsorted(times, start - 1e-6))
-    found = detect_stretch(recording, settings.detector, first, first + revolutions)
+    found = detect_stretch(recording, detector, first, first + revolutions)
     returns = Returns.concatenate(found.returns)
     if not len(returns):
         raise EstimationError(f"--start {start:g}: no returns in these {revolutions} revolutions; lower detector.threshold")
@@ -166,7 +168,8 @@ def scores(
     revolution_s: float,
     theta: se2.Array,
     model: MotionModel,
-    settings: Config,
+    config: EstimatorConfig,
+    beam: Beam,
     variant: PsiConfig,
 ) -> dict[str, Any]:
     """The published score of a window under a motion with its parts, and the estimator's at its final widths."""
@@ -175,10 +178,8 @@ def scores(
     from mqslam.psi.minimiser import final_scale, score_itself
     from mqslam.psi.place import place
     from mqslam.psi.published.equations import score as published
-    from mqslam.psi.window import beam_of, without_start
+    from mqslam.psi.window import without_start
 
-    config = settings.estimator
-    beam = beam_of(config, settings.sensor.doppler_beta or 0.0)
     points = without_start(place(returns, t0, np.zeros(3), theta, model, beam))
     whole = published(points.points, points.times, revolution_s, variant, points.jacobians)
     own = score_itself(points, final_scale(config), revolution_s, config)

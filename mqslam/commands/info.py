@@ -48,7 +48,7 @@ def describe_lidar(lidar: LidarRecording) -> dict[str, Any]:
         format, path, scans, duration_s [s], scan_rate_hz [1/s], returns per scan, max_range_m [m] among them, odometry and
         recording (the poses beside the scans), and notes.
     """
-    steps = np.diff(lidar.stamps_us) * 1e-6
+    steps = np.diff(lidar.scans.stamps_us) * 1e-6
     return {
         "format": lidar.format,
         "path": str(lidar.path),

@@ -16,13 +16,14 @@ from mqslam.config import Config
 from mqslam.core import se2
 from mqslam.core.evenly import evenly
 from mqslam.core.point_map import PointMap, thinned
-from mqslam.core.scans import Scan
+from mqslam.core.scans import Scans
 from mqslam.core.trajectory import Trajectory
 from mqslam.errors import EstimationError
 from mqslam.evaluation import Evaluation, evaluate
 from mqslam.execution.engine import Engine
 from mqslam.execution.progress import Progress
 from mqslam.mapping.render import render
+from mqslam.psi.place import Beam
 
 STATIONS = 60  # that can be looked at
 PLACES = 6  # that are shown, where the rows differ most
@@ -72,27 +73,25 @@ class Judged:
     map: PointMap
 
 
-def enough_in_common(
-    rows: Sequence[Row], scans: Sequence[Scan], start_us: int, revolution_s: float, fewest: int
-) -> list[Scan]:
-    """The windows that the trajectory of every row covers.
+def enough_in_common(rows: Sequence[Row], scans: Scans, fewest: int) -> Scans:
+    """The scans that the trajectory of every row covers.
 
     Raises:
         EstimationError: they are fewer than `fewest`.
     """
-    by_row = {row.name: covered(scans, start_us, revolution_s, row.trajectory) for row in rows if row.trajectory is not None}
+    by_row = {row.name: covered(scans, row.trajectory) for row in rows if row.trajectory is not None}
     inside = set(range(len(scans))).intersection(*by_row.values())
     if len(scans) < fewest:
         raise EstimationError(f"{len(scans)} revolutions are too few to compare on; {fewest} at least are needed")
     if len(inside) < fewest:
         said = ", ".join(f"{name} covers {len(its)}" for name, its in by_row.items())
         raise EstimationError(f"the rows share {len(inside)} of {len(scans)} revolutions ({said}); leave some out")
-    return [scans[k] for k in sorted(inside)]
+    return scans.take(sorted(inside))
 
 
-def places(scans: Sequence[Scan], start_us: int, tracks: Sequence[Trajectory], size: int) -> list[Place]:
+def places(scans: Scans, tracks: Sequence[Trajectory], size: int) -> list[Place]:
     """Where the trajectories differ most on the way through a window, the worst first, each well away from the others."""
-    stamps = start_us + np.round(np.array([w.t0 for w in scans]) * 1e6).astype(np.int64)
+    stamps = scans.stamps_us
     begins = np.arange(0, len(scans) - size + 1, size)
     if len(tracks) < 2 or not len(begins):
         return []
@@ -117,7 +116,7 @@ def places(scans: Sequence[Scan], start_us: int, tracks: Sequence[Trajectory], s
     return [Place(a, b, scans[a].t0, scans[b - 1].t1, off) for a, b, off in spans]
 
 
-def stations(scans: Sequence[Scan], size: int) -> list[Place]:
+def stations(scans: Scans, size: int) -> list[Place]:
     """Places evenly spread along the way, whatever the rows make of them."""
     begins = np.arange(0, len(scans) - size + 1, size)
     chosen = begins[evenly(len(begins), STATIONS)]
@@ -126,12 +125,11 @@ def stations(scans: Sequence[Scan], size: int) -> list[Place]:
 
 def judge(
     row: Row,
-    scans: Sequence[Scan],
-    start_us: int,
-    revolution_s: float,
+    scans: Scans,
     truth: Trajectory | None,
     where: Sequence[Place],
     config: Config,
+    beam: Beam,
     engine: Engine,
     progress: Progress,
 ) -> Judged:
@@ -140,23 +138,22 @@ def judge(
     Args:
         row: with a trajectory.
         scans: those that every row covers.
-        start_us: stamp [us] of the windows' time zero.
-        revolution_s: duration of a revolution [s].
         truth: ground truth, or None.
         where: the places to crop.
         config: all settings.
+        beam: the sensor's errors.
         engine: where it is judged; the result does not depend on it.
         progress: called as the audit goes on.
     """
     assert row.trajectory is not None and row.odometry is not None
-    sweeps, _ = swept(scans, start_us, revolution_s, row.trajectory, config)
-    rendered = render(scans, sweeps.poses, config, revolution_s, engine)
+    sweeps, _ = swept(scans, row.trajectory, beam)
+    rendered = render(scans, sweeps.poses, config.map, config.estimator, beam, engine)
     return Judged(
         row=row,
         map=rendered.take(thinned(rendered.points, _MAP_POINTS)),
         psi_per_point=rendered.psi_per_point,
         matched=rendered.matched_share,
-        audit=audit(sweeps, config, engine, progress),
+        audit=audit(sweeps, config.audit, config.estimator, config.loops, engine, progress),
         before=None if truth is None else evaluate(row.odometry, truth),
         after=None if truth is None else evaluate(row.trajectory, truth),
         crops=tuple(_crop(sweeps, place) for place in where),

@@ -4,17 +4,14 @@ from __future__ import annotations
 
 import resource
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
-
-import numpy as np
-from numpy.typing import NDArray
 
 from mqslam.backend.pose_graph import chain
 from mqslam.core import frontend as frontends
 from mqslam.core.frontend import Context
 from mqslam.core.measurement import Measurement
-from mqslam.core.scans import Scan
+from mqslam.core.scans import Scans
 from mqslam.core.trajectory import Trajectory
 from mqslam.errors import said
 from mqslam.execution.engine import DIED, Engine, LocalEngine
@@ -54,22 +51,19 @@ class Returned:
     """What every front end gets.
 
     Args:
-        scans: one per revolution.
-        stamps_us: (len(scans),) when each begins [us].
+        scans: of the recording.
         back_end: whether graph and loops follow.
         jobs: threads of the back end.
     """
 
-    scans: list[Scan]
-    stamps_us: NDArray[np.int64]
+    scans: Scans
     back_end: bool
     jobs: int
 
 
 def front_end_rows(
     contexts: Mapping[str, Context],
-    scans: Sequence[Scan],
-    stamps_us: NDArray[np.int64],
+    scans: Scans,
     engine: Engine,
     progress: Progress,
     *,
@@ -79,8 +73,7 @@ def front_end_rows(
 
     Args:
         contexts: what each may know besides, by its name.
-        scans: one per revolution.
-        stamps_us: (len(scans),) when each begins [us].
+        scans: of the recording.
         engine: where they run.
         progress: called as rows are done.
         back_end: whether graph and loops follow.
@@ -89,7 +82,7 @@ def front_end_rows(
     def done(number: int, row: Row | None) -> None:
         progress("front ends", number, len(contexts))
 
-    returned = Returned(list(scans), stamps_us, back_end, engine.jobs)
+    returned = Returned(scans, back_end, engine.jobs)
     rows = engine.apart(run_front_end, returned, list(contexts.items()), done)
     return [Row(name, failure=DIED) if row is None else row for name, row in zip(contexts, rows, strict=True)]
 
@@ -101,13 +94,13 @@ def run_front_end(returned: Returned, named: tuple[str, Context]) -> Row:
         begin = time.perf_counter()
         if not returned.back_end:
             measurements = list(frontends.load(name)(context).measure(returned.scans))
-            chained = Trajectory(returned.stamps_us, chain(m.pose for m in measurements))
+            chained = Trajectory(returned.scans.stamps_us, chain(m.pose for m in measurements))
             return Row(
                 name, None, chained, chained, tuple(measurements), measure_s=time.perf_counter() - begin,
                 back_end_s=0.0, peak_rss_mb=_peak_mb(),
             )  # fmt: skip
         slam = Slam(context.config, name, LocalEngine(returned.jobs), silent)
-        found = slam.solve(returned.scans, context, returned.stamps_us)
+        found = slam.solve(returned.scans, context)
         spent = slam.runtime_s
         return Row(
             name, None, found.odometry, found.optimised, tuple(found.measurements), len(found.loops),

@@ -41,6 +41,7 @@ __all__ = [
     "explained_yaml",
     "load_config",
     "shipped_names",
+    "with_doppler_beta",
 ]
 
 
@@ -88,6 +89,11 @@ def shipped_names() -> list[str]:
     """Configurations that come with mqslam."""
     folder = resources.files("mqslam.configs")
     return sorted(entry.name[:-5] for entry in folder.iterdir() if entry.name.endswith(".yaml"))
+
+
+def with_doppler_beta(config: Config, doppler_beta: float) -> Config:
+    """The settings as a result's config.yaml states them: with the Doppler shift [s] that was used."""
+    return config.model_copy(update={"sensor": config.sensor.model_copy(update={"doppler_beta": doppler_beta})})
 
 
 def dump_yaml(config: Config) -> str:

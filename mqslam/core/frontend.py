@@ -27,12 +27,14 @@ class Context:
         revolution_s: duration of one turn [s].
         start_us: stamp [us] of the recording's time zero.
         odometry: dead-reckoned poses of another source, or None.
+        doppler_beta: range shift per closing speed [s], as the settings name it or as it was measured.
     """
 
     config: Config
     revolution_s: float
     start_us: int
     odometry: Trajectory | None
+    doppler_beta: float = 0.0
 
     def odometry_twist(self, t0: float, t1: float) -> se2.Array | None:
         """Mean twist (3,) of the odometry between two times [s]; None where there is none."""

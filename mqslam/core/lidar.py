@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from mqslam.core.scans import Returns, Scan
+from mqslam.core.scans import Returns, Scan, Scans
 from mqslam.core.trajectory import Trajectory
 
 
@@ -20,8 +20,7 @@ class LidarRecording:
     Args:
         path: the recording.
         format: name of its layout: carmen or laserscan.
-        stamps_us: (N,) int64 [us], stamp of the first beam of every scan, strictly increasing.
-        scans: one per scan, from its stamp to the next scan's; times count from the first scan's stamp [s],
+        scans: each from the stamp of its first beam to the next scan's; times count from the first scan's stamp [s],
             intensities are 0 where the recording has none.
         trajectory: poses of the sensor that some SLAM wrote beside the scans, or None.
         odometry: dead-reckoned poses of the sensor that the recording carries, or None.
@@ -30,20 +29,20 @@ class LidarRecording:
 
     path: Path
     format: str
-    stamps_us: NDArray[np.int64]
-    scans: list[Scan]
+    scans: Scans
     trajectory: Trajectory | None
     odometry: Trajectory | None
     notes: tuple[str, ...]
 
 
-def scans_of(stamps_us: NDArray[np.int64], scans: Sequence[Returns]) -> list[Scan]:
-    """Scans as windows that end where the next one begins; the last ends a median step after its stamp.
+def scans_of(stamps_us: NDArray[np.int64], returns: Sequence[Returns]) -> Scans:
+    """Scans that end where the next one begins; the last ends a median step after its stamp.
 
     Args:
         stamps_us: (N,) [us], strictly increasing, two at least.
-        scans: N scans.
+        returns: of N scans.
     """
     starts = (stamps_us - stamps_us[0]) * 1e-6
     edges = np.append(starts, starts[-1] + np.median(np.diff(starts))).tolist()
-    return [Scan(t0, t1, scan) for t0, t1, scan in zip(edges[:-1], edges[1:], scans, strict=True)]
+    scans = tuple(Scan(t0, t1, found) for t0, t1, found in zip(edges[:-1], edges[1:], returns, strict=True))
+    return Scans(scans, int(stamps_us[0]), float(np.median(np.diff(stamps_us))) * 1e-6)

@@ -1,9 +1,10 @@
-"""Returns: what the detector keeps of a polar scan; and scans, the returns of one turn each."""
+"""Returns: what the detector keeps of a polar scan; a scan, the returns of one turn; and all scans of a recording."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
+from typing import overload
 
 import numpy as np
 from numpy.typing import NDArray
@@ -57,6 +58,49 @@ class Scan:
     t0: float
     t1: float
     returns: Returns
+
+
+@dataclass(frozen=True, slots=True)
+class Scans(Sequence[Scan]):
+    """The scans of a recording, or some of them in their order: what every stage takes.
+
+    Args:
+        scans: the scans.
+        start_us: stamp [us] of their time zero, the recording's start.
+        revolution_s: usual duration of a turn [s].
+    """
+
+    scans: tuple[Scan, ...]
+    start_us: int
+    revolution_s: float
+
+    def __len__(self) -> int:
+        return len(self.scans)
+
+    @overload
+    def __getitem__(self, k: int) -> Scan: ...
+
+    @overload
+    def __getitem__(self, k: slice) -> Scans: ...
+
+    def __getitem__(self, k: int | slice) -> Scan | Scans:
+        if isinstance(k, slice):
+            return Scans(self.scans[k], self.start_us, self.revolution_s)
+        return self.scans[k]
+
+    def take(self, chosen: Iterable[int]) -> Scans:
+        """The scans of some indices."""
+        return Scans(tuple(self.scans[k] for k in chosen), self.start_us, self.revolution_s)
+
+    @property
+    def start_times(self) -> NDArray[np.float64]:
+        """(N,) when each scan begins [s] since the recording's start."""
+        return np.array([scan.t0 for scan in self.scans], dtype=np.float64)
+
+    @property
+    def stamps_us(self) -> NDArray[np.int64]:
+        """(N,) when each scan begins [us], in the recording's own clock."""
+        return self.start_us + np.round(self.start_times * 1e6).astype(np.int64)
 
 
 @dataclass(frozen=True, slots=True)

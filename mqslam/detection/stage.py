@@ -12,7 +12,7 @@ import numpy as np
 
 from mqslam.config import DetectorConfig
 from mqslam.core.recording import PolarScan, Recording, usual_steps
-from mqslam.core.scans import Detected, Returns, Scan
+from mqslam.core.scans import Detected, Returns, Scan, Scans
 from mqslam.detection.artefacts import drop_fixed
 from mqslam.detection.detector import detect
 from mqslam.errors import DataError
@@ -94,8 +94,8 @@ def detect_all(
     store: Store | None = None,
     *,
     strict: bool = False,
-) -> tuple[list[Scan], Detected]:
-    """One window of returns per revolution, empty where it cannot be read.
+) -> tuple[Scans, Detected]:
+    """One scan per revolution, empty where it cannot be read.
 
     Args:
         recording: the recording.
@@ -151,19 +151,20 @@ def unread_warnings(unread: dict[int, DataError]) -> list[str]:
     return [f"{several} could not be read and {'is' if len(unread) == 1 else 'are'} left out: {', '.join(named + others)}"]
 
 
-def scans_of(recording: Recording, returns: list[Returns] | None = None) -> list[Scan]:
-    """A window per revolution: from its start to the next one's, or one turn long before a gap and at the end.
+def scans_of(recording: Recording, returns: list[Returns] | None = None) -> Scans:
+    """A scan per revolution: from its start to the next one's, or one turn long before a gap and at the end.
 
     Args:
         recording: the recording.
-        returns: of each revolution; None leaves the windows empty.
+        returns: of each revolution; None leaves the scans empty.
     """
     starts = recording.start_times
     ends = [*starts[1:], (recording.end_us - recording.start_us) * 1e-6]
     turns = np.append(usual_steps(recording.stamps_us) * 1e-6, recording.revolution_s)
     turns[-1] = turns[-2:][0]
     returns = [Returns.none()] * len(recording) if returns is None else returns
-    return [
+    scans = (
         Scan(float(t0), float(t1 if t1 - t0 <= 1.5 * turn else t0 + turn), found)
         for t0, t1, turn, found in zip(starts, ends, turns.tolist(), returns, strict=True)
-    ]
+    )
+    return Scans(tuple(scans), recording.start_us, recording.revolution_s)

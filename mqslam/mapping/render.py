@@ -2,45 +2,49 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 from numpy.typing import NDArray
 
-from mqslam.config import Config
+from mqslam.config import EstimatorConfig, MapConfig
 from mqslam.core import se2
 from mqslam.core.point_map import PointMap
-from mqslam.core.scans import Returns, Scan
+from mqslam.core.scans import Returns, Scans
 from mqslam.errors import EstimationError
 from mqslam.execution.engine import HERE, Engine
 from mqslam.psi.minimiser import final_scale, score
 from mqslam.psi.neighbours import CellGrid, candidates, cell_grid
-from mqslam.psi.place import PointSet
+from mqslam.psi.place import Beam, PointSet
 
 _CHUNK = 50_000  # points scored at a time: bounds the memory of neighbour lists
 
 
 def render(
-    scans: Sequence[Scan], poses: se2.Array, config: Config, revolution_s: float, engine: Engine = HERE
+    scans: Scans,
+    poses: se2.Array,
+    settings: MapConfig,
+    estimator: EstimatorConfig,
+    beam: Beam,
+    engine: Engine = HERE,
 ) -> PointMap:
     """The map of a run and each point's share of psi.
 
     Args:
-        scans: one per revolution.
+        scans: of the recording.
         poses: (len(scans), 3) pose at the start of each.
-        config: all settings.
-        revolution_s: duration of a turn [s].
+        settings: of the map.
+        estimator: settings of the score.
+        beam: the sensor's errors.
         engine: where the points are scored; the result does not depend on it.
 
     Raises:
         EstimationError: the revolutions hold no returns.
     """
-    keep = moving(poses, config.map.travel_m, config.map.travel_rad)
+    keep = moving(poses, settings.travel_m, settings.travel_rad)
     returns = Returns.concatenate([w.returns for w, kept in zip(scans, keep, strict=True) if kept])
     if not len(returns):
         raise EstimationError(f"no returns in {int(keep.sum())} revolutions to render; lower detector.threshold")
-    points = place_along(returns, np.array([w.t0 for w in scans]), poses, config)
-    shares, matched = score_points(points, revolution_s, config, engine)
+    points = place_along(returns, scans.start_times, poses, beam)
+    shares, matched = score_points(points, scans.revolution_s, estimator, engine)
     return PointMap(points.points, returns.times, returns.intensities, shares, matched)
 
 
@@ -55,11 +59,11 @@ def moving(poses: se2.Array, travel_m: float, travel_rad: float) -> NDArray[np.b
     return keep
 
 
-def place_along(returns: Returns, times: NDArray[np.float64], poses: se2.Array, config: Config) -> PointSet:
+def place_along(returns: Returns, times: NDArray[np.float64], poses: se2.Array, beam: Beam) -> PointSet:
     """Points of returns under poses (K, 3) at times (K,) [s], on the smooth curve at each return's own time."""
     at = se2.smooth(times, poses, returns.times)
     ranges = returns.ranges
-    beta = config.sensor.doppler_beta or 0.0
+    beta = beam.doppler_beta
     if beta != 0.0 and len(times) > 1:
         i = np.clip(np.searchsorted(times, returns.times, side="right") - 1, 0, len(times) - 2)
         twists = se2.log(se2.between(poses[:-1], poses[1:])) / np.diff(times)[:, None]
@@ -68,8 +72,8 @@ def place_along(returns: Returns, times: NDArray[np.float64], poses: se2.Array, 
     heading = at[:, 2] + returns.azimuths
     c, s = np.cos(heading), np.sin(heading)
     points = np.column_stack([at[:, 0] + ranges * c, at[:, 1] + ranges * s])
-    along = config.estimator.sigma_range_m**2
-    across = (ranges * config.estimator.sigma_azimuth) ** 2
+    along = beam.sigma_range**2
+    across = (ranges * beam.sigma_azimuth) ** 2
     covariances = np.column_stack(
         [along * c * c + across * s * s, (along - across) * c * s, along * s * s + across * c * c]
     )
@@ -77,23 +81,22 @@ def place_along(returns: Returns, times: NDArray[np.float64], poses: se2.Array, 
 
 
 def score_points(
-    points: PointSet, revolution_s: float, config: Config, engine: Engine
+    points: PointSet, revolution_s: float, estimator: EstimatorConfig, engine: Engine
 ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
     """Each point's share of psi (N,) against all others, charges included, and whether it was matched (N,).
 
     Matched means a neighbour seen at least about one revolution earlier or later: any other pass over the place counts.
     """
-    shared = points, cell_grid(points.points, config.estimator.s), revolution_s, config
+    shared = points, cell_grid(points.points, estimator.s), revolution_s, estimator
     parts = engine.map(_scored, shared, range(0, len(points), _CHUNK))
     return np.concatenate([p[0] for p in parts]), np.concatenate([p[1] for p in parts])
 
 
 def _scored(
-    shared: tuple[PointSet, CellGrid, float, Config], begin: int
+    shared: tuple[PointSet, CellGrid, float, EstimatorConfig], begin: int
 ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
     """The same for the points of a chunk."""
-    points, grid, revolution_s, config = shared
-    estimator = config.estimator
+    points, grid, revolution_s, estimator = shared
     span = slice(begin, begin + _CHUNK)
     some = PointSet(points.points[span], points.jacobians[span], points.covariances[span], points.times[span])
     lists = candidates(grid, some.points, estimator.s)

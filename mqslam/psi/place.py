@@ -8,6 +8,7 @@ import numba as nb
 import numpy as np
 from numpy.typing import NDArray
 
+from mqslam.config import EstimatorConfig
 from mqslam.core import se2
 from mqslam.core.motion import MotionModel, integrate
 from mqslam.core.scans import Returns
@@ -119,3 +120,8 @@ def _place(
         covariances[i, 1] = (along - across) * ux * uy
         covariances[i, 2] = along * uy * uy + across * ux * ux
     return points, jacobians, covariances
+
+
+def beam_of(config: EstimatorConfig, doppler_beta: float) -> Beam:
+    """The sensor's errors as the settings state them."""
+    return Beam(config.sigma_range_m, config.sigma_azimuth, doppler_beta)

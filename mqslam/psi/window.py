@@ -49,11 +49,6 @@ class WindowMotion:
     status: Status
 
 
-def beam_of(config: EstimatorConfig, doppler_beta: float) -> Beam:
-    """The sensor's errors as the settings state them."""
-    return Beam(config.sigma_range_m, config.sigma_azimuth, doppler_beta)
-
-
 def estimate_window(
     returns: Returns,
     t0: float,

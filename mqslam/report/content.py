@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from mqslam.audit.judge import WindowAudit
 from mqslam.backend.pose_graph import marginals
-from mqslam.config import AuditConfig, dump_yaml
+from mqslam.config import AuditConfig, dump_yaml, with_doppler_beta
 from mqslam.core.evenly import evenly
 from mqslam.core.measurement import Measurement
 from mqslam.core.point_map import PointMap
@@ -128,5 +128,5 @@ def report_of(run: Run, recording: Recording, summary: Mapping[str, Any], warnin
         sure=sure,
         covariances=marginals(run.graph, run.values, sure.tolist()),
         warnings=tuple(warnings),
-        settings_yaml=dump_yaml(run.config),
+        settings_yaml=dump_yaml(with_doppler_beta(run.config, run.doppler_beta)),
     )

@@ -14,11 +14,13 @@ import numpy as np
 import mqslam
 from mqslam.audit.judge import Audit, RevisitAudit, WindowAudit, torn_threshold
 from mqslam.audit.sweeps import Sweeps
-from mqslam.config import Config, dump_yaml
+from mqslam.config import AuditConfig, Config, dump_yaml
 from mqslam.execution.files import write_text
 
 
-def summarise(found: Audit, sweeps: Sweeps, config: Config, dataset: Mapping[str, Any], trajectory: str) -> dict[str, Any]:
+def summarise(
+    found: Audit, sweeps: Sweeps, settings: AuditConfig, dataset: Mapping[str, Any], trajectory: str
+) -> dict[str, Any]:
     """The content of audit.json.
 
     Args:
@@ -38,8 +40,8 @@ def summarise(found: Audit, sweeps: Sweeps, config: Config, dataset: Mapping[str
         },
         "trajectory": trajectory,
         "verdict": {"status": found.status, "reasons": found.reasons},
-        "threshold": torn_threshold(config.audit),
-        "bend_m": config.audit.bend_m,
+        "threshold": torn_threshold(settings),
+        "bend_m": settings.bend_m,
         "windows": {
             "count": len(found.windows),
             "torn": sum(w.torn for w in found.windows),

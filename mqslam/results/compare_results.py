@@ -15,7 +15,7 @@ import mqslam
 from mqslam.audit.judge import WindowAudit, torn_threshold
 from mqslam.compare.judgement import Judged, Place
 from mqslam.compare.rows import Row
-from mqslam.config import Config, dump_yaml
+from mqslam.config import AuditConfig, Config, dump_yaml
 from mqslam.core.recording import Recording
 from mqslam.evaluation import Evaluation
 from mqslam.execution.files import write_text
@@ -46,7 +46,8 @@ WITHOUT_TRUTH = (
 
 def summarise(
     recording: Recording,
-    config: Config,
+    doppler_beta: float,
+    settings: AuditConfig,
     rows: Sequence[Row],
     judged: Mapping[str, Judged],
     places: Sequence[Place],
@@ -63,9 +64,9 @@ def summarise(
             "duration_s": recording.duration_s,
             "compared": revolutions,
         },
-        "doppler_beta": config.sensor.doppler_beta,
-        "threshold": torn_threshold(config.audit),
-        "rows": [_row(row, judged.get(row.name), len(recording), config.audit.overlap) for row in rows],
+        "doppler_beta": doppler_beta,
+        "threshold": torn_threshold(settings),
+        "rows": [_row(row, judged.get(row.name), len(recording), settings.overlap) for row in rows],
         "agreement": [
             {"row": a, "against": b, "rmse_m": e.ate_rmse_m, "drift_percent": e.drift_percent, "speed_rms": e.rpe_v_rms}
             for a, b, e in agreement

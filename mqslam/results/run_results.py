@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from mqslam.config import dump_yaml
+from mqslam.config import dump_yaml, with_doppler_beta
 from mqslam.core.measurement import Measurement
 from mqslam.execution.files import write_text
 from mqslam.formats.g2o import g2o
@@ -37,7 +37,7 @@ def write_run(folder: Path, run: Run, summary: dict[str, Any], log: str) -> None
     write_tum(folder / "odometry.tum", run.odometry)
     write_text(folder / "measurements.csv", measurements_csv(run.measurements))
     write_text(folder / "graph.g2o", g2o(run.graph.factors, run.values, run.graph.size))
-    write_text(folder / "config.yaml", dump_yaml(run.config))
+    write_text(folder / "config.yaml", dump_yaml(with_doppler_beta(run.config, run.doppler_beta)))
     write_ply(folder / "map.ply", run.map_optimised)
     write_nav2_map(folder, occupancy_grid(run.map_optimised.points, run.config.map.cell_m))
     write_text(folder / "run.log", log)

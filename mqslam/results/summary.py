@@ -37,7 +37,7 @@ def summarise(run: Run, recording: Recording) -> dict[str, Any]:
         "mqslam_version": mqslam.__version__,
         "frontend": run.frontend,
         "before": run.before,
-        "doppler_beta": run.config.sensor.doppler_beta or 0.0,
+        "doppler_beta": run.doppler_beta,
         "dataset": {
             "format": recording.format,
             "path": str(recording.path),

@@ -12,13 +12,15 @@ from support.drives import ON_THE_STREET, street_drive
 from mqslam.audit.inflation import Bend, bend, middled, twisted
 from mqslam.audit.sweeps import Sweeps, swept
 from mqslam.backend.pose_graph import chain
-from mqslam.config import Config, SensorConfig
+from mqslam.config import Config
 from mqslam.core import se2
 from mqslam.core.trajectory import Trajectory
 from mqslam.errors import EstimationError
 from mqslam.psi.covariance import curvature_by_differences
+from mqslam.psi.place import beam_of
 
-CONFIG = Config(sensor=SensorConfig(doppler_beta=0.0))
+CONFIG = Config()
+BEAM = beam_of(CONFIG.estimator, 0.0)
 SIZE = CONFIG.audit.window
 
 
@@ -33,8 +35,8 @@ def bent(truth: Trajectory, twist: tuple[float, float, float]) -> Trajectory:
 @lru_cache
 def under(twist: tuple[float, float, float]) -> tuple[Sweeps, list[Bend]]:
     recording, scans = street_drive()
-    sweeps, _ = swept(scans, recording.start_us, recording.revolution_s, bent(recording.ground_truth, twist), CONFIG)
-    return sweeps, [bend(sweeps, k, k + SIZE, CONFIG) for k in range(0, len(sweeps) - SIZE + 1, SIZE)]
+    sweeps, _ = swept(scans, bent(recording.ground_truth, twist), BEAM)
+    return sweeps, [bend(sweeps, k, k + SIZE, CONFIG.estimator) for k in range(0, len(sweeps) - SIZE + 1, SIZE)]
 
 
 TRUE = (0.0, 0.0, 0.0)
@@ -71,8 +73,8 @@ def test_judging_does_not_depend_on_where_in_the_world_a_window_lies() -> None:
     recording, scans = street_drive()
     elsewhere = np.array([4000.0, -700.0, 2.5])
     moved = Trajectory(recording.ground_truth.stamps_us, se2.compose(elsewhere, recording.ground_truth.poses))
-    sweeps, _ = swept(scans, recording.start_us, recording.revolution_s, moved, CONFIG)
-    here, there = under(TRUE)[1][1], bend(sweeps, SIZE, 2 * SIZE, CONFIG)
+    sweeps, _ = swept(scans, moved, BEAM)
+    here, there = under(TRUE)[1][1], bend(sweeps, SIZE, 2 * SIZE, CONFIG.estimator)
     np.testing.assert_allclose(there.correction, here.correction, atol=2e-4)
     assert there.inflation == pytest.approx(here.inflation, rel=0.02)
 
@@ -99,9 +101,9 @@ def test_sweeps_outside_the_trajectory_are_left_out_and_none_is_an_error() -> No
     recording, scans = street_drive()
     truth = recording.ground_truth
     part = Trajectory(truth.stamps_us[10:30], truth.poses[10:30])
-    sweeps, inside = swept(scans, recording.start_us, recording.revolution_s, part, CONFIG)
+    sweeps, inside = swept(scans, part, BEAM)
     assert len(sweeps) == len(inside) < len(scans)
     assert 8 <= inside[0] <= 10 and 28 <= inside[-1] <= 31
     later = Trajectory(truth.stamps_us + 10**9, truth.poses)
     with pytest.raises(EstimationError, match="share no time"):
-        swept(scans, recording.start_us, recording.revolution_s, later, CONFIG)
+        swept(scans, later, BEAM)

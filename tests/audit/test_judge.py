@@ -10,15 +10,18 @@ import pytest
 from mqslam.audit.judge import Audit, audit, verdict
 from mqslam.audit.revisits import revisit_pairs
 from mqslam.audit.sweeps import swept
-from mqslam.config import Config, SensorConfig
+from mqslam.config import Config
 from mqslam.core import se2
-from mqslam.core.scans import Scan
+from mqslam.core.scans import Scans
 from mqslam.core.trajectory import Trajectory
 from mqslam.detection.stage import detect_all
 from mqslam.execution.engine import HERE, LocalEngine
+from mqslam.psi.place import beam_of
 from mqslam.simulator import SensorModel, SimulatedRecording, loop_drive, simulated_recording, street_scene
 
-CONFIG = Config(sensor=SensorConfig(doppler_beta=0.0))
+CONFIG = Config()
+SETTINGS = (CONFIG.audit, CONFIG.estimator, CONFIG.loops)
+BEAM = beam_of(CONFIG.estimator, 0.0)
 SENSOR = SensorModel(azimuths=200, range_resolution=0.175, max_range=80.0)
 
 
@@ -27,7 +30,7 @@ def silent(stage: str, done: int, total: int) -> None:
 
 
 @lru_cache
-def lap() -> tuple[SimulatedRecording, list[Scan]]:
+def lap() -> tuple[SimulatedRecording, Scans]:
     """A bit more than one round of a block: the last 100 m are driven twice."""
     recording = simulated_recording(street_scene(1, movers=0), loop_drive(54.0), duration_s=54.0, sensor=SENSOR, seed=1)
     return recording, detect_all(recording, CONFIG.detector, HERE, silent)[0]
@@ -41,8 +44,8 @@ def judged(shift_m: float, jobs: int = 1) -> Audit:
     along = np.linspace(0.0, 1.0, len(truth))
     poses = truth.poses.copy()
     poses[:, 1] += shift_m * np.clip(4.0 * along - 1.0, 0.0, 1.0)
-    sweeps, _ = swept(scans, recording.start_us, recording.revolution_s, Trajectory(truth.stamps_us, poses), CONFIG)
-    return audit(sweeps, CONFIG, LocalEngine(jobs), silent)
+    sweeps, _ = swept(scans, Trajectory(truth.stamps_us, poses), BEAM)
+    return audit(sweeps, *SETTINGS, LocalEngine(jobs), silent)
 
 
 def test_the_true_map_passes() -> None:
@@ -79,8 +82,8 @@ def test_a_trajectory_that_has_nothing_to_do_with_the_recording_fails(wrong: str
         "spinning": times * [0.0, 0.0, 0.5],
         "mirrored": truth.poses * [1.0, -1.0, -1.0],
     }[wrong]
-    sweeps, _ = swept(scans, recording.start_us, recording.revolution_s, Trajectory(truth.stamps_us, poses), CONFIG)
-    found = audit(sweeps, CONFIG, LocalEngine(2), silent)
+    sweeps, _ = swept(scans, Trajectory(truth.stamps_us, poses), BEAM)
+    found = audit(sweeps, *SETTINGS, LocalEngine(2), silent)
     assert found.status == "fail", found.reasons
 
 
@@ -92,7 +95,7 @@ def test_the_verdict_does_not_depend_on_the_number_of_threads() -> None:
 
 def test_revisits_are_looked_for_where_the_path_comes_back_only() -> None:
     recording, scans = lap()
-    sweeps, _ = swept(scans, recording.start_us, recording.revolution_s, recording.ground_truth, CONFIG)
+    sweeps, _ = swept(scans, recording.ground_truth, BEAM)
     settings = CONFIG.audit
     pairs = revisit_pairs(sweeps, settings)
     assert pairs

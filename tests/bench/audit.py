@@ -23,7 +23,8 @@ from mqslam.execution.engine import LocalEngine
 from mqslam.formats.lidars import carmen
 from mqslam.formats.recordings import open_recording
 from mqslam.frontends.kiss_icp import KissIcpFrontEnd
-from mqslam.psi.tracking.doppler import with_doppler
+from mqslam.psi.place import beam_of
+from mqslam.psi.tracking.doppler import doppler_beta_of
 
 _ENGINE = LocalEngine(2)
 _PLACES = 100
@@ -49,14 +50,15 @@ def _bends() -> list[Claim]:
     recording = open_recording(twin("kaist01", 1))
     config = load_config()
     scans, _ = detect_all(recording, config.detector, _ENGINE, _silent)
-    config = with_doppler(scans, config, recording.revolution_s)
+    beta = doppler_beta_of(scans, config.sensor, config.tracker, config.estimator)
+    beam = beam_of(config.estimator, beta)
     truth = recording.ground_truth
     chosen = None
     values = {}
     for name, twist in (("true", (0, 0, 0)), *((name, twist) for name, twist, _ in _BENDS)):
         bent = _bent(truth, np.array(twist, dtype=float))
-        sweeps, _ = swept(scans, recording.start_us, recording.revolution_s, bent, config)
-        found = audit_windows(sweeps, config, _ENGINE, _silent)
+        sweeps, _ = swept(scans, bent, beam)
+        found = audit_windows(sweeps, config.audit, config.estimator, _ENGINE, _silent)
         if chosen is None:
             chosen = np.sort(np.random.default_rng(0).choice(len(found), min(_PLACES, len(found)), replace=False))
         values[name] = {m: np.array([get(found[k]) for k in chosen]) for m, get in _MEASURES.items()}
@@ -84,13 +86,14 @@ def _trajectories(out: Path) -> list[Claim]:
     recording = open_recording(twin("kaist01", 1, frames=None))
     config = load_config()
     scans, _ = detect_all(recording, config.detector, _ENGINE, _silent)
-    config = with_doppler(scans, config, recording.revolution_s)
-    sweeps, _ = swept(scans, recording.start_us, recording.revolution_s, recording.ground_truth, config)
-    true = audit(sweeps, config, _ENGINE, _silent)
-    context = Context(config, recording.revolution_s, recording.start_us, None)
+    beta = doppler_beta_of(scans, config.sensor, config.tracker, config.estimator)
+    beam = beam_of(config.estimator, beta)
+    sweeps, _ = swept(scans, recording.ground_truth, beam)
+    true = audit(sweeps, config.audit, config.estimator, config.loops, _ENGINE, _silent)
+    context = Context(config, recording.revolution_s, recording.start_us, None, beta)
     kiss = Trajectory(recording.stamps_us, chain(m.pose for m in KissIcpFrontEnd(context).measure(scans)))
-    sweeps, _ = swept(scans, recording.start_us, recording.revolution_s, kiss, config)
-    rival = audit(sweeps, config, _ENGINE, _silent)
+    sweeps, _ = swept(scans, kiss, beam)
+    rival = audit(sweeps, config.audit, config.estimator, config.loops, _ENGINE, _silent)
     poses = recording.ground_truth.at(recording.stamps_us)
     off, torn = [], []
     for judged in rival.revisits:
@@ -144,8 +147,8 @@ def _carmen() -> list[Claim]:
     for name in ("intel", "aces"):
         source = lidar_source(carmen.read_lidar(shared(SHARED / "data" / "carmen" / f"{name}-corrected.log.gz")))
         for track, wanted in (("recording", "pass"), ("odometry", "fail")):
-            sweeps, _ = sweeps_of(source, source.tracks[track], config)
-            found = audit(sweeps, config, _ENGINE, _silent)
+            sweeps, _ = sweeps_of(source, source.tracks[track], beam_of(config.estimator, 0.0))
+            found = audit(sweeps, config.audit, config.estimator, config.loops, _ENGINE, _silent)
             sure = [r for r in found.revisits if r.revisit.sure]
             rows.append([name, track, found.status, f"{np.mean([w.torn for w in found.windows]):.1%}",
                          float(np.median([w.bend.inflation for w in found.windows])), str(len(sure)),

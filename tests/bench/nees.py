@@ -20,7 +20,7 @@ from mqslam.detection.stage import detect_all
 from mqslam.execution.engine import LocalEngine
 from mqslam.formats.recordings import open_recording
 from mqslam.frontends.psi import PsiFrontEnd
-from mqslam.psi.tracking.doppler import measure_doppler
+from mqslam.psi.tracking.doppler import doppler_beta_of
 
 _STREETS = (11, 12)  # seeds nothing was tuned on
 _STREET_S = 45.0  # 179 windows each
@@ -74,9 +74,8 @@ def _errors(data: Path) -> Errors:
     assert truth is not None
     config = Config()
     scans, _ = detect_all(recording, config.detector, LocalEngine(os.cpu_count() or 1), lambda stage, done, total: None)
-    beta = round(measure_doppler(scans, config, recording.revolution_s), 4)
-    config = config.model_copy(update={"sensor": config.sensor.model_copy(update={"doppler_beta": beta})})
-    context = Context(config, recording.revolution_s, recording.start_us, None)
+    beta = doppler_beta_of(scans, config.sensor, config.tracker, config.estimator)
+    context = Context(config, recording.revolution_s, recording.start_us, None, beta)
     nees, axes = [], []
     for motion in PsiFrontEnd(context).measure(scans):
         first, last = truth.at(recording.start_us + np.round(np.array([motion.t0, motion.t1]) * 1e6).astype(np.int64))

@@ -19,10 +19,10 @@ from mqslam.detection.stage import detect_stretch, scans_of
 from mqslam.formats.recordings import open_recording
 from mqslam.frontends.psi import PsiFrontEnd
 from mqslam.psi.neighbours import CandidateLists, candidates, cell_grid
-from mqslam.psi.place import PointSet, place
+from mqslam.psi.place import PointSet, beam_of, place
 from mqslam.psi.published.equations import score
 from mqslam.psi.published.reference import score_reference
-from mqslam.psi.window import beam_of, without_start
+from mqslam.psi.window import without_start
 from mqslam.simulator import SimulatedRecording, loop_drive, simulated_recording, street_scene
 
 _FIRST, _REVOLUTIONS = 4, 3  # of the real sample
@@ -100,7 +100,6 @@ class _InMemory(SimulatedRecording):
 def _real_time() -> Claim:
     """Detection and psi front end over a simulated drive with a real radar's 3,767 bins, in seconds of one core."""
     config = Config()
-    config = config.model_copy(update={"sensor": config.sensor.model_copy(update={"doppler_beta": 0.0})})
     plain = simulated_recording(street_scene(3, movers=0), loop_drive(45.0), duration_s=40.0, seed=3)
     parts = {name: getattr(plain, name) for name in plain.__dataclass_fields__}
     recording = _InMemory(**parts, rendered=tuple(plain.polar_scans()))

@@ -15,7 +15,7 @@ from support.recordings import START_US, TURN_US, oxford_rows, with_metadata, wr
 from mqslam.check.finding import Finding, Verdict
 from mqslam.check.stretches import REVOLUTIONS, STRETCHES, read_stretches
 from mqslam.check.sweeping import check_azimuths, check_stamps
-from mqslam.config import Config
+from mqslam.config import DetectorConfig
 from mqslam.core.recording import PolarScan, Recording
 from mqslam.core.trajectory import Trajectory
 from mqslam.formats.recordings import open_recording
@@ -23,7 +23,7 @@ from mqslam.simulator import SimulatedRecording
 
 
 def findings(recording: Recording) -> tuple[Finding, Finding]:
-    stretches = read_stretches(recording, None, Config(), lambda done, total: None)
+    stretches = read_stretches(recording, None, DetectorConfig(), lambda done, total: None)
     return check_stamps(recording, stretches), check_azimuths(stretches)
 
 
@@ -117,11 +117,11 @@ def test_azimuths_that_were_not_measured_are_counted(tmp_path: Path) -> None:
 
 def test_stretches_are_short_few_and_apart_and_lie_where_odometry_turns(tmp_path: Path) -> None:
     recording = open_recording(write_oxford(tmp_path / "d", revolutions=80, skip=(60,)))
-    spans = [[w.t0 for w in s.scans] for s in read_stretches(recording, None, Config(), lambda done, total: None)]
+    spans = [[w.t0 for w in s.scans] for s in read_stretches(recording, None, DetectorConfig(), lambda done, total: None)]
     assert len(spans) == STRETCHES and all(len(span) == REVOLUTIONS for span in spans)
     assert all(np.allclose(np.diff(span), 0.25) for span in spans)
     assert all(one[-1] < other[0] for one, other in itertools.pairwise(spans))
     turn = np.cumsum(np.where(np.arange(80) == 30, 0.5, 0.0))
     track = Trajectory(START_US + TURN_US * np.arange(80), np.column_stack([2.0 * np.arange(80), np.zeros(80), turn]))
-    spans = [[w.t0 for w in s.scans] for s in read_stretches(recording, track, Config(), lambda done, total: None)]
+    spans = [[w.t0 for w in s.scans] for s in read_stretches(recording, track, DetectorConfig(), lambda done, total: None)]
     assert any(span[0] < 29 * 0.25 < span[-1] for span in spans)

@@ -16,9 +16,9 @@ from mqslam.core.motion import CONSTANT_TWIST, CONSTANT_VELOCITY
 from mqslam.core.scans import Returns
 from mqslam.detection.stage import detect_stretch
 from mqslam.formats.recordings import open_recording
-from mqslam.psi.place import place
+from mqslam.psi.place import beam_of, place
 from mqslam.psi.published.equations import score
-from mqslam.psi.window import beam_of, estimate_window
+from mqslam.psi.window import estimate_window
 
 TURN_S = 0.25
 SPEED = 9.0  # of the street's drive [m/s]

@@ -17,8 +17,10 @@ from mqslam.core.frontend import Context
 from mqslam.core.trajectory import Trajectory
 from mqslam.errors import EstimationError
 from mqslam.execution.engine import HERE
+from mqslam.psi.place import beam_of
 
 CONFIG = Config(sensor=SensorConfig(doppler_beta=0.0))
+BEAM = beam_of(CONFIG.estimator, 0.0)
 
 
 def context(odometry: Trajectory | None = None) -> Context:
@@ -28,8 +30,8 @@ def context(odometry: Trajectory | None = None) -> Context:
 
 @lru_cache
 def row(name: str, back_end: bool) -> Row:
-    recording, scans = street_drive()
-    return run_front_end(Returned(scans, recording.stamps_us, back_end, 1), (name, context()))
+    _, scans = street_drive()
+    return run_front_end(Returned(scans, back_end, 1), (name, context()))
 
 
 @pytest.mark.parametrize("name", ["psi", "kiss_icp"])
@@ -49,9 +51,9 @@ def test_the_back_end_follows_where_it_is_asked_for() -> None:
 
 
 def test_a_process_of_its_own_gives_the_same_row() -> None:
-    recording, scans = street_drive()
+    _, scans = street_drive()
     contexts = {"kiss_icp": context()}
-    (found,) = front_end_rows(contexts, scans, recording.stamps_us, HERE, lambda *_: None, back_end=False)
+    (found,) = front_end_rows(contexts, scans, HERE, lambda *_: None, back_end=False)
     np.testing.assert_allclose(found.odometry.poses, row("kiss_icp", False).odometry.poses, atol=1e-9)
     assert found.peak_rss_mb is not None and found.peak_rss_mb > 50.0
 
@@ -72,8 +74,8 @@ def test_a_front_end_of_somebody_that_raises_anything_is_a_row_too(monkeypatch: 
             raise ZeroDivisionError("by nothing")
 
     monkeypatch.setattr(frontend, "load", lambda name: Broken)
-    recording, scans = street_drive()
-    found = run_front_end(Returned(scans, recording.stamps_us, False, 1), ("broken", context()))
+    _, scans = street_drive()
+    found = run_front_end(Returned(scans, False, 1), ("broken", context()))
     assert found.failure == "ZeroDivisionError: by nothing"
 
 
@@ -84,12 +86,12 @@ def test_rows_are_judged_by_truth_and_without_it() -> None:
     bad[:, 2] += 0.03 * np.sin(np.arange(len(bad)))
     rows = [row("psi", False), given_row("truth", truth), given_row("shaken", Trajectory(truth.stamps_us, bad))]
     tracks = [r.trajectory for r in rows]
-    common = enough_in_common(rows, scans, recording.start_us, recording.revolution_s, 6)
+    common = enough_in_common(rows, scans, 6)
     assert len(common) == len(scans)
-    where = places(common, recording.start_us, tracks, 6)
+    where = places(common, tracks, 6)
     assert where and all(a.apart_m >= b.apart_m for a, b in itertools.pairwise(where))
     found = [
-        judge(r, common, recording.start_us, recording.revolution_s, truth, where, CONFIG, HERE, lambda *_: None)
+        judge(r, common, truth, where, CONFIG, BEAM, HERE, lambda *_: None)
         for r in rows
     ]
     psi, best, shaken = found
@@ -108,7 +110,7 @@ def test_only_what_every_trajectory_covers_is_compared() -> None:
     truth = recording.ground_truth
     part = Trajectory(truth.stamps_us[10:30], truth.poses[10:30])
     rows = [given_row("truth", truth), given_row("part", part)]
-    common = enough_in_common(rows, scans, recording.start_us, recording.revolution_s, 6)
+    common = enough_in_common(rows, scans, 6)
     assert 18 <= len(common) <= 22 and common[0].t0 >= scans[9].t0
     with pytest.raises(EstimationError, match=f"the rows share {len(common)} of {len(scans)} revolutions .*part covers"):
-        enough_in_common(rows, scans, recording.start_us, recording.revolution_s, 30)
+        enough_in_common(rows, scans, 30)

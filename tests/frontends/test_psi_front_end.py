@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from itertools import pairwise
 
@@ -19,7 +20,7 @@ from mqslam.frontends.psi import PsiFrontEnd
 from mqslam.simulator import ConstantDrive, SimulatedRecording, corridor_scene
 
 
-def measured(recording: SimulatedRecording, scans: list[Scan], odometry: Trajectory | None = None) -> list[Measurement]:
+def measured(recording: SimulatedRecording, scans: Sequence[Scan], odometry: Trajectory | None = None) -> list[Measurement]:
     config = Config(sensor=SensorConfig(doppler_beta=0.0))
     context = Context(config, recording.revolution_s, recording.start_us, odometry)
     return list(PsiFrontEnd(context).measure(scans))
@@ -108,7 +109,7 @@ def test_empty_revolutions_are_lost_and_the_run_goes_on() -> None:
 @pytest.mark.parametrize("with_odometry", [True, False])
 def test_a_gap_of_a_second_is_bridged(with_odometry: bool) -> None:
     recording, scans = street_drive()
-    rest = scans[:15] + scans[19:]
+    rest = [*scans[:15], *scans[19:]]
     motions = measured(recording, rest, recording.odometry if with_odometry else None)
     assert motions[14].t1 - motions[14].t0 == pytest.approx(1.25)
     off = errors(recording, motions)

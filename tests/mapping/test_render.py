@@ -6,54 +6,59 @@ import numpy as np
 import pytest
 from support.drives import constant, drive, joined
 
-from mqslam.config import Config, SensorConfig
+from mqslam.config import Config
 from mqslam.core import se2
 from mqslam.core.motion import CONSTANT_TWIST
-from mqslam.core.scans import Scan
+from mqslam.core.point_map import PointMap
+from mqslam.core.scans import Scans
 from mqslam.errors import EstimationError
-from mqslam.execution.engine import LocalEngine
+from mqslam.execution.engine import HERE, Engine, LocalEngine
 from mqslam.mapping import render as rendering
 from mqslam.mapping.render import moving, place_along, render
-from mqslam.psi.place import place
-from mqslam.psi.window import beam_of
+from mqslam.psi.place import beam_of, place
 from mqslam.simulator import street_scene
 
-CONFIG = Config(sensor=SensorConfig(doppler_beta=0.0))
-TURN_S = 0.25
+CONFIG = Config()
+BEAM = beam_of(CONFIG.estimator, 0.0)
+
+
+def rendered(scans: Scans, poses: se2.Array, engine: Engine = HERE) -> PointMap:
+    """The map of scans under poses (N, 3), by the default settings."""
+    return render(scans, poses, CONFIG.map, CONFIG.estimator, BEAM, engine)
 
 
 @pytest.fixture(scope="module")
-def still_street() -> tuple[list[Scan], se2.Array]:
+def still_street() -> tuple[Scans, se2.Array]:
     """Five seconds past things that stand still, and the true poses."""
     recording, scans = drive(street_scene(2, movers=0), constant(6.0, 0.02), 5.0)
     assert recording.ground_truth is not None
     return scans, recording.ground_truth.poses
 
 
-def test_the_true_poses_make_a_crisper_map_than_perturbed_ones(still_street: tuple[list[Scan], se2.Array]) -> None:
+def test_the_true_poses_make_a_crisper_map_than_perturbed_ones(still_street: tuple[Scans, se2.Array]) -> None:
     scans, poses = still_street
     rng = np.random.default_rng(1)
-    true = render(scans, poses, CONFIG, TURN_S)
+    true = rendered(scans, poses)
     per_point = [true.psi.mean()]
     for by in (0.1, 0.3, 1.0):
         wrong = poses + by * rng.normal(0.0, [1.0, 1.0, 0.02], poses.shape)
-        per_point.append(render(scans, wrong, CONFIG, TURN_S).psi.mean())
+        per_point.append(rendered(scans, wrong).psi.mean())
     assert np.all(np.diff(per_point) > 0.0)
     assert per_point[0] < 0.7 * per_point[-1]
 
 
-def test_a_map_does_not_depend_on_where_it_lies(still_street: tuple[list[Scan], se2.Array]) -> None:
+def test_a_map_does_not_depend_on_where_it_lies(still_street: tuple[Scans, se2.Array]) -> None:
     scans, poses = still_street
-    here = render(scans, poses, CONFIG, TURN_S)
+    here = rendered(scans, poses)
     motion = np.array([100.0, -40.0, 2.0])
-    there = render(scans, se2.compose(motion, poses), CONFIG, TURN_S)
+    there = rendered(scans, se2.compose(motion, poses))
     np.testing.assert_allclose(there.points, se2.transform(motion, here.points), atol=1e-9)
     np.testing.assert_allclose(there.psi, here.psi, rtol=1e-6, atol=1e-9)
 
 
-def test_every_return_is_a_point_with_its_share(still_street: tuple[list[Scan], se2.Array]) -> None:
+def test_every_return_is_a_point_with_its_share(still_street: tuple[Scans, se2.Array]) -> None:
     scans, poses = still_street
-    found, returns = render(scans, poses, CONFIG, TURN_S), joined(scans)
+    found, returns = rendered(scans, poses), joined(scans)
     np.testing.assert_array_equal(found.times, returns.times)
     np.testing.assert_array_equal(found.intensities, returns.intensities)
     charge = CONFIG.estimator.c**2
@@ -64,13 +69,13 @@ def test_every_return_is_a_point_with_its_share(still_street: tuple[list[Scan], 
 
 @pytest.mark.parametrize("chunk", [100, 1_000_000])
 def test_the_map_is_the_same_for_any_number_of_jobs_and_any_chunk(
-    still_street: tuple[list[Scan], se2.Array], monkeypatch: pytest.MonkeyPatch, chunk: int
+    still_street: tuple[Scans, se2.Array], monkeypatch: pytest.MonkeyPatch, chunk: int
 ) -> None:
     scans, poses = still_street
-    once = render(scans, poses, CONFIG, TURN_S)
+    once = rendered(scans, poses)
     monkeypatch.setattr(rendering, "_CHUNK", chunk)
     for jobs in (1, 3):
-        again = render(scans, poses, CONFIG, TURN_S, LocalEngine(jobs))
+        again = rendered(scans, poses, LocalEngine(jobs))
         for name in ("points", "times", "psi", "matched"):
             np.testing.assert_array_equal(getattr(again, name), getattr(once, name))
 
@@ -92,23 +97,21 @@ def test_turning_on_the_spot_is_moving() -> None:
     assert moving(poses, 0.1, 0.01).tolist() == [True, False, True, False]
 
 
-def test_the_returns_of_a_parked_revolution_are_left_out(still_street: tuple[list[Scan], se2.Array]) -> None:
+def test_the_returns_of_a_parked_revolution_are_left_out(still_street: tuple[Scans, se2.Array]) -> None:
     scans, poses = still_street
     parked = poses.copy()
     parked[7] = parked[6]
-    found = render(scans, parked, CONFIG, TURN_S)
+    found = rendered(scans, parked)
     assert len(found) == len(joined(scans)) - len(scans[7].returns)
     assert not np.isin(scans[7].returns.times, found.times).any()
 
 
 @pytest.mark.parametrize("beta", [0.0, 0.05])
-def test_a_return_is_placed_as_the_motion_model_places_it(still_street: tuple[list[Scan], se2.Array], beta: float) -> None:
+def test_a_return_is_placed_as_the_motion_model_places_it(still_street: tuple[Scans, se2.Array], beta: float) -> None:
     scans, poses = still_street
-    config = CONFIG.model_copy(update={"sensor": SensorConfig(doppler_beta=beta)})
-    times = np.array([w.t0 for w in scans])
-    found = place_along(scans[3].returns, times, poses, config)
-    twist = se2.log(se2.between(poses[3], poses[4])) / TURN_S
-    beam = beam_of(config.estimator, beta)
+    beam = beam_of(CONFIG.estimator, beta)
+    found = place_along(scans[3].returns, scans.start_times, poses, beam)
+    twist = se2.log(se2.between(poses[3], poses[4])) / 0.25
     expected = place(scans[3].returns, scans[3].t0, poses[3], twist, CONSTANT_TWIST, beam)
     np.testing.assert_allclose(found.points, expected.points, atol=1e-5)  # an arc is all but a cubic
     if beta == 0.0:
@@ -117,8 +120,9 @@ def test_a_return_is_placed_as_the_motion_model_places_it(still_street: tuple[li
         np.testing.assert_allclose(found.covariances, expected.covariances, rtol=0.2, atol=1e-3)
 
 
-def test_a_run_without_returns_is_refused_with_advice(still_street: tuple[list[Scan], se2.Array]) -> None:
+def test_a_run_without_returns_is_refused_with_advice(still_street: tuple[Scans, se2.Array]) -> None:
     scans, poses = still_street
-    empty = [replace(w, returns=w.returns.take(np.zeros(len(w.returns), dtype=bool))) for w in scans]
+    nothing = (replace(w, returns=w.returns.take(np.zeros(len(w.returns), dtype=bool))) for w in scans)
+    empty = replace(scans, scans=tuple(nothing))
     with pytest.raises(EstimationError, match=r"detector\.threshold"):
-        render(empty, poses, CONFIG, TURN_S)
+        rendered(empty, poses)

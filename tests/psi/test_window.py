@@ -8,7 +8,8 @@ from mqslam.config import Config
 from mqslam.core.measurement import Status
 from mqslam.core.motion import ACCELERATED_TWIST, CONSTANT_VELOCITY
 from mqslam.core.scans import Returns
-from mqslam.psi.window import WindowMotion, beam_of, estimate_window, find_window_motion, search_twist, window_score
+from mqslam.psi.place import beam_of
+from mqslam.psi.window import WindowMotion, estimate_window, find_window_motion, search_twist, window_score
 from mqslam.simulator import ConstantDrive, Drive, Scene, corridor_scene, street_scene, yard_scene
 
 ESTIMATOR = Config().estimator

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import lru_cache
 
 import numpy as np
 
 from mqslam.config import Config
-from mqslam.core.scans import Returns, Scan
+from mqslam.core.scans import Returns, Scan, Scans
 from mqslam.detection.stage import detect_all
 from mqslam.execution.engine import HERE
 from mqslam.simulator import ConstantDrive, Drive, Scene, SensorModel, SimulatedRecording, simulated_recording
@@ -16,23 +17,23 @@ SENSOR = SensorModel(range_resolution=0.0875, max_range=60.0)
 ON_THE_STREET = (-20.0, -37.75, 0.0)  # on the right-hand lane of a street scene, heading along x
 
 
-def detected(recording: SimulatedRecording) -> list[Scan]:
-    """The windows of a stream under the default settings."""
+def detected(recording: SimulatedRecording) -> Scans:
+    """The scans of a recording under the default settings."""
     scans, _ = detect_all(recording, Config().detector, HERE, lambda stage, done, total: None)
     return scans
 
 
 def drive(
     scene: Scene, motion: Drive, duration_s: float, seed: int = 1, doppler_beta: float = 0.0, max_range: float = 60.0
-) -> tuple[SimulatedRecording, list[Scan]]:
-    """A drive and its windows."""
+) -> tuple[SimulatedRecording, Scans]:
+    """A drive and its scans."""
     sensor = SensorModel(range_resolution=0.0875, max_range=max_range, doppler_beta=doppler_beta)
     recording = simulated_recording(scene, motion, duration_s=duration_s, sensor=sensor, seed=seed)
     return recording, detected(recording)
 
 
 @lru_cache(maxsize=1)
-def street_drive() -> tuple[SimulatedRecording, list[Scan]]:
+def street_drive() -> tuple[SimulatedRecording, Scans]:
     """Ten seconds along a street and into its corner, past moving vehicles."""
     from mqslam.simulator import loop_drive, street_scene, with_way_made
 
@@ -45,13 +46,13 @@ def constant(v: float, omega: float) -> ConstantDrive:
     return ConstantDrive(v, omega, ON_THE_STREET)
 
 
-def joined(scans: list[Scan]) -> Returns:
-    """The returns of several windows as one."""
+def joined(scans: Sequence[Scan]) -> Returns:
+    """The returns of several scans as one."""
     return Returns.concatenate([w.returns for w in scans])
 
 
 def noise(scan: Scan, count: int = 400, seed: int = 1) -> Scan:
-    """A window of returns that are nowhere in the world."""
+    """A scan of returns that are nowhere in the world."""
     rng = np.random.default_rng(seed)
     times = np.sort(rng.uniform(scan.t0, scan.t1, count))
     azimuths = -2.0 * np.pi * (times - scan.t0) / (scan.t1 - scan.t0)

@@ -12,9 +12,11 @@ from mqslam.core import se2
 from mqslam.core.scans import Returns, Scan
 from mqslam.detection.stage import detect_all
 from mqslam.execution.engine import HERE
+from mqslam.psi.place import beam_of
 from mqslam.simulator import ConstantDrive, Scene, SensorModel, corridor_scene, simulated_recording, street_scene
 
 CONFIG = Config()
+BEAM = beam_of(CONFIG.estimator, 0.0)
 SENSOR = SensorModel(range_resolution=0.175, max_range=80.0)
 LANE_Y, OTHER_LANE_Y = -37.75, -34.25  # the two lanes of the street south of the middle block
 MIDDLE = 10  # a revolution in the middle of a pass

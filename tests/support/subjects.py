@@ -113,7 +113,7 @@ def check_trajectory(track: Trajectory) -> None:
 
 
 def check_lidar(lidar: LidarRecording) -> None:
-    assert 2 <= len(lidar.scans) == len(lidar.stamps_us) < _MOST and np.all(np.diff(lidar.stamps_us) > 0)
+    assert 2 <= len(lidar.scans) == len(lidar.scans.stamps_us) < _MOST and np.all(np.diff(lidar.scans.stamps_us) > 0)
     for scan in lidar.scans:
         assert np.isfinite([scan.t0, scan.t1]).all() and scan.t1 >= scan.t0
         check_returns(scan.returns)

@@ -8,11 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mqslam.config import Config
 from mqslam.core import se2
 from mqslam.core.scans import Returns, Scan
 from mqslam.mapping.render import place_along
-from mqslam.psi.place import PointSet
+from mqslam.psi.place import Beam, PointSet
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,14 +54,15 @@ def around(travelled: NDArray[np.float64], centre: int, reach_m: float, spacing_
     return np.asarray(chosen[np.abs(travelled[chosen] - travelled[centre]) <= reach_m + spacing_m])
 
 
-def submap(drive: Drive, centre: int, reach_m: float, spacing_m: float, config: Config) -> PointSet:
+def submap(drive: Drive, centre: int, reach_m: float, spacing_m: float, beam: Beam) -> PointSet:
     """Returns of the revolutions within reach_m of path around one, about spacing_m apart, in its frame.
 
     Args:
         centre: index of the revolution whose start pose is the frame.
+        beam: the sensor's errors.
     """
     chosen = around(drive.travelled, centre, reach_m, spacing_m)
     returns = Returns.concatenate([drive.scans[k].returns for k in chosen])
     first, last = max(int(chosen[0]) - 1, 0), min(int(chosen[-1]) + 2, len(drive.times))
     local = se2.between(drive.poses[centre], drive.poses[first:last])
-    return place_along(returns, drive.times[first:last], local, config)
+    return place_along(returns, drive.times[first:last], local, beam)

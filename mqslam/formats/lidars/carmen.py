@@ -62,7 +62,7 @@ def read_lidar(path: Path) -> LidarRecording:
         notes.append(f"the lidar's pose on the robot is {mount[0]:.3g} m, {mount[1]:.3g} m, {mount[2]:.3g} rad")
     if odometry is not None and _same_motion(trajectory, odometry):
         notes.append("the poses beside the scans are the odometry's: no SLAM corrected them")
-    return LidarRecording(path, "carmen", stamps, scans_of(stamps, returns), trajectory, odometry, tuple(notes))
+    return LidarRecording(path, "carmen", scans_of(stamps, returns), trajectory, odometry, tuple(notes))
 
 
 def _scans(path: Path, log: CarmenLog, kind: str) -> tuple[NDArray[np.int64], list[ScanLine], list[str]]:

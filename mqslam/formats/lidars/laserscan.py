@@ -91,9 +91,7 @@ def read_lidar(path: Path) -> LidarRecording:
             notes.append(f"{what} from {name}, {how}")
             carried[what] = Trajectory(poses.stamps_us, se2.compose(poses.poses, mount.pose)) if mount else poses
     timed = scans_of(stamps, scans)
-    return LidarRecording(
-        path, "laserscan", stamps, timed, carried.get("trajectory"), carried.get("odometry"), tuple(notes)
-    )
+    return LidarRecording(path, "laserscan", timed, carried.get("trajectory"), carried.get("odometry"), tuple(notes))
 
 
 def _scan_topic(path: Path, reader: AnyReader) -> str:

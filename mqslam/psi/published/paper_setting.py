@@ -12,8 +12,8 @@ from mqslam.core import se2
 from mqslam.core.motion import CONSTANT_VELOCITY
 from mqslam.core.scans import Returns
 from mqslam.detection.stage import detect_stretch
-from mqslam.psi.place import PointSet, place
-from mqslam.psi.window import WindowMotion, beam_of, find_window_motion, without_start
+from mqslam.psi.place import PointSet, beam_of, place
+from mqslam.psi.window import WindowMotion, find_window_motion, without_start
 from mqslam.simulator import ConstantDrive, SensorModel, simulated_recording, yard_scene
 
 CASES = ((0.0, -0.3840), (0.1, 0.2967), (1.0, -0.1920))

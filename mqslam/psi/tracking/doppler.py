@@ -7,13 +7,12 @@ The beta that makes short stretches of the recording crispest is the radar's own
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 from numpy.typing import NDArray
 
-from mqslam.config import Config
-from mqslam.core.scans import Scan
+from mqslam.config import EstimatorConfig, SensorConfig, TrackerConfig
+from mqslam.core.scans import Scans
+from mqslam.psi.place import beam_of
 from mqslam.psi.tracking.tracker import START_SCANS, Tracker
 
 _STRETCHES = 4  # of the recording that are tried
@@ -23,23 +22,27 @@ _GAIN = 0.003  # share of psi that a shift must save to be believed
 _LEAST = 0.01  # smaller shifts move no return by a tenth of its own error [s]
 
 
-def measure_doppler(scans: Sequence[Scan], config: Config, revolution_s: float) -> float:
+def measure_doppler(scans: Scans, tracker: TrackerConfig, estimator: EstimatorConfig) -> float:
     """The range shift per closing speed [s] that makes the recording's map crispest; zero where none does.
 
     Args:
-        scans: one per revolution.
-        config: all settings.
-        revolution_s: duration of a turn [s].
+        scans: of the recording.
+        tracker: settings of the tracker.
+        estimator: settings of the score.
     """
     starts = np.unique(np.linspace(0, max(len(scans) - _LENGTH, 0), _STRETCHES + 2).astype(int)[1:-1])
-    stretches = [list(scans[k : k + _LENGTH]) for k in starts]
+    stretches = [scans[int(k) : int(k) + _LENGTH] for k in starts]
     stretches = [s for s in stretches if len(s) > START_SCANS and sum(len(w.returns) for w in s[:3]) > 100]
     if not stretches:
         return 0.0
-    twists = [_tracker(config, revolution_s, 0.0).first_twist(s[:START_SCANS]) for s in stretches]
+
+    def tracker_with(beta: float) -> Tracker:
+        return Tracker(tracker, estimator, beam_of(estimator, beta), scans.revolution_s)
+
+    twists = [tracker_with(0.0).first_twist(s[:START_SCANS]) for s in stretches]
 
     def psi(beta: float) -> float:
-        return sum(_psi(s, t, config, revolution_s, beta) for s, t in zip(stretches, twists, strict=True))
+        return sum(_psi(s, t, tracker_with(beta)) for s, t in zip(stretches, twists, strict=True))
 
     scores = np.array([psi(beta) for beta in _GRID])
     beta = _vertex(scores)
@@ -48,12 +51,13 @@ def measure_doppler(scans: Sequence[Scan], config: Config, revolution_s: float) 
     return beta
 
 
-def with_doppler(scans: Sequence[Scan], config: Config, revolution_s: float) -> Config:
-    """The settings with the Doppler shift that they name, or else the one measured."""
-    if config.sensor.doppler_beta is not None:
-        return config
-    beta = round(measure_doppler(scans, config, revolution_s), 4)
-    return config.model_copy(update={"sensor": config.sensor.model_copy(update={"doppler_beta": beta})})
+def doppler_beta_of(
+    scans: Scans, sensor: SensorConfig, tracker: TrackerConfig, estimator: EstimatorConfig
+) -> float:
+    """The Doppler shift [s] that the settings name, or else the one measured."""
+    if sensor.doppler_beta is not None:
+        return sensor.doppler_beta
+    return round(measure_doppler(scans, tracker, estimator), 4)
 
 
 def _vertex(scores: NDArray[np.float64]) -> float:
@@ -67,16 +71,8 @@ def _vertex(scores: NDArray[np.float64]) -> float:
     return float(np.clip(_GRID[k] + 0.5 * step * (below - above) / bend, _GRID[0], _GRID[-1]))
 
 
-def _tracker(config: Config, revolution_s: float, beta: float) -> Tracker:
-    sensor = config.sensor.model_copy(update={"doppler_beta": beta})
-    return Tracker(config.model_copy(update={"sensor": sensor}), revolution_s)
-
-
-def _psi(
-    scans: list[Scan], twist: NDArray[np.float64], config: Config, revolution_s: float, beta: float
-) -> float:
-    """psi of a stretch tracked under a beta [s], per point."""
-    tracker = _tracker(config, revolution_s, beta)
+def _psi(scans: Scans, twist: NDArray[np.float64], tracker: Tracker) -> float:
+    """psi per point of a stretch that a tracker follows."""
     tracker.start(scans[:START_SCANS], twist)
     found = [tracker.follow(scan).evaluation.shares for scan in scans[1:]]
     return float(np.concatenate(found).mean())

@@ -7,12 +7,13 @@ revolutions would alternate.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mqslam.config import Config
+from mqslam.config import EstimatorConfig, TrackerConfig
 from mqslam.core import se2
 from mqslam.core.measurement import Status
 from mqslam.core.motion import CONSTANT_TWIST, LONGEST_COAST_S
@@ -23,11 +24,11 @@ from mqslam.psi.estimator import Evaluation, Scale
 from mqslam.psi.minimiser import Minimum, Prior, annealed_scale, final_scale, minimise, score
 from mqslam.psi.neighbours import candidates
 from mqslam.psi.observability import loosened, weak_directions
-from mqslam.psi.place import PointSet, place
+from mqslam.psi.place import Beam, PointSet, place
 from mqslam.psi.tracking.correlate import PIXEL, correlation_peaks
 from mqslam.psi.tracking.dynamics import MODEL, SIZE, TOLERANCES, held, initial_covariance, predict, spans
 from mqslam.psi.tracking.local_map import LocalMap
-from mqslam.psi.window import beam_of, estimate_window, search_twist
+from mqslam.psi.window import estimate_window, search_twist
 
 START_SCANS = 3  # that start the tracker together
 PREDICTION_GAIN = 0.1  # variance left of psi's own once the state before has smoothed it; measured, see BENCHMARKS.md
@@ -66,18 +67,22 @@ class Tracker:
     """Follows a recording revolution by revolution.
 
     Args:
-        config: all settings.
+        settings: of the tracker.
+        estimator: settings of the score.
+        beam: the sensor's errors.
         revolution_s: duration of a turn [s].
     """
 
-    def __init__(self, config: Config, revolution_s: float) -> None:
-        self._settings = config.tracker
-        self._estimator = config.estimator
+    def __init__(
+        self, settings: TrackerConfig, estimator: EstimatorConfig, beam: Beam, revolution_s: float
+    ) -> None:
+        self._settings = settings
+        self._estimator = estimator
         self._revolution_s = revolution_s
-        self._beam = beam_of(config.estimator, config.sensor.doppler_beta or 0.0)
-        self._map = LocalMap(config.tracker.keyframes)
+        self._beam = beam
+        self._map = LocalMap(settings.keyframes)
         self._state = np.zeros(SIZE)
-        self._covariance = initial_covariance(config.tracker)
+        self._covariance = initial_covariance(settings)
         self._t0 = 0.0
         self._turn_s = revolution_s  # of the last revolution followed; the radar may be told to turn at another rate
         self._keyframe: se2.Array | None = None
@@ -86,7 +91,7 @@ class Tracker:
         self._patience = _PATIENCE
 
     def start(
-        self, scans: list[Scan], begin: se2.Array | None = None, odometry: se2.Array | None = None
+        self, scans: Sequence[Scan], begin: se2.Array | None = None, odometry: se2.Array | None = None
     ) -> Tracked:
         """Find the motion of the first revolutions from psi alone and begin the map with the first of them.
 
@@ -112,7 +117,7 @@ class Tracker:
         )
         return Tracked(self._t0, self._state, self._covariance[:6, :6], empty, Status.CONVERGED)
 
-    def first_twist(self, scans: list[Scan]) -> se2.Array:
+    def first_twist(self, scans: Sequence[Scan]) -> se2.Array:
         """The twist (3,) of two or three revolutions, without any start."""
         return self._first_motion(scans)[0][:3]
 
@@ -184,7 +189,7 @@ class Tracker:
             self._lost, self._patience = [], _PATIENCE
         return Tracked(scan.t0, predicted, covariance[:6, :6], found.evaluation, Status.LOST)
 
-    def _begin_again(self, scans: list[Scan]) -> None:
+    def _begin_again(self, scans: Sequence[Scan]) -> None:
         """Start a new map with the last of the windows, where they agree on a motion of their own."""
         if sum(len(w.returns) for w in scans) < _FEWEST:
             return
@@ -199,7 +204,7 @@ class Tracker:
         self._add_keyframe(self._place(scans[-1], self._state))
 
     def _first_motion(
-        self, scans: list[Scan], begin: se2.Array | None = None, odometry: se2.Array | None = None
+        self, scans: Sequence[Scan], begin: se2.Array | None = None, odometry: se2.Array | None = None
     ) -> tuple[se2.Array, float]:
         """Motion parameters (5,) at the start of two or three revolutions from psi alone, and their matched share."""
         t0, config = scans[0].t0, self._estimator

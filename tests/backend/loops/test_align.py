@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from support.passes import CONFIG, LANE_Y, MIDDLE, OTHER_LANE_Y, corridor_pass, street_pass
+from support.passes import BEAM, CONFIG, LANE_Y, MIDDLE, OTHER_LANE_Y, corridor_pass, street_pass
 
 from mqslam.backend.loops.align import Alignment, align, cross_score, moved
 from mqslam.backend.loops.submap import Drive, submap
@@ -18,8 +18,8 @@ WRONG_GUESSES = [(2.5, -1.5, 0.05), (-1.0, 3.0, -0.05), (0.0, 0.0, 0.0)]
 def submaps(reference: Drive, query: Drive, a: int = MIDDLE, b: int = MIDDLE) -> tuple[PointSet, PointSet]:
     settings = CONFIG.loops
     return (
-        submap(reference, a, settings.submap_m, settings.spacing_m, CONFIG),
-        submap(query, b, 0.5 * settings.submap_m, settings.spacing_m, CONFIG),
+        submap(reference, a, settings.submap_m, settings.spacing_m, BEAM),
+        submap(query, b, 0.5 * settings.submap_m, settings.spacing_m, BEAM),
     )
 
 

@@ -10,8 +10,9 @@ from mqslam.backend.loops.submap import Drive, submap
 from mqslam.config import Config
 from mqslam.core import se2
 from mqslam.core.scans import Returns, Scan
+from mqslam.psi.place import beam_of
 
-CONFIG = Config()
+BEAM = beam_of(Config().estimator, 0.0)
 LANDMARKS = np.array([[12.0, 20.0], [40.0, -15.0], [75.0, 8.0], [110.0, -20.0]])
 
 
@@ -34,7 +35,7 @@ def drive() -> Drive:
 
 def chosen_by(drive: Drive, centre: int, reach_m: float, spacing_m: float) -> np.ndarray:
     """Indices of the revolutions whose returns a submap holds."""
-    times = submap(drive, centre, reach_m, spacing_m, CONFIG).times
+    times = submap(drive, centre, reach_m, spacing_m, BEAM).times
     return np.unique(np.searchsorted(drive.times, times))
 
 
@@ -74,14 +75,14 @@ def test_another_pass_over_the_place_is_not_in_the_submap() -> None:
 
 def test_the_frame_is_the_centres_pose(drive: Drive) -> None:
     for centre in (3, 40, 70):
-        points = submap(drive, centre, 15.0, 5.0, CONFIG).points
+        points = submap(drive, centre, 15.0, 5.0, BEAM).points
         expected = se2.transform(se2.inverse(drive.poses[centre]), LANDMARKS)
         np.testing.assert_allclose(points, np.tile(expected, (len(points) // len(LANDMARKS), 1)), atol=1e-9)
 
 
 def test_a_submap_is_the_same_whichever_frame_the_drive_is_in(drive: Drive) -> None:
     elsewhere = Drive.of(drive.scans, se2.compose(np.array([1000.0, -400.0, 2.5]), drive.poses))
-    ours, theirs = (submap(d, 40, 15.0, 5.0, CONFIG) for d in (drive, elsewhere))
+    ours, theirs = (submap(d, 40, 15.0, 5.0, BEAM) for d in (drive, elsewhere))
     np.testing.assert_allclose(ours.points, theirs.points, atol=1e-9)
     np.testing.assert_allclose(ours.covariances, theirs.covariances, atol=1e-12)
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from mqslam.core import se2
-from mqslam.core.scans import Scan
+from mqslam.core.scans import Scans
 from mqslam.core.trajectory import Trajectory
 from mqslam.errors import DataError
 from mqslam.formats.lidars.carmen import read_lidar, recognises
@@ -56,14 +56,14 @@ def test_scans_become_windows_with_poses_and_stamps(tmp_path: Path) -> None:
     poses = [(0.0, 0.0, 0.0), (1.0, 0.5, 0.1), (2.0, 1.5, 0.2)]
     times = [1096000000.123456, 1096000001.123457, 1096000003.0]
     recording = read_lidar(log(tmp_path, *(flaser(t, p, scan) for t, p in zip(times, poses, strict=True))))
-    np.testing.assert_allclose(recording.stamps_us[1:] - recording.stamps_us[0], [1_000_001, 2_876_544], atol=2)
+    np.testing.assert_allclose(recording.scans.stamps_us[1:] - recording.scans.stamps_us[0], [1_000_001, 2_876_544], atol=2)
     starts = [scan.t0 for scan in recording.scans]
     assert starts == pytest.approx([0.0, 1.000001, 2.876544], abs=2e-6)
     assert [scan.t1 for scan in recording.scans][:2] == starts[1:]
     for scan in recording.scans:
         assert np.all(scan.returns.times == scan.t0) and scan.t1 > scan.t0
     assert recording.trajectory is not None and recording.odometry is None
-    np.testing.assert_array_equal(recording.trajectory.stamps_us, recording.stamps_us)
+    np.testing.assert_array_equal(recording.trajectory.stamps_us, recording.scans.stamps_us)
     np.testing.assert_allclose(recording.trajectory.poses, poses)
 
 
@@ -159,7 +159,7 @@ def test_stray_stamps_cost_their_own_lines_and_no_others(tmp_path: Path) -> None
     scans = [flaser(t, (k, 0, 0), [2.0] * 180) for k, t in enumerate([1.0, 900.0, 2.0, 2.0, 3.0])]
     wheels = [odom(t, (t, 0, 0)) for t in (1.0, 1.5, 1.4, 2.0, 2.0, 3.0)]
     recording = read_lidar(log(tmp_path, *scans, *wheels))
-    assert recording.stamps_us.tolist() == [1_000_000, 2_000_000, 3_000_000]
+    assert recording.scans.stamps_us.tolist() == [1_000_000, 2_000_000, 3_000_000]
     assert recording.odometry is not None and len(recording.odometry) == 4
     assert any(note.startswith("2 scans") for note in recording.notes)
     assert any(note.startswith("2 of 6 odometry poses") for note in recording.notes)
@@ -247,7 +247,7 @@ def test_damaged_compression_and_noise_are_named(tmp_path: Path) -> None:
         read_lidar(tmp_path / "missing.log")
 
 
-def spread(trajectory: Trajectory, scans: list[Scan]) -> float:
+def spread(trajectory: Trajectory, scans: Scans) -> float:
     """Median distance [m] from a return to the nearest one measured over twenty scans before or after."""
     from scipy.spatial import cKDTree
 

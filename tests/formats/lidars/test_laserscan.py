@@ -54,7 +54,7 @@ def test_beams_become_returns_with_times_angles_and_intensities(tmp_path: Path, 
     write(path, kind, {"ranges": [1, 2, 3, 4, 5], "intensities": [9, 8, 7, 6, 5]}, {"ranges": [5, 4, 3, 2, 1]})
     recording = read_lidar(path)
     assert holds_scans(path) and recording.format == "laserscan" and len(recording.scans) == 2
-    assert recording.stamps_us.tolist() == [START_US, START_US + PERIOD_US]
+    assert recording.scans.stamps_us.tolist() == [START_US, START_US + PERIOD_US]
     first, second = (scan.returns for scan in recording.scans)
     np.testing.assert_allclose(first.ranges, [1, 2, 3, 4, 5])
     np.testing.assert_allclose(first.azimuths, [-1, -0.5, 0, 0.5, 1])
@@ -101,7 +101,7 @@ def test_scans_that_repeat_a_stamp_or_run_backward_are_left_out_with_a_note(tmp_
         for k, step in enumerate([0, 1, 1, 900, 2, 3]):
             bag.write(topic, START_US + k * PERIOD_US, scan(bag, START_US + step * PERIOD_US, [k + 1.0]))
     recording = read_lidar(path)
-    assert ((recording.stamps_us - START_US) // PERIOD_US).tolist() == [0, 1, 2, 3]
+    assert ((recording.scans.stamps_us - START_US) // PERIOD_US).tolist() == [0, 1, 2, 3]
     assert any(note.startswith("2 scans") for note in recording.notes)
 
 
@@ -147,7 +147,7 @@ def test_odometry_and_the_poses_of_a_slam_are_told_apart(tmp_path: Path, kind: s
     recording = drive(bag_path(tmp_path, kind), kind)
     steps = np.arange(4.0)
     assert recording.odometry is not None and recording.trajectory is not None
-    np.testing.assert_array_equal(recording.trajectory.stamps_us, recording.stamps_us)
+    np.testing.assert_array_equal(recording.trajectory.stamps_us, recording.scans.stamps_us)
     np.testing.assert_allclose(recording.trajectory.poses, arc(steps), atol=1e-9)
     np.testing.assert_allclose(recording.odometry.poses, 1.1 * arc(steps), atol=1e-9)
     assert "trajectory from /amcl_pose, taken as that of the lidar itself" in recording.notes
