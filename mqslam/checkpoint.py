@@ -13,7 +13,7 @@ import shutil
 import zipfile
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import fields
+from dataclasses import astuple, fields
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 import mqslam
 from mqslam.config import Config, dump_yaml
 from mqslam.detection import Detected
+from mqslam.detector import PeakCounts
 from mqslam.errors import ClusterError, DataError, MqslamError, OutputError
 from mqslam.files import write_text, written_whole
 from mqslam.loops.search import Loop
@@ -117,18 +118,20 @@ class Checkpoint:
 
     def detected(self, begin: int, end: int) -> Detected | None:
         """What was detected in the revolutions begin <= k < end, if it was kept."""
-        kept = self._load(f"returns-{begin:06d}-{end:06d}.npz", [*_columns(), "ends", "unread", "why"])
+        kept = self._load(f"returns-{begin:06d}-{end:06d}.npz", [*_columns(), "ends", "unread", "why", "counts"])
         if kept is None:
             return None
         columns = [np.split(kept[name], kept["ends"][:-1]) for name in _columns()]
         returns = [Returns(*(np.ascontiguousarray(part) for part in parts)) for parts in zip(*columns, strict=True)]
         errors = (DataError(*words) for words in kept["why"].tolist())
-        return Detected(returns, dict(zip(kept["unread"].tolist(), errors, strict=True)))
+        unread = dict(zip(kept["unread"].tolist(), errors, strict=True))
+        return Detected(returns, unread, counts=PeakCounts(*kept["counts"].tolist()))
 
     def keep_detected(self, begin: int, end: int, found: Detected) -> None:
         """Keep what was detected in a stretch of revolutions."""
         arrays = {name: np.concatenate([getattr(r, name) for r in found.returns]) for name in _columns()}
         arrays["ends"] = np.cumsum([len(r) for r in found.returns])
+        arrays["counts"] = np.array(astuple(found.counts), dtype=np.int64)
         arrays["unread"] = np.array(list(found.unread), dtype=np.int64)
         why = [(str(error.path), error.problem, error.remedy) for error in found.unread.values()]
         arrays["why"] = np.array(why, dtype=np.str_).reshape(-1, 3)

@@ -12,7 +12,7 @@ from typing import Protocol
 import numpy as np
 
 from mqslam.artefacts import drop_fixed
-from mqslam.detector import DetectorConfig, detect
+from mqslam.detector import DetectorConfig, PeakCounts, detect_and_count
 from mqslam.engine import Engine
 from mqslam.errors import DataError
 from mqslam.returns import Returns, Window
@@ -37,12 +37,14 @@ class Detected:
         returns: of each revolution; none of one that could not be read.
         unread: why a revolution could not be read, by its number in the recording.
         read_s, detect_s: seconds spent.
+        counts: what the detector kept and dropped.
     """
 
     returns: list[Returns]
     unread: dict[int, DataError] = field(default_factory=dict)
     read_s: float = 0.0
     detect_s: float = 0.0
+    counts: PeakCounts = field(default_factory=PeakCounts)
 
 
 def detect_stretch(
@@ -61,12 +63,15 @@ def detect_stretch(
     """
     found: list[Returns] = []
     unread: dict[int, DataError] = {}
+    counts = PeakCounts()
     read_s, detect_s = 0.0, 0.0
     mark = time.perf_counter()
     for k, revolution in revolutions_or_errors(stream, start, stop):
         read = time.perf_counter()
         if not isinstance(revolution, DataError):
-            found.append(detect(revolution, stream.range_resolution, config))
+            returns, counted = detect_and_count(revolution, stream.range_resolution, config)
+            found.append(returns)
+            counts += counted
         elif strict:
             raise revolution
         elif not stream.path.exists():  # not one that is damaged: all of them are out of reach, of this worker at least
@@ -76,7 +81,7 @@ def detect_stretch(
             found.append(Returns.none())
         done = time.perf_counter()
         read_s, detect_s, mark = read_s + read - mark, detect_s + done - read, done
-    return Detected(found, unread, read_s, detect_s)
+    return Detected(found, unread, read_s, detect_s, counts)
 
 
 def revolutions_or_errors(stream: RadarStream, start: int, stop: int) -> Iterator[tuple[int, Revolution | DataError]]:
@@ -151,7 +156,8 @@ def detect_all(
         raise DataError(first.path, f"{first.problem}, like {len(unread)} of {total} revolutions", first.remedy)
     _log.info("%d returns in %d revolutions, %d of them unread", sum(map(len, returns)), total, len(unread))
     read_s, detect_s = sum(p.read_s for p in parts.values()), sum(p.detect_s for p in parts.values())
-    return windows_of(stream, returns), Detected(returns, unread, read_s, detect_s)
+    counts = sum((part.counts for part in parts.values()), PeakCounts())
+    return windows_of(stream, returns), Detected(returns, unread, read_s, detect_s, counts)
 
 
 def _stretch(shared: tuple[RadarStream, DetectorConfig, bool], span: tuple[int, int]) -> Detected:

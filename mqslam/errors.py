@@ -50,6 +50,10 @@ class EstimationError(MqslamError):
     """Data from which no motion can be estimated, such as a recording without returns."""
 
 
+class FewReturnsError(EstimationError):
+    """Scans that hold too few returns to be matched; what to do depends on how they were detected."""
+
+
 class ViewerError(MqslamError):
     """Nothing to show a map with: no display, or a viewer that is not installed."""
 

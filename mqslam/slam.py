@@ -24,7 +24,7 @@ from mqslam.checkpoint import Checkpoint
 from mqslam.config import Config
 from mqslam.detection import Progress, detect_all
 from mqslam.engine import Engine
-from mqslam.errors import DataError
+from mqslam.errors import DataError, EstimationError, FewReturnsError
 from mqslam.factors.loop_between import loop_between
 from mqslam.factors.odometry_between import odometry_between, odometry_covariance
 from mqslam.factors.psi_between import psi_between
@@ -153,7 +153,10 @@ class Slam:
                 stream, self._config.detector, self._engine, self._progress, self._checkpoint, strict=self._strict
             )
             self._runtime_s |= {"read": detected.read_s, "detect": detected.detect_s}
-            found = self.solve(windows, context, stream.stamps_us)
+            try:
+                found = self.solve(windows, context, stream.stamps_us)
+            except FewReturnsError as error:
+                raise EstimationError(f"{error}: {detected.counts.remedy}") from error
             with self._stage("render"):
                 maps = self._render(windows, found.odometry.poses, found.optimised.poses, stream.period_s)
             with self._stage("check"):

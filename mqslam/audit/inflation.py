@@ -19,7 +19,7 @@ from mqslam.config import Config
 from mqslam.psi.covariance import sandwich_by_differences
 from mqslam.psi.estimator import Evaluation, Scale
 from mqslam.psi.minimiser import EstimatorConfig, Minimum, Prior, minimise, score_itself
-from mqslam.psi.observability import loosened, weak_directions
+from mqslam.psi.observability import loosen, weak_directions
 from mqslam.psi.place import PointSet
 
 _SWEEP = 1.0  # turns between what one direction saw and saw again
@@ -119,7 +119,7 @@ def _judged(
     covariance = sandwich_by_differences(
         found.evaluation, placed.points, lambda twist: scored(twist).gradient, found.state, _DIFFERENCE * units
     )
-    covariance = loosened(covariance, weak, _ANYWHERE * units)
+    covariance = loosen(covariance, weak, _ANYWHERE * units)
     moved = placed.points - bent(np.zeros(3)).points
     return Bend(
         correction=found.state * count,

@@ -21,7 +21,8 @@ from mqslam.check.stretches import Stretch
 from mqslam.config import Config
 from mqslam.errors import EstimationError
 from mqslam.measurement import Status
-from mqslam.psi.tracker import START_REVOLUTIONS, Tracked, Tracker
+from mqslam.psi.start import START_REVOLUTIONS
+from mqslam.psi.tracker import Tracked, Tracker
 from mqslam.returns import Returns, Window
 from mqslam.stream import RadarStream
 from mqslam.trajectory import Trajectory

@@ -13,7 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mqslam.config import Config
-from mqslam.psi.tracker import START_REVOLUTIONS, Tracker
+from mqslam.psi.start import START_REVOLUTIONS
+from mqslam.psi.tracker import Tracker, is_usable
 from mqslam.returns import Window
 
 _STRETCHES = 4  # of the recording that are tried
@@ -33,7 +34,7 @@ def measure_doppler(windows: Sequence[Window], config: Config, revolution_s: flo
     """
     starts = np.unique(np.linspace(0, max(len(windows) - _LENGTH, 0), _STRETCHES + 2).astype(int)[1:-1])
     stretches = [list(windows[k : k + _LENGTH]) for k in starts]
-    stretches = [s for s in stretches if len(s) > START_REVOLUTIONS and sum(len(w.returns) for w in s[:3]) > 100]
+    stretches = [s for s in stretches if len(s) > START_REVOLUTIONS and sum(is_usable(w) for w in s) == len(s)]
     if not stretches:
         return 0.0
     twists = [_tracker(config, revolution_s, 0.0).first_twist(s[:START_REVOLUTIONS]) for s in stretches]
