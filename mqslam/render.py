@@ -35,10 +35,11 @@ def render(
     Raises:
         EstimationError: the revolutions hold no returns.
     """
-    keep = moving(poses, config.map.travel_m, config.map.travel_rad)
-    returns = Returns.concatenate([w.returns for w, kept in zip(windows, keep, strict=True) if kept])
-    if not len(returns):
-        raise EstimationError(f"no returns in {int(keep.sum())} revolutions to render; lower detector.threshold")
+    seen = [k for k, window in enumerate(windows) if len(window.returns)]
+    if not seen:
+        raise EstimationError(f"no returns in {len(windows)} revolutions to render; lower detector.threshold")
+    keep = moving(poses[seen], config.map.travel_m, config.map.travel_rad)
+    returns = Returns.concatenate([windows[k].returns for k, kept in zip(seen, keep, strict=True) if kept])
     points = place_along(returns, np.array([w.t0 for w in windows]), poses, config)
     shares, matched = score_points(points, revolution_s, config, engine)
     return PointMap(points.points, returns.times, returns.intensities, shares, matched)

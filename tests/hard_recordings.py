@@ -273,3 +273,41 @@ def write(folder: Path, windows: Sequence[Window]) -> tuple[Path, Path]:
     way = np.column_stack([straight_on((stamps - START_US) * 1e-6), np.zeros((len(stamps), 2))])
     write_tum(folder / "truth.tum", Trajectory(stamps, way))
     return folder / "drive.npz", folder / "truth.tum"
+
+
+SCANS = 14  # of a hard recording, if nothing else is said
+HARD: dict[str, Callable[[], Sequence[Window]]] = {
+    "no return in any scan": lambda: without_returns(drive(SCANS), range(SCANS)),
+    "one return in every scan": lambda: thin(drive(SCANS), 1, range(SCANS)),
+    "two returns in every scan": lambda: thin(drive(SCANS), 2, range(SCANS)),
+    "seven returns in every scan": lambda: thin(drive(SCANS), 7, range(SCANS)),
+    "twenty returns in every scan": lambda: thin(drive(SCANS), 20, range(SCANS)),
+    "forty returns in every scan": lambda: thin(drive(SCANS), 40, range(SCANS)),
+    "one return from the seventh scan on": lambda: thin(drive(SCANS), 1, range(6, SCANS)),
+    "two returns from the seventh scan on": lambda: thin(drive(SCANS), 2, range(6, SCANS)),
+    "three returns from the seventh scan on": lambda: thin(drive(SCANS), 3, range(6, SCANS)),
+    "three scans without returns": lambda: without_returns(drive(SCANS), range(5, 8)),
+    "first scan without returns": lambda: without_returns(drive(SCANS), range(1)),
+    "first two scans without returns": lambda: without_returns(drive(SCANS), range(2)),
+    "first three scans without returns": lambda: without_returns(drive(SCANS), range(3)),
+    "returns in the first scan only": lambda: without_returns(drive(SCANS), range(1, SCANS)),
+    "returns in the last scan only": lambda: without_returns(drive(SCANS), range(SCANS - 1)),
+    "one scan again and again": lambda: repeated(drive(1)[0], SCANS),
+    "one return again and again": lambda: one_spot(SCANS),
+    "all returns in one direction": lambda: one_direction(SCANS),
+    "all returns at the sensor": lambda: around_the_sensor(SCANS, 0.0),
+    "all returns at one range": lambda: around_the_sensor(SCANS, 20.0),
+    "all returns beyond a kilometre": lambda: farther(drive(SCANS), 1000.0),
+    "bare walls": lambda: drive(SCANS, bare_walls()),
+    "bare walls without noise": lambda: drive(SCANS, bare_walls(), noise_m=0.0),
+    "into a tunnel": lambda: into_a_tunnel(24),
+    "a full stop in a tunnel": lambda: into_a_tunnel(24, braking),
+    "a gap after one scan": lambda: drive(16, missing=range(1, 9)),
+    "a gap after two scans": lambda: drive(16, missing=range(2, 10)),
+    "a gap of a minute": lambda: [*drive(6), *drive(300, missing=range(294))],
+    "two scans": lambda: drive(2),
+    "one scan": lambda: drive(1),
+    "ten turns per second": lambda: drive(24, turn_s=0.1),
+}
+
+AT_REST = {name for name in HARD if "again" in name or name in ("all returns at the sensor", "all returns at one range")}
