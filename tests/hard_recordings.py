@@ -238,11 +238,12 @@ class RecordingInMemory(RadarStream):
     def _drawn(self, window: Window, k: int) -> Revolution:
         shares, returns = np.arange(self.azimuths) / self.azimuths, window.returns
         power = np.random.default_rng(k).integers(0, 11, (self.azimuths, self.bins)).astype(np.uint8)
-        rows = ((returns.times - window.t0) / (window.t1 - window.t0) * self.azimuths).astype(int)
+        rows = np.round((returns.times - window.t0) / (window.t1 - window.t0) * self.azimuths).astype(int)
         columns = (returns.ranges / self.range_resolution).astype(int)
         inside = columns < self.bins
         for aside in range(-self.width, self.width + 1):
-            power[(rows[inside] + aside) % self.azimuths, columns[inside]] = 200 - 40 * abs(aside) // self.width
+            lit = np.clip(rows[inside] + aside, 0, self.azimuths - 1)
+            power[lit, columns[inside]] = 200 - 40 * abs(aside) // self.width
         times = window.t0 + shares * (window.t1 - window.t0)
         return Revolution(times, -2.0 * np.pi * shares, power, np.ones(self.azimuths, dtype=bool))
 
