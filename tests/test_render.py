@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from drives import constant, drive, joined
+from drives import constant, drive, joined, noise
 
 from mqslam import render as rendering
 from mqslam import se2
@@ -15,7 +15,7 @@ from mqslam.motion import CONSTANT_TWIST
 from mqslam.psi.place import place
 from mqslam.psi.window import beam_of
 from mqslam.render import moving, place_along, render
-from mqslam.returns import Window
+from mqslam.returns import Returns, Window
 from mqslam.simulator import street_scene
 
 CONFIG = Config(sensor=SensorConfig(doppler_beta=0.0))
@@ -122,3 +122,16 @@ def test_a_run_without_returns_is_refused_with_advice(still_street: tuple[list[W
     empty = [replace(w, returns=w.returns.take(np.zeros(len(w.returns), dtype=bool))) for w in windows]
     with pytest.raises(EstimationError, match=r"detector\.threshold"):
         render(empty, poses, CONFIG, TURN_S)
+
+
+def test_the_doppler_shift_is_taken_out_where_the_yaw_of_the_poses_is_wrapped() -> None:
+    poses = np.column_stack([np.arange(8.0), np.zeros(8), np.linspace(3.0, 3.4, 8)])
+    times = 0.25 * np.arange(8)
+    window = noise(Window(0.0, 1.75, Returns.none()), 200)
+    shifted = Config(sensor=SensorConfig(doppler_beta=0.05))
+    wrapped = np.column_stack([poses[:, :2], se2.wrap(poses[:, 2])])
+    np.testing.assert_allclose(
+        place_along(window.returns, times, wrapped, shifted).points,
+        place_along(window.returns, times, poses, shifted).points,
+        atol=1e-9,
+    )

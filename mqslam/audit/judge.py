@@ -97,11 +97,12 @@ def audit(sweeps: Sweeps, config: Config, engine: Engine, progress: Progress) ->
 
 
 def audit_windows(sweeps: Sweeps, config: Config, engine: Engine, progress: Progress) -> list[WindowAudit]:
-    """Judge the windows of a map, in the order of time."""
+    """Judge the windows of a map that hold points, in the order of time."""
     size = config.audit.window
     begins = list(range(0, len(sweeps) - size + 1, size))
     if begins and begins[-1] + size < len(sweeps):
         begins.append(len(sweeps) - size)  # the last one overlaps the one before, so that every sweep is judged
+    begins = [begin for begin in begins if sweeps.begins[begin] < sweeps.begins[begin + size]]
 
     def done(number: int, window: WindowAudit) -> None:
         progress("audit", number, len(begins))
