@@ -113,15 +113,18 @@ def know_motion(state: State, motion: se2.Array, covariance: NDArray[np.float64]
 
 
 def hold_directions(prior: Prior, weak: NDArray[np.float64]) -> Prior:
-    """The prior made stiff along directions (K, 3) that psi does not observe: for the pose and for the twist."""
+    """The prior made stiff along directions (K, 3) that psi does not observe: for pose, twist and acceleration."""
     c, s = np.cos(prior.mean[2]), np.sin(prior.mean[2])
     to_body = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
     information = prior.information.copy()
     for direction in weak:
-        for block, along in ((POSE, direction), (TWIST, to_body @ direction)):
+        body = to_body @ direction
+        for block, along in ((POSE, direction), (TWIST, body), (ACCELERATION, body[[0, 2]])):
             units = TOLERANCES[block]
-            unit = along / units / np.linalg.norm(along / units) / units
-            information[block, block] += np.outer(unit, unit)
+            length = float(np.linalg.norm(along / units))
+            if length > 0.0:
+                unit = along / units / length / units
+                information[block, block] += np.outer(unit, unit)
     return Prior(prior.mean, information)
 
 

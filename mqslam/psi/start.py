@@ -12,7 +12,7 @@ from mqslam import se2
 from mqslam.config import TrackerConfig
 from mqslam.measurement import Status
 from mqslam.motion import CONSTANT_TWIST
-from mqslam.psi.dynamics import MODEL, TOLERANCES, motion_noise
+from mqslam.psi.dynamics import MODEL, SIZE, TOLERANCES, motion_noise
 from mqslam.psi.gaussians import invert
 from mqslam.psi.minimiser import EstimatorConfig, Minimum
 from mqslam.psi.place import Beam
@@ -20,6 +20,8 @@ from mqslam.psi.window import WindowMotion, estimate_window, search_twist
 from mqslam.returns import Returns, Window
 
 START_REVOLUTIONS = 3  # scans that start a track together
+LEAST_MATCHED = 2 * SIZE  # returns that must lie on the map for a match: fewer coordinates than that fit by chance,
+LEAST_SHARE = 0.15  # and least share of the scan's returns: below it nothing overlaps
 _REACH = 1.0 / 13.0  # share of the annealing's widest reach that it surely bridges per scan
 _YAW_STEP = 0.025  # turn per scan [rad] between the yaw rates that are tried
 _REST = np.array([5.0, 0.5, 0.1, 4.0, 0.6])  # spread of motions (m/s, m/s, rad/s, m/s^2, rad/s^2) when nothing is known
@@ -71,6 +73,8 @@ def find_first_motion(
     found = estimate_window(returns, t0, revolution_s, estimator, beam, begin, model)
     if odometry is not None and found.status is not Status.CONVERGED:
         found = estimate_window(returns, t0, revolution_s, estimator, beam, odometry, model)
+    if not overlaps(found.minimum):
+        return _know_nothing(settings)
     theta = found.theta
     if odometry is None and found.status is not Status.CONVERGED:
         theta = _without_unobserved(found)
@@ -80,6 +84,18 @@ def find_first_motion(
     if model.size < MODEL.size:
         covariance += np.diag(motion_noise(settings) ** 2)
     return FirstMotion(motion, covariance, matched_share(found.minimum), found.status is Status.CONVERGED)
+
+
+def overlaps(found: Minimum) -> bool:
+    """Whether a scan lies on the map at all."""
+    return np.count_nonzero(found.evaluation.matched) >= LEAST_MATCHED and matched_share(found) >= LEAST_SHARE
+
+
+def _know_nothing(settings: TrackerConfig) -> FirstMotion:
+    """At rest, give or take any motion of a vehicle: what scans that have nothing in common say."""
+    fastest = max(settings.speed_max, -settings.speed_min)
+    spread = np.array([fastest, fastest, settings.omega_max, settings.sigma_ax, settings.sigma_alpha])
+    return FirstMotion(np.zeros(MODEL.size), np.diag(spread**2), 0.0, observed=False)
 
 
 def matched_share(found: Minimum) -> float:

@@ -183,7 +183,9 @@ def _find_start(scans: Sequence[Window]) -> int:
         if len(_take_head(scans, k)) > 1:
             return k
     most = max(len(scan.returns) for scan in scans)
-    raise FewReturnsError(f"no two scans in a row hold {FEWEST} returns each, the most in one scan is {most}")
+    raise FewReturnsError(
+        f"no two scans in a row hold {FEWEST} returns each, in more than one direction; the most in one scan is {most}"
+    )
 
 
 def _take_head(scans: Sequence[Window], first: int) -> list[Window]:

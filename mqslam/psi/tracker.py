@@ -40,11 +40,12 @@ from mqslam.psi.matching import Matcher
 from mqslam.psi.minimiser import Minimum
 from mqslam.psi.observability import loosen, weak_directions
 from mqslam.psi.place import PointSet
-from mqslam.psi.start import FirstMotion, find_first_motion, matched_share
+from mqslam.psi.start import FirstMotion, find_first_motion, matched_share, overlaps
 from mqslam.psi.window import beam_of
 from mqslam.returns import Window
 
 FEWEST = 5 * SIZE  # returns that a scan needs to be matched: five for each number of its state
+_LEAST_SPREAD = 0.2  # sector that the returns of a scan must span [rad]: a single bearing shows one pattern of ranges
 PREDICTION_GAIN = 0.1  # variance left of psi's own once the state before has smoothed it; measured, see BENCHMARKS.md
 _USUAL_MEMORY = 0.95  # the usual matched share forgets with this factor per scan
 
@@ -99,6 +100,7 @@ class Tracker:
         self._t0 = 0.0  # its start [s]
         self._turn_s = revolution_s  # and its duration; the radar may be told to turn at another rate
         self._usual_share = 0.0
+        self._smooths = False  # whether the prediction rests on a match, and so smooths the next one
 
     def start(
         self, scans: Sequence[Window], begin: se2.Array | None = None, odometry: se2.Array | None = None
@@ -185,6 +187,7 @@ class Tracker:
         if not match.rivalled and not self._is_out_of_place(match.minimum):
             weak = self._weak_directions(scan, match.minimum)
             if not len(weak):
+                self._smooths = False
                 tracked = self._accept(scan, match.minimum, bridged, weak)
                 return replace(tracked, arrival=self._arrival(tracked, before))
         if first is None:
@@ -215,7 +218,7 @@ class Tracker:
                 results[: k + 1] = _move_with(results[k + 1], tracked[k + 1], tracked[: k + 1])
                 break
             placed = self._matcher.place(scans[k], found.state)
-            covariance = self._measured(found.evaluation, placed, predicted.covariance)[:6, :6]
+            covariance = self._measured(found.evaluation, placed, predicted.covariance, around, PREDICTION_GAIN)[:6, :6]
             results[k] = replace(
                 tracked[k], state=found.state, covariance=covariance, evaluation=found.evaluation, earlier=tracked[k].pose
             )
@@ -254,6 +257,7 @@ class Tracker:
         known[POSE, :] = known[:, POSE] = 0.0
         known[POSE, POSE] = np.diag([1e-8, 1e-8, 1e-12])  # the new map is where this scan is
         self._move_to(scan, State(state.mean, known))
+        self._smooths = False
         self._map = LocalMap(self._settings)
         self._map.offer(scan.t0, state.pose, self._matcher.place(scan, state.mean))
         nothing = Evaluation(
@@ -262,19 +266,17 @@ class Tracker:
         return Tracked(scan.t0, state.mean, known[:6, :6], nothing, status, begins_map=True)
 
     def _arrival(self, tracked: Tracked, before: se2.Array) -> NDArray[np.float64]:
-        """Covariance (3, 3) of a match across a gap besides what the same scan's match has as one of many.
-
-        No prediction smoothed it, and the sensor's scale (length of a range bin, Doppler shift) enters with the distance.
-        """
+        """Covariance (3, 3) of a match across a gap besides psi's: the sensor's scale enters with the distance."""
         distance = float(np.hypot(*(tracked.pose - before)[:2]))
-        scale = np.diag([(self._settings.sigma_scale * distance) ** 2] * 2 + [0.0])
-        return (1.0 / PREDICTION_GAIN - 1.0) * tracked.covariance[POSE, POSE] + scale
+        return np.diag([(self._settings.sigma_scale * distance) ** 2] * 2 + [0.0])
 
     def _accept(self, scan: Window, found: Minimum, predicted: State, weak: NDArray[np.float64]) -> Tracked:
         """Take a match as the new state, and as a keyframe where the last one is far behind."""
         self._move_to(scan, State(found.state, self._posterior(found.evaluation, predicted.information)))
         placed = self._matcher.place(scan, found.state)
-        measured = self._measured(found.evaluation, placed, predicted.covariance)
+        gain = PREDICTION_GAIN if self._smooths else 1.0
+        measured = self._measured(found.evaluation, placed, predicted.covariance, self._map, gain)
+        self._smooths = True
         measured[POSE, POSE] = loosen(measured[POSE, POSE], weak, spans(self._settings, self._revolution_s))
         memory = _USUAL_MEMORY if self._usual_share > 0.0 else 0.0
         self._usual_share = memory * self._usual_share + (1.0 - memory) * matched_share(found)
@@ -313,10 +315,10 @@ class Tracker:
 
     def _is_out_of_place(self, found: Minimum) -> bool:
         """Whether a match is so much poorer than usual that it is probably none."""
-        return self._is_poor(matched_share(found))
+        return not overlaps(found) or self._is_poor(matched_share(found))
 
     def _is_poor(self, share: float) -> bool:
-        return share == 0.0 or share < self._settings.lost_share * self._usual_share
+        return share < self._settings.lost_share * self._usual_share
 
     def _weak_directions(self, scan: Window, found: Minimum, into: LocalMap | None = None) -> NDArray[np.float64]:
         """Directions (K, 3) of the start pose that the map does not show around a match."""
@@ -324,14 +326,22 @@ class Tracker:
         return weak_directions(wide, 3)
 
     def _measured(
-        self, found: Evaluation, placed: PointSet, predicted: NDArray[np.float64]
+        self, found: Evaluation, placed: PointSet, predicted: NDArray[np.float64], into: LocalMap, gain: float
     ) -> NDArray[np.float64]:
-        """Covariance (8, 8) of the state by psi's curvature; what psi does not observe is as sure as the prediction."""
+        """Covariance (8, 8) of the state by psi's curvature; what psi does not observe is as sure as the prediction.
+
+        Args:
+            found, placed: the match and its points.
+            predicted: (8, 8) covariance of the prediction.
+            into: the map.
+            gain: variance left of psi's own once the prediction has smoothed it.
+        """
         known = np.zeros((SIZE, SIZE))  # a vehicle hardly slides: without this, vy would seem as free as vx
         known[4, 4] = self._estimator.correlation / self._settings.sigma_vy**2
         known[6, 6] = self._estimator.correlation / self._settings.sigma_ax**2
         known[7, 7] = self._estimator.correlation / self._settings.sigma_alpha**2
-        return fuse(PREDICTION_GAIN * sandwich(found, placed.points, known), predicted, TOLERANCES)
+        thin = 1.0 + 1.0 / max(len(into), 1)  # the map's points err as the scan's do, and its keyframes average
+        return fuse(gain * thin * sandwich(found, placed.points, known), predicted, TOLERANCES)
 
     def _posterior(self, found: Evaluation, prior_information: NDArray[np.float64]) -> NDArray[np.float64]:
         """Covariance (8, 8) of the state as the next prediction starts from it."""
@@ -344,8 +354,12 @@ class Tracker:
 
 
 def is_usable(scan: Window) -> bool:
-    """Whether a scan holds enough returns to be matched."""
-    return len(scan.returns) >= FEWEST
+    """Whether a scan holds enough returns, in more than one direction, to be matched."""
+    if len(scan.returns) < FEWEST:
+        return False
+    x, y = np.cos(scan.returns.azimuths), np.sin(scan.returns.azimuths)
+    around = np.arctan2(y * x.mean() - x * y.mean(), x * x.mean() + y * y.mean())  # about their mean direction
+    return bool(np.ptp(around) > _LEAST_SPREAD)
 
 
 def _move_with(result: Tracked, before: Tracked, others: Sequence[Tracked]) -> list[Tracked]:

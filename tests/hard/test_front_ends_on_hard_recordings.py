@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import re
 import warnings
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Sequence
 from functools import cache
-from typing import Any
 
 import numpy as np
 import pytest
@@ -35,51 +34,15 @@ BEYOND_CHANCE = 25.0  # of a chi-square with three degrees of freedom: one in 65
 HOLDING_NO_MOTION = ("no return in any scan", "one return in every scan", "two returns in every scan", "one scan")
 MAY_BE_REFUSED = (  # too: a front end that finds a motion in these has to be right about how well
     "returns in the first scan only", "returns in the last scan only", "seven returns in every scan",
-    "twenty returns in every scan", "all returns in one direction", "all returns at the sensor",
+    "twenty returns in every scan", "all returns at the sensor", "one return again and again",
 )  # fmt: skip
+# points at even distances and nothing else: what all of them err together by, no score of theirs shows
+ALIASED = ("all returns in one direction", "bare walls without noise")
 ASKING_FOR_DOPPLER = (
     "forty returns in every scan", "three returns from the seventh scan on", "first two scans without returns",
     "returns in the first scan only", "all returns in one direction", "all returns at the sensor",
     "one scan again and again",
 )  # fmt: skip
-
-# what psi is still to learn
-SINGULAR = "the tracker inverts what few returns make singular, and hands on covariances that are not positive definite"
-BEGINNING = "the cold start needs returns in the first two scans, and takes the motion of a single scan for found"
-CHANCE = "few returns match by chance, which is called converged with a covariance that does not cover the error"
-YOUNG = "the covariances of the first steps do not know how young the map is"
-UNSOUND = {
-    "three returns from the seventh scan on": SINGULAR,
-    "all returns in one direction": SINGULAR,
-    "first two scans without returns": BEGINNING,
-}
-UNSOUND_WITH_DOPPLER = {
-    "forty returns in every scan": SINGULAR,
-    "three returns from the seventh scan on": SINGULAR,
-    "first two scans without returns": BEGINNING,
-    "returns in the first scan only": "the Doppler search averages the shares of no return and finds a shift that is NaN",
-    "all returns in one direction": SINGULAR,
-    "all returns at the sensor": SINGULAR,
-}
-NOT_COVERED = {
-    "seven returns in every scan": CHANCE,
-    "twenty returns in every scan": CHANCE,
-    "forty returns in every scan": CHANCE,
-    "first scan without returns": BEGINNING,
-    "first two scans without returns": BEGINNING,
-    "first three scans without returns": BEGINNING,
-    "returns in the first scan only": BEGINNING,
-    "all returns in one direction": SINGULAR,
-    "all returns at the sensor": CHANCE,
-    "all returns beyond a kilometre": CHANCE,
-    "ten turns per second": YOUNG,
-}
-
-
-def but(names: Iterable[str], failing: Mapping[str, str]) -> list[Any]:
-    """Names of recordings as parameters of a test, those that are known to fail marked with the reason."""
-    marks = {name: [pytest.mark.xfail(strict=True, reason=failing[name])] for name in failing}
-    return [pytest.param(name, marks=marks.get(name, [])) for name in names]
 
 
 @cache
@@ -96,7 +59,7 @@ def assert_sound_or_refused(name: str, frontend: str, doppler_beta: float | None
     try:
         windows, solution = solved(name, frontend, doppler_beta)
     except EstimationError as error:
-        assert re.search(r"no motion|returns in", str(error))
+        assert re.search(r"no motion|returns", str(error))
         return
     assert_sound(solution)
     # psi finds where a scan begins, a scan matcher where it ends, which is where the next one begins
@@ -111,17 +74,17 @@ def test_a_scan_matcher_ends_with_a_sound_result_or_one_clear_error(name: str, f
     assert_sound_or_refused(name, frontend, doppler_beta=0.0)
 
 
-@pytest.mark.parametrize("name", but(HARD, UNSOUND))
+@pytest.mark.parametrize("name", HARD)
 def test_psi_ends_with_a_sound_result_or_one_clear_error(name: str) -> None:
     assert_sound_or_refused(name, "psi", doppler_beta=0.0)
 
 
-@pytest.mark.parametrize("name", but(ASKING_FOR_DOPPLER, UNSOUND_WITH_DOPPLER))
+@pytest.mark.parametrize("name", ASKING_FOR_DOPPLER)
 def test_psi_that_measures_the_doppler_shift_does_so_too(name: str) -> None:
     assert_sound_or_refused(name, "psi", doppler_beta=None)
 
 
-@pytest.mark.parametrize("name", but((name for name in HARD if name not in HOLDING_NO_MOTION), NOT_COVERED))
+@pytest.mark.parametrize("name", [name for name in HARD if name not in (*HOLDING_NO_MOTION, *ALIASED)])
 def test_the_covariances_of_psi_cover_its_errors(name: str) -> None:
     try:
         windows, solution = solved(name, "psi", 0.0)

@@ -143,18 +143,14 @@ def test_scans_of_few_returns_end_in_sound_covariances(kept: int) -> None:
         assert {m.status for m in motions[6:]} == {Status.LOST}
 
 
-def test_returns_of_a_single_bearing_end_in_sound_covariances() -> None:
+def test_returns_of_a_single_bearing_hold_no_motion() -> None:
+    rng = np.random.default_rng(1)
     scans = []
     for scan in street_drive()[1][:8]:
-        rng = np.random.default_rng(1)
-        count = 80
-        times = np.full(count, scan.t0 + 0.1)
-        returns = Returns(np.sort(rng.uniform(5.0, 60.0, count)), np.full(count, 0.3), times, np.full(count, 80.0))
-        scans.append(replace(scan, returns=returns))
-    motions, _ = measure(scans)
-    assert len(motions) == 7
-    for motion in motions:
-        assert np.linalg.eigvalsh(motion.covariance).min() > 0.0
+        ranges, times = np.sort(rng.uniform(5.0, 60.0, 80)), np.full(80, scan.t0 + 0.1)
+        scans.append(replace(scan, returns=Returns(ranges, np.full(80, 0.3), times, np.full(80, 80.0))))
+    with pytest.raises(FewReturnsError, match="in more than one direction"):
+        measure(scans)
 
 
 SAMPLES = Path(__file__).parents[3] / "shared" / "data"
