@@ -27,6 +27,7 @@ _NARROW = 0.4  # first look: this share of the annealing's widths, which finds a
 _ENDS = 2e-3  # step, at the window's ends, that ends the search [beta_s]
 _FEW = 0.8  # a best map that matches fewer points than this share of what the trajectory's does is none
 _ANYWHERE = 100.0  # standard deviation, at the window's ends, along what the window does not show [beta_s]
+_LEAST_SHARE = 1e-12  # of the largest variance, below which a variance is a matter of rounding
 _DIFFERENCE = 0.06  # step, at the window's ends, of the differences that give the curvature [beta_s]
 
 
@@ -119,7 +120,7 @@ def _judged(
     covariance = sandwich_by_differences(
         found.evaluation, placed.points, lambda twist: scored(twist).gradient, found.state, _DIFFERENCE * units
     )
-    covariance = loosened(covariance, weak, _ANYWHERE * units)
+    covariance = definite(loosened(covariance, weak, _ANYWHERE * units), _ANYWHERE * units)
     moved = placed.points - bent(np.zeros(3)).points
     return Bend(
         correction=found.state * count,
@@ -132,6 +133,26 @@ def _judged(
         matched_best=float(found.evaluation.matched.mean()),
         points=len(placed),
     )
+
+
+def definite(covariance: NDArray[np.float64], spans: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The covariance (Q, Q), with directions that it gives no variance as uncertain as they can be.
+
+    A covariance that is estimated from the points of a window has no more directions than those points have told objects: of
+    one object, or of points on one line through the sensor, it is singular, and rounding makes it negative.
+
+    Args:
+        covariance: (Q, Q) of some variables.
+        spans: (Q,) standard deviation of each variable when nothing is known of it.
+    """
+    if not np.isfinite(covariance).all():
+        return np.diag(spans**2)
+    scale = np.outer(spans, spans)
+    values, vectors = np.linalg.eigh(covariance / scale)
+    told = values > _LEAST_SHARE * max(values[-1], 0.0)
+    if told.all():
+        return covariance
+    return np.asarray((vectors * np.where(told, values, 1.0)) @ vectors.T * scale)
 
 
 def middled(sweeps: Sweeps, begin: int, end: int) -> tuple[PointSet, NDArray[np.float64]]:
