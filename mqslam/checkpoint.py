@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import mqslam
+from mqslam.audit.verdict import VerdictConfig
 from mqslam.config import Config, dump_yaml
 from mqslam.detection import Detected
 from mqslam.detector import PeakCounts
@@ -37,9 +38,15 @@ HOW = "continue with --resume"
 
 
 def run_key(stream: RadarStream, config: Config, frontend: str, odometry: Trajectory | None) -> str:
-    """What a run's result depends on, in one string: another key is another run."""
+    """What a run's result depends on, in one string: another key is another run.
+
+    The verdict's settings are younger than the first checkpoints. At their defaults they are left out, so that a run which
+    began before there were any can be resumed.
+    """
     digest = hashlib.sha256()
-    for text in (mqslam.__version__, dump_yaml(config), frontend, str(stream.path.resolve()), str(stream.range_resolution)):
+    usual = {"verdict"} if config.verdict == VerdictConfig() else set()
+    settings = dump_yaml(config, leave_out=usual)
+    for text in (mqslam.__version__, settings, frontend, str(stream.path.resolve()), str(stream.range_resolution)):
         digest.update(text.encode() + b"\0")
     digest.update(stream.stamps_us.tobytes())
     if odometry is not None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import textwrap
+from collections.abc import Collection
 from importlib import resources
 from pathlib import Path
 from typing import Any, Literal
@@ -11,6 +12,7 @@ import yaml
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from mqslam.audit.settings import AuditConfig
+from mqslam.audit.verdict import VerdictConfig
 from mqslam.detector import DetectorConfig
 from mqslam.errors import ConfigError
 from mqslam.psi.minimiser import EstimatorConfig
@@ -183,6 +185,7 @@ class Config(BaseModel):
     loops: LoopConfig = LoopConfig()
     map: MapConfig = MapConfig()
     audit: AuditConfig = AuditConfig()
+    verdict: VerdictConfig = VerdictConfig()
 
 
 def load_config(name: str | Path | None = None) -> Config:
@@ -213,9 +216,9 @@ def shipped_names() -> list[str]:
     return sorted(entry.name[:-5] for entry in folder.iterdir() if entry.name.endswith(".yaml"))
 
 
-def dump_yaml(config: Config) -> str:
-    """Every setting as YAML that `load_config` reads back."""
-    text: str = yaml.safe_dump(config.model_dump(mode="json"), sort_keys=False)
+def dump_yaml(config: Config, leave_out: Collection[str] = ()) -> str:
+    """Every setting, but for some sections, as YAML that `load_config` reads back."""
+    text: str = yaml.safe_dump(config.model_dump(mode="json", exclude=set(leave_out)), sort_keys=False)
     return text
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import io
-import json
 import os
 import shutil
 from collections.abc import Iterator, Sequence
@@ -17,10 +16,10 @@ import numpy as np
 
 from mqslam.checkpoint import FOLDER
 from mqslam.config import dump_yaml
-from mqslam.errors import OutputError
+from mqslam.errors import OutputError, tolerate
 from mqslam.evenly import evenly
-from mqslam.files import write_text
-from mqslam.graph import PoseGraph, marginals
+from mqslam.files import write_json, write_text
+from mqslam.graph import PoseCovariances, PoseGraph, marginals
 from mqslam.gridmap import write_nav2_map
 from mqslam.measurement import RelativeMotion
 from mqslam.pointmap import write_ply
@@ -106,46 +105,81 @@ def check_writable(out: Path, option: str) -> None:
         raise OutputError(f"{out}: cannot be made ({above} is no folder to write to); choose another {option}")
 
 
-def write_run(
-    folder: Path, run: Run, stream: RadarStream, summary: dict[str, Any], warnings: Sequence[str], log: str
-) -> None:
-    """Write every result file of a run into an existing folder.
+def write_run(folder: Path, run: Run, stream: RadarStream, summary: dict[str, Any], notes: Sequence[str]) -> None:
+    """Write every result file of a run into an existing folder, those first that are worth the most.
+
+    Map, graph and report may fail, by a fault of theirs or of a library or for want of memory: that is a warning then, and
+    all others are written. The warning is added to those of the summary.
+
+    Args:
+        folder: where to.
+        run: what there is to write.
+        stream: the recording it was made from.
+        summary: content of summary.json, with its warnings.
+        notes: what a user should know about how the recording was understood, for run.log.
 
     Raises:
         OutputError: a file cannot be written.
     """
+    warnings: list[str] = summary["warnings"]
     settings = dump_yaml(run.config)
-    sure = evenly(run.graph.size, _ELLIPSES)
     write_tum(folder / "trajectory.tum", run.optimised)
     write_tum(folder / "odometry.tum", run.odometry)
     write_text(folder / "measurements.csv", measurements_csv(run.measurements))
-    write_text(folder / "graph.g2o", g2o(run.graph, run.values))
     write_text(folder / "config.yaml", settings)
-    write_ply(folder / "map.ply", run.map_optimised)
-    write_nav2_map(folder, run.map_optimised, run.config.map.cell_m)
-    write_report(
-        folder / "report.html",
-        Report(
-            title=stream.path.resolve().name,
-            summary=summary,
-            odometry=run.odometry,
-            optimised=run.optimised,
-            ground_truth=stream.ground_truth,
-            map_odometry=run.map_odometry,
-            map_optimised=run.map_optimised,
-            windows=window_scores(run.measurements),
-            before=run.before,
-            checks=tuple(run.checks),
-            settings=run.config.audit,
-            loops=np.array([(loop.earlier, loop.later) for loop in run.loops], dtype=np.int64).reshape(-1, 2),
-            sure=sure,
-            covariances=marginals(run.graph, run.values, sure.tolist()),
-            warnings=tuple(warnings),
-            settings_yaml=settings,
-        ),
+    _write_numbers(folder, summary, notes)
+    before = len(warnings)
+    with tolerate("graph.g2o", warnings):
+        write_text(folder / "graph.g2o", g2o(run.graph, run.values))
+    with tolerate("map.ply", warnings):
+        write_ply(folder / "map.ply", run.map_optimised)
+    with tolerate("map.pgm", warnings):
+        write_nav2_map(folder, run.map_optimised, run.config.map.cell_m)
+    with tolerate("report.html", warnings):
+        sure = marginals(run.graph, run.values, evenly(run.graph.size, _ELLIPSES).tolist())
+        if sure.failure is not None:
+            warnings.append(f"the covariances of the poses are not known ({sure.failure}): the report shows no ellipses")
+        warnings += write_report(folder / "report.html", _report(run, stream, summary, sure, settings))
+    if len(warnings) > before:
+        _write_numbers(folder, summary, notes)
+
+
+def _write_numbers(folder: Path, summary: dict[str, Any], notes: Sequence[str]) -> None:
+    """Write the files that hold the warnings."""
+    write_text(folder / "run.log", log_text(summary, notes))
+    write_json(folder / "summary.json", summary)
+
+
+def _report(run: Run, stream: RadarStream, summary: dict[str, Any], sure: PoseCovariances, settings: str) -> Report:
+    """A run as its report shows it."""
+    return Report(
+        title=stream.path.resolve().name,
+        summary=summary,
+        odometry=run.odometry,
+        optimised=run.optimised,
+        ground_truth=stream.ground_truth,
+        map_odometry=run.map_odometry,
+        map_optimised=run.map_optimised,
+        windows=window_scores(run.measurements),
+        before=run.before,
+        checks=tuple(run.checks),
+        settings=run.config.audit,
+        loops=np.array([(loop.earlier, loop.later) for loop in run.loops], dtype=np.int64).reshape(-1, 2),
+        sure=sure,
+        warnings=tuple(summary["warnings"]),
+        settings_yaml=settings,
     )
-    write_text(folder / "run.log", log)
-    write_text(folder / "summary.json", json.dumps(summary, indent=1) + "\n")
+
+
+def log_text(summary: dict[str, Any], notes: Sequence[str]) -> str:
+    """The lines of run.log."""
+    dataset = summary["dataset"]
+    lines = [f"mqslam {summary['mqslam_version']} on {dataset['path']} ({dataset['format']})"]
+    lines += [f"note: {note}" for note in notes] + [f"warning: {warning}" for warning in summary["warnings"]]
+    lines.append(f"Doppler shift: {summary['doppler_beta']:.4f} s of range per closing speed")
+    lines += [f"{stage}: {seconds:.2f} s" for stage, seconds in summary["runtime_s"].items()]
+    lines.append(f"verdict: {summary['verdict']['status']}: {'; '.join(summary['verdict']['reasons'])}")
+    return "\n".join(lines) + "\n"
 
 
 def measurements_csv(measurements: Sequence[RelativeMotion]) -> str:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -41,6 +40,7 @@ def batch(
     from mqslam.cli.engine import chosen
     from mqslam.cli.progress import progress
     from mqslam.errors import ClusterError
+    from mqslam.files import json_text
 
     orders, plan = read_plan(runs)
     check_batch(out, force=force)
@@ -56,10 +56,12 @@ def batch(
     summary = summarise(orders, outcomes)
     write_batch(out, runs.stem, summary, plan)
     if as_json:
-        typer.echo(json.dumps(summary, indent=1))
+        typer.echo(json_text(summary))
     elif not quiet:
         Console(soft_wrap=True).print(_table(summary))
         typer.echo(f"report: {out / 'report.html'}")
+        for warning in summary["warnings"]:
+            console.print(f"warning: {warning}", style="yellow", highlight=False, soft_wrap=True)
     for run in summary["runs"]:
         if run["failure"] and not as_json:
             console.print(f"{run['name']} failed: {run['failure']}", highlight=False, soft_wrap=True)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -64,12 +63,13 @@ def compare(
     from mqslam.checkpoint import run_key, unfinished
     from mqslam.cli.engine import chosen
     from mqslam.cli.progress import print_notes, progress
-    from mqslam.compare.judge import agreement, enough_in_common, judge, places, stations
+    from mqslam.compare.judge import agreement, enough_in_common, judge_rows, places, stations
     from mqslam.compare.outputs import summarise, table, write_compare
     from mqslam.compare.rows import front_end_rows
     from mqslam.config import load_config
     from mqslam.detection import detect_all, unread_warnings, windows_of
     from mqslam.errors import EstimationError
+    from mqslam.files import json_text
     from mqslam.frontend import Context, load
     from mqslam.outputs import check_free, whole_folder
     from mqslam.psi.doppler import with_doppler
@@ -106,23 +106,23 @@ def compare(
         tracks = [row.trajectory for row in ran if row.trajectory is not None]
         common = enough_in_common(ran, windows, start_us, period_s, settings.audit.window)
         if len(common) < len(windows):
-            notes = [*notes, f"{len(common)} of {len(windows)} revolutions are in every trajectory: judged on those"]
+            notes.append(f"{len(common)} of {len(windows)} revolutions are in every trajectory: judged on those")
         where = places(common, start_us, tracks, settings.audit.window)
         along = stations(common, settings.audit.window)
         shown = [*where, *along]
-        judged = {
-            row.name: judge(row, common, start_us, period_s, stream.ground_truth, shown, settings, engine, show)
-            for row in ran
-        }
+        rows, judged = judge_rows(
+            rows, common, start_us, period_s, stream.ground_truth, shown, settings, engine, show
+        )
         pairs = agreement(ran)
-        summary = summarise(stream, settings, rows, judged, where, pairs, len(common))
+        notes += [f"{row.name}: {warning}" for row in rows for warning in row.warnings]
+        summary = summarise(stream, settings, rows, judged, where, pairs, len(common), [*_failures(rows), *notes])
         with whole_folder(out) as folder:
-            write_compare(folder, stream, settings, summary, rows, judged, where, along, pairs, [*_failures(rows), *notes])
+            write_compare(folder, stream, settings, summary, rows, judged, where, along, pairs)
     if as_json:
-        typer.echo(json.dumps(summary, indent=1))
+        typer.echo(json_text(summary))
     elif not quiet:
         _print(table(summary))
-        print_notes(console, notes)
+        print_notes(console, summary["warnings"][len(_failures(rows)) :])
         typer.echo(f"results in {out}; open {out / 'report.html'} in a browser")
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +16,7 @@ from mqslam.compare.rows import Row
 from mqslam.config import Config
 from mqslam.detection import Progress
 from mqslam.engine import Engine
-from mqslam.errors import EstimationError
+from mqslam.errors import EstimationError, tolerate
 from mqslam.evaluation import Evaluation, evaluate
 from mqslam.evenly import evenly
 from mqslam.pointmap import PointMap, thinned
@@ -64,8 +64,8 @@ class Judged:
     """
 
     row: Row
-    psi_per_point: float
-    matched: float
+    psi_per_point: float | None
+    matched: float | None
     audit: Audit
     before: Evaluation | None
     after: Evaluation | None
@@ -123,6 +123,33 @@ def stations(windows: Sequence[Window], size: int) -> list[Place]:
     begins = np.arange(0, len(windows) - size + 1, size)
     chosen = begins[evenly(len(begins), STATIONS)]
     return [Place(k, k + size, windows[k].t0, windows[k + size - 1].t1, 0.0) for k in chosen.tolist()]
+
+
+def judge_rows(
+    rows: Sequence[Row],
+    windows: Sequence[Window],
+    start_us: int,
+    period_s: float,
+    truth: Trajectory | None,
+    where: Sequence[Place],
+    config: Config,
+    engine: Engine,
+    progress: Progress,
+) -> tuple[list[Row], dict[str, Judged]]:
+    """Judge every row that has a trajectory, as `judge` does.
+
+    Returns:
+        the rows, with a failure where the judges could make nothing of one, and what they say of the others by name.
+    """
+    judged: dict[str, Judged] = {}
+    shown = []
+    for row in rows:
+        failure: list[str] = []
+        if row.trajectory is not None:
+            with tolerate("the judgement of its map", failure):
+                judged[row.name] = judge(row, windows, start_us, period_s, truth, where, config, engine, progress)
+        shown.append(replace(row, failure=failure[0]) if failure else row)
+    return shown, judged
 
 
 def judge(

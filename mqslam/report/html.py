@@ -17,6 +17,7 @@ from mqslam.report.content import Report, WindowScores
 from mqslam.report.explorer import explorer
 from mqslam.report.page import (
     ABSENT,
+    draw,
     grid,
     note,
     number,
@@ -55,17 +56,27 @@ _LABELS: Final = {
 }
 
 
-def write_report(path: Path, report: Report) -> None:
+def write_report(path: Path, report: Report) -> list[str]:
     """Write a run's report as one HTML file that opens without a network.
+
+    Returns:
+        what of it could not be drawn, and why; the report says it too.
 
     Raises:
         OutputError: the file cannot be written.
     """
-    head = (warning_box(report.warnings), verdict_badge(section(report.summary, "verdict")))
+    failures: list[str] = []
     truth = _placed_truth(report)
-    still = _maps(report) + _trajectory_and_windows(report, truth)
-    parts = (_tiles(report), explorer(run_explorer(report, truth), still), _tables(report))
+    still = draw("the pictures of the maps", lambda: _maps(report), failures)
+    still += draw("the pictures of the trajectory", lambda: _trajectory_and_windows(report, truth), failures)
+    parts = (
+        draw("the first numbers", lambda: _tiles(report), failures),
+        draw("the map to move in", lambda: explorer(run_explorer(report, truth), still), failures, still),
+        draw("the tables", lambda: _tables(report), failures),
+    )
+    head = (warning_box([*report.warnings, *failures]), verdict_badge(section(report.summary, "verdict")))
     write_text(path, page(report.title, head, parts, report.settings_yaml, report.summary))
+    return failures
 
 
 def _tiles(report: Report) -> str:
