@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from layouts import left_turn
 from numpy.typing import NDArray
-from recordings import START_US, TURN_US, circle, with_metadata, write_png
+from recordings import START_US, TURN_US, bag_writer, circle, with_metadata, write_png
 
 from mqslam.readers import open_recording
 from mqslam.stream import RadarStream, Revolution
@@ -104,3 +104,29 @@ def spinning(begins_us: list[int], turns_us: int | list[int], azimuths: int = 60
         path=Path("drive"), format="given", stamps_us=START_US + np.array(begins_us), turns_us=np.array(takes),
         range_resolution=0.5, turns=tuple(revolutions),
     )  # fmt: skip
+
+
+def arriving(turns: NDArray[np.int64], delays_us: NDArray[np.float64]) -> NDArray[np.int64]:
+    """NDArray[np.int64] of turns that arrive late, one after the other."""
+    numbers = np.arange(len(turns))
+    return np.asarray(np.maximum.accumulate(turns + delays_us.round().astype(np.int64) - numbers) + numbers)
+
+
+def write_jittered(root: Path, layout: str, delays: NDArray[np.float64]) -> Path:
+    """Write steady revolutions in a layout of one stamp each, their ends, which come late."""
+    stream = spinning([TURN_US * k for k in range(len(delays))], TURN_US)
+    ends = arriving(stream.ends_us, delays).tolist()
+    if layout == "bag":
+        with bag_writer(root / "drive.bag", "ros1") as bag:
+            radar = bag.topic("/radar/polar", "sensor_msgs/msg/Image")
+            for end, revolution in zip(ends, stream.turns, strict=True):
+                bag.write(radar, end, bag.image(end, revolution.power.T))
+        return root / "drive.bag"
+    out, _ = convert(stream, root, layout)
+    if layout == "radiate":
+        lines = [f"Frame: {k:06d} Time: {end // 10**6}.{end % 10**6:06d}\n" for k, end in enumerate(ends, 1)]
+        (out / "Navtech_Polar.txt").write_text("".join(lines))
+    else:
+        for image, end in reversed(list(zip(sorted(out.rglob("*.png")), ends, strict=True))):
+            image.rename(image.with_name(f"{end * 1000}.png"))
+    return out

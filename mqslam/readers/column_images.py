@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mqslam.errors import DataError
+from mqslam.readers.arrivals import smooth_arrivals
 from mqslam.readers.images import first_readable, read_grey
 from mqslam.readers.rows import even_azimuths, spread_note
 from mqslam.readers.sensing import Sensing
@@ -87,6 +88,7 @@ def column_stream(
     names, named_us = names[skipped:], named_us[skipped:]
     stamp = sensing.stamp or "end"
     clockwise = sensing.clockwise is not False
+    named_us, smoothed = smooth_arrivals(named_us)
     starts, turns = place_turns(named_us, stamp, find_usual_turns(named_us))
     return ColumnImageStream(
         path=path,
@@ -95,7 +97,7 @@ def column_stream(
         turns_us=turns,
         range_resolution=sensing.range_resolution or range_resolution,
         ground_truth=ground_truth,
-        notes=(*notes, spread_note("file", stamp, clockwise)),
+        notes=(*notes, spread_note("file", stamp, clockwise), *smoothed),
         faults=(*faults, *missing),
         folder=folder,
         names=names,

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from mqslam.errors import DataError
 from mqslam.readers import bags, polar_message
+from mqslam.readers.arrivals import smooth_arrivals
 from mqslam.readers.polar_message import B_SCAN_DEFINITION, B_SCAN_TYPE, COMPRESSED_TYPE, IMAGE_TYPE, Layout
 from mqslam.readers.rows import even_azimuths, spread_note
 from mqslam.readers.sensing import Sensing
@@ -109,8 +110,10 @@ def open_stream(path: Path, sensing: Sensing) -> RosbagStream:
         notes += sensing.idle()
     else:
         stamp = sensing.stamp or polar_message.usual_stamp(topic, layout)
-        starts, turns = place_turns(messages_us, stamp, find_usual_turns(messages_us))
+        arrivals, smoothed = smooth_arrivals(messages_us)
+        starts, turns = place_turns(arrivals, stamp, find_usual_turns(arrivals))
         notes.append(f"{layout.value} of the images taken as azimuths; " + spread_note("header", stamp, clockwise))
+        notes += smoothed
     if sensing.range_resolution is None:
         notes.append(f"range resolution {RANGE_RESOLUTION_M} m assumed: --range-resolution overrides it")
     odometry, truth = (bags.trajectory_of(index.poses.get(name or "", ())) for name in (odometry_topic, truth_topic))

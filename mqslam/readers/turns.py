@@ -22,7 +22,7 @@ LONGEST = 1.5
 _CELL = 1.1  # durations within this factor of one another are counted together
 _MOST_RATES = 8  # that a recording is thought to have
 _WHOLE = 0.2  # a step is of whole turns if it is that close to it, in turns
-_MISSING, _LATE, _SOON, _CHANGE = 1.0, 1.5, 3.0, 4.0  # costs of assumptions: revolutions are missing, come late, come too
+_MISSING, _LATE, _SOON, _CHANGE = 1.0, 1.5, 2.0, 4.0  # costs of assumptions: revolutions are missing, come late, come too
 # soon, and the radar is told to turn at another rate; each is a rarer thing than the one before
 _COMPARED = 128  # azimuths of a turn, at most, that are compared with one another
 _FEWEST = 8  # azimuths that show how fast they were swept
