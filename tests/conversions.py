@@ -95,10 +95,10 @@ def spinning(begins_us: list[int], turns_us: int | list[int], azimuths: int = 60
     """A recording of revolutions that begin at stamps after the start [us] and take so long by their azimuths' stamps."""
     takes = [turns_us] * len(begins_us) if isinstance(turns_us, int) else turns_us
     revolutions = []
-    for begin, turn in zip(begins_us, takes, strict=True):
+    for k, (begin, turn) in enumerate(zip(begins_us, takes, strict=True)):
         stamps = np.round(begin + stamps_of(azimuths, turn, burst) - stamps_of(azimuths, turn, burst)[0])
         ticks = np.round(np.arange(azimuths) * 5600 / azimuths)
-        power = np.full((azimuths, azimuths), 10, dtype=np.uint8)
+        power = np.full((azimuths, azimuths), k % 40, dtype=np.uint8)
         revolutions.append(Revolution(stamps * 1e-6, -2.0 * np.pi * ticks / 5600, power, np.ones(azimuths, dtype=np.bool_)))
     return Turns(
         path=Path("drive"), format="given", stamps_us=START_US + np.array(begins_us), turns_us=np.array(takes),

@@ -106,7 +106,7 @@ def open_stream(path: Path, sensing: Sensing) -> RosbagStream:
     if layout.stamps_azimuths:
         measured = [turn for turn, kept in zip(index.measured_turns_us, ordered.tolist(), strict=True) if kept]
         starts, turns = place_turns(messages_us, "start", find_usual_turns(messages_us, measured.__getitem__))
-        turns[-1] = index.turns_us[int(np.flatnonzero(ordered)[-1])]
+        turns[-1] = index.turns_us[int(np.flatnonzero(ordered)[-1])] or turns[-1]
         notes += sensing.idle()
     else:
         stamp = sensing.stamp or polar_message.usual_stamp(topic, layout)
@@ -143,13 +143,13 @@ def open_stream(path: Path, sensing: Sensing) -> RosbagStream:
 class _Index:
     """What one pass over a bag collects: revolutions, messages that are none, and poses (t, x, y, yaw) by topic.
 
-    Turns are those of revolutions whose azimuths are stamped, measured ones None where the azimuths do not say; of the
-    messages that are no revolutions, the first is kept as an error.
+    Turns are those of revolutions whose azimuths are stamped, None where these do not tell; of the messages that are no
+    revolutions, the first is kept as an error.
     """
 
     stamps_us: list[int] = field(default_factory=list)
     logged_ns: list[int] = field(default_factory=list)
-    turns_us: list[int] = field(default_factory=list)
+    turns_us: list[int | None] = field(default_factory=list)
     measured_turns_us: list[float | None] = field(default_factory=list)
     unread: int = 0
     error: DataError | None = None

@@ -130,12 +130,14 @@ def index_rows(folder: Path, names: NDArray[np.int64]) -> RowImages:
     named_us = in_us(names)
     known = {0: azimuths, len(names) - 1: last}
     usual = find_usual_turns(named_us, lambda k: _measured(folder, names, flag, k, known))
-    lead, turn = int(named_us[0]) - int(azimuths.stamps_us[0]), azimuths.turn_us
-    before = np.append(turn, place_turns(named_us, "end", usual)[1][1:])
-    within = 0 <= lead <= turn
-    starts = named_us - (np.round(lead * before / turn).astype(np.int64) if within else lead)
+    before = place_turns(named_us, "end", usual)[1]
+    before[0] = azimuths.turn_us or before[0]
+    lead = int(named_us[0]) - int(azimuths.stamps_us[0])
+    within = 0 <= lead <= before[0]
+    starts = named_us - (np.round(lead * before / before[0]).astype(np.int64) if within else lead)
     turns = place_turns(starts, "start", usual)[1]
-    turns[-1] = max(1, int(last.stamps_us[0]) + last.turn_us - int(starts[-1]))
+    if last.turn_us is not None:
+        turns[-1] = max(1, int(last.stamps_us[0]) + last.turn_us - int(starts[-1]))
     return RowImages(folder, names, starts, turns, flag, count, notes, (*faults, *missing))
 
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from mqslam.readers.sensing import Stamp
 from mqslam.readers.turns import measure_turn
-from mqslam.stream import Revolution
+from mqslam.stream import FASTEST_TURN_US, SLOWEST_TURN_US, Revolution
 
 METADATA_BYTES = 11
 FLAG_BYTE = 10
@@ -46,10 +46,15 @@ class Azimuths:
         return measure_turn((self.stamps_us - self.stamps_us[0]).astype(np.float64), self.angles)
 
     @property
-    def turn_us(self) -> int:
-        """How long the turn takes [us]: until its end, unless the rate shows that these azimuths are not just one turn."""
+    def turn_us(self) -> int | None:
+        """How long the turn takes [us], or None where these azimuths do not tell.
+
+        That is until its end, unless the rate shows that they are not just one turn.
+        """
         until_end, measured = self.end_us - int(self.stamps_us[0]), self.measured_turn_us
-        return until_end if measured is None or abs(until_end - measured) < _SAME_TURN * measured else round(measured)
+        if measured is None:
+            return until_end if FASTEST_TURN_US <= until_end <= SLOWEST_TURN_US else None
+        return until_end if abs(until_end - measured) < _SAME_TURN * measured else round(measured)
 
     def take(self, chosen: NDArray[np.bool_]) -> Azimuths:
         """The chosen ones (A,) of these azimuths."""
