@@ -9,14 +9,12 @@ from dataclasses import dataclass, field
 from socket import gethostname
 from typing import Protocol
 
-import numpy as np
-
 from mqslam.artefacts import drop_fixed
 from mqslam.detector import DetectorConfig, PeakCounts, detect_and_count
 from mqslam.engine import Engine
 from mqslam.errors import DataError
 from mqslam.returns import Returns, Window
-from mqslam.stream import RadarStream, Revolution, usual_steps
+from mqslam.stream import RadarStream, Revolution
 
 _log = logging.getLogger(__name__)
 Progress = Callable[[str, int, int], None]  # stage, done, total
@@ -182,12 +180,6 @@ def windows_of(stream: RadarStream, returns: list[Returns] | None = None) -> lis
         stream: the recording.
         returns: of each revolution; None leaves the windows empty.
     """
-    starts = stream.start_times
-    ends = [*starts[1:], (stream.end_us - stream.start_us) * 1e-6]
-    turns = np.append(usual_steps(stream.stamps_us) * 1e-6, stream.period_s)
-    turns[-1] = turns[-2:][0]
     returns = [Returns.none()] * len(stream) if returns is None else returns
-    return [
-        Window(float(t0), float(t1 if t1 - t0 <= 1.5 * turn else t0 + turn), found)
-        for t0, t1, turn, found in zip(starts, ends, turns.tolist(), returns, strict=True)
-    ]
+    spans = zip(stream.start_times.tolist(), stream.end_times.tolist(), returns, strict=True)
+    return [Window(begin, end, found) for begin, end, found in spans]

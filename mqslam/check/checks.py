@@ -30,7 +30,7 @@ def check_recording(
         check_stamps(stream, stretches),
         check_azimuths(stretches),
         check_order(followed),
-        check_mirror(stream, followed.steps, odometry),
-        check_stamp(stream, followed.steps, odometry),
-        check_scale(stream, followed.steps, odometry),
+        check_mirror(stream, followed, odometry),
+        check_stamp(stream, followed, odometry),
+        check_scale(stream, followed, odometry),
     ]

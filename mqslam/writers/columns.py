@@ -10,17 +10,11 @@ from numpy.typing import NDArray
 
 from mqslam import se2
 from mqslam.errors import DataError
-from mqslam.readers.rows import even_azimuths, turns_of
-from mqslam.stream import RadarStream, Revolution, usual_steps
+from mqslam.readers.rows import even_azimuths
+from mqslam.stream import RadarStream, Revolution
 from mqslam.writers.rows import write_png
 
 _MOST_STEPS = 0.75  # azimuths may lie this many steps beside where a reader of polar images takes them
-
-
-def ends_of(stream: RadarStream) -> NDArray[np.int64]:
-    """(N,) stamps [us] of the ends of the revolutions: where the next one begins, but for gaps."""
-    starts, durations = turns_of(stream.stamps_us, "start")
-    return np.append((starts + durations)[:-1], stream.end_us)
 
 
 def write_columns(folder: Path, stream: RadarStream, names: Sequence[str]) -> list[str]:
@@ -42,7 +36,7 @@ def write_columns(folder: Path, stream: RadarStream, names: Sequence[str]) -> li
     """
     shape, apart, clockwise, late = (0, 0), 0.0, True, False
     ahead: NDArray[np.uint8] | None = None  # what a turn that begins one step late has of the next one's first column
-    follows = np.append(False, np.diff(stream.stamps_us) < 1.5 * usual_steps(stream.stamps_us))
+    follows = np.append(False, stream.ends_us[:-1] == stream.stamps_us[1:])
     for k, revolution in enumerate(stream.revolutions()):
         if k == 0:
             shape, clockwise = revolution.power.shape, bool(revolution.azimuths[-1] <= revolution.azimuths[0])

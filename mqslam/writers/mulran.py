@@ -13,7 +13,7 @@ from mqslam.readers.mulran import BASE_TO_RADAR, COLUMNS, ROWS
 from mqslam.readers.rows import FIRST_NS, Azimuths
 from mqslam.stream import RadarStream
 from mqslam.trajectory import Trajectory
-from mqslam.writers.columns import ends_of, write_columns
+from mqslam.writers.columns import write_columns
 from mqslam.writers.rows import azimuth_stamps, oxford_rows, write_png
 
 
@@ -27,7 +27,7 @@ def write(folder: Path, stream: RadarStream) -> list[str]:
         DataError: a revolution that cannot be read, or that polar images cannot hold.
     """
     images = _prepared(folder, stream, COLUMNS)
-    return write_columns(images, stream, [f"{end}000" for end in ends_of(stream).tolist()])
+    return write_columns(images, stream, [f"{end}000" for end in stream.ends_us.tolist()])
 
 
 def write_rows(folder: Path, stream: RadarStream) -> list[str]:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from mqslam.files import write_text
 from mqslam.stream import RadarStream
-from mqslam.writers.columns import ends_of, write_columns
+from mqslam.writers.columns import write_columns
 
 
 def write(folder: Path, stream: RadarStream) -> list[str]:
@@ -21,7 +21,7 @@ def write(folder: Path, stream: RadarStream) -> list[str]:
     names = [f"{number:06d}" for number in range(1, len(stream) + 1)]
     lines = [
         f"Frame: {name} Time: {end // 1_000_000}.{end % 1_000_000:06d}000\n"
-        for name, end in zip(names, ends_of(stream).tolist(), strict=True)
+        for name, end in zip(names, stream.ends_us.tolist(), strict=True)
     ]
     write_text(folder / "Navtech_Polar.txt", "".join(lines))
     images = folder / "Navtech_Polar"
