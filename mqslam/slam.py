@@ -1,6 +1,6 @@
 """Offline radar SLAM in which the measurement is map quality: the method on one screen.
 
-    recording -> scans -> measurements -> pose graph -> trajectory -> map -> psi
+    recording -> windows of returns -> relative motions -> pose graph -> trajectory -> map -> psi
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from mqslam.audit.judge import WindowAudit
 from mqslam.audit.sample import judged_sample
 from mqslam.backend.loops.search import Loop, find_loops, kept_by_map
 from mqslam.backend.loops.submap import Drive
-from mqslam.backend.pose_graph import PoseGraph, chain, optimise, pose_graph, poses_of
+from mqslam.backend.pose_graph import Optimum, PoseGraph, chain, optimise, pose_graph, poses_of
 from mqslam.config import Config
 from mqslam.core import frontend as frontends
 from mqslam.core import se2
@@ -31,7 +31,7 @@ from mqslam.core.recording import Recording
 from mqslam.core.scans import Scan
 from mqslam.core.trajectory import Trajectory
 from mqslam.detection.stage import Progress, detect_all
-from mqslam.errors import DataError
+from mqslam.errors import DataError, EstimationError, FewReturnsError, tolerate
 from mqslam.execution.checkpoint import Checkpoint
 from mqslam.execution.engine import Engine
 from mqslam.factors.loop_between import loop_between
@@ -40,9 +40,9 @@ from mqslam.factors.psi_between import psi_between
 from mqslam.mapping.render import place_along, render
 from mqslam.psi.tracking.doppler import with_doppler
 
-Watch = Callable[[Scan, se2.Array, NDArray[np.float64]], None]  # a scan, its pose (3,) and points (N, 2) [m]
+Watch = Callable[[Scan, se2.Array, NDArray[np.float64]], None]  # a window, its pose (3,) and points (N, 2) [m]
 
-
+_NEGATIVE = 1e-6  # variance below zero that rounding explains, per sum of the variances
 _log = logging.getLogger(__name__)
 
 
@@ -61,6 +61,8 @@ class Solution:
         odometry_factors: number of odometry edges in the graph.
         loops: loop closures in the graph.
         loops_rejected: candidates that psi, the graph or the map did not keep.
+        unoptimised: why the graph could not be optimised and its starting values were kept, or None.
+        warnings: what could not be done, and why.
     """
 
     frontend: str
@@ -73,6 +75,8 @@ class Solution:
     odometry_factors: int
     loops: list[Loop]
     loops_rejected: int
+    unoptimised: str | None
+    warnings: tuple[str, ...]
 
     @property
     def before(self) -> str:
@@ -134,6 +138,7 @@ class Slam:
         self._strict = strict
         self._watch = watch
         self._runtime_s: dict[str, float] = {}
+        self._warnings: list[str] = []
 
     def run(self, recording: Recording, odometry: Trajectory | None) -> Run:
         """From a recording to its optimised map; a Slam runs once.
@@ -153,23 +158,24 @@ class Slam:
                 recording, self._config.detector, self._engine, self._progress, self._checkpoint, strict=self._strict
             )
             self._runtime_s |= {"read": detected.read_s, "detect": detected.detect_s}
-            found = self.solve(scans, context, recording.stamps_us)
+            try:
+                found = self.solve(scans, context, recording.stamps_us)
+            except FewReturnsError as error:
+                raise EstimationError(f"{error}: {detected.counts.remedy}") from error
             with self._stage("render"):
-                maps = self._render(scans, found.odometry.poses, found.optimised.poses, recording.revolution_s)
-            with self._stage("check"):
+                before = self._render("the map before optimisation", scans, found.odometry, recording.revolution_s)
+                self._progress("render", 1, 2)
+                after = self._render("the map", scans, found.optimised, recording.revolution_s)
+                self._progress("render", 2, 2)
+            checks: list[WindowAudit] = []
+            with self._stage("check"), tolerate("the check of the map", self._warnings):
                 checks = judged_sample(
-                    scans,
-                    recording.start_us,
-                    recording.revolution_s,
-                    found.optimised,
-                    found.config,
-                    self._engine,
-                    self._progress,
+                    scans, recording.start_us, recording.revolution_s, found.optimised, found.config, self._engine, self._progress
                 )
         return Run(
-            **vars(found),
-            map_odometry=maps[0],
-            map_optimised=maps[1],
+            **(vars(found) | {"warnings": tuple(self._warnings)}),
+            map_odometry=before,
+            map_optimised=after,
             checks=checks,
             runtime_s=self._runtime_s,
             unread=detected.unread,
@@ -191,12 +197,15 @@ class Slam:
         with self._stage("optimise"):
             initial = chain(m.pose for m in measurements)
             edges = self._odometry(scans, context, measurements)
-            _, values = self._optimised(initial, measurements, edges, [])
-        with self._stage("loops"):
-            loops, tried = self._loops(scans, initial, measurements, edges, values)
+            _, first = self._optimised(initial, measurements, edges, [])
+        loops, tried = [], 0
+        with self._stage("loops"), tolerate("the search for loops", self._warnings):
+            loops, tried = self._loops(scans, initial, measurements, edges, first.values)
         with self._stage("optimise"):
-            graph, values = self._optimised(initial, measurements, edges, loops)
-            poses = poses_of(values, graph.size)
+            graph, optimum = self._optimised(initial, measurements, edges, loops)
+            poses = poses_of(optimum.values, graph.size)
+        if optimum.failure is not None:
+            self._warnings.append(f"the pose graph could not be optimised ({optimum.failure}): its starting values are kept")
         before = chain(m.pose for m in edges) if edges else initial
         return Solution(
             frontend=self._name,
@@ -205,10 +214,12 @@ class Slam:
             odometry=Trajectory(stamps_us, before),
             optimised=Trajectory(stamps_us, poses),
             graph=graph,
-            values=values,
+            values=optimum.values,
             odometry_factors=len(edges),
             loops=loops,
             loops_rejected=tried - len(loops),
+            unoptimised=optimum.failure,
+            warnings=tuple(self._warnings),
         )
 
     @property
@@ -228,11 +239,31 @@ class Slam:
         context = replace(context, config=self._config)
         measurements = []
         for motion in self._watched(scans, self._frontend(context).measure(scans)):
-            measurements.append(motion)
+            measurements.append(self._checked(motion))
             self._progress("windows", len(measurements) + 1, len(scans))
+        if len(measurements) != len(scans) - 1:
+            raise EstimationError(
+                f"front end {self._name}: gave {len(measurements)} motions for {len(scans)} scans; "
+                "it is to give one for every two successive scans"
+            )
         if self._checkpoint:
             self._checkpoint.keep_measurements(measurements, self._config.sensor.doppler_beta or 0.0)
         return context, measurements
+
+    def _checked(self, motion: Measurement) -> Measurement:
+        """The motion, if the graph can hold it.
+
+        Raises:
+            EstimationError: its pose or covariance is not made of numbers, or the covariance is none.
+        """
+        known = bool(np.isfinite(motion.pose).all() and np.isfinite(motion.covariance).all())
+        if known and np.linalg.eigvalsh(motion.covariance)[0] >= -_NEGATIVE * np.trace(motion.covariance):
+            return motion
+        raise EstimationError(
+            f"front end {self._name}: the motion from {motion.t0:.2f} s to {motion.t1:.2f} s has "
+            + ("a covariance with negative variances" if known else "a pose or a covariance that is not a number")
+            + "; leave it to another front end, or have this one mended"
+        )
 
     def _watched(self, scans: list[Scan], motions: Iterable[Measurement]) -> Iterator[Measurement]:
         """The motions as they are measured; the window each begins with is shown to the watch, if there is one."""
@@ -240,8 +271,11 @@ class Slam:
         for scan, motion in zip(scans, motions, strict=False):
             after = se2.compose(pose, motion.pose)
             if self._watch:
-                times, poses = np.array([motion.t0, motion.t1]), np.array([pose, after])
-                self._watch(scan, pose, place_along(scan.returns, times, poses, self._config).points)
+                watch, self._watch = self._watch, None  # it comes back where it has worked
+                with tolerate("the live view", self._warnings):
+                    times, poses = np.array([motion.t0, motion.t1]), np.array([pose, after])
+                    watch(scan, pose, place_along(scan.returns, times, poses, self._config).points)
+                    self._watch = watch
             pose = after
             yield motion
 
@@ -277,11 +311,11 @@ class Slam:
             found = find_loops(drive, self._config, tried, self._engine, self._progress)
             if not found:
                 break
-            _, values = self._optimised(initial, measurements, odometry, loops + found)
-            after = poses_of(values, len(scans))
+            _, optimum = self._optimised(initial, measurements, odometry, loops + found)
+            after = poses_of(optimum.values, len(scans))
             loops = kept_by_map(loops + found, before, after, self._config, self._engine)
-            _, values = self._optimised(initial, measurements, odometry, loops)
-            drive = Drive.of(scans, poses_of(values, len(scans)))
+            _, optimum = self._optimised(initial, measurements, odometry, loops)
+            drive = Drive.of(scans, poses_of(optimum.values, len(scans)))
         _log.info("%d of %d pairs of passes are loops that the map keeps", len(loops), len(tried))
         if self._checkpoint:
             self._checkpoint.keep_loops(loops, len(tried))
@@ -293,7 +327,7 @@ class Slam:
         measurements: list[Measurement],
         odometry: list[Measurement],
         loops: list[Loop],
-    ) -> tuple[PoseGraph, gtsam.Values]:
+    ) -> tuple[PoseGraph, Optimum]:
         """The graph of all measurements and its optimum."""
         settings = self._config
         factors = [psi_between(X(k), X(k + 1), m, settings.graph) for k, m in enumerate(measurements)]
@@ -302,14 +336,12 @@ class Slam:
         graph = pose_graph(initial, factors)
         return graph, optimise(graph)
 
-    def _render(
-        self, scans: list[Scan], before: se2.Array, after: se2.Array, revolution_s: float
-    ) -> tuple[PointMap, PointMap]:
-        first = render(scans, before, self._config, revolution_s, self._engine)
-        self._progress("render", 1, 2)
-        second = render(scans, after, self._config, revolution_s, self._engine)
-        self._progress("render", 2, 2)
-        return first, second
+    def _render(self, what: str, scans: list[Scan], track: Trajectory, revolution_s: float) -> PointMap:
+        """The map under a trajectory; an empty one where it cannot be made, since the trajectory is worth more."""
+        rendered = PointMap.empty()
+        with tolerate(what, self._warnings):
+            rendered = render(scans, track.poses, self._config, revolution_s, self._engine)
+        return rendered
 
     @contextmanager
     def _stage(self, name: str) -> Iterator[None]:

@@ -76,7 +76,7 @@ def swept(
         the sweeps that lie in the trajectory's span, and their indices in `windows`.
 
     Raises:
-        EstimationError: recording and trajectory share no time, or hold no returns where they do.
+        EstimationError: recording and trajectory share no two sweeps, or hold no returns where they do.
     """
     inside = shared(scans, start_us, revolution_s, trajectory)
     kept = [scans[k] for k in inside]
@@ -97,13 +97,18 @@ def swept(
 
 
 def shared(scans: Sequence[Scan], start_us: int, revolution_s: float, trajectory: Trajectory) -> list[int]:
-    """Indices of the windows that a trajectory covers, of which there must be some.
+    """Indices of the windows that a trajectory covers, of which there must be two.
 
     Raises:
-        EstimationError: there are none.
+        EstimationError: there are fewer.
     """
     inside = covered(scans, start_us, revolution_s, trajectory)
-    if len(inside) < 2:
+    if len(inside) == 1:
+        raise EstimationError(
+            "one sweep alone shows nothing of the trajectory; give a recording of two sweeps at least, "
+            "and a trajectory that covers them"
+        )
+    if not inside:
         spans = ((trajectory.stamps_us[0], trajectory.stamps_us[-1]), _stamps(scans, start_us)[[0, -1], [0, 1]])
         track, recording = (f"{1e-6 * first:.2f} to {1e-6 * last:.2f} s" for first, last in spans)
         raise EstimationError(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -39,6 +38,7 @@ def batch(
     from mqslam.commands.batch_plan import read_plan
     from mqslam.commands.batch_schedule import AGAIN, run_all
     from mqslam.errors import ClusterError
+    from mqslam.execution.files import json_text
     from mqslam.execution.workers import chosen
     from mqslam.results.batch_results import check_batch, summarise, write_batch
 
@@ -56,10 +56,12 @@ def batch(
     summary = summarise(orders, outcomes)
     write_batch(out, runs.stem, summary, plan)
     if as_json:
-        typer.echo(json.dumps(summary, indent=1))
+        typer.echo(json_text(summary))
     elif not quiet:
         Console(soft_wrap=True).print(_table(summary))
         typer.echo(f"report: {out / 'report.html'}")
+        for warning in summary["warnings"]:
+            console.print(f"warning: {warning}", style="yellow", highlight=False, soft_wrap=True)
     for run in summary["runs"]:
         if run["failure"] and not as_json:
             console.print(f"{run['name']} failed: {run['failure']}", highlight=False, soft_wrap=True)

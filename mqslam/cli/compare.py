@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -63,13 +62,14 @@ def compare(
 
     from mqslam.cli.progress import print_notes, progress
     from mqslam.commands.opening import choose_odometry, opened
-    from mqslam.compare.judgement import agreement, enough_in_common, judge, places, stations
+    from mqslam.compare.judgement import agreement, enough_in_common, judge_rows, places, stations
     from mqslam.compare.rows import front_end_rows
     from mqslam.config import load_config
     from mqslam.core.frontend import Context, load
     from mqslam.detection.stage import detect_all, scans_of, unread_warnings
     from mqslam.errors import EstimationError
     from mqslam.execution.checkpoint import run_key, unfinished
+    from mqslam.execution.files import json_text
     from mqslam.execution.workers import chosen
     from mqslam.psi.tracking.doppler import with_doppler
     from mqslam.results.compare_results import summarise, table, write_compare
@@ -87,8 +87,7 @@ def compare(
     revolution_s, start_us = recording.revolution_s, recording.start_us
     if kiss_config is not None and "kiss_icp" in names:  # a file that KISS-ICP refuses is a mistake, not a row that fails
         load("kiss_icp")(Context(settings, revolution_s, start_us, None))
-    # before the recording is read
-    enough_in_common(given, scans_of(recording), start_us, revolution_s, settings.audit.window)
+    enough_in_common(given, scans_of(recording), start_us, revolution_s, settings.audit.window)  # before the recording is read
     key = run_key(recording, settings, f"compare {','.join(names)} {odometry_only}", track)
     with (
         chosen(cluster, jobs) as engine,
@@ -107,24 +106,23 @@ def compare(
         tracks = [row.trajectory for row in ran if row.trajectory is not None]
         common = enough_in_common(ran, scans, start_us, revolution_s, settings.audit.window)
         if len(common) < len(scans):
-            notes = [*notes, f"{len(common)} of {len(scans)} revolutions are in every trajectory: judged on those"]
+            notes.append(f"{len(common)} of {len(scans)} revolutions are in every trajectory: judged on those")
         where = places(common, start_us, tracks, settings.audit.window)
         along = stations(common, settings.audit.window)
         shown = [*where, *along]
-        judged = {
-            row.name: judge(row, common, start_us, revolution_s, recording.ground_truth, shown, settings, engine, show)
-            for row in ran
-        }
+        rows, judged = judge_rows(
+            rows, common, start_us, revolution_s, recording.ground_truth, shown, settings, engine, show
+        )
         pairs = agreement(ran)
-        summary = summarise(recording, settings, rows, judged, where, pairs, len(common))
+        notes += [f"{row.name}: {warning}" for row in rows for warning in row.warnings]
+        summary = summarise(recording, settings, rows, judged, where, pairs, len(common), [*_failures(rows), *notes])
         with whole_folder(out) as folder:
-            notes = [*_failures(rows), *notes]
-            write_compare(folder, recording, settings, summary, rows, judged, where, along, pairs, notes)
+            write_compare(folder, recording, settings, summary, rows, judged, where, along, pairs)
     if as_json:
-        typer.echo(json.dumps(summary, indent=1))
+        typer.echo(json_text(summary))
     elif not quiet:
         _print(table(summary))
-        print_notes(console, notes)
+        print_notes(console, summary["warnings"][len(_failures(rows)) :])
         typer.echo(f"results in {out}; open {out / 'report.html'} in a browser")
 
 

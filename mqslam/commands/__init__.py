@@ -1,1 +1,1 @@
-"""What the commands do, callable from Python: nothing here prints or parses arguments."""
+"""Many recordings at once: what is to be run, running it, and one report over all."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -15,6 +14,7 @@ from mqslam.core.trajectory import Trajectory
 from mqslam.detection.stage import Progress
 from mqslam.execution.checkpoint import HOW, run_key, unfinished
 from mqslam.execution.engine import Engine
+from mqslam.execution.files import plain
 from mqslam.results.run_results import whole_folder, write_run
 from mqslam.results.summary import run_warnings, summarise
 from mqslam.slam import Slam, Watch
@@ -74,7 +74,7 @@ def job_of(
 
 def execute(
     job: Job, out: Path, engine: Engine, progress: Progress, *, resume: bool, how: str = HOW, watch: Watch | None = None
-) -> tuple[dict[str, Any], list[str]]:
+) -> dict[str, Any]:
     """Do a run and write its results.
 
     Args:
@@ -87,7 +87,7 @@ def execute(
         watch: called with every window once its motion is measured.
 
     Returns:
-        the content of summary.json, and the warnings of the report.
+        the content of summary.json.
 
     Raises:
         MqslamError: whatever makes the run impossible; nothing is left then but what can be resumed.
@@ -95,11 +95,11 @@ def execute(
     with unfinished(out, job.key, resume=resume, how=how) as checkpoint:
         slam = Slam(job.settings, job.frontend, engine, progress, checkpoint, strict=job.strict, watch=watch)
         result = slam.run(job.recording, job.odometry)
-        summary = {**summarise(result, job.recording), "run_key": job.key}
         warnings = [*run_warnings(result, job.recording), *job.notes]
+        summary = plain({**summarise(result, job.recording), "warnings": warnings, "run_key": job.key})
         with whole_folder(out) as folder:
-            write_run(folder, result, job.recording, summary, warnings, log_text(summary, job.log, warnings))
-    return summary, warnings
+            write_run(folder, result, job.recording, summary, job.log)
+    return summary
 
 
 def finished(out: Path, key: str) -> dict[str, Any] | None:
@@ -109,14 +109,3 @@ def finished(out: Path, key: str) -> dict[str, Any] | None:
     except (OSError, ValueError):
         return None
     return summary if isinstance(summary, dict) and summary.get("run_key") == key else None
-
-
-def log_text(summary: dict[str, Any], notes: Sequence[str], warnings: Sequence[str]) -> str:
-    """The lines of run.log."""
-    dataset = summary["dataset"]
-    lines = [f"mqslam {summary['mqslam_version']} on {dataset['path']} ({dataset['format']})"]
-    lines += [f"note: {note}" for note in notes] + [f"warning: {warning}" for warning in warnings]
-    lines.append(f"Doppler shift: {summary['doppler_beta']:.4f} s of range per closing speed")
-    lines += [f"{stage}: {seconds:.2f} s" for stage, seconds in summary["runtime_s"].items()]
-    lines.append(f"verdict: {summary['verdict']['status']}: {'; '.join(summary['verdict']['reasons'])}")
-    return "\n".join(lines) + "\n"

@@ -40,9 +40,7 @@ def choose_odometry(recording: Recording, choice: str) -> tuple[Trajectory | Non
         track = read_odometry(Path(choice))
         if not track.covers(recording.start_us, last):
             raise DataError(
-                choice,
-                "does not cover the recording",
-                f"it must span {recording.start_us} to {last} us, in the radar's clock",
+                choice, "does not cover the recording", f"it must span {recording.start_us} to {last} us, in the radar's clock"
             )
         return track, []
     if recording.odometry is not None and not recording.odometry.covers(recording.start_us, last):

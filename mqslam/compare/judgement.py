@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +19,7 @@ from mqslam.core.point_map import PointMap, thinned
 from mqslam.core.scans import Scan
 from mqslam.core.trajectory import Trajectory
 from mqslam.detection.stage import Progress
-from mqslam.errors import EstimationError
+from mqslam.errors import EstimationError, tolerate
 from mqslam.evaluation import Evaluation, evaluate
 from mqslam.execution.engine import Engine
 from mqslam.mapping.render import render
@@ -64,8 +64,8 @@ class Judged:
     """
 
     row: Row
-    psi_per_point: float
-    matched: float
+    psi_per_point: float | None
+    matched: float | None
     audit: Audit
     before: Evaluation | None
     after: Evaluation | None
@@ -123,6 +123,33 @@ def stations(scans: Sequence[Scan], size: int) -> list[Place]:
     begins = np.arange(0, len(scans) - size + 1, size)
     chosen = begins[evenly(len(begins), STATIONS)]
     return [Place(k, k + size, scans[k].t0, scans[k + size - 1].t1, 0.0) for k in chosen.tolist()]
+
+
+def judge_rows(
+    rows: Sequence[Row],
+    scans: Sequence[Scan],
+    start_us: int,
+    revolution_s: float,
+    truth: Trajectory | None,
+    where: Sequence[Place],
+    config: Config,
+    engine: Engine,
+    progress: Progress,
+) -> tuple[list[Row], dict[str, Judged]]:
+    """Judge every row that has a trajectory, as `judge` does.
+
+    Returns:
+        the rows, with a failure where the judges could make nothing of one, and what they say of the others by name.
+    """
+    judged: dict[str, Judged] = {}
+    shown = []
+    for row in rows:
+        failure: list[str] = []
+        if row.trajectory is not None:
+            with tolerate("the judgement of its map", failure):
+                judged[row.name] = judge(row, scans, start_us, revolution_s, truth, where, config, engine, progress)
+        shown.append(replace(row, failure=failure[0]) if failure else row)
+    return shown, judged
 
 
 def judge(

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import textwrap
+from collections.abc import Collection
 from importlib import resources
 from pathlib import Path
 from typing import Any, Literal
 
 import yaml
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, model_validator
 
+from mqslam.audit.verdict import VerdictConfig
 from mqslam.config.audit import AuditConfig
 from mqslam.config.settings_file import parsed
 from mqslam.detection.detector import DetectorConfig
@@ -64,9 +66,21 @@ class TrackerConfig(BaseModel):
     speed_min: float = Field(-5.0, description="slowest speed of the cold start's search [m/s]")
     speed_max: float = Field(40.0, description="fastest speed of the cold start's search [m/s]")
     omega_max: float = Field(1.0, gt=0.0, description="fastest turn of the cold start's search [rad/s]")
+    sigma_scale: float = Field(
+        0.01,
+        ge=0.0,
+        description="standard deviation of a distance across a gap, per distance: what is published of the length of one "
+        "radar's range bins differs by 1.4 %, and a Doppler shift that is ignored costs as much",
+    )
     lost_share: float = Field(
         0.5, gt=0.0, lt=1.0, description="a matched share below this part of the usual one means the track may be lost"
     )
+
+    @model_validator(mode="after")
+    def _check_speeds(self) -> TrackerConfig:
+        if self.speed_max <= self.speed_min:
+            raise ValueError(f"speed_max ({self.speed_max}) must be larger than speed_min ({self.speed_min})")
+        return self
 
 
 class KissIcpConfig(BaseModel):
@@ -171,6 +185,7 @@ class Config(BaseModel):
     loops: LoopConfig = LoopConfig()
     map: MapConfig = MapConfig()
     audit: AuditConfig = AuditConfig()
+    verdict: VerdictConfig = VerdictConfig()
 
 
 def load_config(name: str | Path | None = None) -> Config:
@@ -201,9 +216,9 @@ def shipped_names() -> list[str]:
     return sorted(entry.name[:-5] for entry in folder.iterdir() if entry.name.endswith(".yaml"))
 
 
-def dump_yaml(config: Config) -> str:
-    """Every setting as YAML that `load_config` reads back."""
-    text: str = yaml.safe_dump(config.model_dump(mode="json"), sort_keys=False)
+def dump_yaml(config: Config, leave_out: Collection[str] = ()) -> str:
+    """Every setting, but for some sections, as YAML that `load_config` reads back."""
+    text: str = yaml.safe_dump(config.model_dump(mode="json", exclude=set(leave_out)), sort_keys=False)
     return text
 
 

@@ -36,6 +36,11 @@ class PointMap:
     def __len__(self) -> int:
         return len(self.points)
 
+    @classmethod
+    def empty(cls) -> PointMap:
+        """A map without points."""
+        return cls(np.empty((0, 2)), np.empty(0), np.empty(0), np.empty(0), np.empty(0, dtype=np.bool_))
+
     def take(self, chosen: NDArray[np.int64]) -> PointMap:
         """The points of indices (M,)."""
         return PointMap(

@@ -1,4 +1,4 @@
-"""Returns: what the detector keeps of a polar scan; and scans, the returns of one turn each."""
+"""Returns: what the detector keeps of a revolution, and windows of them."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ class Returns:
 
 @dataclass(frozen=True, slots=True)
 class Scan:
-    """The returns of one turn, whose times lie in [t0, t1) [s since the recording's start]."""
+    """A stretch of the stream: the returns whose times lie in [t0, t1) [s since the recording's start]."""
 
     t0: float
     t1: float

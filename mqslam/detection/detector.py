@@ -5,21 +5,28 @@ azimuth, so peaks of neighbouring azimuths at nearly the same range are one targ
 intensity-weighted centroid of the three, in range, azimuth and time (2-D non-maximum suppression).
 
 Rejected: azimuths marked invalid, saturated azimuths (a whole row lifted), and rings (one range seen at many azimuths at
-once), which are the sensor's own and would pull the motion to zero.
+once, far more often than the ranges beside it), which are the sensor's own and would pull the motion to zero.
+
+What the world is made of is measured in metres; what the sensor's sampling does to it, in range bins.
 """
 
 from __future__ import annotations
 
 import math
+from dataclasses import astuple, dataclass
 
 import numba as nb
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Field
-from scipy.ndimage import uniform_filter1d
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+from scipy.ndimage import median_filter, uniform_filter1d
 
 from mqslam.core.recording import PolarScan
 from mqslam.core.scans import Returns
+
+_JOIN_BINS = 1.5  # a peak's range is known to half a bin on either side, so neighbours of one target differ by up to a bin
+_AROUND_CELLS = 9  # cells whose median share is the usual one around a ring
+_STANDS_OUT = 2.0  # a ring's share over the usual one
 
 
 class DetectorConfig(BaseModel):
@@ -42,12 +49,58 @@ class DetectorConfig(BaseModel):
         12.0, gt=0.0, description="an azimuth whose median power exceeds the revolution's by this much is saturated [0..255]"
     )
     ring_share: float = Field(
-        0.3, gt=0.0, le=1.0, description="a range at which this share of all azimuths peaks at once is a ring"
+        0.3,
+        gt=0.0,
+        le=1.0,
+        description="a range at which this share of all azimuths peaks at once, and twice as many as around it, is a ring",
     )
+
+    @model_validator(mode="after")
+    def _check_ranges(self) -> DetectorConfig:
+        if self.max_range_m <= self.min_range_m:
+            raise ValueError(f"max_range_m ({self.max_range_m}) must be larger than min_range_m ({self.min_range_m})")
+        return self
+
+
+@dataclass(frozen=True, slots=True)
+class PeakCounts:
+    """What the steps of the detector kept and dropped.
+
+    Args:
+        azimuths: azimuths looked at.
+        unused_azimuths: those that are marked invalid or that are saturated.
+        peaks: local maxima above the threshold.
+        ring_peaks: those that were dropped as parts of a ring.
+    """
+
+    azimuths: int = 0
+    unused_azimuths: int = 0
+    peaks: int = 0
+    ring_peaks: int = 0
+
+    def __add__(self, other: PeakCounts) -> PeakCounts:
+        return PeakCounts(*(a + b for a, b in zip(astuple(self), astuple(other), strict=True)))
+
+    @property
+    def remedy(self) -> str:
+        """What to do where there are too few returns: it names the step that dropped most of them."""
+        if 2 * self.unused_azimuths > self.azimuths:
+            left_out = f"{self.unused_azimuths} of {self.azimuths} azimuths are marked invalid or count as saturated"
+            return f"{left_out}; raise detector.saturation if they are not"
+        if 2 * self.ring_peaks > self.peaks:
+            return f"{self.ring_peaks} of {self.peaks} peaks count as parts of a ring; raise detector.ring_share"
+        return f"only {self.peaks} peaks in {self.azimuths} azimuths are above the threshold; lower detector.threshold"
 
 
 def detect(polar_scan: PolarScan, range_resolution: float, config: DetectorConfig) -> Returns:
-    """The returns of one revolution.
+    """The returns of one revolution, as `detect_and_count` finds them."""
+    return detect_and_count(polar_scan, range_resolution, config)[0]
+
+
+def detect_and_count(
+    polar_scan: PolarScan, range_resolution: float, config: DetectorConfig
+) -> tuple[Returns, PeakCounts]:
+    """The returns of one revolution, and what was dropped on the way to them.
 
     Args:
         polar_scan: times (A,) s, azimuths (A,) rad, power (A, B), valid (A,).
@@ -55,21 +108,24 @@ def detect(polar_scan: PolarScan, range_resolution: float, config: DetectorConfi
         config: settings.
 
     Returns:
-        Returns in the order of their times.
+        Returns in the order of their times, and the counts.
     """
     power = np.ascontiguousarray(polar_scan.power)
     bins = power.shape[1]
     first = max(1, math.floor(config.min_range_m / range_resolution))
     last = min(bins - 1, math.ceil(config.max_range_m / range_resolution))
-    half = round(config.smoothing_m / range_resolution)
+    half = min(round(config.smoothing_m / range_resolution), max(0, (bins - 3) // 2))
     usable = polar_scan.valid & ~_saturated(power, config.saturation)
     threshold = min(config.threshold, _above_noise(power[usable, first:last], half, config.contrast))
     ranges, values = _peaks(power, usable, first, last, (half + 1) // 2, half // 2, config.strongest, threshold)
+    peaks = np.count_nonzero(values)
+    _drop_rings(ranges, values, 2.0 * max(half, 1), config.ring_share)
+    counts = PeakCounts(len(power), int(np.count_nonzero(~usable)), int(peaks), int(peaks - np.count_nonzero(values)))
     ranges *= range_resolution
-    _drop_rings(ranges, values, 2.0 * range_resolution * max(half, 1), config.ring_share)
-    rows = _targets(ranges, values, polar_scan.azimuths, polar_scan.times, config.join_m)
+    join = max(config.join_m, _JOIN_BINS * range_resolution)
+    rows = _targets(ranges, values, polar_scan.azimuths, polar_scan.times, join)
     rows = rows[np.argsort(rows[:, 2], kind="stable")]
-    return Returns(*(np.ascontiguousarray(rows[:, column]) for column in range(4)))
+    return Returns(*(np.ascontiguousarray(rows[:, column]) for column in range(4))), counts
 
 
 def _saturated(power: NDArray[np.uint8], margin: float) -> NDArray[np.bool_]:
@@ -148,7 +204,15 @@ def _sums(values: NDArray[np.float64], half: int, out: NDArray[np.float64]) -> N
 
 
 def _drop_rings(ranges: NDArray[np.float64], values: NDArray[np.float64], width: float, share: float) -> None:
-    """Set to 0 the power of peaks at ranges where over `share` of the azimuths peak within `width` [m]."""
+    """Set the power of peaks to 0 at ranges where many azimuths peak at once.
+
+    Args:
+        ranges: (A, K) of the peaks [bins].
+        values: (A, K) their power, 0 where there is no peak.
+        width: width of a ring [bins].
+        share: least share of the azimuths that peak in a ring. Where peaks are dense, as they are in long range bins, so
+            many may peak at any range: in a ring they are at least twice as many as at the ranges around it.
+    """
     found = values > 0.0
     if not found.any():
         return
@@ -158,7 +222,9 @@ def _drop_rings(ranges: NDArray[np.float64], values: NDArray[np.float64], width:
     seen = np.zeros((size, len(ranges)), dtype=bool)
     seen[cells[found], azimuth[found]] = True
     seen[cells[found] + 1, azimuth[found]] = True  # half of a ring may lie in the next cell
-    ring = seen.sum(axis=1) > share * len(ranges)
+    shares = seen.mean(axis=1)
+    around = median_filter(shares, _AROUND_CELLS, mode="nearest")
+    ring = (shares > share) & (shares > _STANDS_OUT * around)
     values[found & (ring[cells] | ring[cells + 1])] = 0.0
 
 

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from html import escape
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 
+from mqslam.audit.verdict import VerdictStatus
 from mqslam.core.trajectory import Trajectory
 from mqslam.execution.files import write_text
 from mqslam.report.canvas import BLUE, INK, common_view, png, square
-from mqslam.report.page import captioned, note, number, page, share, tiles, warning_box
+from mqslam.report.page import badge, captioned, draw, note, number, page, share, tiles, warning_box
 
 _HEAD = (
     "run", "verdict", "revolutions", "duration", "path", "ψ per point, odometry", "optimised", "matched", "loops", "ATE",
@@ -20,8 +21,13 @@ _HEAD = (
 
 
 def write_batch_report(
-    path: Path, title: str, summary: Mapping[str, Any], tracks: Mapping[str, Trajectory], plan: str
-) -> None:
+    path: Path,
+    title: str,
+    summary: Mapping[str, Any],
+    tracks: Mapping[str, Trajectory],
+    warnings: Sequence[str],
+    plan: str,
+) -> list[str]:
     """Write a batch's report as one HTML file that opens without a network; it links to the reports of its runs.
 
     Args:
@@ -29,20 +35,30 @@ def write_batch_report(
         title: heading of the page.
         summary: content of batch.json.
         tracks: the optimised trajectories by the names of their runs.
+        warnings: what the reader has to know besides the runs that failed.
         plan: text of RUNS.yaml.
+
+    Returns:
+        what of it could not be drawn, and why; the report says it too.
 
     Raises:
         OutputError: the file cannot be written.
     """
+    failures: list[str] = []
     failed = [f"{run['name']} failed: {run['failure']}" for run in summary["runs"] if run["failure"]]
-    parts = (_tiles(summary), _table(summary), _trajectories(summary, tracks))
-    write_text(path, page(title, (warning_box(failed),), parts, plan, summary))
+    parts = (
+        draw("the first numbers", lambda: _tiles(summary), failures),
+        draw("the table of the runs", lambda: _table(summary), failures),
+        draw("the pictures of the trajectories", lambda: _trajectories(summary, tracks), failures),
+    )
+    write_text(path, page(title, (warning_box([*failed, *warnings, *failures]),), parts, plan, summary))
+    return failures
 
 
 def _tiles(summary: Mapping[str, Any]) -> str:
     counts = summary["counts"]
     return tiles([
-        (f"{counts['pass']} · {counts['warn']} · {counts['fail']}", "runs with verdict pass · warn · fail"),
+        (" · ".join(str(counts[status]) for status in VerdictStatus), f"runs with verdict {' · '.join(VerdictStatus)}"),
         (number(counts["failed"]), "runs that failed"),
         (_duration(summary["duration_s"]), "of radar"),
         (f"{summary['length_m'] / 1000.0:.2f} km", "driven"),
@@ -66,7 +82,7 @@ def _row(run: Mapping[str, Any]) -> str:
     name = f"<th>{_linked(run, escape(run['name']))}</th>"
     if run["failure"]:
         return f'{name}<td class="across" colspan="{len(_HEAD) - 1}">failed: {escape(run["failure"])}</td>'
-    verdict = f'<td><span class="badge {escape(run["verdict"])}">{escape(run["verdict"])}</span></td>'
+    verdict = f"<td>{badge(run['verdict'])}</td>"
     values = (
         number(run["revolutions"]), number(run["duration_s"], " s"), number(run["length_m"], " m"),
         number(run["psi_per_point_odometry"]), number(run["psi_per_point"]), share(run["matched"]), number(run["loops"]),

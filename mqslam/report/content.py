@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +13,9 @@ from mqslam.audit.judge import WindowAudit
 from mqslam.config.audit import AuditConfig
 from mqslam.core.point_map import PointMap
 from mqslam.core.trajectory import Trajectory
+
+if TYPE_CHECKING:
+    from mqslam.backend.pose_graph import PoseCovariances
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,8 +61,7 @@ class Report:
         checks: windows of the optimised map held against their own best.
         settings: by which they are judged.
         loops: (L, 2) the two revolutions of every loop closure.
-        sure: (K,) revolutions whose covariances are known.
-        covariances: (K, 3, 3) of their poses in their own frames [m, m, rad].
+        sure: covariances of some poses, or why there are none.
         warnings: what the reader has to know before the numbers.
         settings_yaml: every setting used, as in config.yaml.
     """
@@ -76,7 +78,6 @@ class Report:
     checks: tuple[WindowAudit, ...]
     settings: AuditConfig
     loops: NDArray[np.int64]
-    sure: NDArray[np.int64]
-    covariances: NDArray[np.float64]
+    sure: PoseCovariances
     warnings: tuple[str, ...]
     settings_yaml: str

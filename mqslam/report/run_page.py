@@ -12,13 +12,14 @@ from mqslam.core import se2
 from mqslam.core.trajectory import Trajectory
 from mqslam.evaluation import alignment
 from mqslam.execution.files import write_text
-from mqslam.report import run_figures
+from mqslam.report import run_figures as figures
 from mqslam.report.canvas import OUTERMOST
 from mqslam.report.content import Report, WindowScores
 from mqslam.report.explorers.explorer import explorer
 from mqslam.report.explorers.run_explorer import run_explorer
 from mqslam.report.page import (
     ABSENT,
+    draw,
     grid,
     note,
     number,
@@ -55,17 +56,27 @@ _LABELS: Final = {
 }
 
 
-def write_report(path: Path, report: Report) -> None:
+def write_report(path: Path, report: Report) -> list[str]:
     """Write a run's report as one HTML file that opens without a network.
+
+    Returns:
+        what of it could not be drawn, and why; the report says it too.
 
     Raises:
         OutputError: the file cannot be written.
     """
-    head = (warning_box(report.warnings), verdict_badge(section(report.summary, "verdict")))
+    failures: list[str] = []
     truth = _placed_truth(report)
-    still = _maps(report) + _trajectory_and_windows(report, truth)
-    parts = (_tiles(report), explorer(run_explorer(report, truth), still), _tables(report))
+    still = draw("the pictures of the maps", lambda: _maps(report), failures)
+    still += draw("the pictures of the trajectory", lambda: _trajectory_and_windows(report, truth), failures)
+    parts = (
+        draw("the first numbers", lambda: _tiles(report), failures),
+        draw("the map to move in", lambda: explorer(run_explorer(report, truth), still), failures, still),
+        draw("the tables", lambda: _tables(report), failures),
+    )
+    head = (warning_box([*report.warnings, *failures]), verdict_badge(section(report.summary, "verdict")))
     write_text(path, page(report.title, head, parts, report.settings_yaml, report.summary))
+    return failures
 
 
 def _tiles(report: Report) -> str:
@@ -85,10 +96,10 @@ def _tiles(report: Report) -> str:
 
 
 def _maps(report: Report) -> str:
-    before, after = run_figures.map_figures(
+    before, after = figures.map_figures(
         (report.map_odometry, report.map_optimised),
         (report.odometry, report.optimised),
-        (run_figures.ODOMETRY_COLOUR, run_figures.OPTIMISED_COLOUR),
+        (figures.ODOMETRY_COLOUR, figures.OPTIMISED_COLOUR),
     )
     psi = section(report.summary, "psi")
     notes = note(
@@ -113,14 +124,14 @@ def _maps(report: Report) -> str:
 
 
 def _trajectory_and_windows(report: Report, truth: Trajectory | None) -> str:
-    drawn = run_figures.trajectory_figure(report.odometry, report.optimised, truth, report.before)
+    drawn = figures.trajectory_figure(report.odometry, report.optimised, truth, report.before)
     caption = "ground truth laid on the optimised trajectory by the best rigid motion" if truth is not None else ""
     trajectory = picture(drawn, "Trajectory", caption)
     if len(report.windows) == 0:
         return f'<h2>Trajectory</h2><div class="pair">{trajectory}</div>'
-    scores = picture(run_figures.psi_figure(report.windows), "ψ per window", _statuses(report.windows))
+    scores = picture(figures.psi_figure(report.windows), "ψ per window", _statuses(report.windows))
     matched = picture(
-        run_figures.matched_figure(report.windows), "Matched share", "points with a neighbour that takes part in the score"
+        figures.matched_figure(report.windows), "Matched share", "points with a neighbour that takes part in the score"
     )
     stacked = f'<div class="stack">{scores}{matched}</div>'
     return f'<h2>Trajectory and windows</h2><div class="pair">{trajectory}{stacked}</div>'

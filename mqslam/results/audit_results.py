@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import io
-import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -14,19 +13,35 @@ import numpy as np
 import mqslam
 from mqslam.audit.judge import Audit, RevisitAudit, WindowAudit
 from mqslam.audit.sweeps import Sweeps
+from mqslam.audit.verdict import Share
 from mqslam.config import Config, dump_yaml
-from mqslam.execution.files import write_bytes, write_text
-from mqslam.report.audit_page import AuditReport, crops, heat_map, write_audit_report
+from mqslam.errors import tolerate
+from mqslam.execution.files import write_bytes, write_json, write_text
+from mqslam.report.audit_page import AuditReport, heat_map, write_audit_report
 
 
-def summarise(found: Audit, sweeps: Sweeps, config: Config, dataset: Mapping[str, Any], trajectory: str) -> dict[str, Any]:
+def summarise(
+    found: Audit,
+    sweeps: Sweeps,
+    config: Config,
+    dataset: Mapping[str, Any],
+    trajectory: str,
+    warnings: Sequence[str] = (),
+) -> dict[str, Any]:
     """The content of audit.json.
 
     Args:
+        found: what came of the audit.
+        sweeps: what was judged.
+        config: all settings.
         dataset: format and path of what was audited.
         trajectory: where the trajectory came from.
+        warnings: what a reader has to know before the numbers.
     """
     sure = [r for r in found.revisits if r.revisit.sure]
+    torn = Share(sum(w.torn for w in found.windows), len(found.windows))
+    off = Share(sum(r.torn for r in sure), len(sure))
+    confidence = config.verdict.confidence
     inflation = [w.bend.inflation for w in found.windows]
     return {
         "mqslam_version": mqslam.__version__,
@@ -42,19 +57,24 @@ def summarise(found: Audit, sweeps: Sweeps, config: Config, dataset: Mapping[str
         "threshold": config.audit.threshold,
         "bend_m": config.audit.bend_m,
         "windows": {
-            "count": len(found.windows),
-            "torn": sum(w.torn for w in found.windows),
+            "count": torn.total,
+            "torn": torn.count,
+            "torn_share_at_least": torn.at_least(confidence),
+            "torn_share_at_most": torn.at_most(confidence),
             "inflation_median": float(np.median(inflation)) if inflation else None,
             "psi_per_point": _mean([w.bend.psi for w in found.windows]),
             "matched": _mean([w.bend.matched for w in found.windows]),
         },
         "revisits": {
             "count": len(found.revisits),
-            "sure": len(sure),
-            "torn": sum(r.torn for r in sure),
+            "sure": off.total,
+            "torn": off.count,
+            "torn_share_at_least": off.at_least(confidence),
+            "torn_share_at_most": off.at_most(confidence),
             "median_m": float(np.median([r.revisit.distance_m for r in sure])) if sure else None,
             "worst_m": max((r.revisit.distance_m for r in sure if r.torn), default=None),
         },
+        "warnings": list(warnings),
         "per_window": [_window(w) for w in found.windows],
         "per_revisit": [_revisit(r, sweeps) for r in found.revisits],
     }
@@ -100,42 +120,28 @@ def _revisit(found: RevisitAudit, sweeps: Sweeps) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def write_audit(
-    folder: Path, title: str, found: Audit, sweeps: Sweeps, config: Config, summary: dict[str, Any], warnings: Sequence[str]
-) -> None:
+def write_audit(folder: Path, title: str, found: Audit, sweeps: Sweeps, config: Config, summary: dict[str, Any]) -> None:
     """Write every result file of an audit into an existing folder.
+
+    The heat map and the report may fail: that is a warning then, which is added to those of the summary.
 
     Raises:
         OutputError: a file cannot be written.
     """
+    warnings: list[str] = summary["warnings"]
     settings = dump_yaml(config)
     write_text(folder / "config.yaml", settings)
     write_text(folder / "audit.csv", _csv(summary["per_window"]))
     write_text(folder / "revisits.csv", _csv(summary["per_revisit"]))
-    write_bytes(folder / "heatmap.png", heat_map(sweeps, found, config.audit))
-    write_audit_report(
-        folder / "report.html",
-        AuditReport(
-            title=title,
-            summary=summary,
-            sweeps=sweeps,
-            audit=found,
-            config=config,
-            crops=crops(sweeps, found, config.audit),
-            warnings=tuple(warnings),
-            settings_yaml=settings,
-        ),
-    )
-    write_text(folder / "audit.json", json.dumps(plain(summary), indent=1) + "\n")
-
-
-def plain(value: Any) -> Any:
-    """The content of audit.json with null for numbers that JSON does not have."""
-    if isinstance(value, Mapping):
-        return {key: plain(part) for key, part in value.items()}
-    if isinstance(value, list):
-        return [plain(part) for part in value]
-    return None if isinstance(value, float) and not np.isfinite(value) else value
+    write_json(folder / "audit.json", summary)
+    before = len(warnings)
+    with tolerate("heatmap.png", warnings):
+        write_bytes(folder / "heatmap.png", heat_map(sweeps, found, config.audit))
+    with tolerate("report.html", warnings):
+        report = AuditReport(title, summary, sweeps, found, config, tuple(warnings), settings)
+        warnings += write_audit_report(folder / "report.html", report)
+    if len(warnings) > before:
+        write_json(folder / "audit.json", summary)
 
 
 def _csv(rows: Sequence[Mapping[str, Any]]) -> str:

@@ -4,17 +4,17 @@ from __future__ import annotations
 
 import csv
 import io
-import json
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import mqslam
+from mqslam.audit.verdict import VerdictStatus
 from mqslam.commands.batch_plan import Order
 from mqslam.commands.batch_schedule import Outcome
-from mqslam.core.trajectory import read_tum
-from mqslam.errors import OutputError
-from mqslam.execution.files import write_text
+from mqslam.core.trajectory import Trajectory, read_tum
+from mqslam.errors import OutputError, tolerate
+from mqslam.execution.files import write_json, write_text
 from mqslam.report.batch_page import write_batch_report
 
 
@@ -39,11 +39,12 @@ def summarise(orders: Sequence[Order], outcomes: Sequence[Outcome]) -> dict[str,
     states = [run["verdict"] or "failed" for run in runs]
     return {
         "mqslam_version": mqslam.__version__,
-        "counts": {state: states.count(state) for state in ("pass", "warn", "fail", "failed")},
+        "counts": {state: states.count(state) for state in (*VerdictStatus, "failed")},
         "kept": sum(outcome.kept for outcome in outcomes),
         "duration_s": sum(run["duration_s"] or 0.0 for run in runs),
         "length_m": sum(run["length_m"] or 0.0 for run in runs),
         "runtime_s": sum(run["runtime_s"] or 0.0 for run in runs),
+        "warnings": [],
         "runs": runs,
     }
 
@@ -80,6 +81,8 @@ def _row(order: Order, outcome: Outcome) -> dict[str, Any]:
 def write_batch(out: Path, title: str, summary: dict[str, Any], plan: str) -> None:
     """Write the files over all runs into the batch's folder, where the runs' own folders are.
 
+    What the report needs and cannot have is a warning, which is added to those of the summary.
+
     Args:
         out: the folder.
         title: heading of the report.
@@ -90,11 +93,19 @@ def write_batch(out: Path, title: str, summary: dict[str, Any], plan: str) -> No
         OutputError: a file cannot be written.
     """
     rows: list[dict[str, Any]] = summary["runs"]
-    tracks = {row["name"]: read_tum(out / row["trajectory"]) for row in rows if row["trajectory"]}
-    write_text(out / "batch.json", json.dumps(summary, indent=1) + "\n")
+    warnings: list[str] = summary["warnings"]
     text = io.StringIO()
     writer = csv.DictWriter(text, list(rows[0]), lineterminator="\n", restval="")
     writer.writeheader()
     writer.writerows(rows)
     write_text(out / "batch.csv", text.getvalue())
-    write_batch_report(out / "report.html", title, summary, tracks, plan)
+    write_json(out / "batch.json", summary)
+    tracks: dict[str, Trajectory] = {}
+    for row in rows:
+        if row["trajectory"]:
+            with tolerate(f"the picture of {row['name']}", warnings):  # a kept run may have lost its file since
+                tracks[row["name"]] = read_tum(out / row["trajectory"])
+    with tolerate("report.html", warnings):
+        warnings += write_batch_report(out / "report.html", title, summary, tracks, warnings, plan)
+    if warnings:
+        write_json(out / "batch.json", summary)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import io
-import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -13,13 +12,15 @@ import numpy as np
 
 import mqslam
 from mqslam.audit.judge import WindowAudit
+from mqslam.audit.verdict import Share
 from mqslam.compare.judgement import Judged, Place
 from mqslam.compare.rows import Row
 from mqslam.config import Config, dump_yaml
 from mqslam.core.recording import Recording
 from mqslam.core.trajectory import write_kitti, write_tum
+from mqslam.errors import tolerate
 from mqslam.evaluation import Evaluation
-from mqslam.execution.files import write_bytes, write_text
+from mqslam.execution.files import write_bytes, write_json, write_text
 from mqslam.report.compare_page import CompareReport, overlay, write_compare_report
 from mqslam.results.run_results import measurements_csv
 
@@ -34,6 +35,7 @@ WITH_TRUTH = (
 WITHOUT_TRUTH = (
     ("psi_per_point", "psi per point", "{:.4f}"),
     ("matched", "matched", "{:.1%}"),
+    ("verdict", "verdict", "{}"),
     ("inflation", "inflation", "{:.3g}"),
     ("windows_torn", "windows torn", "{:.1%}"),
     ("revisit_m", "revisits apart [m]", "{:.3f}"),
@@ -52,6 +54,7 @@ def summarise(
     places: Sequence[Place],
     agreement: Sequence[tuple[str, str, Evaluation]],
     revolutions: int,
+    warnings: Sequence[str] = (),
 ) -> dict[str, Any]:
     """The content of compare.json; `revolutions` are those that every row covers."""
     return {
@@ -65,7 +68,8 @@ def summarise(
         },
         "doppler_beta": config.sensor.doppler_beta,
         "threshold": config.audit.threshold,
-        "rows": [_row(row, judged.get(row.name), len(recording), config.audit.overlap) for row in rows],
+        "warnings": list(warnings),
+        "rows": [_row(row, judged.get(row.name), len(recording), config) for row in rows],
         "agreement": [
             {"row": a, "against": b, "rmse_m": e.ate_rmse_m, "drift_percent": e.drift_percent, "speed_rms": e.rpe_v_rms}
             for a, b, e in agreement
@@ -74,10 +78,11 @@ def summarise(
     }
 
 
-def _row(row: Row, found: Judged | None, revolutions: int, overlap: float) -> dict[str, Any]:
+def _row(row: Row, found: Judged | None, revolutions: int, config: Config) -> dict[str, Any]:
     if found is None:
         return {"name": row.name, "failure": row.failure}
     windows, sure = found.audit.windows, [r for r in found.audit.revisits if r.revisit.sure]
+    torn = Share(sum(w.torn for w in windows), len(windows))
     truth, before = found.after, found.before
     return {
         "name": row.name,
@@ -90,11 +95,15 @@ def _row(row: Row, found: Judged | None, revolutions: int, overlap: float) -> di
         "odometry_drift_percent": before and before.drift_percent,
         "odometry_drift_deg_per_100m": before and before.drift_deg_per_100m,
         "odometry_ate_rmse_m": before and before.ate_rmse_m,
+        "verdict": found.audit.status,
+        "reasons": "; ".join(found.audit.reasons),
         "psi_per_point": found.psi_per_point,
         "matched": found.matched,
-        "inflation": _inflation(windows, overlap),
+        "inflation": _inflation(windows, config.audit.overlap),
         "windows": len(windows),
-        "windows_torn": float(np.mean([w.torn for w in windows])) if windows else None,
+        "windows_torn": torn.count / torn.total if windows else None,
+        "windows_torn_at_least": torn.at_least(config.verdict.confidence),
+        "windows_torn_at_most": torn.at_most(config.verdict.confidence),
         "revisits": len(sure),
         "revisits_torn": sum(r.torn for r in sure),
         "revisit_m": float(np.median([r.revisit.distance_m for r in sure])) if sure else None,
@@ -139,13 +148,15 @@ def write_compare(
     places: Sequence[Place],
     stations: Sequence[Place],
     agreement: Sequence[tuple[str, str, Evaluation]],
-    warnings: Sequence[str],
 ) -> None:
     """Write every result file of a comparison into an existing folder; crops of the stations follow those of the places.
+
+    The picture of the trajectories and the report may fail: that is a warning then, which is added to those of the summary.
 
     Raises:
         OutputError: a file cannot be written.
     """
+    warnings: list[str] = summary["warnings"]
     for row in rows:
         if row.trajectory is not None:
             _write_row(folder / row.name, row)
@@ -153,10 +164,12 @@ def write_compare(
     settings = dump_yaml(config)
     write_text(folder / "config.yaml", settings)
     write_text(folder / "compare.csv", _csv(summary))
-    write_bytes(folder / "overlay.png", overlay(ran, recording.ground_truth))
-    write_compare_report(
-        folder / "report.html",
-        CompareReport(
+    write_json(folder / "compare.json", summary)
+    before = len(warnings)
+    with tolerate("overlay.png", warnings):
+        write_bytes(folder / "overlay.png", overlay(ran, recording.ground_truth))
+    with tolerate("report.html", warnings):
+        report = CompareReport(
             title=recording.path.resolve().name,
             summary=summary,
             rows=ran,
@@ -169,9 +182,10 @@ def write_compare(
             table=tuple(tuple(line) for line in table(summary)),
             warnings=tuple(warnings),
             settings_yaml=settings,
-        ),
-    )
-    write_text(folder / "compare.json", json.dumps(summary, indent=1) + "\n")
+        )
+        warnings += write_compare_report(folder / "report.html", report)
+    if len(warnings) > before:
+        write_json(folder / "compare.json", summary)
 
 
 def _write_row(folder: Path, row: Row) -> None:

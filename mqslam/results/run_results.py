@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import io
-import json
 import os
 import shutil
 from collections.abc import Iterator, Sequence
@@ -15,16 +14,16 @@ from typing import Any
 import gtsam
 import numpy as np
 
-from mqslam.backend.pose_graph import PoseGraph, marginals
+from mqslam.backend.pose_graph import PoseCovariances, PoseGraph, marginals
 from mqslam.config import dump_yaml
 from mqslam.core.evenly import evenly
 from mqslam.core.measurement import Measurement
 from mqslam.core.point_map import write_ply
 from mqslam.core.recording import Recording
 from mqslam.core.trajectory import write_tum
-from mqslam.errors import OutputError
+from mqslam.errors import OutputError, tolerate
 from mqslam.execution.checkpoint import FOLDER
-from mqslam.execution.files import write_text
+from mqslam.execution.files import write_json, write_text
 from mqslam.mapping.occupancy_grid import write_nav2_map
 from mqslam.report import Report, WindowScores, write_report
 from mqslam.slam import Run
@@ -106,46 +105,81 @@ def check_writable(out: Path, option: str) -> None:
         raise OutputError(f"{out}: cannot be made ({above} is no folder to write to); choose another {option}")
 
 
-def write_run(
-    folder: Path, run: Run, recording: Recording, summary: dict[str, Any], warnings: Sequence[str], log: str
-) -> None:
-    """Write every result file of a run into an existing folder.
+def write_run(folder: Path, run: Run, recording: Recording, summary: dict[str, Any], notes: Sequence[str]) -> None:
+    """Write every result file of a run into an existing folder, those first that are worth the most.
+
+    Map, graph and report may fail, by a fault of theirs or of a library or for want of memory: that is a warning then, and
+    all others are written. The warning is added to those of the summary.
+
+    Args:
+        folder: where to.
+        run: what there is to write.
+        recording: the recording it was made from.
+        summary: content of summary.json, with its warnings.
+        notes: what a user should know about how the recording was understood, for run.log.
 
     Raises:
         OutputError: a file cannot be written.
     """
+    warnings: list[str] = summary["warnings"]
     settings = dump_yaml(run.config)
-    sure = evenly(run.graph.size, _ELLIPSES)
     write_tum(folder / "trajectory.tum", run.optimised)
     write_tum(folder / "odometry.tum", run.odometry)
     write_text(folder / "measurements.csv", measurements_csv(run.measurements))
-    write_text(folder / "graph.g2o", g2o(run.graph, run.values))
     write_text(folder / "config.yaml", settings)
-    write_ply(folder / "map.ply", run.map_optimised)
-    write_nav2_map(folder, run.map_optimised, run.config.map.cell_m)
-    write_report(
-        folder / "report.html",
-        Report(
-            title=recording.path.resolve().name,
-            summary=summary,
-            odometry=run.odometry,
-            optimised=run.optimised,
-            ground_truth=recording.ground_truth,
-            map_odometry=run.map_odometry,
-            map_optimised=run.map_optimised,
-            windows=window_scores(run.measurements),
-            before=run.before,
-            checks=tuple(run.checks),
-            settings=run.config.audit,
-            loops=np.array([(loop.earlier, loop.later) for loop in run.loops], dtype=np.int64).reshape(-1, 2),
-            sure=sure,
-            covariances=marginals(run.graph, run.values, sure.tolist()),
-            warnings=tuple(warnings),
-            settings_yaml=settings,
-        ),
+    _write_numbers(folder, summary, notes)
+    before = len(warnings)
+    with tolerate("graph.g2o", warnings):
+        write_text(folder / "graph.g2o", g2o(run.graph, run.values))
+    with tolerate("map.ply", warnings):
+        write_ply(folder / "map.ply", run.map_optimised)
+    with tolerate("map.pgm", warnings):
+        write_nav2_map(folder, run.map_optimised, run.config.map.cell_m)
+    with tolerate("report.html", warnings):
+        sure = marginals(run.graph, run.values, evenly(run.graph.size, _ELLIPSES).tolist())
+        if sure.failure is not None:
+            warnings.append(f"the covariances of the poses are not known ({sure.failure}): the report shows no ellipses")
+        warnings += write_report(folder / "report.html", _report(run, recording, summary, sure, settings))
+    if len(warnings) > before:
+        _write_numbers(folder, summary, notes)
+
+
+def _write_numbers(folder: Path, summary: dict[str, Any], notes: Sequence[str]) -> None:
+    """Write the files that hold the warnings."""
+    write_text(folder / "run.log", log_text(summary, notes))
+    write_json(folder / "summary.json", summary)
+
+
+def _report(run: Run, recording: Recording, summary: dict[str, Any], sure: PoseCovariances, settings: str) -> Report:
+    """A run as its report shows it."""
+    return Report(
+        title=recording.path.resolve().name,
+        summary=summary,
+        odometry=run.odometry,
+        optimised=run.optimised,
+        ground_truth=recording.ground_truth,
+        map_odometry=run.map_odometry,
+        map_optimised=run.map_optimised,
+        windows=window_scores(run.measurements),
+        before=run.before,
+        checks=tuple(run.checks),
+        settings=run.config.audit,
+        loops=np.array([(loop.earlier, loop.later) for loop in run.loops], dtype=np.int64).reshape(-1, 2),
+        sure=sure,
+        warnings=tuple(summary["warnings"]),
+        settings_yaml=settings,
     )
-    write_text(folder / "run.log", log)
-    write_text(folder / "summary.json", json.dumps(summary, indent=1) + "\n")
+
+
+def log_text(summary: dict[str, Any], notes: Sequence[str]) -> str:
+    """The lines of run.log."""
+    dataset = summary["dataset"]
+    lines = [f"mqslam {summary['mqslam_version']} on {dataset['path']} ({dataset['format']})"]
+    lines += [f"note: {note}" for note in notes] + [f"warning: {warning}" for warning in summary["warnings"]]
+    lines.append(f"Doppler shift: {summary['doppler_beta']:.4f} s of range per closing speed")
+    lines += [f"{stage}: {seconds:.2f} s" for stage, seconds in summary["runtime_s"].items()]
+    lines.append(f"verdict: {summary['verdict']['status']}: {'; '.join(summary['verdict']['reasons'])}")
+    return "\n".join(lines) + "\n"
 
 
 def measurements_csv(measurements: Sequence[Measurement]) -> str:

@@ -120,5 +120,4 @@ def _real_time() -> Claim:
         ["windows", "detection [ms]", "front end, cold start included [ms]", "windows per core second", "wall clock [s]"],
         [[str(len(recording)), per_window[0], per_window[1], rate, wall]],
     )
-    named = "psi front end with detection, times real time at 4 turns/s on one core"
-    return Claim(named, rate * recording.revolution_s, least=8.0)
+    return Claim("psi front end with detection, times real time at 4 turns/s on one core", rate * recording.revolution_s, least=8.0)

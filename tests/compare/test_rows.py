@@ -89,7 +89,7 @@ def test_rows_are_judged_by_truth_and_without_it() -> None:
     where = places(common, recording.start_us, tracks, 6)
     assert where and all(a.apart_m >= b.apart_m for a, b in itertools.pairwise(where))
     found = [
-        judge(r, common, recording.start_us, recording.revolution_s, truth, where, CONFIG, HERE, lambda *_: None)
+        judge(r, common, recording.start_us, recording.revolution_s, truth, where, CONFIG, HERE, lambda stage, done, total: None)
         for r in rows
     ]
     psi, best, shaken = found

@@ -138,10 +138,9 @@ def test_a_scheduler_without_workers_is_said(
 
 def test_workers_of_another_version_are_refused(tmp_path: Path, lap: Path) -> None:
     other = tmp_path / "other" / "mqslam"
-    (other / "execution").mkdir(parents=True)
+    other.mkdir(parents=True)
     (other / "__init__.py").touch()
-    (other / "execution" / "__init__.py").touch()
-    (other / "execution" / "cluster.py").write_text("def _version():\n    return '0.0.1'\n")
+    (other / "cluster.py").write_text("def _version():\n    return '0.0.1'\n")
     with cluster(tmp_path / "dask", workers=0) as found:
         found.add_worker(finds=other.parent)
         shown = run(lap, tmp_path / "out", "--cluster", found.address)

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from mqslam.core.point_map import PointMap
-from mqslam.mapping import occupancy_grid as module
+from mqslam.mapping import occupancy_grid as gridmap
 from mqslam.mapping.occupancy_grid import occupancy_grid, write_nav2_map
 
 
@@ -60,7 +60,7 @@ def test_cells_seen_once_count_where_no_cell_is_seen_more_often() -> None:
 
 
 def test_a_grid_that_would_be_too_long_gets_coarser(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(module, "MAX_SIDE", 100)
+    monkeypatch.setattr(gridmap, "MAX_SIDE", 100)
     grid = occupancy_grid(np.array([[-1000.03, 0.0], [999.98, 0.0], [0.0, 40.0]]))
     assert 90 <= max(grid.occupied.shape) <= 100
     assert grid.resolution == pytest.approx(2000.0 / 98, rel=1e-3)

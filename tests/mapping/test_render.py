@@ -4,12 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from support.drives import constant, drive, joined
+from support.drives import constant, drive, joined, noise
 
 from mqslam.config import Config, SensorConfig
 from mqslam.core import se2
 from mqslam.core.motion import CONSTANT_TWIST
-from mqslam.core.scans import Scan
+from mqslam.core.scans import Returns, Scan
 from mqslam.errors import EstimationError
 from mqslam.execution.engine import LocalEngine
 from mqslam.mapping import render as rendering
@@ -122,3 +122,16 @@ def test_a_run_without_returns_is_refused_with_advice(still_street: tuple[list[S
     empty = [replace(w, returns=w.returns.take(np.zeros(len(w.returns), dtype=bool))) for w in scans]
     with pytest.raises(EstimationError, match=r"detector\.threshold"):
         render(empty, poses, CONFIG, TURN_S)
+
+
+def test_the_doppler_shift_is_taken_out_where_the_yaw_of_the_poses_is_wrapped() -> None:
+    poses = np.column_stack([np.arange(8.0), np.zeros(8), np.linspace(3.0, 3.4, 8)])
+    times = 0.25 * np.arange(8)
+    scan = noise(Scan(0.0, 1.75, Returns.none()), 200)
+    shifted = Config(sensor=SensorConfig(doppler_beta=0.05))
+    wrapped = np.column_stack([poses[:, :2], se2.wrap(poses[:, 2])])
+    np.testing.assert_allclose(
+        place_along(scan.returns, times, wrapped, shifted).points,
+        place_along(scan.returns, times, poses, shifted).points,
+        atol=1e-9,
+    )

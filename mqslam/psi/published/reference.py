@@ -1,7 +1,4 @@
-"""Readable twins of `mqslam.psi.published.equations` and `mqslam.psi.estimator`: the equations as they stand.
-
-They are slow, and trusted.
-"""
+"""Readable twins of `mqslam.psi.published.equations` and `mqslam.psi.estimator`: the equations as they stand; slow, and trusted."""
 
 from __future__ import annotations
 

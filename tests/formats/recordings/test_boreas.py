@@ -85,8 +85,7 @@ def test_of_alternating_chirps_the_rising_ones_are_kept(tmp_path: Path) -> None:
         np.testing.assert_array_equal(kept.power, whole.power[up])
         np.testing.assert_allclose(kept.azimuths, whole.azimuths[up])
         np.testing.assert_allclose(np.diff(kept.times), np.diff(whole.times[up]), atol=1.1e-6)
-    into = recording[3].times - recording.start_times[3]
-    np.testing.assert_allclose(into, left_turn()[3].times[up] - 0.75 - 0.00625, atol=2e-6)
+    np.testing.assert_allclose(recording[3].times - recording.start_times[3], left_turn()[3].times[up] - 0.75 - 0.00625, atol=2e-6)
 
 
 def test_falling_chirps_only_or_an_unused_byte_are_all_kept(tmp_path: Path) -> None:

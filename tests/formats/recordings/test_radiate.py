@@ -100,8 +100,7 @@ def test_a_list_in_another_order_is_sorted_and_said(radiate: Path) -> None:
     file = radiate / "Navtech_Polar.txt"
     file.write_text("\n".join(reversed(file.read_text().splitlines())))
     recording = open_recording(radiate)
-    assert recording.stamps_us.tolist() == expected.stamps_us.tolist()
-    assert recording.names.tolist() == expected.names.tolist()
+    assert recording.stamps_us.tolist() == expected.stamps_us.tolist() and recording.names.tolist() == expected.names.tolist()
     assert recording.faults == ("Navtech_Polar.txt does not list its frames in order, first at 000005: sorted",)
 
 

@@ -45,7 +45,7 @@ def test_the_native_layout_holds_it_as_it_is(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("layout", EVEN)
 @pytest.mark.parametrize(
-    ("recording", "problem"),
+    ("stream", "problem"),
     [
         (changed(azimuths=lambda r: r.azimuths - 0.3), "azimuths of revolution 0 lie 8.19 deg beside even steps"),
         (changed(azimuths=lambda r: r.azimuths * 0.9), "azimuths of revolution 0 lie 35.10 deg beside even steps"),
