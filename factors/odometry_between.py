@@ -10,8 +10,12 @@ from numpy.typing import NDArray
 
 from mqslam.config import GraphConfig
 from mqslam.core import se2
-from mqslam.core.measurement import Measurement
+from mqslam.core.measurement import Measurement, Status
 from mqslam.factors.noise import between_noise
+
+_MEDIAN_OF_CHI2 = 0.4549  # of a chi-square with one degree of freedom, to turn a median of squares into a variance
+_LEAST_FOUND = 0.5  # share of a span's motions that psi has to have found for the span to show how far odometry is off
+_FEWEST_SPANS = 5  # whose median says how large the disagreement is; that of fewer may be small by chance
 
 
 def odometry_between(a: int, b: int, motion: Measurement, config: GraphConfig) -> gtsam.BetweenFactorPose2:
@@ -28,16 +32,25 @@ def odometry_covariance(
     Wheel odometry errs by scale and bias, so that all edges of a run err together and know no more than one span of
     them does: every edge gets the disagreement of a whole span, times the number of spans in the run. That keeps their
     sum from outvoting psi where psi measures.
+
+    Where psi did not find a motion it took odometry's, and agrees with it for that reason: such edges show nothing. Where
+    only a few spans show anything, odometry is not taken to be better than it says itself.
     """
     duration = odometry[-1].t1 - odometry[0].t0
     count = max(1, min(len(odometry), round(len(odometry) * span_s / max(duration, 1e-9))))
-    misses = []
+    found = np.array([motion.status is Status.CONVERGED for motion in measured])
+    misses, stated = [], []
     for begin in range(0, len(odometry) - count + 1, max(1, count // 2)):
         span = slice(begin, begin + count)
-        miss = se2.between(_chained(measured[span]), _chained(odometry[span]))
-        miss[2] = se2.wrap(miss[2])
-        misses.append(miss)
-    squares = np.median(np.square(misses), axis=0) / 0.4549  # median of a chi-square with one degree of freedom
+        stated.append(np.sum([np.sqrt(np.diag(motion.covariance)) for motion in odometry[span]], axis=0))
+        share = found[span].mean()
+        if share >= _LEAST_FOUND:
+            miss = se2.between(_chained(measured[span]), _chained(odometry[span]))
+            miss[2] = se2.wrap(miss[2])
+            misses.append(miss / share)
+    squares = np.median(np.square(misses), axis=0) / _MEDIAN_OF_CHI2 if misses else np.zeros(3)
+    if len(misses) < _FEWEST_SPANS:
+        squares = np.maximum(squares, np.median(np.square(stated), axis=0))
     return np.diag(squares * len(odometry) / count + 1e-10)
 
 

@@ -10,6 +10,7 @@ from mqslam.core import se2
 
 _NEIGHBOURS = 10  # map points that show how the surface around the nearest one runs
 _FLATTEST = 0.01  # least variance across a surface over that along it
+_LEAST_M = 1e-3  # lengths that nobody measures: residuals are this large at least, and every point has this lever arm [m]
 
 
 class Surface:
@@ -67,9 +68,9 @@ class Surface:
         jacobians[:, 0, 0] = jacobians[:, 1, 1] = 1.0
         jacobians[:, 0, 2], jacobians[:, 1, 2] = -scan[:, 1], scan[:, 0]
         by_axis = np.swapaxes(axes, 1, 2) @ jacobians
-        hessian = np.einsum("nai,na,naj->ij", by_axis, counts, by_axis)
+        hessian = np.einsum("nai,na,naj->ij", by_axis, counts, by_axis) + _LEAST_M**2 * counts.sum() * np.eye(3)
         squares = np.einsum("nia,ni->na", axes, residuals) ** 2
-        inverse = np.linalg.inv(hessian) * (counts * squares).sum() / counts.sum()
+        inverse = np.linalg.inv(hessian) * max((counts * squares).sum() / counts.sum(), _LEAST_M**2)
         return np.asarray(0.5 * (inverse + inverse.T))
 
     def _ranks(self) -> list[int]:

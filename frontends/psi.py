@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
 
@@ -13,9 +12,9 @@ from mqslam.core import se2
 from mqslam.core.frontend import Context
 from mqslam.core.measurement import Measurement, Status
 from mqslam.core.scans import Scan
-from mqslam.errors import EstimationError
 from mqslam.psi.place import beam_of
-from mqslam.psi.tracking.tracker import START_SCANS, Tracked, Tracker
+from mqslam.psi.tracking.track import Followed, follow_scans
+from mqslam.psi.tracking.tracker import Tracked, Tracker
 from mqslam.psi.tracking.unsteadiness import Unsteadiness
 
 
@@ -29,78 +28,91 @@ class PsiFrontEnd:
         """The motion from the start of each window to the start of the next.
 
         Raises:
-            EstimationError: fewer than two revolutions, or hardly any returns in the first ones.
+            EstimationError: fewer than two revolutions, or hardly any returns in all of them.
         """
-        coming = iter(scans)
-        head = list(itertools.islice(coming, START_SCANS))
-        if len(head) < 2:
-            raise EstimationError(f"{len(head)} revolutions hold no motion; two at least are needed")
         context, config = self._context, self._context.config
         beam = beam_of(config.estimator, context.doppler_beta)
         tracker = Tracker(config.tracker, config.estimator, beam, context.revolution_s)
-        unsteadiness = Unsteadiness()
-        before = found = tracker.start(head, odometry=self._context.odometry_twist(head[0].t0, head[-1].t1))
-        lost: list[tuple[Tracked, float]] = []  # revolutions since the last one found, with psi under odometry
-        for scan in itertools.chain(head[1:], coming):
-            twist = self._context.odometry_twist(before.t0, scan.t0)
-            now = self._context.odometry_twist(scan.t0, scan.t1)
-            psi_odometry = float("nan")
-            if twist is not None and now is not None:
-                pose = se2.compose(before.pose, se2.exp(twist, scan.t0 - before.t0))
-                psi_odometry = tracker.score(scan, pose, now)
-            after = tracker.follow(scan, twist)
-            lost.append((after, psi_odometry))
-            if after.status is Status.LOST and twist is None:
-                before = after
-                continue
-            for motion in _bridged(found, lost):
-                unsteadiness.add(motion.pose, np.diag(motion.covariance))
-                yield replace(motion, covariance=motion.covariance + np.diag(unsteadiness.variance))
-            before = found = after
-            lost = []
-        for motion in _bridged(found, lost):
-            yield motion
+        unsteadiness = Unsteadiness(config.tracker, context.revolution_s)
+        young: list[Measurement] = []  # motions on a map that has only begun: what they leave out shows later
+        for motions, is_young in _steps(follow_scans(list(scans), tracker, context.odometry_twist)):
+            for motion in motions:
+                if motion.status is not Status.LOST:
+                    unsteadiness.add(motion)
+            young += motions
+            if not is_young:
+                yield from (_widen(motion, unsteadiness) for motion in young)
+                young = []
+        yield from (_widen(motion, unsteadiness) for motion in young)
 
 
-def _bridged(found: Tracked, then: list[tuple[Tracked, float]]) -> list[Measurement]:
-    """The motions from one revolution through those after it.
+def _steps(scans: Iterator[Followed]) -> Iterator[tuple[list[Measurement], bool]]:
+    """The motions from each scan that was found to the next one that was, and whether the map has only begun."""
+    found = next(scans)
+    lost: list[Followed] = []  # scans since then
+    for scan in scans:
+        lost.append(scan)
+        if scan.tracked.status is Status.LOST and not scan.tracked.begins_map:
+            continue
+        yield _bridge(found.tracked, lost), scan.young
+        found, lost = scan, []
+    yield _bridge(found.tracked, lost), False
+
+
+def _bridge(found: Tracked, then: list[Followed]) -> list[Measurement]:
+    """The motions from one scan through those after it.
 
     Where the track was lost on the way to the last of them, what that one found is shared over the time, as a constant
     twist: the prediction it replaces was followed blindly.
     """
-    motions = []
-    if then and then[-1][0].status is not Status.LOST:
-        times, poses = [found.t0, then[-1][0].t0], np.array([found.pose, then[-1][0].pose])
-    else:
-        times, poses = [found.t0, *(t.t0 for t, _ in then)], np.array([found.pose, *(t.pose for t, _ in then)])
-    before = found
-    for tracked, psi_odometry in then:
-        pose = se2.interpolate(times, poses, [tracked.t0])[0]
-        after = replace(tracked, state=np.r_[pose, tracked.state[3:]])
-        motions.append(_relative(before, after, psi_odometry))
-        before = after
-    return motions
+    steps = [found, *(f.tracked for f in then)]
+    if then and (steps[-1].status is not Status.LOST or steps[-1].begins_map):
+        times, poses = [found.t0, steps[-1].t0], np.array([found.pose, steps[-1].pose])
+        between = [replace(t, state=np.r_[se2.interpolate(times, poses, [t.t0])[0], t.state[3:]]) for t in steps[1:-1]]
+        steps = [found, *between, steps[-1]]
+    return [_relate(a, b, f.psi_odometry) for a, b, f in zip(steps, steps[1:], then, strict=False)]
 
 
-def _relative(a: Tracked, b: Tracked, psi_odometry: float) -> Measurement:
-    """The motion between two tracked revolutions, their errors given the map taken as independent."""
+def _relate(a: Tracked, b: Tracked, psi_odometry: float) -> Measurement:
+    """The motion between two tracked scans, their errors given the map taken as independent."""
     pose = se2.between(a.pose, b.pose)
     c, s = np.cos(a.pose[2]), np.sin(a.pose[2])
     by_end = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
     by_start = -by_end.copy()
     by_start[0, 2], by_start[1, 2] = pose[1], -pose[0]
+    at_end = b.covariance[:3, :3] + (np.zeros((3, 3)) if b.arrival is None else b.arrival)
     covariance: NDArray[np.float64] = (
-        by_start @ a.covariance[:3, :3] @ by_start.T + by_end @ b.covariance[:3, :3] @ by_end.T
+        by_start @ a.covariance[:3, :3] @ by_start.T + by_end @ at_end @ by_end.T + _disagreement(a, b, pose)
     )
-    found = b.evaluation
+    evaluation = b.evaluation
     return Measurement(
         t0=a.t0,
         t1=b.t0,
         pose=pose,
         covariance=0.5 * (covariance + covariance.T),
-        status=b.status,
-        psi=found.psi,
+        status=Status.LOST if b.begins_map else b.status,
+        psi=evaluation.psi,
         psi_odometry=psi_odometry,
-        points=len(found.matched),
-        matched=float(found.matched.mean()) if len(found.matched) else 0.0,
+        points=len(evaluation.matched),
+        matched=float(evaluation.matched.mean()) if len(evaluation.matched) else 0.0,
     )
+
+
+def _disagreement(a: Tracked, b: Tracked, pose: se2.Array) -> NDArray[np.float64]:
+    """Covariance (3, 3) of what two measurements of one motion disagree in; zero where there is but one.
+
+    Two measurements with independent errors differ by twice the variance of one.
+    """
+    if a.earlier is None and b.earlier is None:
+        return np.zeros((3, 3))
+    earlier = se2.between(a.pose if a.earlier is None else a.earlier, b.pose if b.earlier is None else b.earlier)
+    apart = earlier - pose
+    apart[2] = se2.wrap(apart[2])
+    return np.diag(0.5 * apart**2)
+
+
+def _widen(motion: Measurement, unsteadiness: Unsteadiness) -> Measurement:
+    """The motion with the variance that the motion model leaves out; a motion that was lost has more than that."""
+    if motion.status is Status.LOST:
+        return motion
+    return replace(motion, covariance=motion.covariance + np.diag(unsteadiness.variance))

@@ -157,13 +157,14 @@ def motions(
         after = forwards.follow(scan)
         end = se2.interpolate([step.time, after.time], np.array([step.pose, after.pose]), [scan.t0])[0]
         motion = _wrapped(se2.between(begin, end))
+        gap = scan.t0 - before.t1 > 0.5 * (before.t1 - before.t0)  # which the next match bridges, if it is one
         unseen_s = np.array([coasted_s, step.coasted_s, scan.t0 - before.t1])
         yield Measurement(
             before.t0,
             scan.t0,
             motion,
             se2.turned(step.covariance, motion[2]) + np.diag(_COASTING**2) * (unseen_s**2).sum(),
-            status=Status.LOST if step.coasted_s else Status.CONVERGED,
+            status=Status.LOST if step.coasted_s or (gap and after.coasted_s) else Status.CONVERGED,
             points=len(before.returns),
             matched=step.matched,
         )

@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import logging
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
+_log = logging.getLogger(__name__)
 _LONGEST = 800  # characters of a message: what it quotes of a damaged file may be anything
 
 
@@ -50,6 +54,10 @@ class EstimationError(MqslamError):
     """Data from which no motion can be estimated, such as a recording without returns."""
 
 
+class FewReturnsError(EstimationError):
+    """Scans that hold too few returns to be matched; what to do depends on how they were detected."""
+
+
 class ViewerError(MqslamError):
     """Nothing to show a map with: no display, or a viewer that is not installed."""
 
@@ -59,3 +67,24 @@ def said(error: Exception) -> str:
     if isinstance(error, MqslamError):
         return str(error)
     return f"{type(error).__name__}: {str(error).splitlines()[0] if str(error) else ''}".rstrip(": ")
+
+
+@contextmanager
+def tolerate(what: str, warnings: list[str]) -> Iterator[None]:
+    """Turn an error of the block into a warning, where the results are worth more than what the block makes.
+
+    Args:
+        what: the block makes, for the warning.
+        warnings: where the warning is added.
+
+    Raises:
+        OutputError: nothing can be written any more, such as on a full disk.
+        ClusterError: the cluster that does the work is lost; the run can be resumed.
+    """
+    try:
+        yield
+    except (OutputError, ClusterError):
+        raise
+    except Exception as error:  # a figure, a library or a check of the map may fail in any way
+        _log.info("%s could not be made", what, exc_info=error)
+        warnings.append(f"{what} could not be made ({said(error)}); the other results are whole")

@@ -72,10 +72,11 @@ def alignment(estimate: Trajectory, truth: Trajectory) -> se2.Array | None:
 
 
 def _shared(estimate: Trajectory, truth: Trajectory) -> tuple[NDArray[np.int64], se2.Array, se2.Array] | None:
-    """Stamps (M,) of the truth inside the estimate's span and the poses (M, 3) of both at them; None if M < 3."""
+    """Stamps (M,) of the truth, apart and inside the estimate's span, and the poses (M, 3) of both; None if M < 3."""
     first, last = estimate.stamps_us[0] - _SLACK_US, estimate.stamps_us[-1] + _SLACK_US
-    inside = (truth.stamps_us >= first) & (truth.stamps_us <= last)
-    if np.count_nonzero(inside) < 3:
+    inside = np.flatnonzero((truth.stamps_us >= first) & (truth.stamps_us <= last))
+    inside = inside[se2.apart(truth.seconds(int(first))[inside])]  # two poses at almost the same time show no speed
+    if len(inside) < 3:
         return None
     stamps_us = truth.stamps_us[inside]
     return stamps_us, estimate.at(stamps_us), truth.poses[inside]

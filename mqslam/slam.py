@@ -20,7 +20,7 @@ from mqslam.audit.judge import WindowAudit
 from mqslam.audit.sample import judged_sample
 from mqslam.backend.loops.search import find_loops, kept_by_map
 from mqslam.backend.loops.submap import Drive
-from mqslam.backend.pose_graph import PoseGraph, chain, optimise, pose_graph, poses_of
+from mqslam.backend.pose_graph import Optimum, PoseGraph, chain, optimise, pose_graph, poses_of
 from mqslam.config import Config
 from mqslam.core import frontend as frontends
 from mqslam.core import se2
@@ -31,7 +31,7 @@ from mqslam.core.recording import Recording
 from mqslam.core.scans import Scan, Scans
 from mqslam.core.trajectory import Trajectory
 from mqslam.detection.stage import detect_all
-from mqslam.errors import DataError
+from mqslam.errors import DataError, EstimationError, FewReturnsError, tolerate
 from mqslam.execution.checkpoint import Checkpoint
 from mqslam.execution.engine import Engine
 from mqslam.execution.progress import Progress
@@ -44,7 +44,7 @@ from mqslam.psi.tracking.doppler import doppler_beta_of
 
 Watch = Callable[[Scan, se2.Array, NDArray[np.float64]], None]  # a scan, its pose (3,) and points (N, 2) [m]
 
-
+_NEGATIVE = 1e-6  # variance below zero that rounding explains, per sum of the variances
 _log = logging.getLogger(__name__)
 
 
@@ -64,6 +64,8 @@ class Solution:
         odometry_factors: number of odometry edges in the graph.
         loops: loop closures in the graph.
         loops_rejected: candidates that psi, the graph or the map did not keep.
+        unoptimised: why the graph could not be optimised and its starting values were kept, or None.
+        warnings: what could not be done, and why.
     """
 
     frontend: str
@@ -77,6 +79,8 @@ class Solution:
     odometry_factors: int
     loops: list[Loop]
     loops_rejected: int
+    unoptimised: str | None
+    warnings: tuple[str, ...]
 
     @property
     def beam(self) -> Beam:
@@ -143,6 +147,7 @@ class Slam:
         self._strict = strict
         self._watch = watch
         self._runtime_s: dict[str, float] = {}
+        self._warnings: list[str] = []
 
     def run(self, recording: Recording, odometry: Trajectory | None) -> Run:
         """From a recording to its optimised map; a Slam runs once.
@@ -162,20 +167,27 @@ class Slam:
                 recording, self._config.detector, self._engine, self._progress, self._checkpoint, strict=self._strict
             )
             self._runtime_s |= {"read": detected.read_s, "detect": detected.detect_s}
-            with self._stage("windows"):
-                context = replace(context, doppler_beta=self._doppler_beta(scans))
-            found = self.solve(scans, context)
+            try:
+                with self._stage("windows"):
+                    context = replace(context, doppler_beta=self._doppler_beta(scans))
+                found = self.solve(scans, context)
+            except FewReturnsError as error:
+                raise EstimationError(f"{error}: {detected.counts.remedy}") from error
             with self._stage("render"):
-                maps = self._render(scans, found)
-            with self._stage("check"):
+                before = self._render("the map before optimisation", scans, found.odometry, found.beam)
+                self._progress("render", 1, 2)
+                after = self._render("the map", scans, found.optimised, found.beam)
+                self._progress("render", 2, 2)
+            checks: list[WindowAudit] = []
+            with self._stage("check"), tolerate("the check of the map", self._warnings):
                 settings, estimator = self._config.audit, self._config.estimator
                 checks = judged_sample(
                     scans, found.optimised, settings, estimator, found.beam, self._engine, self._progress
                 )
         return Run(
-            **vars(found),
-            map_odometry=maps[0],
-            map_optimised=maps[1],
+            **(vars(found) | {"warnings": tuple(self._warnings)}),
+            map_odometry=before,
+            map_optimised=after,
             checks=checks,
             runtime_s=self._runtime_s,
             unread=detected.unread,
@@ -196,13 +208,17 @@ class Slam:
         with self._stage("optimise"):
             initial = chain(m.pose for m in measurements)
             edges = self._odometry(scans, context, measurements)
-            _, values = self._optimised(initial, measurements, edges, [])
-        with self._stage("loops"):
+            _, first = self._optimised(initial, measurements, edges, [])
+        loops: list[Loop] = []
+        tried = 0
+        with self._stage("loops"), tolerate("the search for loops", self._warnings):
             beam = beam_of(self._config.estimator, context.doppler_beta)
-            loops, tried = self._loops(scans, initial, measurements, edges, values, beam)
+            loops, tried = self._loops(scans, initial, measurements, edges, first.values, beam)
         with self._stage("optimise"):
-            graph, values = self._optimised(initial, measurements, edges, loops)
-            poses = poses_of(values, graph.size)
+            graph, optimum = self._optimised(initial, measurements, edges, loops)
+            poses = poses_of(optimum.values, graph.size)
+        if optimum.failure is not None:
+            self._warnings.append(f"the pose graph could not be optimised ({optimum.failure}): its starting values are kept")
         before = chain(m.pose for m in edges) if edges else initial
         return Solution(
             frontend=self._name,
@@ -212,10 +228,12 @@ class Slam:
             odometry=Trajectory(scans.stamps_us, before),
             optimised=Trajectory(scans.stamps_us, poses),
             graph=graph,
-            values=values,
+            values=optimum.values,
             odometry_factors=len(edges),
             loops=loops,
             loops_rejected=tried - len(loops),
+            unoptimised=optimum.failure,
+            warnings=tuple(self._warnings),
         )
 
     @property
@@ -241,11 +259,31 @@ class Slam:
             return list(self._watched(scans, kept[0], beam))
         measurements = []
         for motion in self._watched(scans, self._frontend(context).measure(scans), beam):
-            measurements.append(motion)
+            measurements.append(self._checked(motion))
             self._progress("windows", len(measurements) + 1, len(scans))
+        if len(measurements) != len(scans) - 1:
+            raise EstimationError(
+                f"front end {self._name}: gave {len(measurements)} motions for {len(scans)} scans; "
+                "it is to give one for every two successive scans"
+            )
         if self._checkpoint:
             self._checkpoint.keep_measurements(measurements, context.doppler_beta)
         return measurements
+
+    def _checked(self, motion: Measurement) -> Measurement:
+        """The motion, if the graph can hold it.
+
+        Raises:
+            EstimationError: its pose or covariance is not made of numbers, or the covariance is none.
+        """
+        known = bool(np.isfinite(motion.pose).all() and np.isfinite(motion.covariance).all())
+        if known and np.linalg.eigvalsh(motion.covariance)[0] >= -_NEGATIVE * np.trace(motion.covariance):
+            return motion
+        raise EstimationError(
+            f"front end {self._name}: the motion from {motion.t0:.2f} s to {motion.t1:.2f} s has "
+            + ("a covariance with negative variances" if known else "a pose or a covariance that is not a number")
+            + "; leave it to another front end, or have this one mended"
+        )
 
     def _watched(self, scans: Scans, motions: Iterable[Measurement], beam: Beam) -> Iterator[Measurement]:
         """The motions as they are measured; the scan each begins with is shown to the watch, if there is one."""
@@ -253,8 +291,11 @@ class Slam:
         for scan, motion in zip(scans, motions, strict=False):
             after = se2.compose(pose, motion.pose)
             if self._watch:
-                times, poses = np.array([motion.t0, motion.t1]), np.array([pose, after])
-                self._watch(scan, pose, place_along(scan.returns, times, poses, beam).points)
+                watch, self._watch = self._watch, None  # it comes back where it has worked
+                with tolerate("the live view", self._warnings):
+                    times, poses = np.array([motion.t0, motion.t1]), np.array([pose, after])
+                    watch(scan, pose, place_along(scan.returns, times, poses, beam).points)
+                    self._watch = watch
             pose = after
             yield motion
 
@@ -292,11 +333,11 @@ class Slam:
             found = find_loops(drive, settings, estimator, beam, tried, self._engine, self._progress)
             if not found:
                 break
-            _, values = self._optimised(initial, measurements, odometry, loops + found)
-            after = poses_of(values, len(scans))
+            _, optimum = self._optimised(initial, measurements, odometry, loops + found)
+            after = poses_of(optimum.values, len(scans))
             loops = kept_by_map(loops + found, before, after, settings, estimator, beam, self._engine)
-            _, values = self._optimised(initial, measurements, odometry, loops)
-            drive = Drive.of(scans, poses_of(values, len(scans)))
+            _, optimum = self._optimised(initial, measurements, odometry, loops)
+            drive = Drive.of(scans, poses_of(optimum.values, len(scans)))
         _log.info("%d of %d pairs of passes are loops that the map keeps", len(loops), len(tried))
         if self._checkpoint:
             self._checkpoint.keep_loops(loops, len(tried))
@@ -308,7 +349,7 @@ class Slam:
         measurements: list[Measurement],
         odometry: list[Measurement],
         loops: list[Loop],
-    ) -> tuple[PoseGraph, gtsam.Values]:
+    ) -> tuple[PoseGraph, Optimum]:
         """The graph of all measurements and its optimum."""
         settings = self._config
         factors = [psi_between(X(k), X(k + 1), m, settings.graph) for k, m in enumerate(measurements)]
@@ -317,14 +358,12 @@ class Slam:
         graph = pose_graph(initial, factors)
         return graph, optimise(graph)
 
-    def _render(self, scans: Scans, found: Solution) -> tuple[PointMap, PointMap]:
-        """The map under the trajectory before optimisation and under the optimised one."""
-        maps = []
-        for trajectory in (found.odometry, found.optimised):
-            settings, estimator = self._config.map, self._config.estimator
-            maps.append(render(scans, trajectory.poses, settings, estimator, found.beam, self._engine))
-            self._progress("render", len(maps), 2)
-        return maps[0], maps[1]
+    def _render(self, what: str, scans: Scans, track: Trajectory, beam: Beam) -> PointMap:
+        """The map under a trajectory; an empty one where it cannot be made, since the trajectory is worth more."""
+        rendered, settings = PointMap.empty(), self._config.map
+        with tolerate(what, self._warnings):
+            rendered = render(scans, track.poses, settings, self._config.estimator, beam, self._engine)
+        return rendered
 
     @contextmanager
     def _stage(self, name: str) -> Iterator[None]:

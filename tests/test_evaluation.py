@@ -136,3 +136,13 @@ def test_evo_agrees_on_the_absolute_error() -> None:
     result = evaluate(estimate, truth)
     assert result is not None
     assert result.ate_rmse_m == pytest.approx(ape.get_statistic(metrics.StatisticsType.rmse), rel=1e-6)
+
+
+def test_two_poses_of_the_truth_that_are_stamped_almost_alike_show_no_speed() -> None:
+    truth = drive(winding(20.0))
+    twice = Trajectory(
+        np.insert(truth.stamps_us, 10, truth.stamps_us[9] + 1), np.insert(truth.poses, 10, truth.poses[9] + 0.002, axis=0)
+    )
+    result = evaluate(truth, twice)
+    assert result is not None
+    assert result.rpe_v_rms < 0.1

@@ -24,6 +24,7 @@ import pytest
 from PIL import Image
 from support.clusters import Cluster, at
 from support.commands import INSTALLED, Result, contents, mqslam, processes
+from support.conversions import write_jittered
 from support.layouts import left_turn, write_radiate
 from support.recordings import START_US, TURN_US, bag_path, raw_rows, with_metadata, write_bag, write_oxford, write_png
 
@@ -220,6 +221,14 @@ def write_stray(folder: Path, recording: Recording) -> Path:
             image = with_metadata(rows[:, 11:], stamps, ticks, rows[:, 10] == 255)
             bag.write(radar, stamp, bag.image(stamp + late, image))
     return folder / "drive.bag"
+
+
+def test_stamps_of_arrival_that_jitter(tmp_path: Path) -> None:
+    delays = np.random.default_rng(1).uniform(0.0, 20_000.0, 60)
+    drive = write_jittered(tmp_path, "radiate", delays)
+    shown = mqslam("info", drive)
+    assert shown.code == 0 and "the arrival stamps jitter more than a turning radar can: they are smoothed" in shown.out
+    assert np.abs(np.diff(open_recording(drive).stamps_us[1:]) - TURN_US).max() < 1000
 
 
 def test_a_clock_that_jumps(drive: Path, tmp_path: Path) -> None:

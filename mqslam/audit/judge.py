@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,14 +13,13 @@ from mqslam.audit.inflation import Bend, bend
 from mqslam.audit.measures import Measures, measures, sensors_of
 from mqslam.audit.revisits import Revisit, revisit, revisit_pairs
 from mqslam.audit.sweeps import Sweeps
-from mqslam.config import AuditConfig, EstimatorConfig, LoopConfig
+from mqslam.audit.verdict import Finding, Share, VerdictStatus, verdict_of
+from mqslam.config import AuditConfig, EstimatorConfig, LoopConfig, VerdictConfig
 from mqslam.core import se2
 from mqslam.execution.engine import Engine
 from mqslam.execution.progress import Progress
 
-WARN_WINDOWS, FAIL_WINDOWS = 0.05, 0.2  # shares of windows that are torn
-WARN_REVISITS, FAIL_REVISITS = 0.02, 0.1  # shares of revisits that are torn
-LEAST_MATCHED = 0.15  # below this share of matched points nothing overlaps and psi means nothing
+_MOST = 0.5  # with a fault in a larger share of its windows, a map has it as a whole
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,13 +66,13 @@ class Audit:
     Args:
         windows: its windows in the order of time.
         revisits: places the trajectory comes back to.
-        status: `pass`, `warn` or `fail`.
+        status: the verdict.
         reasons: why.
     """
 
     windows: list[WindowAudit]
     revisits: list[RevisitAudit]
-    status: str
+    status: VerdictStatus
     reasons: list[str]
 
 
@@ -81,6 +81,7 @@ def audit(
     settings: AuditConfig,
     estimator: EstimatorConfig,
     loops: LoopConfig,
+    bounds: VerdictConfig,
     engine: Engine,
     progress: Progress,
 ) -> Audit:
@@ -91,6 +92,7 @@ def audit(
         settings: of the audit.
         estimator: settings of the score.
         loops: settings of loops, whose floor holds for revisits too.
+        bounds: settings of the verdict.
         engine: where windows and revisits are judged; the result does not depend on it.
         progress: called as windows and revisits are done.
     """
@@ -102,17 +104,18 @@ def audit(
 
     laid = engine.map(_revisit, (sweeps, settings, estimator, loops), pairs, done)
     revisits = [RevisitAudit(found, torn_revisit(found, settings)) for found in laid if found is not None]
-    return Audit(windows, revisits, *verdict(windows, revisits))
+    return Audit(windows, revisits, *verdict(windows, revisits, len(sweeps), settings.window, bounds))
 
 
 def audit_windows(
     sweeps: Sweeps, settings: AuditConfig, estimator: EstimatorConfig, engine: Engine, progress: Progress
 ) -> list[WindowAudit]:
-    """Judge the windows of a map, in the order of time."""
+    """Judge the windows of a map, in the order of time; those without a point, such as of scans in fog, are left out."""
     size = settings.window
     begins = list(range(0, len(sweeps) - size + 1, size))
     if begins and begins[-1] + size < len(sweeps):
         begins.append(len(sweeps) - size)  # the last one overlaps the one before, so that every sweep is judged
+    begins = [begin for begin in begins if sweeps.begins[begin + size] > sweeps.begins[begin]]
 
     def done(number: int, window: WindowAudit) -> None:
         progress("audit", number, len(begins))
@@ -166,36 +169,79 @@ def torn_revisit(found: Revisit, settings: AuditConfig) -> bool:
     return bool(found.sure and beyond and far)
 
 
-def verdict(windows: list[WindowAudit], revisits: list[RevisitAudit]) -> tuple[str, list[str]]:
-    """`pass`, `warn` or `fail`, and why."""
-    failures, warnings = [], []
-    torn = sum(w.torn for w in windows)
-    if windows:
-        said = f"{torn} of {len(windows)} windows are torn"
-        if torn > FAIL_WINDOWS * len(windows):
-            failures.append(said)
-        elif torn > WARN_WINDOWS * len(windows):
-            warnings.append(said)
+def verdict(
+    windows: Sequence[WindowAudit], revisits: Sequence[RevisitAudit], scans: int, size: int, settings: VerdictConfig
+) -> tuple[VerdictStatus, list[str]]:
+    """The verdict on a map, and why.
+
+    Args:
+        windows: all that were judged.
+        revisits: likewise.
+        scans: number of sweeps of the map.
+        size: number of sweeps of a window.
+        settings: bounds, and the evidence that a verdict takes.
+    """
+    findings = judge_windows(windows, scans, size, settings)
+    return verdict_of([*findings, judge_revisits(revisits, settings)])
+
+
+def judge_windows(windows: Sequence[WindowAudit], scans: int, size: int, settings: VerdictConfig) -> list[Finding]:
+    """What the windows of a map say about it, in a run as in an audit.
+
+    Args:
+        windows: those that were checked.
+        scans: number of scans of the map.
+        size: number of scans of a window.
+        settings: bounds, and the evidence that a verdict takes.
+    """
+    if not windows:
+        said = f"no window of {size} scans could be checked, so that nothing shows how good the map is"
+        if scans < size:
+            said = f"{_number(scans, 'scan')}, too few to judge a map by: a window takes {size}"
+        return [Finding(VerdictStatus.NOT_JUDGED, said)]
+    torn = Share(sum(w.torn for w in windows), len(windows))
+    status = torn.judge(settings.windows_warn, settings.windows_fail, settings)
+    said = f"{torn.count} of {_number(torn.total, 'window')} {_are(torn.count)} torn"
+    if status is VerdictStatus.NOT_JUDGED:
+        said += f": too few to judge the map by, since its true share may be {torn.range_text(settings)}"
+    found = [Finding(status, said)]
+    apart = Share(sum(w.bend.matched < settings.matched for w in windows), len(windows))
+    if apart.is_above(_MOST, settings):
         matched = float(np.median([w.bend.matched for w in windows]))
-        if matched < LEAST_MATCHED:
-            failures.append(f"only {matched:.0%} of the points are seen twice: nothing overlaps")
+        found.append(Finding(VerdictStatus.FAIL, f"only {matched:.0%} of the points are seen twice: nothing overlaps"))
+    return found
+
+
+def judge_revisits(revisits: Sequence[RevisitAudit], settings: VerdictConfig) -> Finding:
+    """What the revisits of a map say about it. A map need not have any to pass: many a drive comes back to no place."""
     sure = [r for r in revisits if r.revisit.sure]
+    if not sure:
+        return Finding(VerdictStatus.PASS, _unjudged(revisits))
     off = [r for r in sure if r.torn]
+    said = f"{len(off)} of {_number(len(sure), 'revisit')} {_are(len(off))} torn"
+    if not off:
+        return Finding(VerdictStatus.PASS, said)
+    said += f", by up to {max(r.revisit.distance_m for r in off):.2f} m"
+    torn = Share(len(off), len(sure))
+    status = torn.judge(settings.revisits_warn, settings.revisits_fail, settings)
     row = any(a.torn and b.torn for a, b in itertools.pairwise(sure))  # one alone may be a place that looks like another
-    if row or len(off) > WARN_REVISITS * len(sure):
-        worst = max(r.revisit.distance_m for r in off)
-        said = f"{len(off)} of {len(sure)} revisits are torn, by up to {worst:.2f} m"
-        (failures if len(off) > FAIL_REVISITS * len(sure) else warnings).append(said)
-    if failures or warnings:
-        return ("fail" if failures else "warn"), failures + warnings
-    return "pass", [
-        f"{torn} of {len(windows)} windows are torn",
-        f"{len(off)} of {len(sure)} revisits are torn" if sure else _unjudged(revisits),
-    ]
+    if row and status is not VerdictStatus.FAIL:
+        status = VerdictStatus.WARN
+    if status is VerdictStatus.NOT_JUDGED:
+        said += f": too few to judge drift by, since their true share may be {torn.range_text(settings)}"
+    return Finding(status, said)
 
 
-def _unjudged(revisits: list[RevisitAudit]) -> str:
+def _unjudged(revisits: Sequence[RevisitAudit]) -> str:
     """Why no revisit shows the map's drift."""
     if revisits:
-        return f"none of {len(revisits)} revisits is sure enough to show its drift"
+        return f"none of {_number(len(revisits), 'revisit')} is sure enough to show its drift"
     return "it comes back to no place that would show its drift"
+
+
+def _number(count: int, what: str) -> str:
+    return f"{count} {what}" if count == 1 else f"{count} {what}s"
+
+
+def _are(count: int) -> str:
+    return "is" if count == 1 else "are"

@@ -16,6 +16,7 @@ from mqslam.core import se2
 
 _FEWEST = 5  # points a neighbourhood must hold to have a shape
 _LEAST_M2 = 1e-6  # added to variances, so that points on one spot have a finite entropy [m^2]
+_LARGEST = 2e7  # cells of a grid; a window that is spread wider is torn far apart, and its grid says nothing
 _HIT, _MISS, _MOST = 0.85, -0.4, 3.5  # log odds of a cell for a return in it and for a beam through it, and their bound
 
 
@@ -28,6 +29,8 @@ class Measures:
         plane_variance: mean smallest variance of the neighbourhoods [m^2].
         joint_entropy: mean difference between the entropy of a neighbourhood in all sweeps and in its point's own [nat].
         grid_entropy: entropy of the window's evidence grid per cell seen [nat].
+
+    A measure is NaN where the window holds too few points for it, and the grid's where they lie too far apart.
     """
 
     map_entropy: float
@@ -65,12 +68,17 @@ def measures(
 
 
 def grid_entropy(points: NDArray[np.float64], sensors: NDArray[np.float64], cell_m: float) -> float:
-    """Entropy per cell [nat] of the evidence grid of beams from sensors (N, 2) to points (N, 2)."""
+    """Entropy per cell [nat] of the evidence grid of beams from sensors (N, 2) to points (N, 2).
+
+    It is NaN without points, and where the grid would not fit into a reasonable part of the memory.
+    """
     if len(points) == 0:
         return float("nan")
     lowest = np.minimum(points.min(axis=0), sensors.min(axis=0))
     ends, begins = (points - lowest) / cell_m, (sensors - lowest) / cell_m
-    columns, rows = np.ceil(np.maximum(ends, begins).max(axis=0)).astype(np.int64) + 1
+    columns, rows = np.ceil(np.maximum(ends, begins).max(axis=0)) + 1.0
+    if columns * rows > _LARGEST:
+        return float("nan")
     odds, seen = evidence(begins, ends, int(columns), int(rows))
     p = 1.0 / (1.0 + np.exp(-odds[seen]))
     return float(np.mean(-p * np.log(p) - (1.0 - p) * np.log(1.0 - p)))

@@ -72,7 +72,7 @@ def swept(scans: Scans, trajectory: Trajectory, beam: Beam) -> tuple[Sweeps, lis
         the sweeps that lie in the trajectory's span, and their indices in `scans`.
 
     Raises:
-        EstimationError: recording and trajectory share no time, or hold no returns where they do.
+        EstimationError: recording and trajectory share no two sweeps, or hold no returns where they do.
     """
     inside = shared(scans, trajectory)
     kept = scans.take(inside)
@@ -93,13 +93,18 @@ def swept(scans: Scans, trajectory: Trajectory, beam: Beam) -> tuple[Sweeps, lis
 
 
 def shared(scans: Scans, trajectory: Trajectory) -> list[int]:
-    """Indices of the scans that a trajectory covers, of which there must be some.
+    """Indices of the scans that a trajectory covers, of which there must be two.
 
     Raises:
-        EstimationError: there are none.
+        EstimationError: there are fewer.
     """
     inside = covered(scans, trajectory)
-    if len(inside) < 2:
+    if len(inside) == 1:
+        raise EstimationError(
+            "one sweep alone shows nothing of the trajectory; give a recording of two sweeps at least, "
+            "and a trajectory that covers them"
+        )
+    if not inside:
         spans = ((trajectory.stamps_us[0], trajectory.stamps_us[-1]), _spans(scans)[[0, -1], [0, 1]])
         track, recording = (f"{1e-6 * first:.2f} to {1e-6 * last:.2f} s" for first, last in spans)
         raise EstimationError(

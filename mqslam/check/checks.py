@@ -32,7 +32,7 @@ def check_recording(
         check_stamps(recording, stretches),
         check_azimuths(stretches),
         check_order(followed),
-        check_mirror(recording, followed.steps, odometry),
-        check_stamp(recording, followed.steps, odometry),
-        check_scale(recording, followed.steps, odometry),
+        check_mirror(recording, followed, odometry),
+        check_stamp(recording, followed, odometry),
+        check_scale(recording, followed, odometry),
     ]

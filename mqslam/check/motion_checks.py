@@ -25,7 +25,8 @@ from mqslam.core.scans import Returns, Scan, Scans
 from mqslam.core.trajectory import Trajectory
 from mqslam.errors import EstimationError
 from mqslam.psi.place import Beam
-from mqslam.psi.tracking.tracker import START_SCANS, Tracked, Tracker
+from mqslam.psi.tracking.start import START_SCANS
+from mqslam.psi.tracking.tracker import Tracked, Tracker
 
 _CHANCE = 5e-3  # probability below which a preference of psi's for an order of azimuths is none of chance
 _SPREAD_M = 40.0  # keyframes far apart: what a wrong order does shows against what was seen from elsewhere [m]
@@ -36,7 +37,8 @@ _LEAST_SPEED = 1.0  # [m/s]
 _WRONG_SCALE = 0.05  # relative error of the speed that odometry does not explain
 _EXPLAINED = 0.9  # share of the yaw rate's variance that odometry must explain to tell its shift
 _RATE_FLOOR = 0.004  # least standard deviation of a yaw rate [rad/s]
-_FEWEST = 5  # steps that a comparison with odometry needs
+_FEWEST = 5  # steps that a comparison with odometry needs, and values of psi that one of orders does
+_IN_A_ROW = START_SCANS - 1 + _FEWEST  # revolutions without a gap that make so many
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,11 +67,20 @@ class Followed:
         steps: motion between revolutions that were found.
         psi: (R,) psi per point of the revolutions.
         psi_backward: (R,) the same with the azimuths of every revolution taken in the opposite order.
+        longest: number of revolutions in the longest stretch.
     """
 
     steps: Steps
     psi: NDArray[np.float64]
     psi_backward: NDArray[np.float64]
+    longest: int
+
+    @property
+    def shortage(self) -> str:
+        """Why there is too little to tell from."""
+        if self.longest < _IN_A_ROW:
+            return f"it takes {_IN_A_ROW} revolutions without a gap to tell, and there are no more than {self.longest}"
+        return "too few revolutions could be followed"
 
 
 def follow(
@@ -108,7 +119,8 @@ def follow(
             backward.append(_per_point(two))
     stamps = recording.start_us + np.round(np.array(edges).reshape(-1, 2) * 1e6).astype(np.int64)
     steps = Steps(stamps[:, 0], stamps[:, 1], np.array(twists).reshape(-1, 3))
-    return Followed(steps, np.array(forward), np.array(backward))
+    longest = max((len(stretch.scans) for stretch in stretches), default=0)
+    return Followed(steps, np.array(forward), np.array(backward), longest)
 
 
 def check_order(followed: Followed) -> Finding:
@@ -117,8 +129,9 @@ def check_order(followed: Followed) -> Finding:
     usable = (followed.psi > 0.0) & (followed.psi_backward > 0.0)  # NaN where nothing was found
     gain = np.log(followed.psi_backward[usable] / followed.psi[usable])
     if len(gain) < _FEWEST:
-        return Finding(name, Verdict.UNTOLD, "too few revolutions could be followed")
-    middle, chance = float(np.median(gain)), float(wilcoxon(gain).pvalue)  # turning stretches gain many times as much
+        return Finding(name, Verdict.UNTOLD, followed.shortage)
+    middle = float(np.median(gain))
+    chance = float(wilcoxon(gain).pvalue) if gain.any() else 1.0  # by ranks: turning stretches gain many times as much
     psi, backward = float(followed.psi[usable].mean()), float(followed.psi_backward[usable].mean())
     numbers = {"psi": psi, "psi_backward": backward, "log_ratio": middle, "chance": chance}
     both = f"psi per point is {psi:.3f} as recorded and {backward:.3f} with every revolution swept backward"
@@ -130,15 +143,16 @@ def check_order(followed: Followed) -> Finding:
     return Finding(name, Verdict.SUSPICIOUS, f"{both}; {remedy}", numbers)
 
 
-def check_mirror(recording: Recording, steps: Steps, odometry: Trajectory | None) -> Finding:
+def check_mirror(recording: Recording, followed: Followed, odometry: Trajectory | None) -> Finding:
     """Whether the radar turns left where odometry does."""
     name = "direction of rotation"
-    if odometry is None or len(steps.begins_us) < _FEWEST:
-        return Finding(name, Verdict.UNTOLD, _why(odometry, "psi is the same for a recording and its mirror image"))
-    measured, _, given = _yaw_rates(recording, steps, odometry)
+    if odometry is None or len(followed.steps.begins_us) < _FEWEST:
+        reason = "psi is the same for a recording and its mirror image"
+        return Finding(name, Verdict.UNTOLD, _why(followed, odometry, reason))
+    measured, _, given = _yaw_rates(recording, followed.steps, odometry)
     same, opposite = (float(np.min(np.mean((measured - sign * given) ** 2, axis=1))) for sign in (1.0, -1.0))
     numbers = {"rms_as_assumed_rad_s": same**0.5, "rms_mirrored_rad_s": opposite**0.5}
-    turning = float(np.sqrt(np.mean(steps.of(odometry)[:, 2] ** 2)))
+    turning = float(np.sqrt(np.mean(followed.steps.of(odometry)[:, 2] ** 2)))
     ratio = opposite / max(same, _RATE_FLOOR**2)
     if turning < _LEAST_TURN or 1.0 / _MIRRORED < ratio < _MIRRORED:
         return Finding(name, Verdict.UNTOLD, f"odometry turns by {turning:.3f} rad/s only, or unlike the radar", numbers)
@@ -149,12 +163,12 @@ def check_mirror(recording: Recording, steps: Steps, odometry: Trajectory | None
     return Finding(name, Verdict.SUSPICIOUS, f"{both}; {remedy}", numbers)
 
 
-def check_stamp(recording: Recording, steps: Steps, odometry: Trajectory | None) -> Finding:
+def check_stamp(recording: Recording, followed: Followed, odometry: Trajectory | None) -> Finding:
     """Whether odometry's yaw rate fits the radar's best at the stamps as they are."""
     name = "stamp convention"
-    if odometry is None or len(steps.begins_us) < _FEWEST:
-        return Finding(name, Verdict.UNTOLD, _why(odometry, "only another clock's motion shows a shift"))
-    measured, shifts, given = _yaw_rates(recording, steps, odometry)
+    if odometry is None or len(followed.steps.begins_us) < _FEWEST:
+        return Finding(name, Verdict.UNTOLD, _why(followed, odometry, "only another clock's motion shows a shift"))
+    measured, shifts, given = _yaw_rates(recording, followed.steps, odometry)
     given *= 1.0 if np.sum(given @ measured) >= 0.0 else -1.0  # a mirrored recording is another check's matter
     rest = given - measured
     rest -= rest.mean(axis=1, keepdims=True)  # the gyro's bias
@@ -174,12 +188,12 @@ def check_stamp(recording: Recording, steps: Steps, odometry: Trajectory | None)
     return Finding(name, Verdict.SUSPICIOUS, f"{fits}; {remedy}", numbers)
 
 
-def check_scale(recording: Recording, steps: Steps, odometry: Trajectory | None) -> Finding:
+def check_scale(recording: Recording, followed: Followed, odometry: Trajectory | None) -> Finding:
     """Whether the radar's speed is odometry's, as far as the length of a range bin goes."""
     name = "range resolution"
-    if odometry is None or len(steps.begins_us) < _FEWEST:
-        return Finding(name, Verdict.UNTOLD, _why(odometry, "a map scaled as a whole is as crisp"))
-    measured, given = steps.twists[:, 0], steps.of(odometry)[:, 0]
+    if odometry is None or len(followed.steps.begins_us) < _FEWEST:
+        return Finding(name, Verdict.UNTOLD, _why(followed, odometry, "a map scaled as a whole is as crisp"))
+    measured, given = followed.steps.twists[:, 0], followed.steps.of(odometry)[:, 0]
     fast = np.abs(given) > _LEAST_SPEED
     if np.count_nonzero(fast) < _FEWEST:
         return Finding(name, Verdict.UNTOLD, f"odometry is slower than {_LEAST_SPEED:.0f} m/s")
@@ -194,8 +208,8 @@ def check_scale(recording: Recording, steps: Steps, odometry: Trajectory | None)
     return Finding(name, Verdict.SUSPICIOUS, f"{says} {remedy}", numbers)
 
 
-def _why(odometry: Trajectory | None, reason: str) -> str:
-    return f"no odometry: {reason}" if odometry is None else "too few revolutions could be followed"
+def _why(followed: Followed, odometry: Trajectory | None, reason: str) -> str:
+    return f"no odometry: {reason}" if odometry is None else followed.shortage
 
 
 def _yaw_rates(

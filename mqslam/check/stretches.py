@@ -30,6 +30,7 @@ class Sweep:
         turned: angle from the first azimuth to one step after the last [rad].
         step: usual step between neighbouring azimuths [rad].
         widest: widest one [rad].
+        turn_s: how long its turn takes [s].
         span_s: from the first azimuth's time to the last one's [s].
         late_s: by how much its last azimuth comes after the next revolution's start [s], 0 where it does not.
         repeated: whether its power is that of the revolution before, byte by byte.
@@ -40,6 +41,7 @@ class Sweep:
     turned: float
     step: float
     widest: float
+    turn_s: float
     span_s: float
     late_s: float
     repeated: bool
@@ -63,7 +65,7 @@ class Stretch:
 def read_stretches(
     recording: Recording, odometry: Trajectory | None, config: DetectorConfig, progress: Callable[[int, int], None]
 ) -> list[Stretch]:
-    """The stretches that tell most: where odometry's yaw rate changes most, or else spread over the recording.
+    """Read the stretches that tell most: where odometry's yaw rate changes most, or else spread over the recording.
 
     Args:
         recording: the recording.
@@ -87,15 +89,11 @@ def read_stretches(
                 before = polar_scan
             progress(len(returns), total)
     kept = dict(zip(returns, drop_fixed(list(returns.values())), strict=True))
-    starts = recording.start_times
-    lengths = np.diff(starts, append=recording.duration_s)
-    ends = starts + np.where(lengths < 1.5 * recording.revolution_s, lengths, recording.revolution_s)
+    begins, ends = recording.start_times.tolist(), recording.end_times.tolist()
     return [
         Stretch(
             Scans(
-                tuple(Scan(float(starts[k]), float(ends[k]), kept[k]) for k in range(*span)),
-                recording.start_us,
-                recording.revolution_s,
+                tuple(Scan(begins[k], ends[k], kept[k]) for k in range(*span)), recording.start_us, recording.revolution_s
             ),
             tuple(sweeps[k] for k in range(*span) if k in sweeps),
             tuple(unread[k] for k in range(*span) if k in unread),
@@ -105,15 +103,18 @@ def read_stretches(
 
 
 def _spans(recording: Recording, odometry: Trajectory | None) -> list[tuple[int, int]]:
-    """First revolution and the one after the last of each stretch; they share none and hold no gap."""
-    size = min(REVOLUTIONS, len(recording))
-    gap_after = np.zeros(len(recording) + 1, dtype=np.int64)
-    gap_after[[k + 1 for k, _ in recording.gaps()]] = 1
-    gaps = np.cumsum(gap_after)  # up to each revolution's start
+    """Choose the stretches by their first revolutions and the ones after their last; they share none and hold no gap.
+
+    Where gaps leave no stretch of the usual size, they are as long as the longest that there is.
+    """
+    gap_after = np.zeros(len(recording), dtype=np.int64)
+    gap_after[[k for k, _ in recording.gaps()]] = 1
+    gaps = np.cumsum(gap_after) - gap_after  # before each revolution
+    size = min(REVOLUTIONS, int(np.bincount(gaps).max()))
     begins = np.arange(len(recording) - size + 1)
     begins = begins[gaps[begins] == gaps[begins + size - 1]]
     if odometry is None or size == 1:
-        even = np.linspace(0, len(begins) - 1, 2 * STRETCHES + 1)[1::2] if len(begins) else np.empty(0)
+        even = np.linspace(0, len(begins) - 1, 2 * STRETCHES + 1)[1::2]
         order = begins[np.round(even).astype(np.int64)]
     else:
         yaw_rates = odometry.mean_twists(recording.stamps_us[:-1], recording.stamps_us[1:])[:, 2]
@@ -135,6 +136,7 @@ def _sweep(recording: Recording, k: int, polar_scan: PolarScan, before: PolarSca
         turned=float(steps.sum()) + usual,
         step=usual,
         widest=float(steps.max(initial=0.0)),
+        turn_s=float(recording.turns_us[k]) * 1e-6,
         span_s=float(polar_scan.times[-1] - polar_scan.times[0]),
         late_s=max(0.0, float(polar_scan.times[-1]) - after),
         repeated=before is not None and np.array_equal(before.power, polar_scan.power),

@@ -55,7 +55,7 @@ def _top(
     """Offline radar SLAM in which the measurement is map quality.
 
     Exit codes: 0 done; 1 something is suspicious (check) or the verdict is as bad as --fail-on (audit); 2 a mistake in the
-    command or its input, said in one line; 130 and 143 interrupted.
+    command or its input, said in one line; 3 the map could not be judged (audit --fail-on); 130 and 143 interrupted.
 
     Example: mqslam run drive --out result
     """

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -12,6 +11,7 @@ from mqslam.cli.options import CORES, Cluster, ConfigOption, Force, Format, Jobs
 
 if TYPE_CHECKING:
     from mqslam.audit.sources import Source
+    from mqslam.audit.verdict import VerdictStatus
     from mqslam.config import Config
     from mqslam.core.trajectory import Trajectory
     from mqslam.execution.engine import Engine
@@ -35,7 +35,8 @@ def audit(
         str | None, typer.Option(metavar="LOW,HIGH", help=r"Part of a cloud's heights to use \[m]; all by default.")
     ] = None,
     fail_on: Annotated[
-        Literal["warn", "fail"] | None, typer.Option(help="Exit with 1 on this verdict or a worse one.")
+        Literal["warn", "fail"] | None,
+        typer.Option(help="Exit with 1 on this verdict or a worse one, and with 3 where the map could not be judged."),
     ] = None,
     config: ConfigOption = None,
     format: Format = None,
@@ -60,12 +61,13 @@ def audit(
     from mqslam.audit.sources import LIDAR_CONFIG, is_cloud, sweeps_of, sweeps_of_cloud
     from mqslam.cli.progress import print_notes, progress
     from mqslam.config import load_config
+    from mqslam.execution.files import json_text
     from mqslam.execution.folders import check_free, whole_folder
     from mqslam.execution.workers import chosen
     from mqslam.formats.clouds import read_cloud
     from mqslam.psi.place import beam_of
     from mqslam.report.audit_page import write_audit_pages
-    from mqslam.results.audit_results import plain, summarise, write_audit
+    from mqslam.results.audit_results import add_warnings, summarise, write_audit
 
     check_free(out, force=force, recording=data)
     console = Console(stderr=True, markup=False)
@@ -84,18 +86,29 @@ def audit(
             notes, kind = [*source.notes, *notes], source.format
         if not quiet:
             print_notes(console, notes)
-        found = judged(sweeps, settings.audit, settings.estimator, settings.loops, engine, show)
-    summary = summarise(found, sweeps, settings.audit, {"format": kind, "path": str(data)}, trajectory or "recording")
+        found = judged(sweeps, settings.audit, settings.estimator, settings.loops, settings.verdict, engine, show)
+    dataset = {"format": kind, "path": str(data)}
+    summary = summarise(found, sweeps, settings.audit, settings.verdict, dataset, trajectory or "recording", notes)
     with whole_folder(out) as folder:
         write_audit(folder, settings, summary)
-        write_audit_pages(folder, data.resolve().name, found, sweeps, settings, summary, notes)
+        add_warnings(folder, summary, write_audit_pages(folder, data.resolve().name, found, sweeps, settings, summary))
     if as_json:
-        typer.echo(json.dumps(plain(summary), indent=1))
+        typer.echo(json_text(summary))
     elif not quiet:
         typer.echo("\n".join(_lines(summary)))
+        print_notes(console, summary["warnings"][len(notes) :])
         typer.echo(f"results in {out}; open {out / 'report.html'} in a browser")
-    if fail_on is not None and found.status in {"warn": ("warn", "fail"), "fail": ("fail",)}[fail_on]:
-        raise typer.Exit(1)
+    if fail_on is not None:
+        raise typer.Exit(_exit_code(found.status, fail_on))
+
+
+def _exit_code(status: VerdictStatus, fail_on: Literal["warn", "fail"]) -> int:
+    """The exit code of --fail-on: a map that could not be judged is neither good nor bad, and has its own."""
+    from mqslam.audit.verdict import VerdictStatus
+
+    if status is VerdictStatus.NOT_JUDGED:
+        return 3
+    return int(status is VerdictStatus.FAIL or (status is VerdictStatus.WARN and fail_on == "warn"))
 
 
 def _read(trajectory: str | None, times: Path | None, topic: str | None) -> Trajectory | None:

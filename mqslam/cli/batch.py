@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -39,10 +38,10 @@ def batch(
     from mqslam.commands.batch_plan import read_plan
     from mqslam.commands.batch_schedule import AGAIN, run_all
     from mqslam.errors import ClusterError
+    from mqslam.execution.files import json_text
     from mqslam.execution.workers import chosen
-    from mqslam.formats.tum import read_tum
-    from mqslam.report.batch_page import write_batch_report
-    from mqslam.results.batch_results import check_batch, summarise, write_batch
+    from mqslam.report.batch_page import write_batch_pages
+    from mqslam.results.batch_results import add_warnings, check_batch, summarise, write_batch
 
     orders, plan = read_plan(runs)
     check_batch(out, force=force)
@@ -57,13 +56,14 @@ def batch(
         raise
     summary = summarise(orders, outcomes)
     write_batch(out, summary)
-    tracks = {run["name"]: read_tum(out / run["trajectory"]) for run in summary["runs"] if run["trajectory"]}
-    write_batch_report(out / "report.html", runs.stem, summary, tracks, plan)
+    add_warnings(out, summary, write_batch_pages(out, runs.stem, summary, plan))
     if as_json:
-        typer.echo(json.dumps(summary, indent=1))
+        typer.echo(json_text(summary))
     elif not quiet:
         Console(soft_wrap=True).print(_table(summary))
         typer.echo(f"report: {out / 'report.html'}")
+        for warning in summary["warnings"]:
+            console.print(f"warning: {warning}", style="yellow", highlight=False, soft_wrap=True)
     for run in summary["runs"]:
         if run["failure"] and not as_json:
             console.print(f"{run['name']} failed: {run['failure']}", highlight=False, soft_wrap=True)

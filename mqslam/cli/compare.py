@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -63,19 +62,20 @@ def compare(
 
     from mqslam.cli.progress import print_notes, progress
     from mqslam.commands.opening import choose_odometry, opened
-    from mqslam.compare.judgement import agreement, enough_in_common, judge, places, stations
+    from mqslam.compare.judgement import agreement, enough_in_common, judge_rows, places, stations
     from mqslam.compare.rows import front_end_rows
     from mqslam.config import dump_yaml, load_config, with_doppler_beta
     from mqslam.core.frontend import Context, load
     from mqslam.detection.stage import detect_all, scans_of, unread_warnings
     from mqslam.errors import EstimationError
     from mqslam.execution.checkpoint import run_key, unfinished
+    from mqslam.execution.files import json_text
     from mqslam.execution.folders import check_free, whole_folder
     from mqslam.execution.workers import chosen
     from mqslam.psi.place import beam_of
     from mqslam.psi.tracking.doppler import doppler_beta_of
     from mqslam.report.compare_page import CompareReport, write_compare_pages
-    from mqslam.results.compare_results import summarise, table, write_compare
+    from mqslam.results.compare_results import add_warnings, summarise, table, write_compare
 
     settings = _settings(load_config(config), kiss_config)
     names = _names(frontends)
@@ -113,38 +113,39 @@ def compare(
         tracks = [row.trajectory for row in ran if row.trajectory is not None]
         common = enough_in_common(ran, scans, settings.audit.window)
         if len(common) < len(scans):
-            notes = [*notes, f"{len(common)} of {len(scans)} revolutions are in every trajectory: judged on those"]
+            notes.append(f"{len(common)} of {len(scans)} revolutions are in every trajectory: judged on those")
         where = places(common, tracks, settings.audit.window)
         along = stations(common, settings.audit.window)
         shown = [*where, *along]
-        judged = {
-            row.name: judge(row, common, recording.ground_truth, shown, settings, beam, engine, show)
-            for row in ran
-        }
+        rows, judged = judge_rows(rows, common, recording.ground_truth, shown, settings, beam, engine, show)
         pairs = agreement(ran)
-        summary = summarise(recording, beta, settings.audit, rows, judged, where, pairs, len(common))
+        notes += [f"{row.name}: {warning}" for row in rows for warning in row.warnings]
+        summary = summarise(
+            recording, beta, settings.audit, settings.verdict, rows, judged, where, pairs, len(common),
+            [*_failures(rows), *notes],
+        )  # fmt: skip
+        report = CompareReport(
+            title=recording.path.resolve().name,
+            summary=summary,
+            rows=tuple(judged.values()),
+            failed=tuple(row for row in rows if row.failure is not None),
+            places=tuple(where),
+            stations=tuple(along),
+            start_us=recording.start_us,
+            agreement=tuple(pairs),
+            ground_truth=recording.ground_truth,
+            table=tuple(tuple(line) for line in table(summary)),
+            warnings=tuple(summary["warnings"]),
+            settings_yaml=dump_yaml(settings),
+        )
         with whole_folder(out) as folder:
             write_compare(folder, settings, summary, rows)
-            report = CompareReport(
-                title=recording.path.resolve().name,
-                summary=summary,
-                rows=tuple(judged.values()),
-                failed=tuple(row for row in rows if row.failure is not None),
-                places=tuple(where),
-                stations=tuple(along),
-                start_us=recording.start_us,
-                agreement=tuple(pairs),
-                ground_truth=recording.ground_truth,
-                table=tuple(tuple(line) for line in table(summary)),
-                warnings=(*_failures(rows), *notes),
-                settings_yaml=dump_yaml(settings),
-            )
-            write_compare_pages(folder, report)
+            add_warnings(folder, summary, write_compare_pages(folder, report))
     if as_json:
-        typer.echo(json.dumps(summary, indent=1))
+        typer.echo(json_text(summary))
     elif not quiet:
         _print(table(summary))
-        print_notes(console, notes)
+        print_notes(console, summary["warnings"][len(_failures(rows)) :])
         typer.echo(f"results in {out}; open {out / 'report.html'} in a browser")
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -69,6 +68,7 @@ def run(
     from mqslam.cli.progress import print_notes, progress
     from mqslam.commands.job import execute, job_of
     from mqslam.config import load_config
+    from mqslam.execution.files import json_text
     from mqslam.execution.folders import check_free
     from mqslam.execution.workers import chosen
 
@@ -83,11 +83,11 @@ def run(
         progress(console, quiet or as_json) as show,
         watching(live, force=force) as watch,
     ):
-        summary, warnings = execute(job, out, engine, show, resume=resume, watch=watch)
+        summary = execute(job, out, engine, show, resume=resume, watch=watch)
     if as_json:
-        typer.echo(json.dumps(summary, indent=1))
+        typer.echo(json_text(summary))
     elif not quiet:
-        for warning in warnings:
+        for warning in summary["warnings"]:
             console.print(f"warning: {warning}", style="yellow", highlight=False, soft_wrap=True)
         if settings.sensor.doppler_beta is None and summary["doppler_beta"]:
             beta = summary["doppler_beta"]
@@ -129,8 +129,8 @@ def summary_table(summary: dict[str, Any]) -> Table:
     table.add_column(summary["before"], justify="right")
     table.add_column("optimised", justify="right")
     psi = summary["psi"]
-    table.add_row("psi per point", f"{psi['per_point_odometry']:.4f}", f"{psi['per_point_optimised']:.4f}")
-    table.add_row("matched points", f"{psi['matched_odometry']:.1%}", f"{psi['matched_optimised']:.1%}")
+    for key, label, form in (("per_point", "psi per point", "{:.4f}"), ("matched", "matched points", "{:.1%}")):
+        table.add_row(label, _text(psi[f"{key}_odometry"], form), _text(psi[f"{key}_optimised"], form))
     before, after = summary["evaluation_odometry"], summary["evaluation"]
     if before and after:
         for key, label, unit in (
@@ -141,7 +141,8 @@ def summary_table(summary: dict[str, Any]) -> Table:
             ("rpe_w_rms", "yaw rate error", "rad/s"),
         ):
             if after[key] is not None:
-                table.add_row(f"{label} [{unit}]".replace("[", r"\["), f"{before[key]:.4g}", f"{after[key]:.4g}")
+                numbers = (_text(found[key], "{:.4g}") for found in (before, after))
+                table.add_row(f"{label} [{unit}]".replace("[", r"\["), *numbers)
     dataset, runtime, verdict = summary["dataset"], summary["runtime_s"], summary["verdict"]
     speed = dataset["duration_s"] / max(runtime["total"], 1e-9)
     table.caption = (
@@ -151,3 +152,8 @@ def summary_table(summary: dict[str, Any]) -> Table:
     )
     table.caption_justify = "left"
     return table
+
+
+def _text(value: float | None, form: str) -> str:
+    """A number as a table shows it; a dash where there is none."""
+    return "-" if value is None else form.format(value)

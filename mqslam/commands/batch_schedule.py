@@ -68,7 +68,7 @@ def run_one(terms: Terms, order: Order) -> Outcome:
             return kept
         check_free(out, force=terms.force, resume=True, recording=order.data)
         job = _job(order)
-        summary, _ = execute(job, out, LocalEngine(terms.jobs), silent, resume=not terms.force, how=AGAIN)
+        summary = execute(job, out, LocalEngine(terms.jobs), silent, resume=not terms.force, how=AGAIN)
         return Outcome(summary)
     except Exception as error:  # a front end may be anyone's code, and the others are to go on
         return Outcome(failure=said(error))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -14,11 +13,11 @@ from mqslam.core.recording import Recording
 from mqslam.core.trajectory import Trajectory
 from mqslam.execution.checkpoint import HOW, run_key, unfinished
 from mqslam.execution.engine import Engine
+from mqslam.execution.files import plain
 from mqslam.execution.folders import whole_folder
 from mqslam.execution.progress import Progress
-from mqslam.report.content import report_of
-from mqslam.report.run_page import write_report
-from mqslam.results.run_results import write_run
+from mqslam.report.run_page import write_run_pages
+from mqslam.results.run_results import add_warnings, write_run
 from mqslam.results.summary import run_warnings, summarise
 from mqslam.slam import Slam, Watch
 
@@ -77,7 +76,7 @@ def job_of(
 
 def execute(
     job: Job, out: Path, engine: Engine, progress: Progress, *, resume: bool, how: str = HOW, watch: Watch | None = None
-) -> tuple[dict[str, Any], list[str]]:
+) -> dict[str, Any]:
     """Do a run and write its results.
 
     Args:
@@ -90,7 +89,7 @@ def execute(
         watch: called with every window once its motion is measured.
 
     Returns:
-        the content of summary.json, and the warnings of the report.
+        the content of summary.json.
 
     Raises:
         MqslamError: whatever makes the run impossible; nothing is left then but what can be resumed.
@@ -98,12 +97,12 @@ def execute(
     with unfinished(out, job.key, resume=resume, how=how) as checkpoint:
         slam = Slam(job.settings, job.frontend, engine, progress, checkpoint, strict=job.strict, watch=watch)
         result = slam.run(job.recording, job.odometry)
-        summary = {**summarise(result, job.recording), "run_key": job.key}
         warnings = [*run_warnings(result, job.recording), *job.notes]
+        summary: dict[str, Any] = plain({**summarise(result, job.recording), "warnings": warnings, "run_key": job.key})
         with whole_folder(out) as folder:
-            write_run(folder, result, summary, log_text(summary, job.log, warnings))
-            write_report(folder / "report.html", report_of(result, job.recording, summary, warnings))
-    return summary, warnings
+            write_run(folder, result, summary, job.log)
+            add_warnings(folder, summary, job.log, write_run_pages(folder, result, job.recording, summary))
+    return summary
 
 
 def finished(out: Path, key: str) -> dict[str, Any] | None:
@@ -113,14 +112,3 @@ def finished(out: Path, key: str) -> dict[str, Any] | None:
     except (OSError, ValueError):
         return None
     return summary if isinstance(summary, dict) and summary.get("run_key") == key else None
-
-
-def log_text(summary: dict[str, Any], notes: Sequence[str], warnings: Sequence[str]) -> str:
-    """The lines of run.log."""
-    dataset = summary["dataset"]
-    lines = [f"mqslam {summary['mqslam_version']} on {dataset['path']} ({dataset['format']})"]
-    lines += [f"note: {note}" for note in notes] + [f"warning: {warning}" for warning in warnings]
-    lines.append(f"Doppler shift: {summary['doppler_beta']:.4f} s of range per closing speed")
-    lines += [f"{stage}: {seconds:.2f} s" for stage, seconds in summary["runtime_s"].items()]
-    lines.append(f"verdict: {summary['verdict']['status']}: {'; '.join(summary['verdict']['reasons'])}")
-    return "\n".join(lines) + "\n"

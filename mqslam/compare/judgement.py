@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +18,7 @@ from mqslam.core.evenly import evenly
 from mqslam.core.point_map import PointMap, thinned
 from mqslam.core.scans import Scans
 from mqslam.core.trajectory import Trajectory
-from mqslam.errors import EstimationError
+from mqslam.errors import EstimationError, tolerate
 from mqslam.evaluation import Evaluation, evaluate
 from mqslam.execution.engine import Engine
 from mqslam.execution.progress import Progress
@@ -64,8 +64,8 @@ class Judged:
     """
 
     row: Row
-    psi_per_point: float
-    matched: float
+    psi_per_point: float | None
+    matched: float | None
     audit: Audit
     before: Evaluation | None
     after: Evaluation | None
@@ -123,6 +123,32 @@ def stations(scans: Scans, size: int) -> list[Place]:
     return [Place(k, k + size, scans[k].t0, scans[k + size - 1].t1, 0.0) for k in chosen.tolist()]
 
 
+def judge_rows(
+    rows: Sequence[Row],
+    scans: Scans,
+    truth: Trajectory | None,
+    where: Sequence[Place],
+    config: Config,
+    beam: Beam,
+    engine: Engine,
+    progress: Progress,
+) -> tuple[list[Row], dict[str, Judged]]:
+    """Judge every row that has a trajectory, as `judge` does.
+
+    Returns:
+        the rows, with a failure where the judges could make nothing of one, and what they say of the others by name.
+    """
+    judged: dict[str, Judged] = {}
+    shown = []
+    for row in rows:
+        failure: list[str] = []
+        if row.trajectory is not None:
+            with tolerate("the judgement of its map", failure):
+                judged[row.name] = judge(row, scans, truth, where, config, beam, engine, progress)
+        shown.append(replace(row, failure=failure[0]) if failure else row)
+    return shown, judged
+
+
 def judge(
     row: Row,
     scans: Scans,
@@ -153,7 +179,7 @@ def judge(
         map=rendered.take(thinned(rendered.points, _MAP_POINTS)),
         psi_per_point=rendered.psi_per_point,
         matched=rendered.matched_share,
-        audit=audit(sweeps, config.audit, config.estimator, config.loops, engine, progress),
+        audit=audit(sweeps, config.audit, config.estimator, config.loops, config.verdict, engine, progress),
         before=None if truth is None else evaluate(row.odometry, truth),
         after=None if truth is None else evaluate(row.trajectory, truth),
         crops=tuple(_crop(sweeps, place) for place in where),

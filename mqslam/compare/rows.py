@@ -32,6 +32,7 @@ class Row:
         loops, loops_rejected: closures that the back end kept and did not keep.
         measure_s, back_end_s: seconds the front end and the back end took.
         peak_rss_mb: largest memory of the process it ran in [MB]; a cluster's worker has run others before.
+        warnings: what could not be done for it, and why.
     """
 
     name: str
@@ -44,6 +45,7 @@ class Row:
     measure_s: float | None = None
     back_end_s: float | None = None
     peak_rss_mb: float | None = None
+    warnings: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,7 +106,7 @@ def run_front_end(returned: Returned, named: tuple[str, Context]) -> Row:
         spent = slam.runtime_s
         return Row(
             name, None, found.odometry, found.optimised, tuple(found.measurements), len(found.loops),
-            found.loops_rejected, spent["windows"], spent["optimise"] + spent["loops"], _peak_mb(),
+            found.loops_rejected, spent["windows"], spent["optimise"] + spent["loops"], _peak_mb(), found.warnings,
         )  # fmt: skip
     except Exception as error:  # a front end may be anyone's code, and the others are to go on
         return Row(name, failure=said(error))

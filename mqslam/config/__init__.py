@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import textwrap
+from collections.abc import Collection
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -21,6 +22,7 @@ from mqslam.config.psi_config import PsiConfig
 from mqslam.config.reading import parsed
 from mqslam.config.sensor_config import SensorConfig
 from mqslam.config.tracker_config import TrackerConfig
+from mqslam.config.verdict_config import VerdictConfig
 from mqslam.errors import ConfigError
 
 __all__ = [
@@ -36,6 +38,7 @@ __all__ = [
     "PsiConfig",
     "SensorConfig",
     "TrackerConfig",
+    "VerdictConfig",
     "changes",
     "dump_yaml",
     "explained_yaml",
@@ -61,6 +64,7 @@ class Config(BaseModel):
     loops: LoopConfig = LoopConfig()
     map: MapConfig = MapConfig()
     audit: AuditConfig = AuditConfig()
+    verdict: VerdictConfig = VerdictConfig()
 
 
 def load_config(name: str | Path | None = None) -> Config:
@@ -96,9 +100,9 @@ def with_doppler_beta(config: Config, doppler_beta: float) -> Config:
     return config.model_copy(update={"sensor": config.sensor.model_copy(update={"doppler_beta": doppler_beta})})
 
 
-def dump_yaml(config: Config) -> str:
-    """Every setting as YAML that `load_config` reads back."""
-    text: str = yaml.safe_dump(config.model_dump(mode="json"), sort_keys=False)
+def dump_yaml(config: Config, leave_out: Collection[str] = ()) -> str:
+    """Every setting, but for some sections, as YAML that `load_config` reads back."""
+    text: str = yaml.safe_dump(config.model_dump(mode="json", exclude=set(leave_out)), sort_keys=False)
     return text
 
 

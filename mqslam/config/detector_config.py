@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 
 class DetectorConfig(BaseModel):
@@ -25,5 +25,14 @@ class DetectorConfig(BaseModel):
         12.0, gt=0.0, description="an azimuth whose median power exceeds the revolution's by this much is saturated [0..255]"
     )
     ring_share: float = Field(
-        0.3, gt=0.0, le=1.0, description="a range at which this share of all azimuths peaks at once is a ring"
+        0.3,
+        gt=0.0,
+        le=1.0,
+        description="a range at which this share of all azimuths peaks at once, and twice as many as around it, is a ring",
     )
+
+    @model_validator(mode="after")
+    def _check_ranges(self) -> DetectorConfig:
+        if self.max_range_m <= self.min_range_m:
+            raise ValueError(f"max_range_m ({self.max_range_m}) must be larger than min_range_m ({self.min_range_m})")
+        return self

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 
 class TrackerConfig(BaseModel):
@@ -26,6 +26,18 @@ class TrackerConfig(BaseModel):
     speed_min: float = Field(-5.0, description="slowest speed of the cold start's search [m/s]")
     speed_max: float = Field(40.0, description="fastest speed of the cold start's search [m/s]")
     omega_max: float = Field(1.0, gt=0.0, description="fastest turn of the cold start's search [rad/s]")
+    sigma_scale: float = Field(
+        0.01,
+        ge=0.0,
+        description="standard deviation of a distance across a gap, per distance: what is published of the length of one "
+        "radar's range bins differs by 1.4 %, and a Doppler shift that is ignored costs as much",
+    )
     lost_share: float = Field(
         0.5, gt=0.0, lt=1.0, description="a matched share below this part of the usual one means the track may be lost"
     )
+
+    @model_validator(mode="after")
+    def _check_speeds(self) -> TrackerConfig:
+        if self.speed_max <= self.speed_min:
+            raise ValueError(f"speed_max ({self.speed_max}) must be larger than speed_min ({self.speed_min})")
+        return self

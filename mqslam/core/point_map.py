@@ -30,14 +30,19 @@ class PointMap:
         return len(self.points)
 
     @property
-    def psi_per_point(self) -> float:
-        """Score per point, charges for unmatched points included."""
-        return float(self.psi.mean()) if len(self) else float("nan")
+    def psi_per_point(self) -> float | None:
+        """Score per point, charges for unmatched points included; None without points."""
+        return float(self.psi.mean()) if len(self) else None
 
     @property
-    def matched_share(self) -> float:
-        """Share of points with a neighbour from another revolution."""
-        return float(self.matched.mean()) if len(self) else 0.0
+    def matched_share(self) -> float | None:
+        """Share of points with a neighbour from another revolution; None without points."""
+        return float(self.matched.mean()) if len(self) else None
+
+    @classmethod
+    def empty(cls) -> PointMap:
+        """A map without points."""
+        return cls(np.empty((0, 2)), np.empty(0), np.empty(0), np.empty(0), np.empty(0, dtype=np.bool_))
 
     def take(self, chosen: NDArray[np.int64]) -> PointMap:
         """The points of indices (M,)."""

@@ -9,11 +9,12 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import median_filter
 
 from mqslam.core.trajectory import Trajectory
 
-_AROUND = 9  # steps whose median is the usual one between them
+FASTEST_TURN_US = 50_000
+SLOWEST_TURN_US = 5_000_000
+"""No spinning radar turns 20 times a second, or only once in five: other durations are no turns [us]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,7 +42,7 @@ class Recording(ABC):
         path: the recording.
         format: name of its layout, as `mqslam info` prints it.
         stamps_us: (N,) int64 [us], stamp of the first azimuth of every revolution, strictly increasing.
-        end_us: stamp [us] of the last revolution's end.
+        turns_us: (N,) int64 [us], how long each revolution takes: until the next one begins, but for a gap after it.
         range_resolution: length of a range bin [m].
         odometry: dead-reckoned poses the recording carries, or None.
         ground_truth: poses known better than any estimate, for evaluation only, or None.
@@ -52,7 +53,7 @@ class Recording(ABC):
     path: Path
     format: str
     stamps_us: NDArray[np.int64]
-    end_us: int
+    turns_us: NDArray[np.int64]
     range_resolution: float
     odometry: Trajectory | None = None
     ground_truth: Trajectory | None = None
@@ -79,6 +80,17 @@ class Recording(ABC):
         return int(self.stamps_us[0])
 
     @property
+    def ends_us(self) -> NDArray[np.int64]:
+        """(N,) int64 stamps [us] of the ends of the revolutions; none is later than the start of the next one."""
+        ends = self.stamps_us + self.turns_us
+        return np.append(np.minimum(ends[:-1], self.stamps_us[1:]), ends[-1:])
+
+    @property
+    def end_us(self) -> int:
+        """Stamp [us] of the last revolution's end."""
+        return int(self.ends_us[-1])
+
+    @property
     def duration_s(self) -> float:
         """From the first azimuth to the end of the last revolution [s]."""
         return (self.end_us - self.start_us) * 1e-6
@@ -89,25 +101,16 @@ class Recording(ABC):
         return np.asarray((self.stamps_us - self.start_us) * 1e-6, dtype=np.float64)
 
     @property
+    def end_times(self) -> NDArray[np.float64]:
+        """(N,) end of every revolution [s] since the recording's start."""
+        return np.asarray((self.ends_us - self.start_us) * 1e-6, dtype=np.float64)
+
+    @property
     def revolution_s(self) -> float:
-        """Duration of one revolution [s]: the median over the recording."""
-        if len(self) == 1:
-            return self.duration_s
-        return float(np.median(np.diff(self.stamps_us))) * 1e-6
+        """Duration of one revolution [s]: the median over the recording, kept to what a radar can do."""
+        return float(np.clip(np.median(self.turns_us), FASTEST_TURN_US, SLOWEST_TURN_US)) * 1e-6
 
     def gaps(self) -> list[tuple[int, float]]:
-        """Revolutions followed by a hole: (index, seconds missing) where over half a revolution is."""
-        usual = usual_steps(self.stamps_us) * 1e-6
-        missing = np.diff(self.stamps_us) * 1e-6 - usual
-        return [(int(k), float(missing[k])) for k in np.flatnonzero(missing > 0.5 * usual)]
-
-
-def usual_steps(stamps_us: NDArray[np.int64]) -> NDArray[np.float64]:
-    """Usual duration (N - 1,) [us] of a turn at each step between increasing stamps (N,) [us], gaps apart.
-
-    It is the median of the steps around, since a radar may be told to turn at another rate.
-    """
-    steps = np.diff(stamps_us).astype(np.float64)
-    if len(steps) < _AROUND:
-        return np.full(len(steps), np.median(steps) if len(steps) else 0.0)
-    return np.asarray(median_filter(steps, _AROUND))
+        """Revolutions that end before the next one begins: (index, seconds missing)."""
+        missing = (self.stamps_us[1:] - self.ends_us[:-1]) * 1e-6
+        return [(int(k), float(missing[k])) for k in np.flatnonzero(missing > 0.0)]

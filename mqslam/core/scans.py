@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import astuple, dataclass, field
 from typing import overload
 
 import numpy as np
@@ -104,6 +104,36 @@ class Scans(Sequence[Scan]):
 
 
 @dataclass(frozen=True, slots=True)
+class PeakCounts:
+    """What the steps of the detector kept and dropped.
+
+    Args:
+        azimuths: azimuths looked at.
+        unused_azimuths: those that are marked invalid or that are saturated.
+        peaks: local maxima above the threshold.
+        ring_peaks: those that were dropped as parts of a ring.
+    """
+
+    azimuths: int = 0
+    unused_azimuths: int = 0
+    peaks: int = 0
+    ring_peaks: int = 0
+
+    def __add__(self, other: PeakCounts) -> PeakCounts:
+        return PeakCounts(*(a + b for a, b in zip(astuple(self), astuple(other), strict=True)))
+
+    @property
+    def remedy(self) -> str:
+        """What to do where there are too few returns: it names the step that dropped most of them."""
+        if 2 * self.unused_azimuths > self.azimuths:
+            left_out = f"{self.unused_azimuths} of {self.azimuths} azimuths are marked invalid or count as saturated"
+            return f"{left_out}; raise detector.saturation if they are not"
+        if 2 * self.ring_peaks > self.peaks:
+            return f"{self.ring_peaks} of {self.peaks} peaks count as parts of a ring; raise detector.ring_share"
+        return f"only {self.peaks} peaks in {self.azimuths} azimuths are above the threshold; lower detector.threshold"
+
+
+@dataclass(frozen=True, slots=True)
 class Detected:
     """What a stretch of revolutions holds and what that cost.
 
@@ -111,9 +141,11 @@ class Detected:
         returns: of each revolution; none of one that could not be read.
         unread: why a revolution could not be read, by its number in the recording.
         read_s, detect_s: seconds spent.
+        counts: what the detector kept and dropped.
     """
 
     returns: list[Returns]
     unread: dict[int, DataError] = field(default_factory=dict)
     read_s: float = 0.0
     detect_s: float = 0.0
+    counts: PeakCounts = field(default_factory=PeakCounts)

@@ -8,6 +8,8 @@ from scipy.interpolate import CubicHermiteSpline
 
 Array = NDArray[np.float64]
 
+_CLOSE = 0.1  # share of the usual step between poses below which two of them show no velocity
+
 
 def wrap(angle: ArrayLike) -> Array:
     """The angle [rad] brought into [-pi, pi)."""
@@ -88,11 +90,21 @@ def turned(covariance: Array, yaw: float) -> Array:
 def interpolate(times: ArrayLike, poses: ArrayLike, at: ArrayLike) -> Array:
     """Poses (M, 3) at times `at` (M,) on the constant-twist arcs through poses (N, 3) at increasing times (N,).
 
-    Outside the times the first or last arc is continued.
+    Outside the times the first or last arc between poses that lie `apart` is continued.
     """
     t, p, q = np.asarray(times, dtype=np.float64), np.asarray(poses, dtype=np.float64), np.asarray(at, dtype=np.float64)
     if len(t) == 1:
         return np.repeat(p, len(q), axis=0)
+    found = _on_arcs(t, p, q)
+    outside = (q < t[0]) | (q > t[-1])
+    if outside.any():
+        knots = apart(t)
+        found[outside] = _on_arcs(t[knots], p[knots], q[outside])
+    return found
+
+
+def _on_arcs(t: Array, p: Array, q: Array) -> Array:
+    """Poses at times q on the arcs through poses p at times t, two at least."""
     i = np.clip(np.searchsorted(t, q, side="right") - 1, 0, len(t) - 2)
     step = between(p[i], p[i + 1])
     step[..., 2] = wrap(step[..., 2])
@@ -104,11 +116,14 @@ def smooth(times: ArrayLike, poses: ArrayLike, at: ArrayLike) -> Array:
     """Poses (M, 3) at times `at` (M,) on the smooth curve through poses (N, 3) at increasing times (N,).
 
     Between poses the curve is cubic with the velocities that the neighbouring poses show, so that a turn begins and ends
-    within a step as it does on the road; outside the times the first or last arc is continued.
+    within a step as it does on the road; outside the times the first or last arc is continued. Only poses that lie `apart`
+    are taken: the others would show a velocity that is the noise of two poses over hardly any time.
     """
     t, p, q = np.asarray(times, dtype=np.float64), np.asarray(poses, dtype=np.float64), np.asarray(at, dtype=np.float64)
     if len(t) < 3:
         return interpolate(t, p, q)
+    knots = apart(t)
+    t, p = t[knots], p[knots]
     unwrapped = np.column_stack([p[:, :2], np.unwrap(p[:, 2])])
     curve = CubicHermiteSpline(t, unwrapped, np.gradient(unwrapped, t, axis=0))
     found = np.asarray(curve(np.clip(q, t[0], t[-1])))
@@ -116,3 +131,16 @@ def smooth(times: ArrayLike, poses: ArrayLike, at: ArrayLike) -> Array:
     if outside.any():
         found[outside] = interpolate(t, unwrapped, q[outside])
     return found
+
+
+def apart(times: Array) -> NDArray[np.int64]:
+    """Indices of the increasing times (N,) that lie apart: not within a small part of the usual step behind another one."""
+    steps = np.diff(times)
+    least = _CLOSE * float(np.median(steps)) if len(steps) else 0.0
+    if np.all(steps >= least):
+        return np.arange(len(times))
+    chosen = [0]
+    for k, time in enumerate(times):
+        if time - times[chosen[-1]] >= least:
+            chosen.append(k)
+    return np.array(chosen)

@@ -5,7 +5,9 @@ azimuth, so peaks of neighbouring azimuths at nearly the same range are one targ
 intensity-weighted centroid of the three, in range, azimuth and time (2-D non-maximum suppression).
 
 Rejected: azimuths marked invalid, saturated azimuths (a whole row lifted), and rings (one range seen at many azimuths at
-once), which are the sensor's own and would pull the motion to zero.
+once, far more often than the ranges beside it), which are the sensor's own and would pull the motion to zero.
+
+What the world is made of is measured in metres; what the sensor's sampling does to it, in range bins.
 """
 
 from __future__ import annotations
@@ -15,15 +17,26 @@ import math
 import numba as nb
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import uniform_filter1d
+from scipy.ndimage import median_filter, uniform_filter1d
 
 from mqslam.config import DetectorConfig
 from mqslam.core.recording import PolarScan
-from mqslam.core.scans import Returns
+from mqslam.core.scans import PeakCounts, Returns
+
+_JOIN_BINS = 1.5  # a peak's range is known to half a bin on either side, so neighbours of one target differ by up to a bin
+_AROUND_CELLS = 9  # cells whose median share is the usual one around a ring
+_STANDS_OUT = 2.0  # a ring's share over the usual one
 
 
 def detect(polar_scan: PolarScan, range_resolution: float, config: DetectorConfig) -> Returns:
-    """The returns of one revolution.
+    """The returns of one revolution, as `detect_and_count` finds them."""
+    return detect_and_count(polar_scan, range_resolution, config)[0]
+
+
+def detect_and_count(
+    polar_scan: PolarScan, range_resolution: float, config: DetectorConfig
+) -> tuple[Returns, PeakCounts]:
+    """The returns of one revolution, and what was dropped on the way to them.
 
     Args:
         polar_scan: times (A,) s, azimuths (A,) rad, power (A, B), valid (A,).
@@ -31,21 +44,24 @@ def detect(polar_scan: PolarScan, range_resolution: float, config: DetectorConfi
         config: settings.
 
     Returns:
-        Returns in the order of their times.
+        Returns in the order of their times, and the counts.
     """
     power = np.ascontiguousarray(polar_scan.power)
     bins = power.shape[1]
     first = max(1, math.floor(config.min_range_m / range_resolution))
     last = min(bins - 1, math.ceil(config.max_range_m / range_resolution))
-    half = round(config.smoothing_m / range_resolution)
+    half = min(round(config.smoothing_m / range_resolution), max(0, (bins - 3) // 2))
     usable = polar_scan.valid & ~_saturated(power, config.saturation)
     threshold = min(config.threshold, _above_noise(power[usable, first:last], half, config.contrast))
     ranges, values = _peaks(power, usable, first, last, (half + 1) // 2, half // 2, config.strongest, threshold)
+    peaks = np.count_nonzero(values)
+    _drop_rings(ranges, values, 2.0 * max(half, 1), config.ring_share)
+    counts = PeakCounts(len(power), int(np.count_nonzero(~usable)), int(peaks), int(peaks - np.count_nonzero(values)))
     ranges *= range_resolution
-    _drop_rings(ranges, values, 2.0 * range_resolution * max(half, 1), config.ring_share)
-    rows = _targets(ranges, values, polar_scan.azimuths, polar_scan.times, config.join_m)
+    join = max(config.join_m, _JOIN_BINS * range_resolution)
+    rows = _targets(ranges, values, polar_scan.azimuths, polar_scan.times, join)
     rows = rows[np.argsort(rows[:, 2], kind="stable")]
-    return Returns(*(np.ascontiguousarray(rows[:, column]) for column in range(4)))
+    return Returns(*(np.ascontiguousarray(rows[:, column]) for column in range(4))), counts
 
 
 def _saturated(power: NDArray[np.uint8], margin: float) -> NDArray[np.bool_]:
@@ -124,7 +140,15 @@ def _sums(values: NDArray[np.float64], half: int, out: NDArray[np.float64]) -> N
 
 
 def _drop_rings(ranges: NDArray[np.float64], values: NDArray[np.float64], width: float, share: float) -> None:
-    """Set to 0 the power of peaks at ranges where over `share` of the azimuths peak within `width` [m]."""
+    """Set the power of peaks to 0 at ranges where many azimuths peak at once.
+
+    Args:
+        ranges: (A, K) of the peaks [bins].
+        values: (A, K) their power, 0 where there is no peak.
+        width: width of a ring [bins].
+        share: least share of the azimuths that peak in a ring. Where peaks are dense, as they are in long range bins, so
+            many may peak at any range: in a ring they are at least twice as many as at the ranges around it.
+    """
     found = values > 0.0
     if not found.any():
         return
@@ -134,7 +158,9 @@ def _drop_rings(ranges: NDArray[np.float64], values: NDArray[np.float64], width:
     seen = np.zeros((size, len(ranges)), dtype=bool)
     seen[cells[found], azimuth[found]] = True
     seen[cells[found] + 1, azimuth[found]] = True  # half of a ring may lie in the next cell
-    ring = seen.sum(axis=1) > share * len(ranges)
+    shares = seen.mean(axis=1)
+    around = median_filter(shares, _AROUND_CELLS, mode="nearest")
+    ring = (shares > share) & (shares > _STANDS_OUT * around)
     values[found & (ring[cells] | ring[cells + 1])] = 0.0
 
 

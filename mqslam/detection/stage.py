@@ -8,13 +8,11 @@ from collections.abc import Iterator
 from socket import gethostname
 from typing import Protocol
 
-import numpy as np
-
 from mqslam.config import DetectorConfig
-from mqslam.core.recording import PolarScan, Recording, usual_steps
-from mqslam.core.scans import Detected, Returns, Scan, Scans
+from mqslam.core.recording import PolarScan, Recording
+from mqslam.core.scans import Detected, PeakCounts, Returns, Scan, Scans
 from mqslam.detection.artefacts import drop_fixed
-from mqslam.detection.detector import detect
+from mqslam.detection.detector import detect_and_count
 from mqslam.errors import DataError
 from mqslam.execution.engine import Engine
 from mqslam.execution.progress import Progress
@@ -43,12 +41,15 @@ def detect_stretch(
     """
     found: list[Returns] = []
     unread: dict[int, DataError] = {}
+    counts = PeakCounts()
     read_s, detect_s = 0.0, 0.0
     mark = time.perf_counter()
     for k, polar_scan in polar_scans_or_errors(recording, start, stop):
         read = time.perf_counter()
         if not isinstance(polar_scan, DataError):
-            found.append(detect(polar_scan, recording.range_resolution, config))
+            returns, counted = detect_and_count(polar_scan, recording.range_resolution, config)
+            found.append(returns)
+            counts += counted
         elif strict:
             raise polar_scan
         elif not recording.path.exists():  # not one that is damaged: all of them are out of reach, of this worker at least
@@ -58,7 +59,7 @@ def detect_stretch(
             found.append(Returns.none())
         done = time.perf_counter()
         read_s, detect_s, mark = read_s + read - mark, detect_s + done - read, done
-    return Detected(found, unread, read_s, detect_s)
+    return Detected(found, unread, read_s, detect_s, counts)
 
 
 def polar_scans_or_errors(recording: Recording, start: int, stop: int) -> Iterator[tuple[int, PolarScan | DataError]]:
@@ -133,7 +134,8 @@ def detect_all(
         raise DataError(first.path, f"{first.problem}, like {len(unread)} of {total} revolutions", first.remedy)
     _log.info("%d returns in %d revolutions, %d of them unread", sum(map(len, returns)), total, len(unread))
     read_s, detect_s = sum(p.read_s for p in parts.values()), sum(p.detect_s for p in parts.values())
-    return scans_of(recording, returns), Detected(returns, unread, read_s, detect_s)
+    counts = sum((part.counts for part in parts.values()), PeakCounts())
+    return scans_of(recording, returns), Detected(returns, unread, read_s, detect_s, counts)
 
 
 def _stretch(shared: tuple[Recording, DetectorConfig, bool], span: tuple[int, int]) -> Detected:
@@ -158,13 +160,7 @@ def scans_of(recording: Recording, returns: list[Returns] | None = None) -> Scan
         recording: the recording.
         returns: of each revolution; None leaves the scans empty.
     """
-    starts = recording.start_times
-    ends = [*starts[1:], (recording.end_us - recording.start_us) * 1e-6]
-    turns = np.append(usual_steps(recording.stamps_us) * 1e-6, recording.revolution_s)
-    turns[-1] = turns[-2:][0]
     returns = [Returns.none()] * len(recording) if returns is None else returns
-    scans = (
-        Scan(float(t0), float(t1 if t1 - t0 <= 1.5 * turn else t0 + turn), found)
-        for t0, t1, turn, found in zip(starts, ends, turns.tolist(), returns, strict=True)
-    )
+    spans = zip(recording.start_times.tolist(), recording.end_times.tolist(), returns, strict=True)
+    scans = (Scan(begin, end, found) for begin, end, found in spans)
     return Scans(tuple(scans), recording.start_us, recording.revolution_s)

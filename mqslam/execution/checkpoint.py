@@ -13,7 +13,7 @@ import shutil
 import zipfile
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import fields
+from dataclasses import astuple, fields
 from pathlib import Path
 from typing import Any
 
@@ -21,10 +21,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 import mqslam
-from mqslam.config import Config, dump_yaml
+from mqslam.config import Config, VerdictConfig, dump_yaml
 from mqslam.core.measurement import Loop, Measurement, Status
 from mqslam.core.recording import Recording
-from mqslam.core.scans import Detected, Returns
+from mqslam.core.scans import Detected, PeakCounts, Returns
 from mqslam.core.trajectory import Trajectory
 from mqslam.errors import ClusterError, DataError, MqslamError, OutputError
 from mqslam.execution.files import write_text, written_whole
@@ -34,10 +34,16 @@ HOW = "continue with --resume"
 
 
 def run_key(recording: Recording, config: Config, frontend: str, odometry: Trajectory | None) -> str:
-    """What a run's result depends on, in one string: another key is another run."""
+    """What a run's result depends on, in one string: another key is another run.
+
+    The verdict's settings are younger than the first checkpoints. At their defaults they are left out, so that a run which
+    began before there were any can be resumed.
+    """
     digest = hashlib.sha256()
+    usual = {"verdict"} if config.verdict == VerdictConfig() else set()
+    settings = dump_yaml(config, leave_out=usual)
     path, resolution = str(recording.path.resolve()), str(recording.range_resolution)
-    for text in (mqslam.__version__, dump_yaml(config), frontend, path, resolution):
+    for text in (mqslam.__version__, settings, frontend, path, resolution):
         digest.update(text.encode() + b"\0")
     digest.update(recording.stamps_us.tobytes())
     if odometry is not None:
@@ -116,18 +122,20 @@ class Checkpoint:
 
     def detected(self, begin: int, end: int) -> Detected | None:
         """What was detected in the revolutions begin <= k < end, if it was kept."""
-        kept = self._load(f"returns-{begin:06d}-{end:06d}.npz", [*_columns(), "ends", "unread", "why"])
+        kept = self._load(f"returns-{begin:06d}-{end:06d}.npz", [*_columns(), "ends", "unread", "why", "counts"])
         if kept is None:
             return None
         columns = [np.split(kept[name], kept["ends"][:-1]) for name in _columns()]
         returns = [Returns(*(np.ascontiguousarray(part) for part in parts)) for parts in zip(*columns, strict=True)]
         errors = (DataError(*words) for words in kept["why"].tolist())
-        return Detected(returns, dict(zip(kept["unread"].tolist(), errors, strict=True)))
+        unread = dict(zip(kept["unread"].tolist(), errors, strict=True))
+        return Detected(returns, unread, counts=PeakCounts(*kept["counts"].tolist()))
 
     def keep_detected(self, begin: int, end: int, found: Detected) -> None:
         """Keep what was detected in a stretch of revolutions."""
         arrays = {name: np.concatenate([getattr(r, name) for r in found.returns]) for name in _columns()}
         arrays["ends"] = np.cumsum([len(r) for r in found.returns])
+        arrays["counts"] = np.array(astuple(found.counts), dtype=np.int64)
         arrays["unread"] = np.array(list(found.unread), dtype=np.int64)
         why = [(str(error.path), error.problem, error.remedy) for error in found.unread.values()]
         arrays["why"] = np.array(why, dtype=np.str_).reshape(-1, 3)

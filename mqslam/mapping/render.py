@@ -39,10 +39,11 @@ def render(
     Raises:
         EstimationError: the revolutions hold no returns.
     """
-    keep = moving(poses, settings.travel_m, settings.travel_rad)
-    returns = Returns.concatenate([w.returns for w, kept in zip(scans, keep, strict=True) if kept])
-    if not len(returns):
-        raise EstimationError(f"no returns in {int(keep.sum())} revolutions to render; lower detector.threshold")
+    seen = [k for k, scan in enumerate(scans) if len(scan.returns)]
+    if not seen:
+        raise EstimationError(f"no returns in {len(scans)} revolutions to render; lower detector.threshold")
+    keep = moving(poses[seen], settings.travel_m, settings.travel_rad)
+    returns = Returns.concatenate([scans[k].returns for k, kept in zip(seen, keep, strict=True) if kept])
     points = place_along(returns, scans.start_times, poses, beam)
     shares, matched = score_points(points, scans.revolution_s, estimator, engine)
     return PointMap(points.points, returns.times, returns.intensities, shares, matched)
@@ -65,8 +66,11 @@ def place_along(returns: Returns, times: NDArray[np.float64], poses: se2.Array, 
     ranges = returns.ranges
     beta = beam.doppler_beta
     if beta != 0.0 and len(times) > 1:
-        i = np.clip(np.searchsorted(times, returns.times, side="right") - 1, 0, len(times) - 2)
-        twists = se2.log(se2.between(poses[:-1], poses[1:])) / np.diff(times)[:, None]
+        knots = se2.apart(times)
+        i = np.clip(np.searchsorted(times[knots], returns.times, side="right") - 1, 0, len(knots) - 2)
+        steps = se2.between(poses[knots[:-1]], poses[knots[1:]])
+        steps[:, 2] = se2.wrap(steps[:, 2])
+        twists = se2.log(steps) / np.diff(times[knots])[:, None]
         closing = twists[i, 0] * np.cos(returns.azimuths) + twists[i, 1] * np.sin(returns.azimuths)
         ranges = ranges + beta * closing
     heading = at[:, 2] + returns.azimuths

@@ -3,9 +3,10 @@
 psi is a sum over points, so its minimiser is an M-estimator and curvature alone has no scale: with H the curvature that
 knows of re-selection, and g_c the summed score of the returns of one object (a square cell of the map),
 
-    Sigma = H^-1 (sum_c g_c g_c^T) H^-1.
+    Sigma = n / (n - q) H^-1 (sum_c g_c g_c^T) H^-1        for n objects and q variables.
 
-Where a direction is hardly observed H is hardly positive there, and Sigma comes out large along it.
+Where a direction is hardly observed H is hardly positive there, and Sigma comes out large along it. The first factor is
+the usual one for few samples: q variables can make the scores of q objects vanish, whatever their errors are.
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ from numpy.typing import NDArray
 from mqslam.psi.estimator import Evaluation
 
 CLUSTER_M = 2.0  # returns this close are of one object and err together
+_UNKNOWN = 1e6  # variance, over that of the curvature alone, where there are no more objects than variables
 _LEAST = 1e-3  # share of Gauss-Newton's curvature below which a direction counts as not observed at all
 
 
@@ -36,8 +38,12 @@ def sandwich(
         known = np.zeros_like(found.curvature)
     units = 1.0 / np.sqrt(np.maximum(np.diag(found.information + known), 1e-12))
     scale = units[:, None] * units[None, :]
+    sums = sum_by_object(found.scores[found.matched], points[found.matched])
+    objects, variables = sums.shape
+    if objects <= variables:
+        return np.diag(_UNKNOWN * units**2)
     values, vectors = np.linalg.eigh((found.curvature + known) * scale)
-    spread = vectors.T @ ((clustered(found.scores, points) + known) * scale) @ vectors
+    spread = vectors.T @ ((sums.T @ sums * (objects / (objects - variables)) + known) * scale) @ vectors
     inverse = 1.0 / np.maximum(values, _LEAST)
     # a direction that psi does not hold at all varies by as much as its curvature fails to bound it
     spread += np.diag(np.where(values < _LEAST, 1.0, 0.0) * _LEAST)
@@ -81,12 +87,12 @@ def curvature_by_differences(
     return np.asarray(0.5 * (found + found.T))
 
 
-def clustered(scores: NDArray[np.float64], points: NDArray[np.float64]) -> NDArray[np.float64]:
-    """sum_c g_c g_c^T (Q, Q) of scores (N, Q) summed over the cells their points (N, 2) m lie in."""
+def sum_by_object(scores: NDArray[np.float64], points: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The scores (N, Q) summed over the cells that their points (N, 2) m lie in: one row (C, Q) per cell."""
     if len(points) == 0:
-        return np.zeros((scores.shape[1], scores.shape[1]))
+        return np.zeros((0, scores.shape[1]))
     cells = np.floor((points - points.min(axis=0)) / CLUSTER_M).astype(np.int64)
     _, members = np.unique(cells[:, 0] * (int(cells[:, 1].max()) + 1) + cells[:, 1], return_inverse=True)
     sums = np.zeros((int(members.max()) + 1, scores.shape[1]))
     np.add.at(sums, members, scores)
-    return np.asarray(sums.T @ sums)
+    return sums

@@ -110,25 +110,34 @@ def minimise(
     cache = NeighbourCache()
     converged = False
 
-    def scored(scale: Scale) -> Evaluation:
+    def evaluate_at(scale: Scale) -> tuple[PointSet, Evaluation]:
         queries = render(state)
         others = queries if references is None else references
         lists = cache.lists(queries.points, others.points, scale.s, grid)
-        return score(queries, others, lists, scale, revolution_s, config)
+        return queries, score(queries, others, lists, scale, revolution_s, config)
 
     for step in range(config.steps):
         scale = annealed_scale(config, step)
-        found = scored(scale)
+        queries, found = evaluate_at(scale)
         curvature = (found.curvature + config.stabiliser * found.information) / config.correlation + prior.information
         gradient = found.gradient / config.correlation + prior.information @ (state - prior.mean)
         values, vectors = np.linalg.eigh(_scaled(curvature, tolerances))
         values = np.maximum(np.abs(values), 1e-9)
         move = -tolerances * (vectors @ ((vectors.T @ (tolerances * gradient)) / values))
+        move = _limit(move, queries, scale.s)
         state = state + move
         if scale == final_scale(config) and np.all(np.abs(move) < tolerances):
             converged = True
             break
-    return Minimum(state, scored(final_scale(config)), converged)
+    return Minimum(state, evaluate_at(final_scale(config))[1], converged)
+
+
+def _limit(move: NDArray[np.float64], queries: PointSet, reach_m: float) -> NDArray[np.float64]:
+    """Shorten a step (Q,) that would move the points farther than the score has looked [m], RMS over the points."""
+    if len(queries) == 0:
+        return np.zeros_like(move)
+    moved = float(np.sqrt(np.mean(np.sum((queries.jacobians @ move) ** 2, axis=1))))
+    return move if moved <= reach_m else move * (reach_m / moved)
 
 
 def _scaled(matrix: NDArray[np.float64], units: NDArray[np.float64]) -> NDArray[np.float64]:

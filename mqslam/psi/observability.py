@@ -14,26 +14,34 @@ from numpy.typing import NDArray
 from mqslam.psi.estimator import Evaluation
 
 LEAST = 0.16  # share of curvature below which a direction counts as not observed
+_SHOWN = 1e-9  # correlated eigenvalues below this share of the largest one are rounding
 
 
 def weak_directions(wide: Evaluation, size: int) -> NDArray[np.float64]:
     """Directions (K, size) of the first `size` state variables that psi does not observe, scaled to unit information.
 
+    Where the points do not even show all directions under Gauss-Newton, as returns of a single bearing do, nothing is
+    taken as observed.
+
     Args:
         wide: an evaluation at the widest scale, near the minimum.
     """
     information = wide.information[:size, :size]
-    if not wide.matched.any() or np.linalg.matrix_rank(information) < size:
+    units = np.sqrt(np.diag(information))
+    if not np.all(units > 0.0):
         return np.eye(size)
-    units = np.linalg.cholesky(np.linalg.inv(information))
-    shares, vectors = np.linalg.eigh(units.T @ wide.curvature[:size, :size] @ units)
-    return np.asarray((units @ vectors[:, shares < LEAST]).T)
+    values, vectors = np.linalg.eigh(information / (units[:, None] * units[None, :]))
+    if values[0] < _SHOWN * values[-1]:
+        return np.eye(size)
+    whiten = (vectors / np.sqrt(values)) / units[:, None]
+    shares, directions = np.linalg.eigh(whiten.T @ wide.curvature[:size, :size] @ whiten)
+    return np.asarray((whiten @ directions[:, shares < LEAST]).T)
 
 
-def loosened(
+def loosen(
     covariance: NDArray[np.float64], directions: NDArray[np.float64], spans: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """A covariance (Q, Q) with the weak directions (K, Q) as uncertain as they can be.
+    """Make a covariance (Q, Q) as uncertain along the weak directions (K, Q) as it can be.
 
     Args:
         spans: (Q,) standard deviation of each variable when nothing is known of it.

@@ -19,14 +19,15 @@ from mqslam.core.motion import CONSTANT_TWIST, MotionModel
 from mqslam.core.scans import Returns
 from mqslam.psi.covariance import sandwich_by_differences
 from mqslam.psi.estimator import Evaluation
+from mqslam.psi.gaussians import invert
 from mqslam.psi.minimiser import Minimum, Prior, annealed_scale, final_scale, minimise, score_itself
-from mqslam.psi.observability import loosened, weak_directions
+from mqslam.psi.observability import loosen, weak_directions
 from mqslam.psi.place import Beam, PointSet, place
 
 SPANS = {0: 20.0, 1: 20.0, 2: 1.0}  # standard deviation of a component nothing is known of [m/s, m/s, rad/s]
 _STARTS = 3  # basins of the exhaustive search that are refined
 _DIFFERENT = 25.0  # squared distance, in units of the covariances, beyond which two motions are not the same
-_AS_GOOD = 1.25  # psi of a rival, over the best, up to which the window cannot tell them apart
+AS_GOOD = 1.25  # psi of a rival, over the best, up to which the window cannot tell them apart
 _DIFFERENCE = 4.0  # step of the differences that give the curvature [tolerances]
 TOLERANCES = {0: 5e-3, 1: 5e-3, 2: 1e-4}  # step that ends the search, by twist component [m/s, m/s, rad/s]
 
@@ -84,7 +85,7 @@ def estimate_window(
     covariance = sandwich_by_differences(found.evaluation, points.points, gradient, found.state, _DIFFERENCE * tolerances)
     weak = weak_directions(score_itself(points, annealed_scale(config, 0), revolution_s, config), model.size)
     if len(weak):
-        covariance = loosened(covariance, weak, np.array([SPANS[component] for component in model.components]))
+        covariance = loosen(covariance, weak, np.array([SPANS[component] for component in model.components]))
     return WindowMotion(found.state, covariance, found, Status.DEGENERATE if len(weak) else Status.CONVERGED)
 
 
@@ -111,10 +112,11 @@ def find_window_motion(
     found = [estimate_window(returns, t0, revolution_s, config, beam, start, model) for start in starts]
     found.sort(key=lambda motion: motion.minimum.evaluation.psi)
     best = found[0]
+    tolerances = np.array([TOLERANCES[component] for component in model.components])
     for other in found[1:]:
         apart = other.theta - best.theta
-        different = apart @ np.linalg.solve(best.covariance + other.covariance, apart) > _DIFFERENT
-        if different and other.minimum.evaluation.psi < _AS_GOOD * best.minimum.evaluation.psi:
+        different = apart @ invert(best.covariance + other.covariance, tolerances) @ apart > _DIFFERENT
+        if different and other.minimum.evaluation.psi < AS_GOOD * best.minimum.evaluation.psi:
             return replace(best, status=Status.AMBIGUOUS)
     return best
 

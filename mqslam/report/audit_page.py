@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any, Final
@@ -12,7 +12,9 @@ import numpy as np
 from mqslam.audit.judge import Audit
 from mqslam.audit.measures import Measures
 from mqslam.audit.sweeps import Sweeps
+from mqslam.audit.verdict import Share
 from mqslam.config import Config, dump_yaml
+from mqslam.errors import tolerate
 from mqslam.execution.files import write_bytes, write_text
 from mqslam.report.audit_figures import EXPECTED, heat_map, inflation_figure, revisit_figure, threshold
 from mqslam.report.crops import Crop, crop_pictures, crops
@@ -21,6 +23,7 @@ from mqslam.report.explorers.explorer import explorer
 from mqslam.report.page import (
     ABSENT,
     captioned,
+    draw,
     grid,
     named_card,
     note,
@@ -55,7 +58,6 @@ class AuditReport:
         sweeps: what was judged.
         audit: what came of it.
         config: all settings.
-        crops: the worst places.
         warnings: what the reader has to know before the numbers.
         settings_yaml: every setting used, as in config.yaml.
     """
@@ -65,63 +67,75 @@ class AuditReport:
     sweeps: Sweeps
     audit: Audit
     config: Config
-    crops: tuple[Crop, ...]
     warnings: tuple[str, ...]
     settings_yaml: str
 
 
 def write_audit_pages(
-    folder: Path,
-    title: str,
-    found: Audit,
-    sweeps: Sweeps,
-    config: Config,
-    summary: Mapping[str, Any],
-    warnings: Sequence[str],
-) -> None:
+    folder: Path, title: str, found: Audit, sweeps: Sweeps, config: Config, summary: Mapping[str, Any]
+) -> list[str]:
     """Write an audit's heat map and its report into an existing folder.
+
+    Returns:
+        what could not be made, and why.
 
     Raises:
         OutputError: a file cannot be written.
     """
-    write_bytes(folder / "heatmap.png", heat_map(sweeps, found, config.audit))
-    write_audit_report(
-        folder / "report.html",
-        AuditReport(
-            title=title,
-            summary=summary,
-            sweeps=sweeps,
-            audit=found,
-            config=config,
-            crops=crops(sweeps, found, config.audit),
-            warnings=tuple(warnings),
-            settings_yaml=dump_yaml(config),
-        ),
-    )
+    failures: list[str] = []
+    with tolerate("heatmap.png", failures):
+        write_bytes(folder / "heatmap.png", heat_map(sweeps, found, config.audit))
+    with tolerate("report.html", failures):
+        warnings = (*summary["warnings"], *failures)
+        report = AuditReport(title, summary, sweeps, found, config, warnings, dump_yaml(config))
+        failures += write_audit_report(folder / "report.html", report)
+    return failures
 
 
-def write_audit_report(path: Path, report: AuditReport) -> None:
+def write_audit_report(path: Path, report: AuditReport) -> list[str]:
     """Write an audit's report as one HTML file that opens without a network.
+
+    Returns:
+        what of it could not be drawn, and why; the report says it too.
 
     Raises:
         OutputError: the file cannot be written.
     """
-    head = (warning_box(report.warnings), verdict_badge(section(report.summary, "verdict")))
-    shown = audit_explorer(report.sweeps, report.audit, report.config.audit)
-    parts = (_tiles(report.audit), explorer(shown, _map(report)), _worst(report), _crops(report.crops), _tables(report))
+    failures: list[str] = []
+    settings = report.config.audit
+    still = draw("the pictures of the map", lambda: _map(report), failures)
+    parts = (
+        draw("the first numbers", lambda: _tiles(report), failures),
+        draw(
+            "the map to move in",
+            lambda: explorer(audit_explorer(report.sweeps, report.audit, settings), still),
+            failures,
+            still,
+        ),
+        draw("the worst places", lambda: _worst(report), failures),
+        draw("the pictures of the worst places", lambda: _crops(crops(report.sweeps, report.audit, settings)), failures),
+        draw("the tables", lambda: _tables(report), failures),
+    )
+    head = (warning_box([*report.warnings, *failures]), verdict_badge(section(report.summary, "verdict")))
     write_text(path, page(report.title, head, parts, report.settings_yaml, report.summary))
+    return failures
 
 
-def _tiles(audit: Audit) -> str:
+def _tiles(report: AuditReport) -> str:
+    audit, settings = report.audit, report.config.verdict
     windows = audit.windows
     sure = [r for r in audit.revisits if r.revisit.sure]
-    torn = sum(w.torn for w in windows)
+    torn = Share(sum(w.torn for w in windows), len(windows))
     values = []
     if windows:
         middle = float(np.median([w.bend.inflation for w in windows]))
         worst = max(map(of_window, windows), key=rank).off_m
         values += [
-            (f"{100.0 * torn / len(windows):.1f} %", f"of windows torn: {torn:,} of {len(windows):,}"),
+            (
+                f"{100.0 * torn.count / torn.total:.1f} %",
+                f"of windows torn: {torn.count:,} of {torn.total:,}, which goes with a true share of "
+                f"{torn.range_text(settings)}",
+            ),
             (three(middle), f"median inflation of a window, {EXPECTED:.2f} expected of a map that is right"),
             (length(worst), "worst window: how far its correction moves its points (RMS)"),
         ]
@@ -132,7 +146,11 @@ def _tiles(audit: Audit) -> str:
             said = f"of {len(audit.revisits):,} places passed twice none is sure enough to judge"
         return tiles([*values, (ABSENT, f"revisits torn: {said}")])
     values += [
-        (f"{len(off):,} of {len(sure):,}", "revisits torn, of those that are sure"),
+        (
+            f"{len(off):,} of {len(sure):,}",
+            "revisits torn, of those that are sure, which goes with a true share of "
+            f"{Share(len(off), len(sure)).range_text(settings)}",
+        ),
         (length(float(np.median([r.revisit.distance_m for r in sure]))), "median offset of two passes"),
     ]
     return tiles(values)

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from html import escape
 from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 
+from mqslam.audit.verdict import VerdictStatus
 from mqslam.core.trajectory import Trajectory
+from mqslam.errors import tolerate
 from mqslam.execution.files import write_text
+from mqslam.formats.tum import read_tum
 from mqslam.report.canvas import BLUE, INK, common_view, png, square
-from mqslam.report.page import captioned, note, number, page, share, tiles, warning_box
+from mqslam.report.page import badge, captioned, draw, note, number, page, share, tiles, warning_box
 
 _HEAD = (
     "run", "verdict", "revolutions", "duration", "path", "ψ per point, odometry", "optimised", "matched", "loops", "ATE",
@@ -19,9 +22,40 @@ _HEAD = (
 )  # fmt: skip
 
 
+def write_batch_pages(out: Path, title: str, summary: Mapping[str, Any], plan: str) -> list[str]:
+    """Write a batch's report into its folder, where the runs' own folders are.
+
+    Args:
+        out: the folder.
+        title: heading of the report.
+        summary: content of batch.json.
+        plan: text of RUNS.yaml.
+
+    Returns:
+        what could not be made, and why.
+
+    Raises:
+        OutputError: the file cannot be written.
+    """
+    failures: list[str] = []
+    tracks: dict[str, Trajectory] = {}
+    for run in summary["runs"]:
+        if run["trajectory"]:
+            with tolerate(f"the picture of {run['name']}", failures):  # a kept run may have lost its file since
+                tracks[run["name"]] = read_tum(out / run["trajectory"])
+    with tolerate("report.html", failures):
+        failures += write_batch_report(out / "report.html", title, summary, tracks, failures, plan)
+    return failures
+
+
 def write_batch_report(
-    path: Path, title: str, summary: Mapping[str, Any], tracks: Mapping[str, Trajectory], plan: str
-) -> None:
+    path: Path,
+    title: str,
+    summary: Mapping[str, Any],
+    tracks: Mapping[str, Trajectory],
+    warnings: Sequence[str],
+    plan: str,
+) -> list[str]:
     """Write a batch's report as one HTML file that opens without a network; it links to the reports of its runs.
 
     Args:
@@ -29,20 +63,30 @@ def write_batch_report(
         title: heading of the page.
         summary: content of batch.json.
         tracks: the optimised trajectories by the names of their runs.
+        warnings: what the reader has to know besides the runs that failed.
         plan: text of RUNS.yaml.
+
+    Returns:
+        what of it could not be drawn, and why; the report says it too.
 
     Raises:
         OutputError: the file cannot be written.
     """
+    failures: list[str] = []
     failed = [f"{run['name']} failed: {run['failure']}" for run in summary["runs"] if run["failure"]]
-    parts = (_tiles(summary), _table(summary), _trajectories(summary, tracks))
-    write_text(path, page(title, (warning_box(failed),), parts, plan, summary))
+    parts = (
+        draw("the first numbers", lambda: _tiles(summary), failures),
+        draw("the table of the runs", lambda: _table(summary), failures),
+        draw("the pictures of the trajectories", lambda: _trajectories(summary, tracks), failures),
+    )
+    write_text(path, page(title, (warning_box([*failed, *warnings, *failures]),), parts, plan, summary))
+    return failures
 
 
 def _tiles(summary: Mapping[str, Any]) -> str:
     counts = summary["counts"]
     return tiles([
-        (f"{counts['pass']} · {counts['warn']} · {counts['fail']}", "runs with verdict pass · warn · fail"),
+        (" · ".join(str(counts[status]) for status in VerdictStatus), f"runs with verdict {' · '.join(VerdictStatus)}"),
         (number(counts["failed"]), "runs that failed"),
         (_duration(summary["duration_s"]), "of radar"),
         (f"{summary['length_m'] / 1000.0:.2f} km", "driven"),
@@ -66,7 +110,7 @@ def _row(run: Mapping[str, Any]) -> str:
     name = f"<th>{_linked(run, escape(run['name']))}</th>"
     if run["failure"]:
         return f'{name}<td class="across" colspan="{len(_HEAD) - 1}">failed: {escape(run["failure"])}</td>'
-    verdict = f'<td><span class="badge {escape(run["verdict"])}">{escape(run["verdict"])}</span></td>'
+    verdict = f"<td>{badge(run['verdict'])}</td>"
     values = (
         number(run["revolutions"]), number(run["duration_s"], " s"), number(run["length_m"], " m"),
         number(run["psi_per_point_odometry"]), number(run["psi_per_point"]), share(run["matched"]), number(run["loops"]),

@@ -3,22 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from mqslam.compare.judgement import Judged, Place
 from mqslam.compare.rows import Row
 from mqslam.core.trajectory import Trajectory
+from mqslam.errors import tolerate
 from mqslam.evaluation import Evaluation
 from mqslam.execution.files import write_bytes, write_text
 from mqslam.report.audit_figures import threshold
 from mqslam.report.compare_figures import inflation_chart, overlay, place_pictures, revisit_chart
 from mqslam.report.explorers.compare_explorer import compare_explorer
-from mqslam.report.explorers.explorer import explorer
+from mqslam.report.explorers.explorer import Explorer, explorer
 from mqslam.report.page import (
     ABSENT,
     captioned,
+    draw,
     grid,
     named_card,
     note,
@@ -67,26 +69,51 @@ class CompareReport:
     settings_yaml: str
 
 
-def write_compare_pages(folder: Path, report: CompareReport) -> None:
+def write_compare_pages(folder: Path, report: CompareReport) -> list[str]:
     """Write a comparison's picture of all trajectories and its report into an existing folder.
+
+    Returns:
+        what could not be made, and why.
 
     Raises:
         OutputError: a file cannot be written.
     """
-    write_bytes(folder / "overlay.png", overlay(report.rows, report.ground_truth))
-    write_compare_report(folder / "report.html", report)
+    failures: list[str] = []
+    with tolerate("overlay.png", failures):
+        write_bytes(folder / "overlay.png", overlay(report.rows, report.ground_truth))
+    with tolerate("report.html", failures):
+        shown = replace(report, warnings=(*report.warnings, *failures))
+        failures += write_compare_report(folder / "report.html", shown)
+    return failures
 
 
-def write_compare_report(path: Path, report: CompareReport) -> None:
+def write_compare_report(path: Path, report: CompareReport) -> list[str]:
     """Write a comparison's report as one HTML file that opens without a network.
+
+    Returns:
+        what of it could not be drawn, and why; the report says it too.
 
     Raises:
         OutputError: the file cannot be written.
     """
+    failures: list[str] = []
     limit = report.summary.get("threshold") or threshold(None)
-    shown = compare_explorer(report.rows, (*report.places, *report.stations), report.ground_truth, report.start_us, limit)
-    parts = (_table(report), explorer(shown, _trajectories(report, limit)), _places(report), _numbers(report))
-    write_text(path, page(report.title, (warning_box(report.warnings),), parts, report.settings_yaml, report.summary))
+    still = draw("the pictures of the trajectories", lambda: _trajectories(report, limit), failures)
+    parts = (
+        draw("the table", lambda: _table(report), failures),
+        draw("the map to move in", lambda: explorer(_explored(report, limit), still), failures, still),
+        draw("where the rows differ", lambda: _places(report), failures),
+        draw("the numbers", lambda: _numbers(report), failures),
+    )
+    head = (warning_box([*report.warnings, *failures]),)
+    write_text(path, page(report.title, head, parts, report.settings_yaml, report.summary))
+    return failures
+
+
+def _explored(report: CompareReport, limit: float) -> Explorer:
+    """The interactive part."""
+    spots = (*report.places, *report.stations)
+    return compare_explorer(report.rows, spots, report.ground_truth, report.start_us, limit)
 
 
 def _table(report: CompareReport) -> str:

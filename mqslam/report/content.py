@@ -10,16 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mqslam.audit.judge import WindowAudit
-from mqslam.backend.pose_graph import marginals
+from mqslam.backend.pose_graph import PoseCovariances
 from mqslam.config import AuditConfig, dump_yaml, with_doppler_beta
-from mqslam.core.evenly import evenly
 from mqslam.core.measurement import Measurement
 from mqslam.core.point_map import PointMap
 from mqslam.core.recording import Recording
 from mqslam.core.trajectory import Trajectory
 from mqslam.slam import Run
-
-_ELLIPSES = 150  # poses whose covariance the report shows
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,8 +62,7 @@ class Report:
         checks: windows of the optimised map held against their own best.
         settings: by which they are judged.
         loops: (L, 2) the two revolutions of every loop closure.
-        sure: (K,) revolutions whose covariances are known.
-        covariances: (K, 3, 3) of their poses in their own frames [m, m, rad].
+        sure: covariances of some poses, or why there are none.
         warnings: what the reader has to know before the numbers.
         settings_yaml: every setting used, as in config.yaml.
     """
@@ -83,8 +79,7 @@ class Report:
     checks: tuple[WindowAudit, ...]
     settings: AuditConfig
     loops: NDArray[np.int64]
-    sure: NDArray[np.int64]
-    covariances: NDArray[np.float64]
+    sure: PoseCovariances
     warnings: tuple[str, ...]
     settings_yaml: str
 
@@ -102,16 +97,18 @@ def window_scores(measurements: Sequence[Measurement]) -> WindowScores:
     )
 
 
-def report_of(run: Run, recording: Recording, summary: Mapping[str, Any], warnings: Sequence[str]) -> Report:
+def report_of(
+    run: Run, recording: Recording, summary: Mapping[str, Any], sure: PoseCovariances, warnings: Sequence[str]
+) -> Report:
     """A run as its report shows it.
 
     Args:
         run: what came of it.
         recording: what it was made from.
         summary: content of summary.json.
+        sure: covariances of some poses, or why there are none.
         warnings: what the reader has to know before the numbers.
     """
-    sure = evenly(run.graph.size, _ELLIPSES)
     return Report(
         title=recording.path.resolve().name,
         summary=summary,
@@ -126,7 +123,6 @@ def report_of(run: Run, recording: Recording, summary: Mapping[str, Any], warnin
         settings=run.config.audit,
         loops=np.array([(loop.earlier, loop.later) for loop in run.loops], dtype=np.int64).reshape(-1, 2),
         sure=sure,
-        covariances=marginals(run.graph, run.values, sure.tolist()),
         warnings=tuple(warnings),
         settings_yaml=dump_yaml(with_doppler_beta(run.config, run.doppler_beta)),
     )

@@ -5,11 +5,12 @@ from __future__ import annotations
 import base64
 import math
 import platform
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from html import escape
 from importlib import metadata
 from typing import Any, Final
 
+from mqslam.errors import tolerate
 from mqslam.report.style import CSS
 
 ABSENT: Final = "–"
@@ -53,6 +54,22 @@ style-src 'unsafe-inline'; script-src 'unsafe-inline' 'unsafe-eval'">
 """
 
 
+def draw(name: str, part: Callable[[], str], failures: list[str], instead: str = "") -> str:
+    """Draw a part of a page; where that fails a line says so, and the other parts stand.
+
+    Args:
+        name: what the part is called.
+        part: what draws it as HTML.
+        failures: where it is added that it could not be drawn.
+        instead: HTML that takes its place below that line.
+    """
+    tried: list[str] = []
+    with tolerate(name, tried):
+        return part()
+    failures += tried
+    return note(tried[0]) + instead
+
+
 def warning_box(warnings: Sequence[str]) -> str:
     """What the reader has to know before the numbers; nothing without any."""
     if not warnings:
@@ -64,10 +81,15 @@ def warning_box(warnings: Sequence[str]) -> str:
 def verdict_badge(verdict: Mapping[str, Any]) -> str:
     """The verdict {status, reasons}."""
     status = str(verdict.get("status") or "no verdict")
-    kind = status if status in ("pass", "warn", "fail") else "none"
     reasons = "".join(f"<li>{escape(str(r))}</li>" for r in verdict.get("reasons") or ())
     listed = f"<ul>{reasons}</ul>" if reasons else ""
-    return f'<section class="verdict"><span class="badge {kind}">{escape(status)}</span>{listed}</section>'
+    return f'<section class="verdict">{badge(status)}{listed}</section>'
+
+
+def badge(status: str) -> str:
+    """A verdict's status in its colour; grey where there is no verdict."""
+    kind = status if status in ("pass", "warn", "fail") else "none"
+    return f'<span class="badge {kind}">{escape(status)}</span>'
 
 
 def tiles(values: Iterable[tuple[str, str]]) -> str:

@@ -3,22 +3,28 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 
+from mqslam.backend.pose_graph import marginals
 from mqslam.core import se2
+from mqslam.core.evenly import evenly
+from mqslam.core.recording import Recording
 from mqslam.core.trajectory import Trajectory
+from mqslam.errors import tolerate
 from mqslam.evaluation import alignment
 from mqslam.execution.files import write_text
 from mqslam.report import run_figures
 from mqslam.report.canvas import OUTERMOST
-from mqslam.report.content import Report, WindowScores
+from mqslam.report.content import Report, WindowScores, report_of
 from mqslam.report.explorers.explorer import explorer
 from mqslam.report.explorers.run_explorer import run_explorer
 from mqslam.report.page import (
     ABSENT,
+    draw,
     grid,
     note,
     number,
@@ -32,7 +38,9 @@ from mqslam.report.page import (
     verdict_badge,
     warning_box,
 )
+from mqslam.slam import Run
 
+_ELLIPSES: Final = 150  # poses whose covariance the report shows
 _SAME_PATH_M: Final = 1e-3
 _GROUPS: Final = {
     "dataset": "Recording",
@@ -55,17 +63,46 @@ _LABELS: Final = {
 }
 
 
-def write_report(path: Path, report: Report) -> None:
-    """Write a run's report as one HTML file that opens without a network.
+def write_run_pages(folder: Path, run: Run, recording: Recording, summary: Mapping[str, Any]) -> list[str]:
+    """Write a run's report into an existing folder.
+
+    Returns:
+        what could not be made, and why.
 
     Raises:
         OutputError: the file cannot be written.
     """
-    head = (warning_box(report.warnings), verdict_badge(section(report.summary, "verdict")))
+    failures: list[str] = []
+    with tolerate("report.html", failures):
+        sure = marginals(run.graph, run.values, evenly(run.graph.size, _ELLIPSES).tolist())
+        if sure.failure is not None:
+            failures.append(f"the covariances of the poses are not known ({sure.failure}): the report shows no ellipses")
+        report = report_of(run, recording, summary, sure, (*summary["warnings"], *failures))
+        failures += write_report(folder / "report.html", report)
+    return failures
+
+
+def write_report(path: Path, report: Report) -> list[str]:
+    """Write a run's report as one HTML file that opens without a network.
+
+    Returns:
+        what of it could not be drawn, and why; the report says it too.
+
+    Raises:
+        OutputError: the file cannot be written.
+    """
+    failures: list[str] = []
     truth = _placed_truth(report)
-    still = _maps(report) + _trajectory_and_windows(report, truth)
-    parts = (_tiles(report), explorer(run_explorer(report, truth), still), _tables(report))
+    still = draw("the pictures of the maps", lambda: _maps(report), failures)
+    still += draw("the pictures of the trajectory", lambda: _trajectory_and_windows(report, truth), failures)
+    parts = (
+        draw("the first numbers", lambda: _tiles(report), failures),
+        draw("the map to move in", lambda: explorer(run_explorer(report, truth), still), failures, still),
+        draw("the tables", lambda: _tables(report), failures),
+    )
+    head = (warning_box([*report.warnings, *failures]), verdict_badge(section(report.summary, "verdict")))
     write_text(path, page(report.title, head, parts, report.settings_yaml, report.summary))
+    return failures
 
 
 def _tiles(report: Report) -> str:

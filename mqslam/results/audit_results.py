@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import io
-import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -14,20 +13,35 @@ import numpy as np
 import mqslam
 from mqslam.audit.judge import Audit, RevisitAudit, WindowAudit, torn_threshold
 from mqslam.audit.sweeps import Sweeps
-from mqslam.config import AuditConfig, Config, dump_yaml
-from mqslam.execution.files import write_text
+from mqslam.audit.verdict import Share
+from mqslam.config import AuditConfig, Config, VerdictConfig, dump_yaml
+from mqslam.execution.files import write_json, write_text
 
 
 def summarise(
-    found: Audit, sweeps: Sweeps, settings: AuditConfig, dataset: Mapping[str, Any], trajectory: str
+    found: Audit,
+    sweeps: Sweeps,
+    settings: AuditConfig,
+    bounds: VerdictConfig,
+    dataset: Mapping[str, Any],
+    trajectory: str,
+    warnings: Sequence[str] = (),
 ) -> dict[str, Any]:
     """The content of audit.json.
 
     Args:
+        found: what came of the audit.
+        sweeps: what was judged.
+        settings: of the audit.
+        bounds: settings of the verdict.
         dataset: format and path of what was audited.
         trajectory: where the trajectory came from.
+        warnings: what a reader has to know before the numbers.
     """
     sure = [r for r in found.revisits if r.revisit.sure]
+    torn = Share(sum(w.torn for w in found.windows), len(found.windows))
+    off = Share(sum(r.torn for r in sure), len(sure))
+    confidence = bounds.confidence
     inflation = [w.bend.inflation for w in found.windows]
     return {
         "mqslam_version": mqslam.__version__,
@@ -43,19 +57,24 @@ def summarise(
         "threshold": torn_threshold(settings),
         "bend_m": settings.bend_m,
         "windows": {
-            "count": len(found.windows),
-            "torn": sum(w.torn for w in found.windows),
+            "count": torn.total,
+            "torn": torn.count,
+            "torn_share_at_least": torn.at_least(confidence),
+            "torn_share_at_most": torn.at_most(confidence),
             "inflation_median": float(np.median(inflation)) if inflation else None,
             "psi_per_point": _mean([w.bend.psi for w in found.windows]),
             "matched": _mean([w.bend.matched for w in found.windows]),
         },
         "revisits": {
             "count": len(found.revisits),
-            "sure": len(sure),
-            "torn": sum(r.torn for r in sure),
+            "sure": off.total,
+            "torn": off.count,
+            "torn_share_at_least": off.at_least(confidence),
+            "torn_share_at_most": off.at_most(confidence),
             "median_m": float(np.median([r.revisit.distance_m for r in sure])) if sure else None,
             "worst_m": max((r.revisit.distance_m for r in sure if r.torn), default=None),
         },
+        "warnings": list(warnings),
         "per_window": [_window(w) for w in found.windows],
         "per_revisit": [_revisit(r, sweeps) for r in found.revisits],
     }
@@ -110,16 +129,14 @@ def write_audit(folder: Path, config: Config, summary: Mapping[str, Any]) -> Non
     write_text(folder / "config.yaml", dump_yaml(config))
     write_text(folder / "audit.csv", _csv(summary["per_window"]))
     write_text(folder / "revisits.csv", _csv(summary["per_revisit"]))
-    write_text(folder / "audit.json", json.dumps(plain(summary), indent=1) + "\n")
+    write_json(folder / "audit.json", summary)
 
 
-def plain(value: Any) -> Any:
-    """The content of audit.json with null for numbers that JSON does not have."""
-    if isinstance(value, Mapping):
-        return {key: plain(part) for key, part in value.items()}
-    if isinstance(value, list):
-        return [plain(part) for part in value]
-    return None if isinstance(value, float) and not np.isfinite(value) else value
+def add_warnings(folder: Path, summary: dict[str, Any], warnings: Sequence[str]) -> None:
+    """Add to a summary that is written what could not be written after it."""
+    if warnings:
+        summary["warnings"] += warnings
+        write_json(folder / "audit.json", summary)
 
 
 def _csv(rows: Sequence[Mapping[str, Any]]) -> str:

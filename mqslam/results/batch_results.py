@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import csv
 import io
-import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import mqslam
+from mqslam.audit.verdict import VerdictStatus
 from mqslam.config import Config
 from mqslam.errors import OutputError
-from mqslam.execution.files import write_text
+from mqslam.execution.files import write_json, write_text
 
 
 def check_batch(out: Path, *, force: bool) -> None:
@@ -37,11 +37,12 @@ def summarise(orders: Sequence[Order], outcomes: Sequence[Outcome]) -> dict[str,
     states = [run["verdict"] or "failed" for run in runs]
     return {
         "mqslam_version": mqslam.__version__,
-        "counts": {state: states.count(state) for state in ("pass", "warn", "fail", "failed")},
+        "counts": {state: states.count(state) for state in (*VerdictStatus, "failed")},
         "kept": sum(outcome.kept for outcome in outcomes),
         "duration_s": sum(run["duration_s"] or 0.0 for run in runs),
         "length_m": sum(run["length_m"] or 0.0 for run in runs),
         "runtime_s": sum(run["runtime_s"] or 0.0 for run in runs),
+        "warnings": [],
         "runs": runs,
     }
 
@@ -86,12 +87,19 @@ def write_batch(out: Path, summary: Mapping[str, Any]) -> None:
         OutputError: a file cannot be written.
     """
     rows: list[dict[str, Any]] = summary["runs"]
-    write_text(out / "batch.json", json.dumps(summary, indent=1) + "\n")
     text = io.StringIO()
     writer = csv.DictWriter(text, list(rows[0]), lineterminator="\n", restval="")
     writer.writeheader()
     writer.writerows(rows)
     write_text(out / "batch.csv", text.getvalue())
+    write_json(out / "batch.json", summary)
+
+
+def add_warnings(out: Path, summary: dict[str, Any], warnings: Sequence[str]) -> None:
+    """Add to a summary that is written what could not be written after it."""
+    if warnings:
+        summary["warnings"] += warnings
+        write_json(out / "batch.json", summary)
 
 
 @dataclass(frozen=True, slots=True)

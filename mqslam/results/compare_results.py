@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import io
-import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -13,12 +12,13 @@ import numpy as np
 
 import mqslam
 from mqslam.audit.judge import WindowAudit, torn_threshold
+from mqslam.audit.verdict import Share
 from mqslam.compare.judgement import Judged, Place
 from mqslam.compare.rows import Row
-from mqslam.config import AuditConfig, Config, dump_yaml
+from mqslam.config import AuditConfig, Config, VerdictConfig, dump_yaml
 from mqslam.core.recording import Recording
 from mqslam.evaluation import Evaluation
-from mqslam.execution.files import write_text
+from mqslam.execution.files import write_json, write_text
 from mqslam.formats.trajectories import write_kitti
 from mqslam.formats.tum import write_tum
 from mqslam.results.run_results import measurements_csv
@@ -34,6 +34,7 @@ WITH_TRUTH = (
 WITHOUT_TRUTH = (
     ("psi_per_point", "psi per point", "{:.4f}"),
     ("matched", "matched", "{:.1%}"),
+    ("verdict", "verdict", "{}"),
     ("inflation", "inflation", "{:.3g}"),
     ("windows_torn", "windows torn", "{:.1%}"),
     ("revisit_m", "revisits apart [m]", "{:.3f}"),
@@ -48,11 +49,13 @@ def summarise(
     recording: Recording,
     doppler_beta: float,
     settings: AuditConfig,
+    bounds: VerdictConfig,
     rows: Sequence[Row],
     judged: Mapping[str, Judged],
     places: Sequence[Place],
     agreement: Sequence[tuple[str, str, Evaluation]],
     revolutions: int,
+    warnings: Sequence[str] = (),
 ) -> dict[str, Any]:
     """The content of compare.json; `revolutions` are those that every row covers."""
     return {
@@ -66,7 +69,8 @@ def summarise(
         },
         "doppler_beta": doppler_beta,
         "threshold": torn_threshold(settings),
-        "rows": [_row(row, judged.get(row.name), len(recording), settings.overlap) for row in rows],
+        "warnings": list(warnings),
+        "rows": [_row(row, judged.get(row.name), len(recording), settings, bounds) for row in rows],
         "agreement": [
             {"row": a, "against": b, "rmse_m": e.ate_rmse_m, "drift_percent": e.drift_percent, "speed_rms": e.rpe_v_rms}
             for a, b, e in agreement
@@ -75,10 +79,13 @@ def summarise(
     }
 
 
-def _row(row: Row, found: Judged | None, revolutions: int, overlap: float) -> dict[str, Any]:
+def _row(
+    row: Row, found: Judged | None, revolutions: int, settings: AuditConfig, bounds: VerdictConfig
+) -> dict[str, Any]:
     if found is None:
         return {"name": row.name, "failure": row.failure}
     windows, sure = found.audit.windows, [r for r in found.audit.revisits if r.revisit.sure]
+    torn = Share(sum(w.torn for w in windows), len(windows))
     truth, before = found.after, found.before
     return {
         "name": row.name,
@@ -91,11 +98,15 @@ def _row(row: Row, found: Judged | None, revolutions: int, overlap: float) -> di
         "odometry_drift_percent": before and before.drift_percent,
         "odometry_drift_deg_per_100m": before and before.drift_deg_per_100m,
         "odometry_ate_rmse_m": before and before.ate_rmse_m,
+        "verdict": found.audit.status,
+        "reasons": "; ".join(found.audit.reasons),
         "psi_per_point": found.psi_per_point,
         "matched": found.matched,
-        "inflation": _inflation(windows, overlap),
+        "inflation": _inflation(windows, settings.overlap),
         "windows": len(windows),
-        "windows_torn": float(np.mean([w.torn for w in windows])) if windows else None,
+        "windows_torn": torn.count / torn.total if windows else None,
+        "windows_torn_at_least": torn.at_least(bounds.confidence),
+        "windows_torn_at_most": torn.at_most(bounds.confidence),
         "revisits": len(sure),
         "revisits_torn": sum(r.torn for r in sure),
         "revisit_m": float(np.median([r.revisit.distance_m for r in sure])) if sure else None,
@@ -141,7 +152,14 @@ def write_compare(folder: Path, config: Config, summary: Mapping[str, Any], rows
             _write_row(folder / row.name, row)
     write_text(folder / "config.yaml", dump_yaml(config))
     write_text(folder / "compare.csv", _csv(summary))
-    write_text(folder / "compare.json", json.dumps(summary, indent=1) + "\n")
+    write_json(folder / "compare.json", summary)
+
+
+def add_warnings(folder: Path, summary: dict[str, Any], warnings: Sequence[str]) -> None:
+    """Add to a summary that is written what could not be written after it."""
+    if warnings:
+        summary["warnings"] += warnings
+        write_json(folder / "compare.json", summary)
 
 
 def _write_row(folder: Path, row: Row) -> None:

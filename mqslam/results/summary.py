@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import resource
-from dataclasses import asdict
+from collections.abc import Sequence
+from dataclasses import asdict, replace
 from typing import Any
 
 import numpy as np
 
 import mqslam
-from mqslam.audit.judge import FAIL_WINDOWS, WARN_WINDOWS
+from mqslam.audit.judge import judge_windows
+from mqslam.audit.verdict import Finding, Share, VerdictStatus, verdict_of
 from mqslam.core.measurement import Measurement, Status
 from mqslam.core.motion import LONGEST_COAST_S
 from mqslam.core.recording import Recording
@@ -18,17 +20,14 @@ from mqslam.evaluation import evaluate
 from mqslam.mapping.render import moving
 from mqslam.slam import Run
 
-# shares of windows, chosen so that a run a user would look into is not called `pass`
-WARN_LOST, FAIL_LOST = 0.0, 0.2
-WARN_DEGENERATE = 0.1
-FAIL_MATCHED = 0.15  # below this share of matched points nothing overlaps and psi means nothing
 PARKED_S = 10.0  # shorter stops are traffic
-WORSE = 1.1  # psi per point after over before; passes that loops lay on each other cost a little more than alone
 
 
 def summarise(run: Run, recording: Recording) -> dict[str, Any]:
-    """The content of summary.json."""
+    """The content of summary.json, but for the run's key and its warnings."""
     before, after = run.map_odometry, run.map_optimised
+    torn = Share(sum(w.torn for w in run.checks), len(run.checks))
+    confidence = run.config.verdict.confidence
     truth = recording.ground_truth
     found = None if truth is None else evaluate(run.optimised, truth)
     found_before = None if truth is None else evaluate(run.odometry, truth)
@@ -55,8 +54,10 @@ def summarise(run: Run, recording: Recording) -> dict[str, Any]:
             "matched_optimised": after.matched_share,
         },
         "inflation": {
-            "windows": len(run.checks),
-            "torn": sum(w.torn for w in run.checks),
+            "windows": torn.total,
+            "torn": torn.count,
+            "torn_share_at_least": torn.at_least(confidence),
+            "torn_share_at_most": torn.at_most(confidence),
             "median": float(np.median([w.bend.inflation for w in run.checks])) if run.checks else None,
         },
         "verdict": {"status": status, "reasons": reasons},
@@ -76,39 +77,52 @@ def summarise(run: Run, recording: Recording) -> dict[str, Any]:
     }
 
 
-def verdict(run: Run) -> tuple[str, list[str]]:
-    """`pass`, `warn` or `fail`, and why, from the run alone."""
-    failures, warnings = [], []
-    windows = run.measurements
-    lost, degenerate = share(windows, Status.LOST), share(windows, Status.DEGENERATE)
-    if lost > FAIL_LOST:
-        failures.append(f"{lost:.0%} of the windows lost track")
-    elif lost > WARN_LOST:
-        warnings.append(f"{lost:.1%} of the windows lost track and follow the prediction")
+def verdict(run: Run) -> tuple[VerdictStatus, list[str]]:
+    """The verdict on a run's map, and why, from the run alone.
+
+    Only windows show the map. Where there is none it is not judged, and what else there is to say is a reason.
+    """
+    settings, scans = run.config.verdict, len(run.optimised)
+    windows = judge_windows(run.checks, scans, run.config.audit.window, settings)
+    others = [*_judge_track(run), *_judge_optimisation(run)]
+    if not run.checks:
+        others = [replace(f, status=VerdictStatus.NOT_JUDGED) if f.status is VerdictStatus.WARN else f for f in others]
+    return verdict_of([*windows, *others])
+
+
+def _judge_track(run: Run) -> list[Finding]:
+    """What the scans that were read and tracked say about the map."""
+    settings, motions = run.config.verdict, run.measurements
+    lost, degenerate = share(motions, Status.LOST), share(motions, Status.DEGENERATE)
+    found = [Finding(VerdictStatus.PASS, "no scan lost track")]
+    if lost.count:
+        grave = lost.is_above(settings.lost_fail, settings)
+        said = f"{lost.count} of {lost.total} scans lost track and follow the prediction"
+        found = [Finding(VerdictStatus.FAIL if grave else VerdictStatus.WARN, said)]
     if run.unread:
-        warnings.append(f"{len(run.unread)} of {len(windows) + 1} revolutions could not be read")
-    if degenerate > WARN_DEGENERATE:
-        warnings.append(f"{degenerate:.0%} of the windows do not observe every direction of motion")
-    overlap = run.map_optimised.matched_share
-    if overlap < FAIL_MATCHED:
-        failures.append(f"only {overlap:.0%} of the map's points are seen twice: psi cannot judge it")
-    torn = sum(w.torn for w in run.checks)
-    if torn > WARN_WINDOWS * len(run.checks):
-        said = f"{torn} of {len(run.checks)} windows of the map are torn"
-        (failures if torn > FAIL_WINDOWS * len(run.checks) else warnings).append(said)
-    ratio = run.map_optimised.psi_per_point / run.map_odometry.psi_per_point
-    if ratio > WORSE:
-        failures.append(f"psi per point is {ratio:.2f} times that of the map before optimisation")
-    if not run.odometry_factors and not run.loops and not failures and not warnings:
-        return "pass", [f"no window was lost, {torn} of {len(run.checks)} windows of the map are torn"]
-    if failures:
-        return "fail", failures + warnings
-    return ("warn", warnings) if warnings else ("pass", [f"psi per point is {ratio:.2f} times that before optimisation"])
+        found.append(Finding(VerdictStatus.WARN, f"{len(run.unread)} of {len(run.optimised)} scans could not be read"))
+    if degenerate.is_above(settings.degenerate_warn, settings):
+        said = f"{degenerate.count} of {degenerate.total} scans do not observe every direction of motion"
+        found.append(Finding(VerdictStatus.WARN, said))
+    return found
 
 
-def share(windows: list[Measurement], status: Status) -> float:
-    """Part of the windows that have a status."""
-    return float(np.mean([w.status is status for w in windows])) if windows else 0.0
+def _judge_optimisation(run: Run) -> list[Finding]:
+    """What optimisation made of the map; nothing where it had nothing to do."""
+    if run.unoptimised is not None:
+        said = f"the pose graph could not be optimised: the trajectory is {run.frontend}'s motions, chained"
+        return [Finding(VerdictStatus.FAIL, said)]
+    before, after = run.map_odometry.psi_per_point, run.map_optimised.psi_per_point
+    if not (run.odometry_factors or run.loops) or not run.checks or before is None or after is None or before <= 0.0:
+        return []
+    ratio = after / before
+    worse = VerdictStatus.FAIL if ratio > run.config.verdict.worse else VerdictStatus.PASS
+    return [Finding(worse, f"psi per point is {ratio:.2f} times that of the map before optimisation")]
+
+
+def share(motions: Sequence[Measurement], status: Status) -> Share:
+    """How many of the motions have a status."""
+    return Share(sum(m.status is status for m in motions), len(motions))
 
 
 def peak_rss_mb() -> float:
@@ -120,7 +134,7 @@ def peak_rss_mb() -> float:
 
 def run_warnings(run: Run, recording: Recording) -> list[str]:
     """What happened during a run that its reader should know first."""
-    found = [*recording.faults, *unread_warnings(run.unread)]
+    found = [*recording.faults, *unread_warnings(run.unread), *run.warnings]
     found += [_gap(k, missing) for k, missing in recording.gaps()]
     for status, what in ((Status.LOST, "lost track"), (Status.DEGENERATE, "did not observe every direction")):
         found += [f"{what} from {begin:.1f} s to {end:.1f} s" for begin, end in stretches(run.measurements, status)]

@@ -85,7 +85,7 @@ def simulated_recording(
         path=Path("simulated"),
         format="simulated",
         stamps_us=START_US + periods[:-1],
-        end_us=START_US + int(periods[-1]),
+        turns_us=np.diff(periods),
         range_resolution=sensor.range_resolution,
         odometry=wheels.dead_reckoned(),
         ground_truth=Trajectory(START_US + periods[:-1], drive.poses(starts)),

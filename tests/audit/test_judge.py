@@ -7,12 +7,13 @@ from functools import lru_cache
 import numpy as np
 import pytest
 
-from mqslam.audit.judge import Audit, audit, verdict
+from mqslam.audit.judge import Audit, audit
 from mqslam.audit.revisits import revisit_pairs
-from mqslam.audit.sweeps import swept
+from mqslam.audit.sweeps import Sweeps, swept
+from mqslam.audit.verdict import VerdictStatus
 from mqslam.config import Config
 from mqslam.core import se2
-from mqslam.core.scans import Scans
+from mqslam.core.scans import Returns, Scan, Scans
 from mqslam.core.trajectory import Trajectory
 from mqslam.detection.stage import detect_all
 from mqslam.execution.engine import HERE, LocalEngine
@@ -20,7 +21,7 @@ from mqslam.psi.place import beam_of
 from mqslam.simulator import SensorModel, SimulatedRecording, loop_drive, simulated_recording, street_scene
 
 CONFIG = Config()
-SETTINGS = (CONFIG.audit, CONFIG.estimator, CONFIG.loops)
+SETTINGS = (CONFIG.audit, CONFIG.estimator, CONFIG.loops, CONFIG.verdict)
 BEAM = beam_of(CONFIG.estimator, 0.0)
 SENSOR = SensorModel(azimuths=200, range_resolution=0.175, max_range=80.0)
 
@@ -105,6 +106,46 @@ def test_revisits_are_looked_for_where_the_path_comes_back_only() -> None:
         assert np.hypot(*(sweeps.poses[a] - sweeps.poses[b])[:2]) <= settings.reach_m + settings.drift * path
 
 
-def test_a_verdict_of_nothing_says_that_nothing_came_back() -> None:
-    status, reasons = verdict([], [])
-    assert status == "pass" and any("comes back to no place" in reason for reason in reasons)
+def points_of(kind: str, rng: np.random.Generator) -> np.ndarray:
+    """Points (N, 2) [m] of one scan, of the kinds that leave directions untold."""
+    return {
+        "none": np.empty((0, 2)),
+        "one": rng.uniform(-50.0, 50.0, (1, 2)),
+        "two": rng.uniform(-50.0, 50.0, (2, 2)),
+        "one object": np.tile([[10.0, 3.0]], (20, 1)),
+        "at the sensor": np.full((10, 2), 1e-9),
+        "one direction": np.column_stack([rng.uniform(3.0, 60.0, 40), np.zeros(40)]),
+        "one wall": np.column_stack([rng.uniform(-50.0, 50.0, 40), np.full(40, 3.0)]),
+        "noise": rng.uniform(-50.0, 50.0, (60, 2)),
+    }[kind]
+
+
+@pytest.mark.parametrize("speed", [0.0, 8.0])
+@pytest.mark.parametrize("beside", [None, "noise"])
+@pytest.mark.parametrize("kind", ["one", "two", "one object", "at the sensor", "one direction", "one wall"])
+def test_a_window_that_tells_next_to_nothing_is_judged_all_the_same(kind: str, beside: str | None, speed: float) -> None:
+    rng = np.random.default_rng(3)
+    found = audit(sparse([kind, beside or kind] * 3, rng, speed), *SETTINGS, HERE, silent)
+    (scan,) = found.windows
+    assert np.isfinite([scan.bend.inflation, scan.bend.size_m, *np.diag(scan.bend.covariance)]).all()
+    assert scan.bend.inflation >= 0.0
+    assert found.status is VerdictStatus.NOT_JUDGED
+
+
+def test_windows_without_a_point_are_left_out() -> None:
+    rng = np.random.default_rng(3)
+    found = audit(sparse(["noise"] * 6 + ["none"] * 13 + ["noise"] * 6, rng, 8.0), *SETTINGS, HERE, silent)
+    assert [(w.begin, w.end) for w in found.windows] == [(0, 6), (18, 24), (19, 25)]
+
+
+def sparse(kinds: list[str], rng: np.random.Generator, speed: float) -> Sweeps:
+    """Sweeps of points of some kinds under a straight drive."""
+    scans = []
+    for k, kind in enumerate(kinds):
+        points = points_of(kind, rng)
+        times = np.sort(rng.uniform(0.25 * k, 0.25 * (k + 1), len(points)))
+        ranges, azimuths = np.hypot(*points.T), np.arctan2(points[:, 1], points[:, 0])
+        scans.append(Scan(0.25 * k, 0.25 * (k + 1), Returns(ranges, azimuths, times, np.full(len(points), 80.0))))
+    numbers = np.arange(len(kinds))
+    track = Trajectory(250_000 * numbers, np.column_stack([0.25 * speed * numbers, 0.0 * numbers, 0.0 * numbers]))
+    return swept(Scans(tuple(scans), 0, 0.25), track, BEAM)[0]

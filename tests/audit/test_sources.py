@@ -21,7 +21,7 @@ from mqslam.formats.lidars import carmen
 from mqslam.psi.place import beam_of
 
 CONFIG = load_config(LIDAR_CONFIG)
-SETTINGS = (CONFIG.audit, CONFIG.estimator, CONFIG.loops)
+SETTINGS = (CONFIG.audit, CONFIG.estimator, CONFIG.loops, CONFIG.verdict)
 BEAM = beam_of(CONFIG.estimator, 0.0)
 REVOLUTION_S = 0.1
 

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import gtsam
 import numpy as np
 import pytest
 from gtsam.symbol_shorthand import X
@@ -40,7 +41,7 @@ def test_without_loops_the_optimum_is_the_chain_wherever_it_starts() -> None:
     graph = graph_of(TURNS, start)
     assert graph.size == 31
     assert graph.factors.size() == 31
-    np.testing.assert_allclose(poses_of(optimise(graph), graph.size), truth, atol=1e-5)
+    np.testing.assert_allclose(poses_of(optimise(graph).values, graph.size), truth, atol=1e-5)
 
 
 def test_yaw_is_continued_past_a_turn() -> None:
@@ -53,7 +54,7 @@ def test_yaw_is_continued_past_a_turn() -> None:
 def test_the_first_pose_is_held_where_the_graph_starts() -> None:
     start = chain(TURNS, np.array([5.0, -1.0, 0.2]))
     graph = graph_of(TURNS, start)
-    np.testing.assert_allclose(poses_of(optimise(graph), graph.size)[0], start[0], atol=1e-6)
+    np.testing.assert_allclose(poses_of(optimise(graph).values, graph.size)[0], start[0], atol=1e-6)
 
 
 def test_a_loop_shares_the_drift_along_the_way() -> None:
@@ -62,7 +63,7 @@ def test_a_loop_shares_the_drift_along_the_way() -> None:
     start, truth = chain(drifting), chain(square)
     loop = {(0, 20): se2.between(truth[0], truth[20])}
     graph = graph_of(drifting, start, loop)
-    values = optimise(graph)
+    values = optimise(graph).values
     after = poses_of(values, graph.size)
     assert graph.factors.error(values) < 0.1 * graph.factors.error(graph.initial)
     before_m, after_m = (np.hypot(*(p[20, :2] - truth[20, :2])) for p in (start, after))
@@ -72,18 +73,105 @@ def test_a_loop_shares_the_drift_along_the_way() -> None:
 
 def test_marginals_are_covariances_that_grow_away_from_the_held_pose() -> None:
     graph = graph_of(TURNS, chain(TURNS))
-    found = marginals(graph, optimise(graph), [0, 1, 10, 30])
-    assert found.shape == (4, 3, 3)
-    np.testing.assert_allclose(found, found.transpose(0, 2, 1), atol=1e-12)
-    np.testing.assert_array_less(0.0, np.linalg.eigvalsh(found))
-    np.testing.assert_allclose(np.sqrt(np.diag(found[0])), [SIGMA_M, SIGMA_M, SIGMA_RAD], rtol=1e-6)
-    sizes = np.linalg.det(found)
-    assert np.all(np.diff(sizes) > 0.0)
+    found = marginals(graph, optimise(graph).values, [0, 1, 10, 30])
+    assert found.failure is None
+    np.testing.assert_array_equal(found.indices, [0, 1, 10, 30])
+    np.testing.assert_array_equal(found.covariances, found.covariances.transpose(0, 2, 1))
+    np.testing.assert_array_less(0.0, np.linalg.eigvalsh(found.covariances))
+    np.testing.assert_allclose(np.sqrt(np.diag(found.covariances[0])), [SIGMA_M, SIGMA_M, SIGMA_RAD], rtol=1e-6)
+    assert np.all(np.diff(np.linalg.det(found.covariances)) > 0.0)
 
 
 def test_the_marginal_of_the_first_edge_is_its_covariance_in_the_frame_it_ends_in() -> None:
     graph = graph_of(TURNS[:1], chain(TURNS[:1]))
-    (found,) = marginals(graph, optimise(graph), [1])
+    (found,) = marginals(graph, optimise(graph).values, [1]).covariances
     c, s = np.cos(0.3), np.sin(0.3)
     to_end = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
     np.testing.assert_allclose(found, to_end @ COVARIANCE @ to_end.T, atol=2e-6)
+
+
+def unequal(count: int, lowest: float, highest: float, loops: int = 0, seed: int = 1) -> PoseGraph:
+    """A chain whose edges know some directions and not others: variances 10^lowest to 10^highest along any axes."""
+    rng = np.random.default_rng(seed)
+    motions = np.column_stack([rng.uniform(-1.0, 3.0, count), rng.normal(0.0, 0.1, count), rng.normal(0.0, 0.05, count)])
+    poses = chain(motions)
+
+    def edge(a: int, b: int) -> gtsam.BetweenFactorPose2:
+        axes, _ = np.linalg.qr(rng.normal(size=(3, 3)))
+        covariance = (axes * 10.0 ** rng.uniform(lowest, highest, 3)) @ axes.T
+        noise = gtsam.noiseModel.Gaussian.Covariance(0.5 * (covariance + covariance.T))
+        return gtsam.BetweenFactorPose2(X(a), X(b), gtsam.Pose2(*se2.between(poses[a], poses[b])), noise)
+
+    edges = [edge(k, k + 1) for k in range(count)]
+    return pose_graph(poses, edges + [edge(*sorted(rng.choice(count + 1, 2, replace=False))) for _ in range(loops)])
+
+
+def dense_marginals(graph: PoseGraph) -> np.ndarray:
+    """All marginals (n, 3, 3) by a dense QR decomposition, its rows sorted so that it is as exact as it can be."""
+    rows, _ = graph.factors.linearize(graph.initial).jacobian()
+    rows = rows[np.argsort(-np.linalg.norm(rows, axis=1))]
+    inverse = np.linalg.inv(np.linalg.qr(rows, mode="r"))
+    return np.array([inverse[3 * k : 3 * k + 3] @ inverse[3 * k : 3 * k + 3].T for k in range(graph.size)])
+
+
+@pytest.mark.parametrize("loops", [0, 4])
+@pytest.mark.parametrize(("lowest", "highest"), [(-4.0, -2.0), (-10.0, 6.0)])
+def test_marginals_are_those_of_a_dense_computation_however_unequal_the_edges(
+    loops: int, lowest: float, highest: float
+) -> None:
+    graph = unequal(20, lowest, highest, loops)
+    expected = dense_marginals(graph)
+    found = marginals(graph, graph.initial, range(graph.size)).covariances
+    sigmas = np.sqrt(np.einsum("kii->ki", expected))
+    np.testing.assert_allclose(found / (sigmas[:, :, None] * sigmas[:, None, :]), expected / (
+        sigmas[:, :, None] * sigmas[:, None, :]), atol=1e-6)  # fmt: skip
+
+
+def test_a_long_chain_without_a_known_direction_has_marginals_where_gtsam_has_none() -> None:
+    graph = unequal(300, -10.0, 6.0)
+    with pytest.raises(RuntimeError, match="Indeterminate linear system"):
+        gtsam.Marginals(graph.factors, graph.initial)
+    found = marginals(graph, graph.initial, [1, 150, 300])
+    assert found.failure is None
+    assert np.linalg.eigvalsh(found.covariances).min() > 0.0
+
+
+@pytest.mark.parametrize(("lowest", "highest"), [(-20.0, 20.0), (-300.0, 300.0)])
+def test_marginals_beyond_all_precision_are_said_to_be_unknown(lowest: float, highest: float) -> None:
+    graph = unequal(30, lowest, highest)
+    found = marginals(graph, graph.initial, [0, 15, 30])
+    assert found.failure
+    assert found.covariances.shape == (0, 3, 3)
+    assert len(found.indices) == 0
+
+
+def test_marginals_of_a_pose_that_nothing_ties_are_said_to_be_unknown() -> None:
+    tied = graph_of(TURNS[:2], chain(TURNS[:2]))
+    tied.initial.insert(X(3), gtsam.Pose2())
+    loose = PoseGraph(tied.factors, tied.initial, 4)
+    assert marginals(loose, loose.initial, [3]).failure == "the graph leaves a direction open"
+
+
+def test_the_optimum_is_found_however_unequal_the_edges() -> None:
+    graph = unequal(200, -10.0, 6.0)
+    truth = poses_of(graph.initial, graph.size)
+    start = truth + np.random.default_rng(5).normal(0.0, [0.3, 0.3, 0.02], truth.shape)
+    start[0] = truth[0]
+    moved = pose_graph(start, [graph.factors.at(k) for k in range(1, graph.factors.size())])
+    optimum = optimise(moved)
+    assert optimum.failure is None
+    assert moved.factors.error(optimum.values) < 1e-3  # of some 1e13 where it starts; by Cholesky's method over 1 is left
+
+
+@pytest.mark.parametrize("broken", ["a factor of a pose that is not there", "beyond numbers"])
+def test_a_graph_that_cannot_be_optimised_keeps_its_starting_values(broken: str) -> None:
+    graph = graph_of(TURNS, chain(TURNS))
+    if broken == "a factor of a pose that is not there":
+        graph.factors.push_back(graph_of(np.tile(TURNS, (2, 1)), chain(np.tile(TURNS, (2, 1)))).factors.at(40))
+    else:
+        far = chain(TURNS)
+        far[20, 0] = np.inf
+        graph = graph_of(TURNS, far)
+    optimum = optimise(graph)
+    assert optimum.failure
+    assert optimum.values is graph.initial

@@ -89,11 +89,11 @@ def _trajectories(out: Path) -> list[Claim]:
     beta = doppler_beta_of(scans, config.sensor, config.tracker, config.estimator)
     beam = beam_of(config.estimator, beta)
     sweeps, _ = swept(scans, recording.ground_truth, beam)
-    true = audit(sweeps, config.audit, config.estimator, config.loops, _ENGINE, _silent)
+    true = audit(sweeps, config.audit, config.estimator, config.loops, config.verdict, _ENGINE, _silent)
     context = Context(config, recording.revolution_s, recording.start_us, None, beta)
     kiss = Trajectory(recording.stamps_us, chain(m.pose for m in KissIcpFrontEnd(context).measure(scans)))
     sweeps, _ = swept(scans, kiss, beam)
-    rival = audit(sweeps, config.audit, config.estimator, config.loops, _ENGINE, _silent)
+    rival = audit(sweeps, config.audit, config.estimator, config.loops, config.verdict, _ENGINE, _silent)
     poses = recording.ground_truth.at(recording.stamps_us)
     off, torn = [], []
     for judged in rival.revisits:
@@ -148,7 +148,7 @@ def _carmen() -> list[Claim]:
         source = lidar_source(carmen.read_lidar(shared(SHARED / "data" / "carmen" / f"{name}-corrected.log.gz")))
         for track, wanted in (("recording", "pass"), ("odometry", "fail")):
             sweeps, _ = sweeps_of(source, source.tracks[track], beam_of(config.estimator, 0.0))
-            found = audit(sweeps, config.audit, config.estimator, config.loops, _ENGINE, _silent)
+            found = audit(sweeps, config.audit, config.estimator, config.loops, config.verdict, _ENGINE, _silent)
             sure = [r for r in found.revisits if r.revisit.sure]
             rows.append([name, track, found.status, f"{np.mean([w.torn for w in found.windows]):.1%}",
                          float(np.median([w.bend.inflation for w in found.windows])), str(len(sure)),

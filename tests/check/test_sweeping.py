@@ -9,17 +9,23 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from support.conversions import convert, spinning
 from support.layouts import left_turn
 from support.recordings import START_US, TURN_US, oxford_rows, with_metadata, write_oxford, write_png
 
 from mqslam.check.finding import Finding, Verdict
+from mqslam.check.motion_checks import Followed, Steps, check_order, follow
 from mqslam.check.stretches import REVOLUTIONS, STRETCHES, read_stretches
 from mqslam.check.sweeping import check_azimuths, check_stamps
-from mqslam.config import DetectorConfig
+from mqslam.config import Config, DetectorConfig
 from mqslam.core.recording import PolarScan, Recording
 from mqslam.core.trajectory import Trajectory
 from mqslam.formats.recordings import open_recording
+from mqslam.psi.place import beam_of
 from mqslam.simulator import SimulatedRecording
+
+CONFIG = Config()
+BEAM = beam_of(CONFIG.estimator, 0.0)
 
 
 def findings(recording: Recording) -> tuple[Finding, Finding]:
@@ -125,3 +131,48 @@ def test_stretches_are_short_few_and_apart_and_lie_where_odometry_turns(tmp_path
     track = Trajectory(START_US + TURN_US * np.arange(80), np.column_stack([2.0 * np.arange(80), np.zeros(80), turn]))
     spans = [[w.t0 for w in s.scans] for s in read_stretches(recording, track, DetectorConfig(), lambda done, total: None)]
     assert any(span[0] < 29 * 0.25 < span[-1] for span in spans)
+
+
+def test_where_gaps_leave_no_long_stretch_the_longest_is_looked_at(tmp_path: Path) -> None:
+    for name, skip, expected in (
+        ("ends", (11, 12, 13, 14), [range(0, 11)]),
+        ("middle", (3, 9, 10), [range(4, 9)]),
+        ("all", tuple(range(1, 16, 2)), [range(k, k + 1) for k in (2, 8, 12)]),
+    ):
+        recording = open_recording(write_oxford(tmp_path / name, revolutions=16, skip=skip))
+        stretches = read_stretches(recording, None, DetectorConfig(), lambda done, total: None)
+        assert all(len(stretch.sweeps) == len(stretch.scans) == len(expected[0]) for stretch in stretches)
+        if len(expected) == 1:
+            assert [w.t0 / 0.25 for w in stretches[0].scans] == pytest.approx(list(expected[0]))
+        stamps, azimuths = findings(recording)
+        assert stamps.verdict is Verdict.SUSPICIOUS and "followed by a gap" in stamps.text
+        assert azimuths.verdict is Verdict.OK
+
+
+@pytest.mark.parametrize("skip", [(), (1, 2, 3)])
+def test_one_and_two_revolutions_say_what_they_cannot_tell(tmp_path: Path, skip: tuple[int, ...]) -> None:
+    for revolutions in (1, 5 if skip else 2):
+        recording = open_recording(write_oxford(tmp_path / f"{revolutions}", revolutions=revolutions, skip=skip))
+        stretches = read_stretches(recording, None, DetectorConfig(), lambda done, total: None)
+        stamps, azimuths = findings(recording)
+        assert azimuths.verdict is Verdict.OK
+        assert "too few to tell how steady they are" in stamps.text or recording.gaps()
+        order = check_order(follow(recording, stretches, CONFIG.tracker, CONFIG.estimator, BEAM))
+        longest = 1 if skip else min(revolutions, 2)
+        assert order.verdict is Verdict.UNTOLD
+        assert order.text == f"it takes 7 revolutions without a gap to tell, and there are no more than {longest}"
+
+
+def test_revolutions_that_are_swept_alike_in_both_orders_cannot_tell_the_order() -> None:
+    same = np.full(9, 1.5)
+    none = np.zeros(0, dtype=np.int64)
+    finding = check_order(Followed(Steps(none, none, np.zeros((0, 3))), same, same, longest=9))
+    assert finding.verdict is Verdict.UNTOLD and all(np.isfinite(value) for value in finding.numbers.values())
+
+
+def test_a_radar_that_turns_faster_from_some_moment_on_is_only_called_unsteady(tmp_path: Path) -> None:
+    takes = [500_000] * 12 + [200_000] * 20
+    recording = spinning([0, *np.cumsum(takes[:-1]).tolist()], takes)
+    back = open_recording(convert(recording, tmp_path, "oxford")[0])
+    stamps, _ = findings(back)
+    assert stamps.text == "the duration of a turn varies by 150%"

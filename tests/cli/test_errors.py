@@ -196,12 +196,12 @@ def test_a_place_that_cannot_be_written_is_refused_before_the_work(
 def test_a_write_that_fails_leaves_what_can_be_resumed(
     street: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from mqslam.commands import job
+    from mqslam.report import run_page
 
     def full(*_: object) -> None:
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(job, "write_report", full)
+    monkeypatch.setattr(run_page, "write_report", full)
     shown = mqslam("run", street, "--out", tmp_path / "out", "--frontend", "odometry", "--quiet")
     assert shown.code == 2 and "No space left on device" in shown.err and shown.err.count("\n") == 1
     assert "continue with --resume" in shown.err

@@ -108,3 +108,13 @@ def test_interpolation_turns_the_short_way_across_the_seam() -> None:
 
 def test_a_single_pose_is_held() -> None:
     np.testing.assert_array_equal(se2.interpolate([1.0], [[1.0, 2.0, 3.0]], [0.0, 5.0]), [[1.0, 2.0, 3.0]] * 2)
+
+
+@pytest.mark.parametrize("apart_s", [1e-6, 1e-4, 1e-2])
+@pytest.mark.parametrize("at_s", [0.0, 1.0, 3.75])
+def test_two_poses_that_are_stamped_almost_alike_bend_no_curve(apart_s: float, at_s: float) -> None:
+    times = np.sort(np.append(np.arange(0.0, 4.0, 0.25), at_s + apart_s))
+    poses = np.column_stack([5.0 * times + np.random.default_rng(1).normal(0.0, 0.002, len(times)), np.zeros((17, 2))])
+    at = np.linspace(-0.25, 4.0, 500)
+    np.testing.assert_allclose(se2.smooth(times, poses, at)[:, 0], 5.0 * at, atol=0.015)
+    np.testing.assert_allclose(se2.interpolate(times, poses, at)[:, 0], 5.0 * at, atol=0.015)

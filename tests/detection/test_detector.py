@@ -5,12 +5,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
+from pydantic import ValidationError
 from support.detector_reference import peaks_reference, targets_reference
 
 from mqslam.config import DetectorConfig
 from mqslam.core.recording import PolarScan
-from mqslam.core.scans import Returns
-from mqslam.detection.detector import _peaks, _targets, detect
+from mqslam.core.scans import PeakCounts, Returns
+from mqslam.detection.detector import _peaks, _targets, detect, detect_and_count
 
 BIN_M = 0.1
 AZIMUTHS, BINS = 60, 600
@@ -171,3 +172,52 @@ def test_the_power_is_left_as_it_was() -> None:
 @pytest.mark.parametrize("bins", [3, 8])
 def test_an_image_shorter_than_the_nearest_range_has_no_returns(bins: int) -> None:
     assert len(found(np.full((AZIMUTHS, bins), 200, np.uint8))) == 0
+
+
+def test_dense_peaks_in_long_bins_are_no_rings() -> None:
+    rng = np.random.default_rng(4)
+    power = rng.integers(0, 20, (250, 173), dtype=np.uint8)
+    for azimuth in range(250):
+        power[azimuth, rng.choice(np.arange(3, 36), 6, replace=False)] = 150
+    scan = polar_scan(power, ())
+    returns, counts = detect_and_count(scan, 4.0, DetectorConfig())
+    assert counts.ring_peaks == 0
+    assert len(returns) > 250
+
+
+def test_neighbours_of_one_target_are_joined_across_half_a_long_bin() -> None:
+    power = np.full((AZIMUTHS, 60), 5, np.uint8)
+    for azimuth, (near, far) in ((29, (120, 60)), (30, (160, 140)), (31, (60, 120))):
+        power[azimuth, 20], power[azimuth, 21] = near, far
+    assert len(detect(polar_scan(power, ()), 4.0, SETTINGS)) == 1
+
+
+@pytest.mark.parametrize(
+    ("counts", "step"),
+    [
+        (PeakCounts(400, 300, 900, 10), "detector.saturation"),
+        (PeakCounts(400, 3, 900, 890), "detector.ring_share"),
+        (PeakCounts(400, 3, 12, 1), "detector.threshold"),
+        (PeakCounts(), "detector.threshold"),
+    ],
+)
+def test_the_remedy_for_few_returns_names_the_step_that_dropped_them(counts: PeakCounts, step: str) -> None:
+    assert step in counts.remedy
+
+
+def test_the_counts_say_what_each_step_dropped() -> None:
+    power = quiet()
+    for azimuth in range(AZIMUTHS):
+        add(power, azimuth, 12.0)
+    returns, counts = detect_and_count(polar_scan(power, (3, 4)), BIN_M, SETTINGS)
+    assert counts.azimuths == AZIMUTHS
+    assert counts.unused_azimuths == 2
+    assert counts.ring_peaks > 0.9 * counts.peaks
+    assert len(returns) <= counts.peaks - counts.ring_peaks
+    assert counts + PeakCounts() == counts
+
+
+@pytest.mark.parametrize("near", [150.0, 200.0])
+def test_a_range_that_ends_before_it_begins_is_refused(near: float) -> None:
+    with pytest.raises(ValidationError, match="max_range_m"):
+        DetectorConfig(min_range_m=near)

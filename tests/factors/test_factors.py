@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+from dataclasses import replace
+
 import gtsam
 import numpy as np
 import pytest
@@ -7,7 +9,7 @@ from gtsam.symbol_shorthand import X
 
 from mqslam.config import GraphConfig
 from mqslam.core import se2
-from mqslam.core.measurement import Measurement
+from mqslam.core.measurement import Measurement, Status
 from mqslam.factors.noise import between_noise
 from mqslam.factors.odometry_between import odometry_between, odometry_covariance
 from mqslam.factors.prior import SIGMA_M, SIGMA_RAD, prior
@@ -122,3 +124,19 @@ def test_a_few_wild_spans_do_not_set_the_noise() -> None:
 def test_the_span_may_be_shorter_than_an_edge_or_longer_than_the_run(span_s: float) -> None:
     covariance = odometry_covariance(run(straight(7) + np.array([0.1, 0.0, 0.0])), run(straight(7)), span_s)
     np.testing.assert_array_less(0.0, np.diag(covariance))
+
+
+def test_a_short_run_does_not_make_odometry_better_than_it_says_itself() -> None:
+    agreeing = odometry_covariance(run(straight(30)), run(straight(30)), 10.0)
+    np.testing.assert_allclose(np.diag(agreeing), 30**2 * np.diag(COVARIANCE), rtol=1e-6)
+
+
+@pytest.mark.parametrize("status", [Status.LOST, Status.DEGENERATE])
+def test_motions_that_psi_took_from_odometry_do_not_vouch_for_it(status: Status) -> None:
+    odometry, measured = run(straight(400) + np.array([0.1, 0.0, 0.0])), run(straight(400))
+    alone = np.sqrt(odometry_covariance(odometry, measured, 10.0)[0, 0])
+    for k in range(0, 400, 4):
+        measured[k] = replace(odometry[k], status=status)
+    assert np.sqrt(odometry_covariance(odometry, measured, 10.0)[0, 0]) == pytest.approx(alone, rel=0.05)
+    tunnel = [replace(motion, status=status) for motion in odometry]
+    assert np.sqrt(odometry_covariance(odometry, tunnel, 10.0)[0, 0]) > alone

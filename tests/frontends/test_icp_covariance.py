@@ -50,3 +50,13 @@ def test_matched_counts_the_points_within_reach() -> None:
     surface = Surface(np.array([[0.0, 0.0], [5.0, 0.0]]))
     assert surface.matched(np.array([[0.5, 0.0], [4.0, 0.0], [2.5, 0.0]]), np.zeros(3), 0.9) == 1
     assert surface.matched(np.empty((0, 2)), np.zeros(3), 0.9) == 0
+
+
+def test_a_scan_that_lies_exactly_on_the_map_is_not_known_without_error() -> None:
+    assert np.linalg.eigvalsh(covariance(0.05, noise=0.0))[0] > 0.0
+
+
+def test_returns_at_the_sensor_leave_the_yaw_open() -> None:
+    spread = Surface(np.zeros((30, 2))).covariance(np.zeros((30, 2)), np.zeros(3), 2.0, 1.0)
+    np.testing.assert_array_less(0.0, np.linalg.eigvalsh(spread))
+    assert spread[2, 2] > 100.0 * spread[0, 0]

@@ -15,7 +15,7 @@ from mqslam.core.frontend import Context
 from mqslam.core.measurement import Measurement, Status
 from mqslam.core.scans import Scan
 from mqslam.core.trajectory import Trajectory
-from mqslam.errors import EstimationError
+from mqslam.errors import EstimationError, FewReturnsError
 from mqslam.frontends.psi import PsiFrontEnd
 from mqslam.simulator import ConstantDrive, SimulatedRecording, corridor_scene
 
@@ -141,8 +141,8 @@ def test_two_revolutions_are_enough() -> None:
     np.testing.assert_array_less(np.abs(errors(recording, [motion])[0]), [0.06, 0.03, 0.005])
 
 
-def test_a_start_without_returns_is_refused_with_advice() -> None:
+def test_a_recording_without_returns_is_refused() -> None:
     recording, scans = street_drive()
     empty = [replace(w, returns=w.returns.take(np.zeros(len(w.returns), dtype=bool))) for w in scans[:4]]
-    with pytest.raises(EstimationError, match=r"detector\.threshold"):
+    with pytest.raises(FewReturnsError, match="no two scans in a row hold 40 returns"):
         measured(recording, empty)

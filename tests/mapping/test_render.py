@@ -4,13 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from support.drives import constant, drive, joined
+from support.drives import constant, drive, joined, noise
 
 from mqslam.config import Config
 from mqslam.core import se2
 from mqslam.core.motion import CONSTANT_TWIST
 from mqslam.core.point_map import PointMap
-from mqslam.core.scans import Scans
+from mqslam.core.scans import Returns, Scan, Scans
 from mqslam.errors import EstimationError
 from mqslam.execution.engine import HERE, Engine, LocalEngine
 from mqslam.mapping import render as rendering
@@ -126,3 +126,16 @@ def test_a_run_without_returns_is_refused_with_advice(still_street: tuple[Scans,
     empty = replace(scans, scans=tuple(nothing))
     with pytest.raises(EstimationError, match=r"detector\.threshold"):
         rendered(empty, poses)
+
+
+def test_the_doppler_shift_is_taken_out_where_the_yaw_of_the_poses_is_wrapped() -> None:
+    poses = np.column_stack([np.arange(8.0), np.zeros(8), np.linspace(3.0, 3.4, 8)])
+    times = 0.25 * np.arange(8)
+    scan = noise(Scan(0.0, 1.75, Returns.none()), 200)
+    shifted = beam_of(CONFIG.estimator, 0.05)
+    wrapped = np.column_stack([poses[:, :2], se2.wrap(poses[:, 2])])
+    np.testing.assert_allclose(
+        place_along(scan.returns, times, wrapped, shifted).points,
+        place_along(scan.returns, times, poses, shifted).points,
+        atol=1e-9,
+    )

@@ -23,8 +23,10 @@ from support.reported import (
 )
 
 from mqslam.audit.judge import Audit
+from mqslam.audit.verdict import VerdictStatus
 from mqslam.config import Config
-from mqslam.report.audit_page import AuditReport, crops, heat_map, write_audit_report
+from mqslam.report.audit_page import AuditReport, heat_map, write_audit_report
+from mqslam.report.crops import Crop, crops
 from mqslam.report.spots import direction, worst_spots
 
 
@@ -45,10 +47,13 @@ def a_report() -> AuditReport:
         sweeps=sweeps,
         audit=audit,
         config=Config(),
-        crops=crops(sweeps, audit, Config().audit),
         warnings=("sweep 7 <img src=x> holds nothing",),
         settings_yaml="audit:\n  window: 6  # <sweeps>\n",
     )
+
+
+def crops_of(report: AuditReport) -> tuple[Crop, ...]:
+    return crops(report.sweeps, report.audit, report.config.audit)
 
 
 @pytest.fixture(scope="module")
@@ -102,12 +107,12 @@ def test_measures_of_windows_without_a_value_leave_the_others(written: Path) -> 
 def test_every_crop_is_shown_before_and_after_on_one_extent(report: AuditReport, written: Path) -> None:
     images = page_of(written).images
     shown = [name for name in images if name.endswith((", before", ", after"))]
-    assert len(shown) == 2 * len(report.crops) > 2
+    assert len(shown) == 2 * len(crops_of(report)) > 2
     assert len({Image.open(io.BytesIO(images[name])).size for name in shown}) == 1
 
 
 def test_a_torn_revisit_is_corrected_by_moving_the_later_pass_alone(report: AuditReport) -> None:
-    crop = report.crops[0]
+    crop = crops_of(report)[0]
     assert crop.title.startswith("revisit 2.2 s and 12.5 s")
     np.testing.assert_array_equal(crop.before[0], crop.after[0])
     moved = crop.after[1][np.argmin(np.hypot(*(crop.after[1]).T))]
@@ -117,7 +122,7 @@ def test_a_torn_revisit_is_corrected_by_moving_the_later_pass_alone(report: Audi
 
 
 def test_a_torn_window_is_corrected_against_its_middle(report: AuditReport) -> None:
-    crop = next(c for c in report.crops if c.title.startswith("window 4.5 s"))
+    crop = next(c for c in crops_of(report) if c.title.startswith("window 4.5 s"))
     assert len(crop.before) == len(crop.after) == 6
     assert "0.50 m ahead, 0.25 m right" in crop.text
 
@@ -144,7 +149,7 @@ def test_the_heat_map_tells_windows_beyond_the_threshold_from_the_others() -> No
 
     def blue_over_red(inflation: float) -> NDArray[np.int64]:
         windows = [judged_window(sweeps, 6 * k, inflation, (0.0, 0.0, 0.0), False) for k in range(10)]
-        image = Image.open(io.BytesIO(heat_map(sweeps, Audit(windows, [], "pass", [])))).convert("RGB")
+        image = Image.open(io.BytesIO(heat_map(sweeps, Audit(windows, [], VerdictStatus.PASS, [])))).convert("RGB")
         pixels = np.asarray(image).astype(np.int64)[200:]  # below the strip of all colours
         return pixels[..., 2] - pixels[..., 0]
 
@@ -163,13 +168,33 @@ def test_the_heat_map_is_opaque_by_itself_and_transparent_in_a_page(report: Audi
 
 
 def test_an_audit_with_nothing_in_it_still_has_a_report(report: AuditReport, tmp_path: Path) -> None:
-    nothing = Audit([], [], "pass", [])
-    bare = replace(report, summary={}, audit=nothing, crops=crops(report.sweeps, nothing, Config().audit), warnings=())
+    nothing = Audit([], [], VerdictStatus.NOT_JUDGED, [])
+    bare = replace(report, summary={}, audit=nothing, warnings=())
     write_audit_report(tmp_path / "bare.html", bare)
     page = page_of(tmp_path / "bare.html")
     assert set(page.images) == {"Heat map"}
     assert "Warnings" not in page.text
     assert "it comes back to no place" in page.text
+
+
+def test_a_part_that_cannot_be_drawn_costs_no_other_part(
+    report: AuditReport, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("mqslam.report.audit_page.heat_map", lambda *_, **__: 1 / 0)
+    monkeypatch.setattr("mqslam.report.audit_page.crops", lambda *_: 1 / 0)
+    failures = write_audit_report(tmp_path / "partial.html", report)
+    why = "could not be made (ZeroDivisionError: division by zero); the other results are whole"
+    assert failures == [f"the pictures of the map {why}", f"the pictures of the worst places {why}"]
+    page = page_of(tmp_path / "partial.html")
+    assert all(page.text.count(failure) >= 2 for failure in failures)  # among the warnings and in the part's place
+    assert "Worst places" in page.text and "Measures" in page.text and page.images == {}
+
+
+def test_an_audit_that_could_not_judge_says_so_in_grey(report: AuditReport, tmp_path: Path) -> None:
+    verdict = {"status": VerdictStatus.NOT_JUDGED, "reasons": ["2 scans, too few to judge a map by"]}
+    write_audit_report(tmp_path / "few.html", replace(report, summary={"verdict": verdict}))
+    assert '<span class="badge none">not judged</span>' in (tmp_path / "few.html").read_text()
+    assert "2 scans, too few to judge a map by" in page_of(tmp_path / "few.html").text
 
 
 def test_the_same_audit_gives_the_same_bytes(written: Path, tmp_path: Path) -> None:

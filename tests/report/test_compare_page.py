@@ -121,6 +121,14 @@ def test_the_overlay_is_opaque_by_itself_and_transparent_in_a_page() -> None:
     assert corners[1][3] == 0
 
 
+def test_a_part_that_cannot_be_drawn_costs_no_other_part(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("mqslam.report.compare_page.place_pictures", lambda *_: 1 / 0)
+    failures = write_compare_report(tmp_path / "partial.html", a_report(None))
+    assert len(failures) == 1 and failures[0].startswith("where the rows differ could not be made (ZeroDivisionError")
+    page = page_of(tmp_path / "partial.html")
+    assert page.text.count(failures[0]) == 2 and "Agreement" in page.text and "Trajectories" in page.images
+
+
 def test_a_comparison_of_one_row_without_truth_still_has_a_report(tmp_path: Path) -> None:
     report = a_report(None)
     alone = replace(report, rows=report.rows[:1], failed=(), places=(), agreement=(), summary={}, warnings=())

@@ -17,10 +17,12 @@ from PIL import Image
 from selenium.webdriver.support.ui import Select, WebDriverWait
 from support.reported import assert_alone, chromium, click_curve, judged_walls, opened, page_of, swept_walls
 
+from mqslam.backend.pose_graph import PoseCovariances
 from mqslam.config import AuditConfig
 from mqslam.core import se2
 from mqslam.core.point_map import PointMap
 from mqslam.core.trajectory import Trajectory
+from mqslam.errors import OutputError
 from mqslam.report import Report, WindowScores, write_report
 from mqslam.report.explorers.explorer import MOST_POINTS
 from mqslam.report.run_figures import map_figures
@@ -98,11 +100,17 @@ def a_report() -> Report:
         checks=tuple(judged_walls(swept_walls()).windows),
         settings=AuditConfig(),
         loops=np.array([[0, 59]]),
-        sure=np.array([0, 30, 59]),
-        covariances=np.diag([0.04, 0.09, 1e-4]) * np.arange(1, 4)[:, None, None],
+        sure=PoseCovariances(np.array([0, 30, 59]), np.diag([0.04, 0.09, 1e-4]) * np.arange(1, 4)[:, None, None]),
         warnings=("revolution 7 <img src=x> is truncated", "odometry ends & the run goes on"),
         settings_yaml="detector:\n  k_strongest: 12  # <per azimuth>\n",
     )
+
+
+def scene_of(path: Path) -> str:
+    """The names of the lines on the map to move in."""
+    scene = re.search(r'<script type="application/json" id="scene">(.*?)</script>', path.read_text(), re.DOTALL)
+    assert scene is not None
+    return ", ".join(line["name"] for line in json.loads(scene[1])["lines"])
 
 
 @pytest.fixture(scope="module")
@@ -168,14 +176,12 @@ def test_a_run_that_optimisation_did_not_change_says_so(written: Path, tmp_path:
 
 
 def test_a_run_with_almost_nothing_in_it_still_has_a_report(tmp_path: Path) -> None:
-    nothing = np.empty(0)
-    empty = PointMap(np.empty((0, 2)), nothing, nothing, nothing, np.empty(0, dtype=np.bool_))
     bare = replace(
         a_report(),
         summary={"evaluation": None},
         ground_truth=None,
-        map_odometry=empty,
-        map_optimised=empty,
+        map_odometry=PointMap.empty(),
+        map_optimised=PointMap.empty(),
         windows=windows(0),
         warnings=(),
     )
@@ -185,6 +191,40 @@ def test_a_run_with_almost_nothing_in_it_still_has_a_report(tmp_path: Path) -> N
     assert "Warnings" not in page.text
     assert "Against ground truth" not in page.text
     assert set(page.images) == {"Under odometry", "Optimised", "Trajectory"}
+
+
+def test_a_part_that_cannot_be_drawn_costs_no_other_part(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("mqslam.report.run_page.run_explorer", lambda *_: 1 / 0)
+    failures = write_report(tmp_path / "partial.html", a_report())
+    assert failures == [
+        "the map to move in could not be made (ZeroDivisionError: division by zero); the other results are whole"
+    ]
+    page = page_of(tmp_path / "partial.html")
+    assert page.text.count(failures[0]) == 2  # among the warnings, and in the part's place
+    assert "Map quality" in page.text and {"Under odometry", "Optimised", "Trajectory"} <= set(page.images)
+
+
+def test_a_full_disk_is_no_part_that_cannot_be_drawn(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(*_: object) -> str:
+        raise OutputError("no space left")
+
+    monkeypatch.setattr("mqslam.report.run_page.run_explorer", full)
+    with pytest.raises(OutputError, match="no space left"):
+        write_report(tmp_path / "partial.html", a_report())
+
+
+def test_covariances_that_are_not_known_are_said_and_not_drawn(written: Path, tmp_path: Path) -> None:
+    unknown = PoseCovariances.unknown("the graph leaves a direction open")
+    write_report(tmp_path / "unsure.html", replace(a_report(), sure=unknown))
+    said = "the covariances of the poses are not known (the graph leaves a direction open)"
+    assert said in page_of(tmp_path / "unsure.html").text and said not in page_of(written).text
+    assert "3σ ellipses" not in scene_of(tmp_path / "unsure.html") and "3σ ellipses" in scene_of(written)
+
+
+@pytest.mark.parametrize("empty", ["map_odometry", "map_optimised"])
+def test_one_map_that_could_not_be_rendered_leaves_the_other_to_be_looked_at(tmp_path: Path, empty: str) -> None:
+    assert write_report(tmp_path / "half.html", replace(a_report(), **{empty: PointMap.empty()})) == []
+    assert len(page_of(tmp_path / "half.html").images) == 5
 
 
 def test_windows_without_odometry_have_one_curve(tmp_path: Path) -> None:

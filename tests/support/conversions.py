@@ -8,8 +8,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from support.layouts import left_turn
-from support.recordings import START_US, TURN_US, circle, with_metadata, write_png
+from support.recordings import START_US, TURN_US, bag_writer, circle, with_metadata, write_png
 
 from mqslam.core.recording import PolarScan, Recording
 from mqslam.formats.recordings import open_recording
@@ -75,6 +76,57 @@ def changed(start_us: int | None = None, **by_name: Any) -> Turns:
     turns = tuple(replace(r, **{name: change(r) for name, change in by_name.items()}) for r in recording.polar_scans())
     late = recording.start_us - (recording.start_us if start_us is None else start_us)
     return Turns(
-        path=Path("drive"), format="given", stamps_us=recording.stamps_us - late, end_us=recording.end_us - late,
+        path=Path("drive"), format="given", stamps_us=recording.stamps_us - late, turns_us=recording.turns_us,
         range_resolution=0.5, turns=turns,
     )  # fmt: skip
+
+
+def stamps_of(azimuths: int, turn_us: float, burst: int = 1) -> NDArray[np.float64]:
+    """Stamps (A,) [us] of the azimuths of a turn that are handed over in bursts: all of one when its last is measured."""
+    rows = np.arange(azimuths)
+    return (np.minimum(rows // burst * burst + burst - 1, azimuths - 1) + 0.01 * (rows % burst)) * turn_us / azimuths
+
+
+def angles_of(azimuths: int) -> NDArray[np.float64]:
+    return -2.0 * np.pi * np.arange(azimuths) / azimuths
+
+
+def spinning(begins_us: list[int], turns_us: int | list[int], azimuths: int = 60, burst: int = 4) -> Turns:
+    """A recording of revolutions that begin at stamps after the start [us] and take so long by their azimuths' stamps."""
+    takes = [turns_us] * len(begins_us) if isinstance(turns_us, int) else turns_us
+    revolutions = []
+    for k, (begin, turn) in enumerate(zip(begins_us, takes, strict=True)):
+        stamps = np.round(begin + stamps_of(azimuths, turn, burst) - stamps_of(azimuths, turn, burst)[0])
+        ticks = np.round(np.arange(azimuths) * 5600 / azimuths)
+        power = np.full((azimuths, azimuths), k % 40, dtype=np.uint8)
+        revolutions.append(PolarScan(stamps * 1e-6, -2.0 * np.pi * ticks / 5600, power, np.ones(azimuths, dtype=np.bool_)))
+    return Turns(
+        path=Path("drive"), format="given", stamps_us=START_US + np.array(begins_us), turns_us=np.array(takes),
+        range_resolution=0.5, turns=tuple(revolutions),
+    )  # fmt: skip
+
+
+def arriving(turns: NDArray[np.int64], delays_us: NDArray[np.float64]) -> NDArray[np.int64]:
+    """NDArray[np.int64] of turns that arrive late, one after the other."""
+    numbers = np.arange(len(turns))
+    return np.asarray(np.maximum.accumulate(turns + delays_us.round().astype(np.int64) - numbers) + numbers)
+
+
+def write_jittered(root: Path, layout: str, delays: NDArray[np.float64]) -> Path:
+    """Write steady revolutions in a layout of one stamp each, their ends, which come late."""
+    recording = spinning([TURN_US * k for k in range(len(delays))], TURN_US)
+    ends = arriving(recording.ends_us, delays).tolist()
+    if layout == "bag":
+        with bag_writer(root / "drive.bag", "ros1") as bag:
+            radar = bag.topic("/radar/polar", "sensor_msgs/msg/Image")
+            for end, polar_scan in zip(ends, recording.turns, strict=True):
+                bag.write(radar, end, bag.image(end, polar_scan.power.T))
+        return root / "drive.bag"
+    out, _ = convert(recording, root, layout)
+    if layout == "radiate":
+        lines = [f"Frame: {k:06d} Time: {end // 10**6}.{end % 10**6:06d}\n" for k, end in enumerate(ends, 1)]
+        (out / "Navtech_Polar.txt").write_text("".join(lines))
+    else:
+        for image, end in reversed(list(zip(sorted(out.rglob("*.png")), ends, strict=True))):
+            image.rename(image.with_name(f"{end * 1000}.png"))
+    return out

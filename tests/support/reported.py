@@ -25,6 +25,7 @@ from mqslam.audit.judge import Audit, RevisitAudit, WindowAudit, verdict
 from mqslam.audit.measures import Measures
 from mqslam.audit.revisits import Revisit
 from mqslam.audit.sweeps import Sweeps, path_length
+from mqslam.config import VerdictConfig
 
 WINDOW = 6
 
@@ -169,4 +170,4 @@ def judged_walls(sweeps: Sweeps) -> Audit:
         judged_revisit(9, 50, (-1.25, 0.5, -0.02), True),
         judged_revisit(5, 54, (6.0, 0.0, 0.0), False, sure=False),
     ]
-    return Audit(windows, revisits, *verdict(windows, revisits))
+    return Audit(windows, revisits, *verdict(windows, revisits, len(sweeps), WINDOW, VerdictConfig()))

@@ -42,9 +42,9 @@ class Drive:
 
 
 def spaced(travelled: NDArray[np.float64], spacing_m: float) -> NDArray[np.int64]:
-    """Indices about spacing_m [m] apart on a path whose length so far is travelled (N,) [m]."""
-    marks = np.arange(0.0, travelled[-1] + 1e-9, spacing_m)
-    return np.unique(np.clip(np.searchsorted(travelled, marks), 0, len(travelled) - 1))
+    """Indices about spacing_m [m] apart on a path whose length so far is travelled (N,) [m]: the first past every mark."""
+    marks = np.floor(travelled / spacing_m)  # passed so far, the one at the beginning aside
+    return np.flatnonzero(np.diff(marks, prepend=-1.0) > 0.0)
 
 
 def around(travelled: NDArray[np.float64], centre: int, reach_m: float, spacing_m: float) -> NDArray[np.int64]:

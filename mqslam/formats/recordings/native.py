@@ -18,6 +18,7 @@ from mqslam.execution.files import written_whole
 from mqslam.formats.shared import npz
 from mqslam.formats.shared.poses import checked
 from mqslam.formats.shared.sensing import Sensing, is_bin_length
+from mqslam.formats.shared.turns import find_usual_turns, measure_turn, place_turns
 
 _LONGEST_TURN_S = 30.0
 _REMEDY = "write it anew"
@@ -38,7 +39,7 @@ class NativeRecording(Recording):
 def write_native(path: Path, recording: Recording) -> None:
     """Write a recording as a native `.npz`, one revolution in memory at a time.
 
-    Members: `stamps_us`, `end_us`, `range_resolution`, `notes`; where there are any `odometry_stamps_us`,
+    Members: `stamps_us`, `turns_us`, `range_resolution`, `notes`; where there are any `odometry_stamps_us`,
     `odometry_poses` and the same with `ground_truth`; and for revolution k `times_k`, `azimuths_k`, `power_k` and
     `valid_k` with k in six digits at least. Nothing is compressed.
 
@@ -48,7 +49,7 @@ def write_native(path: Path, recording: Recording) -> None:
     """
     with written_whole(path) as aside, zipfile.ZipFile(aside, "w", zipfile.ZIP_STORED) as archive:
         _write(archive, "stamps_us", recording.stamps_us)
-        _write(archive, "end_us", np.int64(recording.end_us))
+        _write(archive, "turns_us", recording.turns_us)
         _write(archive, "range_resolution", np.float64(recording.range_resolution))
         _write(archive, "notes", np.array(recording.notes, dtype=np.str_))
         for name, trajectory in (("odometry", recording.odometry), ("ground_truth", recording.ground_truth)):
@@ -78,9 +79,7 @@ def open_recording(path: Path, sensing: Sensing) -> NativeRecording:
         missing = {f"power_{k:06d}" for k in range(len(stamps))} - set(npz.names_of(archive))
         if missing:
             raise DataError(path, f"lacks {len(missing)} of {len(stamps)} revolutions", _REMEDY)
-        end_us = int(_member(path, archive, "end_us", np.int64, 0))
-        if end_us <= stamps[-1]:
-            raise DataError(path, "ends before its last revolution", _REMEDY)
+        turns = _turns(path, archive, stamps)
         resolution = float(_member(path, archive, "range_resolution", np.float64, 0))
         if not is_bin_length(resolution):
             raise DataError(path, f"has a range resolution of {resolution} m", _REMEDY)
@@ -88,7 +87,7 @@ def open_recording(path: Path, sensing: Sensing) -> NativeRecording:
             path=path,
             format="native",
             stamps_us=stamps,
-            end_us=end_us,
+            turns_us=turns,
             range_resolution=sensing.range_resolution or resolution,
             odometry=_trajectory(path, archive, "odometry"),
             ground_truth=_trajectory(path, archive, "ground_truth"),
@@ -110,6 +109,31 @@ def _member(path: Path, archive: zipfile.ZipFile, name: str, kind: Any, dimensio
     if not np.issubdtype(array.dtype, kind) or array.ndim != dimensions:
         raise DataError(path, f"{name} is {array.ndim}-dimensional {array.dtype}", _REMEDY)
     return array
+
+
+def _turns(path: Path, archive: zipfile.ZipFile, stamps_us: NDArray[np.int64]) -> NDArray[np.int64]:
+    """How long the revolutions take (N,) [us]; older files say only when the last one ends."""
+    if "turns_us" in npz.names_of(archive):
+        turns = _member(path, archive, "turns_us", np.int64, 1)
+        if turns.shape != stamps_us.shape or np.any(turns <= 0) or np.any(turns > _LONGEST_TURN_S * 1e6):
+            raise DataError(path, "has revolutions that take no time, or too long", _REMEDY)
+        return turns
+    usual = find_usual_turns(stamps_us, lambda k: _measured(path, archive, k))
+    turns = place_turns(stamps_us, "start", usual)[1]
+    turns[-1] = int(_member(path, archive, "end_us", np.int64, 0)) - stamps_us[-1]
+    if turns[-1] <= 0:
+        raise DataError(path, "ends before its last revolution", _REMEDY)
+    return turns
+
+
+def _measured(path: Path, archive: zipfile.ZipFile, k: int) -> float | None:
+    """How long the turn of revolution k took by its azimuths' times [us], or None where they do not say."""
+    try:
+        times, azimuths = (_member(path, archive, f"{name}_{k:06d}", np.float64, 1) for name in ("times", "azimuths"))
+    except DataError:
+        return None
+    sound = len(times) == len(azimuths) and np.isfinite(times).all() and np.isfinite(azimuths).all()
+    return measure_turn(times * 1e6, azimuths) if sound else None
 
 
 def _trajectory(path: Path, archive: zipfile.ZipFile, name: str) -> Trajectory | None:

@@ -42,7 +42,7 @@ def open_recording(path: Path, sensing: Sensing) -> RowImageRecording:
     names, notes, faults = _names(root, folder)
     images = index_rows(folder, names)
     resolution, assumed = _range_resolution(root, sensing.range_resolution)
-    truth, broken = _ground_truth(root, int(images.stamps_us[0]), images.end_us)
+    truth, broken = _ground_truth(root, int(images.stamps_us[0]), int(images.stamps_us[-1] + images.turns_us[-1]))
     odometry = root / "odom.csv"
     return images.recording(
         path,

@@ -14,10 +14,12 @@ from numpy.typing import NDArray
 from mqslam.core.recording import PolarScan, Recording
 from mqslam.errors import DataError
 from mqslam.formats.shared import bags, polar_message
-from mqslam.formats.shared.azimuth_rows import even_azimuths, spread_note, turns_of
+from mqslam.formats.shared.arrivals import smooth_arrivals
+from mqslam.formats.shared.azimuth_rows import even_azimuths, spread_note
 from mqslam.formats.shared.polar_message import B_SCAN_DEFINITION, B_SCAN_TYPE, COMPRESSED_TYPE, IMAGE_TYPE, Layout
 from mqslam.formats.shared.sensing import Sensing
 from mqslam.formats.shared.stamps import in_order
+from mqslam.formats.shared.turns import find_usual_turns, place_turns
 
 if TYPE_CHECKING:
     from rosbags.highlevel import AnyReader
@@ -26,19 +28,6 @@ if TYPE_CHECKING:
 RANGE_RESOLUTION_M = 0.0438
 _FIRST_TRIED = 10  # messages of a topic, of which one at least must be a revolution
 _DEFINITIONS = {B_SCAN_TYPE: B_SCAN_DEFINITION}
-
-
-@dataclass(frozen=True, slots=True)
-class Spread:
-    """How azimuths without stamps and angles of their own fill their turns.
-
-    Args:
-        durations_us: (N,) int64 [us] of the revolutions.
-        clockwise: whether azimuths follow one another clockwise, seen from above.
-    """
-
-    durations_us: NDArray[np.int64]
-    clockwise: bool
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -50,14 +39,14 @@ class RosbagRecording(Recording):
         layout: how its messages hold their azimuths.
         messages_us: (N,) int64 [us], what the message of each revolution is stamped, be it the start or the end of it.
         logged_ns: (N,) int64 [ns], when the message of each revolution was recorded.
-        spread: of azimuths that are not stamped, else None.
+        clockwise: whether azimuths without stamps and angles of their own follow one another clockwise, seen from above.
     """
 
     topic: str
     layout: Layout
     messages_us: NDArray[np.int64]
     logged_ns: NDArray[np.int64]
-    spread: Spread | None
+    clockwise: bool
 
     def polar_scans(self, start: int = 0, stop: int | None = None) -> Iterator[PolarScan]:
         """Read the revolutions start <= k < stop, one after the other."""
@@ -85,11 +74,11 @@ class RosbagRecording(Recording):
 
     def _polar_scan(self, k: int, message: Any) -> PolarScan:
         power = polar_message.power_of(self.layout, message)
-        if self.spread is None:
+        if self.layout.stamps_azimuths:
             azimuths = polar_message.stamped_azimuths(self.layout, message)
         else:
-            begin, duration = int(self.stamps_us[k]), int(self.spread.durations_us[k])
-            azimuths = even_azimuths(len(power), begin, duration, clockwise=self.spread.clockwise)
+            begin, duration = int(self.stamps_us[k]), int(self.turns_us[k])
+            azimuths = even_azimuths(len(power), begin, duration, clockwise=self.clockwise)
         return azimuths.polar_scan(power, self.start_us)
 
 
@@ -113,15 +102,18 @@ def open_recording(path: Path, sensing: Sensing) -> RosbagRecording:
     faults = [f"{index.unread} messages on {topic} could not be read, left out: {index.error}"] if index.unread else []
     if skipped := len(ordered) - len(messages_us):
         faults.append(f"the stamps of {skipped} messages on {topic} repeat or run backward: left out")
+    clockwise = sensing.clockwise is not False
     if layout.stamps_azimuths:
-        starts, end_us, spread = messages_us, np.array(index.ends_us)[ordered].tolist()[-1], None
+        measured = [turn for turn, kept in zip(index.measured_turns_us, ordered.tolist(), strict=True) if kept]
+        starts, turns = place_turns(messages_us, "start", find_usual_turns(messages_us, measured.__getitem__))
+        turns[-1] = index.turns_us[int(np.flatnonzero(ordered)[-1])] or turns[-1]
         notes += sensing.idle()
     else:
         stamp = sensing.stamp or polar_message.usual_stamp(topic, layout)
-        starts, durations = turns_of(messages_us, stamp)
-        end_us = int(starts[-1] + durations[-1])
-        spread = Spread(durations, sensing.clockwise is not False)
-        notes.append(f"{layout.value} of the images taken as azimuths; " + spread_note("header", stamp, spread.clockwise))
+        arrivals, smoothed = smooth_arrivals(messages_us)
+        starts, turns = place_turns(arrivals, stamp, find_usual_turns(arrivals))
+        notes.append(f"{layout.value} of the images taken as azimuths; " + spread_note("header", stamp, clockwise))
+        notes += smoothed
     if sensing.range_resolution is None:
         notes.append(f"range resolution {RANGE_RESOLUTION_M} m assumed: --range-resolution overrides it")
     odometry, truth = (bags.trajectory_of(index.poses.get(name or "", ())) for name in (odometry_topic, truth_topic))
@@ -133,7 +125,7 @@ def open_recording(path: Path, sensing: Sensing) -> RosbagRecording:
         path=path,
         format="rosbag",
         stamps_us=starts,
-        end_us=end_us,
+        turns_us=turns,
         range_resolution=sensing.range_resolution or RANGE_RESOLUTION_M,
         odometry=odometry,
         ground_truth=truth,
@@ -143,7 +135,7 @@ def open_recording(path: Path, sensing: Sensing) -> RosbagRecording:
         layout=layout,
         messages_us=messages_us,
         logged_ns=np.array(index.logged_ns, dtype=np.int64)[ordered],
-        spread=spread,
+        clockwise=clockwise,
     )
 
 
@@ -151,12 +143,14 @@ def open_recording(path: Path, sensing: Sensing) -> RosbagRecording:
 class _Index:
     """What one pass over a bag collects: revolutions, messages that are none, and poses (t, x, y, yaw) by topic.
 
-    Ends are those of revolutions whose azimuths are stamped; of the messages that are none, the first is kept as an error.
+    Turns are those of revolutions whose azimuths are stamped, None where these do not tell; of the messages that are no
+    revolutions, the first is kept as an error.
     """
 
     stamps_us: list[int] = field(default_factory=list)
     logged_ns: list[int] = field(default_factory=list)
-    ends_us: list[int] = field(default_factory=list)
+    turns_us: list[int | None] = field(default_factory=list)
+    measured_turns_us: list[float | None] = field(default_factory=list)
     unread: int = 0
     error: DataError | None = None
     poses: dict[str, list[bags.PoseRow]] = field(default_factory=dict)
@@ -231,7 +225,10 @@ def _index(path: Path, reader: AnyReader, topic: str, layout: Layout, pose_topic
             continue
         index.stamps_us.append(stamp)
         index.logged_ns.append(logged)
-        index.ends_us.append(polar_message.stamped_azimuths(layout, message).end_us if layout.stamps_azimuths else 0)
+        if layout.stamps_azimuths:
+            azimuths = polar_message.stamped_azimuths(layout, message)
+            index.turns_us.append(azimuths.turn_us)
+            index.measured_turns_us.append(azimuths.measured_turn_us)
     if 2 * index.unread > index.unread + len(index.stamps_us) and index.error is not None:
         raise index.error
     return index

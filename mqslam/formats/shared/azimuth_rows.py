@@ -8,14 +8,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mqslam.core.recording import PolarScan, usual_steps
+from mqslam.core.recording import FASTEST_TURN_US, SLOWEST_TURN_US, PolarScan
 from mqslam.formats.shared.sensing import Stamp
+from mqslam.formats.shared.turns import measure_turn
 
 METADATA_BYTES = 11
 FLAG_BYTE = 10
 TURN_TICKS = 5600
-USUAL_TURN_US = 250_000
 _LONGEST_TURN_US = 30e6
+_SAME_TURN = 0.02  # share of a turn by which its end may differ from what the rate of its azimuths says
 FIRST_NS = 1e17  # later than any stamp in us, earlier than any of a radar in ns
 
 
@@ -38,6 +39,22 @@ class Azimuths:
         """One mean azimuth step after the last azimuth [us]."""
         first, last = int(self.stamps_us[0]), int(self.stamps_us[-1])
         return last + max(1, round((last - first) / (len(self.stamps_us) - 1)))
+
+    @property
+    def measured_turn_us(self) -> float | None:
+        """How long a whole turn takes [us] at the rate of these azimuths, or None where they do not tell."""
+        return measure_turn((self.stamps_us - self.stamps_us[0]).astype(np.float64), self.angles)
+
+    @property
+    def turn_us(self) -> int | None:
+        """How long the turn takes [us], or None where these azimuths do not tell.
+
+        That is until its end, unless the rate shows that they are not just one turn.
+        """
+        until_end, measured = self.end_us - int(self.stamps_us[0]), self.measured_turn_us
+        if measured is None:
+            return until_end if FASTEST_TURN_US <= until_end <= SLOWEST_TURN_US else None
+        return until_end if abs(until_end - measured) < _SAME_TURN * measured else round(measured)
 
     def take(self, chosen: NDArray[np.bool_]) -> Azimuths:
         """The chosen ones (A,) of these azimuths."""
@@ -82,22 +99,6 @@ def repaired(
 def in_us(stamps: NDArray[np.int64]) -> NDArray[np.int64]:
     """Stamps (N,) [us] of stamps since 1970 that are all in us or all in ns; a few may be damaged."""
     return stamps // 1000 if stamps.size and np.median(stamps) > FIRST_NS else stamps
-
-
-def turns_of(stamps_us: NDArray[np.int64], stamp: Stamp) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Starts (N,) and durations (N,) [us] of turns of which only their increasing stamps (N,) [us] are known.
-
-    A turn goes on to the next one's stamp, or where stamps are ends, has gone on since the one before's; beside a gap and
-    at the open end it takes as long as its neighbour, since the turn rate wanders slowly.
-    """
-    between = np.diff(stamps_us)
-    if not len(between):
-        durations = np.array([USUAL_TURN_US] * len(stamps_us), dtype=np.int64)
-    else:
-        own = np.arange(len(stamps_us)) - (stamp == "end")
-        known = np.flatnonzero(between < 1.5 * usual_steps(stamps_us))  # the shortest step always is
-        durations = between[known[np.minimum(np.searchsorted(known, own), len(known) - 1)]]
-    return (stamps_us if stamp == "start" else stamps_us - durations), durations
 
 
 def even_azimuths(count: int, stamp_us: int, duration_us: int, *, clockwise: bool = True) -> Azimuths:

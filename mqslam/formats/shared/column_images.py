@@ -12,9 +12,11 @@ from numpy.typing import NDArray
 from mqslam.core.recording import PolarScan, Recording
 from mqslam.core.trajectory import Trajectory
 from mqslam.errors import DataError
-from mqslam.formats.shared.azimuth_rows import even_azimuths, spread_note, turns_of
+from mqslam.formats.shared.arrivals import smooth_arrivals
+from mqslam.formats.shared.azimuth_rows import even_azimuths, spread_note
 from mqslam.formats.shared.images import first_readable, read_grey
 from mqslam.formats.shared.sensing import Sensing
+from mqslam.formats.shared.turns import find_usual_turns, place_turns
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -26,7 +28,6 @@ class ColumnImageRecording(Recording):
         names: (N,) int64, what they are called.
         digits: least number of digits of a name.
         shape: range rows and azimuth columns of every image.
-        durations_us: (N,) int64 [us] of the revolutions.
         clockwise: whether azimuths follow one another clockwise, seen from above.
     """
 
@@ -34,7 +35,6 @@ class ColumnImageRecording(Recording):
     names: NDArray[np.int64]
     digits: int
     shape: tuple[int, int]
-    durations_us: NDArray[np.int64]
     clockwise: bool
 
     def polar_scans(self, start: int = 0, stop: int | None = None) -> Iterator[PolarScan]:
@@ -45,7 +45,7 @@ class ColumnImageRecording(Recording):
             if pixels.shape != self.shape:
                 sizes = [f"{rows} ranges by {columns} azimuths" for rows, columns in (pixels.shape, self.shape)]
                 raise DataError(image, f"holds {sizes[0]}, the first image {sizes[1]}", "leave it out of the recording")
-            stamp, duration = int(self.stamps_us[k]), int(self.durations_us[k])
+            stamp, duration = int(self.stamps_us[k]), int(self.turns_us[k])
             azimuths = even_azimuths(pixels.shape[1], stamp, duration, clockwise=self.clockwise)
             yield azimuths.polar_scan(np.ascontiguousarray(pixels.T), self.start_us)
 
@@ -88,21 +88,21 @@ def column_recording(
     names, named_us = names[skipped:], named_us[skipped:]
     stamp = sensing.stamp or "end"
     clockwise = sensing.clockwise is not False
-    starts, durations = turns_of(named_us, stamp)
+    named_us, smoothed = smooth_arrivals(named_us)
+    starts, turns = place_turns(named_us, stamp, find_usual_turns(named_us))
     return ColumnImageRecording(
         path=path,
         format=format,
         stamps_us=starts,
-        end_us=int(starts[-1] + durations[-1]),
+        turns_us=turns,
         range_resolution=sensing.range_resolution or range_resolution,
         ground_truth=ground_truth,
-        notes=(*notes, spread_note("file", stamp, clockwise)),
+        notes=(*notes, spread_note("file", stamp, clockwise), *smoothed),
         faults=(*faults, *missing),
         folder=folder,
         names=names,
         digits=digits,
         shape=shape,
-        durations_us=durations,
         clockwise=clockwise,
     )
 

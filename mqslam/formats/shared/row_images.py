@@ -13,10 +13,11 @@ from numpy.typing import NDArray
 from mqslam.core.recording import PolarScan, Recording
 from mqslam.core.trajectory import Trajectory
 from mqslam.errors import DataError
-from mqslam.formats.shared.azimuth_rows import FLAG_BYTE, METADATA_BYTES, Azimuths, in_us, read_metadata, turns_of
+from mqslam.formats.shared.azimuth_rows import FLAG_BYTE, METADATA_BYTES, Azimuths, in_us, read_metadata
 from mqslam.formats.shared.images import first_readable, read_grey
+from mqslam.formats.shared.turns import find_usual_turns, place_turns
 
-_MOST_STAMP_ERROR_US = 1_000_000
+_MOST_STAMP_ERROR_US = 1_000_000  # of a name, beyond the revolution that it is an instant of
 _FEWEST_AZIMUTHS = 0.1  # share of the usual number, below which an image is no revolution
 _REMEDY = "copy it anew, or leave it out of the recording"
 
@@ -60,7 +61,7 @@ class RowImages:
         folder: holds the images.
         names: (N,) int64, what they are called: increasing stamps [us or ns].
         stamps_us: (N,) int64 [us], when their revolutions begin.
-        end_us: when the last revolution ends [us].
+        turns_us: (N,) int64 [us], how long they take.
         flag: what byte 10 of their rows tells.
         usual: number of azimuths of the first.
         notes: how that was understood.
@@ -70,7 +71,7 @@ class RowImages:
     folder: Path
     names: NDArray[np.int64]
     stamps_us: NDArray[np.int64]
-    end_us: int
+    turns_us: NDArray[np.int64]
     flag: Flag
     usual: int
     notes: tuple[str, ...]
@@ -92,7 +93,7 @@ class RowImages:
             path=path,
             format=format,
             stamps_us=self.stamps_us,
-            end_us=self.end_us,
+            turns_us=self.turns_us,
             range_resolution=range_resolution,
             odometry=odometry,
             ground_truth=ground_truth,
@@ -123,16 +124,32 @@ def index_rows(folder: Path, names: NDArray[np.int64]) -> RowImages:
 
     (flag, notes, azimuths), skipped, faults = first_readable(names.tolist(), opened, "first")
     names = names[skipped:]
-    usual, backward = len(azimuths.stamps_us), names[::-1].tolist()
-    (last, _), skipped, missing = first_readable(backward, lambda name: _read(folder, name, flag, usual), "last")
+    count, backward = len(azimuths.stamps_us), names[::-1].tolist()
+    (last, _), skipped, missing = first_readable(backward, lambda name: _read(folder, name, flag, count), "last")
     names = names[: len(names) - skipped]
     named_us = in_us(names)
-    begin = int(azimuths.stamps_us[0])
-    lead, turn = int(named_us[0]) - begin, azimuths.end_us - begin
-    durations = np.append(turn, turns_of(named_us, "end")[1][1:])
-    within = 0 <= lead <= turn
-    leads = np.round(lead * durations / turn).astype(np.int64) if within else np.full(len(names), lead)
-    return RowImages(folder, names, named_us - leads, last.end_us, flag, usual, notes, (*faults, *missing))
+    known = {0: azimuths, len(names) - 1: last}
+    usual = find_usual_turns(named_us, lambda k: _measured(folder, names, flag, k, known))
+    before = place_turns(named_us, "end", usual)[1]
+    before[0] = azimuths.turn_us or before[0]
+    lead = int(named_us[0]) - int(azimuths.stamps_us[0])
+    within = 0 <= lead <= before[0]
+    starts = named_us - (np.round(lead * before / before[0]).astype(np.int64) if within else lead)
+    turns = place_turns(starts, "start", usual)[1]
+    if last.turn_us is not None:
+        turns[-1] = max(1, int(last.stamps_us[0]) + last.turn_us - int(starts[-1]))
+    return RowImages(folder, names, starts, turns, flag, count, notes, (*faults, *missing))
+
+
+def _measured(
+    folder: Path, names: NDArray[np.int64], flag: Flag, k: int, known: dict[int, Azimuths]
+) -> float | None:
+    """How long the turn of image k took by its azimuths' stamps [us], or None where they cannot be read or do not say."""
+    try:
+        azimuths = known[k] if k in known else _read(folder, int(names[k]), flag)[0]
+    except DataError:
+        return None
+    return azimuths.measured_turn_us
 
 
 def _flag(pixels: NDArray[np.uint8]) -> tuple[Flag, tuple[str, ...]]:
@@ -179,6 +196,7 @@ def _read(folder: Path, name: int, flag: Flag, usual: int = 0) -> tuple[Azimuths
     except ValueError as error:
         raise DataError(image, str(error), _REMEDY) from error
     apart = int(azimuths.stamps_us[0]) - int(in_us(np.asarray(name)))
-    if abs(apart) > _MOST_STAMP_ERROR_US:
+    span = int(azimuths.stamps_us[-1]) - int(azimuths.stamps_us[0])
+    if not -span - _MOST_STAMP_ERROR_US <= apart <= _MOST_STAMP_ERROR_US:
         raise DataError(image, f"its first row is stamped {apart * 1e-6:.1f} s after its name", _REMEDY)
     return azimuths, pixels[:, METADATA_BYTES:]

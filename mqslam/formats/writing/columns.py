@@ -9,18 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mqslam.core import se2
-from mqslam.core.recording import PolarScan, Recording, usual_steps
+from mqslam.core.recording import PolarScan, Recording
 from mqslam.errors import DataError
-from mqslam.formats.shared.azimuth_rows import even_azimuths, turns_of
+from mqslam.formats.shared.azimuth_rows import even_azimuths
 from mqslam.formats.writing.azimuth_rows import write_png
 
 _MOST_STEPS = 0.75  # azimuths may lie this many steps beside where a reader of polar images takes them
-
-
-def ends_of(recording: Recording) -> NDArray[np.int64]:
-    """(N,) stamps [us] of the ends of the revolutions: where the next one begins, but for gaps."""
-    starts, durations = turns_of(recording.stamps_us, "start")
-    return np.append((starts + durations)[:-1], recording.end_us)
 
 
 def write_columns(folder: Path, recording: Recording, names: Sequence[str]) -> list[str]:
@@ -42,7 +36,7 @@ def write_columns(folder: Path, recording: Recording, names: Sequence[str]) -> l
     """
     shape, apart, clockwise, late = (0, 0), 0.0, True, False
     ahead: NDArray[np.uint8] | None = None  # what a turn that begins one step late has of the next one's first column
-    follows = np.append(False, np.diff(recording.stamps_us) < 1.5 * usual_steps(recording.stamps_us))
+    follows = np.append(False, recording.ends_us[:-1] == recording.stamps_us[1:])
     for k, polar_scan in enumerate(recording.polar_scans()):
         if k == 0:
             shape, clockwise = polar_scan.power.shape, bool(polar_scan.azimuths[-1] <= polar_scan.azimuths[0])

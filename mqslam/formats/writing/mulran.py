@@ -14,7 +14,7 @@ from mqslam.execution.files import write_text
 from mqslam.formats.recordings.mulran import BASE_TO_RADAR, COLUMNS, ROWS
 from mqslam.formats.shared.azimuth_rows import FIRST_NS, Azimuths
 from mqslam.formats.writing.azimuth_rows import azimuth_stamps, oxford_rows, write_png
-from mqslam.formats.writing.columns import ends_of, write_columns
+from mqslam.formats.writing.columns import write_columns
 
 
 def write(folder: Path, recording: Recording) -> list[str]:
@@ -27,7 +27,7 @@ def write(folder: Path, recording: Recording) -> list[str]:
         DataError: a revolution that cannot be read, or that polar images cannot hold.
     """
     images = _prepared(folder, recording, COLUMNS)
-    return write_columns(images, recording, [f"{end}000" for end in ends_of(recording).tolist()])
+    return write_columns(images, recording, [f"{end}000" for end in recording.ends_us.tolist()])
 
 
 def write_rows(folder: Path, recording: Recording) -> list[str]:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from mqslam.core.recording import Recording
 from mqslam.execution.files import write_text
-from mqslam.formats.writing.columns import ends_of, write_columns
+from mqslam.formats.writing.columns import write_columns
 
 
 def write(folder: Path, recording: Recording) -> list[str]:
@@ -21,7 +21,7 @@ def write(folder: Path, recording: Recording) -> list[str]:
     names = [f"{number:06d}" for number in range(1, len(recording) + 1)]
     lines = [
         f"Frame: {name} Time: {end // 1_000_000}.{end % 1_000_000:06d}000\n"
-        for name, end in zip(names, ends_of(recording).tolist(), strict=True)
+        for name, end in zip(names, recording.ends_us.tolist(), strict=True)
     ]
     write_text(folder / "Navtech_Polar.txt", "".join(lines))
     images = folder / "Navtech_Polar"

@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 from mqslam.config import EstimatorConfig, SensorConfig, TrackerConfig
 from mqslam.core.scans import Scans
 from mqslam.psi.place import beam_of
-from mqslam.psi.tracking.tracker import START_SCANS, Tracker
+from mqslam.psi.tracking.start import START_SCANS
+from mqslam.psi.tracking.tracker import Tracker, is_usable
 
 _STRETCHES = 4  # of the recording that are tried
 _LENGTH = 12  # revolutions of each
@@ -32,7 +33,7 @@ def measure_doppler(scans: Scans, tracker: TrackerConfig, estimator: EstimatorCo
     """
     starts = np.unique(np.linspace(0, max(len(scans) - _LENGTH, 0), _STRETCHES + 2).astype(int)[1:-1])
     stretches = [scans[int(k) : int(k) + _LENGTH] for k in starts]
-    stretches = [s for s in stretches if len(s) > START_SCANS and sum(len(w.returns) for w in s[:3]) > 100]
+    stretches = [s for s in stretches if len(s) > START_SCANS and sum(is_usable(w) for w in s) == len(s)]
     if not stretches:
         return 0.0
 

@@ -2,48 +2,89 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
+from mqslam.config import TrackerConfig
+from mqslam.core import se2
 from mqslam.psi.neighbours import CellGrid, cell_grid
 from mqslam.psi.place import PointSet
 
+_GROWN = 8  # keyframes of a map from which on they are as far apart as the settings say
+
+
+@dataclass(frozen=True, slots=True)
+class _Keyframe:
+    """A scan that the map keeps: when it began [s], its start pose (3,) and its points."""
+
+    t0: float
+    pose: se2.Array
+    placed: PointSet
+
 
 class LocalMap:
-    """A sliding window of keyframes, held fixed while new revolutions are matched to it.
+    """A sliding window of keyframes in the order of time, held fixed while scans are matched to it.
 
     Args:
-        size: keyframes it holds.
+        settings: how many keyframes it holds, and how far they are apart.
         cell_m: side of the cells neighbours are looked up in [m].
     """
 
-    def __init__(self, size: int, cell_m: float = 1.0) -> None:
-        self._size = size
+    def __init__(self, settings: TrackerConfig, cell_m: float = 1.0) -> None:
+        self._settings = settings
         self._cell = cell_m
-        self._keyframes: list[PointSet] = []
-        self.points = _joined([])
+        self._keyframes: list[_Keyframe] = []
+        self.points = _join([])
         self.grid: CellGrid = cell_grid(self.points.points, cell_m)
 
     def __len__(self) -> int:
         """Keyframes held."""
         return len(self._keyframes)
 
-    def add(self, keyframe: PointSet) -> None:
-        """Append a rendered revolution; the oldest one leaves when the map is full."""
-        self._keyframes = [*self._keyframes[-(self._size - 1) :], keyframe] if self._size > 1 else [keyframe]
-        self.points = _joined(self._keyframes)
+    def offer(self, t0: float, pose: se2.Array, placed: PointSet) -> None:
+        """Keep a rendered scan that is far from the keyframe nearest in time.
+
+        Args:
+            t0: start of the scan [s], earlier or later than all keyframes.
+            pose: (3,) its start pose.
+            placed: its points.
+        """
+        if self._is_far(t0, pose):
+            self.add(t0, pose, placed)
+
+    def add(self, t0: float, pose: se2.Array, placed: PointSet) -> None:
+        """Keep a rendered scan wherever it lies; the oldest one leaves when the map is full.
+
+        Args:
+            t0, pose, placed: as for `offer`.
+        """
+        kept = sorted([*self._keyframes, _Keyframe(t0, pose.copy(), placed)], key=lambda keyframe: keyframe.t0)
+        self._keyframes = kept[-self._settings.keyframes :]
+        self.points = _join([keyframe.placed for keyframe in self._keyframes])
         self.grid = cell_grid(self.points.points, self._cell)
 
+    def _is_far(self, t0: float, pose: se2.Array) -> bool:
+        """Whether a scan is far from the keyframe nearest in time."""
+        if not self._keyframes:
+            return True
+        nearest = min(self._keyframes, key=lambda keyframe: abs(keyframe.t0 - t0))
+        moved = se2.between(nearest.pose, pose)
+        young = min(1.0, len(self._keyframes) / _GROWN)  # a young map is thin: it takes keyframes sooner
+        far = np.hypot(moved[0], moved[1]) > young * self._settings.keyframe_m
+        return bool(far or abs(moved[2]) > self._settings.keyframe_rad)
 
-def _joined(keyframes: list[PointSet]) -> PointSet:
+
+def _join(parts: list[PointSet]) -> PointSet:
     """All points of several sets, without their jacobians: a map does not move."""
 
     def column(arrays: list[NDArray[np.float64]], *shape: int) -> NDArray[np.float64]:
         return np.concatenate([np.empty((0, *shape)), *arrays])
 
     return PointSet(
-        points=column([k.points for k in keyframes], 2),
+        points=column([p.points for p in parts], 2),
         jacobians=np.zeros((0, 2, 0)),
-        covariances=column([k.covariances for k in keyframes], 3),
-        times=column([k.times for k in keyframes]),
+        covariances=column([p.covariances for p in parts], 3),
+        times=column([p.times for p in parts]),
     )

@@ -65,11 +65,12 @@ def _loops(report: Report) -> Lines:
 
 def _ellipses(report: Report) -> tuple[Lines, str]:
     """3-sigma ellipses of the positions, drawn larger where they would not be seen, and what to say of that."""
-    poses = report.optimised.poses[report.sure]
+    sure = report.sure
+    poses = report.optimised.poses[sure.indices]
     round_trip = np.linspace(0.0, 2.0 * np.pi, _ROUND + 1)
     circle = np.column_stack([np.cos(round_trip), np.sin(round_trip)])
     shapes, largest = [], 0.0
-    for pose, covariance in zip(poses, report.covariances, strict=True):
+    for pose, covariance in zip(poses, sure.covariances, strict=True):
         values, vectors = np.linalg.eigh(se2.turned(covariance, float(pose[2]))[:2, :2])
         axes = 3.0 * np.sqrt(np.maximum(values, 0.0))
         largest = max(largest, float(axes.max()))
@@ -78,7 +79,7 @@ def _ellipses(report: Report) -> tuple[Lines, str]:
     factor = _rounded(_LARGEST * side / largest) if largest > 0.0 else 1.0
     drawn = parted([pose[:2] + factor * shape for pose, shape in zip(poses, shapes, strict=True)])
     name = "3σ ellipses" if factor == 1.0 else f"3σ ellipses, {factor:g} times"
-    said = ""
+    said = f"No ellipses are shown: the covariances of the poses are not known ({sure.failure}). " if sure.failure else ""
     if shapes:
         said = f"The largest 3σ ellipse reaches {length(largest)} from its middle, the first pose held. "
     return Lines(name, "#a8327e", drawn, 1.2, shown=len(shapes) > 0), said

@@ -1,0 +1,132 @@
+"""A verdict needs evidence: shares of few windows, revisits or scans judge no map."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.stats import binomtest
+from support.reported import judged_revisit, judged_window, swept_walls
+
+from mqslam.audit.judge import RevisitAudit, WindowAudit, verdict
+from mqslam.audit.verdict import Finding, Share, VerdictStatus, verdict_of
+from mqslam.config import VerdictConfig
+
+PASS, WARN, FAIL, NOT_JUDGED = VerdictStatus
+SETTINGS = VerdictConfig()
+WINDOW = 6  # scans
+
+
+@pytest.mark.parametrize(("count", "total"), [(0, 8), (1, 3), (3, 3), (5, 41), (6, 100), (99, 100)])
+def test_bounds_of_a_share_are_those_of_clopper_and_pearson(count: int, total: int) -> None:
+    share, both = Share(count, total), binomtest(count, total).proportion_ci(0.9, "exact")
+    assert share.at_least(0.95) == pytest.approx(both.low, abs=1e-12)
+    assert share.at_most(0.95) == pytest.approx(both.high, abs=1e-12)
+
+
+def test_a_share_of_nothing_may_be_anything() -> None:
+    assert (Share(0, 0).at_least(0.95), Share(0, 0).at_most(0.95)) == (0.0, 1.0)
+    assert Share(0, 0).judge(0.05, 0.2, SETTINGS) is NOT_JUDGED
+
+
+@pytest.mark.parametrize(
+    ("count", "total", "status"),
+    [
+        (0, 7, NOT_JUDGED),  # seven windows would be whole by chance too often in a map with one of five torn
+        (0, 8, PASS),
+        (1, 1, NOT_JUDGED),
+        (1, 3, NOT_JUDGED),
+        (3, 3, FAIL),
+        (2, 40, PASS),
+        (8, 40, WARN),
+        (20, 40, FAIL),
+        (6, 100, PASS),  # more than the bound, and no evidence of it
+        (10, 100, WARN),
+        (28, 100, FAIL),
+    ],
+)
+def test_a_share_needs_evidence_to_be_called_too_large(count: int, total: int, status: VerdictStatus) -> None:
+    assert Share(count, total).judge(SETTINGS.windows_warn, SETTINGS.windows_fail, SETTINGS) is status
+
+
+@pytest.mark.parametrize("total", [40, 60, 100, 400])
+def test_a_recording_of_ordinary_length_is_judged_whatever_its_share(total: int) -> None:
+    found = [Share(count, total).judge(SETTINGS.windows_warn, SETTINGS.windows_fail, SETTINGS) for count in range(total + 1)]
+    assert NOT_JUDGED not in found
+    ranks = [(PASS, WARN, FAIL).index(status) for status in found]
+    assert ranks == sorted(ranks) and ranks[0] == 0 and ranks[-1] == 2
+
+
+def test_one_good_map_in_twenty_at_most_is_called_bad_by_chance() -> None:
+    rng = np.random.default_rng(1)
+    for total in (10, 40, 100):
+        draws = rng.binomial(total, SETTINGS.windows_warn, 20_000)
+        counts, times = np.unique(draws, return_counts=True)
+        bad = [Share(int(c), total).is_above(SETTINGS.windows_warn, SETTINGS) for c in counts]
+        assert times[bad].sum() <= 0.05 * 20_000 * 1.1
+
+
+def test_the_gravest_finding_is_the_verdict_and_its_reasons_come_first() -> None:
+    findings = [Finding(PASS, "fine"), Finding(NOT_JUDGED, "few"), Finding(WARN, "odd"), Finding(FAIL, "torn")]
+    assert verdict_of(findings) == (FAIL, ["torn", "odd", "few"])
+    assert verdict_of(findings[:3]) == (WARN, ["odd", "few"])
+    assert verdict_of(findings[:2]) == (NOT_JUDGED, ["few"])
+    assert verdict_of(findings[:1]) == (PASS, ["fine"])
+    assert verdict_of([])[0] is NOT_JUDGED
+
+
+def scans(torn: int, total: int) -> list[WindowAudit]:
+    sweeps = swept_walls()
+    return [judged_window(sweeps, 0, 90.0 if k < torn else 2.0, (0.2, 0.0, 0.0), k < torn) for k in range(total)]
+
+
+def revisits(torn: tuple[int, ...], total: int) -> list[RevisitAudit]:
+    return [judged_revisit(k, k + 30, (1.5 if k in torn else 0.0, 0.0, 0.0), k in torn) for k in range(total)]
+
+
+@pytest.mark.parametrize("scans", [1, 2, 5])
+def test_a_map_of_fewer_scans_than_a_window_is_not_judged_and_the_verdict_says_why(scans: int) -> None:
+    status, reasons = verdict([], [], scans, WINDOW, SETTINGS)
+    assert status is NOT_JUDGED
+    assert reasons[0] == f"{scans} {'scan' if scans == 1 else 'scans'}, too few to judge a map by: a window takes 6"
+
+
+def test_a_map_of_which_no_window_could_be_checked_is_not_judged() -> None:
+    status, reasons = verdict([], [], 400, WINDOW, SETTINGS)
+    assert status is NOT_JUDGED and reasons[0].startswith("no window of 6 scans could be checked")
+
+
+def test_one_torn_window_of_three_is_too_little_evidence() -> None:
+    status, reasons = verdict(scans(1, 3), [], 18, WINDOW, SETTINGS)
+    assert status is NOT_JUDGED
+    assert reasons[0] == (
+        "1 of 3 windows is torn: too few to judge the map by, since its true share may be 2 to 86 %"
+    )
+
+
+def test_points_that_are_seen_once_fail_where_enough_windows_say_so() -> None:
+    status, reasons = verdict(scans(0, 10), [], 60, WINDOW, VerdictConfig(matched=0.9))
+    assert status is FAIL and reasons == ["only 80% of the points are seen twice: nothing overlaps"]
+    assert verdict(scans(0, 4), [], 24, WINDOW, VerdictConfig(matched=0.9))[0] is NOT_JUDGED
+
+
+@pytest.mark.parametrize(
+    ("torn", "total", "status"),
+    [
+        ((), 1, PASS),
+        ((2,), 5, NOT_JUDGED),  # one alone may be a place that looks like another
+        ((2,), 60, PASS),
+        ((2, 3), 60, WARN),  # two in a row are no chance
+        ((0, 1, 2, 3), 5, FAIL),
+    ],
+)
+def test_torn_revisits_need_evidence_too(torn: tuple[int, ...], total: int, status: VerdictStatus) -> None:
+    found, reasons = verdict(scans(0, 40), revisits(torn, total), 240, WINDOW, SETTINGS)
+    assert found is status
+    assert any(f"{len(torn)} of {total} revisit" in reason for reason in reasons)
+
+
+def test_what_cannot_be_sure_is_no_revisit() -> None:
+    unsure = [judged_revisit(k, k + 30, (9.0, 0.0, 0.0), False, sure=False) for k in range(3)]
+    assert verdict(scans(0, 40), unsure, 240, WINDOW, SETTINGS) == (
+        PASS, ["0 of 40 windows are torn", "none of 3 revisits is sure enough to show its drift"]
+    )  # fmt: skip
