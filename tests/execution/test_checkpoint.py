@@ -188,7 +188,7 @@ def test_a_resumed_run_repeats_no_finished_stage_and_ends_the_same(
     first = Slam(config, "psi", HERE, silent, Checkpoint(tmp_path / "out", "this run", resume=False)).run(recording, None)
     monkeypatch.setattr(doppler_module, "measure_doppler", lambda *_: pytest.fail("measured again"))
     monkeypatch.setattr(slam_module, "find_loops", lambda *_: pytest.fail("searched again"))
-    monkeypatch.setattr(SimulatedRecording, "revolutions", lambda *_: pytest.fail("read again"))
+    monkeypatch.setattr(SimulatedRecording, "polar_scans", lambda *_: pytest.fail("read again"))
     again = Slam(config, "psi", HERE, silent, resumed(tmp_path / "out")).run(recording, None)
     assert again.config == first.config and again.doppler_beta == first.doppler_beta == 0.0123
     np.testing.assert_array_equal(again.optimised.poses, first.optimised.poses)
