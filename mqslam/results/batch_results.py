@@ -16,6 +16,40 @@ from mqslam.errors import OutputError
 from mqslam.execution.files import write_json, write_text
 
 
+@dataclass(frozen=True, slots=True)
+class Order:
+    """A run to be done.
+
+    Args:
+        name: folder of its results, in the batch's.
+        data: the recording, as an absolute path.
+        frontend: name of the front end.
+        odometry: `auto`, `none` or the absolute path of a file.
+        settings: all settings.
+    """
+
+    name: str
+    data: Path
+    frontend: str
+    odometry: str
+    settings: Config
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """What became of a run.
+
+    Args:
+        summary: content of its summary.json, or None.
+        failure: why there is none, or None.
+        kept: whether it was finished before.
+    """
+
+    summary: dict[str, Any] | None = None
+    failure: str | None = None
+    kept: bool = False
+
+
 def check_batch(out: Path, *, force: bool) -> None:
     """Make the folder of a batch, or see that it is one, before hours are spent on it.
 
@@ -100,37 +134,3 @@ def add_warnings(out: Path, summary: dict[str, Any], warnings: Sequence[str]) ->
     if warnings:
         summary["warnings"] += warnings
         write_json(out / "batch.json", summary)
-
-
-@dataclass(frozen=True, slots=True)
-class Order:
-    """A run to be done.
-
-    Args:
-        name: folder of its results, in the batch's.
-        data: the recording, as an absolute path.
-        frontend: name of the front end.
-        odometry: `auto`, `none` or the absolute path of a file.
-        settings: all settings.
-    """
-
-    name: str
-    data: Path
-    frontend: str
-    odometry: str
-    settings: Config
-
-
-@dataclass(frozen=True, slots=True)
-class Outcome:
-    """What became of a run.
-
-    Args:
-        summary: content of its summary.json, or None.
-        failure: why there is none, or None.
-        kept: whether it was finished before.
-    """
-
-    summary: dict[str, Any] | None = None
-    failure: str | None = None
-    kept: bool = False
