@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import re
 import warnings
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Sequence
 from functools import cache
-from typing import Any
 
 import numpy as np
 import pytest
@@ -16,6 +15,7 @@ from hard_recordings import (
     assert_sound,
     at_rest,
     braking,
+    but,
     errors_of,
     normalised,
     parked_among_cars,
@@ -74,12 +74,6 @@ NOT_COVERED = {
     "all returns beyond a kilometre": CHANCE,
     "ten turns per second": YOUNG,
 }
-
-
-def but(names: Iterable[str], failing: Mapping[str, str]) -> list[Any]:
-    """Names of recordings as parameters of a test, those that are known to fail marked with the reason."""
-    marks = {name: [pytest.mark.xfail(strict=True, reason=failing[name])] for name in failing}
-    return [pytest.param(name, marks=marks.get(name, [])) for name in names]
 
 
 @cache
