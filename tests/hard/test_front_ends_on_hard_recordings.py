@@ -15,6 +15,7 @@ from hard_recordings import (
     assert_sound,
     at_rest,
     braking,
+    but,
     errors_of,
     normalised,
     parked_among_cars,
@@ -23,10 +24,12 @@ from hard_recordings import (
     truth_of,
 )
 
+from mqslam.config import Config
 from mqslam.errors import EstimationError
 from mqslam.measurement import Status
 from mqslam.motion import LONGEST_COAST_S
-from mqslam.returns import Window
+from mqslam.psi.window import beam_of, find_window_motion
+from mqslam.returns import Returns, Window
 from mqslam.slam import Solution
 
 BEYOND_CHANCE = 25.0  # of a chi-square with three degrees of freedom: one in 65,000
@@ -135,3 +138,13 @@ def test_a_minute_parked_among_moving_cars_is_no_drive() -> None:
     assert_sound(solution)
     assert {m.status for m in solution.measurements} == {Status.CONVERGED}
     np.testing.assert_allclose(solution.optimised.poses, 0.0, atol=0.03)
+
+
+@pytest.mark.parametrize("name", but(HARD, {"all returns in one direction": SINGULAR}))
+def test_the_motion_of_three_scans_alone_is_sound(name: str) -> None:
+    windows, estimator = HARD[name]()[:3], Config().estimator
+    returns, turn_s = Returns.concatenate([w.returns for w in windows]), windows[0].t1 - windows[0].t0
+    speeds, yaw_rates = np.arange(-1.5, 8.0, 0.75), np.linspace(-0.2, 0.2, 5)
+    found = find_window_motion(returns, windows[0].t0, turn_s, estimator, beam_of(estimator, 0.0), speeds, yaw_rates)
+    assert np.isfinite(found.theta).all()
+    np.testing.assert_array_less(0.0, np.linalg.eigvalsh(found.covariance))

@@ -22,6 +22,7 @@ SLOW = TrackerConfig(speed_max=10.0)  # makes the first search cheap
 MARINE_WORLD = poles(150, 1200.0)
 MARINE_REACH_M = (40.0, 690.0)
 MARINE = EstimatorConfig(s=12.0, s_start=50.0, beta_s=5.0, beta_s_start=25.0, blur_m=3.0, sigma_range_m=3.0)
+FAR = DetectorConfig(max_range_m=690.0, min_range_m=50.0, smoothing_m=8.0, join_m=12.0)
 
 
 def run(stream: RadarStream, config: Config) -> Run:
@@ -62,10 +63,15 @@ def marine(scans: int) -> list[Window]:
 
 def test_a_marine_radar_with_own_settings_finds_the_drive() -> None:
     windows = marine(8)
-    detector = DetectorConfig(max_range_m=690.0, min_range_m=40.0, smoothing_m=0.0, join_m=12.0, ring_share=1.0)
-    found = run(recorded(windows, 250, 173, 4.0), Config(sensor=KNOWN, tracker=SLOW, detector=detector, estimator=MARINE))
+    found = run(recorded(windows, 250, 173, 4.0), Config(sensor=KNOWN, tracker=SLOW, detector=FAR, estimator=MARINE))
     assert {m.status for m in found.measurements} == {Status.CONVERGED}
     assert off_m(found, windows) < 4.0
+
+
+@pytest.mark.slow
+@pytest.mark.xfail(strict=True, raises=np.linalg.LinAlgError, reason="the tracker inverts a singular covariance")
+def test_a_marine_radar_with_a_detector_of_its_own_and_kernels_that_are_too_narrow_is_solved() -> None:
+    run(recorded(marine(12), 250, 173, 4.0), Config(sensor=SensorConfig(), tracker=SLOW, detector=FAR))
 
 
 @pytest.mark.slow
