@@ -166,6 +166,19 @@ def test_over_half_of_the_images_cannot_be_read(drive: Path, tmp_path: Path) -> 
     assert contents(tmp_path).keys() - before.keys() == {"quick.yaml"}
 
 
+@pytest.mark.parametrize("name", ["odom.csv", "gt/poses_tum.txt"])
+@pytest.mark.parametrize("text", ["t,v,omega\n1,2\n", "", "1 0 0 0 0 0 0 1\n", "\x00"])
+def test_odometry_poses_or_ground_truth_beside_the_images_that_cannot_be_used(tmp_path: Path, name: str, text: str) -> None:
+    drive = write_oxford(tmp_path / "drive")
+    (drive / "gt").mkdir()
+    (drive / name).write_text(text)
+    shown = mqslam("info", drive)
+    assert shown.code == 0 and f"{drive / name} " in shown.out and ": left out" in shown.out
+    stream = open_recording(drive)
+    assert stream.odometry is None and stream.ground_truth is None and len(stream) == 6
+    refused(mqslam("run", drive, "--out", tmp_path / "out", "--strict"), str(drive / name), ": left out")
+
+
 def test_azimuths_that_are_missing(drive: Path, tmp_path: Path) -> None:
     for k, rows in ((9, 120), (15, 12)):  # of 200
         image = images(drive)[k]

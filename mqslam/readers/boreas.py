@@ -12,7 +12,7 @@ import numpy as np
 
 from mqslam.readers import oxford
 from mqslam.readers.images import stamped_names
-from mqslam.readers.odometry import read_stamped
+from mqslam.readers.odometry import read_beside, read_stamped
 from mqslam.readers.row_images import RowImageStream, index_rows
 from mqslam.readers.sensing import Sensing
 from mqslam.trajectory import Trajectory, checked
@@ -38,12 +38,14 @@ def open_stream(path: Path, sensing: Sensing) -> RowImageStream:
     folder = oxford.image_folder(path)
     images = index_rows(folder, stamped_names(folder))
     poses = folder.parent / "applanix" / "radar_poses.csv"
+    truth, faults = read_beside(lambda: _read_poses(poses) if poses.exists() else None)
     return images.stream(
         path,
         "boreas",
         sensing.range_resolution or usual_resolution(int(images.stamps_us[0])),
-        ground_truth=_read_poses(poses) if poses.exists() else None,
+        ground_truth=truth,
         notes=sensing.idle(),
+        faults=faults,
     )
 
 

@@ -18,7 +18,7 @@ from mqslam import se2
 from mqslam.errors import DataError
 from mqslam.readers.column_images import column_stream
 from mqslam.readers.images import stamped_names
-from mqslam.readers.odometry import read_stamped
+from mqslam.readers.odometry import read_beside, read_stamped
 from mqslam.readers.row_images import index_rows
 from mqslam.readers.rows import in_us
 from mqslam.readers.sensing import Sensing
@@ -49,12 +49,16 @@ def open_stream(path: Path, sensing: Sensing) -> RadarStream:
         remedy = f"give the folder that holds sensor_data/radar/{COLUMNS} or {ROWS}"
         raise DataError(path, "holds no radar images of MulRan", remedy)
     poses = next((file for above in folder.resolve().parents[:3] if (file := above / "global_pose.csv").exists()), None)
-    truth = _read_poses(poses) if poses else None
+    truth, faults = read_beside(lambda: _read_poses(poses) if poses else None)
     names = stamped_names(folder)
     if folder.resolve().name == ROWS:
-        resolution = sensing.range_resolution or RANGE_RESOLUTION_M
-        return index_rows(folder, names).stream(path, "mulran", resolution, ground_truth=truth, notes=sensing.idle())
-    return column_stream(path, "mulran", folder, names, in_us(names), RANGE_RESOLUTION_M, sensing, ground_truth=truth)
+        resolution, notes = sensing.range_resolution or RANGE_RESOLUTION_M, sensing.idle()
+        images = index_rows(folder, names)
+        return images.stream(path, "mulran", resolution, ground_truth=truth, notes=notes, faults=faults)
+    resolution = RANGE_RESOLUTION_M
+    return column_stream(
+        path, "mulran", folder, names, in_us(names), resolution, sensing, ground_truth=truth, faults=faults
+    )
 
 
 def _folders(path: Path) -> Iterator[Path]:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from mqslam.errors import DataError
 from mqslam.readers.images import stamped_names
-from mqslam.readers.odometry import chained, read_numbers, read_odometry
+from mqslam.readers.odometry import chained, read_beside, read_numbers, read_odometry
 from mqslam.readers.row_images import RowImageStream, index_rows
 from mqslam.readers.sensing import Sensing, is_bin_length
 from mqslam.trajectory import Trajectory, checked, read_tum
@@ -40,16 +40,19 @@ def open_stream(path: Path, sensing: Sensing) -> RowImageStream:
     names, notes, faults = _names(root, folder)
     images = index_rows(folder, names)
     resolution, assumed = _range_resolution(root, sensing.range_resolution)
-    truth, broken = _ground_truth(root, int(images.stamps_us[0]), int(images.stamps_us[-1] + images.turns_us[-1]))
-    odometry = root / "odom.csv"
+    end_us = int(images.stamps_us[-1] + images.turns_us[-1])
+    found, unread = read_beside(lambda: _ground_truth(root, int(images.stamps_us[0]), end_us))
+    truth, broken = found or (None, [])
+    file = root / "odom.csv"
+    odometry, unused = read_beside(lambda: read_odometry(file) if file.exists() else None)
     return images.stream(
         path,
         "oxford",
         resolution,
-        odometry=read_odometry(odometry) if odometry.exists() else None,
+        odometry=odometry,
         ground_truth=truth,
         notes=(*notes, *assumed, *broken, *sensing.idle()),
-        faults=faults,
+        faults=(*faults, *unread, *unused),
     )
 
 

@@ -38,6 +38,8 @@ def write_columns(folder: Path, stream: RadarStream, names: Sequence[str]) -> li
     ahead: NDArray[np.uint8] | None = None  # what a turn that begins one step late has of the next one's first column
     follows = np.append(False, stream.ends_us[:-1] == stream.stamps_us[1:])
     for k, revolution in enumerate(stream.revolutions()):
+        if len(revolution.azimuths) < 2:
+            raise DataError(stream.path, f"revolution {k} has one azimuth, columns need two", "convert it to .npz")
         if k == 0:
             shape, clockwise = revolution.power.shape, bool(revolution.azimuths[-1] <= revolution.azimuths[0])
             late = _apart(revolution, clockwise, 1) < _apart(revolution, clockwise, 0)

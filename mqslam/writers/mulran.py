@@ -41,8 +41,9 @@ def write_rows(folder: Path, stream: RadarStream) -> list[str]:
     """
     images = _prepared(folder, stream, ROWS)
     for k, revolution in enumerate(stream.revolutions()):
+        rows = oxford_rows(stream, k, revolution, per_us=1000)
         end_us = Azimuths(azimuth_stamps(stream, revolution), revolution.azimuths, revolution.valid).end_us
-        write_png(images / f"{end_us}000.png", oxford_rows(stream, k, revolution, per_us=1000))
+        write_png(images / f"{end_us}000.png", rows)
     return []
 
 

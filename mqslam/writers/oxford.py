@@ -48,7 +48,7 @@ def write_stamps(folder: Path, stamps_us: Iterable[int]) -> None:
 def write_beside(folder: Path, stream: RadarStream) -> None:
     """Write ground truth, which lies beside the images, and make their folder."""
     (folder / "radar").mkdir()
-    if stream.ground_truth is not None:
+    if stream.ground_truth is not None and len(stream.ground_truth) > 1:
         (folder / "gt").mkdir()
         write_tum(folder / "gt" / "poses_tum.txt", stream.ground_truth)
         write_text(folder / "gt" / "radar_odometry.csv", _moves(stream.ground_truth))

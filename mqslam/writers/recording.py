@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 from mqslam.errors import OutputError
@@ -13,6 +14,7 @@ from mqslam.readers import rosbag as rosbag_reader
 from mqslam.readers.boreas import usual_resolution
 from mqslam.readers.native import write_native
 from mqslam.stream import RadarStream
+from mqslam.trajectory import Trajectory
 from mqslam.writers import boreas, mulran, oxford, radiate, rosbag
 from mqslam.writers.rosbag import Message
 from mqslam.writers.targets import Target
@@ -46,7 +48,8 @@ def write_recording(
         DataError: a revolution that cannot be read, or a recording that the layout cannot hold.
         OutputError: it cannot be written.
     """
-    source = watched(stream, progress)
+    odometry, truth = _unless_single(stream.odometry), _unless_single(stream.ground_truth)
+    source = watched(replace(stream, odometry=odometry, ground_truth=truth), progress)
     try:
         out.parent.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -60,7 +63,14 @@ def write_recording(
     else:
         write_native(out, source)
     marks = target.validity and not (target.is_bag and message == "b_scan")
-    return [*notes, *_losses(stream, target, 0 if marks else source.tally.unmeasured)]
+    for name, given, kept in (("odometry", stream.odometry, odometry), ("ground truth", stream.ground_truth, truth)):
+        notes += [f"{name} is left behind: one pose is no trajectory"] if given is not kept else []
+    return [*notes, *_losses(source, target, 0 if marks else source.tally.unmeasured)]
+
+
+def _unless_single(track: Trajectory | None) -> Trajectory | None:
+    """Give back a trajectory, unless it has a single pose, which no reader takes for one."""
+    return track if track is None or len(track) > 1 else None
 
 
 def _losses(stream: RadarStream, target: Target, unmarked: int) -> list[str]:

@@ -42,8 +42,10 @@ def encoder_ticks(stream: RadarStream, k: int, revolution: Revolution, turn: int
     """(A,) clockwise encoder values 0..turn of revolution k, `turn` to a turn.
 
     Raises:
-        DataError: a revolution that turns counter-clockwise.
+        DataError: a revolution that turns counter-clockwise, or of one azimuth.
     """
+    if len(revolution.azimuths) < 2:
+        raise DataError(stream.path, f"revolution {k} has one azimuth, rows need two", "convert it to .npz")
     if revolution.azimuths[-1] > revolution.azimuths[0]:
         problem = f"revolution {k} turns counter-clockwise, encoder values count clockwise"
         raise DataError(stream.path, problem, "convert it to .npz, mulran or radiate")
