@@ -71,12 +71,14 @@ class PeakCounts:
         unused_azimuths: those that are marked invalid or that are saturated.
         peaks: local maxima above the threshold.
         ring_peaks: those that were dropped as parts of a ring.
+        peaks_out_of_range: peaks nearer or farther than the settings allow; counted where there are few others.
     """
 
     azimuths: int = 0
     unused_azimuths: int = 0
     peaks: int = 0
     ring_peaks: int = 0
+    peaks_out_of_range: int = 0
 
     def __add__(self, other: PeakCounts) -> PeakCounts:
         return PeakCounts(*(a + b for a, b in zip(astuple(self), astuple(other), strict=True)))
@@ -89,6 +91,9 @@ class PeakCounts:
             return f"{left_out}; raise detector.saturation if they are not"
         if 2 * self.ring_peaks > self.peaks:
             return f"{self.ring_peaks} of {self.peaks} peaks count as parts of a ring; raise detector.ring_share"
+        if self.peaks_out_of_range > self.peaks:
+            outside = f"{self.peaks_out_of_range} peaks lie out of range, where only {self.peaks} are within"
+            return f"{outside}; raise detector.max_range_m or lower detector.min_range_m"
         return f"only {self.peaks} peaks in {self.azimuths} azimuths are above the threshold; lower detector.threshold"
 
 
@@ -117,10 +122,24 @@ def detect_and_count(
     half = min(round(config.smoothing_m / range_resolution), max(0, (bins - 3) // 2))
     usable = revolution.valid & ~_saturated(power, config.saturation)
     threshold = min(config.threshold, _above_noise(power[usable, first:last], half, config.contrast))
-    ranges, values = _peaks(power, usable, first, last, (half + 1) // 2, half // 2, config.strongest, threshold)
+
+    def find_peaks(begin: int, end: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        return _peaks(power, usable, begin, end, (half + 1) // 2, half // 2, config.strongest, threshold)
+
+    ranges, values = find_peaks(first, last)
     peaks = np.count_nonzero(values)
     _drop_rings(ranges, values, 2.0 * max(half, 1), config.ring_share)
-    counts = PeakCounts(len(power), int(np.count_nonzero(~usable)), int(peaks), int(peaks - np.count_nonzero(values)))
+    out_of_range = 0
+    if peaks < len(power):
+        beside = [find_peaks(begin, end)[1] for begin, end in ((1, first), (last, bins - 1)) if begin < end]
+        out_of_range = sum(int(np.count_nonzero(powers)) for powers in beside)
+    counts = PeakCounts(
+        azimuths=len(power),
+        unused_azimuths=int(np.count_nonzero(~usable)),
+        peaks=int(peaks),
+        ring_peaks=int(peaks - np.count_nonzero(values)),
+        peaks_out_of_range=out_of_range,
+    )
     ranges *= range_resolution
     join = max(config.join_m, _JOIN_BINS * range_resolution)
     rows = _targets(ranges, values, revolution.azimuths, revolution.times, join)

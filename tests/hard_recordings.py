@@ -258,7 +258,7 @@ def recorded(
         path=Path("in memory"),
         format="native",
         stamps_us=START_US + stamps_of(windows),
-        end_us=START_US + round(windows[-1].t1 * 1e6),
+        turns_us=np.round([(w.t1 - w.t0) * 1e6 for w in windows]).astype(np.int64),
         range_resolution=bin_m,
         windows=tuple(windows),
         azimuths=azimuths,

@@ -69,7 +69,6 @@ def test_a_marine_radar_with_own_settings_finds_the_drive() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.xfail(strict=True, raises=np.linalg.LinAlgError, reason="the tracker inverts a singular covariance")
 def test_a_marine_radar_with_a_detector_of_its_own_and_kernels_that_are_too_narrow_is_solved() -> None:
     run(recorded(marine(12), 250, 173, 4.0), Config(sensor=SensorConfig(), tracker=SLOW, detector=FAR))
 
@@ -80,7 +79,6 @@ def test_a_radar_that_takes_two_and_a_half_seconds_for_a_turn_finds_the_drive() 
     assert off_m(run(recorded(windows), Config(sensor=KNOWN)), windows) < 0.3
 
 
-@pytest.mark.xfail(strict=True, reason="the remedy is to lower detector.threshold, which did not drop the returns")
 def test_a_marine_radar_with_default_settings_is_solved_or_the_error_names_what_dropped_the_returns() -> None:
     try:
         run(recorded(marine(6), 250, 173, 4.0), Config(sensor=KNOWN, tracker=SLOW))
