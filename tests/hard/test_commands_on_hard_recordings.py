@@ -52,11 +52,12 @@ RUNS = {
 
 
 SLOW = [
-    pytest.param(name, marks=pytest.mark.slow) for name in ("all returns in one direction", "three scans without returns")
+    pytest.param(name, marks=pytest.mark.slow)
+    for name in ("all returns in one direction", "three scans without returns", "a gap of a minute")
 ]
 
 
-@pytest.mark.parametrize("name", [*but(RUNS, RUNS), "two scans", "a gap of a minute", *SLOW])
+@pytest.mark.parametrize("name", [*but(RUNS, RUNS), "two scans", *SLOW])
 def test_a_hard_recording_is_run(name: str, tmp_path: Path) -> None:
     data, _ = write(tmp_path, HARD[name]())
     result = mqslam("run", data, "--out", tmp_path / "run", *QUIET)
