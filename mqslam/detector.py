@@ -124,7 +124,10 @@ def detect_and_count(
     threshold = min(config.threshold, _above_noise(power[usable, first:last], half, config.contrast))
 
     def find_peaks(begin: int, end: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        return _peaks(power, usable, begin, end, (half + 1) // 2, half // 2, config.strongest, threshold)
+        found: tuple[NDArray[np.float64], NDArray[np.float64]] = _peaks(
+            power, usable, begin, end, (half + 1) // 2, half // 2, config.strongest, threshold
+        )
+        return found
 
     ranges, values = find_peaks(first, last)
     peaks = np.count_nonzero(values)

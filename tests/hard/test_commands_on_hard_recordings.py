@@ -44,10 +44,10 @@ def assert_run_written(out: Path) -> dict[str, Any]:
     return summary
 
 
-RUNS = ("first two scans without returns", "three returns from the seventh scan on", "two scans", "a gap of a minute")
+RUNS = ("first two scans without returns", "three returns from the seventh scan on", "two scans")
 
 
-SLOW = [pytest.param("three scans without returns", marks=pytest.mark.slow)]
+SLOW = [pytest.param(name, marks=pytest.mark.slow) for name in ("three scans without returns", "a gap of a minute")]
 
 
 @pytest.mark.parametrize("name", [*RUNS, *SLOW])
