@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
-from commands import mqslam
+from commands import mqslam, strict_json
 from plyfile import PlyData
 from recordings import KINDS, bag_path, write_bag
 from reported import assert_alone
@@ -47,16 +47,6 @@ COLUMNS = [
     "psi", "psi_odometry", "points", "matched", "status",
 ]  # fmt: skip
 REVOLUTIONS = 48
-
-
-def strict_json(text: str) -> dict[str, Any]:
-    """JSON as other languages read it: without NaN and Infinity."""
-
-    def refuse(constant: str) -> None:
-        raise AssertionError(f"{constant} is no JSON")
-
-    found: dict[str, Any] = json.loads(text, parse_constant=refuse)
-    return found
 
 
 def summary_of(out: Path) -> dict[str, Any]:
@@ -137,6 +127,9 @@ def test_the_summary_has_the_stable_keys(result: Path, street: Path) -> None:
     assert summary["dataset"]["length_m"] == pytest.approx(truth.length_m, rel=0.02)
     assert summary["factors"] == {"odometry": REVOLUTIONS - 1, "psi": REVOLUTIONS - 1, "loop": 0, "loop_rejected": 0}
     assert summary["verdict"]["status"] == "pass" and summary["verdict"]["reasons"]
+    assert summary["inflation"]["torn"] == summary["inflation"]["torn_share_at_least"] == 0
+    assert 0.3 < summary["inflation"]["torn_share_at_most"] < 0.35  # of 8 windows
+    assert summary["warnings"] == []
     runtime = summary["runtime_s"]
     assert 0.0 < sum(runtime.values()) - runtime["total"] <= runtime["total"] + 1e-6
     assert 20.0 < summary["peak_rss_mb"] < 20_000.0
