@@ -12,7 +12,8 @@ from typing import Protocol
 import numpy as np
 
 from mqslam.artefacts import drop_fixed
-from mqslam.detector import DetectorConfig, detect
+from mqslam.config import DetectorConfig
+from mqslam.detector import detect
 from mqslam.engine import Engine
 from mqslam.errors import DataError
 from mqslam.returns import Returns, Window

@@ -8,8 +8,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
-from scipy.ndimage import median_filter
 
 from mqslam.trajectory import Trajectory
 
@@ -110,4 +110,5 @@ def usual_steps(stamps_us: NDArray[np.int64]) -> NDArray[np.float64]:
     steps = np.diff(stamps_us).astype(np.float64)
     if len(steps) < _AROUND:
         return np.full(len(steps), np.median(steps) if len(steps) else 0.0)
-    return np.asarray(median_filter(steps, _AROUND))
+    mirrored = np.pad(steps, _AROUND // 2, mode="symmetric")
+    return np.asarray(np.median(sliding_window_view(mirrored, _AROUND), axis=-1))

@@ -7,7 +7,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from mqslam.detector import DetectorConfig, _peaks, _targets, detect
+from mqslam.config import DetectorConfig
+from mqslam.detector import _peaks, _targets, detect
 from mqslam.returns import Returns
 from mqslam.stream import Revolution
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from pydantic import BaseModel, ConfigDict, Field
-from scipy.stats import chi2
 
 
 class AuditConfig(BaseModel):
@@ -41,4 +40,6 @@ class AuditConfig(BaseModel):
     @property
     def threshold(self) -> float:
         """Inflation beyond which a window or a revisit is bent by more than chance, with three degrees of freedom."""
-        return float(chi2.ppf(self.probability, 3))
+        from scipy.special import gammaincinv  # every command reads settings, and few need this
+
+        return 2.0 * float(gammaincinv(1.5, self.probability))  # quantile of the chi-square with three degrees of freedom

@@ -13,14 +13,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mqslam import se2
-from mqslam.config import Config
+from mqslam.config import Config, Scale
 from mqslam.errors import EstimationError
 from mqslam.measurement import Status
 from mqslam.motion import CONSTANT_TWIST, LONGEST_COAST_S
 from mqslam.psi.correlate import PIXEL, correlation_peaks
 from mqslam.psi.covariance import sandwich
 from mqslam.psi.dynamics import MODEL, SIZE, TOLERANCES, held, initial_covariance, predict, spans
-from mqslam.psi.estimator import Evaluation, Scale
+from mqslam.psi.estimator import Evaluation
 from mqslam.psi.localmap import LocalMap
 from mqslam.psi.minimiser import Minimum, Prior, minimise, score
 from mqslam.psi.neighbours import candidates
