@@ -10,7 +10,8 @@ from socket import gethostname
 from typing import Protocol
 
 from mqslam.artefacts import drop_fixed
-from mqslam.detector import DetectorConfig, PeakCounts, detect_and_count
+from mqslam.config import DetectorConfig
+from mqslam.detector import PeakCounts, detect_and_count
 from mqslam.engine import Engine
 from mqslam.errors import DataError
 from mqslam.returns import Returns, Window

@@ -57,7 +57,7 @@ def contents(folder: Path) -> dict[str, bytes | None]:
 
 def processes(session: int) -> list[Path]:
     """The processes of a session that are alive, after a moment to end."""
-    end = time.monotonic() + 5.0
+    end = time.monotonic() + 60.0
     while alive := [stat for stat in Path("/proc").glob("[0-9]*/stat") if _in_session(stat, session)]:
         if time.monotonic() > end:
             break

@@ -8,7 +8,8 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from pydantic import ValidationError
 
-from mqslam.detector import DetectorConfig, PeakCounts, _peaks, _targets, detect, detect_and_count
+from mqslam.config import DetectorConfig
+from mqslam.detector import PeakCounts, _peaks, _targets, detect, detect_and_count
 from mqslam.returns import Returns
 from mqslam.stream import Revolution
 

@@ -15,11 +15,11 @@ from numpy.typing import NDArray
 
 from mqslam import se2
 from mqslam.audit.sweeps import Sweeps
-from mqslam.config import Config
+from mqslam.config import Config, EstimatorConfig, Scale
 from mqslam.psi.covariance import sandwich_by_differences
-from mqslam.psi.estimator import Evaluation, Scale
+from mqslam.psi.estimator import Evaluation
 from mqslam.psi.gaussians import floor_variances
-from mqslam.psi.minimiser import EstimatorConfig, Minimum, Prior, minimise, score_itself
+from mqslam.psi.minimiser import Minimum, Prior, minimise, score_itself
 from mqslam.psi.observability import loosen, weak_directions
 from mqslam.psi.place import PointSet
 

@@ -11,9 +11,8 @@ from mqslam.cli.options import ConfigOption, Data, Format, Json, Quiet, RangeRes
 
 if TYPE_CHECKING:
     from mqslam import se2
-    from mqslam.config import Config
+    from mqslam.config import Config, PsiConfig
     from mqslam.motion import MotionModel
-    from mqslam.psi.published import PsiConfig
     from mqslam.psi.window import WindowMotion
     from mqslam.returns import Returns
     from mqslam.stream import RadarStream
@@ -116,8 +115,8 @@ def psi_variant(settings: Config, **chosen: str | float | None) -> PsiConfig:
     """
     from pydantic import ValidationError
 
+    from mqslam.config import PsiConfig
     from mqslam.errors import ConfigError
-    from mqslam.psi.published import PsiConfig
 
     try:
         return PsiConfig.model_validate(

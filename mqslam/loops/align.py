@@ -12,10 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mqslam import se2
+from mqslam.config import EstimatorConfig
 from mqslam.psi.correlate import PIXEL, SAME, correlation_peaks
 from mqslam.psi.covariance import sandwich
 from mqslam.psi.estimator import Evaluation
-from mqslam.psi.minimiser import EstimatorConfig, Prior, minimise, score
+from mqslam.psi.minimiser import Prior, minimise, score
 from mqslam.psi.neighbours import CellGrid, candidates, cell_grid
 from mqslam.psi.observability import weak_directions
 from mqslam.psi.place import PointSet, turned

@@ -11,10 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mqslam import se2
+from mqslam.config import PsiConfig
 from mqslam.errors import OutputError
 from mqslam.files import written_whole
 from mqslam.paper.setting import CASES, REVOLUTION_S, PaperWindow, paper_window
-from mqslam.psi.published import PsiConfig, score
+from mqslam.psi.published import score
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -13,9 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mqslam import se2
+from mqslam.config import PsiConfig
 from mqslam.paper.setting import CASES, PAPER_LARGEST, REVOLUTION_S, PaperWindow, paper_window
 from mqslam.psi.neighbours import candidates, cell_grid
-from mqslam.psi.published import PsiConfig, score
+from mqslam.psi.published import score
 
 VARIANTS = {
     "published, as printed": PsiConfig(temporal="gaussian", unmatched=0.0),

@@ -8,11 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from mqslam import se2
+from mqslam.config import EstimatorConfig, Scale
 from mqslam.psi.correlate import PIXEL, SAME, correlation_peaks
 from mqslam.psi.dynamics import MODEL, POSE, TOLERANCES, State
-from mqslam.psi.estimator import Evaluation, Scale
+from mqslam.psi.estimator import Evaluation
 from mqslam.psi.localmap import LocalMap
-from mqslam.psi.minimiser import EstimatorConfig, Minimum, Prior, minimise, score
+from mqslam.psi.minimiser import Minimum, Prior, minimise, score
 from mqslam.psi.neighbours import candidates
 from mqslam.psi.place import Beam, PointSet, place
 from mqslam.psi.window import AS_GOOD

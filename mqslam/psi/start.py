@@ -9,12 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mqslam import se2
-from mqslam.config import TrackerConfig
+from mqslam.config import EstimatorConfig, TrackerConfig
 from mqslam.measurement import Status
 from mqslam.motion import CONSTANT_TWIST
 from mqslam.psi.dynamics import MODEL, SIZE, TOLERANCES, motion_noise
 from mqslam.psi.gaussians import invert
-from mqslam.psi.minimiser import EstimatorConfig, Minimum
+from mqslam.psi.minimiser import Minimum
 from mqslam.psi.place import Beam
 from mqslam.psi.window import WindowMotion, estimate_window, search_twist
 from mqslam.returns import Returns, Window

@@ -13,12 +13,13 @@ from numpy.typing import NDArray
 from scipy.ndimage import minimum_filter
 
 from mqslam import se2
+from mqslam.config import EstimatorConfig
 from mqslam.measurement import Status
 from mqslam.motion import CONSTANT_TWIST, MotionModel
 from mqslam.psi.covariance import sandwich_by_differences
 from mqslam.psi.estimator import Evaluation
 from mqslam.psi.gaussians import floor_variances, invert
-from mqslam.psi.minimiser import EstimatorConfig, Minimum, Prior, minimise, score_itself
+from mqslam.psi.minimiser import Minimum, Prior, minimise, score_itself
 from mqslam.psi.observability import loosen, weak_directions
 from mqslam.psi.place import Beam, PointSet, place
 from mqslam.returns import Returns

@@ -10,15 +10,14 @@ from pathlib import Path
 import numpy as np
 from common import OXFORD, Claim, shared, table
 
-from mqslam.config import Config
+from mqslam.config import Config, DetectorConfig, PsiConfig
 from mqslam.detection import detect_stretch, windows_of
-from mqslam.detector import DetectorConfig
 from mqslam.frontend import Context
 from mqslam.frontends.psi import PsiFrontEnd
 from mqslam.motion import CONSTANT_VELOCITY
 from mqslam.psi.neighbours import CandidateLists, candidates, cell_grid
 from mqslam.psi.place import PointSet, place
-from mqslam.psi.published import PsiConfig, score
+from mqslam.psi.published import score
 from mqslam.psi.reference import score_reference
 from mqslam.psi.window import beam_of, without_start
 from mqslam.readers import open_recording

@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 from commands import contents, mqslam
 
-from mqslam.config import Config
+from mqslam.config import Config, PsiConfig
 from mqslam.detection import detect_stretch
 from mqslam.motion import CONSTANT_TWIST, CONSTANT_VELOCITY
 from mqslam.psi.place import place
-from mqslam.psi.published import PsiConfig, score
+from mqslam.psi.published import score
 from mqslam.psi.window import beam_of, estimate_window
 from mqslam.readers import open_recording
 from mqslam.returns import Returns

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from hard_recordings import Way, assert_sound, drive, poles, recorded, straight_on, truth_of
 
-from mqslam.config import Config, EstimatorConfig, SensorConfig, TrackerConfig
-from mqslam.detector import DetectorConfig, detect
+from mqslam.config import Config, DetectorConfig, EstimatorConfig, SensorConfig, TrackerConfig
+from mqslam.detector import detect
 from mqslam.engine import HERE
 from mqslam.errors import EstimationError
 from mqslam.measurement import Status

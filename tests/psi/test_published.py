@@ -9,10 +9,11 @@ from hypothesis import strategies as st
 from psi.clouds import TURN_S, Cloud, cloud, selection, with_duplicates
 
 from mqslam import se2
+from mqslam.config import PsiConfig
 from mqslam.motion import CONSTANT_VELOCITY
 from mqslam.psi.neighbours import candidates, cell_grid
 from mqslam.psi.place import Beam, place
-from mqslam.psi.published import PsiConfig, PsiScore, score
+from mqslam.psi.published import PsiScore, score
 from mqslam.psi.reference import score_reference
 from mqslam.returns import Returns
 
