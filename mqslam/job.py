@@ -96,7 +96,7 @@ def execute(
         slam = Slam(job.settings, job.frontend, engine, progress, checkpoint, strict=job.strict, watch=watch)
         result = slam.run(job.stream, job.odometry)
         warnings = [*run_warnings(result, job.stream), *job.notes]
-        summary = plain({**summarise(result, job.stream), "warnings": warnings, "run_key": job.key})
+        summary: dict[str, Any] = plain({**summarise(result, job.stream), "warnings": warnings, "run_key": job.key})
         with whole_folder(out) as folder:
             write_run(folder, result, job.stream, summary, job.log)
     return summary
