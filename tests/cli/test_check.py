@@ -158,6 +158,19 @@ def test_the_real_sample_is_not_suspicious(oxford_tiny: Path) -> None:
     }  # fmt: skip
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize(("name", "untold"), [("oxford_gap", 3), ("mulran_kaist03", 4)])
+def test_real_recordings_with_a_gap_are_checked_as_far_as_they_go(oxford_tiny: Path, name: str, untold: int) -> None:
+    data = oxford_tiny.parent / name
+    if not data.is_dir():
+        pytest.skip(f"the real sample is not at {data}")
+    found = verdicts(data)
+    assert [check["verdict"] for check in found.values()] == [
+        "suspicious", *["ok"] * (5 - untold), *["cannot be told"] * untold
+    ]  # fmt: skip
+    assert "followed by a gap, 1.7" in found["stamps"]["text"]
+
+
 def test_ground_truth_is_never_used(tmp_path: Path) -> None:
     stream = drive(yard_scene(1), ConstantDrive(8.0, 0.1), 2.0)
     write_native(tmp_path / "with.npz", replace(stream, odometry=None))
