@@ -12,37 +12,43 @@ import shutil
 import signal
 import struct
 import subprocess
+import sys
 import time
 import zipfile
 import zlib
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 from typing import Any
 
+import gtsam
 import numpy as np
 import pytest
 from clusters import Cluster, at
-from commands import INSTALLED, Result, contents, mqslam, processes
+from commands import INSTALLED, Result, contents, mqslam, processes, strict_json
 from conversions import write_jittered
 from layouts import left_turn, write_radiate
 from parameters import mostly_slow
 from PIL import Image
 from recordings import START_US, TURN_US, bag_path, raw_rows, with_metadata, write_bag, write_oxford, write_png
 
-from mqslam import detection, engine, se2
+from mqslam import detection, engine, frontend, se2
 from mqslam.checkpoint import FOLDER
 from mqslam.cli import main
 from mqslam.config import Config
 from mqslam.detection import detect_all
 from mqslam.engine import HERE, LocalEngine
 from mqslam.errors import DataError
+from mqslam.frontend import Context
+from mqslam.graph import PoseCovariances, PoseGraph, marginals
+from mqslam.measurement import RelativeMotion, Status
 from mqslam.readers import FORMATS, open_recording
 from mqslam.readers import images as images_module
 from mqslam.readers.images import decode_grey
+from mqslam.returns import Window
 from mqslam.simulator import SensorModel, SimulatedStream, loop_drive, simulated_stream, street_scene
 from mqslam.stream import RadarStream
-from mqslam.trajectory import read_tum
+from mqslam.trajectory import read_tum, write_tum
 from mqslam.writers import oxford as writer
 
 README = Path(__file__).parents[1] / "README.md"
@@ -634,6 +640,86 @@ def test_a_cluster_that_is_lost(drive: Path, tmp_path: Path, crew: Cluster, monk
 
 
 @pytest.mark.slow
+class Tunnel:
+    """Motions as a bare tunnel tells them: to a hair across, and not at all along."""
+
+    def __init__(self, context: Context) -> None: ...
+
+    def measure(self, windows: list[Window]) -> Iterator[RelativeMotion]:
+        for a, b in itertools.pairwise(windows):
+            axes = np.array([[np.cos(0.3), -np.sin(0.3), 0.0], [np.sin(0.3), np.cos(0.3), 0.0], [0.0, 0.0, 1.0]])
+            covariance = axes @ np.diag([1e10, 1e-10, 1e-10]) @ axes.T
+            yield RelativeMotion(a.t0, b.t0, np.array([2.0, 0.0, 0.0]), covariance, Status.DEGENERATE)
+
+
+@pytest.mark.parametrize("odometry", ["none", "wheels"])
+def test_a_tunnel_that_tells_nothing_along_it(
+    drive: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, odometry: str
+) -> None:
+    wheels = tmp_path / "wheels.tum"
+    write_tum(wheels, open_recording(drive).ground_truth)
+    load, seen = frontend.load, []
+
+    def watched(found: PoseGraph, values: gtsam.Values, indices: list[int]) -> PoseCovariances:
+        seen.append((found.factors, values))
+        return marginals(found, values, indices)
+
+    monkeypatch.setattr(frontend, "load", lambda name: Tunnel if name == "psi" else load(name))
+    monkeypatch.setattr("mqslam.outputs.marginals", watched)
+    shown = run(drive, tmp_path / "out", "--odometry", wheels if odometry == "wheels" else "none")
+    assert shown.code == 0 and "warning: did not observe every direction from 0.0 s to 7.2 s" in shown.err
+    assert "could not be made" not in shown.err and "the report shows no ellipses" not in shown.err
+    assert (tmp_path / "out" / "report.html").is_file() and (tmp_path / "out" / "trajectory.tum").is_file()
+    if odometry == "none":  # where GTSAM's own marginals end with an exception
+        with pytest.raises(RuntimeError, match="Indeterminate linear system"):
+            gtsam.Marginals(*seen[0])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [1, 2])  # of the first the covariances are beyond GTSAM's own marginals
+def test_the_twins_tunnel(tmp_path: Path, seed: int) -> None:
+    """Poles, 220 m of bare walls, poles."""
+    twin = Path(__file__).parents[2] / "shared" / "twin"
+    if not twin.is_dir():
+        pytest.skip(f"the twin is not at {twin}")
+    tunnel = tmp_path / "tunnel"
+    subprocess.run([sys.executable, twin / "worlds.py", tmp_path / "worlds"], check=True)
+    words = ["tunnel", tunnel, "--data", tmp_path / "worlds", "--seed", str(seed)]
+    subprocess.run([sys.executable, twin / "make_twin.py", *words], check=True)
+    for odometry in ("none", "auto"):
+        out = tmp_path / odometry
+        assert mqslam("run", tunnel, "--out", out, "--odometry", odometry, "--jobs", "1", "--quiet").code == 0
+        found = strict_json((out / "summary.json").read_text())
+        assert found["verdict"]["status"] in ("warn", "fail") and "every direction" in str(found["verdict"]["reasons"])
+        assert not [warning for warning in found["warnings"] if "could not" in warning or "not known" in warning]
+        assert "ellipses" in (out / "report.html").read_text(encoding="utf-8")
+
+
+def test_a_recording_of_two_scans(drive: Path, tmp_path: Path) -> None:
+    for image in images(drive)[2:]:
+        image.unlink()
+    stamps = drive / "radar.timestamps"
+    stamps.write_text("".join(stamps.read_text().splitlines(keepends=True)[:2]))
+    shown = run(drive, tmp_path / "out")
+    assert shown.code == 0 and "verdict: not judged: 2 scans, too few to judge a map by: a window takes 6" in shown.out
+    found = strict_json((tmp_path / "out" / "summary.json").read_text())
+    assert found["verdict"]["status"] == "not judged" and found["inflation"]["windows"] == 0
+    assert "not judged" in (tmp_path / "out" / "report.html").read_text()
+
+
+def test_a_figure_or_a_report_that_cannot_be_made(drive: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Every file, stage and page is in `tests/cli/test_optional.py`."""
+
+    def fail(*_: object) -> None:
+        raise MemoryError
+
+    monkeypatch.setattr("mqslam.outputs.write_report", fail)
+    shown = run(drive, tmp_path / "out")
+    assert shown.code == 0
+    assert "warning: report.html could not be made (MemoryError); the other results are whole" in shown.err
+    assert (tmp_path / "out" / "trajectory.tum").is_file() and not (tmp_path / "out" / "report.html").exists()
+
+
 def test_a_run_of_a_batch_that_fails(drive: Path, tmp_path: Path) -> None:
     for image in images(shutil.copytree(drive, tmp_path / "broken")):
         cut(image)

@@ -3,27 +3,29 @@
 from __future__ import annotations
 
 import hashlib
-import shutil
 from collections.abc import Callable, Iterator
 from itertools import pairwise
 from pathlib import Path
 from typing import Any, Literal
 
-import gtsam
 import numpy as np
 import pytest
 from commands import Result, mqslam, strict_json
 
-from mqslam import __version__, frontend, graph
+from mqslam import __version__, frontend
 from mqslam.audit.verdict import VerdictStatus
+from mqslam.batch.outputs import summarise, write_batch
+from mqslam.batch.plan import Order
+from mqslam.batch.schedule import Outcome
 from mqslam.checkpoint import FOLDER, run_key
 from mqslam.cli.audit import exit_code
-from mqslam.config import dump_yaml, load_config
+from mqslam.config import Config, dump_yaml, load_config
 from mqslam.frontend import Context
-from mqslam.measurement import RelativeMotion, Status
+from mqslam.measurement import RelativeMotion
 from mqslam.readers import open_recording
 from mqslam.returns import Window
 from mqslam.simulator import simulate
+from mqslam.trajectory import Trajectory, write_tum
 
 ESSENTIAL = {"trajectory.tum", "odometry.tum", "measurements.csv", "config.yaml", "summary.json", "run.log"}
 OTHERS = {"graph.g2o", "map.ply", "map.pgm", "map.yaml", "report.html"}
@@ -105,46 +107,6 @@ def test_a_full_disk_is_an_error_all_the_same(drive: Path, tmp_path: Path, monke
     shown = run(drive, tmp_path / "out")
     assert shown.code == 2 and "No space left on device" in shown.err
     assert not (tmp_path / "out" / "trajectory.tum").exists()
-
-
-class Tunnel:
-    """The recording's own motions, known as a bare tunnel tells them: to a hair across, and not at all along."""
-
-    def __init__(self, context: Context) -> None:
-        self._context = context
-
-    def measure(self, windows: list[Window]) -> Iterator[RelativeMotion]:
-        for a, b in pairwise(windows):
-            axes = np.array([[np.cos(0.3), -np.sin(0.3), 0.0], [np.sin(0.3), np.cos(0.3), 0.0], [0.0, 0.0, 1.0]])
-            covariance = axes @ np.diag([1e10, 1e-10, 1e-10]) @ axes.T
-            yield RelativeMotion(a.t0, b.t0, np.array([2.0, 0.0, 0.0]), covariance, Status.DEGENERATE)
-
-
-@pytest.fixture
-def tunnel(monkeypatch: pytest.MonkeyPatch) -> None:
-    load = frontend.load
-    monkeypatch.setattr(frontend, "load", lambda name: Tunnel if name == "psi" else load(name))
-
-
-@pytest.mark.parametrize("odometry", ["none", "auto"])
-def test_a_tunnel_that_tells_nothing_along_it_has_results_and_a_report(
-    drive: Path, tmp_path: Path, tunnel: None, monkeypatch: pytest.MonkeyPatch, odometry: str
-) -> None:
-    seen = []
-
-    def watched(pose_graph: graph.PoseGraph, values: gtsam.Values, indices: list[int]) -> graph.PoseCovariances:
-        seen.append((pose_graph, values))
-        return graph.marginals(pose_graph, values, indices)
-
-    monkeypatch.setattr("mqslam.outputs.marginals", watched)
-    shown = run(drive, tmp_path / "out", "--odometry", odometry)
-    assert shown.code == 0, shown.err
-    assert {path.name for path in (tmp_path / "out").iterdir()} == ESSENTIAL | OTHERS
-    assert not [w for w in summary_of(tmp_path / "out")["warnings"] if "could not" in w or "not known" in w]
-    if odometry == "none":  # GTSAM's own marginals know no covariance of such a graph
-        (case,) = seen
-        with pytest.raises(RuntimeError, match="Indeterminate linear system"):
-            gtsam.Marginals(case[0].factors, case[1])
 
 
 def test_covariances_that_cannot_be_had_are_a_warning(
@@ -278,12 +240,11 @@ def test_a_comparison_keeps_what_does_not_fail(drive: Path, tmp_path: Path, monk
     monkeypatch.setattr(judge, "audit", once)
     for name in ("overlay", "write_compare_report"):
         monkeypatch.setattr(f"mqslam.compare.outputs.{name}", failing(ValueError("by nothing")))
-    truth = [("--trajectory", f"{name}={drive / 'gt' / 'poses_tum.txt'}") for name in ("first", "second")]
-    given = ("--frontends", "odometry", "--odometry-only", *truth[0], *truth[1])
+    given = ("--frontends", "odometry", "--odometry-only", "--trajectory", f"first={drive / 'gt' / 'poses_tum.txt'}")
     shown = mqslam("compare", drive, "--out", tmp_path / "out", *given)
     assert shown.code == 0
     assert {path.name for path in (tmp_path / "out").iterdir()} == {
-        "compare.csv", "compare.json", "config.yaml", "odometry", "first", "second"
+        "compare.csv", "compare.json", "config.yaml", "odometry", "first"
     }  # fmt: skip
     found = summary_of(tmp_path / "out", "compare.json")
     rows = {row["name"]: row for row in found["rows"]}
@@ -296,29 +257,24 @@ def test_a_comparison_keeps_what_does_not_fail(drive: Path, tmp_path: Path, monk
 
 
 def test_a_batch_keeps_its_numbers_where_a_finished_run_lost_a_file(
-    drive: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    shutil.copy(drive.with_name("quick.yaml"), tmp_path)
-    (tmp_path / "drive").symlink_to(drive)
-    runs = tmp_path / "runs.yaml"
-    runs.write_text("runs:\n" + "".join(
-        f"  - {{data: drive, name: {name}, frontend: odometry, config: quick.yaml}}\n" for name in ("kept", "damaged")
-    ))  # fmt: skip
-    with monkeypatch.context() as patch:
-        patch.setattr("mqslam.outputs.write_report", lambda *_: [])
-        assert mqslam("batch", runs, "--out", tmp_path / "out", "--quiet").code == 0
-    (tmp_path / "out" / "damaged" / "trajectory.tum").unlink()
-    shown = mqslam("batch", runs, "--out", tmp_path / "out")
-    assert shown.code == 0
-    found = summary_of(tmp_path / "out", "batch.json")
-    assert found["counts"] == {"pass": 0, "warn": 0, "fail": 0, "not judged": 2, "failed": 0}
-    (warning,) = found["warnings"]
-    assert warning.startswith("the picture of damaged could not be made (") and f"warning: {warning}" in shown.err
-    page = (tmp_path / "out" / "report.html").read_text()
-    assert '<span class="badge none">not judged</span>' in page and page.count("data:image/png") == 1
+    names = ("kept", "damaged")
+    orders = [Order(name, tmp_path / "drive", "psi", "none", Config()) for name in names]
+    verdict = {"status": "not judged", "reasons": ["2 scans"]}
+    found = summarise(orders, [Outcome({"verdict": verdict, "psi": {"per_point_optimised": float("nan")}})] * 2)
+    (tmp_path / "kept").mkdir()
+    track = Trajectory(np.arange(5), np.arange(15.0).reshape(5, 3))
+    write_tum(tmp_path / "kept" / "trajectory.tum", track)
+    write_batch(tmp_path, "runs", found, "runs: []")
+    written = summary_of(tmp_path, "batch.json")
+    assert written["counts"] == {"pass": 0, "warn": 0, "fail": 0, "not judged": 2, "failed": 0}
+    assert written["runs"][0]["psi_per_point"] is None
+    assert written["warnings"][0].startswith("the picture of damaged could not be made (") and len(written["warnings"]) == 1
+    page = (tmp_path / "report.html").read_text()
+    assert page.count('<span class="badge none">not judged</span>') == 2 and page.count("data:image/png") == 1
     assert "0 · 0 · 0 · 2" in page and "pass · warn · fail · not judged" in page
     monkeypatch.setattr("mqslam.batch.outputs.write_batch_report", failing(ValueError("by nothing")))
-    assert mqslam("batch", runs, "--out", tmp_path / "out", "--quiet").code == 0
-    assert "report.html could not be made (ValueError: by nothing); the other results are whole" in summary_of(
-        tmp_path / "out", "batch.json"
-    )["warnings"]  # fmt: skip
+    write_batch(tmp_path, "runs", found, "runs: []")
+    said = "report.html could not be made (ValueError: by nothing); the other results are whole"
+    assert summary_of(tmp_path, "batch.json")["warnings"][-1] == said
