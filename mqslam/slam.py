@@ -198,7 +198,8 @@ class Slam:
             initial = chain(m.pose for m in measurements)
             edges = self._odometry(scans, context, measurements)
             _, first = self._optimised(initial, measurements, edges, [])
-        loops, tried = [], 0
+        loops: list[Loop] = []
+        tried = 0
         with self._stage("loops"), tolerate("the search for loops", self._warnings):
             loops, tried = self._loops(scans, initial, measurements, edges, first.values)
         with self._stage("optimise"):

@@ -10,12 +10,11 @@ import typer
 from mqslam.cli.options import ConfigOption, Data, Format, Json, Quiet, RangeResolution, Verbose
 
 if TYPE_CHECKING:
-    from mqslam.config import Config
+    from mqslam.config import Config, PsiConfig
     from mqslam.core import se2
     from mqslam.core.motion import MotionModel
     from mqslam.core.recording import Recording
     from mqslam.core.scans import Returns
-    from mqslam.psi.published.equations import PsiConfig
     from mqslam.psi.window import WindowMotion
 
 _UNITS = {"v": "m/s", "vx": "m/s", "vy": "m/s", "omega": "rad/s"}
@@ -116,8 +115,8 @@ def psi_variant(settings: Config, **chosen: str | float | None) -> PsiConfig:
     """
     from pydantic import ValidationError
 
+    from mqslam.config import PsiConfig
     from mqslam.errors import ConfigError
-    from mqslam.psi.published.equations import PsiConfig
 
     try:
         return PsiConfig.model_validate(

@@ -96,7 +96,7 @@ def execute(
         slam = Slam(job.settings, job.frontend, engine, progress, checkpoint, strict=job.strict, watch=watch)
         result = slam.run(job.recording, job.odometry)
         warnings = [*run_warnings(result, job.recording), *job.notes]
-        summary = plain({**summarise(result, job.recording), "warnings": warnings, "run_key": job.key})
+        summary: dict[str, Any] = plain({**summarise(result, job.recording), "warnings": warnings, "run_key": job.key})
         with whole_folder(out) as folder:
             write_run(folder, result, job.recording, summary, job.log)
     return summary

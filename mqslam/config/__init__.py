@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import math
 import textwrap
 from collections.abc import Collection
+from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
 from typing import Any, Literal
@@ -14,10 +16,7 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 from mqslam.audit.verdict import VerdictConfig
 from mqslam.config.audit import AuditConfig
 from mqslam.config.settings_file import parsed
-from mqslam.detection.detector import DetectorConfig
 from mqslam.errors import ConfigError
-from mqslam.psi.minimiser import EstimatorConfig
-from mqslam.psi.published.equations import PsiConfig
 
 
 class SensorConfig(BaseModel):
@@ -43,6 +42,119 @@ class SensorConfig(BaseModel):
         description="which instant of a revolution its only stamp is, where azimuths carry no stamps; null takes the "
         "format's default: end in mulran, radiate and images on a bag's /radar/polar (MulRan's player), start in other bags",
     )
+
+
+class DetectorConfig(BaseModel):
+    """Settings of the detector."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    threshold: float = Field(40.0, ge=0.0, le=255.0, description="smoothed power that is surely a target [0..255]")
+    contrast: float = Field(
+        7.0,
+        gt=0.0,
+        description="where noise is low, so many of its spreads above its median are enough: finer bins are smoothed more",
+    )
+    strongest: int = Field(12, ge=1, description="peaks kept per azimuth")
+    smoothing_m: float = Field(0.2, ge=0.0, description="half width of the window that smooths power along range [m]")
+    min_range_m: float = Field(2.5, ge=0.0, description="nearer returns are the vehicle itself [m]")
+    max_range_m: float = Field(150.0, gt=0.0, description="farther returns are too blurred across the beam to help [m]")
+    join_m: float = Field(0.6, ge=0.0, description="peaks of neighbouring azimuths this close in range are one target [m]")
+    saturation: float = Field(
+        12.0, gt=0.0, description="an azimuth whose median power exceeds the revolution's by this much is saturated [0..255]"
+    )
+    ring_share: float = Field(
+        0.3,
+        gt=0.0,
+        le=1.0,
+        description="a range at which this share of all azimuths peaks at once, and twice as many as around it, is a ring",
+    )
+
+    @model_validator(mode="after")
+    def _check_ranges(self) -> DetectorConfig:
+        if self.max_range_m <= self.min_range_m:
+            raise ValueError(f"max_range_m ({self.max_range_m}) must be larger than min_range_m ({self.min_range_m})")
+        return self
+
+
+class PsiConfig(BaseModel):
+    """Parameters of the published score, named as in the paper, which gives no values: these are ours."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    s: float = Field(2.0, gt=0.0, description="radius of the neighbourhood [m]")
+    alpha_s: float = Field(0.0, ge=0.0, description="distance at which the spatial kernel peaks [m]")
+    beta_s: float = Field(1.0, gt=0.0, description="width of the spatial kernel [m]")
+    alpha_t: float | None = Field(
+        None, ge=0.0, description="time apart at which the temporal kernel peaks [s]; null takes one revolution"
+    )
+    beta_t: float = Field(0.06, gt=0.0, description="width of the temporal kernel [s]")
+    tau: float = Field(0.5, gt=0.0, description="width of the Lorentzian [m]")
+    xi: float = Field(0.02, gt=0.0, lt=1.0, description="pairs with a smaller kappa take no part")
+    temporal: Literal["plateau", "gaussian"] = Field(
+        "plateau", description="plateau: the time term is 1 from alpha_t on; gaussian: as printed in (8)"
+    )
+    numerator: Literal["tau/2", "tau"] = Field("tau/2", description="numerator of L: (9) or Algorithm 1")
+    factor: Literal["distance", "kappa"] = Field("distance", description="S = L s_ij (10) or L kappa_ij (Algorithm 1)")
+    unmatched: float = Field(
+        1.0, ge=0.0, description="charge of a point without a neighbour, in units of the dearest pair; 0 is as printed"
+    )
+
+    @property
+    def charge(self) -> float:
+        """What one unmatched point costs."""
+        return self.unmatched * (2.0 * self.s / (math.pi * self.tau)) ** 2
+
+
+@dataclass(frozen=True, slots=True)
+class Scale:
+    """How wide the score looks.
+
+    Args:
+        s: neighbours farther than this take no part [m].
+        beta_s: width of the spatial kernel [m].
+        c: offset, in standard deviations, at which a point's weight has fallen to a quarter.
+    """
+
+    s: float
+    beta_s: float
+    c: float
+
+
+class EstimatorConfig(BaseModel):
+    """Settings of the score that the estimator minimises, and of the way it does so."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    s: float = Field(0.6, gt=0.0, description="neighbours farther than this take no part, at the end of annealing [m]")
+    s_start: float = Field(2.5, gt=0.0, description="the same at the start of annealing [m]")
+    beta_s: float = Field(0.25, gt=0.0, description="width of the spatial kernel at the end [m]")
+    beta_s_start: float = Field(1.25, gt=0.0, description="the same at the start [m]")
+    c: float = Field(1.5, gt=0.0, description="offset that quarters a point's weight at the end [standard deviations]")
+    c_start: float = Field(5.0, gt=0.0, description="the same at the start [standard deviations]")
+    shrink: float = Field(0.6, gt=0.0, lt=1.0, description="factor on the widths from step to step")
+    steps: int = Field(12, ge=1, description="most Newton steps")
+    beta_t: float = Field(0.06, gt=0.0, description="fade of pairs less than one turn apart [s]")
+    xi: float = Field(0.02, gt=0.0, lt=1.0, description="least kappa of a selected neighbour")
+    blur_m: float = Field(0.15, ge=0.0, description="scatter of one object's returns between views, isotropic [m]")
+    sigma_range_m: float = Field(0.15, gt=0.0, description="error of a return along the ray [m]")
+    sigma_azimuth: float = Field(0.008, gt=0.0, description="error of a return across the ray [rad]")
+    stabiliser: float = Field(
+        0.15, ge=0.0, description="share of Gauss-Newton curvature added to the re-selecting curvature, to keep steps safe"
+    )
+    correlation: float = Field(
+        10.0, ge=1.0, description="returns that repeat one another: information is divided by this against a prior"
+    )
+
+    def scale(self, step: int) -> Scale:
+        """Widths at one step of the annealing."""
+        f = self.shrink**step
+        return Scale(max(self.s, self.s_start * f), max(self.beta_s, self.beta_s_start * f), max(self.c, self.c_start * f))
+
+    @property
+    def final(self) -> Scale:
+        """Widths at the end of the annealing."""
+        return Scale(self.s, self.beta_s, self.c)
 
 
 class TrackerConfig(BaseModel):

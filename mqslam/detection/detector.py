@@ -18,48 +18,15 @@ from dataclasses import astuple, dataclass
 import numba as nb
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Field, model_validator
 from scipy.ndimage import median_filter, uniform_filter1d
 
+from mqslam.config import DetectorConfig
 from mqslam.core.recording import PolarScan
 from mqslam.core.scans import Returns
 
 _JOIN_BINS = 1.5  # a peak's range is known to half a bin on either side, so neighbours of one target differ by up to a bin
 _AROUND_CELLS = 9  # cells whose median share is the usual one around a ring
 _STANDS_OUT = 2.0  # a ring's share over the usual one
-
-
-class DetectorConfig(BaseModel):
-    """Settings of the detector."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-    threshold: float = Field(40.0, ge=0.0, le=255.0, description="smoothed power that is surely a target [0..255]")
-    contrast: float = Field(
-        7.0,
-        gt=0.0,
-        description="where noise is low, so many of its spreads above its median are enough: finer bins are smoothed more",
-    )
-    strongest: int = Field(12, ge=1, description="peaks kept per azimuth")
-    smoothing_m: float = Field(0.2, ge=0.0, description="half width of the window that smooths power along range [m]")
-    min_range_m: float = Field(2.5, ge=0.0, description="nearer returns are the vehicle itself [m]")
-    max_range_m: float = Field(150.0, gt=0.0, description="farther returns are too blurred across the beam to help [m]")
-    join_m: float = Field(0.6, ge=0.0, description="peaks of neighbouring azimuths this close in range are one target [m]")
-    saturation: float = Field(
-        12.0, gt=0.0, description="an azimuth whose median power exceeds the revolution's by this much is saturated [0..255]"
-    )
-    ring_share: float = Field(
-        0.3,
-        gt=0.0,
-        le=1.0,
-        description="a range at which this share of all azimuths peaks at once, and twice as many as around it, is a ring",
-    )
-
-    @model_validator(mode="after")
-    def _check_ranges(self) -> DetectorConfig:
-        if self.max_range_m <= self.min_range_m:
-            raise ValueError(f"max_range_m ({self.max_range_m}) must be larger than min_range_m ({self.min_range_m})")
-        return self
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,12 +38,14 @@ class PeakCounts:
         unused_azimuths: those that are marked invalid or that are saturated.
         peaks: local maxima above the threshold.
         ring_peaks: those that were dropped as parts of a ring.
+        peaks_out_of_range: peaks nearer or farther than the settings allow; counted where there are few others.
     """
 
     azimuths: int = 0
     unused_azimuths: int = 0
     peaks: int = 0
     ring_peaks: int = 0
+    peaks_out_of_range: int = 0
 
     def __add__(self, other: PeakCounts) -> PeakCounts:
         return PeakCounts(*(a + b for a, b in zip(astuple(self), astuple(other), strict=True)))
@@ -89,6 +58,9 @@ class PeakCounts:
             return f"{left_out}; raise detector.saturation if they are not"
         if 2 * self.ring_peaks > self.peaks:
             return f"{self.ring_peaks} of {self.peaks} peaks count as parts of a ring; raise detector.ring_share"
+        if self.peaks_out_of_range > self.peaks:
+            outside = f"{self.peaks_out_of_range} peaks lie out of range, where only {self.peaks} are within"
+            return f"{outside}; raise detector.max_range_m or lower detector.min_range_m"
         return f"only {self.peaks} peaks in {self.azimuths} azimuths are above the threshold; lower detector.threshold"
 
 
@@ -117,10 +89,27 @@ def detect_and_count(
     half = min(round(config.smoothing_m / range_resolution), max(0, (bins - 3) // 2))
     usable = polar_scan.valid & ~_saturated(power, config.saturation)
     threshold = min(config.threshold, _above_noise(power[usable, first:last], half, config.contrast))
-    ranges, values = _peaks(power, usable, first, last, (half + 1) // 2, half // 2, config.strongest, threshold)
+
+    def find_peaks(begin: int, end: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        found: tuple[NDArray[np.float64], NDArray[np.float64]] = _peaks(
+            power, usable, begin, end, (half + 1) // 2, half // 2, config.strongest, threshold
+        )
+        return found
+
+    ranges, values = find_peaks(first, last)
     peaks = np.count_nonzero(values)
     _drop_rings(ranges, values, 2.0 * max(half, 1), config.ring_share)
-    counts = PeakCounts(len(power), int(np.count_nonzero(~usable)), int(peaks), int(peaks - np.count_nonzero(values)))
+    out_of_range = 0
+    if peaks < len(power):
+        beside = [find_peaks(begin, end)[1] for begin, end in ((1, first), (last, bins - 1)) if begin < end]
+        out_of_range = sum(int(np.count_nonzero(powers)) for powers in beside)
+    counts = PeakCounts(
+        azimuths=len(power),
+        unused_azimuths=int(np.count_nonzero(~usable)),
+        peaks=int(peaks),
+        ring_peaks=int(peaks - np.count_nonzero(values)),
+        peaks_out_of_range=out_of_range,
+    )
     ranges *= range_resolution
     join = max(config.join_m, _JOIN_BINS * range_resolution)
     rows = _targets(ranges, values, polar_scan.azimuths, polar_scan.times, join)

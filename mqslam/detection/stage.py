@@ -9,10 +9,11 @@ from dataclasses import dataclass, field
 from socket import gethostname
 from typing import Protocol
 
+from mqslam.config import DetectorConfig
 from mqslam.core.recording import PolarScan, Recording
 from mqslam.core.scans import Returns, Scan
 from mqslam.detection.artefacts import drop_fixed
-from mqslam.detection.detector import DetectorConfig, PeakCounts, detect_and_count
+from mqslam.detection.detector import PeakCounts, detect_and_count
 from mqslam.errors import DataError
 from mqslam.execution.engine import Engine
 

@@ -18,23 +18,9 @@ import numba as nb
 import numpy as np
 from numpy.typing import NDArray
 
+from mqslam.config import Scale
 from mqslam.psi.neighbours import CandidateLists
 from mqslam.psi.place import PointSet
-
-
-@dataclass(frozen=True, slots=True)
-class Scale:
-    """How wide the score looks.
-
-    Args:
-        s: neighbours farther than this take no part [m].
-        beta_s: width of the spatial kernel [m].
-        c: offset, in standard deviations, at which a point's weight has fallen to a quarter.
-    """
-
-    s: float
-    beta_s: float
-    c: float
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,47 +11,11 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Field
 
-from mqslam.psi.estimator import Evaluation, Scale, evaluate
+from mqslam.config import EstimatorConfig, Scale
+from mqslam.psi.estimator import Evaluation, evaluate
 from mqslam.psi.neighbours import CandidateLists, CellGrid, NeighbourCache, candidates, cell_grid
 from mqslam.psi.place import PointSet
-
-
-class EstimatorConfig(BaseModel):
-    """Settings of the score that the estimator minimises, and of the way it does so."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-    s: float = Field(0.6, gt=0.0, description="neighbours farther than this take no part, at the end of annealing [m]")
-    s_start: float = Field(2.5, gt=0.0, description="the same at the start of annealing [m]")
-    beta_s: float = Field(0.25, gt=0.0, description="width of the spatial kernel at the end [m]")
-    beta_s_start: float = Field(1.25, gt=0.0, description="the same at the start [m]")
-    c: float = Field(1.5, gt=0.0, description="offset that quarters a point's weight at the end [standard deviations]")
-    c_start: float = Field(5.0, gt=0.0, description="the same at the start [standard deviations]")
-    shrink: float = Field(0.6, gt=0.0, lt=1.0, description="factor on the widths from step to step")
-    steps: int = Field(12, ge=1, description="most Newton steps")
-    beta_t: float = Field(0.06, gt=0.0, description="fade of pairs less than one turn apart [s]")
-    xi: float = Field(0.02, gt=0.0, lt=1.0, description="least kappa of a selected neighbour")
-    blur_m: float = Field(0.15, ge=0.0, description="scatter of one object's returns between views, isotropic [m]")
-    sigma_range_m: float = Field(0.15, gt=0.0, description="error of a return along the ray [m]")
-    sigma_azimuth: float = Field(0.008, gt=0.0, description="error of a return across the ray [rad]")
-    stabiliser: float = Field(
-        0.15, ge=0.0, description="share of Gauss-Newton curvature added to the re-selecting curvature, to keep steps safe"
-    )
-    correlation: float = Field(
-        10.0, ge=1.0, description="returns that repeat one another: information is divided by this against a prior"
-    )
-
-    def scale(self, step: int) -> Scale:
-        """Widths at one step of the annealing."""
-        f = self.shrink**step
-        return Scale(max(self.s, self.s_start * f), max(self.beta_s, self.beta_s_start * f), max(self.c, self.c_start * f))
-
-    @property
-    def final(self) -> Scale:
-        """Widths at the end of the annealing."""
-        return Scale(self.s, self.beta_s, self.c)
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,14 +12,15 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import minimum_filter
 
+from mqslam.config import EstimatorConfig
 from mqslam.core import se2
 from mqslam.core.measurement import Status
 from mqslam.core.motion import CONSTANT_TWIST, MotionModel
 from mqslam.core.scans import Returns
 from mqslam.psi.covariance import sandwich_by_differences
 from mqslam.psi.estimator import Evaluation
-from mqslam.psi.gaussians import invert
-from mqslam.psi.minimiser import EstimatorConfig, Minimum, Prior, minimise, score_itself
+from mqslam.psi.gaussians import floor_variances, invert
+from mqslam.psi.minimiser import Minimum, Prior, minimise, score_itself
 from mqslam.psi.observability import loosen, weak_directions
 from mqslam.psi.place import Beam, PointSet, place
 
@@ -86,7 +87,8 @@ def estimate_window(
     def gradient(theta: NDArray[np.float64]) -> NDArray[np.float64]:
         return score_itself(render(theta), config.final, revolution_s, config).gradient
 
-    covariance = sandwich_by_differences(found.evaluation, points.points, gradient, found.state, _DIFFERENCE * tolerances)
+    spread = sandwich_by_differences(found.evaluation, points.points, gradient, found.state, _DIFFERENCE * tolerances)
+    covariance = floor_variances(spread, tolerances)
     weak = weak_directions(score_itself(points, config.scale(0), revolution_s, config), model.size)
     if len(weak):
         covariance = loosen(covariance, weak, np.array([SPANS[component] for component in model.components]))

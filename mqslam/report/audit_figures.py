@@ -6,11 +6,10 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2
 
 from mqslam.audit.judge import Audit, RevisitAudit, WindowAudit
 from mqslam.audit.sweeps import Sweeps
-from mqslam.config.audit import AuditConfig
+from mqslam.config.audit import AuditConfig, inflation_quantile
 from mqslam.report.canvas import (
     BLUE,
     INK,
@@ -35,7 +34,7 @@ if TYPE_CHECKING:
     from matplotlib.cm import ScalarMappable
     from matplotlib.figure import Figure
 
-EXPECTED: Final = float(chi2.median(3))  # inflation of the middle window of a trajectory that is right
+EXPECTED: Final = inflation_quantile(0.5)  # inflation of the middle window of a trajectory that is right
 _GROUND_INK = "#7b8594"
 _DECADES = 2.0  # of inflation that the colours show below the threshold, and above it
 _FINE = ("#123f86", "#6db3ea")  # colours up to the threshold

@@ -10,18 +10,17 @@ from pathlib import Path
 import numpy as np
 from common import OXFORD, Claim, shared, table
 
-from mqslam.config import Config
+from mqslam.config import Config, DetectorConfig, PsiConfig
 from mqslam.core.frontend import Context
 from mqslam.core.motion import CONSTANT_VELOCITY
 from mqslam.core.recording import PolarScan
 from mqslam.core.scans import Returns
-from mqslam.detection.detector import DetectorConfig
 from mqslam.detection.stage import detect_stretch, scans_of
 from mqslam.formats.recordings import open_recording
 from mqslam.frontends.psi import PsiFrontEnd
 from mqslam.psi.neighbours import CandidateLists, candidates, cell_grid
 from mqslam.psi.place import PointSet, place
-from mqslam.psi.published.equations import PsiConfig, score
+from mqslam.psi.published.equations import score
 from mqslam.psi.published.reference import score_reference
 from mqslam.psi.window import beam_of, without_start
 from mqslam.simulator import SimulatedRecording, loop_drive, simulated_recording, street_scene

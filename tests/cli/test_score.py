@@ -11,13 +11,13 @@ import numpy as np
 import pytest
 from support.commands import contents, mqslam
 
-from mqslam.config import Config
+from mqslam.config import Config, PsiConfig
 from mqslam.core.motion import CONSTANT_TWIST, CONSTANT_VELOCITY
 from mqslam.core.scans import Returns
 from mqslam.detection.stage import detect_stretch
 from mqslam.formats.recordings import open_recording
 from mqslam.psi.place import place
-from mqslam.psi.published.equations import PsiConfig, score
+from mqslam.psi.published.equations import score
 from mqslam.psi.window import beam_of, estimate_window
 
 TURN_S = 0.25

@@ -8,9 +8,10 @@ from numpy.typing import NDArray
 from pydantic import ValidationError
 from support.detector_reference import peaks_reference, targets_reference
 
+from mqslam.config import DetectorConfig
 from mqslam.core.recording import PolarScan
 from mqslam.core.scans import Returns
-from mqslam.detection.detector import DetectorConfig, PeakCounts, _peaks, _targets, detect, detect_and_count
+from mqslam.detection.detector import PeakCounts, _peaks, _targets, detect, detect_and_count
 
 BIN_M = 0.1
 AZIMUTHS, BINS = 60, 600
@@ -197,6 +198,7 @@ def test_neighbours_of_one_target_are_joined_across_half_a_long_bin() -> None:
         (PeakCounts(400, 300, 900, 10), "detector.saturation"),
         (PeakCounts(400, 3, 900, 890), "detector.ring_share"),
         (PeakCounts(400, 3, 12, 1), "detector.threshold"),
+        (PeakCounts(400, 3, 12, 1, 500), "detector.max_range_m"),
         (PeakCounts(), "detector.threshold"),
     ],
 )

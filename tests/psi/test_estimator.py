@@ -8,7 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from support.clouds import TURN_S, point_set
 
-from mqslam.psi.estimator import Evaluation, Scale, evaluate
+from mqslam.config import Scale
+from mqslam.psi.estimator import Evaluation, evaluate
 from mqslam.psi.neighbours import candidates, cell_grid
 from mqslam.psi.place import PointSet
 from mqslam.psi.published.reference import evaluate_reference

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from mqslam.config import PsiConfig
 from mqslam.psi.place import PointSet
-from mqslam.psi.published.equations import PsiConfig
 
 TURN_S = 0.25
 

@@ -11,10 +11,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from mqslam.config import EstimatorConfig
 from mqslam.core import se2
 from mqslam.psi.covariance import sandwich
 from mqslam.psi.estimator import Evaluation
-from mqslam.psi.minimiser import EstimatorConfig, Prior, minimise, score
+from mqslam.psi.minimiser import Prior, minimise, score
 from mqslam.psi.neighbours import CellGrid, candidates, cell_grid
 from mqslam.psi.observability import weak_directions
 from mqslam.psi.place import PointSet, turned

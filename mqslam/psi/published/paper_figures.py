@@ -10,10 +10,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from mqslam.config import PsiConfig
 from mqslam.core import se2
 from mqslam.errors import OutputError
 from mqslam.execution.files import written_whole
-from mqslam.psi.published.equations import PsiConfig, score
+from mqslam.psi.published.equations import score
 from mqslam.psi.published.paper_setting import CASES, REVOLUTION_S, PaperWindow, paper_window
 
 if TYPE_CHECKING:

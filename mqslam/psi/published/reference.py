@@ -6,9 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from mqslam.psi.estimator import Evaluation, Scale
+from mqslam.config import PsiConfig, Scale
+from mqslam.psi.estimator import Evaluation
 from mqslam.psi.place import PointSet
-from mqslam.psi.published.equations import PsiConfig, PsiScore, checked
+from mqslam.psi.published.equations import PsiScore, checked
 
 
 def score_reference(

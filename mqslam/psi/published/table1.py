@@ -12,9 +12,10 @@ from multiprocessing import get_context
 import numpy as np
 from numpy.typing import NDArray
 
+from mqslam.config import PsiConfig
 from mqslam.core import se2
 from mqslam.psi.neighbours import candidates, cell_grid
-from mqslam.psi.published.equations import PsiConfig, score
+from mqslam.psi.published.equations import score
 from mqslam.psi.published.paper_setting import CASES, PAPER_LARGEST, REVOLUTION_S, PaperWindow, paper_window
 
 VARIANTS = {

@@ -7,10 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from mqslam.config import EstimatorConfig, Scale
 from mqslam.core import se2
 from mqslam.core.scans import Scan
-from mqslam.psi.estimator import Evaluation, Scale
-from mqslam.psi.minimiser import EstimatorConfig, Minimum, Prior, minimise, score
+from mqslam.psi.estimator import Evaluation
+from mqslam.psi.minimiser import Minimum, Prior, minimise, score
 from mqslam.psi.neighbours import candidates
 from mqslam.psi.place import Beam, PointSet, place
 from mqslam.psi.tracking.correlate import PIXEL, SAME, correlation_peaks

@@ -8,13 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mqslam.config import TrackerConfig
+from mqslam.config import EstimatorConfig, TrackerConfig
 from mqslam.core import se2
 from mqslam.core.measurement import Status
 from mqslam.core.motion import CONSTANT_TWIST
 from mqslam.core.scans import Returns, Scan
 from mqslam.psi.gaussians import invert
-from mqslam.psi.minimiser import EstimatorConfig, Minimum
+from mqslam.psi.minimiser import Minimum
 from mqslam.psi.place import Beam
 from mqslam.psi.tracking.dynamics import MODEL, SIZE, TOLERANCES, motion_noise
 from mqslam.psi.window import WindowMotion, estimate_window, search_twist
@@ -88,7 +88,8 @@ def find_first_motion(
 
 def overlaps(found: Minimum) -> bool:
     """Whether a scan lies on the map at all."""
-    return np.count_nonzero(found.evaluation.matched) >= LEAST_MATCHED and matched_share(found) >= LEAST_SHARE
+    matched = int(np.count_nonzero(found.evaluation.matched))
+    return matched >= LEAST_MATCHED and matched_share(found) >= LEAST_SHARE
 
 
 def _know_nothing(settings: TrackerConfig) -> FirstMotion:

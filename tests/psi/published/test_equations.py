@@ -8,12 +8,13 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from support.clouds import TURN_S, Cloud, cloud, selection, with_duplicates
 
+from mqslam.config import PsiConfig
 from mqslam.core import se2
 from mqslam.core.motion import CONSTANT_VELOCITY
 from mqslam.core.scans import Returns
 from mqslam.psi.neighbours import candidates, cell_grid
 from mqslam.psi.place import Beam, place
-from mqslam.psi.published.equations import PsiConfig, PsiScore, score
+from mqslam.psi.published.equations import PsiScore, score
 from mqslam.psi.published.reference import score_reference
 
 VARIANTS = [
