@@ -33,12 +33,13 @@ FINDINGS = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
 def test_a_notebook_runs_top_to_bottom_and_finds_what_it_says(path: Path) -> None:
     notebook = nbformat.read(path, as_version=4)
     lines = [line.strip() for line in FINDINGS[path.stem].strip().splitlines()]
     notebook.cells.append(nbformat.v4.new_code_cell("\n".join(lines)))
-    NotebookClient(notebook, timeout=300, kernel_name="python3", resources={"metadata": {"path": path.parent}}).execute()
+    NotebookClient(notebook, timeout=1800, kernel_name="python3", resources={"metadata": {"path": path.parent}}).execute()
     outputs = [output for cell in notebook.cells if cell.cell_type == "code" for output in cell.outputs]
     assert sum("image/png" in output.get("data", {}) for output in outputs) >= 3
     said = [output.text for output in outputs if output.output_type == "stream" and output.name == "stderr"]

@@ -45,3 +45,18 @@ def test_a_resumed_run_shows_what_was_measured_before(tmp_path: Path) -> None:
     again, _, _ = watched(tmp_path, resume=True)
     assert len(first) == len(again) > 5
     assert all(np.allclose(a[2], b[2]) for a, b in zip(first, again, strict=True))
+
+
+def test_a_watch_that_fails_is_asked_no_more_and_the_run_goes_on() -> None:
+    recording, _ = drive(street_scene(1, movers=0), constant(8.0, 0.2), 2.0)
+    asked: list[Scan] = []
+
+    def closed(scan: Scan, *_: object) -> None:
+        asked.append(scan)
+        if len(asked) == 3:
+            raise ConnectionError("the viewer was closed")
+
+    run = Slam(Config(), "odometry", HERE, lambda *_: None, watch=closed).run(recording, recording.ground_truth)
+    assert len(asked) == 3 and len(run.optimised) == len(recording) > 5
+    (warning,) = run.warnings
+    assert warning.startswith("the live view could not be made (ConnectionError: the viewer was closed)")

@@ -18,6 +18,7 @@ from mqslam.config import EstimatorConfig
 from mqslam.core import se2
 from mqslam.psi.covariance import sandwich_by_differences
 from mqslam.psi.estimator import Evaluation, Scale
+from mqslam.psi.gaussians import floor_variances
 from mqslam.psi.minimiser import Minimum, Prior, annealed_scale, final_scale, minimise, score_itself
 from mqslam.psi.observability import loosen, weak_directions
 from mqslam.psi.place import PointSet
@@ -119,7 +120,7 @@ def _judged(
     covariance = sandwich_by_differences(
         found.evaluation, placed.points, lambda twist: scored(twist).gradient, found.state, _DIFFERENCE * units
     )
-    covariance = loosen(_no_surer(covariance, _ENDS * units), weak, _ANYWHERE * units)
+    covariance = loosen(floor_variances(covariance, _ENDS * units), weak, _ANYWHERE * units)
     moved = placed.points - bent(np.zeros(3)).points
     return Bend(
         correction=found.state * count,
@@ -132,17 +133,6 @@ def _judged(
         matched_best=float(found.evaluation.matched.mean()),
         points=len(placed),
     )
-
-
-def _no_surer(covariance: NDArray[np.float64], steps: NDArray[np.float64]) -> NDArray[np.float64]:
-    """A covariance (3, 3) that is nowhere below the steps (3,) that ended the search.
-
-    Scans that repeat to the last digit leave no residual, and would make the twist known exactly.
-    """
-    values, vectors = np.linalg.eigh(covariance / np.outer(steps, steps))
-    if values[0] >= 1.0:
-        return covariance
-    return np.asarray((vectors * np.maximum(values, 1.0)) @ vectors.T * np.outer(steps, steps))
 
 
 def middled(sweeps: Sweeps, begin: int, end: int) -> tuple[PointSet, NDArray[np.float64]]:

@@ -201,7 +201,7 @@ def judge_windows(windows: Sequence[WindowAudit], scans: int, size: int, setting
         return [Finding(VerdictStatus.NOT_JUDGED, said)]
     torn = Share(sum(w.torn for w in windows), len(windows))
     status = torn.judge(settings.windows_warn, settings.windows_fail, settings)
-    said = f"{torn.count} of {_number(torn.total, 'window')} {_are(torn.count)} torn"
+    said = f"{torn.count} of {torn.total} windows {_are(torn.count)} torn"
     if status is VerdictStatus.NOT_JUDGED:
         said += f": too few to judge the map by, since its true share may be {torn.range_text(settings)}"
     found = [Finding(status, said)]
@@ -218,7 +218,7 @@ def judge_revisits(revisits: Sequence[RevisitAudit], settings: VerdictConfig) ->
     if not sure:
         return Finding(VerdictStatus.PASS, _unjudged(revisits))
     off = [r for r in sure if r.torn]
-    said = f"{len(off)} of {_number(len(sure), 'revisit')} {_are(len(off))} torn"
+    said = f"{len(off)} of {len(sure)} revisits {_are(len(off))} torn"
     if not off:
         return Finding(VerdictStatus.PASS, said)
     said += f", by up to {max(r.revisit.distance_m for r in off):.2f} m"

@@ -99,10 +99,10 @@ def audit(
         print_notes(console, summary["warnings"][len(notes) :])
         typer.echo(f"results in {out}; open {out / 'report.html'} in a browser")
     if fail_on is not None:
-        raise typer.Exit(_exit_code(found.status, fail_on))
+        raise typer.Exit(exit_code(found.status, fail_on))
 
 
-def _exit_code(status: VerdictStatus, fail_on: Literal["warn", "fail"]) -> int:
+def exit_code(status: VerdictStatus, fail_on: Literal["warn", "fail"]) -> int:
     """The exit code of --fail-on: a map that could not be judged is neither good nor bad, and has its own."""
     from mqslam.audit.verdict import VerdictStatus
 

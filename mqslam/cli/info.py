@@ -9,6 +9,8 @@ import typer
 
 from mqslam.cli.options import ConfigOption, Data, Format, Json, Quiet, RangeResolution, Verbose
 
+_LISTED = 5  # gaps that a person is shown one by one
+
 
 def info(
     data: Data,
@@ -42,7 +44,6 @@ def info(
 
 def _radar_rows(found: dict[str, Any]) -> list[tuple[str, str]]:
     """A line per fact for a person to read: its name and value."""
-    gaps = [f"{g['missing_s']:.2f} s after revolution {g['after_revolution']}" for g in found["gaps"]]
     return [
         ("format", found["format"]),
         ("path", found["path"]),
@@ -53,10 +54,19 @@ def _radar_rows(found: dict[str, Any]) -> list[tuple[str, str]]:
         ("range", f"{found['bins']} bins of {found['range_resolution_m']:.4g} m: {found['max_range_m']:.1f} m"),
         ("odometry", _extent(found["odometry"])),
         ("ground truth", _extent(found["ground_truth"])),
-        ("gaps", ", ".join(gaps) or "none"),
+        ("gaps", _gaps(found["gaps"])),
         *(("note", note) for note in found["notes"]),
         *(("fault", fault) for fault in found["faults"]),
     ]
+
+
+def _gaps(gaps: list[dict[str, Any]]) -> str:
+    """The gaps of a recording in a line: the first ones, and what is missing in all where there are many."""
+    first = ", ".join(f"{gap['missing_s']:.2f} s after revolution {gap['after_revolution']}" for gap in gaps[:_LISTED])
+    if len(gaps) <= _LISTED:
+        return first or "none"
+    missing = sum(gap["missing_s"] for gap in gaps)
+    return f"{first} and {len(gaps) - _LISTED} more; {missing:.2f} s are missing in all"
 
 
 def _lidar_rows(found: dict[str, Any]) -> list[tuple[str, str]]:

@@ -112,12 +112,14 @@ class PeakCounts:
         unused_azimuths: those that are marked invalid or that are saturated.
         peaks: local maxima above the threshold.
         ring_peaks: those that were dropped as parts of a ring.
+        peaks_out_of_range: peaks nearer or farther than the settings allow; counted where there are few others.
     """
 
     azimuths: int = 0
     unused_azimuths: int = 0
     peaks: int = 0
     ring_peaks: int = 0
+    peaks_out_of_range: int = 0
 
     def __add__(self, other: PeakCounts) -> PeakCounts:
         return PeakCounts(*(a + b for a, b in zip(astuple(self), astuple(other), strict=True)))
@@ -130,6 +132,9 @@ class PeakCounts:
             return f"{left_out}; raise detector.saturation if they are not"
         if 2 * self.ring_peaks > self.peaks:
             return f"{self.ring_peaks} of {self.peaks} peaks count as parts of a ring; raise detector.ring_share"
+        if self.peaks_out_of_range > self.peaks:
+            outside = f"{self.peaks_out_of_range} peaks lie out of range, where only {self.peaks} are within"
+            return f"{outside}; raise detector.max_range_m or lower detector.min_range_m"
         return f"only {self.peaks} peaks in {self.azimuths} azimuths are above the threshold; lower detector.threshold"
 
 

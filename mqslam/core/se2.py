@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.interpolate import CubicHermiteSpline
 
 Array = NDArray[np.float64]
 
@@ -119,6 +118,8 @@ def smooth(times: ArrayLike, poses: ArrayLike, at: ArrayLike) -> Array:
     within a step as it does on the road; outside the times the first or last arc is continued. Only poses that lie `apart`
     are taken: the others would show a velocity that is the noise of two poses over hardly any time.
     """
+    from scipy.interpolate import CubicHermiteSpline  # loads half of SciPy, and every command needs this module
+
     t, p, q = np.asarray(times, dtype=np.float64), np.asarray(poses, dtype=np.float64), np.asarray(at, dtype=np.float64)
     if len(t) < 3:
         return interpolate(t, p, q)

@@ -53,10 +53,27 @@ def detect_and_count(
     half = min(round(config.smoothing_m / range_resolution), max(0, (bins - 3) // 2))
     usable = polar_scan.valid & ~_saturated(power, config.saturation)
     threshold = min(config.threshold, _above_noise(power[usable, first:last], half, config.contrast))
-    ranges, values = _peaks(power, usable, first, last, (half + 1) // 2, half // 2, config.strongest, threshold)
+
+    def find_peaks(begin: int, end: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        found: tuple[NDArray[np.float64], NDArray[np.float64]] = _peaks(
+            power, usable, begin, end, (half + 1) // 2, half // 2, config.strongest, threshold
+        )
+        return found
+
+    ranges, values = find_peaks(first, last)
     peaks = np.count_nonzero(values)
     _drop_rings(ranges, values, 2.0 * max(half, 1), config.ring_share)
-    counts = PeakCounts(len(power), int(np.count_nonzero(~usable)), int(peaks), int(peaks - np.count_nonzero(values)))
+    out_of_range = 0
+    if peaks < len(power):
+        beside = [find_peaks(begin, end)[1] for begin, end in ((1, first), (last, bins - 1)) if begin < end]
+        out_of_range = sum(int(np.count_nonzero(powers)) for powers in beside)
+    counts = PeakCounts(
+        azimuths=len(power),
+        unused_azimuths=int(np.count_nonzero(~usable)),
+        peaks=int(peaks),
+        ring_peaks=int(peaks - np.count_nonzero(values)),
+        peaks_out_of_range=out_of_range,
+    )
     ranges *= range_resolution
     join = max(config.join_m, _JOIN_BINS * range_resolution)
     rows = _targets(ranges, values, polar_scan.azimuths, polar_scan.times, join)

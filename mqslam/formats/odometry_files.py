@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +17,7 @@ from mqslam.formats.shared.stamps import microseconds
 from mqslam.formats.tum import read_tum
 
 _LATEST_US = 2.0**62
+_Read = TypeVar("_Read")
 
 
 def read_odometry(path: Path) -> Trajectory:
@@ -34,6 +37,21 @@ def read_odometry(path: Path) -> Trajectory:
     except (OSError, UnicodeDecodeError) as error:
         raise DataError(path, "is not a readable text file", "give TUM or a CSV with columns t,v,omega") from error
     return _read_twists(path, first) if "," in first else read_tum(path)
+
+
+def read_beside(read: Callable[[], _Read]) -> tuple[_Read | None, list[str]]:
+    """Read what lies beside the images of a recording, which are of use without it.
+
+    Args:
+        read: reads it, or raises a DataError.
+
+    Returns:
+        What was read, or None and the fault where it cannot be used.
+    """
+    try:
+        return read(), []
+    except DataError as error:
+        return None, [f"{error.path} {error.problem}: left out"]
 
 
 def chained(steps: se2.Array) -> se2.Array:

@@ -54,6 +54,18 @@ def fuse(
     return symmetric((vectors * values) @ vectors.T * scale)
 
 
+def floor_variances(covariance: NDArray[np.float64], steps: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return a covariance (Q, Q) that is nowhere below the steps (Q,) at which a search ends.
+
+    Scans that repeat to the last digit leave no residual, and would make the result known exactly.
+    """
+    scale = steps[:, None] * steps[None, :]
+    values, vectors = np.linalg.eigh(symmetric(covariance) / scale)
+    if values[0] >= 1.0:
+        return covariance
+    return symmetric((vectors * np.maximum(values, 1.0)) @ vectors.T * scale)
+
+
 def symmetric(matrix: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the symmetric part of a square matrix, which rounding has made slightly unsymmetric."""
     return np.asarray(0.5 * (matrix + matrix.T))

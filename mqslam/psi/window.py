@@ -19,7 +19,7 @@ from mqslam.core.motion import CONSTANT_TWIST, MotionModel
 from mqslam.core.scans import Returns
 from mqslam.psi.covariance import sandwich_by_differences
 from mqslam.psi.estimator import Evaluation
-from mqslam.psi.gaussians import invert
+from mqslam.psi.gaussians import floor_variances, invert
 from mqslam.psi.minimiser import Minimum, Prior, annealed_scale, final_scale, minimise, score_itself
 from mqslam.psi.observability import loosen, weak_directions
 from mqslam.psi.place import Beam, PointSet, place
@@ -82,7 +82,8 @@ def estimate_window(
     def gradient(theta: NDArray[np.float64]) -> NDArray[np.float64]:
         return score_itself(render(theta), final_scale(config), revolution_s, config).gradient
 
-    covariance = sandwich_by_differences(found.evaluation, points.points, gradient, found.state, _DIFFERENCE * tolerances)
+    spread = sandwich_by_differences(found.evaluation, points.points, gradient, found.state, _DIFFERENCE * tolerances)
+    covariance = floor_variances(spread, tolerances)
     weak = weak_directions(score_itself(points, annealed_scale(config, 0), revolution_s, config), model.size)
     if len(weak):
         covariance = loosen(covariance, weak, np.array([SPANS[component] for component in model.components]))

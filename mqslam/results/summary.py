@@ -100,7 +100,7 @@ def _judge_track(run: Run) -> list[Finding]:
         said = f"{lost.count} of {lost.total} scans lost track and follow the prediction"
         found = [Finding(VerdictStatus.FAIL if grave else VerdictStatus.WARN, said)]
     if run.unread:
-        found.append(Finding(VerdictStatus.WARN, f"{len(run.unread)} of {len(run.optimised)} scans could not be read"))
+        found.append(Finding(VerdictStatus.WARN, f"{len(run.unread)} of {len(run.optimised)} revolutions could not be read"))
     if degenerate.is_above(settings.degenerate_warn, settings):
         said = f"{degenerate.count} of {degenerate.total} scans do not observe every direction of motion"
         found.append(Finding(VerdictStatus.WARN, said))

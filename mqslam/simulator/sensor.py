@@ -14,6 +14,7 @@ from mqslam.simulator.scene import Scene
 
 ENCODER = 5600
 """Encoder steps per turn, clockwise, as the Oxford layout stores azimuths."""
+_MOST_READINGS = 64_000_000  # of a revolution; readers take no larger images
 
 
 @dataclass(frozen=True)
@@ -61,8 +62,14 @@ class SensorModel:
                 raise ConfigError(f"simulator: {name} is {getattr(self, name)}; it must be above 0")
         if not 4 <= self.azimuths <= ENCODER:
             raise ConfigError(f"simulator: azimuths is {self.azimuths}; choose 4 to {ENCODER}")
+        if self.turn_rate_hz * self.azimuths > 1e6:  # stamps are whole microseconds
+            raise ConfigError(
+                f"simulator: turn_rate_hz is {self.turn_rate_hz}: {self.azimuths} azimuths take under 1 us each; lower it"
+            )
         if self.bins < 8:
             raise ConfigError(f"simulator: {self.max_range} m hold {self.bins} range bins; raise max_range")
+        if self.bins * self.azimuths > _MOST_READINGS:
+            raise ConfigError(f"simulator: {self.max_range} m hold {self.bins} range bins; lower max_range")
 
     @property
     def bins(self) -> int:

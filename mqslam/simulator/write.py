@@ -26,6 +26,7 @@ from mqslam.simulator.wheels import OdometryModel
 
 SCENES = ("street", "corridor", "yard")
 """Names `simulate` knows."""
+_LONGEST_S = 7 * 24 * 3600.0
 
 
 def simulate(
@@ -102,8 +103,8 @@ def _world(scene: str, seed: int, duration_s: float, movers: int | None) -> tupl
     """The scene and the drive through it that go by a name."""
     if movers is not None and movers < 0:
         raise ConfigError(f"simulator: movers is {movers}; it must be 0 or more")
-    if not (np.isfinite(duration_s) and duration_s > 0.0):
-        raise ConfigError(f"simulator: duration is {duration_s} s; it must be above 0")
+    if not 0.0 < duration_s <= _LONGEST_S:
+        raise ConfigError(f"simulator: duration is {duration_s} s; it must be above 0 and at most {_LONGEST_S:.0f}, a week")
     if scene == "street":
         drive = loop_drive(duration_s)
         return with_way_made(street_scene(seed, movers=10 if movers is None else movers), drive, duration_s), drive

@@ -93,7 +93,8 @@ def test_clouds_are_told_from_recordings(tmp_path: Path) -> None:
     assert not is_cloud(tmp_path / "radar.npz") and not is_cloud(tmp_path)
 
 
-@pytest.mark.parametrize("name", [pytest.param("intel", marks=pytest.mark.slow), "aces"])
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["intel", "aces"])
 def test_a_real_corrected_log_passes_and_its_wheels_fail(name: str) -> None:
     log = Path(__file__).parents[3] / "shared" / "data" / "carmen" / f"{name}-corrected.log.gz"
     if not log.exists():

@@ -30,18 +30,27 @@ def tracks(street: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.fixture(scope="module")
+def quick(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A settings file that leaves nothing to be measured beforehand."""
+    settings = tmp_path_factory.mktemp("settings") / "quick.yaml"
+    settings.write_text("sensor: {doppler_beta: 0.0}\n")
+    return settings
+
+
 def audited(street: Path, out: Path, *more: str | Path) -> dict:
     result = mqslam("audit", street, "--out", out, "--quiet", *more)
     assert (result.code, result.err) == (0, "")
     return json.loads((out / "audit.json").read_text())
 
 
-def test_a_true_trajectory_passes_in_every_form(street: Path, tracks: Path, tmp_path: Path) -> None:
+def test_a_true_trajectory_passes_in_every_form(street: Path, tracks: Path, quick: Path, tmp_path: Path) -> None:
     tum = audited(street, tmp_path / "tum", "--trajectory", tracks / "true.tum")
     assert {p.name for p in (tmp_path / "tum").iterdir()} == FILES
     assert tum["verdict"]["status"] == "pass" and tum["windows"]["torn"] == 0
-    kitti = audited(street, tmp_path / "k", "--trajectory", tracks / "true.kitti", "--times", tracks / "times.txt")
-    own = audited(street, tmp_path / "o", "--trajectory", "ground_truth")
+    times = ("--times", tracks / "times.txt")
+    kitti = audited(street, tmp_path / "k", "--trajectory", tracks / "true.kitti", *times, "--config", quick)
+    own = audited(street, tmp_path / "o", "--trajectory", "ground_truth", "--config", quick)
     for other in (kitti, own):
         assert other["windows"]["inflation_median"] == pytest.approx(tum["windows"]["inflation_median"], rel=1e-3)
     rows = list(csv.DictReader((tmp_path / "tum" / "audit.csv").open()))
@@ -49,22 +58,26 @@ def test_a_true_trajectory_passes_in_every_form(street: Path, tracks: Path, tmp_
     assert float(rows[2]["inflation"]) == pytest.approx(tum["per_window"][2]["inflation"], rel=1e-6)
 
 
-def test_a_bent_trajectory_fails_and_says_what_would_mend_it(street: Path, tracks: Path, tmp_path: Path) -> None:
-    result = mqslam("audit", street, "--trajectory", tracks / "bent.tum", "--out", tmp_path / "a", "--fail-on", "fail")
+def test_a_bent_trajectory_fails_and_says_what_would_mend_it(
+    street: Path, tracks: Path, quick: Path, tmp_path: Path
+) -> None:
+    words = ("audit", street, "--trajectory", tracks / "bent.tum", "--config", quick)
+    result = mqslam(*words, "--out", tmp_path / "a", "--fail-on", "fail")
     assert result.code == 1 and result.out.startswith("verdict       fail: ") and "torn window" in result.out
     found = json.loads((tmp_path / "a" / "audit.json").read_text())
     speeds = [row["dv"] for row in found["per_window"]]
     assert np.median(speeds) == pytest.approx(-0.05 * 8.0, abs=0.12)  # the street is driven at about 8 m/s
-    assert mqslam("audit", street, "-t", tracks / "bent.tum", "--out", tmp_path / "b", "--quiet").code == 0
+    assert mqslam(*words, "--out", tmp_path / "b", "--quiet").code == 0
 
 
-def test_the_numbers_are_printed_as_json(street: Path, tracks: Path, tmp_path: Path) -> None:
-    result = mqslam("audit", street, "-t", tracks / "true.tum", "--out", tmp_path / "a", "--json")
+def test_the_numbers_are_printed_as_json(street: Path, tracks: Path, quick: Path, tmp_path: Path) -> None:
+    result = mqslam("audit", street, "-t", tracks / "true.tum", "--config", quick, "--out", tmp_path / "a", "--json")
     assert json.loads(result.out) == json.loads((tmp_path / "a" / "audit.json").read_text())
 
 
-def test_the_map_of_a_run_is_audited_as_a_cloud(street: Path, tmp_path: Path) -> None:
-    assert mqslam("run", street, "--out", tmp_path / "run", "--odometry", "none", "--quiet").code == 0
+def test_the_map_of_a_run_is_audited_as_a_cloud(street: Path, quick: Path, tmp_path: Path) -> None:
+    words = ("--odometry", "none", "--config", quick, "--quiet")
+    assert mqslam("run", street, "--out", tmp_path / "run", *words).code == 0
     found = audited(tmp_path / "run" / "map.ply", tmp_path / "a")
     assert found["dataset"]["format"] == "ply" and found["windows"]["count"] > 3
 

@@ -30,7 +30,7 @@ from mqslam.simulator import (
     yard_scene,
 )
 
-SENSOR = SensorModel(range_resolution=0.175, max_range=100.0)
+SENSOR = SensorModel(azimuths=200, range_resolution=0.175, max_range=100.0)
 RESOLUTION = ["--range-resolution", "0.175"]
 NAMES = ["stamps", "azimuths", "order of azimuths", "direction of rotation", "stamp convention", "range resolution"]
 
@@ -73,16 +73,29 @@ def test_a_recording_read_as_it_was_made_is_ok_in_every_way(polar: tuple[Path, P
     assert found["range resolution"]["numbers"]["speed_ratio"] == pytest.approx(1.0, abs=0.05)
 
 
-def test_settings_that_contradict_the_recording_are_suspicious(polar: tuple[Path, Path], tmp_path: Path) -> None:
-    texts = {}
-    for setting, name in (("clockwise: false", "direction of rotation"), ("stamp: start", "stamp convention")):
-        (tmp_path / "mine.yaml").write_text(f"sensor: {{{setting}}}\n")
-        found = verdicts(polar[0], "--odometry", polar[1], *RESOLUTION, "--config", tmp_path / "mine.yaml")
-        assert suspicious(found) == {name}
-        texts[name] = found[name]["text"]
-    assert "the radar seems to turn the other way round: see sensor.clockwise" in texts["direction of rotation"]
-    assert "fits best 0.2" in texts["stamp convention"] and "earlier" in texts["stamp convention"]
-    assert "mean the end of the revolution, not the start (sensor.stamp)" in texts["stamp convention"]
+@pytest.mark.parametrize(
+    ("setting", "name", "said"),
+    [
+        pytest.param(
+            "clockwise: false",
+            "direction of rotation",
+            ["the radar seems to turn the other way round: see sensor.clockwise"],
+            marks=pytest.mark.slow,
+        ),
+        (
+            "stamp: start",
+            "stamp convention",
+            ["fits best 0.2", "earlier", "mean the end of the revolution, not the start (sensor.stamp)"],
+        ),
+    ],
+)
+def test_settings_that_contradict_the_recording_are_suspicious(
+    polar: tuple[Path, Path], tmp_path: Path, setting: str, name: str, said: list[str]
+) -> None:
+    (tmp_path / "mine.yaml").write_text(f"sensor: {{{setting}}}\n")
+    found = verdicts(polar[0], "--odometry", polar[1], *RESOLUTION, "--config", tmp_path / "mine.yaml")
+    assert suspicious(found) == {name}
+    assert all(words in found[name]["text"] for words in said), found[name]["text"]
 
 
 def test_a_wrong_length_of_a_bin_is_suspicious_and_the_right_one_named(polar: tuple[Path, Path]) -> None:
@@ -107,6 +120,7 @@ def test_images_stored_against_the_rotation_are_suspicious_with_or_without_odome
     )
 
 
+@pytest.mark.slow
 def test_a_mirrored_recording_is_as_crisp_so_without_odometry_it_cannot_be_told(
     polar: tuple[Path, Path], tmp_path: Path
 ) -> None:
@@ -142,6 +156,19 @@ def test_the_real_sample_is_not_suspicious(oxford_tiny: Path) -> None:
     assert {name: check["verdict"] for name, check in found.items()} == {
         **dict.fromkeys(NAMES[:3], "ok"), **dict.fromkeys(NAMES[3:], "cannot be told")
     }  # fmt: skip
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("name", "untold"), [("oxford_gap", 3), ("mulran_kaist03", 4)])
+def test_real_recordings_with_a_gap_are_checked_as_far_as_they_go(oxford_tiny: Path, name: str, untold: int) -> None:
+    data = oxford_tiny.parent / name
+    if not data.is_dir():
+        pytest.skip(f"the real sample is not at {data}")
+    found = verdicts(data)
+    assert [check["verdict"] for check in found.values()] == [
+        "suspicious", *["ok"] * (5 - untold), *["cannot be told"] * untold
+    ]  # fmt: skip
+    assert "followed by a gap, 1.7" in found["stamps"]["text"]
 
 
 def test_ground_truth_is_never_used(tmp_path: Path) -> None:

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from support.commands import mqslam
 from support.conversions import EVEN, STAMPED, convert
+from support.parameters import mostly_slow
 
 from mqslam.core import se2
 from mqslam.core.trajectory import Trajectory
@@ -17,6 +18,7 @@ from mqslam.formats.tum import read_tum
 from mqslam.simulator import simulate
 
 LAYOUTS = (*STAMPED, *EVEN)
+DISTINCT = [name for name in LAYOUTS if name != "rosbag2_mcap"]  # that one is an mcap in a folder
 
 
 def twists(track: Trajectory) -> se2.Array:
@@ -32,16 +34,17 @@ def sample(oxford_tiny: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return out
 
 
-@pytest.mark.parametrize("layout", LAYOUTS)
+@pytest.mark.parametrize("layout", mostly_slow(LAYOUTS, ("boreas", "radiate")))
 def test_the_real_sample_moves_alike_in_every_layout_and_back(
     oxford_tiny: Path, sample: Path, tmp_path: Path, layout: str
 ) -> None:
     there, _ = convert(open_recording(oxford_tiny, range_resolution=0.0438), tmp_path, layout)
     back, _ = convert(open_recording(there, range_resolution=0.0438), tmp_path / "back", "oxford")
     recordings = (there, back) if layout in (*EVEN, "boreas") else (back,)
+    options = ("--range-resolution", 0.0438, "--config", sample / "config.yaml", "--quiet")  # with the same Doppler shift
     for number, recording in enumerate(recordings):
         out = tmp_path / f"run{number}"
-        assert mqslam("run", recording, "--out", out, "--range-resolution", 0.0438, "--quiet").code == 0
+        assert mqslam("run", recording, "--out", out, *options).code == 0
         found, expected = (read_tum(run / "trajectory.tum") for run in (out, sample))
         if layout in EVEN or recording == there:  # there the stamps of turns may be those of their middles or ends
             off = np.abs(twists(found) - twists(expected))
@@ -52,19 +55,22 @@ def test_the_real_sample_moves_alike_in_every_layout_and_back(
 
 @pytest.fixture(scope="module")
 def short(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Five simulated seconds of a street, with wheel odometry and ground truth."""
+    """Four simulated seconds of a street, with wheel odometry and ground truth."""
     out = tmp_path_factory.mktemp("short") / "drive"
-    simulate(out, scene="street", duration_s=5.0, movers=2, seed=2)
+    simulate(out, scene="street", duration_s=4.0, azimuths=200, max_range=80.0, movers=2, seed=2)
     return out
 
 
-@pytest.mark.parametrize("layout", [name for name in LAYOUTS if name != "rosbag2_mcap"])  # which is an mcap in a folder
+@pytest.mark.parametrize("layout", mostly_slow(DISTINCT, ("boreas", "rosbag1", "mulran")))
 def test_a_drive_goes_through_every_command(short: Path, tmp_path: Path, layout: str) -> None:
     drive, _ = convert(open_recording(short), tmp_path, layout)
+    quick = tmp_path / "quick.yaml"
+    quick.write_text("sensor: {doppler_beta: 0.0}\n")  # measuring it takes longer than all that is tested here
     bins = ("--range-resolution", 0.175)
+    known = (*bins, "--config", quick)
     shown = mqslam("info", drive, *bins, "--json")
-    assert shown.code == 0 and json.loads(shown.out)["revolutions"] == 20
-    assert mqslam("run", drive, *bins, "--out", tmp_path / "run", "--quiet").code == 0
+    assert shown.code == 0 and json.loads(shown.out)["revolutions"] == 16
+    assert mqslam("run", drive, *known, "--out", tmp_path / "run", "--quiet").code == 0
     truth = open_recording(short).ground_truth
     assert truth is not None
     found = read_tum(tmp_path / "run" / "trajectory.tum")
@@ -72,14 +78,16 @@ def test_a_drive_goes_through_every_command(short: Path, tmp_path: Path, layout:
     off = np.abs(twists(found) - truth.mean_twists(found.stamps_us[:-1], found.stamps_us[1:]))[inside]
     assert np.median(off[:, 0]) < 0.1 and np.median(off[:, 2]) < 0.02
     mine = f"mine={tmp_path / 'run' / 'trajectory.tum'}"
-    asked = (*bins, "--frontends", "odometry", "--odometry-only", "--trajectory", mine, "--json")
+    asked = (*known, "--frontends", "odometry", "--odometry-only", "--trajectory", mine, "--json")
     shown = mqslam("compare", drive, *asked, "--out", tmp_path / "compared")
     assert shown.code == 0 and {row["name"] for row in json.loads(shown.out)["rows"]} == {"odometry", "mine"}
     track = ("--trajectory", tmp_path / "run" / "trajectory.tum")
-    shown = mqslam("audit", drive, *track, *bins, "--out", tmp_path / "audited", "--json")
-    assert shown.code == 0 and json.loads(shown.out)["verdict"]["status"] == "pass"
+    shown = mqslam("audit", drive, *track, *known, "--out", tmp_path / "audited", "--json")
+    audited = json.loads(shown.out)
+    assert shown.code == 0 and audited["windows"]["count"] >= 2 and audited["windows"]["torn"] == 0
+    assert audited["verdict"]["status"] == "not judged"  # for want of windows
     assert mqslam("convert", drive, tmp_path / "again.mcap", *bins, "--quiet").code == 0
-    assert len(open_recording(tmp_path / "again.mcap")) == 20
+    assert len(open_recording(tmp_path / "again.mcap")) == 16
 
 
 def test_a_trajectory_of_another_time_is_refused_before_the_recording_is_read(oxford: Path, tmp_path: Path) -> None:

@@ -41,6 +41,14 @@ def test_a_person_reads_a_line_per_fact(tmp_path: Path) -> None:
     assert contents(tmp_path) == before
 
 
+def test_of_many_gaps_the_first_are_listed_and_the_others_counted(tmp_path: Path) -> None:
+    drive = write_oxford(tmp_path / "drive", revolutions=20, skip=tuple(range(1, 20, 2)))
+    table = table_of(mqslam("info", drive).out)
+    assert table["turn rate"] == "4.000 Hz"
+    listed = ", ".join(f"0.25 s after revolution {k}" for k in range(5))
+    assert table["gaps"] == f"{listed} and 4 more; 2.25 s are missing in all"
+
+
 def test_programs_read_the_same_as_json(oxford: Path) -> None:
     shown = mqslam("info", oxford, "--json")
     assert shown.code == 0

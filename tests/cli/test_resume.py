@@ -1,4 +1,7 @@
-"""A run that is killed is continued by --resume and ends with the same bytes as one that was not."""
+"""A run that is killed is continued by --resume and ends with the same bytes as one that was not.
+
+At one moment in `tests/test_faults.py`; at every moment here, which is slow.
+"""
 
 from __future__ import annotations
 
@@ -54,7 +57,7 @@ def command(lap: Path, out: Path, *more: str | Path) -> list[str | Path]:
 def run(lap: Path, out: Path, *more: str | Path) -> subprocess.CompletedProcess[str]:
     """A run in a process of its own."""
     words = [INSTALLED, *command(lap, out, *more)]
-    return subprocess.run(words, capture_output=True, text=True, timeout=120)
+    return subprocess.run(words, capture_output=True, text=True, timeout=600)
 
 
 INSTALLED = Path(sys.executable).with_name("mqslam")
@@ -63,7 +66,7 @@ INSTALLED = Path(sys.executable).with_name("mqslam")
 def killed(lap: Path, folder: Path, moment: str) -> Path:
     """The result folder of a run that was killed as soon as a file appeared below its parent."""
     process = subprocess.Popen([INSTALLED, *command(lap, folder / "out")], stdout=subprocess.DEVNULL)
-    end = time.monotonic() + 120.0
+    end = time.monotonic() + 600.0
     while process.poll() is None and not list(folder.glob(moment)) and time.monotonic() < end:
         time.sleep(0.002)
     process.kill()
@@ -80,6 +83,7 @@ def assert_as_whole(out: Path, whole: dict[str, bytes | None]) -> None:
     assert list(out.parent.iterdir()) == [out]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("moment", MOMENTS)
 def test_a_killed_run_is_resumed_to_the_same_bytes(
     lap: Path, whole: dict[str, bytes | None], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, moment: str
@@ -95,6 +99,7 @@ def test_a_killed_run_is_resumed_to_the_same_bytes(
     assert_as_whole(out, whole)
 
 
+@pytest.mark.slow
 def test_a_run_killed_again_and_again_is_resumed_to_the_same_bytes(
     lap: Path, whole: dict[str, bytes | None], tmp_path: Path
 ) -> None:
@@ -111,6 +116,7 @@ def test_a_run_killed_again_and_again_is_resumed_to_the_same_bytes(
     assert_as_whole(out, whole)
 
 
+@pytest.mark.slow
 def test_an_interrupted_run_says_so_and_can_be_resumed(
     lap: Path, whole: dict[str, bytes | None], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -160,6 +166,7 @@ def test_an_unfinished_run_is_not_resumed_with_other_odometry(lap: Path, dead: P
     assert "unfinished run of other data or settings" in refused(lap, dead, "--resume", "--odometry", "auto")
 
 
+@pytest.mark.slow
 def test_force_replaces_an_unfinished_run(lap: Path, dead: Path, whole: dict[str, bytes | None], tmp_path: Path) -> None:
     out = shutil.copytree(dead, tmp_path / "out")
     (out / FOLDER / "measurements.npz").write_bytes(b"would be believed if it were not cleared")
@@ -167,6 +174,7 @@ def test_force_replaces_an_unfinished_run(lap: Path, dead: Path, whole: dict[str
     assert_as_whole(out, whole)
 
 
+@pytest.mark.slow
 def test_a_finished_run_is_not_resumed(lap: Path, whole: dict[str, bytes | None]) -> None:
     shown = mqslam(*command(lap, lap / "out", "--resume"))
     assert shown.code == 2 and "exists already" in shown.err and "--resume" not in shown.err

@@ -17,7 +17,8 @@ import numpy as np
 import pytest
 import yaml
 from plyfile import PlyData
-from support.commands import mqslam
+from support.commands import contents, mqslam, strict_json
+from support.parameters import mostly_slow
 from support.recordings import KINDS, bag_path, write_bag
 from support.reported import assert_alone
 
@@ -49,16 +50,6 @@ COLUMNS = [
     "psi", "psi_odometry", "points", "matched", "status",
 ]  # fmt: skip
 REVOLUTIONS = 48
-
-
-def strict_json(text: str) -> dict[str, Any]:
-    """JSON as other languages read it: without NaN and Infinity."""
-
-    def refuse(constant: str) -> None:
-        raise AssertionError(f"{constant} is no JSON")
-
-    found: dict[str, Any] = json.loads(text, parse_constant=refuse)
-    return found
 
 
 def summary_of(out: Path) -> dict[str, Any]:
@@ -139,6 +130,9 @@ def test_the_summary_has_the_stable_keys(result: Path, street: Path) -> None:
     assert summary["dataset"]["length_m"] == pytest.approx(truth.length_m, rel=0.02)
     assert summary["factors"] == {"odometry": REVOLUTIONS - 1, "psi": REVOLUTIONS - 1, "loop": 0, "loop_rejected": 0}
     assert summary["verdict"]["status"] == "pass" and summary["verdict"]["reasons"]
+    assert summary["inflation"]["torn"] == summary["inflation"]["torn_share_at_least"] == 0
+    assert 0.3 < summary["inflation"]["torn_share_at_most"] < 0.35  # of 8 windows
+    assert summary["warnings"] == []
     runtime = summary["runtime_s"]
     assert 0.0 < sum(runtime.values()) - runtime["total"] <= runtime["total"] + 1e-6
     assert 20.0 < summary["peak_rss_mb"] < 20_000.0
@@ -287,6 +281,14 @@ def test_kiss_icp_is_run_on_the_same_data(run: Callable[..., Path], quick: Path,
     assert error_m(read_tum(out / "trajectory.tum"), truth) < 0.1 * truth.length_m
 
 
+def test_a_finished_run_is_not_resumed(street: Path, result: Path) -> None:
+    before = contents(result)
+    shown = mqslam("run", street, "--out", result, "--resume")
+    assert shown.code == 2 and "exists already" in shown.err and "--resume" not in shown.err
+    assert contents(result) == before
+
+
+@pytest.mark.slow
 def test_the_number_of_jobs_changes_no_byte(
     street: Path, result: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -312,17 +314,17 @@ def test_json_is_the_summary_and_nothing_else(street: Path, quick: Path, tmp_pat
     assert shown.err == ""
 
 
-def test_the_installed_command_shows_progress_a_table_and_the_report(
-    street: Path, quick: Path, tmp_path: Path
+def test_a_run_shows_progress_a_table_and_the_report(
+    street: Path, quick: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    installed = Path(sys.executable).with_name("mqslam")
-    command = [installed, "run", street, "--out", "out", "--frontend", "odometry", "--config", quick]
-    shown = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=True, timeout=120)
+    monkeypatch.chdir(tmp_path)
+    shown = mqslam("run", street, "--out", "out", "--frontend", "odometry", "--config", quick)
+    assert shown.code == 0
     for title in ("reading and detecting: 48/48", "measuring motion: 48/48", "rendering maps: 2/2"):
-        assert title in shown.stderr
-    assert "psi per point" in shown.stdout and "verdict: " in shown.stdout and "ATE [m]" in shown.stdout
-    assert shown.stdout.splitlines()[-1] == "report: out/report.html"
-    assert "\x1b" not in shown.stdout + shown.stderr
+        assert title in shown.err
+    assert "psi per point" in shown.out and "verdict: " in shown.out and "ATE [m]" in shown.out
+    assert shown.out.splitlines()[-1] == "report: out/report.html"
+    assert "\x1b" not in shown.out + shown.err
 
 
 def test_force_replaces_an_earlier_result_whole(street: Path, quick: Path, tmp_path: Path) -> None:
@@ -347,7 +349,7 @@ def test_odometry_that_stops_early_is_not_used_and_said(street: Path, quick: Pat
     assert summary["factors"]["odometry"] == 0 and summary["evaluation"] is None
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", mostly_slow(KINDS, ("ros1",)))
 def test_a_bag_of_the_same_revolutions_gives_the_same_trajectory(
     street: Path, without_odometry: tuple[Path, Path], tmp_path: Path, kind: str
 ) -> None:
@@ -377,7 +379,7 @@ def test_real_radar_is_followed_without_odometry(real: Path, oxford_tiny: Path) 
     assert score["rpe_v_rms"] <= 0.40 and score["rpe_w_rms"] <= 0.012
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", mostly_slow(KINDS, ("ros1",)))
 def test_a_bag_of_real_revolutions_gives_the_same_trajectory(
     real: Path, oxford_tiny: Path, tmp_path: Path, kind: str
 ) -> None:

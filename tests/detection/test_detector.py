@@ -198,6 +198,7 @@ def test_neighbours_of_one_target_are_joined_across_half_a_long_bin() -> None:
         (PeakCounts(400, 300, 900, 10), "detector.saturation"),
         (PeakCounts(400, 3, 900, 890), "detector.ring_share"),
         (PeakCounts(400, 3, 12, 1), "detector.threshold"),
+        (PeakCounts(400, 3, 12, 1, 500), "detector.max_range_m"),
         (PeakCounts(), "detector.threshold"),
     ],
 )

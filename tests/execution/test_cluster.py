@@ -23,14 +23,20 @@ SAME = ("trajectory.tum", "odometry.tum", "measurements.csv", "graph.g2o", "map.
 
 @pytest.fixture(scope="module")
 def lap(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A coarse recording of a bit more than one round of a block, with loops, and what one process makes of it."""
+    """A coarse recording of a bit more than one round of a block, with loops."""
     folder = tmp_path_factory.mktemp("lap")
     simulate(
         folder / "drive", duration_s=52.0, turn_rate_hz=2.0, azimuths=200, range_resolution=0.35, max_range=80.0, movers=0
     )
     (folder / "quick.yaml").write_text("sensor: {doppler_beta: 0.0}\n")
-    assert run(folder, folder / "alone", "--jobs", "1").code == 0
     return folder
+
+
+@pytest.fixture(scope="module")
+def alone(lap: Path) -> Path:
+    """What one process makes of the lap."""
+    assert run(lap, lap / "alone", "--jobs", "1").code == 0
+    return lap / "alone"
 
 
 def run(lap: Path, out: Path, *more: object):
@@ -38,15 +44,24 @@ def run(lap: Path, out: Path, *more: object):
     return mqslam("run", lap / "drive", "--out", out, *options, *map(str, more))
 
 
+def test_what_a_killed_worker_had_to_do_is_done_by_another(crew: Cluster) -> None:
+    def kill(number: int, result: int) -> None:
+        crew.workers[0].kill()
+
+    with connected(crew.address) as engine:
+        assert engine.map(slow_sum, [1, 2], range(8), kill) == [3 + k for k in range(8)]
+
+
+@pytest.mark.slow
 def test_a_worker_killed_while_loops_are_verified_changes_no_byte(
-    lap: Path, crew: Cluster, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    lap: Path, alone: Path, crew: Cluster, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     left = at(monkeypatch, "loops", crew.workers[0].kill)
     shown = run(lap, tmp_path / "out", "--cluster", crew.address)
     assert (shown.code, shown.err) == (0, "")
     assert left[0] >= 3 and crew.workers[0].wait() == -signal.SIGKILL and crew.workers[1].poll() is None
     for name in SAME:
-        assert (tmp_path / "out" / name).read_bytes() == (lap / "alone" / name).read_bytes(), name
+        assert (tmp_path / "out" / name).read_bytes() == (alone / name).read_bytes(), name
 
 
 def test_workers_that_are_all_gone_are_not_waited_for_forever(crew: Cluster) -> None:
@@ -58,6 +73,7 @@ def test_workers_that_are_all_gone_are_not_waited_for_forever(crew: Cluster) -> 
         engine.map(slow_sum, [1, 2], range(20), kill)
 
 
+@pytest.mark.slow
 def test_what_tasks_share_is_sent_again_when_all_who_held_it_are_gone(
     crew: Cluster, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -69,7 +85,7 @@ def test_what_tasks_share_is_sent_again_when_all_who_held_it_are_gone(
 
     numbers: list[int] = []
     shared = list(range(100_000))  # too much to travel with every task
-    monkeypatch.setattr(cluster_module, "_LOOK_S", 10.0)  # a worker takes seconds to start
+    monkeypatch.setattr(cluster_module, "_LOOK_S", 60.0)  # a worker takes seconds to start, more on a busy machine
     with connected(crew.address) as engine:
         found = engine.map(slow_sum, shared, range(12), lambda number, _: (numbers.append(number), replace(number, 0)))
     assert found == [sum(shared) + k for k in range(12)] and numbers == list(range(1, 13))
@@ -80,8 +96,12 @@ def test_what_a_function_raises_is_not_taken_for_the_clusters_trouble(crew: Clus
         engine.map(full_disk, [], range(3))
 
 
-def test_a_call_that_kills_its_process_again_and_again_is_its_own_failure_alone(tmp_path: Path) -> None:
+def test_a_call_that_kills_its_process_is_its_own_failure_alone() -> None:
     assert LocalEngine(2).apart(fatal, [1], [-1, 5]) == [None, 6]
+
+
+@pytest.mark.slow
+def test_a_call_that_kills_its_process_again_and_again_is_its_own_failure_alone(tmp_path: Path) -> None:
     with cluster(tmp_path / "dask", workers=5) as found, connected(found.address) as engine:
         assert engine.apart(fatal, [1], [-1, 5]) == [None, 6]
 
@@ -94,6 +114,7 @@ def test_results_come_in_the_order_of_the_items(engine: LocalEngine, processes: 
     assert found == [3, 4, 5, 6, 7, 8] and done == list(zip(range(1, 7), found, strict=True))
 
 
+@pytest.mark.slow
 def test_compare_and_audit_give_the_same_on_a_cluster(lap: Path, tmp_path: Path) -> None:
     drive = tmp_path / "drive"
     simulate(drive, duration_s=9.0, turn_rate_hz=2.0, azimuths=200, range_resolution=0.35, max_range=60.0, movers=0)
@@ -127,10 +148,7 @@ def test_an_address_that_leads_nowhere_is_said(
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_scheduler_without_workers_is_said(
-    lap: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(cluster_module, "_ANSWER_S", 1.0)
+def test_a_scheduler_without_workers_is_said(lap: Path, tmp_path: Path) -> None:
     with cluster(tmp_path / "dask", workers=0) as found:
         shown = run(lap, tmp_path / "out", "--cluster", found.address)
     assert shown.err == f"mqslam: error: {found.address}: has no workers; start some with 'dask worker {found.address}'\n"
@@ -162,6 +180,7 @@ main()
     assert shown.returncode == 2 and "pip install 'mqslam[cluster]'" in shown.stderr and shown.stderr.count("\n") == 1
 
 
+@pytest.mark.slow
 def test_an_interrupt_leaves_no_process_and_what_can_be_resumed(lap: Path, tmp_path: Path) -> None:
     words = ["run", lap / "drive", "--out", tmp_path / "out", "--odometry", "none", "--cluster", "local:2"]
     process = subprocess.Popen(
@@ -173,6 +192,6 @@ def test_an_interrupt_leaves_no_process_and_what_can_be_resumed(lap: Path, tmp_p
         assert line
     process.send_signal(signal.SIGINT)
     rest = process.stderr.read()
-    assert process.wait(timeout=30) == 130 and rest.splitlines()[-1] == "mqslam: interrupted; continue with --resume"
+    assert process.wait(timeout=300) == 130 and rest.splitlines()[-1] == "mqslam: interrupted; continue with --resume"
     assert "Traceback" not in rest and {path.name for path in (tmp_path / "out").iterdir()} == {FOLDER}
     assert processes(process.pid) == []

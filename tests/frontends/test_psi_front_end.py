@@ -144,5 +144,5 @@ def test_two_revolutions_are_enough() -> None:
 def test_a_recording_without_returns_is_refused() -> None:
     recording, scans = street_drive()
     empty = [replace(w, returns=w.returns.take(np.zeros(len(w.returns), dtype=bool))) for w in scans[:4]]
-    with pytest.raises(FewReturnsError, match="no two scans in a row hold 40 returns"):
+    with pytest.raises(FewReturnsError, match="no two scans in a row hold 40 returns in"):
         measured(recording, empty)

@@ -23,10 +23,13 @@ from support.hard_recordings import (
     truth_of,
 )
 
+from mqslam.config import Config
 from mqslam.core.measurement import Status
 from mqslam.core.motion import LONGEST_COAST_S
-from mqslam.core.scans import Scan
+from mqslam.core.scans import Returns, Scan
 from mqslam.errors import EstimationError
+from mqslam.psi.place import beam_of
+from mqslam.psi.window import find_window_motion
 from mqslam.slam import Solution
 
 BEYOND_CHANCE = 25.0  # of a chi-square with three degrees of freedom: one in 65,000
@@ -135,3 +138,13 @@ def test_a_minute_parked_among_moving_cars_is_no_drive() -> None:
     assert_sound(solution)
     assert {m.status for m in solution.measurements} == {Status.CONVERGED}
     np.testing.assert_allclose(solution.optimised.poses, 0.0, atol=0.03)
+
+
+@pytest.mark.parametrize("name", HARD)
+def test_the_motion_of_three_scans_alone_is_sound(name: str) -> None:
+    scans, estimator = HARD[name]()[:3], Config().estimator
+    returns, turn_s = Returns.concatenate([w.returns for w in scans]), scans[0].t1 - scans[0].t0
+    speeds, yaw_rates = np.arange(-1.5, 8.0, 0.75), np.linspace(-0.2, 0.2, 5)
+    found = find_window_motion(returns, scans[0].t0, turn_s, estimator, beam_of(estimator, 0.0), speeds, yaw_rates)
+    assert np.isfinite(found.theta).all()
+    np.testing.assert_array_less(0.0, np.linalg.eigvalsh(found.covariance))

@@ -253,6 +253,7 @@ def inside_axes(png: bytes) -> NDArray[np.int64]:
     return np.where((image[..., 3] > 70) & (image[..., 0] < 60), image[..., 3], 0)
 
 
+@pytest.mark.slow
 def test_a_million_points_stay_under_fifteen_megabytes(tmp_path: Path) -> None:
     report = a_report()
     many = walls(20.0, 1_000_000)

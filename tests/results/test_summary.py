@@ -4,9 +4,15 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from support.reported import judged_window, swept_walls
 
+from mqslam.audit.verdict import VerdictStatus
 from mqslam.config import Config
-from mqslam.results.summary import parked
+from mqslam.core.measurement import Measurement, Status
+from mqslam.core.point_map import PointMap
+from mqslam.results.summary import parked, verdict
+
+PASS, WARN, FAIL, NOT_JUDGED = VerdictStatus
 
 
 @pytest.mark.parametrize(("standing_s", "said"), [(60.0, [(5.0, 65.25)]), (5.0, [])])
@@ -21,3 +27,58 @@ def test_a_long_stop_is_named_and_a_short_one_is_not(standing_s, said):
     assert len(found) == len(said)
     for span, expected in zip(found, said, strict=True):
         assert span == pytest.approx(expected, abs=0.6)
+
+
+def pointmap(psi, matched=0.9, count=100):
+    """A map of so many points with a psi each."""
+    zeros = np.zeros(count)
+    return PointMap(np.zeros((count, 2)), zeros, zeros, np.full(count, psi), np.arange(count) < matched * count)
+
+
+def run(scans, *, lost=0, degenerate=0, torn=0, before=0.5, after=0.4, odometry_factors=1, unoptimised=None, unread=0):
+    """What the verdict looks at of a run of so many scans."""
+    statuses = [Status.LOST] * lost + [Status.DEGENERATE] * degenerate + [Status.CONVERGED] * (scans - 1 - lost - degenerate)
+    sweeps = swept_walls()
+    return SimpleNamespace(
+        frontend="psi",
+        config=Config(),
+        optimised=range(scans),
+        measurements=[Measurement(k, k + 1, np.zeros(3), np.eye(3), status) for k, status in enumerate(statuses)],
+        checks=[judged_window(sweeps, 0, 90.0, (0.2, 0.0, 0.0), k < torn) for k in range(scans // 6)],
+        map_odometry=before if isinstance(before, PointMap) else pointmap(before),
+        map_optimised=after if isinstance(after, PointMap) else pointmap(after),
+        odometry_factors=odometry_factors,
+        loops=[],
+        unoptimised=unoptimised,
+        unread=dict.fromkeys(range(unread)),
+    )
+
+
+@pytest.mark.parametrize(
+    ("found", "status", "reason"),
+    [
+        (run(240), PASS, "0 of 40 windows are torn"),
+        (run(240, torn=20), FAIL, "20 of 40 windows are torn"),
+        (run(240, lost=1), WARN, "1 of 239 scans lost track and follow the prediction"),
+        (run(240, lost=100), FAIL, "100 of 239 scans lost track and follow the prediction"),
+        (run(240, degenerate=60), WARN, "60 of 239 scans do not observe every direction of motion"),
+        (run(240, degenerate=10), PASS, "no scan lost track"),
+        (run(240, unread=2), WARN, "2 of 240 revolutions could not be read"),
+        (run(240, after=0.6), FAIL, "psi per point is 1.20 times that of the map before optimisation"),
+        (run(240, after=0.6, odometry_factors=0), PASS, "no scan lost track"),  # nothing pulled the graph anywhere
+        (run(240, unoptimised="no luck"), FAIL, "the pose graph could not be optimised: the trajectory is psi's motions"),
+        (run(240, before=0.0, after=0.0), PASS, "no scan lost track"),
+        (run(240, before=PointMap.empty(), after=PointMap.empty()), PASS, "no scan lost track"),
+        (run(18, torn=1), NOT_JUDGED, "1 of 3 windows is torn: too few to judge the map by"),
+        (run(18, lost=1), WARN, "1 of 17 scans lost track and follow the prediction"),
+        (run(18, lost=1), WARN, "0 of 3 windows are torn: too few to judge the map by"),
+        (run(2), NOT_JUDGED, "2 scans, too few to judge a map by: a window takes 6"),
+        (run(2, lost=1), NOT_JUDGED, "1 of 1 scans lost track and follow the prediction"),
+        (run(3, lost=1, unread=1), NOT_JUDGED, "3 scans, too few to judge a map by: a window takes 6"),
+        (run(1), NOT_JUDGED, "1 scan, too few to judge a map by: a window takes 6"),
+    ],
+)
+def test_the_verdict_of_a_run_needs_evidence(found, status, reason):
+    verdict_status, reasons = verdict(found)
+    assert verdict_status is status, reasons
+    assert any(said.startswith(reason) for said in reasons), reasons

@@ -49,7 +49,7 @@ class Cluster:
             return subprocess.Popen(command, stdout=file, stderr=file, env=environment, cwd=self._folder)
 
     def _said(self, log: str, words: str) -> str:
-        end = time.monotonic() + 60.0
+        end = time.monotonic() + 600.0
         path = self._folder / f"{log}.log"
         while time.monotonic() < end:
             for line in path.read_text().splitlines():

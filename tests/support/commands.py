@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import contextlib
 import io
+import json
 import sys
 import time
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 from unittest import mock
 
 from mqslam.cli import main
@@ -36,6 +38,16 @@ def mqslam(*arguments: str | Path | float) -> Result:
     return Result(code, out.getvalue(), err.getvalue())
 
 
+def strict_json(text: str) -> dict[str, Any]:
+    """JSON as other languages read it: without NaN and Infinity."""
+
+    def refuse(constant: str) -> None:
+        raise AssertionError(f"{constant} is no JSON")
+
+    found: dict[str, Any] = json.loads(text, parse_constant=refuse)
+    return found
+
+
 def contents(folder: Path) -> dict[str, bytes | None]:
     """Everything below a folder, hidden files too: bytes by name, None for folders."""
     return {
@@ -45,7 +57,7 @@ def contents(folder: Path) -> dict[str, bytes | None]:
 
 def processes(session: int) -> list[Path]:
     """The processes of a session that are alive, after a moment to end."""
-    end = time.monotonic() + 5.0
+    end = time.monotonic() + 60.0
     while alive := [stat for stat in Path("/proc").glob("[0-9]*/stat") if _in_session(stat, session)]:
         if time.monotonic() > end:
             break

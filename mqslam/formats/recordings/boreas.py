@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from mqslam.core.trajectory import Trajectory
-from mqslam.formats.odometry_files import read_stamped
+from mqslam.formats.odometry_files import read_beside, read_stamped
 from mqslam.formats.recordings import oxford
 from mqslam.formats.shared.images import stamped_names
 from mqslam.formats.shared.poses import checked
@@ -39,12 +39,14 @@ def open_recording(path: Path, sensing: Sensing) -> RowImageRecording:
     folder = oxford.image_folder(path)
     images = index_rows(folder, stamped_names(folder))
     poses = folder.parent / "applanix" / "radar_poses.csv"
+    truth, faults = read_beside(lambda: _read_poses(poses) if poses.exists() else None)
     return images.recording(
         path,
         "boreas",
         sensing.range_resolution or usual_resolution(int(images.stamps_us[0])),
-        ground_truth=_read_poses(poses) if poses.exists() else None,
+        ground_truth=truth,
         notes=sensing.idle(),
+        faults=faults,
     )
 
 

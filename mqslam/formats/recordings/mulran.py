@@ -18,7 +18,7 @@ from mqslam.core import se2
 from mqslam.core.recording import Recording
 from mqslam.core.trajectory import Trajectory
 from mqslam.errors import DataError
-from mqslam.formats.odometry_files import read_stamped
+from mqslam.formats.odometry_files import read_beside, read_stamped
 from mqslam.formats.shared.azimuth_rows import in_us
 from mqslam.formats.shared.column_images import column_recording
 from mqslam.formats.shared.images import stamped_names
@@ -50,12 +50,16 @@ def open_recording(path: Path, sensing: Sensing) -> Recording:
         remedy = f"give the folder that holds sensor_data/radar/{COLUMNS} or {ROWS}"
         raise DataError(path, "holds no radar images of MulRan", remedy)
     poses = next((file for above in folder.resolve().parents[:3] if (file := above / "global_pose.csv").exists()), None)
-    truth = _read_poses(poses) if poses else None
+    truth, faults = read_beside(lambda: _read_poses(poses) if poses else None)
     names = stamped_names(folder)
     if folder.resolve().name == ROWS:
-        resolution = sensing.range_resolution or RANGE_RESOLUTION_M
-        return index_rows(folder, names).recording(path, "mulran", resolution, ground_truth=truth, notes=sensing.idle())
-    return column_recording(path, "mulran", folder, names, in_us(names), RANGE_RESOLUTION_M, sensing, ground_truth=truth)
+        resolution, notes = sensing.range_resolution or RANGE_RESOLUTION_M, sensing.idle()
+        images = index_rows(folder, names)
+        return images.recording(path, "mulran", resolution, ground_truth=truth, notes=notes, faults=faults)
+    resolution = RANGE_RESOLUTION_M
+    return column_recording(
+        path, "mulran", folder, names, in_us(names), resolution, sensing, ground_truth=truth, faults=faults
+    )
 
 
 def _folders(path: Path) -> Iterator[Path]:

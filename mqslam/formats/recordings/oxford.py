@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from mqslam.core.trajectory import Trajectory
 from mqslam.errors import DataError
-from mqslam.formats.odometry_files import chained, read_numbers, read_odometry
+from mqslam.formats.odometry_files import chained, read_beside, read_numbers, read_odometry
 from mqslam.formats.shared.images import stamped_names
 from mqslam.formats.shared.poses import checked
 from mqslam.formats.shared.row_images import RowImageRecording, index_rows
@@ -42,16 +42,19 @@ def open_recording(path: Path, sensing: Sensing) -> RowImageRecording:
     names, notes, faults = _names(root, folder)
     images = index_rows(folder, names)
     resolution, assumed = _range_resolution(root, sensing.range_resolution)
-    truth, broken = _ground_truth(root, int(images.stamps_us[0]), int(images.stamps_us[-1] + images.turns_us[-1]))
-    odometry = root / "odom.csv"
+    end_us = int(images.stamps_us[-1] + images.turns_us[-1])
+    found, unread = read_beside(lambda: _ground_truth(root, int(images.stamps_us[0]), end_us))
+    truth, broken = found or (None, [])
+    file = root / "odom.csv"
+    odometry, unused = read_beside(lambda: read_odometry(file) if file.exists() else None)
     return images.recording(
         path,
         "oxford",
         resolution,
-        odometry=read_odometry(odometry) if odometry.exists() else None,
+        odometry=odometry,
         ground_truth=truth,
         notes=(*notes, *assumed, *broken, *sensing.idle()),
-        faults=faults,
+        faults=(*faults, *unread, *unused),
     )
 
 

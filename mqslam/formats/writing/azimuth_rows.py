@@ -42,8 +42,10 @@ def encoder_ticks(recording: Recording, k: int, polar_scan: PolarScan, turn: int
     """(A,) clockwise encoder values 0..turn of revolution k, `turn` to a turn.
 
     Raises:
-        DataError: a revolution that turns counter-clockwise.
+        DataError: a revolution that turns counter-clockwise, or of one azimuth.
     """
+    if len(polar_scan.azimuths) < 2:
+        raise DataError(recording.path, f"revolution {k} has one azimuth, rows need two", "convert it to .npz")
     if polar_scan.azimuths[-1] > polar_scan.azimuths[0]:
         problem = f"revolution {k} turns counter-clockwise, encoder values count clockwise"
         raise DataError(recording.path, problem, "convert it to .npz, mulran or radiate")

@@ -38,6 +38,8 @@ def write_columns(folder: Path, recording: Recording, names: Sequence[str]) -> l
     ahead: NDArray[np.uint8] | None = None  # what a turn that begins one step late has of the next one's first column
     follows = np.append(False, recording.ends_us[:-1] == recording.stamps_us[1:])
     for k, polar_scan in enumerate(recording.polar_scans()):
+        if len(polar_scan.azimuths) < 2:
+            raise DataError(recording.path, f"revolution {k} has one azimuth, columns need two", "convert it to .npz")
         if k == 0:
             shape, clockwise = polar_scan.power.shape, bool(polar_scan.azimuths[-1] <= polar_scan.azimuths[0])
             late = _apart(polar_scan, clockwise, 1) < _apart(polar_scan, clockwise, 0)

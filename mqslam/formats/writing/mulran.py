@@ -41,8 +41,9 @@ def write_rows(folder: Path, recording: Recording) -> list[str]:
     """
     images = _prepared(folder, recording, ROWS)
     for k, polar_scan in enumerate(recording.polar_scans()):
+        rows = oxford_rows(recording, k, polar_scan, per_us=1000)
         end_us = Azimuths(azimuth_stamps(recording, polar_scan), polar_scan.azimuths, polar_scan.valid).end_us
-        write_png(images / f"{end_us}000.png", oxford_rows(recording, k, polar_scan, per_us=1000))
+        write_png(images / f"{end_us}000.png", rows)
     return []
 
 

@@ -49,7 +49,7 @@ def write_stamps(folder: Path, stamps_us: Iterable[int]) -> None:
 def write_beside(folder: Path, recording: Recording) -> None:
     """Write ground truth, which lies beside the images, and make their folder."""
     (folder / "radar").mkdir()
-    if recording.ground_truth is not None:
+    if recording.ground_truth is not None and len(recording.ground_truth) > 1:
         (folder / "gt").mkdir()
         write_tum(folder / "gt" / "poses_tum.txt", recording.ground_truth)
         write_text(folder / "gt" / "radar_odometry.csv", _moves(recording.ground_truth))

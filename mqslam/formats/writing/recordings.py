@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 from mqslam.core.recording import Recording
+from mqslam.core.trajectory import Trajectory
 from mqslam.errors import OutputError
 from mqslam.execution.folders import whole_folder
 from mqslam.formats.recordings import mulran as mulran_reader
@@ -46,7 +48,8 @@ def write_recording(
         DataError: a revolution that cannot be read, or a recording that the layout cannot hold.
         OutputError: it cannot be written.
     """
-    source = watched(recording, progress)
+    odometry, truth = _unless_single(recording.odometry), _unless_single(recording.ground_truth)
+    source = watched(replace(recording, odometry=odometry, ground_truth=truth), progress)
     try:
         out.parent.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -60,7 +63,14 @@ def write_recording(
     else:
         write_native(out, source)
     marks = target.validity and not (target.is_bag and message == "b_scan")
-    return [*notes, *_losses(recording, target, 0 if marks else source.tally.unmeasured)]
+    for name, given, kept in (("odometry", recording.odometry, odometry), ("ground truth", recording.ground_truth, truth)):
+        notes += [f"{name} is left behind: one pose is no trajectory"] if given is not kept else []
+    return [*notes, *_losses(source, target, 0 if marks else source.tally.unmeasured)]
+
+
+def _unless_single(track: Trajectory | None) -> Trajectory | None:
+    """Give back a trajectory, unless it has a single pose, which no reader takes for one."""
+    return track if track is None or len(track) > 1 else None
 
 
 def _losses(recording: Recording, target: Target, unmarked: int) -> list[str]:

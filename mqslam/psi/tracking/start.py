@@ -88,7 +88,8 @@ def find_first_motion(
 
 def overlaps(found: Minimum) -> bool:
     """Whether a scan lies on the map at all."""
-    return bool(np.count_nonzero(found.evaluation.matched) >= LEAST_MATCHED and matched_share(found) >= LEAST_SHARE)
+    matched = int(np.count_nonzero(found.evaluation.matched))
+    return matched >= LEAST_MATCHED and matched_share(found) >= LEAST_SHARE
 
 
 def _know_nothing(settings: TrackerConfig) -> FirstMotion:

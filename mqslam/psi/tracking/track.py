@@ -184,7 +184,7 @@ def _find_start(scans: Sequence[Scan]) -> int:
             return k
     most = max(len(scan.returns) for scan in scans)
     raise FewReturnsError(
-        f"no two scans in a row hold {FEWEST} returns each, in more than one direction; the most in one scan is {most}"
+        f"no two scans in a row hold {FEWEST} returns in more than one direction; the most returns in a scan are {most}"
     )
 
 

@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from numpy.typing import NDArray
 from support.conversions import STAMPED, Turns, angles_of, convert, spinning, stamps_of
+from support.recordings import START_US
 
 from mqslam.core.recording import PolarScan, Recording
 from mqslam.detection.stage import scans_of
 from mqslam.formats.recordings import open_recording
+from mqslam.formats.shared.sensing import Stamp
 from mqslam.formats.shared.turns import find_usual_turns, measure_turn, place_turns
 
 DATA = Path(__file__).parents[4] / "shared" / "data"
@@ -161,3 +166,21 @@ def test_real_recordings_with_a_gap_turn_at_4_hz(name: str, gap: int, missing: f
     assert recording.gaps() == [(gap, pytest.approx(missing, abs=0.005))]
     after = scans_of(recording)[gap + 1]
     assert after.t1 - after.t0 == pytest.approx(0.25, abs=0.005)
+
+
+@given(
+    st.lists(st.one_of(st.integers(1, 3_000_000), st.sampled_from([250_000, 500_000, 60_000_000])), max_size=40),
+    st.sampled_from(["start", "end"]),
+    st.one_of(st.none(), st.floats(50_000.0, 5_000_000.0)),
+)
+@settings(max_examples=200, deadline=None, derandomize=True)
+def test_any_stamps_make_turns_that_follow_one_another(steps: list[int], stamp: Stamp, measured: float | None) -> None:
+    stamps = START_US + np.cumsum([0, *steps])
+    starts, turns = place_turns(stamps, stamp, find_usual_turns(stamps, lambda k: measured))
+    assert len(starts) == len(turns) == len(stamps) and turns.dtype == np.int64
+    assert np.all(turns > 0) and np.all(np.diff(starts) > 0)
+    np.testing.assert_array_equal(starts if stamp == "start" else starts + turns, stamps)
+    recording = replace(spinning([0], 250_000), stamps_us=starts, turns_us=turns)
+    assert 0.0499 < recording.revolution_s < 5.001 and recording.duration_s > 0.0
+    assert np.all(recording.ends_us > starts) and np.all(recording.ends_us[:-1] <= starts[1:])
+    assert all(missing > 0.0 for _, missing in recording.gaps())

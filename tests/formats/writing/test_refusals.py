@@ -10,10 +10,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from support.conversions import BAGS, EVEN, STAMPED, Turns, changed, convert, converted
+from support.conversions import BAGS, EVEN, STAMPED, Turns, changed, convert, converted, spinning
 from support.layouts import assert_alike_polar_scan, left_turn
 
 from mqslam.core.recording import PolarScan
+from mqslam.core.trajectory import Trajectory
 from mqslam.errors import DataError, OutputError
 from mqslam.formats.recordings import open_recording
 from mqslam.formats.writing import bags
@@ -65,6 +66,23 @@ def test_polar_images_refuse_what_they_would_bend(tmp_path: Path, layout: str, r
 def test_a_small_offset_of_polar_images_is_told(tmp_path: Path) -> None:
     _, notes = convert(changed(azimuths=lambda r: r.azimuths - 0.01), tmp_path, "radiate")
     assert any("azimuths lie up to 0.57 deg beside the even steps" in note for note in notes)
+
+
+@pytest.mark.parametrize("layout", [*EVEN, *(layout for layout in STAMPED if layout != "native")])
+def test_images_cannot_hold_a_revolution_of_one_azimuth(tmp_path: Path, layout: str) -> None:
+    with pytest.raises(DataError, match=r"drive: revolution 0 has one azimuth, \w+ need two"):
+        convert(spinning([0, 250_000], 250_000, azimuths=1), tmp_path, layout)
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("layout", [*STAMPED, *EVEN])
+def test_a_single_pose_is_no_trajectory_and_left_behind(tmp_path: Path, layout: str) -> None:
+    recording = spinning([0], 250_000)
+    pose = Trajectory(recording.stamps_us, np.zeros((1, 3)))
+    out, notes = convert(replace(recording, ground_truth=pose, odometry=pose), tmp_path, layout)
+    assert "ground truth is left behind: one pose is no trajectory" in notes
+    back = open_recording(out)
+    assert len(back) == 1 and back.ground_truth is None and back.odometry is None and back.faults == ()
 
 
 @pytest.mark.parametrize("layout", BAGS)

@@ -35,6 +35,7 @@ def test_the_estimator_needs_no_start(case: tuple[float, float]) -> None:
     assert abs(v) < 0.02 and abs(omega) < 0.004
 
 
+@pytest.mark.slow
 def test_the_result_does_not_depend_on_the_number_of_processes() -> None:
     alone, together = (table1(2, revolutions=2, jobs=jobs, cases=[CASE], search=FEW) for jobs in (1, 2))
     for one, other in zip(alone, together, strict=True):

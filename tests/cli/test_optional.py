@@ -1,0 +1,287 @@
+"""What results can do without may fail in any way: it costs itself alone, and the command says so."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable, Iterator
+from itertools import pairwise
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+import pytest
+from support.commands import Result, mqslam, strict_json
+
+from mqslam import __version__
+from mqslam.audit.verdict import VerdictStatus
+from mqslam.cli.audit import exit_code
+from mqslam.config import Config, dump_yaml, load_config
+from mqslam.core import frontend
+from mqslam.core.frontend import Context
+from mqslam.core.measurement import Measurement
+from mqslam.core.scans import Scan
+from mqslam.core.trajectory import Trajectory
+from mqslam.execution.checkpoint import FOLDER, run_key
+from mqslam.formats.recordings import open_recording
+from mqslam.formats.tum import write_tum
+from mqslam.report.batch_page import write_batch_pages
+from mqslam.results.batch_results import Order, Outcome, add_warnings, summarise, write_batch
+from mqslam.simulator import simulate
+
+ESSENTIAL = {"trajectory.tum", "odometry.tum", "measurements.csv", "config.yaml", "summary.json", "run.log"}
+OTHERS = {"graph.g2o", "map.ply", "map.pgm", "map.yaml", "report.html"}
+
+
+@pytest.fixture(scope="module")
+def drive(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Five coarse seconds of a street with its wheels, and settings that leave nothing to be measured beforehand."""
+    folder = tmp_path_factory.mktemp("optional")
+    simulate(folder / "drive", duration_s=5.0, azimuths=200, range_resolution=0.35, max_range=60.0, movers=0)
+    (folder / "quick.yaml").write_text("sensor: {doppler_beta: 0.0}\n")
+    return folder / "drive"
+
+
+def run(drive: Path, out: Path, *more: str | Path) -> Result:
+    """A run by odometry alone, if nothing else is asked for: it takes no time."""
+    chosen = more or ("--frontend", "odometry")
+    return mqslam("run", drive, "--out", out, "--config", drive.with_name("quick.yaml"), "--jobs", "1", *chosen)
+
+
+def summary_of(out: Path, name: str = "summary.json") -> dict[str, Any]:
+    return strict_json((out / name).read_text())
+
+
+def failing(error: Exception) -> Callable[..., Any]:
+    def fail(*_: object, **__: object) -> None:
+        raise error
+
+    return fail
+
+
+def assert_said(shown: Result, out: Path, *warnings: str) -> None:
+    """Every warning is on stderr, in the log and in the summary, where a terminal breaks no line."""
+    for warning in warnings:
+        assert f"warning: {warning}" in shown.err.splitlines()
+        assert f"warning: {warning}" in (out / "run.log").read_text().splitlines()
+        assert warning in summary_of(out)["warnings"]
+
+
+def test_files_that_cannot_be_made_cost_no_other(drive: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in ("g2o", "write_ply", "write_nav2_map", "write_report"):
+        monkeypatch.setattr(f"mqslam.results.run_results.{name}", failing(MemoryError()))
+    shown = run(drive, tmp_path / "out")
+    assert shown.code == 0
+    assert {path.name for path in (tmp_path / "out").iterdir()} == ESSENTIAL
+    lost = ("graph.g2o", "map.ply", "map.pgm", "report.html")
+    assert_said(
+        shown, tmp_path / "out", *(f"{name} could not be made (MemoryError); the other results are whole" for name in lost)
+    )
+
+
+def test_a_map_its_check_and_loops_that_fail_cost_no_trajectory(
+    drive: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("mqslam.slam.render", failing(MemoryError("Unable to allocate 40 GiB")))
+    monkeypatch.setattr("mqslam.slam.judged_sample", failing(np.linalg.LinAlgError("Singular matrix")))
+    monkeypatch.setattr("mqslam.slam.find_loops", failing(ValueError("by nothing")))
+    out = tmp_path / "out"
+    shown = run(drive, out)
+    assert shown.code == 0
+    assert {path.name for path in out.iterdir()} == ESSENTIAL | OTHERS
+    whole = "; the other results are whole"
+    assert_said(
+        shown, out, f"the search for loops could not be made (ValueError: by nothing){whole}",
+        f"the map before optimisation could not be made (MemoryError: Unable to allocate 40 GiB){whole}",
+        f"the map could not be made (MemoryError: Unable to allocate 40 GiB){whole}",
+        f"the check of the map could not be made (LinAlgError: Singular matrix){whole}",
+    )  # fmt: skip
+    found = summary_of(out)
+    assert found["psi"]["per_point_optimised"] is None and found["inflation"]["median"] is None
+    assert found["verdict"]["status"] == "not judged"
+    assert "Numbers" in (out / "report.html").read_text()
+    assert len(found["warnings"]) == 4  # an empty map makes a page like any other
+
+
+def test_a_full_disk_is_an_error_all_the_same(drive: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("mqslam.results.run_results.write_ply", failing(OSError(28, "No space left on device")))
+    monkeypatch.setattr("mqslam.execution.files.tempfile.mkstemp", failing(OSError(28, "No space left on device")))
+    shown = run(drive, tmp_path / "out")
+    assert shown.code == 2 and "No space left on device" in shown.err
+    assert not (tmp_path / "out" / "trajectory.tum").exists()
+
+
+def test_covariances_that_cannot_be_had_are_a_warning(
+    drive: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("mqslam.backend.pose_graph.splu", failing(RuntimeError("Factor is exactly singular")))
+
+    def write_indices(path: Path, report: Any) -> list[str]:
+        path.write_text(str(report.sure))
+        return []
+
+    monkeypatch.setattr("mqslam.report.run_page.write_report", write_indices)
+    shown = run(drive, tmp_path / "out")
+    assert shown.code == 0
+    said = "the covariances of the poses are not known (the graph leaves a direction open): the report shows no ellipses"
+    assert_said(shown, tmp_path / "out", said)
+    assert "the graph leaves a direction open" in (tmp_path / "out" / "report.html").read_text()
+
+
+def test_a_graph_that_cannot_be_optimised_leaves_the_front_ends_motions(
+    drive: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("mqslam.backend.pose_graph.gtsam.LevenbergMarquardtOptimizer", failing(RuntimeError("no luck")))
+    monkeypatch.setattr("mqslam.report.run_page.write_report", lambda *_: [])
+    shown = run(drive, tmp_path / "out")
+    assert shown.code == 0
+    said = "the pose graph could not be optimised (RuntimeError: no luck): its starting values are kept"
+    assert_said(shown, tmp_path / "out", said)
+    found = summary_of(tmp_path / "out")["verdict"]
+    assert found["status"] == "fail" and "could not be optimised" in found["reasons"][0]
+    kept = [np.loadtxt(tmp_path / "out" / name)[:, 1:] for name in ("trajectory.tum", "odometry.tum")]
+    np.testing.assert_array_equal(*kept)
+
+
+def test_a_run_that_died_writing_can_be_resumed_by_a_later_version(
+    drive: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As runs through a tunnel died: all was computed, and the results could not be written."""
+    out, asked = tmp_path / "out", ("--odometry", "none")
+    with monkeypatch.context() as patch:
+        patch.setattr("mqslam.commands.job.write_run", failing(RuntimeError("Indeterminate linear system")))
+        with pytest.raises(RuntimeError):
+            run(drive, out, *asked)
+    assert {path.name for path in out.iterdir()} == {FOLDER}
+    digest, recording = hashlib.sha256(), open_recording(drive)
+    settings = load_config(drive.with_name("quick.yaml"))
+    before_verdicts = dump_yaml(settings, leave_out={"verdict"})  # the settings that there were at first
+    for text in (__version__, before_verdicts, "psi", str(drive.resolve()), str(recording.range_resolution)):
+        digest.update(text.encode() + b"\0")
+    digest.update(recording.stamps_us.tobytes())
+    assert strict_json((out / FOLDER / "run.json").read_text())["key"] == digest.hexdigest()
+    monkeypatch.setattr("mqslam.slam.frontends.load", lambda _: lambda context: None)  # nothing is measured again
+    assert run(drive, out, *asked, "--resume").code == 0
+    assert {path.name for path in out.iterdir()} == ESSENTIAL | OTHERS
+
+
+def test_other_bounds_of_the_verdict_make_another_run(drive: Path) -> None:
+    recording, usual = open_recording(drive), load_config(drive.with_name("quick.yaml"))
+    strict = usual.model_copy(update={"verdict": usual.verdict.model_copy(update={"confidence": 0.99})})
+    assert run_key(recording, usual, "psi", None) != run_key(recording, strict, "psi", None)
+
+
+class Broken:
+    """A front end of somebody's whose numbers are none."""
+
+    fault = ""
+
+    def __init__(self, context: Context) -> None: ...
+
+    def measure(self, scans: list[Scan]) -> Iterator[Measurement]:
+        for k, (a, b) in enumerate(pairwise(scans)):
+            pose, covariance = np.zeros(3), 1e-2 * np.eye(3)
+            if k == 5 and self.fault == "pose":
+                pose[0] = np.nan
+            elif k == 5 and self.fault == "covariance":
+                covariance[1, 1] = -1.0
+            elif k == 5 and self.fault == "number":
+                return
+            yield Measurement(a.t0, b.t0, pose, covariance)
+
+
+@pytest.mark.parametrize(
+    ("fault", "said"),
+    [
+        ("pose", "the motion from 1.25 s to 1.50 s has a pose or a covariance that is not a number"),
+        ("covariance", "the motion from 1.25 s to 1.50 s has a covariance with negative variances"),
+        ("number", "gave 5 motions for 20 scans"),
+    ],
+)
+def test_a_front_end_whose_numbers_are_none_is_named(
+    drive: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, fault: str, said: str
+) -> None:
+    monkeypatch.setattr(frontend, "load", lambda _: Broken)
+    monkeypatch.setattr(Broken, "fault", fault)
+    shown = run(drive, tmp_path / "out", "--quiet")
+    assert shown.code == 2 and shown.err.startswith(f"mqslam: error: front end psi: {said}") and shown.err.count("\n") == 1
+
+
+def test_an_audit_keeps_its_numbers_without_pictures_and_report(
+    drive: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name in ("heat_map", "write_audit_report"):
+        monkeypatch.setattr(f"mqslam.results.audit_results.{name}", failing(ValueError("by nothing")))
+    shown = mqslam("audit", drive, "--trajectory", "ground_truth", "--out", tmp_path / "out", "--fail-on", "fail")
+    assert shown.code == 3 and shown.out.startswith("verdict       not judged: 0 of 4 windows are torn: too few to judge")
+    assert {path.name for path in (tmp_path / "out").iterdir()} == {"config.yaml", "audit.csv", "revisits.csv", "audit.json"}
+    said = [f"{name} could not be made (ValueError: by nothing); the other results are whole"
+            for name in ("heatmap.png", "report.html")]  # fmt: skip
+    assert summary_of(tmp_path / "out", "audit.json")["warnings"] == said
+    assert [line for line in shown.err.splitlines() if "could not" in line] == [f"note: {line}" for line in said]
+
+
+@pytest.mark.parametrize(
+    ("status", "fail_on", "code"),
+    [
+        ("pass", "warn", 0), ("warn", "warn", 1), ("fail", "warn", 1), ("not judged", "warn", 3),
+        ("pass", "fail", 0), ("warn", "fail", 0), ("fail", "fail", 1), ("not judged", "fail", 3),
+    ],
+)  # fmt: skip
+def test_a_map_that_could_not_be_judged_has_an_exit_code_of_its_own(
+    status: str, fail_on: Literal["warn", "fail"], code: int
+) -> None:
+    assert exit_code(VerdictStatus(status), fail_on) == code
+
+
+def test_a_comparison_keeps_what_does_not_fail(drive: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    from mqslam.compare import judgement as judge
+
+    evaluate = judge.audit
+    calls: list[int] = []
+
+    def once(*arguments: Any) -> Any:
+        calls.append(1)
+        return evaluate(*arguments) if len(calls) > 1 else failing(np.linalg.LinAlgError("Singular matrix"))()
+
+    monkeypatch.setattr(judge, "audit", once)
+    for name in ("overlay", "write_compare_report"):
+        monkeypatch.setattr(f"mqslam.results.compare_results.{name}", failing(ValueError("by nothing")))
+    given = ("--frontends", "odometry", "--odometry-only", "--trajectory", f"first={drive / 'gt' / 'poses_tum.txt'}")
+    shown = mqslam("compare", drive, "--out", tmp_path / "out", *given)
+    assert shown.code == 0
+    assert {path.name for path in (tmp_path / "out").iterdir()} == {
+        "compare.csv", "compare.json", "config.yaml", "odometry", "first"
+    }  # fmt: skip
+    found = summary_of(tmp_path / "out", "compare.json")
+    rows = {row["name"]: row for row in found["rows"]}
+    assert rows["odometry"]["failure"] is not None and "Singular matrix" in rows["odometry"]["failure"]
+    assert rows["first"]["verdict"] == "not judged" and "too few to judge" in rows["first"]["reasons"]
+    assert rows["first"]["windows_torn"] == 0.0 and rows["first"]["windows_torn_at_most"] > 0.5
+    assert [w for w in found["warnings"] if w.startswith(("overlay.png could not", "report.html could not"))]
+    assert "could not run: the judgement of its map" in shown.out and "not judged" in shown.out
+    assert "note: report.html could not be made" in shown.err
+
+
+def test_a_batch_keeps_its_numbers_where_a_finished_run_lost_a_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    names = ("kept", "damaged")
+    orders = [Order(name, tmp_path / "drive", "psi", "none", Config()) for name in names]
+    verdict = {"status": "not judged", "reasons": ["2 scans"]}
+    found = summarise(orders, [Outcome({"verdict": verdict, "psi": {"per_point_optimised": float("nan")}})] * 2)
+    (tmp_path / "kept").mkdir()
+    track = Trajectory(np.arange(5), np.arange(15.0).reshape(5, 3))
+    write_tum(tmp_path / "kept" / "trajectory.tum", track)
+    write_batch(tmp_path, found)
+    add_warnings(tmp_path, found, write_batch_pages(tmp_path, "runs", found, "runs: []"))
+    written = summary_of(tmp_path, "batch.json")
+    assert written["counts"] == {"pass": 0, "warn": 0, "fail": 0, "not judged": 2, "failed": 0}
+    assert written["runs"][0]["psi_per_point"] is None
+    assert written["warnings"][0].startswith("the picture of damaged could not be made (") and len(written["warnings"]) == 1
+    page = (tmp_path / "report.html").read_text()
+    assert page.count('<span class="badge none">not judged</span>') == 2 and page.count("data:image/png") == 1
+    assert "0 · 0 · 0 · 2" in page and "pass · warn · fail · not judged" in page
+    monkeypatch.setattr("mqslam.report.batch_page.write_batch_report", failing(ValueError("by nothing")))
+    add_warnings(tmp_path, found, write_batch_pages(tmp_path, "runs", found, "runs: []"))
+    said = "report.html could not be made (ValueError: by nothing); the other results are whole"
+    assert summary_of(tmp_path, "batch.json")["warnings"][-1] == said
