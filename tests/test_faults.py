@@ -701,7 +701,7 @@ def test_a_recording_of_two_scans(drive: Path, tmp_path: Path) -> None:
     stamps = drive / "radar.timestamps"
     stamps.write_text("".join(stamps.read_text().splitlines(keepends=True)[:2]))
     shown = run(drive, tmp_path / "out")
-    assert shown.code == 0 and "verdict: not judged: 2 scans, too few to judge a map by: a window takes 6" in shown.out
+    assert shown.code == 0 and "verdict: not judged: 2 scans are too few to judge a map by: a window takes 6" in shown.out
     found = strict_json((tmp_path / "out" / "summary.json").read_text())
     assert found["verdict"]["status"] == "not judged" and found["inflation"]["windows"] == 0
     assert "not judged" in (tmp_path / "out" / "report.html").read_text()
