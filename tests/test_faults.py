@@ -428,13 +428,10 @@ INTERRUPTS = list(itertools.product(("run", "compare", "audit", "simulate"), (si
 
 
 @pytest.mark.parametrize(
-    "interrupt",
-    mostly_slow(INTERRUPTS, [("run", signal.SIGINT), ("audit", signal.SIGTERM)]),
-    ids=lambda interrupt: f"{interrupt[0]}-{interrupt[1].name}",
+    ("command", "number"), mostly_slow(INTERRUPTS, [("run", signal.SIGINT), ("audit", signal.SIGTERM)])
 )
-def test_ctrl_c_or_sigterm(drive: Path, tmp_path: Path, interrupt: tuple[str, signal.Signals]) -> None:
+def test_ctrl_c_or_sigterm(drive: Path, tmp_path: Path, command: str, number: signal.Signals) -> None:
     """To all processes of the terminal, as Ctrl-C is, or to the command alone, as kill does."""
-    command, number = interrupt
     folder = tmp_path / "results"
     folder.mkdir()
     arguments = {

@@ -202,6 +202,7 @@ def test_the_same_audit_gives_the_same_bytes(written: Path, tmp_path: Path) -> N
     assert (tmp_path / "again.html").read_bytes() == written.read_bytes()
 
 
+@pytest.mark.slow
 def test_a_click_on_a_window_shows_it_as_it_is_and_corrected(written: Path) -> None:
     with chromium() as browser:
         opened(browser, written)
