@@ -1,6 +1,7 @@
-# make demo   set up .venv, simulate a drive, run it, say where the report is
-# make test   set up .venv, check style and types, run the tests
-# make bench  the measurements of BENCHMARKS.md that take minutes
+# make demo      set up .venv, simulate a drive, run it, say where the report is
+# make test      set up .venv, check style and types, run all tests but the slow ones
+# make test-all  run the slow tests, which make test leaves out: whole commands of the README, notebooks, clusters, browsers
+# make bench     the measurements of BENCHMARKS.md that take minutes
 
 PYTHON ?= python3
 VENV := .venv
@@ -8,7 +9,10 @@ BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 TYPED := build/typed
 
-.PHONY: demo test lint types bench clean
+# A file's tests stay in one process, so that what they share is made once; more processes would each make their own.
+PYTEST := OMP_NUM_THREADS=1 $(BIN)/python -m pytest --numprocesses auto --maxprocesses 4 --dist loadfile
+
+.PHONY: demo test test-all lint types bench clean
 
 $(READY): pyproject.toml
 	@$(PYTHON) -c 'import sys; sys.exit(0 if sys.version_info >= (3, 11) else "mqslam needs Python 3.11 or newer: make PYTHON=python3.11 ...")'
@@ -24,7 +28,10 @@ demo: $(READY)
 	@echo "open demo/run/report.html in a browser; trajectory, map and numbers lie beside it"
 
 test: $(READY) lint
-	$(BIN)/python -m pytest -m 'not slow' --numprocesses auto --maxprocesses 4
+	$(PYTEST) -m 'not slow'
+
+test-all: $(READY)
+	$(PYTEST) -m slow
 
 lint: $(READY) types
 	$(BIN)/ruff check .

@@ -430,13 +430,10 @@ INTERRUPTS = list(itertools.product(("run", "compare", "audit", "simulate"), (si
 
 
 @pytest.mark.parametrize(
-    "interrupt",
-    mostly_slow(INTERRUPTS, [("run", signal.SIGINT), ("audit", signal.SIGTERM)]),
-    ids=lambda interrupt: f"{interrupt[0]}-{interrupt[1].name}",
+    ("command", "number"), mostly_slow(INTERRUPTS, [("run", signal.SIGINT), ("audit", signal.SIGTERM)])
 )
-def test_ctrl_c_or_sigterm(drive: Path, tmp_path: Path, interrupt: tuple[str, signal.Signals]) -> None:
+def test_ctrl_c_or_sigterm(drive: Path, tmp_path: Path, command: str, number: signal.Signals) -> None:
     """To all processes of the terminal, as Ctrl-C is, or to the command alone, as kill does."""
-    command, number = interrupt
     folder = tmp_path / "results"
     folder.mkdir()
     arguments = {
@@ -703,7 +700,7 @@ def test_a_recording_of_two_scans(drive: Path, tmp_path: Path) -> None:
     stamps = drive / "radar.timestamps"
     stamps.write_text("".join(stamps.read_text().splitlines(keepends=True)[:2]))
     shown = run(drive, tmp_path / "out")
-    assert shown.code == 0 and "verdict: not judged: 2 scans, too few to judge a map by: a window takes 6" in shown.out
+    assert shown.code == 0 and "verdict: not judged: 2 scans are too few to judge a map by: a window takes 6" in shown.out
     found = strict_json((tmp_path / "out" / "summary.json").read_text())
     assert found["verdict"]["status"] == "not judged" and found["inflation"]["windows"] == 0
     assert "not judged" in (tmp_path / "out" / "report.html").read_text()

@@ -5,6 +5,7 @@ from __future__ import annotations
 import shutil
 import subprocess
 import sys
+import tomllib
 import zipfile
 from configparser import ConfigParser
 from pathlib import Path
@@ -12,7 +13,8 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[1]
-SOURCES = ("pyproject.toml", "README.md", "LICENSE", "mqslam", "frontends", "factors", "configs")
+PARTS = ("mqslam", "frontends", "factors", "configs")
+SOURCES = ("pyproject.toml", "README.md", "LICENSE", *PARTS)
 
 
 @pytest.fixture(scope="module")
@@ -33,15 +35,24 @@ def wheel(tmp_path_factory: pytest.TempPathFactory) -> zipfile.ZipFile:
     return zipfile.ZipFile(found)
 
 
+def test_every_package_is_listed() -> None:
+    settings = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["setuptools"]
+    folders = {name: settings["package-dir"].get(name, name.replace(".", "/")) for name in settings["packages"]}
+    there = {path.parent for part in PARTS for path in (ROOT / part).rglob("*.py")}
+    assert {ROOT / folder for folder in folders.values()} == there
+
+
+@pytest.mark.slow
 def test_nothing_but_mqslam_lands_in_site_packages(wheel: zipfile.ZipFile) -> None:
     tops = {name.split("/")[0] for name in wheel.namelist()}
     assert {top for top in tops if not top.endswith(".dist-info")} == {"mqslam"}
 
 
+@pytest.mark.slow
 def test_every_module_and_configuration_is_in_the_wheel(wheel: zipfile.ZipFile) -> None:
     expected = {
         (f"mqslam/{path.relative_to(ROOT)}" if part != "mqslam" else str(path.relative_to(ROOT)))
-        for part in ("mqslam", "frontends", "factors", "configs")
+        for part in PARTS
         for path in (ROOT / part).rglob("*")
         if path.suffix in (".py", ".yaml", ".typed", ".js") and "__pycache__" not in path.parts
     }
@@ -49,6 +60,7 @@ def test_every_module_and_configuration_is_in_the_wheel(wheel: zipfile.ZipFile) 
     assert {name for name in wheel.namelist() if ".dist-info/" not in name} == expected
 
 
+@pytest.mark.slow
 def test_the_command_and_the_front_ends_are_registered(wheel: zipfile.ZipFile) -> None:
     (name,) = (name for name in wheel.namelist() if name.endswith("entry_points.txt"))
     entries = ConfigParser()

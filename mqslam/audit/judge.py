@@ -197,13 +197,13 @@ def judge_windows(windows: Sequence[WindowAudit], scans: int, size: int, setting
     if not windows:
         said = f"no window of {size} scans could be checked, so that nothing shows how good the map is"
         if scans < size:
-            said = f"{_number(scans, 'scan')}, too few to judge a map by: a window takes {size}"
+            said = f"{_number(scans, 'scan')} {_are(scans)} too few to judge a map by: a window takes {size}"
         return [Finding(VerdictStatus.NOT_JUDGED, said)]
     torn = Share(sum(w.torn for w in windows), len(windows))
     status = torn.judge(settings.windows_warn, settings.windows_fail, settings)
     said = f"{torn.count} of {torn.total} windows {_are(torn.count)} torn"
     if status is VerdictStatus.NOT_JUDGED:
-        said += f": too few to judge the map by, since its true share may be {torn.range_text(settings)}"
+        said += f", too few to judge the map by: the share of torn ones may be {torn.range_text(settings)}"
     found = [Finding(status, said)]
     apart = Share(sum(w.bend.matched < settings.matched for w in windows), len(windows))
     if apart.is_above(_MOST, settings):
@@ -228,7 +228,7 @@ def judge_revisits(revisits: Sequence[RevisitAudit], settings: VerdictConfig) ->
     if row and status is not VerdictStatus.FAIL:
         status = VerdictStatus.WARN
     if status is VerdictStatus.NOT_JUDGED:
-        said += f": too few to judge drift by, since their true share may be {torn.range_text(settings)}"
+        said += f", too few to judge drift by: the share of torn ones may be {torn.range_text(settings)}"
     return Finding(status, said)
 
 

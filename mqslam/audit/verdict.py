@@ -70,7 +70,7 @@ class Share:
     def range_text(self, settings: VerdictConfig) -> str:
         """From where to where the share may be, in words."""
         low, high = (100.0 * bound(settings.confidence) for bound in (self.at_least, self.at_most))
-        return f"{low:.0f} to {high:.0f} %"
+        return f"anything from {low:.0f} to {high:.0f} %"
 
 
 @dataclass(frozen=True, slots=True)

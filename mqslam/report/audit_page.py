@@ -133,7 +133,7 @@ def _tiles(report: AuditReport) -> str:
         values += [
             (
                 f"{100.0 * torn.count / torn.total:.1f} %",
-                f"of windows torn: {torn.count:,} of {torn.total:,}, which goes with a true share of "
+                f"of windows torn: {torn.count:,} of {torn.total:,}, so that the true share may be "
                 f"{torn.range_text(settings)}",
             ),
             (three(middle), f"median inflation of a window, {EXPECTED:.2f} expected of a map that is right"),
@@ -148,7 +148,7 @@ def _tiles(report: AuditReport) -> str:
     values += [
         (
             f"{len(off):,} of {len(sure):,}",
-            "revisits torn, of those that are sure, which goes with a true share of "
+            "revisits torn, of those that are sure, so that the true share may be "
             f"{Share(len(off), len(sure)).range_text(settings)}",
         ),
         (length(float(np.median([r.revisit.distance_m for r in sure]))), "median offset of two passes"),

@@ -10,6 +10,7 @@ from html import escape
 from importlib import metadata
 from typing import Any, Final
 
+from mqslam.audit.verdict import VerdictStatus
 from mqslam.errors import tolerate
 from mqslam.report.style import CSS
 
@@ -145,7 +146,10 @@ def named_card(heading: str, values: Mapping[str, Any]) -> str:
 
 
 def grid(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    """A table with a head; the first column names the rows. A row with one value only has it across all columns."""
+    """A table with a head; the first column names the rows. A row with one value only has it across all columns.
+
+    Verdicts are shown in their colours, everything else as it is.
+    """
     top = "".join(f"<th>{escape(h)}</th>" for h in head)
     body = "".join(
         f"<tr><th>{escape(label)}</th>{_cells(values, len(head) - 1)}</tr>"
@@ -180,7 +184,7 @@ def share(value: Any) -> str:
 def _cells(values: Sequence[str], columns: int) -> str:
     if columns > 1 and values[0] and not any(values[1:]):
         return f'<td class="across" colspan="{columns}">{escape(values[0])}</td>'
-    return "".join(f"<td>{escape(v)}</td>" for v in values)
+    return "".join(f"<td>{badge(v) if isinstance(v, VerdictStatus) else escape(v)}</td>" for v in values)
 
 
 def _lines(parts: Iterable[str]) -> str:

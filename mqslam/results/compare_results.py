@@ -12,7 +12,7 @@ import numpy as np
 
 import mqslam
 from mqslam.audit.judge import WindowAudit, torn_threshold
-from mqslam.audit.verdict import Share
+from mqslam.audit.verdict import Share, VerdictStatus
 from mqslam.compare.judgement import Judged, Place
 from mqslam.compare.rows import Row
 from mqslam.config import AuditConfig, Config, VerdictConfig, dump_yaml
@@ -135,10 +135,15 @@ def table(summary: Mapping[str, Any]) -> list[list[str]]:
         if row["failure"] is not None:
             cells.append([row["name"], f"could not run: {row['failure']}", *[""] * (len(shown) - 1)])
             continue
-        values = (row[key] for key, _, _ in shown)
-        forms = (form for _, _, form in shown)
-        cells.append([row["name"], *("" if v is None else f.format(v) for f, v in zip(forms, values, strict=True))])
+        cells.append([row["name"], *(_cell(row[key], form) for key, _, form in shown)])
     return cells
+
+
+def _cell(value: Any, form: str) -> str:
+    """A value of the table as text; nothing where there is none, and a verdict as what it is."""
+    if value is None or isinstance(value, VerdictStatus):
+        return value or ""
+    return form.format(value)
 
 
 def write_compare(folder: Path, config: Config, summary: Mapping[str, Any], rows: Sequence[Row]) -> None:

@@ -87,7 +87,7 @@ def revisits(torn: tuple[int, ...], total: int) -> list[RevisitAudit]:
 def test_a_map_of_fewer_scans_than_a_window_is_not_judged_and_the_verdict_says_why(scans: int) -> None:
     status, reasons = verdict([], [], scans, WINDOW, SETTINGS)
     assert status is NOT_JUDGED
-    assert reasons[0] == f"{scans} {'scan' if scans == 1 else 'scans'}, too few to judge a map by: a window takes 6"
+    assert reasons[0] == f"{scans} {'scan is' if scans == 1 else 'scans are'} too few to judge a map by: a window takes 6"
 
 
 def test_a_map_of_which_no_window_could_be_checked_is_not_judged() -> None:
@@ -99,7 +99,7 @@ def test_one_torn_window_of_three_is_too_little_evidence() -> None:
     status, reasons = verdict(scans(1, 3), [], 18, WINDOW, SETTINGS)
     assert status is NOT_JUDGED
     assert reasons[0] == (
-        "1 of 3 windows is torn: too few to judge the map by, since its true share may be 2 to 86 %"
+        "1 of 3 windows is torn, too few to judge the map by: the share of torn ones may be anything from 2 to 86 %"
     )
 
 

@@ -76,7 +76,7 @@ def test_the_numbers_are_printed_as_json(street: Path, tracks: Path, quick: Path
 
 
 def test_the_map_of_a_run_is_audited_as_a_cloud(street: Path, quick: Path, tmp_path: Path) -> None:
-    words = ("--odometry", "none", "--config", quick, "--quiet")
+    words = ("--frontend", "odometry", "--config", quick, "--quiet")
     assert mqslam("run", street, "--out", tmp_path / "run", *words).code == 0
     found = audited(tmp_path / "run" / "map.ply", tmp_path / "a")
     assert found["dataset"]["format"] == "ply" and found["windows"]["count"] > 3

@@ -48,13 +48,19 @@ def dawdler(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
 
 
 @pytest.fixture(scope="module")
-def compared(street: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def quick(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A settings file that leaves nothing to be measured beforehand."""
+    settings = tmp_path_factory.mktemp("settings") / "quick.yaml"
+    settings.write_text("sensor: {doppler_beta: 0.0}\n")
+    return settings
+
+
+@pytest.fixture(scope="module")
+def compared(street: Path, quick: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The street by psi, KISS-ICP and its wheels, beside the truth as a given trajectory."""
     out = tmp_path_factory.mktemp("compared") / "out"
-    truth = street / "gt" / "poses_tum.txt"
-    result = mqslam(
-        "compare", street, "--out", out, "--frontends", "psi,kiss_icp,odometry", "--trajectory", f"truth={truth}", *OPTIONS
-    )
+    rows = ("--frontends", "psi,kiss_icp,odometry", "--trajectory", f"truth={street / 'gt' / 'poses_tum.txt'}")
+    result = mqslam("compare", street, "--out", out, *rows, "--config", quick, *OPTIONS)
     assert (result.code, result.err) == (0, "")
     return out
 
@@ -94,9 +100,10 @@ def test_evo_reads_the_trajectories_and_finds_the_same_errors(compared: Path, st
         assert per_step == pytest.approx(rpe.get_statistic(metrics.StatisticsType.rmse), rel=0.02, abs=1e-5)
 
 
-def test_a_front_end_of_ones_own_is_a_row(street: Path, tmp_path: Path, dawdler: str) -> None:
+def test_a_front_end_of_ones_own_is_a_row(street: Path, quick: Path, tmp_path: Path, dawdler: str) -> None:
     out = tmp_path / "out"
-    result = mqslam("compare", street, "--out", out, "--frontends", f"{dawdler},kiss_icp", *OPTIONS)
+    rows = ("--frontends", f"{dawdler},kiss_icp")
+    result = mqslam("compare", street, "--out", out, *rows, "--config", quick, *OPTIONS)
     assert (result.code, result.err) == (0, "")
     rows = {row["name"]: row for row in json.loads((out / "compare.json").read_text())["rows"]}
     assert rows[dawdler]["failure"] is None
@@ -105,6 +112,7 @@ def test_a_front_end_of_ones_own_is_a_row(street: Path, tmp_path: Path, dawdler:
     assert rows["kiss_icp"]["rpe_w_rms"] < rows[dawdler]["rpe_w_rms"]
 
 
+@pytest.mark.slow
 def test_a_row_that_cannot_run_says_why_and_the_others_go_on(oxford_tiny: Path, tmp_path: Path) -> None:
     result = mqslam("compare", oxford_tiny, "--out", tmp_path / "out", "--odometry-only")
     assert result.code == 0

@@ -212,7 +212,7 @@ def test_an_audit_keeps_its_numbers_without_pictures_and_report(
     for name in ("heat_map", "write_audit_report"):
         monkeypatch.setattr(f"mqslam.results.audit_results.{name}", failing(ValueError("by nothing")))
     shown = mqslam("audit", drive, "--trajectory", "ground_truth", "--out", tmp_path / "out", "--fail-on", "fail")
-    assert shown.code == 3 and shown.out.startswith("verdict       not judged: 0 of 4 windows are torn: too few to judge")
+    assert shown.code == 3 and shown.out.startswith("verdict       not judged: 0 of 4 windows are torn, too few to judge")
     assert {path.name for path in (tmp_path / "out").iterdir()} == {"config.yaml", "audit.csv", "revisits.csv", "audit.json"}
     said = [f"{name} could not be made (ValueError: by nothing); the other results are whole"
             for name in ("heatmap.png", "report.html")]  # fmt: skip

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from support.hard_recordings import assert_sound, solve, stamps_of
+from support.hard_recordings import assert_sound, joined, solve, stamps_of
 
 from mqslam.audit.judge import audit
 from mqslam.audit.sweeps import swept
@@ -17,10 +17,13 @@ from mqslam.core.scans import Returns, Scan
 from mqslam.core.trajectory import Trajectory
 from mqslam.errors import EstimationError
 from mqslam.execution.engine import HERE
+from mqslam.execution.progress import silent
 from mqslam.mapping.render import place_along, render
+from mqslam.psi.place import beam_of
 
 TURN_S = 0.25
 CONFIG = Config()
+BEAM = beam_of(CONFIG.estimator, 0.0)
 HARDLY_ANY = settings(
     derandomize=True, deadline=None, max_examples=25, database=None, suppress_health_check=list(HealthCheck)
 )
@@ -86,16 +89,16 @@ def test_any_returns_are_rendered_and_audited_under_any_trajectory(data: st.Data
     poses = data.draw(tracks(len(scans)))
     track = Trajectory(stamps_of(scans), poses)
     try:
-        pointmap = render(scans, poses, CONFIG, TURN_S)
-        sweeps, _ = swept(scans, 0, TURN_S, track, CONFIG)
+        pointmap = render(joined(scans), poses, CONFIG.map, CONFIG.estimator, BEAM)
+        sweeps, _ = swept(joined(scans), track, BEAM)
     except EstimationError as error:
         assert "returns in" in str(error)
         return
     assert np.isfinite(pointmap.psi).all()
-    found = audit(sweeps, CONFIG, HERE, lambda stage, done, total: None)
-    for scan in found.windows:
-        assert np.isfinite([scan.bend.inflation, scan.bend.psi, scan.bend.psi_best]).all()
-        np.testing.assert_array_less(0.0, np.diag(scan.bend.covariance))
+    found = audit(sweeps, CONFIG.audit, CONFIG.estimator, CONFIG.loops, CONFIG.verdict, HERE, silent)
+    for window in found.windows:
+        assert np.isfinite([window.bend.inflation, window.bend.psi, window.bend.psi_best]).all()
+        np.testing.assert_array_less(0.0, np.diag(window.bend.covariance))
 
 
 @pytest.mark.filterwarnings("error::RuntimeWarning")
@@ -104,7 +107,7 @@ def test_any_returns_are_rendered_and_audited_under_any_trajectory(data: st.Data
 def test_any_two_submaps_are_aligned(reference: Scan, query: Scan) -> None:
     if not len(reference.returns) or not len(query.returns):
         return
-    one, other = (place_along(w.returns, np.zeros(1), np.zeros((1, 3)), CONFIG) for w in (reference, query))
+    one, other = (place_along(w.returns, np.zeros(1), np.zeros((1, 3)), BEAM) for w in (reference, query))
     found = align(one, other, np.zeros(3), 3.0, 0.05, CONFIG.estimator)
     assert np.isfinite(found.pose).all()
     assert np.isfinite(found.covariance).all()

@@ -191,10 +191,10 @@ def test_a_part_that_cannot_be_drawn_costs_no_other_part(
 
 
 def test_an_audit_that_could_not_judge_says_so_in_grey(report: AuditReport, tmp_path: Path) -> None:
-    verdict = {"status": VerdictStatus.NOT_JUDGED, "reasons": ["2 scans, too few to judge a map by"]}
+    verdict = {"status": VerdictStatus.NOT_JUDGED, "reasons": ["2 scans are too few to judge a map by"]}
     write_audit_report(tmp_path / "few.html", replace(report, summary={"verdict": verdict}))
     assert '<span class="badge none">not judged</span>' in (tmp_path / "few.html").read_text()
-    assert "2 scans, too few to judge a map by" in page_of(tmp_path / "few.html").text
+    assert "2 scans are too few to judge a map by" in page_of(tmp_path / "few.html").text
 
 
 def test_the_same_audit_gives_the_same_bytes(written: Path, tmp_path: Path) -> None:
@@ -202,6 +202,7 @@ def test_the_same_audit_gives_the_same_bytes(written: Path, tmp_path: Path) -> N
     assert (tmp_path / "again.html").read_bytes() == written.read_bytes()
 
 
+@pytest.mark.slow
 def test_a_click_on_a_window_shows_it_as_it_is_and_corrected(written: Path) -> None:
     with chromium() as browser:
         opened(browser, written)

@@ -153,6 +153,7 @@ def test_the_same_comparison_gives_the_same_bytes(written: Path, tmp_path: Path)
     assert (tmp_path / "again.html").read_bytes() == written.read_bytes()
 
 
+@pytest.mark.slow
 def test_a_click_on_a_window_shows_it_under_every_row(written: Path) -> None:
     with chromium() as browser:
         opened(browser, written)

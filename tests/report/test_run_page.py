@@ -284,6 +284,7 @@ def test_a_click_on_a_curve_shows_the_place_before_and_after(written: Path) -> N
         assert browser.get_log("browser") == []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("by", ["time", "psi", "intensity"])
 def test_the_map_takes_the_colours_of_what_is_chosen(written: Path, by: str) -> None:
     with chromium() as browser:
@@ -298,6 +299,7 @@ def test_the_map_takes_the_colours_of_what_is_chosen(written: Path, by: str) -> 
         assert browser.get_log("browser") == []
 
 
+@pytest.mark.slow
 def test_in_print_and_without_scripts_the_pictures_stand_for_the_map(written: Path) -> None:
     with chromium() as browser:
         opened(browser, written)
@@ -308,6 +310,7 @@ def test_in_print_and_without_scripts_the_pictures_stand_for_the_map(written: Pa
     assert "class=\"live\"" in written.read_text(encoding="utf-8") and "Under odometry" in page_of(written).images
 
 
+@pytest.mark.slow
 def test_on_a_phone_nothing_is_wider_than_the_screen(written: Path) -> None:
     with chromium(500, 900) as browser:
         opened(browser, written)

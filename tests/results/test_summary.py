@@ -69,13 +69,13 @@ def run(scans, *, lost=0, degenerate=0, torn=0, before=0.5, after=0.4, odometry_
         (run(240, unoptimised="no luck"), FAIL, "the pose graph could not be optimised: the trajectory is psi's motions"),
         (run(240, before=0.0, after=0.0), PASS, "no scan lost track"),
         (run(240, before=PointMap.empty(), after=PointMap.empty()), PASS, "no scan lost track"),
-        (run(18, torn=1), NOT_JUDGED, "1 of 3 windows is torn: too few to judge the map by"),
+        (run(18, torn=1), NOT_JUDGED, "1 of 3 windows is torn, too few to judge the map by"),
         (run(18, lost=1), WARN, "1 of 17 scans lost track and follow the prediction"),
-        (run(18, lost=1), WARN, "0 of 3 windows are torn: too few to judge the map by"),
-        (run(2), NOT_JUDGED, "2 scans, too few to judge a map by: a window takes 6"),
+        (run(18, lost=1), WARN, "0 of 3 windows are torn, too few to judge the map by"),
+        (run(2), NOT_JUDGED, "2 scans are too few to judge a map by: a window takes 6"),
         (run(2, lost=1), NOT_JUDGED, "1 of 1 scans lost track and follow the prediction"),
-        (run(3, lost=1, unread=1), NOT_JUDGED, "3 scans, too few to judge a map by: a window takes 6"),
-        (run(1), NOT_JUDGED, "1 scan, too few to judge a map by: a window takes 6"),
+        (run(3, lost=1, unread=1), NOT_JUDGED, "3 scans are too few to judge a map by: a window takes 6"),
+        (run(1), NOT_JUDGED, "1 scan is too few to judge a map by: a window takes 6"),
     ],
 )
 def test_the_verdict_of_a_run_needs_evidence(found, status, reason):

@@ -12,7 +12,7 @@ def mostly_slow(values: Iterable[Any], fast: Collection[Any]) -> list[Any]:
     """Mark all parameters of a test as slow but a few, which show the behaviour in `make test`.
 
     Args:
-        values: all parameters.
+        values: all parameters; tuples are the values of several names.
         fast: those of them that `make test` runs.
 
     Raises:
@@ -21,4 +21,9 @@ def mostly_slow(values: Iterable[Any], fast: Collection[Any]) -> list[Any]:
     values = list(values)
     if unknown := [value for value in fast if value not in values]:
         raise ValueError(f"no such parameters: {unknown}")
-    return [value if value in fast else pytest.param(value, marks=pytest.mark.slow) for value in values]
+    return [value if value in fast else _slow(value) for value in values]
+
+
+def _slow(value: Any) -> Any:
+    values = value if isinstance(value, tuple) else (value,)
+    return pytest.param(*values, marks=pytest.mark.slow)

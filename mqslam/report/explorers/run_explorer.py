@@ -21,6 +21,7 @@ from mqslam.report.spots import direction, length, three
 _HALF_SIDE_M = 30.0  # of what is shown of a place
 _TILE_M = 40.0
 _SAME_PASS_S = 15.0  # points seen sooner or later are another pass's
+_COVERING = 0.2  # ellipses that reach farther, per side of the map, would cover it and are not shown at first
 _LARGEST = 0.015  # largest ellipse per side of the map
 _ROUND = 24  # corners of an ellipse
 
@@ -82,7 +83,7 @@ def _ellipses(report: Report) -> tuple[Lines, str]:
     said = f"No ellipses are shown: the covariances of the poses are not known ({sure.failure}). " if sure.failure else ""
     if shapes:
         said = f"The largest 3σ ellipse reaches {length(largest)} from its middle, the first pose held. "
-    return Lines(name, "#a8327e", drawn, 1.2, shown=len(shapes) > 0), said
+    return Lines(name, "#a8327e", drawn, 1.2, shown=len(shapes) > 0 and largest <= max(_COVERING * side, 1.0)), said
 
 
 def _rounded(factor: float) -> float:

@@ -10,6 +10,7 @@ import pytest
 from PIL import Image
 from support.conversions import BAGS, EVEN, STAMPED, changed, convert, converted, uneven_oxford
 from support.layouts import assert_alike, left_turn
+from support.parameters import mostly_slow
 from support.recordings import assert_same
 
 from mqslam.core import se2
@@ -18,6 +19,7 @@ from mqslam.core.trajectory import Trajectory
 from mqslam.formats.recordings import open_recording
 
 WITHOUT_VALIDITY = ("b_scan", *EVEN)
+NEXT = list(itertools.pairwise((*STAMPED, STAMPED[0])))  # every layout once as the first and once as the second
 WITH_START_STAMPS = ("oxford", *BAGS, "b_scan", "native")
 
 
@@ -26,7 +28,7 @@ def uneven(tmp_path_factory: pytest.TempPathFactory) -> Recording:
     return open_recording(uneven_oxford(tmp_path_factory.mktemp("uneven") / "drive"), range_resolution=0.5)
 
 
-@pytest.mark.parametrize(("first", "second"), list(itertools.product(STAMPED, STAMPED)))
+@pytest.mark.parametrize(("first", "second"), mostly_slow(itertools.product(STAMPED, STAMPED), NEXT))
 def test_power_times_and_angles_survive_every_pair_of_layouts_that_stamp_azimuths(
     uneven: Recording, tmp_path: Path, first: str, second: str
 ) -> None:
@@ -59,7 +61,13 @@ def test_layouts_named_after_the_middle_or_the_end_give_the_starts_nearly(
     assert_alike(left_turn(), converted(left_turn(), tmp_path / "even", layout))
 
 
-@pytest.mark.parametrize(("first", "second"), [*itertools.product(EVEN, STAMPED), *itertools.product(STAMPED, EVEN)])
+@pytest.mark.parametrize(
+    ("first", "second"),
+    mostly_slow(
+        [*itertools.product(EVEN, STAMPED), *itertools.product(STAMPED, EVEN)],
+        [*itertools.product(EVEN, ("oxford", "rosbag1")), *itertools.product(("boreas", "native"), EVEN)],
+    ),
+)
 def test_even_revolutions_survive_layouts_that_stamp_only_them(tmp_path: Path, first: str, second: str) -> None:
     there = converted(left_turn(), tmp_path / "a", first)
     assert_alike(left_turn(), there)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+import pytest
 from PIL import Image
 from support.commands import contents, mqslam
 
@@ -28,6 +29,7 @@ def test_compensation_lowers_the_score_of_every_case_to_less_than_half() -> None
         np.testing.assert_allclose(after.motion, case, atol=0.02)
 
 
+@pytest.mark.slow
 def test_the_command_writes_both_figures_and_says_their_scores(tmp_path: Path) -> None:
     out = tmp_path / "figures"
     out.mkdir()
