@@ -14,6 +14,7 @@ import numpy as np
 from mqslam import se2
 from mqslam.errors import EstimationError, FewReturnsError
 from mqslam.measurement import Status
+from mqslam.psi.dynamics import longest_step
 from mqslam.psi.start import START_REVOLUTIONS
 from mqslam.psi.tracker import FEWEST, Tracked, Tracker, is_usable
 from mqslam.returns import Window
@@ -192,7 +193,7 @@ def _take_head(scans: Sequence[Window], first: int) -> list[Window]:
     """Up to three scans from the first one on that hold enough returns and have no gap between them."""
     head: list[Window] = []
     for scan in scans[first : first + START_REVOLUTIONS]:
-        gap = bool(head) and scan.t0 > head[-1].t1 + 0.5 * (head[-1].t1 - head[-1].t0)
+        gap = bool(head) and scan.t0 - head[-1].t0 > longest_step(head[-1].t1 - head[-1].t0)
         if gap or not is_usable(scan):
             break
         head.append(scan)
