@@ -303,7 +303,7 @@ class Slam:
         self, scans: Scans, context: Context, measurements: list[Measurement]
     ) -> list[Measurement]:
         """Odometry's own motions with noise as large as they disagree with the front end's; none where it is that."""
-        if context.odometry is None or self._name == "odometry":
+        if context.odometry is None or self._name == "odometry" or not measurements:
             return []
         motions = list(frontends.load("odometry")(context).measure(scans))
         noise = odometry_covariance(motions, measurements, self._config.graph.odometry_span_s)

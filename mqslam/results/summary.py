@@ -20,6 +20,7 @@ from mqslam.evaluation import evaluate
 from mqslam.mapping.render import moving
 from mqslam.slam import Run
 
+_LISTED = 5  # gaps that are named one by one
 PARKED_S = 10.0  # shorter stops are traffic
 
 
@@ -135,10 +136,19 @@ def peak_rss_mb() -> float:
 def run_warnings(run: Run, recording: Recording) -> list[str]:
     """What happened during a run that its reader should know first."""
     found = [*recording.faults, *unread_warnings(run.unread), *run.warnings]
-    found += [_gap(k, missing) for k, missing in recording.gaps()]
+    found += _gaps(recording.gaps())
     for status, what in ((Status.LOST, "lost track"), (Status.DEGENERATE, "did not observe every direction")):
         found += [f"{what} from {begin:.1f} s to {end:.1f} s" for begin, end in stretches(run.measurements, status)]
     found += [f"stood still from {begin:.1f} s to {end:.1f} s: rendered once" for begin, end in parked(run, recording)]
+    return found
+
+
+def _gaps(gaps: list[tuple[int, float]]) -> list[str]:
+    """Warnings of the first gaps, and what is missing in all where there are many."""
+    found = [_gap(k, missing) for k, missing in gaps[:_LISTED]]
+    if len(gaps) > _LISTED:
+        missing_s = sum(missing for _, missing in gaps)
+        found.append(f"{len(gaps) - _LISTED} more radar gaps; {missing_s:.2f} s are missing in all")
     return found
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import shutil
 from collections.abc import Callable, Iterator
 from itertools import pairwise
 from pathlib import Path
@@ -204,6 +205,23 @@ def test_a_front_end_whose_numbers_are_none_is_named(
     monkeypatch.setattr(Broken, "fault", fault)
     shown = run(drive, tmp_path / "out", "--quiet")
     assert shown.code == 2 and shown.err.startswith(f"mqslam: error: front end psi: {said}") and shown.err.count("\n") == 1
+
+
+def test_one_scan_has_a_pose_and_no_verdict(drive: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """With a front end that minds no more than ours do about a single scan, and with wheels."""
+    load = frontend.load
+    monkeypatch.setattr(frontend, "load", lambda name: Broken if name == "psi" else load(name))
+    monkeypatch.setattr("mqslam.results.run_results.write_report", lambda *_: [])
+    one = tmp_path / "one"
+    shutil.copytree(drive, one)
+    for image in sorted((one / "radar").glob("*.png"))[1:]:
+        image.unlink()
+    (one / "radar.timestamps").write_text((drive / "radar.timestamps").read_text().splitlines(keepends=True)[0])
+    shutil.copy(drive.with_name("quick.yaml"), tmp_path)
+    assert run(one, tmp_path / "out", "--odometry", "auto").code == 0
+    assert summary_of(tmp_path / "out")["verdict"] == {
+        "status": "not judged", "reasons": ["1 scan is too few to judge a map by: a window takes 6"]
+    }  # fmt: skip
 
 
 def test_an_audit_keeps_its_numbers_without_pictures_and_report(

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from PIL import Image
 from selenium.webdriver.support.ui import WebDriverWait
 from support.reported import (
+    PATIENCE_S,
     assert_alone,
     chromium,
     click_curve,
@@ -210,7 +211,7 @@ def test_a_click_on_a_window_shows_it_as_it_is_and_corrected(written: Path) -> N
         shown = browser.find_element("id", "place")
         assert shown.text.startswith("revisit 2.2 s and 12.5 s")  # what is off the most
         time = click_curve(browser, "inflation", 1)
-        WebDriverWait(browser, 20).until(lambda _: shown.text.startswith(f"window {time - 0.75:.1f} s to"))
+        WebDriverWait(browser, PATIENCE_S).until(lambda _: shown.text.startswith(f"window {time - 0.75:.1f} s to"))
         views = browser.execute_script("return document.getElementById('crop').layout.annotations.map((a) => a.text)")
         assert views == ["as it is", "corrected"]
         assert browser.get_log("browser") == []

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from PIL import Image
 from selenium.webdriver.support.ui import WebDriverWait
-from support.reported import assert_alone, chromium, click_curve, judged_walls, opened, page_of, swept_walls
+from support.reported import PATIENCE_S, assert_alone, chromium, click_curve, judged_walls, opened, page_of, swept_walls
 
 from mqslam.compare.judgement import Judged, Place, agreement
 from mqslam.compare.rows import Row
@@ -160,7 +160,7 @@ def test_a_click_on_a_window_shows_it_under_every_row(written: Path) -> None:
         assert browser.find_element("tag name", "h1").text == "run <01>"
         before = browser.find_element("id", "place").text
         click_curve(browser, a_report(None).rows[0].row.name, 6)
-        WebDriverWait(browser, 20).until(lambda b: b.find_element("id", "place").text != before)
+        WebDriverWait(browser, PATIENCE_S).until(lambda b: b.find_element("id", "place").text != before)
         views = browser.execute_script("return document.getElementById('crop').layout.annotations.map((a) => a.text)")
         assert [html.unescape(name) for name in views] == [row.row.name for row in a_report(None).rows]
         assert browser.get_log("browser") == []

@@ -10,7 +10,7 @@ from mqslam.audit.verdict import VerdictStatus
 from mqslam.config import Config
 from mqslam.core.measurement import Measurement, Status
 from mqslam.core.point_map import PointMap
-from mqslam.results.summary import parked, verdict
+from mqslam.results.summary import _gaps, parked, verdict
 
 PASS, WARN, FAIL, NOT_JUDGED = VerdictStatus
 
@@ -82,3 +82,10 @@ def test_the_verdict_of_a_run_needs_evidence(found, status, reason):
     verdict_status, reasons = verdict(found)
     assert verdict_status is status, reasons
     assert any(said.startswith(reason) for said in reasons), reasons
+
+
+def test_of_many_gaps_the_first_are_named_and_the_others_counted() -> None:
+    named = _gaps([(k, 0.25) for k in range(12)])
+    assert len(named) == 6
+    assert named[0] == "radar gap of 0.25 s after revolution 0"
+    assert named[-1] == "7 more radar gaps; 3.00 s are missing in all"

@@ -28,6 +28,7 @@ from mqslam.audit.sweeps import Sweeps, path_length
 from mqslam.config import VerdictConfig
 
 WINDOW = 6
+PATIENCE_S = 600.0  # for a browser on a busy machine; it only ends what hangs
 
 Motion = tuple[float, float, float]
 
@@ -94,6 +95,7 @@ def chromium(width: int = 1360, height: int = 1000) -> Iterator[WebDriver]:
     options.add_argument(f"--window-size={width},{height}")
     options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
     found = webdriver.Chrome(options=options, service=Service(driver))
+    found.set_script_timeout(PATIENCE_S)
     try:
         yield found
     finally:
@@ -103,7 +105,8 @@ def chromium(width: int = 1360, height: int = 1000) -> Iterator[WebDriver]:
 def opened(browser: WebDriver, path: Path) -> None:
     """Open a report and wait until its map can be moved in; the test fails on any message in the console."""
     browser.get(path.as_uri())
-    WebDriverWait(browser, 90).until(lambda b: "ready" in (b.find_element("tag name", "body").get_attribute("class") or ""))
+    ready = "return document.body.classList.contains('ready')"
+    WebDriverWait(browser, PATIENCE_S).until(lambda b: b.execute_script(ready))
     assert browser.get_log("browser") == []
 
 
@@ -118,7 +121,12 @@ def click_curve(browser: WebDriver, name: str, number: int) -> float:
     """
     time, x, y = browser.execute_script(script, name, number)
     mouse = ActionBuilder(browser)
-    mouse.pointer_action.move_to_location(round(x) - 2, round(y)).move_to_location(round(x), round(y)).pause(0.5).click()
+    mouse.pointer_action.move_to_location(round(x) - 2, round(y)).move_to_location(round(x), round(y))
+    mouse.perform()
+    hovered = "return (document.getElementById('charts')._hoverdata || []).length > 0"  # clicks count where it hovers
+    WebDriverWait(browser, PATIENCE_S).until(lambda b: b.execute_script(hovered))
+    mouse = ActionBuilder(browser)
+    mouse.pointer_action.click()
     mouse.perform()
     return float(time)
 

@@ -6,6 +6,7 @@ import json
 import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import pytest
@@ -63,8 +64,12 @@ def test_the_window_shows_map_trajectory_and_loops_and_keys_change_the_colours(
 
 def test_an_open_window_ends_when_it_is_told_to(finished: Path, screen: dict[str, str]) -> None:
     program = subprocess.Popen([COMMAND, "view", finished], env=screen, stderr=subprocess.PIPE, text=True)
+    end, loaded = time.monotonic() + 600.0, Path(f"/proc/{program.pid}/maps")
+    while "libGLX_mesa" not in loaded.read_text():  # which comes with the window
+        assert program.poll() is None and time.monotonic() < end
+        time.sleep(0.02)
     with pytest.raises(subprocess.TimeoutExpired):
-        program.wait(5.0)
+        program.wait(1.0)
     program.send_signal(signal.SIGTERM)
     _, said = program.communicate(timeout=300.0)
     assert program.returncode == 143 and "mqslam: interrupted" in said

@@ -23,6 +23,7 @@ SIZE = 3 + MODEL.size
 TOLERANCES = np.array([1e-3, 1e-3, 2e-5, 5e-3, 5e-3, 1e-4, 2e-2, 1e-3])  # steps that end a search, by state variable
 POSE, TWIST, MOTION, ACCELERATION = slice(0, 3), slice(3, 6), slice(3, SIZE), slice(6, SIZE)
 _NOISE_PERIOD_S = 0.25  # process noise is stated per scan of this length
+_STEADY_S = 0.75  # an acceleration lasts that long
 
 
 @dataclass(frozen=True, slots=True)
@@ -110,6 +111,19 @@ def know_motion(state: State, motion: se2.Array, covariance: NDArray[np.float64]
     kept[:, MOTION] -= gain
     spread = kept @ state.covariance @ kept.T + gain @ covariance @ gain.T
     return State(state.mean + gain @ (motion - state.mean[MOTION]), symmetric(spread))
+
+
+def take_motion(state: State, motion: se2.Array, covariance: NDArray[np.float64]) -> State:
+    """The state with twist and accelerations (5,) of a covariance (5, 5) that say nothing of its pose."""
+    spread = np.zeros((SIZE, SIZE))
+    spread[POSE, POSE] = state.covariance[POSE, POSE]
+    spread[MOTION, MOTION] = covariance
+    return State(np.r_[state.pose, motion], spread)
+
+
+def longest_step(turn_s: float) -> float:
+    """Longest time [s] between the starts of scans that follow each other: a scan may be missing, but not many."""
+    return max(_STEADY_S, 1.5 * turn_s)
 
 
 def hold_directions(prior: Prior, weak: NDArray[np.float64]) -> Prior:

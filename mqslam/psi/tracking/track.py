@@ -15,6 +15,7 @@ from mqslam.core import se2
 from mqslam.core.measurement import Status
 from mqslam.core.scans import Scan
 from mqslam.errors import EstimationError, FewReturnsError
+from mqslam.psi.tracking.dynamics import longest_step
 from mqslam.psi.tracking.start import START_SCANS
 from mqslam.psi.tracking.tracker import FEWEST, Tracked, Tracker, is_usable
 
@@ -192,7 +193,7 @@ def _take_head(scans: Sequence[Scan], first: int) -> list[Scan]:
     """Up to three scans from the first one on that hold enough returns and have no gap between them."""
     head: list[Scan] = []
     for scan in scans[first : first + START_SCANS]:
-        gap = bool(head) and scan.t0 > head[-1].t1 + 0.5 * (head[-1].t1 - head[-1].t0)
+        gap = bool(head) and scan.t0 - head[-1].t0 > longest_step(head[-1].t1 - head[-1].t0)
         if gap or not is_usable(scan):
             break
         head.append(scan)

@@ -37,8 +37,10 @@ from mqslam.psi.tracking.dynamics import (
     hold_directions,
     initial_state,
     know_motion,
+    longest_step,
     predict,
     spans,
+    take_motion,
 )
 from mqslam.psi.tracking.local_map import LocalMap
 from mqslam.psi.tracking.matching import Matcher
@@ -134,7 +136,7 @@ class Tracker:
     def loses(self, scan: Scan) -> bool:
         """Whether so much time has passed since the last match that a prediction may miss the scan's place."""
         dt = scan.t0 - self._t0
-        if dt <= 1.5 * self._turn_s:
+        if dt <= longest_step(self._turn_s):
             return False
         spread = np.linalg.eigvalsh(self._predict(dt).covariance[:2, :2])[-1]
         return bool(spread > (PIXEL * self._estimator.s_start) ** 2)
@@ -177,8 +179,10 @@ class Tracker:
         scan, before = scans[0], self._state.pose
         bridged = self._predict(scan.t0 - self._t0)
         first = self._find_motion_behind(scans, bridged)
-        if first is not None:
+        if first is not None and scan.t0 - self._t0 <= LONGEST_COAST_S:
             bridged = know_motion(bridged, first.motion, first.covariance)
+        elif first is not None:  # nothing before a pause or a jump of the clock tells where its end is
+            bridged = take_motion(bridged, first.motion, first.covariance)
         if twist is not None:
             pose = se2.compose(before, se2.exp(twist, scan.t0 - self._t0))
             bridged = State(np.r_[pose, bridged.mean[MOTION]], bridged.covariance)
@@ -301,7 +305,7 @@ class Tracker:
 
     def _predict(self, dt: float) -> State:
         """The state a time dt [s] after the last match."""
-        if dt <= 1.5 * self._turn_s:
+        if dt <= longest_step(self._turn_s):
             return predict(self._state, dt, self._settings)
         state = self._state
         if dt > LONGEST_COAST_S:

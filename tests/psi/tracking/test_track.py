@@ -110,6 +110,12 @@ def test_a_recording_that_begins_with_empty_scans_starts_at_the_first_full_ones(
         assert error @ np.linalg.solve(motion.covariance, error) < 16.3
 
 
+def test_every_second_scan_is_enough() -> None:
+    motions, errors = measure(list(street_drive()[1][:24:2]))
+    assert {m.status for m in motions} == {Status.CONVERGED}
+    np.testing.assert_array_less(np.abs(errors).max(axis=0), [0.15, 0.08, 0.01])
+
+
 def test_one_full_scan_among_empty_ones_holds_no_motion() -> None:
     scans = list(street_drive()[1][:6])
     with pytest.raises(FewReturnsError, match="no two scans in a row"):
