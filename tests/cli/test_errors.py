@@ -13,6 +13,7 @@ from support.commands import contents, mqslam
 from support.recordings import KINDS, START_US, TURN_US, bag_path, bag_writer, write_oxford
 
 from mqslam.detection import stage as detection
+from mqslam.errors import OutputError
 from mqslam.execution import engine
 from mqslam.execution.checkpoint import FOLDER
 
@@ -89,7 +90,6 @@ CASES: dict[str, tuple[Callable[[Path], Arguments], str]] = {
     "empty folder": (empty_folder, "empty: is an empty folder"),
     "truncated image": (truncated_image, f"{START_US + 4 * TURN_US}.png: is not a readable PNG"),
     "no returns": (no_returns, "lower detector.threshold"),
-    "no returns but odometry": (no_returns_but_odometry, "lower detector.threshold"),
     "one revolution": (one_polar_scan, "two at least"),
     **{f"{kind} without radar": (bag_without_radar(kind), "has no radar (topics: /camera") for kind in KINDS},
     "unknown setting": (config("psi: {bta_s: 1.0}"), "unknown setting psi.bta_s; did you mean beta_s?"),
@@ -193,15 +193,23 @@ def test_a_place_that_cannot_be_written_is_refused_before_the_work(
     assert contents(tmp_path) == before
 
 
+def test_odometry_alone_leaves_its_trajectory_where_there_are_no_returns(tmp_path: Path) -> None:
+    arguments = no_returns_but_odometry(tmp_path)
+    shown = mqslam("run", *arguments, "--out", tmp_path / "out")
+    assert shown.code == 0 and "verdict: not judged" in shown.out
+    assert "warning: the map could not be made (no returns in" in shown.err
+    assert (tmp_path / "out" / "trajectory.tum").is_file()
+
+
 def test_a_write_that_fails_leaves_what_can_be_resumed(
     street: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from mqslam.report import run_page
+    from mqslam.results import run_results
 
-    def full(*_: object) -> None:
-        raise OSError(28, "No space left on device")
+    def full(path: Path, *_: object) -> None:
+        raise OutputError(f"{path}: cannot be written (No space left on device)")
 
-    monkeypatch.setattr(run_page, "write_report", full)
+    monkeypatch.setattr(run_results, "write_tum", full)
     quick = settings(tmp_path, "sensor: {doppler_beta: 0.0}")
     words = ("--out", tmp_path / "results" / "out", "--frontend", "odometry", "--config", quick, "--quiet")
     shown = mqslam("run", street, *words)

@@ -48,7 +48,8 @@ def test_the_real_sample_moves_alike_in_every_layout_and_back(
         found, expected = (read_tum(run / "trajectory.tum") for run in (out, sample))
         if layout in EVEN or recording == there:  # there the stamps of turns may be those of their middles or ends
             off = np.abs(twists(found) - twists(expected))
-            assert off[:, :2].max() <= 0.05 and off[:, 2].max() <= 0.005
+            # stamps of whole turns are smoothed as far as a turning mass allows, and this radar's turns wander by 5 ms
+            assert off[:, :2].max() <= 0.1 and off[:, 2].max() <= 0.005
         else:
             np.testing.assert_allclose(found.poses, expected.poses, rtol=0.0, atol=1e-6)
 
