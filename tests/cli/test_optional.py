@@ -68,8 +68,9 @@ def assert_said(shown: Result, out: Path, *warnings: str) -> None:
 
 
 def test_files_that_cannot_be_made_cost_no_other(drive: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    for name in ("g2o", "write_ply", "write_nav2_map", "write_report"):
-        monkeypatch.setattr(f"mqslam.results.run_results.{name}", failing(MemoryError()))
+    for place in ("results.run_results.g2o", "results.run_results.write_ply", "results.run_results.write_nav2_map"):
+        monkeypatch.setattr(f"mqslam.{place}", failing(MemoryError()))
+    monkeypatch.setattr("mqslam.report.run_page.write_report", failing(MemoryError()))
     shown = run(drive, tmp_path / "out")
     assert shown.code == 0
     assert {path.name for path in (tmp_path / "out").iterdir()} == ESSENTIAL
@@ -211,7 +212,7 @@ def test_one_scan_has_a_pose_and_no_verdict(drive: Path, tmp_path: Path, monkeyp
     """With a front end that minds no more than ours do about a single scan, and with wheels."""
     load = frontend.load
     monkeypatch.setattr(frontend, "load", lambda name: Broken if name == "psi" else load(name))
-    monkeypatch.setattr("mqslam.results.run_results.write_report", lambda *_: [])
+    monkeypatch.setattr("mqslam.report.run_page.write_report", lambda *_: [])
     one = tmp_path / "one"
     shutil.copytree(drive, one)
     for image in sorted((one / "radar").glob("*.png"))[1:]:
@@ -228,7 +229,7 @@ def test_an_audit_keeps_its_numbers_without_pictures_and_report(
     drive: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     for name in ("heat_map", "write_audit_report"):
-        monkeypatch.setattr(f"mqslam.results.audit_results.{name}", failing(ValueError("by nothing")))
+        monkeypatch.setattr(f"mqslam.report.audit_page.{name}", failing(ValueError("by nothing")))
     shown = mqslam("audit", drive, "--trajectory", "ground_truth", "--out", tmp_path / "out", "--fail-on", "fail")
     assert shown.code == 3 and shown.out.startswith("verdict       not judged: 0 of 4 windows are torn, too few to judge")
     assert {path.name for path in (tmp_path / "out").iterdir()} == {"config.yaml", "audit.csv", "revisits.csv", "audit.json"}
@@ -263,7 +264,7 @@ def test_a_comparison_keeps_what_does_not_fail(drive: Path, tmp_path: Path, monk
 
     monkeypatch.setattr(judge, "audit", once)
     for name in ("overlay", "write_compare_report"):
-        monkeypatch.setattr(f"mqslam.results.compare_results.{name}", failing(ValueError("by nothing")))
+        monkeypatch.setattr(f"mqslam.report.compare_page.{name}", failing(ValueError("by nothing")))
     given = ("--frontends", "odometry", "--odometry-only", "--trajectory", f"first={drive / 'gt' / 'poses_tum.txt'}")
     shown = mqslam("compare", drive, "--out", tmp_path / "out", *given)
     assert shown.code == 0

@@ -166,7 +166,7 @@ def test_the_gap_in_real_radar_is_bridged() -> None:
     recording = open_recording(SAMPLES / "oxford_gap")
     config = Config(sensor=SensorConfig(doppler_beta=0.049))
     scans, _ = detect_all(recording, config.detector, HERE, silent)
-    gap, after = list(PsiFrontEnd(Context(config, 0.25, recording.start_us, None)).measure(scans))[10:]
+    gap, after = list(PsiFrontEnd(Context(config, 0.25, recording.start_us, None, 0.049)).measure(scans))[10:]
     assert recording.ground_truth is not None
     stamps = recording.start_us + np.round(np.array([gap.t0, gap.t1, after.t1]) * 1e6).astype(np.int64)
     truth = recording.ground_truth.at(stamps)
