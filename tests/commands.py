@@ -6,10 +6,12 @@ import contextlib
 import io
 import sys
 import time
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from unittest import mock
 
+from mqslam import engine
 from mqslam.cli import main
 
 INSTALLED = Path(sys.executable).with_name("mqslam")
@@ -34,6 +36,13 @@ def mqslam(*arguments: str | Path | float) -> Result:
         except SystemExit as end:
             code = end.code if isinstance(end.code, int) else int(end.code is not None)
     return Result(code, out.getvalue(), err.getvalue())
+
+
+@contextlib.contextmanager
+def in_this_process() -> Iterator[None]:
+    """Do what is done in a process of its own in this one while the block lasts, which spares the imports of another."""
+    with mock.patch.object(engine, "_alone", lambda function, shared, item: function(shared, item)):
+        yield
 
 
 def contents(folder: Path) -> dict[str, bytes | None]:
