@@ -8,9 +8,10 @@ VENV := .venv
 BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 TYPED := build/typed
+KERNELS := $(VENV)/.kernels
 
 # A file's tests stay in one process, so that what they share is made once; more processes would each make their own.
-PYTEST := OMP_NUM_THREADS=1 $(BIN)/python -m pytest --numprocesses auto --maxprocesses 4 --dist loadfile
+PYTEST := $(BIN)/python -m pytest --numprocesses auto --maxprocesses 4 --dist loadfile
 
 .PHONY: demo test test-all lint types bench clean
 
@@ -27,10 +28,14 @@ demo: $(READY)
 	$(BIN)/mqslam run demo/drive --out demo/run
 	@echo "open demo/run/report.html in a browser; trajectory, map and numbers lie beside it"
 
-test: $(READY) lint
+$(KERNELS): $(READY) tests/support/kernels.py $(shell grep -rl 'nb\.njit' --include '*.py' mqslam)
+	PYTHONPATH=tests $(BIN)/python -m support.kernels
+	touch $(KERNELS)
+
+test: $(READY) lint $(KERNELS)
 	$(PYTEST) -m 'not slow'
 
-test-all: $(READY)
+test-all: $(READY) $(KERNELS)
 	$(PYTEST) -m slow
 
 lint: $(READY) types

@@ -1,11 +1,23 @@
 """Fixtures shared by the tests: small recordings and the real sample where it is at hand."""
 
+# ruff: noqa: E402 (NumPy reads the environment when it is loaded)
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from hypothesis import HealthCheck, settings
+
+for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
+    os.environ.setdefault(variable, "1")  # several processes run tests: threads of each would only wait for one another
+
+settings.register_profile(
+    "repeatable", derandomize=True, database=None, deadline=None, suppress_health_check=[HealthCheck.too_slow]
+)
+settings.load_profile("repeatable")  # what passes once passes again, however busy the machine is
+
 from support.clusters import Cluster, cluster
 from support.recordings import write_oxford
 

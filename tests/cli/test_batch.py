@@ -7,21 +7,15 @@ import json
 import shutil
 import subprocess
 import time
-from collections.abc import Callable
 from pathlib import Path
-from typing import TypeVar
 
 import pytest
 from support.clusters import cluster
-from support.commands import INSTALLED, Result, contents, mqslam, processes
+from support.commands import INSTALLED, Result, contents, in_this_process, mqslam, processes
 
-from mqslam.execution import engine
 from mqslam.execution.checkpoint import FOLDER
 from mqslam.simulator import simulate
 
-S = TypeVar("S")
-T = TypeVar("T")
-R = TypeVar("R")
 NAMES = ("wheels", "drive", "radar only")
 RUNS = """
 runs:
@@ -44,17 +38,11 @@ def work(tmp_path_factory: pytest.TempPathFactory) -> Path:
     simulate(drive, duration_s=7.0, turn_rate_hz=2.0, azimuths=200, range_resolution=0.35, max_range=60.0, movers=0)
     (folder / "quick.yaml").write_text("sensor: {doppler_beta: 0.0}\n")
     (folder / "runs.yaml").write_text(RUNS)
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(engine, "_alone", here)
+    with in_this_process():
         shown = batch(folder, folder / "out")
     assert shown.code == 1 and shown.out.splitlines()[-1] == f"report: {folder / 'out' / 'report.html'}"
     assert f"gone failed: {drive.with_name('gone')}: does not exist" in shown.err
     return folder
-
-
-def here(function: Callable[[S, T], R], shared: S, item: T) -> R:
-    """Call a function in this process, which spares the seconds of importing everything in another."""
-    return function(shared, item)
 
 
 def batch(folder: Path, out: Path, *more: object) -> Result:
@@ -117,11 +105,13 @@ def test_results_of_other_settings_are_neither_kept_nor_replaced_unasked(work: P
     (tmp_path / "runs.yaml").write_text("runs: [{data: drive, name: wheels, frontend: odometry, config: quick.yaml}]")
     out = shutil.copytree(work / "out", tmp_path / "out")
     before = contents(out / "wheels")
-    shown = batch(tmp_path, out, "--quiet")
+    with in_this_process():
+        shown = batch(tmp_path, out, "--quiet")
     assert shown.code == 1 and shown.err.count("\n") == 1
     assert shown.err.startswith(f"wheels failed: {out / 'wheels'}: exists already; ") and "--force" in shown.err
     assert contents(out / "wheels") == before
-    assert batch(tmp_path, out, "--force", "--quiet").code == 0
+    with in_this_process():
+        assert batch(tmp_path, out, "--force", "--quiet").code == 0
     assert (out / "wheels" / "config.yaml").read_bytes() != before["config.yaml"]
 
 

@@ -58,7 +58,8 @@ def point_set(seed: int, count: int, side: float = 5.0, parameters: int = 3) -> 
     found = cloud(seed, count, side, parameters)
     roots = np.random.default_rng([seed, 1]).normal(0.0, 0.2, (count, 2, 2))
     matrices = roots @ roots.transpose(0, 2, 1) + 0.01 * np.eye(2)
-    return PointSet(found.points, found.jacobians, matrices[:, [0, 0, 1], [0, 1, 1]], found.times)
+    covariances = np.ascontiguousarray(matrices[:, [0, 0, 1], [0, 1, 1]])  # as `place` has them: compiled once
+    return PointSet(found.points, found.jacobians, covariances, found.times)
 
 
 @dataclass(frozen=True)

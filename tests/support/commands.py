@@ -7,12 +7,14 @@ import io
 import json
 import sys
 import time
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 from unittest import mock
 
 from mqslam.cli import main
+from mqslam.execution import engine
 
 INSTALLED = Path(sys.executable).with_name("mqslam")
 
@@ -46,6 +48,13 @@ def strict_json(text: str) -> dict[str, Any]:
 
     found: dict[str, Any] = json.loads(text, parse_constant=refuse)
     return found
+
+
+@contextlib.contextmanager
+def in_this_process() -> Iterator[None]:
+    """Do what is done in a process of its own in this one while the block lasts, which spares the imports of another."""
+    with mock.patch.object(engine, "_alone", lambda function, shared, item: function(shared, item)):
+        yield
 
 
 def contents(folder: Path) -> dict[str, bytes | None]:

@@ -120,7 +120,8 @@ def window(seed: int, count: int) -> Returns:
     world = np.repeat(rng.uniform([3.0, -np.pi], [12.0, np.pi], (count, 2)), 3, axis=0)
     turns = np.tile(np.arange(3), count)
     times = TURN_S * (turns + (world[:, 1] + np.pi) / (2.0 * np.pi))
-    return Returns(world[:, 0] + rng.normal(0.0, 0.05, 3 * count), world[:, 1], times, np.full(3 * count, 100.0))
+    ranges, azimuths = world[:, 0] + rng.normal(0.0, 0.05, 3 * count), np.ascontiguousarray(world[:, 1])
+    return Returns(ranges, azimuths, times, np.full(3 * count, 100.0))
 
 
 @given(
@@ -135,22 +136,19 @@ def test_the_gradient_is_that_of_finite_differences_away_from_switches(
 
     def rendered(at: np.ndarray) -> Cloud:
         placed = place(returns, 0.0, np.zeros(3), at, CONSTANT_VELOCITY, Beam(0.1, 0.01))
-        return Cloud(placed.points, placed.times, placed.jacobians[:, :, 3:])
+        return Cloud(placed.points, placed.times, np.ascontiguousarray(placed.jacobians[:, :, 3:]))
 
     here = rendered(theta)
     chosen = selection(here.points, here.times, config)
-    assume(chosen.pairs.any() and chosen.margin > 1e-4)
+    assume(chosen.pairs.any() and chosen.margin > 3e-4)  # the steps move a point by some micrometres
     gradient = scored(here, config).gradient
-
-    def difference(p: int, step: float) -> float:
-        ahead, behind = (rendered(theta + sign * step * np.eye(2)[p]) for sign in (1.0, -1.0))
-        assume(all(selection(c.points, c.times, config).same_as(chosen) for c in (ahead, behind)))
-        return float(scored(ahead, config).psi - scored(behind, config).psi) / (2.0 * step)
-
     for p in range(2):
-        extrapolated = (4.0 * difference(p, 0.5 * step) - difference(p, step)) / 3.0  # Richardson: psi bends sharply
+        around = [rendered(theta + steps * step * np.eye(2)[p]) for steps in (-2.0, -1.0, 1.0, 2.0)]
+        assume(all(selection(c.points, c.times, config).same_as(chosen) for c in around))
+        far_behind, behind, ahead, far_ahead = (scored(c, config).psi for c in around)
+        difference = (8.0 * (ahead - behind) - (far_ahead - far_behind)) / (12.0 * step)
         scale = np.abs(gradient).max() + scored(here, config).psi
-        assert gradient[p] == pytest.approx(extrapolated, rel=1e-5, abs=1e-7 * scale)
+        assert gradient[p] == pytest.approx(difference, rel=1e-5, abs=1e-7 * scale)
 
 
 @pytest.mark.parametrize("unmatched", [0.0, 1.0, 2.5])
