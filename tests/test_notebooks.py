@@ -39,7 +39,8 @@ def test_a_notebook_runs_top_to_bottom_and_finds_what_it_says(path: Path) -> Non
     notebook = nbformat.read(path, as_version=4)
     lines = [line.strip() for line in FINDINGS[path.stem].strip().splitlines()]
     notebook.cells.append(nbformat.v4.new_code_cell("\n".join(lines)))
-    NotebookClient(notebook, timeout=1800, kernel_name="python3", resources={"metadata": {"path": path.parent}}).execute()
+    patience = {"timeout": 1800, "startup_timeout": 600}  # [s]; they only end what hangs
+    NotebookClient(notebook, kernel_name="python3", resources={"metadata": {"path": path.parent}}, **patience).execute()
     outputs = [output for cell in notebook.cells if cell.cell_type == "code" for output in cell.outputs]
     assert sum("image/png" in output.get("data", {}) for output in outputs) >= 3
     said = [output.text for output in outputs if output.output_type == "stream" and output.name == "stderr"]

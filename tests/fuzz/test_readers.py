@@ -18,7 +18,7 @@ from support.subjects import SUBJECTS, Subject
 from mqslam.errors import MqslamError
 
 os.environ["RUST_BACKTRACE"] = "0"  # else a panic of lazrs, which is handled, loads 50 MB of symbols to print
-INPUTS = int(os.environ.get("MQSLAM_FUZZ", "40"))
+INPUTS = int(os.environ.get("MQSLAM_FUZZ", "25"))
 
 
 @pytest.mark.parametrize("name", SUBJECTS)
