@@ -47,6 +47,4 @@ class OdometryFrontEnd:
         pose = se2.between(first, last)
         along = SIGMA_REST_M + SIGMA_TRAVEL * float(np.hypot(pose[0], pose[1]))
         yaw = SIGMA_YAW_RATE * (scan.t0 - t0)
-        return Measurement(
-            t0, scan.t0, pose, np.diag([along**2, along**2, yaw**2]), points=len(scan.returns)
-        )
+        return Measurement(t0, scan.t0, pose, np.diag([along**2, along**2, yaw**2]), points=len(scan.returns))

@@ -171,9 +171,7 @@ def motions(
         before, begin, coasted_s, step = scan, end, step.coasted_s, after
 
 
-def _start(
-    head: Sequence[Scan], track: Callable[[float, se2.Array], _Track], context: Context
-) -> tuple[se2.Array, _Step]:
+def _start(head: Sequence[Scan], track: Callable[[float, se2.Array], _Track], context: Context) -> tuple[se2.Array, _Step]:
     """The twist (3,) over the first window, and how that one fits those after it.
 
     Odometry says where to begin, if there is any. Else several speeds are tried: from rest a matcher catches up with three

@@ -3,20 +3,52 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from enum import StrEnum
 from pathlib import Path
 
 _log = logging.getLogger(__name__)
 _LONGEST = 800  # characters of a message: what it quotes of a damaged file may be anything
 
 
-class MqslamError(Exception):
-    """Base of every error mqslam raises on purpose; the command line prints it, in one line, and exits with 2."""
+class Remedy(StrEnum):
+    """What a user can do about an error, in plain words; the command line words each with its own options."""
 
-    def __init__(self, message: str) -> None:
-        line = " ".join(message.split("\n"))
-        super().__init__(line if len(line) <= _LONGEST else f"{line[: _LONGEST // 2]} ... {line[-_LONGEST // 2 :]}")
+    CHOOSE_OUTPUT = "choose another output"
+    CHOOSE_OR_REMOVE_OUTPUT = "choose another output or remove this one"
+    CHOOSE_OR_REPLACE_OUTPUT = "choose another output, or allow this one to be replaced"
+    CHOOSE_OR_RESUME_OUTPUT = "choose another output, or resume the unfinished run in it"
+    FREE_SPACE = "free space or choose another output"
+    GIVE_RANGE_RESOLUTION = "state the length of a range bin"
+    LEAVE_STRICT_OUT = "mend it, or let what cannot be read be left out"
+    RESUME = "resume the run to continue it"
+
+
+class MqslamError(Exception):
+    """Base of every error mqslam raises on purpose; the command line prints it, in one line, and exits with 2.
+
+    Args:
+        message: what happened, and to which file or value.
+        remedy: what the user can do about it, where the message does not say so already.
+    """
+
+    def __init__(self, message: str, remedy: str = "") -> None:
+        super().__init__(_shorten(f"{message}; {remedy}" if remedy else message))
+        self.message = message
+        self.remedy = remedy
+
+    def __reduce__(self) -> tuple[type[MqslamError], tuple[object, ...]]:
+        return type(self), (self.message, self.remedy)
+
+    def worded(self, remedies: Mapping[str, str]) -> str:
+        """Returns the error in one line, with its remedy in the words that a caller has for it.
+
+        Args:
+            remedies: a caller's words for each remedy; a remedy without words of the caller's own is kept as it is.
+        """
+        remedy = remedies.get(self.remedy, self.remedy)
+        return _shorten(f"{self.message}; {remedy}" if remedy else self.message)
 
 
 class DataError(MqslamError):
@@ -29,12 +61,11 @@ class DataError(MqslamError):
     """
 
     def __init__(self, path: Path | str, problem: str, remedy: str = "") -> None:
-        super().__init__(f"{path}: {problem}" + (f"; {remedy}" if remedy else ""))
+        super().__init__(f"{path}: {problem}", remedy)
         self.path = Path(path)
         self.problem = problem
-        self.remedy = remedy
 
-    def __reduce__(self) -> tuple[type[DataError], tuple[Path, str, str]]:
+    def __reduce__(self) -> tuple[type[DataError], tuple[object, ...]]:
         return type(self), (self.path, self.problem, self.remedy)
 
 
@@ -67,6 +98,12 @@ def said(error: Exception) -> str:
     if isinstance(error, MqslamError):
         return str(error)
     return f"{type(error).__name__}: {str(error).splitlines()[0] if str(error) else ''}".rstrip(": ")
+
+
+def _shorten(message: str) -> str:
+    """Returns a message in one line of bounded length."""
+    line = " ".join(message.split("\n"))
+    return line if len(line) <= _LONGEST else f"{line[: _LONGEST // 2]} ... {line[-_LONGEST // 2 :]}"
 
 
 @contextmanager

@@ -1,6 +1,6 @@
 """Offline radar SLAM in which the measurement is map quality: the method on one screen.
 
-    recording -> scans -> measurements -> pose graph -> trajectory -> map -> psi
+recording -> scans -> measurements -> pose graph -> trajectory -> map -> psi
 """
 
 from __future__ import annotations
@@ -181,9 +181,7 @@ class Slam:
             checks: list[WindowAudit] = []
             with self._stage("check"), tolerate("the check of the map", self._warnings):
                 settings, estimator = self._config.audit, self._config.estimator
-                checks = judged_sample(
-                    scans, found.optimised, settings, estimator, found.beam, self._engine, self._progress
-                )
+                checks = judged_sample(scans, found.optimised, settings, estimator, found.beam, self._engine, self._progress)
         return Run(
             **(vars(found) | {"warnings": tuple(self._warnings)}),
             map_odometry=before,
@@ -299,9 +297,7 @@ class Slam:
             pose = after
             yield motion
 
-    def _odometry(
-        self, scans: Scans, context: Context, measurements: list[Measurement]
-    ) -> list[Measurement]:
+    def _odometry(self, scans: Scans, context: Context, measurements: list[Measurement]) -> list[Measurement]:
         """Odometry's own motions with noise as large as they disagree with the front end's; none where it is that."""
         if context.odometry is None or self._name == "odometry" or not measurements:
             return []

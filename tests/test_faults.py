@@ -429,9 +429,7 @@ def test_a_full_disk(drive: Path, tmp_path: Path, size_kb: int) -> None:
 INTERRUPTS = list(itertools.product(("run", "compare", "audit", "simulate"), (signal.SIGINT, signal.SIGTERM)))
 
 
-@pytest.mark.parametrize(
-    ("command", "number"), mostly_slow(INTERRUPTS, [("run", signal.SIGINT), ("audit", signal.SIGTERM)])
-)
+@pytest.mark.parametrize(("command", "number"), mostly_slow(INTERRUPTS, [("run", signal.SIGINT), ("audit", signal.SIGTERM)]))
 def test_ctrl_c_or_sigterm(drive: Path, tmp_path: Path, command: str, number: signal.Signals) -> None:
     """To all processes of the terminal, as Ctrl-C is, or to the command alone, as kill does."""
     folder = tmp_path / "results"
@@ -443,9 +441,12 @@ def test_ctrl_c_or_sigterm(drive: Path, tmp_path: Path, command: str, number: si
         "simulate": ["simulate", folder / "out", "--duration", "120"],
     }[command]
     process = subprocess.Popen(
-        [INSTALLED, *arguments], stderr=subprocess.PIPE, text=True, start_new_session=True,
+        [INSTALLED, *arguments],
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
         preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),  # what runs the tests may ignore it
-    )  # fmt: skip
+    )
     assert process.stderr is not None
     shown = [process.stderr.readline()]
     while shown[-1] and not re.match("reading and detecting: 30/30|simulating", shown[-1]):
@@ -782,4 +783,3 @@ def lane_like(drive: Path) -> Path:
     folder = drive.parent / "whole"
     write(folder, small_street(4.0, 7.5))
     return folder
-

@@ -167,8 +167,12 @@ def test_files_it_names_are_there() -> None:
 
 def examples() -> list[str]:
     """What the help of the commands gives as examples, but for those that the README has."""
-    found = [line.split("Example: ")[1].strip() for file in sorted((ROOT / "mqslam" / "cli").glob("*.py")) for line in
-             file.read_text(encoding="utf-8").splitlines() if "Example: mqslam " in line]  # fmt: skip
+    found = [
+        line.split("Example: ")[1].strip()
+        for file in sorted((ROOT / "mqslam" / "cli").glob("*.py"))
+        for line in file.read_text(encoding="utf-8").splitlines()
+        if "Example: mqslam " in line
+    ]
     return sorted({line for line in found if line.replace("mqslam ", BINARY, 1) not in commands()})
 
 

@@ -24,9 +24,13 @@ def watched(folder: Path, *, resume: bool) -> tuple[Seen, Run, list[Scan]]:
     recording, scans = drive(street_scene(1, movers=0), constant(8.0, 0.2), 2.0)
     seen: Seen = []
     slam = Slam(
-        Config(), "odometry", HERE, lambda stage, done, total: None, Checkpoint(folder, "key", resume=resume),
+        Config(),
+        "odometry",
+        HERE,
+        lambda stage, done, total: None,
+        Checkpoint(folder, "key", resume=resume),
         watch=lambda *shown: seen.append(shown),
-    )  # fmt: skip
+    )
     return seen, slam.run(recording, recording.ground_truth), scans
 
 

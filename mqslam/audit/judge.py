@@ -128,9 +128,7 @@ def _window(shared: tuple[Sweeps, AuditConfig, EstimatorConfig], begin: int) -> 
     return audit_window(sweeps, begin, begin + settings.window, settings, estimator)
 
 
-def audit_window(
-    sweeps: Sweeps, begin: int, end: int, settings: AuditConfig, estimator: EstimatorConfig
-) -> WindowAudit:
+def audit_window(sweeps: Sweeps, begin: int, end: int, settings: AuditConfig, estimator: EstimatorConfig) -> WindowAudit:
     """Judge one window: the sweeps begin <= k < end."""
     span = sweeps.span(begin, end)
     turns = sweeps.turns[span]
@@ -150,9 +148,7 @@ def audit_window(
     )
 
 
-def _revisit(
-    shared: tuple[Sweeps, AuditConfig, EstimatorConfig, LoopConfig], pair: tuple[int, int]
-) -> Revisit | None:
+def _revisit(shared: tuple[Sweeps, AuditConfig, EstimatorConfig, LoopConfig], pair: tuple[int, int]) -> Revisit | None:
     sweeps, settings, estimator, loops = shared
     return revisit(sweeps, *pair, settings, estimator, loops)
 

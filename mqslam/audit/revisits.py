@@ -75,9 +75,16 @@ def revisit(
     floor = np.diag([loops.floor_m**2, loops.floor_m**2, loops.floor_rad**2])
     covariance = se2.turned(found.covariance, -guess[2]) + floor
     return Revisit(
-        earlier, later, offset, covariance, float(offset @ np.linalg.solve(covariance, offset)), found.matched,
-        cross_score(reference, query, guess, estimator), found.psi, unrivalled(found, settings),
-    )  # fmt: skip
+        earlier,
+        later,
+        offset,
+        covariance,
+        float(offset @ np.linalg.solve(covariance, offset)),
+        found.matched,
+        cross_score(reference, query, guess, estimator),
+        found.psi,
+        unrivalled(found, settings),
+    )
 
 
 def passes_of(sweeps: Sweeps, earlier: int, later: int, settings: AuditConfig) -> tuple[list[int], list[int]]:

@@ -51,9 +51,7 @@ def judged_sample(
     return [window for window in found if window is not None]
 
 
-def _judged(
-    shared: tuple[Scans, Trajectory, AuditConfig, EstimatorConfig, Beam], begin: int
-) -> WindowAudit | None:
+def _judged(shared: tuple[Scans, Trajectory, AuditConfig, EstimatorConfig, Beam], begin: int) -> WindowAudit | None:
     """The window that begins with a revolution; None without returns."""
     scans, trajectory, settings, estimator, beam = shared
     try:

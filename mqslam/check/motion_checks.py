@@ -229,6 +229,6 @@ def _reversed(scan: Scan) -> Scan:
 
 
 def _per_point(tracked: Tracked) -> float:
-    """psi per point; NaN where there are no points or the track was lost."""
+    """Psi per point; NaN where there are no points or the track was lost."""
     points = len(tracked.evaluation.matched)
     return tracked.evaluation.psi / points if points else float("nan")

@@ -206,8 +206,11 @@ def _lines(summary: dict[str, Any]) -> list[str]:
     ]
     torn = [r for r in summary["per_revisit"] if r["torn"]]
     rows += [
-        ("torn revisit", f"{r['t_later']:.1f} s on {r['t_earlier']:.1f} s at ({r['x']:.1f}, {r['y']:.1f}) m: "
-         f"off by {r['dx']:.2f} m, {r['dy']:.2f} m, {57.29578 * r['dyaw']:.2f} deg")
+        (
+            "torn revisit",
+            f"{r['t_later']:.1f} s on {r['t_earlier']:.1f} s at ({r['x']:.1f}, {r['y']:.1f}) m: "
+            f"off by {r['dx']:.2f} m, {r['dy']:.2f} m, {57.29578 * r['dyaw']:.2f} deg",
+        )
         for r in sorted(torn, key=lambda r: -(r["dx"] ** 2 + r["dy"] ** 2))[:5]
-    ]  # fmt: skip
+    ]
     return [f"{name:<14}{value}" for name, value in rows]

@@ -121,9 +121,17 @@ def compare(
         pairs = agreement(ran)
         notes += [f"{row.name}: {warning}" for row in rows for warning in row.warnings]
         summary = summarise(
-            recording, beta, settings.audit, settings.verdict, rows, judged, where, pairs, len(common),
+            recording,
+            beta,
+            settings.audit,
+            settings.verdict,
+            rows,
+            judged,
+            where,
+            pairs,
+            len(common),
             [*_failures(rows), *notes],
-        )  # fmt: skip
+        )
         report = CompareReport(
             title=recording.path.resolve().name,
             summary=summary,

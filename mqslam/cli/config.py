@@ -13,15 +13,24 @@ config = typer.Typer(help="The settings: all of them, what a file changes, and t
 
 
 @config.command()
-def show(name: ConfigName = None, as_json: Json = False) -> None:
-    """Print every setting as YAML that --config reads, each with its unit and reason; those of a file, or the defaults.
+def show(
+    name: ConfigName = None,
+    everything: Annotated[bool, typer.Option("--all", help="Show also what only an expert would touch.")] = False,
+    as_json: Json = False,
+) -> None:
+    """Print the settings of a file, or the defaults, as YAML that --config reads, each with its unit and reason.
+
+    Settings that only an expert would touch are shown with --all, in JSON, and where a file changes them.
 
     Example: mqslam config show oxford > mine.yaml
     """
     from mqslam.config import explained_yaml, load_config
 
     settings = load_config(name)
-    typer.echo(json.dumps(settings.model_dump(mode="json"), indent=1) if as_json else explained_yaml(settings), nl=as_json)
+    if as_json:
+        typer.echo(json.dumps(settings.model_dump(mode="json"), indent=1))
+    else:
+        typer.echo(explained_yaml(settings, everything=everything), nl=False)
 
 
 @config.command()

@@ -54,9 +54,7 @@ RangeResolution = Annotated[
 ]
 ConfigOption = Annotated[
     str | None,
-    typer.Option(
-        "--config", "-c", help="Settings: a YAML file, or the name of one that ships.", autocompletion=_configs
-    ),
+    typer.Option("--config", "-c", help="Settings: a YAML file, or the name of one that ships.", autocompletion=_configs),
 ]
 Odometry = Annotated[
     str, typer.Option(help=r"auto: the recording's own if it has one; none; or a file (TUM, or CSV t\[us],v,omega).")

@@ -23,9 +23,7 @@ _UNITS = {"v": "m/s", "vx": "m/s", "vy": "m/s", "omega": "rad/s"}
 
 def score(
     data: Data,
-    start: Annotated[
-        float, typer.Option(help=r"The first revolution from here on begins the window \[s since the start].")
-    ],
+    start: Annotated[float, typer.Option(help=r"The first revolution from here on begins the window \[s since the start].")],
     motion: Annotated[str, typer.Option(help=r"v,omega or vx,vy,omega \[m/s, rad/s].")],
     revolutions: Annotated[int, typer.Option(min=2, help="Length of the window.")] = 3,
     config: ConfigOption = None,
@@ -43,9 +41,7 @@ def score(
     ] = None,
     unmatched: Annotated[
         float | None,
-        typer.Option(
-            help="Charge of a point without a neighbour in dearest pairs, 0 as printed; else as the settings say."
-        ),
+        typer.Option(help="Charge of a point without a neighbour in dearest pairs, 0 as printed; else as the settings say."),
     ] = None,
     minimise: Annotated[bool, typer.Option("--minimise", help="Estimate the motion, beginning at the one given.")] = False,
     as_json: Json = False,

@@ -43,9 +43,18 @@ def simulate(
         movers = 0 if scene == "corridor" else _MOVERS
     with progress(console, quiet) as show:
         write(
-            out, scene=scene, duration_s=duration, turn_rate_hz=turn_rate, azimuths=azimuths,
-            range_resolution=range_resolution, max_range=max_range, seed=seed, movers=movers, doppler_beta=doppler,
-            jobs=jobs, progress=lambda done, total: show("simulate", done, total),
-        )  # fmt: skip
+            out,
+            scene=scene,
+            duration_s=duration,
+            turn_rate_hz=turn_rate,
+            azimuths=azimuths,
+            range_resolution=range_resolution,
+            max_range=max_range,
+            seed=seed,
+            movers=movers,
+            doppler_beta=doppler,
+            jobs=jobs,
+            progress=lambda done, total: show("simulate", done, total),
+        )
     if not quiet:
         console.print(f"wrote {out}", highlight=False, soft_wrap=True)

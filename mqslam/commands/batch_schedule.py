@@ -44,7 +44,6 @@ def run_all(orders: Sequence[Order], out: Path, engine: Engine, progress: Progre
     Raises:
         ClusterError: the cluster can do no more of them.
     """
-
     terms = Terms(out, engine.jobs, force)
     before = engine.map(_kept, terms, orders)
     missing = [order for order, kept in zip(orders, before, strict=True) if kept is None]

@@ -98,16 +98,31 @@ def run_front_end(returned: Returned, named: tuple[str, Context]) -> Row:
             measurements = list(frontends.load(name)(context).measure(returned.scans))
             chained = Trajectory(returned.scans.stamps_us, chain(m.pose for m in measurements))
             return Row(
-                name, None, chained, chained, tuple(measurements), measure_s=time.perf_counter() - begin,
-                back_end_s=0.0, peak_rss_mb=_peak_mb(),
-            )  # fmt: skip
+                name,
+                None,
+                chained,
+                chained,
+                tuple(measurements),
+                measure_s=time.perf_counter() - begin,
+                back_end_s=0.0,
+                peak_rss_mb=_peak_mb(),
+            )
         slam = Slam(context.config, name, LocalEngine(returned.jobs), silent)
         found = slam.solve(returned.scans, context)
         spent = slam.runtime_s
         return Row(
-            name, None, found.odometry, found.optimised, tuple(found.measurements), len(found.loops),
-            found.loops_rejected, spent["windows"], spent["optimise"] + spent["loops"], _peak_mb(), found.warnings,
-        )  # fmt: skip
+            name,
+            None,
+            found.odometry,
+            found.optimised,
+            tuple(found.measurements),
+            len(found.loops),
+            found.loops_rejected,
+            spent["windows"],
+            spent["optimise"] + spent["loops"],
+            _peak_mb(),
+            found.warnings,
+        )
     except Exception as error:  # a front end may be anyone's code, and the others are to go on
         return Row(name, failure=said(error))
 

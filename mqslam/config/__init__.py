@@ -14,6 +14,7 @@ from pydantic import BaseModel, ConfigDict
 from mqslam.config.audit_config import AuditConfig
 from mqslam.config.detector_config import DetectorConfig
 from mqslam.config.estimator_config import EstimatorConfig
+from mqslam.config.fields import is_expert
 from mqslam.config.frontend_config import KissIcpConfig, Open3dIcpConfig
 from mqslam.config.graph_config import GraphConfig
 from mqslam.config.loop_config import LoopConfig
@@ -106,14 +107,29 @@ def dump_yaml(config: Config, leave_out: Collection[str] = ()) -> str:
     return text
 
 
-def explained_yaml(config: Config) -> str:
-    """The same with the reason and unit of every setting above it."""
+def explained_yaml(config: Config, *, everything: bool = True) -> str:
+    """Returns the settings as YAML with the reason and unit of each above it.
+
+    Args:
+        config: the settings.
+        everything: whether settings that only an expert would touch are listed too; where they differ from the default
+            they always are.
+    """
     lines = []
     for name, section in config:
+        values = section.model_dump(mode="json")
+        defaults = type(section)().model_dump(mode="json")
+        shown = {
+            key: field.description or ""
+            for key, field in type(section).model_fields.items()
+            if everything or not is_expert(field) or values[key] != defaults[key]
+        }
+        if not shown:
+            continue
         lines += [f"# {(type(section).__doc__ or '').splitlines()[0]}", f"{name}:"]
-        for key, field in type(section).model_fields.items():
-            value = yaml.safe_dump({key: section.model_dump(mode="json")[key]}).rstrip()
-            lines += [*(f"  # {line}" for line in textwrap.wrap(field.description or "", 110)), f"  {value}"]
+        for key, description in shown.items():
+            value = yaml.safe_dump({key: values[key]}).rstrip()
+            lines += [*(f"  # {line}" for line in textwrap.wrap(description, 110)), f"  {value}"]
         lines.append("")
     return "\n".join(lines)
 

@@ -60,9 +60,7 @@ def log(pose: ArrayLike) -> Array:
     p = np.asarray(pose, dtype=np.float64)
     a, b = _arc(p[..., 2])
     n = a * a + b * b
-    return np.stack(
-        [(a * p[..., 0] + b * p[..., 1]) / n, (-b * p[..., 0] + a * p[..., 1]) / n, p[..., 2]], axis=-1
-    )
+    return np.stack([(a * p[..., 0] + b * p[..., 1]) / n, (-b * p[..., 0] + a * p[..., 1]) / n, p[..., 2]], axis=-1)
 
 
 def _arc(w: Array) -> tuple[Array, Array]:

@@ -33,9 +33,7 @@ def detect(polar_scan: PolarScan, range_resolution: float, config: DetectorConfi
     return detect_and_count(polar_scan, range_resolution, config)[0]
 
 
-def detect_and_count(
-    polar_scan: PolarScan, range_resolution: float, config: DetectorConfig
-) -> tuple[Returns, PeakCounts]:
+def detect_and_count(polar_scan: PolarScan, range_resolution: float, config: DetectorConfig) -> tuple[Returns, PeakCounts]:
     """The returns of one revolution, and what was dropped on the way to them.
 
     Args:

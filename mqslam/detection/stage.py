@@ -25,9 +25,7 @@ _MOST_UNREAD = 0.5  # share of revolutions above which there is nothing to go on
 _LISTED = 3  # files that a report on unread revolutions names
 
 
-def detect_stretch(
-    recording: Recording, config: DetectorConfig, start: int, stop: int, *, strict: bool = True
-) -> Detected:
+def detect_stretch(recording: Recording, config: DetectorConfig, start: int, stop: int, *, strict: bool = True) -> Detected:
     """Read and detect the revolutions start <= k < stop.
 
     Args:

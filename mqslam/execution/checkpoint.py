@@ -149,11 +149,18 @@ class Checkpoint:
         rows = zip(*(kept[f.name] for f in fields(Measurement)), strict=True)
         motions = [
             Measurement(
-                float(t0), float(t1), pose, covariance, Status(str(status)), float(psi), float(psi_odometry), int(points),
+                float(t0),
+                float(t1),
+                pose,
+                covariance,
+                Status(str(status)),
+                float(psi),
+                float(psi_odometry),
+                int(points),
                 float(matched),
             )
             for t0, t1, pose, covariance, status, psi, psi_odometry, points, matched in rows
-        ]  # fmt: skip
+        ]
         return motions, float(kept["doppler_beta"])
 
     def keep_measurements(self, motions: Sequence[Measurement], doppler_beta: float) -> None:

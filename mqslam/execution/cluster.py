@@ -80,9 +80,14 @@ def _local(workers: int) -> Iterator[LocalCluster]:
     with tempfile.TemporaryDirectory(prefix="mqslam-") as scratch, dask.config.set(_HERE):
         with shielded():
             cluster = LocalCluster(
-                n_workers=workers, threads_per_worker=1, processes=True, memory_limit=0, dashboard_address=None,
-                local_directory=scratch, silence_logs=logging.CRITICAL,
-            )  # fmt: skip
+                n_workers=workers,
+                threads_per_worker=1,
+                processes=True,
+                memory_limit=0,
+                dashboard_address=None,
+                local_directory=scratch,
+                silence_logs=logging.CRITICAL,
+            )
         with cluster:
             yield cluster
 

@@ -78,9 +78,7 @@ def place_along(returns: Returns, times: NDArray[np.float64], poses: se2.Array, 
     points = np.column_stack([at[:, 0] + ranges * c, at[:, 1] + ranges * s])
     along = beam.sigma_range**2
     across = (ranges * beam.sigma_azimuth) ** 2
-    covariances = np.column_stack(
-        [along * c * c + across * s * s, (along - across) * c * s, along * s * s + across * c * c]
-    )
+    covariances = np.column_stack([along * c * c + across * s * s, (along - across) * c * s, along * s * s + across * c * c])
     return PointSet(points, np.empty((len(returns), 2, 0)), covariances, returns.times)
 
 

@@ -91,10 +91,25 @@ def evaluate(
         moving_references: whether the references depend on the same state as the queries.
     """
     shares, matched, scores, information, curvature = _evaluate(
-        queries.points, queries.times, queries.covariances, queries.jacobians,
-        references.points, references.times, references.covariances, references.jacobians,
-        lists.offsets, lists.indices, scale.s, scale.beta_s, scale.c, revolution_s, beta_t, xi, blur, moving_references,
-    )  # fmt: skip
+        queries.points,
+        queries.times,
+        queries.covariances,
+        queries.jacobians,
+        references.points,
+        references.times,
+        references.covariances,
+        references.jacobians,
+        lists.offsets,
+        lists.indices,
+        scale.s,
+        scale.beta_s,
+        scale.c,
+        revolution_s,
+        beta_t,
+        xi,
+        blur,
+        moving_references,
+    )
     return Evaluation(shares, matched, scores, information, 0.5 * (curvature + curvature.T))
 
 
@@ -118,9 +133,7 @@ def _evaluate(
     xi: float,
     blur: float,
     moving: bool,
-) -> tuple[
-    NDArray[np.float64], NDArray[np.bool_], NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]
-]:
+) -> tuple[NDArray[np.float64], NDArray[np.bool_], NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
     n, size = len(x), jac.shape[2]
     shares = np.empty(n)
     matched = np.zeros(n, np.bool_)

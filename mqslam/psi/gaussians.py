@@ -35,9 +35,7 @@ def invert_information(matrix: NDArray[np.float64], units: NDArray[np.float64]) 
     return invert(matrix, 1.0 / units)
 
 
-def fuse(
-    first: NDArray[np.float64], second: NDArray[np.float64], units: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def fuse(first: NDArray[np.float64], second: NDArray[np.float64], units: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the covariance (Q, Q) of two independent estimates taken together.
 
     It is (first^-1 + second^-1)^-1, written as first (first + second)^-1 second, which stays right where one of the two

@@ -53,21 +53,28 @@ def turned(covariances: NDArray[np.float64], yaw: float) -> NDArray[np.float64]:
     """Covariances (N, 3) xx, xy, yy given in a frame that is turned by yaw [rad], in the frame that is not."""
     c, s = np.cos(yaw), np.sin(yaw)
     xx, xy, yy = covariances.T
-    return np.column_stack([
-        c * c * xx - 2.0 * c * s * xy + s * s * yy,
-        c * s * (xx - yy) + (c * c - s * s) * xy,
-        s * s * xx + 2.0 * c * s * xy + c * c * yy,
-    ])  # fmt: skip
+    return np.column_stack(
+        [
+            c * c * xx - 2.0 * c * s * xy + s * s * yy,
+            c * s * (xx - yy) + (c * c - s * s) * xy,
+            s * s * xx + 2.0 * c * s * xy + c * c * yy,
+        ]
+    )
 
 
-def place(
-    returns: Returns, t0: float, start: se2.Array, theta: se2.Array, model: MotionModel, beam: Beam
-) -> PointSet:
+def place(returns: Returns, t0: float, start: se2.Array, theta: se2.Array, model: MotionModel, beam: Beam) -> PointSet:
     """Render returns under a start pose (3,) at time t0 [s] and motion parameters (P,)."""
     points, jacobians, covariances = _place(
-        returns.ranges, returns.azimuths, returns.times - t0, np.asarray(start, dtype=np.float64),
-        np.asarray(theta, dtype=np.float64), *model.arrays, beam.doppler_beta, beam.sigma_range, beam.sigma_azimuth,
-    )  # fmt: skip
+        returns.ranges,
+        returns.azimuths,
+        returns.times - t0,
+        np.asarray(start, dtype=np.float64),
+        np.asarray(theta, dtype=np.float64),
+        *model.arrays,
+        beam.doppler_beta,
+        beam.sigma_range,
+        beam.sigma_azimuth,
+    )
     return PointSet(points, jacobians, covariances, returns.times)
 
 

@@ -63,8 +63,12 @@ def heat_map(sweeps: Sweeps, audit: Audit, settings: AuditConfig | None = None, 
     colours = _colours(threshold(settings))
     windows = sorted(audit.windows, key=_inflation)  # the worst on top where the path crosses itself
     for window, colour in zip(windows, colours.to_rgba(np.array([_inflation(w) for w in windows])), strict=True):
-        axes.plot(*sweeps.poses[window.begin : window.end + 1, :2].T, color=colour,
-                  linewidth=5.0 if window.torn else 2.0, solid_capstyle="butt")  # fmt: skip
+        axes.plot(
+            *sweeps.poses[window.begin : window.end + 1, :2].T,
+            color=colour,
+            linewidth=5.0 if window.torn else 2.0,
+            solid_capstyle="butt",
+        )
     torn = [r for r in audit.revisits if r.torn]
     _links(axes, sweeps, torn, view)
     _colour_strip(figure, axes, colours, threshold(settings), len(torn))
@@ -129,9 +133,16 @@ def _links(axes: Axes, sweeps: Sweeps, torn: list[RevisitAudit], view: View) -> 
             written.append(at)
             leftward = at[0] > view.x1 - apart_m
             text = axes.annotate(
-                length(torn[k].revisit.distance_m), at, (-7 if leftward else 7, 7), textcoords="offset points",
-                ha="right" if leftward else "left", color=RED, fontsize=10, fontweight="bold", zorder=6,
-            )  # fmt: skip
+                length(torn[k].revisit.distance_m),
+                at,
+                (-7 if leftward else 7, 7),
+                textcoords="offset points",
+                ha="right" if leftward else "left",
+                color=RED,
+                fontsize=10,
+                fontweight="bold",
+                zorder=6,
+            )
             text.set_path_effects(halo())
 
 
@@ -146,8 +157,16 @@ def _colour_strip(figure: Figure, axes: Axes, colours: ScalarMappable, limit: fl
     bar.ax.tick_params(labelsize=9, colors=INK, length=2, pad=1)
     bar.outline.set_visible(False)
     bar.ax.axvline(limit, color=INK, linewidth=1.6)
-    bar.ax.text(limit, -0.25, f"no chance beyond {limit:.1f}; thick: torn", ha="center", va="top", fontsize=9, color=INK,
-                transform=bar.ax.get_xaxis_transform())  # fmt: skip
+    bar.ax.text(
+        limit,
+        -0.25,
+        f"no chance beyond {limit:.1f}; thick: torn",
+        ha="center",
+        va="top",
+        fontsize=9,
+        color=INK,
+        transform=bar.ax.get_xaxis_transform(),
+    )
     beside = box.x0 + 0.6 * box.width
     figure.text(beside, box.y1 + 0.29 / height, "inflation of the windows", fontsize=9, color=INK, va="center")
     if torn:

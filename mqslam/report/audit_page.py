@@ -181,11 +181,17 @@ def _map(report: AuditReport) -> str:
 def _worst(report: AuditReport) -> str:
     rows = [
         (
-            f"{k}", spot.kind, spot.time, spot.place, length(spot.off_m), direction(spot.correction),
-            three(spot.inflation), "yes" if spot.torn else "no",
+            f"{k}",
+            spot.kind,
+            spot.time,
+            spot.place,
+            length(spot.off_m),
+            direction(spot.correction),
+            three(spot.inflation),
+            "yes" if spot.torn else "no",
         )
         for k, spot in enumerate(worst_spots(report.sweeps, report.audit), 1)
-    ]  # fmt: skip
+    ]
     if not rows:
         return ""
     head = ("", "what", "time", "place", "off by", "correction", "inflation", "torn")

@@ -17,9 +17,18 @@ from mqslam.report.canvas import BLUE, INK, common_view, png, square
 from mqslam.report.page import badge, captioned, draw, note, number, page, share, tiles, warning_box
 
 _HEAD = (
-    "run", "verdict", "revolutions", "duration", "path", "ψ per point, odometry", "optimised", "matched", "loops", "ATE",
+    "run",
+    "verdict",
+    "revolutions",
+    "duration",
+    "path",
+    "ψ per point, odometry",
+    "optimised",
+    "matched",
+    "loops",
+    "ATE",
     "drift",
-)  # fmt: skip
+)
 
 
 def write_batch_pages(out: Path, title: str, summary: Mapping[str, Any], plan: str) -> list[str]:
@@ -85,12 +94,14 @@ def write_batch_report(
 
 def _tiles(summary: Mapping[str, Any]) -> str:
     counts = summary["counts"]
-    return tiles([
-        (" · ".join(str(counts[status]) for status in VerdictStatus), f"runs with verdict {' · '.join(VerdictStatus)}"),
-        (number(counts["failed"]), "runs that failed"),
-        (_duration(summary["duration_s"]), "of radar"),
-        (f"{summary['length_m'] / 1000.0:.2f} km", "driven"),
-    ])  # fmt: skip
+    return tiles(
+        [
+            (" · ".join(str(counts[status]) for status in VerdictStatus), f"runs with verdict {' · '.join(VerdictStatus)}"),
+            (number(counts["failed"]), "runs that failed"),
+            (_duration(summary["duration_s"]), "of radar"),
+            (f"{summary['length_m'] / 1000.0:.2f} km", "driven"),
+        ]
+    )
 
 
 def _duration(seconds: float) -> str:
@@ -112,10 +123,16 @@ def _row(run: Mapping[str, Any]) -> str:
         return f'{name}<td class="across" colspan="{len(_HEAD) - 1}">failed: {escape(run["failure"])}</td>'
     verdict = f"<td>{badge(run['verdict'])}</td>"
     values = (
-        number(run["revolutions"]), number(run["duration_s"], " s"), number(run["length_m"], " m"),
-        number(run["psi_per_point_odometry"]), number(run["psi_per_point"]), share(run["matched"]), number(run["loops"]),
-        number(run["ate_rmse_m"], " m"), number(run["drift_percent"], " %"),
-    )  # fmt: skip
+        number(run["revolutions"]),
+        number(run["duration_s"], " s"),
+        number(run["length_m"], " m"),
+        number(run["psi_per_point_odometry"]),
+        number(run["psi_per_point"]),
+        share(run["matched"]),
+        number(run["loops"]),
+        number(run["ate_rmse_m"], " m"),
+        number(run["drift_percent"], " %"),
+    )
     return name + verdict + "".join(f"<td>{escape(value)}</td>" for value in values)
 
 

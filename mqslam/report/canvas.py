@@ -119,9 +119,7 @@ def _empty(height_in: float, above_in: float) -> tuple[Figure, Axes]:
     return figure, axes
 
 
-def densities(
-    axes: Axes, view: View, points: list[NDArray[np.float64]]
-) -> tuple[list[NDArray[np.int64]], float]:
+def densities(axes: Axes, view: View, points: list[NDArray[np.float64]]) -> tuple[list[NDArray[np.int64]], float]:
     """Points (N, 2) [m] per pixel of the axes for several maps, and the count that all of them show in full ink."""
     figure = axes.get_figure(root=True)
     assert figure is not None
@@ -163,9 +161,16 @@ def legend_above(axes: Axes) -> None:
 def legend_strip(axes: Axes, columns: int) -> None:
     """A tight legend in the room left above the axes."""
     axes.legend(
-        frameon=False, loc="lower left", bbox_to_anchor=(-0.08, 1.0), ncols=columns, borderaxespad=0.2, fontsize=9,
-        handletextpad=0.4, columnspacing=1.2, handlelength=1.9,
-    )  # fmt: skip
+        frameon=False,
+        loc="lower left",
+        bbox_to_anchor=(-0.08, 1.0),
+        ncols=columns,
+        borderaxespad=0.2,
+        fontsize=9,
+        handletextpad=0.4,
+        columnspacing=1.2,
+        handlelength=1.9,
+    )
 
 
 def plain_log(axes: Axes, which: Literal["x", "y"]) -> None:
@@ -189,7 +194,5 @@ def png(figure: Figure, opaque: bool = False) -> bytes:
     """The figure as a PNG file: transparent for a page, on white to be looked at by itself."""
     file = io.BytesIO()
     ground = "white" if opaque else "none"
-    figure.savefig(
-        file, format="png", dpi=DPI, transparent=not opaque, facecolor=ground, metadata={"Software": None}
-    )
+    figure.savefig(file, format="png", dpi=DPI, transparent=not opaque, facecolor=ground, metadata={"Software": None})
     return file.getvalue()

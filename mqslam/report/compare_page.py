@@ -172,11 +172,14 @@ def _agreement(report: CompareReport) -> str:
     head = ("of each other", "RMSE", "drift", "rotation", "speed, RMS")
     rows = [
         (
-            f"{a} – {b}", f"{e.ate_rmse_m:.3f} m", _known(e.drift_percent, " %"),
-            _known(e.drift_deg_per_100m, " °/100 m"), f"{e.rpe_v_rms:.3f} m/s",
+            f"{a} – {b}",
+            f"{e.ate_rmse_m:.3f} m",
+            _known(e.drift_percent, " %"),
+            _known(e.drift_deg_per_100m, " °/100 m"),
+            f"{e.rpe_v_rms:.3f} m/s",
         )
         for a, b, e in report.agreement
-    ]  # fmt: skip
+    ]
     explained = note("The first of each pair judged as if the second were the truth; that two agree makes neither right.")
     return titled_card("Agreement", grid(head, rows) + explained, wide=True)
 

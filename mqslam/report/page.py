@@ -151,10 +151,7 @@ def grid(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     Verdicts are shown in their colours, everything else as it is.
     """
     top = "".join(f"<th>{escape(h)}</th>" for h in head)
-    body = "".join(
-        f"<tr><th>{escape(label)}</th>{_cells(values, len(head) - 1)}</tr>"
-        for label, *values in rows
-    )
+    body = "".join(f"<tr><th>{escape(label)}</th>{_cells(values, len(head) - 1)}</tr>" for label, *values in rows)
     return f'<table class="numbers"><thead><tr>{top}</tr></thead><tbody>{body}</tbody></table>'
 
 

@@ -50,9 +50,7 @@ def trajectory_figure(odometry: Trajectory, optimised: Trajectory, truth: Trajec
     view = common_view([p.poses[:, :2] for p in drawn], PATH_SHAPE)
     figure, axes = world(view)
     if truth is not None:
-        axes.plot(
-            truth.poses[:, 0], truth.poses[:, 1], color=TRUTH_COLOUR, linewidth=4, alpha=0.4, label="ground truth"
-        )
+        axes.plot(truth.poses[:, 0], truth.poses[:, 1], color=TRUTH_COLOUR, linewidth=4, alpha=0.4, label="ground truth")
     axes.plot(odometry.poses[:, 0], odometry.poses[:, 1], color=ODOMETRY_COLOUR, linewidth=1.4, label=before)
     axes.plot(optimised.poses[:, 0], optimised.poses[:, 1], color=OPTIMISED_COLOUR, linewidth=1.4, label="optimised")
     axes.plot(optimised.poses[0, 0], optimised.poses[0, 1], "o", color=INK, markersize=5, label="start")
@@ -61,7 +59,7 @@ def trajectory_figure(odometry: Trajectory, optimised: Trajectory, truth: Trajec
 
 
 def psi_figure(windows: WindowScores) -> bytes:
-    """psi per point of every window over time, at its minimum and under odometry."""
+    """Psi per point of every window over time, at its minimum and under odometry."""
     figure, axes = chart("ψ per point")
     time = 0.5 * (windows.t0 + windows.t1)
     points = np.maximum(windows.points, 1)
@@ -72,9 +70,7 @@ def psi_figure(windows: WindowScores) -> bytes:
     if len(unused):
         height = np.full(len(unused), 0.02)
         label = f"no measurement ({len(unused)})"
-        axes.plot(
-            unused, height, "|", color=RED, markersize=9, transform=axes.get_xaxis_transform(), label=label
-        )
+        axes.plot(unused, height, "|", color=RED, markersize=9, transform=axes.get_xaxis_transform(), label=label)
     axes.set_ylim(bottom=0.0)
     legend_above(axes)
     return png(figure)

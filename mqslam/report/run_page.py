@@ -218,6 +218,4 @@ def _change(before: Any, after: Any) -> str:
 
 
 def _same_path(a: Trajectory, b: Trajectory) -> bool:
-    return np.array_equal(a.stamps_us, b.stamps_us) and bool(
-        np.all(np.abs(a.poses[:, :2] - b.poses[:, :2]) < _SAME_PATH_M)
-    )
+    return np.array_equal(a.stamps_us, b.stamps_us) and bool(np.all(np.abs(a.poses[:, :2] - b.poses[:, :2]) < _SAME_PATH_M))

@@ -118,9 +118,7 @@ def of_window(window: WindowAudit) -> Spot:
     """A window as a spot."""
     bend = window.bend
     middle = (window.begin + window.end) // 2
-    return Spot(
-        window, window.t0, window.t1, window.pose, middle, bend.size_m, bend.correction, bend.inflation, window.torn
-    )
+    return Spot(window, window.t0, window.t1, window.pose, middle, bend.size_m, bend.correction, bend.inflation, window.torn)
 
 
 def of_revisit(sweeps: Sweeps, found: RevisitAudit) -> Spot:

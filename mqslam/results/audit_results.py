@@ -89,35 +89,56 @@ def _window(window: WindowAudit) -> dict[str, Any]:
     span = window.t1 - window.t0
     sigma = np.sqrt(np.diag(bend.covariance))
     return {
-        "t0": window.t0, "t1": window.t1,
-        "x": float(window.pose[0]), "y": float(window.pose[1]), "yaw": float(window.pose[2]),
+        "t0": window.t0,
+        "t1": window.t1,
+        "x": float(window.pose[0]),
+        "y": float(window.pose[1]),
+        "yaw": float(window.pose[2]),
         "torn": window.torn,
         "inflation": bend.inflation,
-        "dx": float(bend.correction[0]), "dy": float(bend.correction[1]), "dyaw": float(bend.correction[2]),
-        "sigma_x": float(sigma[0]), "sigma_y": float(sigma[1]), "sigma_yaw": float(sigma[2]),
-        "dv": float(bend.correction[0] / span), "domega": float(bend.correction[2] / span),
+        "dx": float(bend.correction[0]),
+        "dy": float(bend.correction[1]),
+        "dyaw": float(bend.correction[2]),
+        "sigma_x": float(sigma[0]),
+        "sigma_y": float(sigma[1]),
+        "sigma_yaw": float(sigma[2]),
+        "dv": float(bend.correction[0] / span),
+        "domega": float(bend.correction[2] / span),
         "size_m": bend.size_m,
-        "psi_per_point": bend.psi, "psi_per_point_best": bend.psi_best,
-        "matched": bend.matched, "matched_best": bend.matched_best,
+        "psi_per_point": bend.psi,
+        "psi_per_point_best": bend.psi_best,
+        "matched": bend.matched,
+        "matched_best": bend.matched_best,
         "points": bend.points,
-        "map_entropy": beside.map_entropy, "plane_variance": beside.plane_variance,
-        "joint_entropy": beside.joint_entropy, "grid_entropy": beside.grid_entropy,
-    }  # fmt: skip
+        "map_entropy": beside.map_entropy,
+        "plane_variance": beside.plane_variance,
+        "joint_entropy": beside.joint_entropy,
+        "grid_entropy": beside.grid_entropy,
+    }
 
 
 def _revisit(found: RevisitAudit, sweeps: Sweeps) -> dict[str, Any]:
     revisit = found.revisit
     pose, sigma = sweeps.poses[revisit.later], np.sqrt(np.diag(revisit.covariance))
     return {
-        "t_earlier": float(sweeps.times[revisit.earlier]), "t_later": float(sweeps.times[revisit.later]),
-        "x": float(pose[0]), "y": float(pose[1]), "yaw": float(pose[2]),
-        "torn": found.torn, "sure": revisit.sure,
-        "dx": float(revisit.offset[0]), "dy": float(revisit.offset[1]), "dyaw": float(revisit.offset[2]),
-        "sigma_x": float(sigma[0]), "sigma_y": float(sigma[1]), "sigma_yaw": float(sigma[2]),
+        "t_earlier": float(sweeps.times[revisit.earlier]),
+        "t_later": float(sweeps.times[revisit.later]),
+        "x": float(pose[0]),
+        "y": float(pose[1]),
+        "yaw": float(pose[2]),
+        "torn": found.torn,
+        "sure": revisit.sure,
+        "dx": float(revisit.offset[0]),
+        "dy": float(revisit.offset[1]),
+        "dyaw": float(revisit.offset[2]),
+        "sigma_x": float(sigma[0]),
+        "sigma_y": float(sigma[1]),
+        "sigma_yaw": float(sigma[2]),
         "inflation": revisit.inflation,
         "matched": revisit.matched,
-        "psi_per_point": revisit.psi, "psi_per_point_best": revisit.psi_best,
-    }  # fmt: skip
+        "psi_per_point": revisit.psi,
+        "psi_per_point_best": revisit.psi_best,
+    }
 
 
 def write_audit(folder: Path, config: Config, summary: Mapping[str, Any]) -> None:

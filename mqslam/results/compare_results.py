@@ -79,9 +79,7 @@ def summarise(
     }
 
 
-def _row(
-    row: Row, found: Judged | None, revolutions: int, settings: AuditConfig, bounds: VerdictConfig
-) -> dict[str, Any]:
+def _row(row: Row, found: Judged | None, revolutions: int, settings: AuditConfig, bounds: VerdictConfig) -> dict[str, Any]:
     if found is None:
         return {"name": row.name, "failure": row.failure}
     windows, sure = found.audit.windows, [r for r in found.audit.revisits if r.revisit.sure]

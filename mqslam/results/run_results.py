@@ -22,9 +22,23 @@ from mqslam.mapping.occupancy_grid import occupancy_grid
 from mqslam.slam import Run
 
 _COLUMNS = [
-    "t0", "t1", "dx", "dy", "dyaw", "cov_xx", "cov_xy", "cov_xyaw", "cov_yy", "cov_yyaw", "cov_yawyaw",
-    "psi", "psi_odometry", "points", "matched", "status",
-]  # fmt: skip
+    "t0",
+    "t1",
+    "dx",
+    "dy",
+    "dyaw",
+    "cov_xx",
+    "cov_xy",
+    "cov_xyaw",
+    "cov_yy",
+    "cov_yyaw",
+    "cov_yawyaw",
+    "psi",
+    "psi_odometry",
+    "points",
+    "matched",
+    "status",
+]
 
 
 def write_run(folder: Path, run: Run, summary: dict[str, Any], notes: Sequence[str]) -> None:

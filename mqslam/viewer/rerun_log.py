@@ -41,9 +41,7 @@ class RerunLog:
         recording.log("/", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
         recording.log("radar/heading", rr.Arrows3D(vectors=[[_HEADING_M, 0.0, 0.0]], colors=[TRAJECTORY]), static=True)
 
-    def revolution(
-        self, t: float, pose: se2.Array, points: NDArray[np.float64], colours: NDArray[np.uint8]
-    ) -> None:
+    def revolution(self, t: float, pose: se2.Array, points: NDArray[np.float64], colours: NDArray[np.uint8]) -> None:
         """Add a revolution: its points, the sensor's pose at its start, and the way there from the one before.
 
         Args:

@@ -128,5 +128,6 @@ def test_torn_revisits_need_evidence_too(torn: tuple[int, ...], total: int, stat
 def test_what_cannot_be_sure_is_no_revisit() -> None:
     unsure = [judged_revisit(k, k + 30, (9.0, 0.0, 0.0), False, sure=False) for k in range(3)]
     assert verdict(scans(0, 40), unsure, 240, WINDOW, SETTINGS) == (
-        PASS, ["0 of 40 windows are torn", "none of 3 revisits is sure enough to show its drift"]
-    )  # fmt: skip
+        PASS,
+        ["0 of 40 windows are torn", "none of 3 revisits is sure enough to show its drift"],
+    )

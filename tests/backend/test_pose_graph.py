@@ -123,8 +123,9 @@ def test_marginals_are_those_of_a_dense_computation_however_unequal_the_edges(
     expected = dense_marginals(graph)
     found = marginals(graph, graph.initial, range(graph.size)).covariances
     sigmas = np.sqrt(np.einsum("kii->ki", expected))
-    np.testing.assert_allclose(found / (sigmas[:, :, None] * sigmas[:, None, :]), expected / (
-        sigmas[:, :, None] * sigmas[:, None, :]), atol=1e-6)  # fmt: skip
+    np.testing.assert_allclose(
+        found / (sigmas[:, :, None] * sigmas[:, None, :]), expected / (sigmas[:, :, None] * sigmas[:, None, :]), atol=1e-6
+    )
 
 
 def test_a_long_chain_without_a_known_direction_has_marginals_where_gtsam_has_none() -> None:

@@ -28,8 +28,12 @@ from mqslam.psi.tracking.doppler import doppler_beta_of
 
 _ENGINE = LocalEngine(2)
 _PLACES = 100
-_BENDS = (("0.3 m/s", (0.3, 0, 0), 0.95), ("0.02 rad/s", (0, 0, 0.02), 0.95),
-          ("0.15 m/s", (0.15, 0, 0), 0.85), ("0.01 rad/s", (0, 0, 0.01), 0.85))  # fmt: skip
+_BENDS = (
+    ("0.3 m/s", (0.3, 0, 0), 0.95),
+    ("0.02 rad/s", (0, 0, 0.02), 0.95),
+    ("0.15 m/s", (0.15, 0, 0), 0.85),
+    ("0.01 rad/s", (0, 0, 0.01), 0.85),
+)
 _MEASURES = {
     "inflation": lambda w: w.bend.inflation,
     "psi per point": lambda w: w.bend.psi,
@@ -67,8 +71,7 @@ def _bends() -> list[Claim]:
     inflation = values["true"]["inflation"]
     print(f"inflation of the true map: mean/3 {inflation.mean() / 3:.3f}, median {np.median(inflation):.2f} (2.37)")
     claims = [
-        Claim(f"AUC of inflation, bent by {name}", rows[0][k + 1], least=bound)
-        for k, (name, _, bound) in enumerate(_BENDS)
+        Claim(f"AUC of inflation, bent by {name}", rows[0][k + 1], least=bound) for k, (name, _, bound) in enumerate(_BENDS)
     ]
     return [*claims, Claim("AUC of every other measure, at most", max(max(r[1:]) for r in rows[1:]))]
 
@@ -106,8 +109,16 @@ def _trajectories(out: Path) -> list[Claim]:
     for name, found in (("true", true), ("KISS-ICP, no loops", rival)):
         share = np.mean([w.torn for w in found.windows])
         sure = [r for r in found.revisits if r.revisit.sure]
-        rows.append([name, found.status, f"{share:.1%}", str(len(sure)), str(sum(r.torn for r in sure)),
-                     float(np.median([r.revisit.distance_m for r in sure]))])  # fmt: skip
+        rows.append(
+            [
+                name,
+                found.status,
+                f"{share:.1%}",
+                str(len(sure)),
+                str(sum(r.torn for r in sure)),
+                float(np.median([r.revisit.distance_m for r in sure])),
+            ]
+        )
     table(["trajectory", "verdict", "windows torn", "revisits", "torn", "median apart [m]"], rows)
     bins = [(0.0, 0.3), (0.3, 1.0), (1.0, 2.0), (2.0, np.inf)]
     shares = []
@@ -122,8 +133,13 @@ def _trajectories(out: Path) -> list[Claim]:
         Claim("share flagged of its revisits off by over 2 m", float(torn[off > 2.0].mean()), least=0.9),
     ]
     near = torn[off < 0.3]
-    claims.append(Claim("share flagged of revisits off by under 0.3 m, true trajectory's with them",
-                        float(np.mean(np.r_[near, [r.torn for r in true.revisits]])), most=0.05))  # fmt: skip
+    claims.append(
+        Claim(
+            "share flagged of revisits off by under 0.3 m, true trajectory's with them",
+            float(np.mean(np.r_[near, [r.torn for r in true.revisits]])),
+            most=0.05,
+        )
+    )
     return [*claims, _cost(out)]
 
 
@@ -150,9 +166,17 @@ def _carmen() -> list[Claim]:
             sweeps, _ = sweeps_of(source, source.tracks[track], beam_of(config.estimator, 0.0))
             found = audit(sweeps, config.audit, config.estimator, config.loops, config.verdict, _ENGINE, _silent)
             sure = [r for r in found.revisits if r.revisit.sure]
-            rows.append([name, track, found.status, f"{np.mean([w.torn for w in found.windows]):.1%}",
-                         float(np.median([w.bend.inflation for w in found.windows])), str(len(sure)),
-                         str(sum(r.torn for r in sure))])  # fmt: skip
+            rows.append(
+                [
+                    name,
+                    track,
+                    found.status,
+                    f"{np.mean([w.torn for w in found.windows]):.1%}",
+                    float(np.median([w.bend.inflation for w in found.windows])),
+                    str(len(sure)),
+                    str(sum(r.torn for r in sure)),
+                ]
+            )
             claims.append(Claim(f"{name}, {track}: verdict {wanted}", float(found.status == wanted), least=1.0))
     table(["log", "trajectory", "verdict", "windows torn", "median inflation", "revisits", "torn"], rows)
     return claims

@@ -27,16 +27,37 @@ def run(out: Path) -> list[Claim]:
             own = score(compared / frontend / "trajectory.tum", data / "gt" / "poses_tum.txt")
             errors = [own[key] for key in ("drift_percent", "drift_deg_per_100m", "ate_rmse_m", "rpe_v_rms")]
             row = found[frontend]
-            rows.append([name, frontend, *errors, row["inflation"], f"{row['windows_torn']:.1%}", row["psi_per_point"],
-                         f"{row['ms_per_revolution']:.0f}", f"{row['peak_rss_mb']:.0f}"])  # fmt: skip
+            rows.append(
+                [
+                    name,
+                    frontend,
+                    *errors,
+                    row["inflation"],
+                    f"{row['windows_torn']:.1%}",
+                    row["psi_per_point"],
+                    f"{row['ms_per_revolution']:.0f}",
+                    f"{row['peak_rss_mb']:.0f}",
+                ]
+            )
         psi, kiss = (found[frontend]["drift_percent"] for frontend in _FRONT_ENDS[:2])
         claims += [
             Claim(f"{name}: drift of the psi front end over that of KISS-ICP", psi / kiss, most=1.0),
             Claim(f"{name}: drift of the KISS-ICP front end [%]", kiss, most=0.4),
         ]
     table(
-        ["first 800 of", "front end", "drift [%]", "[deg/100 m]", "ATE [m]", "speed error [m/s]", "inflation",
-         "windows torn", "psi per point", "[ms/rev]", "[MB]"],
+        [
+            "first 800 of",
+            "front end",
+            "drift [%]",
+            "[deg/100 m]",
+            "ATE [m]",
+            "speed error [m/s]",
+            "inflation",
+            "windows torn",
+            "psi per point",
+            "[ms/rev]",
+            "[MB]",
+        ],
         rows,
-    )  # fmt: skip
+    )
     return claims

@@ -26,11 +26,23 @@ def run(out: Path) -> list[Claim]:
         before, after = (score(out / name / f"{track}.tum", truth) for track in ("odometry", "trajectory"))
         worst_m, worst_deg, tied, loops = _loops(out / name / "graph.g2o", truth)
         speed = summary["dataset"]["duration_s"] / summary["runtime_s"]["total"]
-        rows.append([
-            name, before["drift_percent"], before["drift_deg_per_100m"], before["ate_rmse_m"], after["ate_rmse_m"],
-            after["drift_percent"], after["drift_deg_per_100m"], str(loops), worst_m, worst_deg, f"{tied:.0%}",
-            f"{speed:.1f}", f"{summary['peak_rss_mb']:.0f}",
-        ])  # fmt: skip
+        rows.append(
+            [
+                name,
+                before["drift_percent"],
+                before["drift_deg_per_100m"],
+                before["ate_rmse_m"],
+                after["ate_rmse_m"],
+                after["drift_percent"],
+                after["drift_deg_per_100m"],
+                str(loops),
+                worst_m,
+                worst_deg,
+                f"{tied:.0%}",
+                f"{speed:.1f}",
+                f"{summary['peak_rss_mb']:.0f}",
+            ]
+        )
         claims += [
             Claim(f"{name}: drift before loops [%]", before["drift_percent"], most=percent),
             Claim(f"{name}: drift before loops [deg/100 m]", before["drift_deg_per_100m"], most=degrees),
@@ -42,10 +54,23 @@ def run(out: Path) -> list[Claim]:
             Claim(f"{name}: peak memory [MB]", summary["peak_rss_mb"], most=2000.0),
         ]
     table(
-        ["run", "drift [%]", "[deg/100 m]", "ATE [m]", "ATE after loops [m]", "drift [%]", "[deg/100 m]", "loops",
-         "worst loop [m]", "[deg]", "revisits tied", "times real time", "peak [MB]"],
+        [
+            "run",
+            "drift [%]",
+            "[deg/100 m]",
+            "ATE [m]",
+            "ATE after loops [m]",
+            "drift [%]",
+            "[deg/100 m]",
+            "loops",
+            "worst loop [m]",
+            "[deg]",
+            "revisits tied",
+            "times real time",
+            "peak [MB]",
+        ],
         rows,
-    )  # fmt: skip
+    )
     return claims
 
 

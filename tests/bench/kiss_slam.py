@@ -55,10 +55,25 @@ def main() -> int:
     _detect(recording, out / "returns.npz")
     rows = [_row(name, recording, chosen.python, out, copies, low, high) for name, copies, low, high in _SHAPES]
     table(
-        ["returns", "drift [%]", "[deg/100 m]", "ATE [m]", "ATE after loops [m]", "drift after [%]", "[deg/100 m]",
-         "candidates", "singular", "loops", "worst loop [m]", "[deg]", "time [s]", "of one core [s]", "peak [MB]"],
+        [
+            "returns",
+            "drift [%]",
+            "[deg/100 m]",
+            "ATE [m]",
+            "ATE after loops [m]",
+            "drift after [%]",
+            "[deg/100 m]",
+            "candidates",
+            "singular",
+            "loops",
+            "worst loop [m]",
+            "[deg]",
+            "time [s]",
+            "of one core [s]",
+            "peak [MB]",
+        ],
         rows,
-    )  # fmt: skip
+    )
     return 0
 
 
@@ -92,11 +107,22 @@ def _row(name: str, recording: Recording, python: str, out: Path, copies: int, l
     before, after = (_errors(recording, result[track]) for track in ("odometry", "optimised"))
     distance, angle = _worst_loop(recording, result)
     return [
-        name, before.drift_percent or "-", before.drift_deg_per_100m or "-", before.ate_rmse_m, after.ate_rmse_m,
-        after.drift_percent or "-", after.drift_deg_per_100m or "-", str(result["candidates"]), str(result["failed"]),
-        str(len(result["loops"])), distance, angle, f"{result['seconds']:.0f}", f"{result['cpu_s']:.0f}",
+        name,
+        before.drift_percent or "-",
+        before.drift_deg_per_100m or "-",
+        before.ate_rmse_m,
+        after.ate_rmse_m,
+        after.drift_percent or "-",
+        after.drift_deg_per_100m or "-",
+        str(result["candidates"]),
+        str(result["failed"]),
+        str(len(result["loops"])),
+        distance,
+        angle,
+        f"{result['seconds']:.0f}",
+        f"{result['cpu_s']:.0f}",
         f"{result['peak_mb']:.0f}",
-    ]  # fmt: skip
+    ]
 
 
 def _errors(recording: Recording, matrices: NDArray[np.float64]) -> Evaluation:

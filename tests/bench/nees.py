@@ -51,11 +51,16 @@ def run(out: Path) -> list[Claim]:
     within = chi2.ppf(0.95, 3)
     rows: list[list[str | float]] = [
         [
-            name, str(len(e.nees)), e.nees.mean() / 3.0, *e.axes.mean(axis=0), f"{np.mean(e.nees < within):.1%}",
-            f"{chi2.cdf(np.median(e.nees), 3):.0%}", float(np.quantile(e.nees, 0.99) / chi2.ppf(0.99, 3)),
+            name,
+            str(len(e.nees)),
+            e.nees.mean() / 3.0,
+            *e.axes.mean(axis=0),
+            f"{np.mean(e.nees < within):.1%}",
+            f"{chi2.cdf(np.median(e.nees), 3):.0%}",
+            float(np.quantile(e.nees, 0.99) / chi2.ppf(0.99, 3)),
         ]
         for name, e in named.items()
-    ]  # fmt: skip
+    ]
     shape = ["within the 95 % ellipse", "half lie within", "99 % quantile over nominal"]
     table(["windows of", "number", "NEES/3", "x", "y", "yaw", *shape], rows)
     path = out / "reliability.png"

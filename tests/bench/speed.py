@@ -68,9 +68,7 @@ def _ratio(p: PointSet, turn: float) -> tuple[float, float, float, float]:
 
     def median(reused: CandidateLists | None) -> float:
         return float(
-            np.median(
-                [_timed(lambda: score(p.points, p.times, turn, config, p.jacobians, reused)) for _ in range(_REPEATS)]
-            )
+            np.median([_timed(lambda: score(p.points, p.times, turn, config, p.jacobians, reused)) for _ in range(_REPEATS)])
         )
 
     for _ in range(_ROUNDS):

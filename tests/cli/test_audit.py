@@ -91,9 +91,7 @@ def test_the_map_of_a_run_is_audited_as_a_cloud(street: Path, quick: Path, tmp_p
         (("--trajectory", "ground_truth", "--config", "nothing"), "no such configuration"),
     ],
 )
-def test_mistakes_are_one_line_and_leave_nothing(
-    street: Path, tmp_path: Path, options: tuple[str, ...], said: str
-) -> None:
+def test_mistakes_are_one_line_and_leave_nothing(street: Path, tmp_path: Path, options: tuple[str, ...], said: str) -> None:
     result = mqslam("audit", street, "--out", tmp_path / "a", "--quiet", *options)
     assert result.code == 2 and said in result.err and len(result.err.splitlines()) == 1
     assert contents(tmp_path) == {}

@@ -125,9 +125,7 @@ def test_a_mirrored_recording_is_as_crisp_so_without_odometry_it_cannot_be_told(
     polar: tuple[Path, Path], tmp_path: Path
 ) -> None:
     (tmp_path / "mine.yaml").write_text("sensor: {clockwise: false}\n")
-    usual, mirrored = (
-        verdicts(polar[0], *RESOLUTION, *words) for words in ([], ["--config", tmp_path / "mine.yaml"])
-    )
+    usual, mirrored = (verdicts(polar[0], *RESOLUTION, *words) for words in ([], ["--config", tmp_path / "mine.yaml"]))
     assert not suspicious(usual) and not suspicious(mirrored)
     psi = [found["order of azimuths"]["numbers"]["psi"] for found in (usual, mirrored)]
     assert psi[1] == pytest.approx(psi[0], rel=1e-6)
@@ -142,9 +140,7 @@ def test_a_mirrored_recording_is_as_crisp_so_without_odometry_it_cannot_be_told(
         (ConstantDrive(8.0, 0.1), {"stamp convention"}),
     ],
 )
-def test_a_drive_that_does_not_show_something_is_not_blamed_for_it(
-    tmp_path: Path, motion: Drive, untold: set[str]
-) -> None:
+def test_a_drive_that_does_not_show_something_is_not_blamed_for_it(tmp_path: Path, motion: Drive, untold: set[str]) -> None:
     write_native(tmp_path / "drive.npz", drive(yard_scene(1), motion, 4.0))
     found = verdicts(tmp_path / "drive.npz")
     assert {name for name, check in found.items() if check["verdict"] == "cannot be told"} == untold
@@ -154,8 +150,9 @@ def test_a_drive_that_does_not_show_something_is_not_blamed_for_it(
 def test_the_real_sample_is_not_suspicious(oxford_tiny: Path) -> None:
     found = verdicts(oxford_tiny)
     assert {name: check["verdict"] for name, check in found.items()} == {
-        **dict.fromkeys(NAMES[:3], "ok"), **dict.fromkeys(NAMES[3:], "cannot be told")
-    }  # fmt: skip
+        **dict.fromkeys(NAMES[:3], "ok"),
+        **dict.fromkeys(NAMES[3:], "cannot be told"),
+    }
 
 
 @pytest.mark.slow
@@ -166,8 +163,10 @@ def test_real_recordings_with_a_gap_are_checked_as_far_as_they_go(oxford_tiny: P
         pytest.skip(f"the real sample is not at {data}")
     found = verdicts(data)
     assert [check["verdict"] for check in found.values()] == [
-        "suspicious", *["ok"] * (5 - untold), *["cannot be told"] * untold
-    ]  # fmt: skip
+        "suspicious",
+        *["ok"] * (5 - untold),
+        *["cannot be told"] * untold,
+    ]
     assert "followed by a gap, 1.7" in found["stamps"]["text"]
 
 

@@ -75,8 +75,13 @@ def test_every_row_is_there_with_its_files(compared: Path) -> None:
     assert rows["psi"]["inflation"] < rows["odometry"]["inflation"]
     assert rows["psi"]["ms_per_revolution"] > 0.0 and rows["truth"]["ms_per_revolution"] is None
     assert {p.name for p in compared.iterdir()} == {
-        "compare.json", "compare.csv", "report.html", "overlay.png", "config.yaml", *rows
-    }  # fmt: skip
+        "compare.json",
+        "compare.csv",
+        "report.html",
+        "overlay.png",
+        "config.yaml",
+        *rows,
+    }
     table = list(csv.DictReader((compared / "compare.csv").open()))
     assert [row["name"] for row in table] == list(rows)
     assert float(table[0]["psi_per_point"]) == pytest.approx(rows["psi"]["psi_per_point"])
@@ -135,9 +140,7 @@ def test_a_row_that_cannot_run_says_why_and_the_others_go_on(oxford_tiny: Path, 
         (("--trajectory", "mine=nowhere.tum"), "nowhere.tum"),
     ],
 )
-def test_mistakes_are_one_line_and_leave_nothing(
-    street: Path, tmp_path: Path, options: tuple[str, ...], said: str
-) -> None:
+def test_mistakes_are_one_line_and_leave_nothing(street: Path, tmp_path: Path, options: tuple[str, ...], said: str) -> None:
     result = mqslam("compare", street, "--out", tmp_path / "out", *OPTIONS, *options)
     assert result.code == 2 and said in result.err and len(result.err.splitlines()) == 1
     assert contents(tmp_path) == {}

@@ -236,8 +236,11 @@ def assert_is_point_map(cloud: Any, finished: Path) -> None:
 
     vertices = PlyData.read(str(finished / "map.ply"))["vertex"]
     assert [(field.name, field.offset, field.datatype) for field in cloud.fields] == [
-        ("x", 0, 7), ("y", 4, 7), ("z", 8, 7), ("intensity", 12, 7)
-    ]  # fmt: skip
+        ("x", 0, 7),
+        ("y", 4, 7),
+        ("z", 8, 7),
+        ("intensity", 12, 7),
+    ]
     assert (cloud.height, cloud.width, cloud.header.frame_id) == (1, len(vertices), "map")
     points = np.asarray(cloud.data, dtype=np.uint8).view("<f4").reshape(-1, 4)
     for column, name in enumerate(("x", "y", "z", "intensity")):

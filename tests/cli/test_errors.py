@@ -171,9 +171,7 @@ def test_a_failed_run_leaves_the_result_it_was_to_replace(tmp_path: Path) -> Non
 
 
 @pytest.mark.parametrize("out", ["drive", "."])
-def test_force_never_replaces_the_recording(
-    oxford: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, out: str
-) -> None:
+def test_force_never_replaces_the_recording(oxford: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, out: str) -> None:
     monkeypatch.chdir(tmp_path)
     before = contents(tmp_path)
     for name in (Path(out), tmp_path / out):

@@ -13,37 +13,102 @@ from support.recordings import START_US, TURN_US, write_oxford
 import mqslam as package
 
 HEAVY = (
-    "numba", "gtsam", "matplotlib", "scipy", "open3d", "kiss_icp", "rosbags", "plyfile", "laspy", "rerun", "plotly", "dask",
+    "numba",
+    "gtsam",
+    "matplotlib",
+    "scipy",
+    "open3d",
+    "kiss_icp",
+    "rosbags",
+    "plyfile",
+    "laspy",
+    "rerun",
+    "plotly",
+    "dask",
     "distributed",
-)  # fmt: skip
+)
 OPTIONS = {
     "run": [
-        "--out", "--frontend", "--config", "--odometry", "--format", "--range-resolution", "--jobs", "--cluster", "--live",
-        "--force", "--json", "--quiet", "--verbose",
+        "--out",
+        "--frontend",
+        "--config",
+        "--odometry",
+        "--format",
+        "--range-resolution",
+        "--jobs",
+        "--cluster",
+        "--live",
+        "--force",
+        "--json",
+        "--quiet",
+        "--verbose",
     ],
     "view": ["--colour", "--rerun", "--quiet", "--verbose"],
     "info": ["--format", "--range-resolution", "--json", "--quiet", "--verbose"],
     "simulate": [
-        "--scene", "--duration", "--turn-rate", "--azimuths", "--range-resolution", "--max-range", "--movers", "--doppler",
-        "--seed", "--jobs", "--quiet", "--verbose",
+        "--scene",
+        "--duration",
+        "--turn-rate",
+        "--azimuths",
+        "--range-resolution",
+        "--max-range",
+        "--movers",
+        "--doppler",
+        "--seed",
+        "--jobs",
+        "--quiet",
+        "--verbose",
     ],
     "compare": [
-        "--out", "--frontends", "--trajectory", "--odometry-only", "--kiss-config", "--config", "--odometry", "--format",
-        "--jobs", "--cluster", "--resume", "--force", "--json", "--quiet", "--verbose",
+        "--out",
+        "--frontends",
+        "--trajectory",
+        "--odometry-only",
+        "--kiss-config",
+        "--config",
+        "--odometry",
+        "--format",
+        "--jobs",
+        "--cluster",
+        "--resume",
+        "--force",
+        "--json",
+        "--quiet",
+        "--verbose",
     ],
     "audit": [
-        "--out", "--trajectory", "--times", "--topic", "--z-range", "--fail-on", "--config", "--format", "--jobs",
-        "--cluster", "--force", "--json", "--quiet", "--verbose",
+        "--out",
+        "--trajectory",
+        "--times",
+        "--topic",
+        "--z-range",
+        "--fail-on",
+        "--config",
+        "--format",
+        "--jobs",
+        "--cluster",
+        "--force",
+        "--json",
+        "--quiet",
+        "--verbose",
     ],
     "batch": ["--out", "--jobs", "--cluster", "--force", "--json", "--quiet", "--verbose"],
     "convert": ["--to", "--message", "--force", "--quiet", "--verbose"],
     "check": ["--odometry", "--config", "--format", "--json", "--quiet", "--verbose"],
     "score": ["--start", "--motion", "--minimise", "--json", "--quiet", "--verbose"],
-}  # fmt: skip
+}
 UNITS = {
-    "run": ["[m]", "[us]"], "view": [], "info": ["[m]"], "simulate": ["[s]", "[1/s]", "[m]"], "compare": ["[m]", "[us]"],
-    "audit": ["[m]"], "batch": [], "convert": ["[m]"], "check": ["[m]"], "score": ["[s", "[m/s"],
-}  # fmt: skip
+    "run": ["[m]", "[us]"],
+    "view": [],
+    "info": ["[m]"],
+    "simulate": ["[s]", "[1/s]", "[m]"],
+    "compare": ["[m]", "[us]"],
+    "audit": ["[m]"],
+    "batch": [],
+    "convert": ["[m]"],
+    "check": ["[m]"],
+    "score": ["[s", "[m/s"],
+}
 
 
 def imported(words: list[str], libraries: tuple[str, ...]) -> list[str]:
@@ -75,9 +140,7 @@ def test_no_heavy_library_is_imported_to_describe_a_recording(tmp_path: Path) ->
 
 
 @pytest.mark.parametrize("command", OPTIONS)
-def test_help_of_a_command_shows_its_options_units_and_an_example(
-    command: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_help_of_a_command_shows_its_options_units_and_an_example(command: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("COLUMNS", "240")
     shown = mqslam(command, "--help").out
     for expected in (*OPTIONS[command], *UNITS[command], f"Example: mqslam {command} "):

@@ -92,11 +92,13 @@ def test_a_map_its_check_and_loops_that_fail_cost_no_trajectory(
     assert {path.name for path in out.iterdir()} == ESSENTIAL | OTHERS
     whole = "; the other results are whole"
     assert_said(
-        shown, out, f"the search for loops could not be made (ValueError: by nothing){whole}",
+        shown,
+        out,
+        f"the search for loops could not be made (ValueError: by nothing){whole}",
         f"the map before optimisation could not be made (MemoryError: Unable to allocate 40 GiB){whole}",
         f"the map could not be made (MemoryError: Unable to allocate 40 GiB){whole}",
         f"the check of the map could not be made (LinAlgError: Singular matrix){whole}",
-    )  # fmt: skip
+    )
     found = summary_of(out)
     assert found["psi"]["per_point_optimised"] is None and found["inflation"]["median"] is None
     assert found["verdict"]["status"] == "not judged"
@@ -112,9 +114,7 @@ def test_a_full_disk_is_an_error_all_the_same(drive: Path, tmp_path: Path, monke
     assert not (tmp_path / "out" / "trajectory.tum").exists()
 
 
-def test_covariances_that_cannot_be_had_are_a_warning(
-    drive: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_covariances_that_cannot_be_had_are_a_warning(drive: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("mqslam.backend.pose_graph.splu", failing(RuntimeError("Factor is exactly singular")))
 
     def write_indices(path: Path, report: Any) -> list[str]:
@@ -221,8 +221,9 @@ def test_one_scan_has_a_pose_and_no_verdict(drive: Path, tmp_path: Path, monkeyp
     shutil.copy(drive.with_name("quick.yaml"), tmp_path)
     assert run(one, tmp_path / "out", "--odometry", "auto").code == 0
     assert summary_of(tmp_path / "out")["verdict"] == {
-        "status": "not judged", "reasons": ["1 scan is too few to judge a map by: a window takes 6"]
-    }  # fmt: skip
+        "status": "not judged",
+        "reasons": ["1 scan is too few to judge a map by: a window takes 6"],
+    }
 
 
 def test_an_audit_keeps_its_numbers_without_pictures_and_report(
@@ -233,8 +234,10 @@ def test_an_audit_keeps_its_numbers_without_pictures_and_report(
     shown = mqslam("audit", drive, "--trajectory", "ground_truth", "--out", tmp_path / "out", "--fail-on", "fail")
     assert shown.code == 3 and shown.out.startswith("verdict       not judged: 0 of 4 windows are torn, too few to judge")
     assert {path.name for path in (tmp_path / "out").iterdir()} == {"config.yaml", "audit.csv", "revisits.csv", "audit.json"}
-    said = [f"{name} could not be made (ValueError: by nothing); the other results are whole"
-            for name in ("heatmap.png", "report.html")]  # fmt: skip
+    said = [
+        f"{name} could not be made (ValueError: by nothing); the other results are whole"
+        for name in ("heatmap.png", "report.html")
+    ]
     assert summary_of(tmp_path / "out", "audit.json")["warnings"] == said
     assert [line for line in shown.err.splitlines() if "could not" in line] == [f"note: {line}" for line in said]
 
@@ -242,10 +245,16 @@ def test_an_audit_keeps_its_numbers_without_pictures_and_report(
 @pytest.mark.parametrize(
     ("status", "fail_on", "code"),
     [
-        ("pass", "warn", 0), ("warn", "warn", 1), ("fail", "warn", 1), ("not judged", "warn", 3),
-        ("pass", "fail", 0), ("warn", "fail", 0), ("fail", "fail", 1), ("not judged", "fail", 3),
+        ("pass", "warn", 0),
+        ("warn", "warn", 1),
+        ("fail", "warn", 1),
+        ("not judged", "warn", 3),
+        ("pass", "fail", 0),
+        ("warn", "fail", 0),
+        ("fail", "fail", 1),
+        ("not judged", "fail", 3),
     ],
-)  # fmt: skip
+)
 def test_a_map_that_could_not_be_judged_has_an_exit_code_of_its_own(
     status: str, fail_on: Literal["warn", "fail"], code: int
 ) -> None:
@@ -269,8 +278,12 @@ def test_a_comparison_keeps_what_does_not_fail(drive: Path, tmp_path: Path, monk
     shown = mqslam("compare", drive, "--out", tmp_path / "out", *given)
     assert shown.code == 0
     assert {path.name for path in (tmp_path / "out").iterdir()} == {
-        "compare.csv", "compare.json", "config.yaml", "odometry", "first"
-    }  # fmt: skip
+        "compare.csv",
+        "compare.json",
+        "config.yaml",
+        "odometry",
+        "first",
+    }
     found = summary_of(tmp_path / "out", "compare.json")
     rows = {row["name"]: row for row in found["rows"]}
     assert rows["odometry"]["failure"] is not None and "Singular matrix" in rows["odometry"]["failure"]
@@ -281,9 +294,7 @@ def test_a_comparison_keeps_what_does_not_fail(drive: Path, tmp_path: Path, monk
     assert "note: report.html could not be made" in shown.err
 
 
-def test_a_batch_keeps_its_numbers_where_a_finished_run_lost_a_file(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_batch_keeps_its_numbers_where_a_finished_run_lost_a_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     names = ("kept", "damaged")
     orders = [Order(name, tmp_path / "drive", "psi", "none", Config()) for name in names]
     verdict = {"status": "not judged", "reasons": ["2 scans"]}

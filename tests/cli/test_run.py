@@ -30,25 +30,53 @@ from mqslam.formats.recordings import open_recording
 from mqslam.formats.tum import read_tum
 
 FILES = {
-    "summary.json", "trajectory.tum", "odometry.tum", "measurements.csv", "map.ply", "map.pgm", "map.yaml", "graph.g2o",
-    "config.yaml", "report.html", "run.log",
-}  # fmt: skip
+    "summary.json",
+    "trajectory.tum",
+    "odometry.tum",
+    "measurements.csv",
+    "map.ply",
+    "map.pgm",
+    "map.yaml",
+    "graph.g2o",
+    "config.yaml",
+    "report.html",
+    "run.log",
+}
 KEYS = {
     "mqslam_version": None,
     "dataset": {"format", "path", "revolutions", "duration_s", "length_m"},
     "psi": {
-        "odometry", "optimised", "per_point_odometry", "per_point_optimised", "matched_odometry", "matched_optimised",
+        "odometry",
+        "optimised",
+        "per_point_odometry",
+        "per_point_optimised",
+        "matched_odometry",
+        "matched_optimised",
     },
     "verdict": {"status", "reasons"},
     "factors": {"odometry", "psi", "loop", "loop_rejected"},
     "evaluation": {"ate_rmse_m", "drift_percent", "drift_deg_per_100m"},
     "runtime_s": {"read", "detect", "windows", "loops", "optimise", "render", "total"},
     "peak_rss_mb": None,
-}  # fmt: skip
+}
 COLUMNS = [
-    "t0", "t1", "dx", "dy", "dyaw", "cov_xx", "cov_xy", "cov_xyaw", "cov_yy", "cov_yyaw", "cov_yawyaw",
-    "psi", "psi_odometry", "points", "matched", "status",
-]  # fmt: skip
+    "t0",
+    "t1",
+    "dx",
+    "dy",
+    "dyaw",
+    "cov_xx",
+    "cov_xy",
+    "cov_xyaw",
+    "cov_yy",
+    "cov_yyaw",
+    "cov_yawyaw",
+    "psi",
+    "psi_odometry",
+    "points",
+    "matched",
+    "status",
+]
 REVOLUTIONS = 48
 
 

@@ -13,19 +13,33 @@ SMALL = ["--duration", "1.5", "--azimuths", "90", "--range-resolution", "0.5", "
 
 def test_every_option_reaches_the_simulation(tmp_path: Path) -> None:
     options = {
-        "--scene": "yard", "--duration": 2.0, "--turn-rate": 2.0, "--azimuths": 90, "--range-resolution": 0.5,
-        "--max-range": 60.0, "--movers": 2, "--doppler": 0.01, "--seed": 7, "--jobs": 2,
-    }  # fmt: skip
+        "--scene": "yard",
+        "--duration": 2.0,
+        "--turn-rate": 2.0,
+        "--azimuths": 90,
+        "--range-resolution": 0.5,
+        "--max-range": 60.0,
+        "--movers": 2,
+        "--doppler": 0.01,
+        "--seed": 7,
+        "--jobs": 2,
+    }
     words = [str(word) for pair in options.items() for word in pair]
     assert mqslam("simulate", tmp_path / "drive", *words, "--quiet").code == 0
     written = json.loads((tmp_path / "drive" / "simulation.json").read_text())
     sensor = written["sensor"]
     found = {
-        "--scene": written["scene"], "--duration": written["duration_s"], "--turn-rate": sensor["turn_rate_hz"],
-        "--azimuths": sensor["azimuths"], "--range-resolution": sensor["range_resolution"],
-        "--max-range": sensor["max_range"], "--movers": written["movers"], "--doppler": sensor["doppler_beta"],
-        "--seed": written["seed"], "--jobs": 2,
-    }  # fmt: skip
+        "--scene": written["scene"],
+        "--duration": written["duration_s"],
+        "--turn-rate": sensor["turn_rate_hz"],
+        "--azimuths": sensor["azimuths"],
+        "--range-resolution": sensor["range_resolution"],
+        "--max-range": sensor["max_range"],
+        "--movers": written["movers"],
+        "--doppler": sensor["doppler_beta"],
+        "--seed": written["seed"],
+        "--jobs": 2,
+    }
     assert found == options
     described = json.loads(mqslam("info", tmp_path / "drive", "--json").out)
     assert (described["revolutions"], described["azimuths"], described["bins"]) == (4, 90, 120)

@@ -34,9 +34,13 @@ def test_quiet_prints_errors_only(street: Path, command: str) -> None:
 
 @pytest.mark.parametrize(
     ("line", "offered"),
-    [("mqslam co", {"compare", "convert", "config"}), ("mqslam run --frontend k", {"kiss_icp"}),
-     ("mqslam run --config o", {"oxford"}), ("mqslam info --format ra", {"radiate"})],
-)  # fmt: skip
+    [
+        ("mqslam co", {"compare", "convert", "config"}),
+        ("mqslam run --frontend k", {"kiss_icp"}),
+        ("mqslam run --config o", {"oxford"}),
+        ("mqslam info --format ra", {"radiate"}),
+    ],
+)
 def test_the_shell_completes_commands_and_names(line: str, offered: set[str]) -> None:
     asked = {"_MQSLAM_COMPLETE": "complete_bash", "COMP_WORDS": line, "COMP_CWORD": str(len(line.split()) - 1)}
     shown = subprocess.run([COMMAND], capture_output=True, text=True, check=True, env={**os.environ, **asked})

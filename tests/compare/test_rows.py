@@ -90,10 +90,7 @@ def test_rows_are_judged_by_truth_and_without_it() -> None:
     assert len(common) == len(scans)
     where = places(common, tracks, 6)
     assert where and all(a.apart_m >= b.apart_m for a, b in itertools.pairwise(where))
-    found = [
-        judge(r, common, truth, where, CONFIG, BEAM, HERE, lambda *_: None)
-        for r in rows
-    ]
+    found = [judge(r, common, truth, where, CONFIG, BEAM, HERE, lambda *_: None) for r in rows]
     psi, best, shaken = found
     inflation = [np.median([w.bend.inflation for w in f.audit.windows]) for f in found]
     assert inflation[2] > 3.0 * inflation[1]

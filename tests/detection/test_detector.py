@@ -52,9 +52,12 @@ def pictures(levels: int) -> st.SearchStrategy[NDArray[np.uint8]]:
 
 
 @given(
-    power=st.one_of(pictures(4), pictures(256)), half=st.integers(0, 3), strongest=st.integers(1, 15),
-    threshold=st.sampled_from([0.5, 40.0, 120.0]), seed=st.integers(0, 99),
-)  # fmt: skip
+    power=st.one_of(pictures(4), pictures(256)),
+    half=st.integers(0, 3),
+    strongest=st.integers(1, 15),
+    threshold=st.sampled_from([0.5, 40.0, 120.0]),
+    seed=st.integers(0, 99),
+)
 @settings(max_examples=150, deadline=None)
 def test_the_peaks_are_those_of_the_reference(
     power: NDArray[np.uint8], half: int, strongest: int, threshold: float, seed: int
@@ -72,9 +75,11 @@ def test_the_peaks_are_those_of_the_reference(
 
 
 @given(
-    seed=st.integers(0, 2**32 - 1), shape=st.tuples(st.integers(1, 10), st.integers(1, 6)),
-    join=st.sampled_from([0.05, 0.6, 5.0]), ties=st.booleans(),
-)  # fmt: skip
+    seed=st.integers(0, 2**32 - 1),
+    shape=st.tuples(st.integers(1, 10), st.integers(1, 6)),
+    join=st.sampled_from([0.05, 0.6, 5.0]),
+    ties=st.booleans(),
+)
 @settings(max_examples=150, deadline=None)
 def test_the_targets_are_those_of_the_reference(seed: int, shape: tuple[int, int], join: float, ties: bool) -> None:
     rng = np.random.default_rng(seed)

@@ -184,9 +184,12 @@ main()
 def test_an_interrupt_leaves_no_process_and_what_can_be_resumed(lap: Path, tmp_path: Path) -> None:
     words = ["run", lap / "drive", "--out", tmp_path / "out", "--odometry", "none", "--cluster", "local:2"]
     process = subprocess.Popen(
-        [INSTALLED, *words], stderr=subprocess.PIPE, text=True, start_new_session=True,
+        [INSTALLED, *words],
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
         preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),  # what runs the tests may ignore it
-    )  # fmt: skip
+    )
     assert process.stderr is not None
     while not (line := process.stderr.readline()).startswith("reading and detecting: 104/104"):
         assert line

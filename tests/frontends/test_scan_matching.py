@@ -35,9 +35,7 @@ def measured(request: pytest.FixtureRequest) -> Measure:
     if request.param == "open3d_icp":
         pytest.importorskip("open3d", exc_type=ImportError)
 
-    def measure(
-        recording: SimulatedRecording, scans: list[Scan], odometry: Trajectory | None = None
-    ) -> list[Measurement]:
+    def measure(recording: SimulatedRecording, scans: list[Scan], odometry: Trajectory | None = None) -> list[Measurement]:
         context = Context(Config(), recording.revolution_s, recording.start_us, odometry)
         return list(frontend.load(request.param)(context).measure(scans))
 

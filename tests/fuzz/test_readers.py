@@ -31,9 +31,12 @@ def test_a_damaged_input_is_read_soundly_or_refused_clearly(tmp_path: Path, name
     contents = {file: file.read_bytes() for file in files}
 
     @settings(
-        max_examples=INPUTS, deadline=None, database=None, derandomize="MQSLAM_FUZZ" not in os.environ,
+        max_examples=INPUTS,
+        deadline=None,
+        database=None,
+        derandomize="MQSLAM_FUZZ" not in os.environ,
         suppress_health_check=list(HealthCheck),
-    )  # fmt: skip
+    )
     @given(CHANGES)
     def fuzz(changes: list[Change]) -> None:
         damaged = dict(contents)

@@ -36,16 +36,24 @@ BEYOND_CHANCE = 25.0  # of a chi-square with three degrees of freedom: one in 65
 
 HOLDING_NO_MOTION = ("no return in any scan", "one return in every scan", "two returns in every scan", "one scan")
 MAY_BE_REFUSED = (  # too: a front end that finds a motion in these has to be right about how well
-    "returns in the first scan only", "returns in the last scan only", "seven returns in every scan",
-    "twenty returns in every scan", "all returns at the sensor", "one return again and again",
-)  # fmt: skip
+    "returns in the first scan only",
+    "returns in the last scan only",
+    "seven returns in every scan",
+    "twenty returns in every scan",
+    "all returns at the sensor",
+    "one return again and again",
+)
 # points at even distances and nothing else: what all of them err together by, no score of theirs shows
 ALIASED = ("all returns in one direction", "bare walls without noise")
 ASKING_FOR_DOPPLER = (
-    "forty returns in every scan", "three returns from the seventh scan on", "first two scans without returns",
-    "returns in the first scan only", "all returns in one direction", "all returns at the sensor",
+    "forty returns in every scan",
+    "three returns from the seventh scan on",
+    "first two scans without returns",
+    "returns in the first scan only",
+    "all returns in one direction",
+    "all returns at the sensor",
     "one scan again and again",
-)  # fmt: skip
+)
 
 
 @cache

@@ -33,10 +33,13 @@ def assert_equal(one: Evaluation, other: Evaluation, rtol: float = 1e-9) -> None
 
 
 @given(
-    seed=st.integers(0, 2**32 - 2), counts=st.tuples(st.integers(0, 30), st.integers(0, 30)),
-    side=st.sampled_from([1.0, 5.0, 40.0]), moving=st.booleans(), parameters=st.sampled_from([0, 2, 6]),
+    seed=st.integers(0, 2**32 - 2),
+    counts=st.tuples(st.integers(0, 30), st.integers(0, 30)),
+    side=st.sampled_from([1.0, 5.0, 40.0]),
+    moving=st.booleans(),
+    parameters=st.sampled_from([0, 2, 6]),
     scale=st.sampled_from([SCALE, Scale(0.7, 0.3, 2.0), Scale(2.5, 1.25, 5.0)]),
-)  # fmt: skip
+)
 @settings(max_examples=150, deadline=None)
 def test_the_kernel_equals_the_reference(
     seed: int, counts: tuple[int, int], side: float, moving: bool, parameters: int, scale: Scale

@@ -31,10 +31,13 @@ def holds_all_within(lists: CandidateLists, references: Points, queries: Points,
 
 
 @given(
-    seed=st.integers(0, 2**32 - 2), counts=st.tuples(st.integers(0, 60), st.integers(0, 60)),
-    side=st.sampled_from([0.5, 10.0, 1000.0]), cell=st.floats(0.05, 20.0), radius=st.floats(0.05, 8.0),
+    seed=st.integers(0, 2**32 - 2),
+    counts=st.tuples(st.integers(0, 60), st.integers(0, 60)),
+    side=st.sampled_from([0.5, 10.0, 1000.0]),
+    cell=st.floats(0.05, 20.0),
+    radius=st.floats(0.05, 8.0),
     x=st.floats(-1e4, 1e4),
-)  # fmt: skip
+)
 @settings(max_examples=200, deadline=None)
 def test_candidates_are_those_of_a_tree(
     seed: int, counts: tuple[int, int], side: float, cell: float, radius: float, x: float

@@ -307,7 +307,7 @@ def test_in_print_and_without_scripts_the_pictures_stand_for_the_map(written: Pa
         assert live.is_displayed() and not still.is_displayed()
         browser.execute_cdp_cmd("Emulation.setEmulatedMedia", {"media": "print"})
         assert still.is_displayed() and not live.is_displayed()
-    assert "class=\"live\"" in written.read_text(encoding="utf-8") and "Under odometry" in page_of(written).images
+    assert 'class="live"' in written.read_text(encoding="utf-8") and "Under odometry" in page_of(written).images
 
 
 @pytest.mark.slow

@@ -171,10 +171,14 @@ def test_render_polar_scan_takes_any_poses() -> None:
 @pytest.mark.parametrize(
     "bad",
     [
-        {"range_resolution": 0.0}, {"azimuths": 2}, {"max_range": 0.5}, {"max_range": 1e12},
-        {"turn_rate_hz": -1}, {"turn_rate_hz": 1e9},
+        {"range_resolution": 0.0},
+        {"azimuths": 2},
+        {"max_range": 0.5},
+        {"max_range": 1e12},
+        {"turn_rate_hz": -1},
+        {"turn_rate_hz": 1e9},
     ],
-)  # fmt: skip
+)
 def test_impossible_sensors_are_refused(bad: dict[str, float]) -> None:
     with pytest.raises(ConfigError, match=next(iter(bad))):
         quiet(**bad)

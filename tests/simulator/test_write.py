@@ -118,10 +118,15 @@ def test_an_empty_folder_is_filled(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     "bad",
     [
-        {"scene": "moon"}, {"duration_s": 0.0}, {"duration_s": 0.1}, {"duration_s": 1e12}, {"movers": -1}, {"jobs": 0},
+        {"scene": "moon"},
+        {"duration_s": 0.0},
+        {"duration_s": 0.1},
+        {"duration_s": 1e12},
+        {"movers": -1},
+        {"jobs": 0},
         {"seed": -1},
     ],
-)  # fmt: skip
+)
 def test_impossible_parameters_are_refused_and_nothing_is_made(tmp_path: Path, bad: dict[str, Any]) -> None:
     with pytest.raises(ConfigError):
         simulate(tmp_path / "out", **{**SMALL, **bad})

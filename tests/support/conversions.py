@@ -76,9 +76,13 @@ def changed(start_us: int | None = None, **by_name: Any) -> Turns:
     turns = tuple(replace(r, **{name: change(r) for name, change in by_name.items()}) for r in recording.polar_scans())
     late = recording.start_us - (recording.start_us if start_us is None else start_us)
     return Turns(
-        path=Path("drive"), format="given", stamps_us=recording.stamps_us - late, turns_us=recording.turns_us,
-        range_resolution=0.5, turns=turns,
-    )  # fmt: skip
+        path=Path("drive"),
+        format="given",
+        stamps_us=recording.stamps_us - late,
+        turns_us=recording.turns_us,
+        range_resolution=0.5,
+        turns=turns,
+    )
 
 
 def stamps_of(azimuths: int, turn_us: float, burst: int = 1) -> NDArray[np.float64]:
@@ -101,9 +105,13 @@ def spinning(begins_us: list[int], turns_us: int | list[int], azimuths: int = 60
         power = np.full((azimuths, azimuths), k % 40, dtype=np.uint8)
         revolutions.append(PolarScan(stamps * 1e-6, -2.0 * np.pi * ticks / 5600, power, np.ones(azimuths, dtype=np.bool_)))
     return Turns(
-        path=Path("drive"), format="given", stamps_us=START_US + np.array(begins_us), turns_us=np.array(takes),
-        range_resolution=0.5, turns=tuple(revolutions),
-    )  # fmt: skip
+        path=Path("drive"),
+        format="given",
+        stamps_us=START_US + np.array(begins_us),
+        turns_us=np.array(takes),
+        range_resolution=0.5,
+        turns=tuple(revolutions),
+    )
 
 
 def arriving(turns: NDArray[np.int64], delays_us: NDArray[np.float64]) -> NDArray[np.int64]:

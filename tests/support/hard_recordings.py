@@ -115,11 +115,12 @@ def repeated(scan: Scan, scans: int) -> list[Scan]:
     length, r = scan.t1 - scan.t0, scan.returns
     return [
         Scan(
-            scan.t0 + k * length, scan.t1 + k * length,
+            scan.t0 + k * length,
+            scan.t1 + k * length,
             Returns(r.ranges, r.azimuths, r.times + k * length, r.intensities),
         )
         for k in range(scans)
-    ]  # fmt: skip
+    ]
 
 
 def one_spot(scans: int, range_m: float = 10.0, count: int = 40) -> list[Scan]:

@@ -16,9 +16,28 @@ from PIL import Image
 
 _NUMBER = re.compile(rb"[-+]?\d+(?:\.\d+)?(?:[eE][-+]?\d+)?")
 _WORDS = (
-    b"nan", b"-inf", b"1e308", b"-1e-308", b"0", b"-1", b"9" * 40, b"-" + b"9" * 19, b"9223372036854775807", b"1" * 5000,
-    b"", b"x", b"0x10", b"1_0", "\u0661".encode(), b"1,2", b"1 2", b"1\n2", b"1e18", b"4294967296", b"!!python/none",
-)  # fmt: skip
+    b"nan",
+    b"-inf",
+    b"1e308",
+    b"-1e-308",
+    b"0",
+    b"-1",
+    b"9" * 40,
+    b"-" + b"9" * 19,
+    b"9223372036854775807",
+    b"1" * 5000,
+    b"",
+    b"x",
+    b"0x10",
+    b"1_0",
+    "\u0661".encode(),
+    b"1,2",
+    b"1 2",
+    b"1\n2",
+    b"1e18",
+    b"4294967296",
+    b"!!python/none",
+)
 _EXTREMES = (0, 1, -1, 2**7, 2**15, 2**31 - 1, 2**31, 2**32 - 1, 2**62, -(2**31), -(2**63), 2**63 - 1)
 KINDS = ("flip", "byte", "extreme", "cut", "end", "insert", "repeat", "swap", "number")
 Mutate = Callable[[bytes, "Change"], bytes]

@@ -132,9 +132,7 @@ def oxford(folder: Path) -> Path:
     (drive / "odom.csv").write_text("t,v,omega\n" + "".join(f"{START_US + 10**5 * k},8.0,0.1\n" for k in range(20)))
     (drive / "simulation.json").write_text('{"range_resolution_m": 0.175}\n')
     (drive / "gt").mkdir()
-    rows = [
-        f"{START_US + k * TURN_US},{START_US + (k - 1) * TURN_US},2.0,0.0,0,0,0,0.01,1,2\n" for k in range(1, 7)
-    ]
+    rows = [f"{START_US + k * TURN_US},{START_US + (k - 1) * TURN_US},2.0,0.0,0,0,0,0.01,1,2\n" for k in range(1, 7)]
     (drive / "gt" / "radar_odometry.csv").write_text("a,b,x,y,z,roll,pitch,yaw,c,d\n" + "".join(rows))
     return drive
 
@@ -163,10 +161,17 @@ def scans(kind: str) -> Callable[[Path], Path]:
             for k in range(4):
                 stamp = START_US + k * 100_000
                 message = types[laserscan.SCAN_TYPE](
-                    bag.header(stamp), angle_min=-1.0, angle_max=1.0, angle_increment=0.1, time_increment=1e-3,
-                    scan_time=0.1, range_min=0.1, range_max=30.0, ranges=np.linspace(1, 20, 21).astype(np.float32),
+                    bag.header(stamp),
+                    angle_min=-1.0,
+                    angle_max=1.0,
+                    angle_increment=0.1,
+                    time_increment=1e-3,
+                    scan_time=0.1,
+                    range_min=0.1,
+                    range_max=30.0,
+                    ranges=np.linspace(1, 20, 21).astype(np.float32),
                     intensities=np.zeros(0, np.float32),
-                )  # fmt: skip
+                )
                 bag.write(lidar, stamp, message)
                 bag.write(wheels, stamp, bag.odometry(stamp, np.array([0.1 * k, 0.0, 0.01])))
         return path

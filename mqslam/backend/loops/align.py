@@ -66,9 +66,7 @@ def align(
     found = []
     peaks = correlation_peaks(reference.points, query.points, guess, reach_m, reach_rad, pixel_m)
     for start in [guess, *peaks]:  # where the trajectory has it is as good a hypothesis as any
-        minimum = minimise(
-            start, lambda pose: moved(query, pose), reference, free, config, ANY_TIME, _TOLERANCES, grid
-        )
+        minimum = minimise(start, lambda pose: moved(query, pose), reference, free, config, ANY_TIME, _TOLERANCES, grid)
         off = se2.between(guess, minimum.state)
         if np.hypot(off[0], off[1]) <= reach_m + 1.0 and abs(off[2]) <= reach_rad + 0.05:
             found.append(minimum)
@@ -90,7 +88,7 @@ def align(
 
 
 def cross_score(reference: PointSet, query: PointSet, pose: se2.Array, config: EstimatorConfig) -> float:
-    """psi per point of the query laid into the reference at a pose (3,)."""
+    """Psi per point of the query laid into the reference at a pose (3,)."""
     found = _scored(reference, cell_grid(reference.points, 1.0), moved(query, pose), config, wide=False)
     return found.psi / len(query)
 

@@ -105,9 +105,7 @@ def _improves(shared: tuple[Drive, se2.Array, LoopConfig, EstimatorConfig, Beam]
     return after_psi < before_psi or after_psi <= settings.kept * min(before_psi, loop.psi)
 
 
-def _submaps(
-    drive: Drive, earlier: int, later: int, settings: LoopConfig, beam: Beam
-) -> tuple[PointSet, PointSet]:
+def _submaps(drive: Drive, earlier: int, later: int, settings: LoopConfig, beam: Beam) -> tuple[PointSet, PointSet]:
     """The earlier pass, and the smaller part of the later one that is laid into it."""
     reach, spacing = settings.submap_m, settings.spacing_m
     return submap(drive, earlier, reach, spacing, beam), submap(drive, later, 0.5 * reach, spacing, beam)

@@ -137,9 +137,7 @@ def _mount(sensor: se2.Array, robot: se2.Array, parameters: dict[str, float]) ->
     return (shown if rigid and separate else named), rigid
 
 
-def _odometry(
-    path: Path, lines: list[OdometryLine], scans: list[ScanLine]
-) -> tuple[Trajectory | None, list[str]]:
+def _odometry(path: Path, lines: list[OdometryLine], scans: list[ScanLine]) -> tuple[Trajectory | None, list[str]]:
     """The robot's odometry, or None where it has not two poses, and what was done to it.
 
     A log that a SLAM run wrote starts its odometry anew from the corrected pose after every scan. What the wheels measured
@@ -164,9 +162,7 @@ def _odometry(
     return (Trajectory(stamps[rows], poses[rows]) if len(rows) > 1 else None), notes
 
 
-def _beside_scans(
-    stamps: NDArray[np.int64], lines: list[OdometryLine], scans: list[ScanLine]
-) -> NDArray[np.bool_]:
+def _beside_scans(stamps: NDArray[np.int64], lines: list[OdometryLine], scans: list[ScanLine]) -> NDArray[np.bool_]:
     """Mask (M,) of odometry lines, stamped (M,) [us], that do not contradict those written with the scans.
 
     The line right above a scan, with the scan's stamp, is the odometry of that scan. Where stamps run to and fro (by up

@@ -1,10 +1,10 @@
 """The lines of a CARMEN log, parsed and not yet understood.
 
-    PARAM name value ...
-    ODOM x y theta tv rv accel ipc_timestamp host logger_timestamp
-    FLASER n r_1 .. r_n x y theta odom_x odom_y odom_theta ipc_timestamp host logger_timestamp
-    ROBOTLASER1 type start_angle field_of_view resolution maximum_range accuracy remission_mode n r_1 .. r_n m rem_1 .. rem_m
-        laser_x laser_y laser_theta robot_x robot_y robot_theta tv rv forward side axis ipc_timestamp host logger_timestamp
+PARAM name value ...
+ODOM x y theta tv rv accel ipc_timestamp host logger_timestamp
+FLASER n r_1 .. r_n x y theta odom_x odom_y odom_theta ipc_timestamp host logger_timestamp
+ROBOTLASER1 type start_angle field_of_view resolution maximum_range accuracy remission_mode n r_1 .. r_n m rem_1 .. rem_m
+    laser_x laser_y laser_theta robot_x robot_y robot_theta tv rv forward side axis ipc_timestamp host logger_timestamp
 """
 
 from __future__ import annotations

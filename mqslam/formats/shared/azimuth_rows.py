@@ -156,8 +156,8 @@ def _in_order(values: NDArray[np.float64], candidates: NDArray[np.bool_]) -> NDA
     for row, value in zip(rows.tolist(), values[rows].tolist(), strict=True):
         length = bisect_right(tails, value)
         before[row] = tail_rows[length - 1] if length else -1
-        tails[length:length + 1] = [value]
-        tail_rows[length:length + 1] = [row]
+        tails[length : length + 1] = [value]
+        tail_rows[length : length + 1] = [row]
     mask = np.zeros(len(values), dtype=np.bool_)
     row = tail_rows[-1]
     while row >= 0:

@@ -141,9 +141,7 @@ def index_rows(folder: Path, names: NDArray[np.int64]) -> RowImages:
     return RowImages(folder, names, starts, turns, flag, count, notes, (*faults, *missing))
 
 
-def _measured(
-    folder: Path, names: NDArray[np.int64], flag: Flag, k: int, known: dict[int, Azimuths]
-) -> float | None:
+def _measured(folder: Path, names: NDArray[np.int64], flag: Flag, k: int, known: dict[int, Azimuths]) -> float | None:
     """How long the turn of image k took by its azimuths' stamps [us], or None where they cannot be read or do not say."""
     try:
         azimuths = known[k] if k in known else _read(folder, int(names[k]), flag)[0]

@@ -79,8 +79,8 @@ def in_order(stamps_us: Sequence[int]) -> NDArray[np.bool_]:
     for row, stamp in enumerate(stamps_us):
         length = bisect_left(tails, stamp)
         before.append(tail_rows[length - 1] if length else -1)
-        tails[length:length + 1] = [stamp]
-        tail_rows[length:length + 1] = [row]
+        tails[length : length + 1] = [stamp]
+        tail_rows[length : length + 1] = [row]
     mask = np.zeros(len(before), dtype=np.bool_)
     row = tail_rows[-1] if tail_rows else -1
     while row >= 0:

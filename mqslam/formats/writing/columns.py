@@ -53,9 +53,7 @@ def write_columns(folder: Path, recording: Recording, names: Sequence[str]) -> l
     return _notes(apart, clockwise)
 
 
-def _check(
-    recording: Recording, k: int, polar_scan: PolarScan, shape: tuple[int, int], clockwise: bool, late: int
-) -> None:
+def _check(recording: Recording, k: int, polar_scan: PolarScan, shape: tuple[int, int], clockwise: bool, late: int) -> None:
     """See that polar images can hold revolution k as they hold the first, which begins `late` steps after straight ahead.
 
     Raises:

@@ -81,10 +81,22 @@ def score(
         jacobians = np.empty((len(points), 2, 0))
     alpha_t = revolution_s if config.alpha_t is None else config.alpha_t
     shares, counts, gradient = _score(
-        points, times, jacobians, lists.offsets, lists.indices, config.s, config.alpha_s, config.beta_s, alpha_t,
-        config.beta_t, config.tau, config.xi, config.temporal == "plateau", config.numerator == "tau",
+        points,
+        times,
+        jacobians,
+        lists.offsets,
+        lists.indices,
+        config.s,
+        config.alpha_s,
+        config.beta_s,
+        alpha_t,
+        config.beta_t,
+        config.tau,
+        config.xi,
+        config.temporal == "plateau",
+        config.numerator == "tau",
         config.factor == "kappa",
-    )  # fmt: skip
+    )
     matched = counts > 0
     pairs_psi = float(shares.sum())
     unmatched = ~matched

@@ -165,7 +165,5 @@ def table_text(rows: Sequence[Row]) -> str:
         lines.append(
             f"{actual}  {row.method:<22} {row.mean[0]:8.4f} {row.mean[1]:8.4f}   {row.rms[0]:11.4f} {row.rms[1]:8.4f}"
         )
-    lines.append(
-        f"{'':14}  {'paper, largest error':<22} {'':8} {'':8}   {PAPER_LARGEST[0]:11.4f} {PAPER_LARGEST[1]:8.4f}"
-    )
+    lines.append(f"{'':14}  {'paper, largest error':<22} {'':8} {'':8}   {PAPER_LARGEST[0]:11.4f} {PAPER_LARGEST[1]:8.4f}")
     return "\n".join(lines)

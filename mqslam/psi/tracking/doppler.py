@@ -52,9 +52,7 @@ def measure_doppler(scans: Scans, tracker: TrackerConfig, estimator: EstimatorCo
     return beta
 
 
-def doppler_beta_of(
-    scans: Scans, sensor: SensorConfig, tracker: TrackerConfig, estimator: EstimatorConfig
-) -> float:
+def doppler_beta_of(scans: Scans, sensor: SensorConfig, tracker: TrackerConfig, estimator: EstimatorConfig) -> float:
     """The Doppler shift [s] that the settings name, or else the one measured."""
     if sensor.doppler_beta is not None:
         return sensor.doppler_beta
@@ -73,7 +71,7 @@ def _vertex(scores: NDArray[np.float64]) -> float:
 
 
 def _psi(scans: Scans, twist: NDArray[np.float64], tracker: Tracker) -> float:
-    """psi per point of a stretch that a tracker follows."""
+    """Psi per point of a stretch that a tracker follows."""
     tracker.start(scans[:START_SCANS], twist)
     found = [tracker.follow(scan).evaluation.shares for scan in scans[1:]]
     return float(np.concatenate(found).mean())

@@ -150,9 +150,7 @@ def spans(settings: TrackerConfig, revolution_s: float) -> NDArray[np.float64]:
 
 def motion_noise(settings: TrackerConfig) -> NDArray[np.float64]:
     """(5,) standard deviations by which twist and accelerations change per scan."""
-    return np.array(
-        [settings.sigma_vx, settings.sigma_vy, settings.sigma_omega, settings.sigma_ax, settings.sigma_alpha]
-    )
+    return np.array([settings.sigma_vx, settings.sigma_vy, settings.sigma_omega, settings.sigma_ax, settings.sigma_alpha])
 
 
 def _forget_acceleration(state: State, variances: NDArray[np.float64]) -> State:

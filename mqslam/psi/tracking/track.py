@@ -159,7 +159,7 @@ class _Track:
         self._found[k] = Followed(tracked, psi_odometry, young=bool(self._young))
 
     def _score_odometry(self, scan: Scan) -> float:
-        """psi of a scan where odometry puts it from the last match; NaN without odometry."""
+        """Psi of a scan where odometry puts it from the last match; NaN without odometry."""
         twist, now = self._twist_to(scan), self._odometry(scan.t0, scan.t1)
         if twist is None or now is None:
             return float("nan")

@@ -92,9 +92,7 @@ class Tracker:
         revolution_s: duration of a turn [s].
     """
 
-    def __init__(
-        self, settings: TrackerConfig, estimator: EstimatorConfig, beam: Beam, revolution_s: float
-    ) -> None:
+    def __init__(self, settings: TrackerConfig, estimator: EstimatorConfig, beam: Beam, revolution_s: float) -> None:
         self._settings = settings
         self._estimator = estimator
         self._matcher = Matcher(estimator, beam, revolution_s)
@@ -106,9 +104,7 @@ class Tracker:
         self._usual_share = 0.0
         self._smooths = False  # whether the prediction rests on a match, and so smooths the next one
 
-    def start(
-        self, scans: Sequence[Scan], begin: se2.Array | None = None, odometry: se2.Array | None = None
-    ) -> Tracked:
+    def start(self, scans: Sequence[Scan], begin: se2.Array | None = None, odometry: se2.Array | None = None) -> Tracked:
         """Find the motion of the first scans from psi alone and begin the map with the first of them.
 
         Args:
@@ -236,9 +232,8 @@ class Tracker:
         return results
 
     def score(self, scan: Scan, pose: se2.Array, twist: se2.Array) -> float:
-        """psi of a scan against the map under another start pose (3,) and constant twist (3,)."""
+        """Psi of a scan against the map under another start pose (3,) and constant twist (3,)."""
         return self._matcher.evaluate(scan, np.r_[pose, twist, 0.0, 0.0], final_scale(self._estimator), self._map).psi
-
 
     def _find_first_motion(
         self, scans: Sequence[Scan], begin: se2.Array | None = None, odometry: se2.Array | None = None

@@ -75,4 +75,3 @@ def _charts(sweeps: Sweeps, audit: Audit, settings: AuditConfig) -> tuple[Chart,
         level = (f"tolerance {settings.torn_m:g} m", settings.torn_m, RED)
         charts.append(Chart("revisits apart [m]", tuple(curves), (level,), log=True))
     return tuple(charts)
-

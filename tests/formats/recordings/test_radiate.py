@@ -39,9 +39,7 @@ def test_what_was_assumed_is_said(radiate: Path) -> None:
     assert any(note.startswith("GPS and IMU run on another clock") for note in notes)
 
 
-def test_the_folder_and_its_image_folder_open_the_same_recording(
-    radiate: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_folder_and_its_image_folder_open_the_same_recording(radiate: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     whole = open_recording(radiate)
     assert_same(whole, open_recording(radiate / "Navtech_Polar"))
     monkeypatch.chdir(radiate / "Navtech_Polar")

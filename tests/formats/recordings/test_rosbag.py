@@ -64,9 +64,7 @@ def test_single_revolutions_are_found_again(oxford: Path, tmp_path: Path, kind: 
 
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("columns", [False, True])
-def test_images_without_metadata_are_spread_over_the_turn(
-    oxford: Path, tmp_path: Path, kind: str, columns: bool
-) -> None:
+def test_images_without_metadata_are_spread_over_the_turn(oxford: Path, tmp_path: Path, kind: str, columns: bool) -> None:
     topic = "/radar/polar" if columns else "/Navtech/Polar"
     path = bag_path(tmp_path, kind)
     with bag_writer(path, kind) as bag:

@@ -75,9 +75,7 @@ def test_even_revolutions_survive_layouts_that_stamp_only_them(tmp_path: Path, f
 
 
 @pytest.mark.parametrize("layout", [*STAMPED, *EVEN])
-def test_odometry_and_ground_truth_go_along_where_there_is_a_place(
-    uneven: Recording, tmp_path: Path, layout: str
-) -> None:
+def test_odometry_and_ground_truth_go_along_where_there_is_a_place(uneven: Recording, tmp_path: Path, layout: str) -> None:
     drive = left_turn() if layout in EVEN else uneven
     out, notes = convert(drive, tmp_path, layout)
     back = open_recording(out)
@@ -108,9 +106,7 @@ def test_the_length_of_a_bin_is_kept_or_asked_for(tmp_path: Path, layout: str) -
 
 
 @pytest.mark.parametrize("layout", [*STAMPED, *EVEN])
-def test_marks_of_azimuths_that_were_not_measured_are_kept_or_missed(
-    oxford: Path, tmp_path: Path, layout: str
-) -> None:
+def test_marks_of_azimuths_that_were_not_measured_are_kept_or_missed(oxford: Path, tmp_path: Path, layout: str) -> None:
     recording = open_recording(oxford)
     image = next((oxford / "radar").glob("*.png"))
     pixels = np.array(Image.open(image))

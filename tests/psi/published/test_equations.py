@@ -125,9 +125,12 @@ def window(seed: int, count: int) -> Returns:
 
 
 @given(
-    seed=seeds, count=st.integers(1, 12), config=variants,
-    v=st.floats(-1.0, 1.0), omega=st.floats(-0.1, 0.1),
-)  # fmt: skip
+    seed=seeds,
+    count=st.integers(1, 12),
+    config=variants,
+    v=st.floats(-1.0, 1.0),
+    omega=st.floats(-0.1, 0.1),
+)
 @settings(max_examples=150, deadline=None)
 def test_the_gradient_is_that_of_finite_differences_away_from_switches(
     seed: int, count: int, config: PsiConfig, v: float, omega: float

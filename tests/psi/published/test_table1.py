@@ -15,9 +15,7 @@ from mqslam.psi.published.table1 import METHODS, OURS, Row, Search, table1, tabl
 CASE = CASES[2]
 
 
-FEW = Search(
-    np.linspace(0.5, 1.5, 6), np.linspace(-0.3, -0.1, 6), np.linspace(-0.1, 0.1, 5), np.linspace(-0.02, 0.02, 5)
-)
+FEW = Search(np.linspace(0.5, 1.5, 6), np.linspace(-0.3, -0.1, 6), np.linspace(-0.1, 0.1, 5), np.linspace(-0.02, 0.02, 5))
 
 
 def test_our_estimator_finds_the_motion_and_the_published_score_comes_near() -> None:

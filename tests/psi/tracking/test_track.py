@@ -67,9 +67,7 @@ def test_the_step_across_a_gap_is_lost_or_covers_its_error() -> None:
 def test_behind_a_gap_into_another_place_the_track_goes_on_with_a_map_of_its_own() -> None:
     scans = street_drive()[1]
     shift = scans[30].t0 - scans[11].t0 - 2.0  # the last scans are 4.75 s later than their stamps say
-    elsewhere = [
-        Scan(s.t0 - shift, s.t1 - shift, replace(s.returns, times=s.returns.times - shift)) for s in scans[30:36]
-    ]
+    elsewhere = [Scan(s.t0 - shift, s.t1 - shift, replace(s.returns, times=s.returns.times - shift)) for s in scans[30:36]]
     before = [*scans[:10], replace(scans[10], t1=scans[10].t0 + 0.25)]
     motions, _ = measure([*before, *elsewhere])
     truth = street_drive()[0].drive.poses(np.array([s.t0 for s in scans[30:36]]))
