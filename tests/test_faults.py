@@ -50,7 +50,7 @@ from mqslam.formats.recordings import FORMATS, open_recording
 from mqslam.formats.shared import images as images_module
 from mqslam.formats.shared.images import decode_grey
 from mqslam.formats.tum import read_tum, write_tum
-from mqslam.formats.writing import oxford as writer
+from mqslam.formats.recordings import oxford as writer
 from mqslam.simulator import SensorModel, SimulatedRecording, loop_drive, simulated_recording, street_scene
 
 README = Path(__file__).parents[1] / "README.md"
@@ -82,7 +82,6 @@ def small_street(turn_rate_hz: float, duration_s: float) -> SimulatedRecording:
 
 def write(folder: Path, recording: Recording) -> None:
     """Write a stream in the Oxford layout."""
-    folder.mkdir(parents=True)
     writer.write(folder, recording)
 
 
@@ -164,8 +163,8 @@ def test_a_first_or_last_image_that_cannot_be_read(drive: Path, tmp_path: Path) 
         cut(image)
     shown = run(drive, tmp_path / "out")
     assert shown.code == 0
-    assert f"the first 2 revolutions could not be read, left out: {first}: " in shown.err
-    assert f"the last revolution could not be read, left out: {last}: " in shown.err
+    assert f"the first 2 polar scans could not be read, left out: {first}: " in shown.err
+    assert f"the last polar scan could not be read, left out: {last}: " in shown.err
     assert len(read_tum(tmp_path / "out" / "trajectory.tum")) == 27
     refused(run(drive, tmp_path / "strict", "--strict"), str(first))
 
@@ -296,14 +295,14 @@ def test_a_turn_rate_that_changes(tmp_path: Path) -> None:
 
 def write_truth(folder: Path, recording: Recording) -> Path:
     (folder / "truth").mkdir()
-    writer.write_beside(folder / "truth", recording)
+    writer.write_ground_truth(folder / "truth", recording)
     return folder / "truth" / "gt"
 
 
 @pytest.mark.parametrize("kind", ["bag", "mcap", "npz", "odometry", "settings"])
 def test_a_file_cut_short(drive: Path, tmp_path: Path, kind: str) -> None:
     if kind == "npz":
-        from mqslam.formats.recordings.native import write_native
+        from mqslam.formats.recordings.native import write as write_native
 
         file = tmp_path / "drive.npz"
         write_native(file, open_recording(drive))
@@ -739,7 +738,7 @@ def test_a_mistake_in_a_command(drive: Path, tmp_path: Path) -> None:
     before = contents(tmp_path)
     for words, said in (
         (["--frontend", "kiss_ipc"], "did you mean kiss_icp?"),
-        (["--format", "oxfrod"], "did you mean 'oxford'?"),
+        (["--format", "oxfrod"], "did you mean oxford?"),
         (["--odometry", tmp_path / "nothing.csv"], "nothing.csv"),
     ):
         refused(mqslam("run", drive, "--out", tmp_path / "out", "--quiet", *words), said)

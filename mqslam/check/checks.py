@@ -29,7 +29,7 @@ def check_recording(
     stretches = read_stretches(recording, odometry, config.detector, progress)
     followed = follow(recording, stretches, config.tracker, config.estimator, beam)
     return [
-        check_stamps(recording, stretches),
+        check_stamps(recording, stretches, config.reading),
         check_azimuths(stretches),
         check_order(followed),
         check_mirror(recording, followed, odometry),

@@ -8,6 +8,7 @@ import numpy as np
 
 from mqslam.check.finding import Finding, Verdict
 from mqslam.check.stretches import Stretch
+from mqslam.config import ReadingConfig
 from mqslam.core.recording import Recording
 from mqslam.formats.shared.turns import find_usual_turns
 
@@ -20,12 +21,12 @@ _HOLE = 3.0  # usual steps that are no hole
 _UNMEASURED = 0.05  # of the azimuths
 
 
-def check_stamps(recording: Recording, stretches: Sequence[Stretch]) -> Finding:
+def check_stamps(recording: Recording, stretches: Sequence[Stretch], reading: ReadingConfig) -> Finding:
     """Check whether revolutions follow one another: none doubled, backward, missing or of another duration."""
     period = recording.revolution_s
     steps = np.diff(recording.stamps_us)
     turns = steps[recording.ends_us[:-1] == recording.stamps_us[1:]] * 1e-6
-    close = int(np.count_nonzero(steps < _CLOSE * find_usual_turns(recording.stamps_us)))
+    close = int(np.count_nonzero(steps < _CLOSE * find_usual_turns(recording.stamps_us, reading)))
     shown = len(turns) >= _FEWEST
     unsteady = float(np.ptp(np.percentile(turns, [5.0, 95.0]))) / period if shown else 0.0
     gaps = recording.gaps()

@@ -163,17 +163,18 @@ def _source(
     """A radar or lidar recording as windows of returns, the trajectory given or carried by name, and the settings."""
     from mqslam.audit.sources import LIDAR_CONFIG, Source, lidar_source
     from mqslam.audit.sweeps import shared
-    from mqslam.commands.opening import opened
+    from mqslam.commands.opening import open_data
     from mqslam.config import load_config, with_doppler_beta
     from mqslam.detection.stage import detect_all, scans_of, unread_warnings
     from mqslam.formats import lidars
     from mqslam.psi.tracking.doppler import doppler_beta_of
 
     if format is None and data.exists() and lidars.recognises(data):
-        source = lidar_source(lidars.read_lidar(data))
-        return source, given or _carried(data, source.tracks, name), load_config(config or LIDAR_CONFIG)
+        settings = load_config(config or LIDAR_CONFIG)
+        source = lidar_source(lidars.read_lidar(data, settings.reading))
+        return source, given or _carried(data, source.tracks, name), settings
     settings = load_config(config)
-    recording = opened(data, format, range_resolution, settings.sensor)
+    recording = open_data(data, format, range_resolution, settings)
     carried = {"odometry": recording.odometry, "ground_truth": recording.ground_truth}
     tracks = {name: track for name, track in carried.items() if track is not None}
     track = given or _carried(data, tracks, name)

@@ -61,7 +61,7 @@ def compare(
     from rich.console import Console
 
     from mqslam.cli.progress import print_notes, progress
-    from mqslam.commands.opening import choose_odometry, opened
+    from mqslam.commands.opening import choose_odometry, open_data
     from mqslam.compare.judgement import agreement, enough_in_common, judge_rows, places, stations
     from mqslam.compare.rows import front_end_rows
     from mqslam.config import dump_yaml, load_config, with_doppler_beta
@@ -81,7 +81,7 @@ def compare(
     names = _names(frontends)
     given = _given(trajectory or [], names)
     check_free(out, force=force, resume=resume, recording=data)
-    recording = opened(data, format, range_resolution, settings.sensor)
+    recording = open_data(data, format, range_resolution, settings)
     track, notes = choose_odometry(recording, odometry)
     console = Console(stderr=True, markup=False)
     if not quiet:

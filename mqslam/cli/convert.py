@@ -13,7 +13,7 @@ from mqslam.cli.options import ConfigOption, Format, Quiet, RangeResolution, Ver
 
 
 class MessageKind(StrEnum):
-    """How a bag holds revolutions."""
+    """Messages in which a bag holds polar scans."""
 
     image = "image"
     b_scan = "b_scan"
@@ -52,15 +52,14 @@ def convert(
     from rich.console import Console
 
     from mqslam.cli.progress import print_notes, progress
-    from mqslam.commands.opening import opened
+    from mqslam.commands.opening import open_data
     from mqslam.config import load_config
     from mqslam.errors import ConfigError
-    from mqslam.formats.writing.recordings import write_recording
-    from mqslam.formats.writing.result_bags import is_run, write_results
-    from mqslam.formats.writing.targets import check_target, target_of
+    from mqslam.formats.conversion import check_target, find_target, write_recording
+    from mqslam.formats.result_bags import is_run, write_results
 
     console = Console(stderr=True, markup=False)
-    target = target_of(out, to)
+    target = find_target(out, to, message.value)
     check_target(out, target, force=force, recording=data)
     notes: list[str] = []
     if is_run(data):
@@ -68,9 +67,9 @@ def convert(
             raise ConfigError(f"{data}: is a run, and results become a bag; end OUT in .bag or .mcap, or give --to rosbag2")
         write_results(out, data, target.name)
     else:
-        recording = opened(data, format, range_resolution, load_config(config).sensor)
+        recording = open_data(data, format, range_resolution, load_config(config))
         with progress(console, quiet) as show:
-            notes = write_recording(recording, out, target, message.value, partial(show, "converting"))
+            notes = write_recording(recording, out, target, partial(show, "converting"))
         notes = [*recording.notes, *recording.faults, *notes]
     if not quiet:
         print_notes(console, notes)

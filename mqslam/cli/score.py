@@ -54,7 +54,7 @@ def score(
 
     Example: mqslam score drive --start 2.0 --motion 9.1,0.05
     """
-    from mqslam.commands.opening import opened
+    from mqslam.commands.opening import open_data
     from mqslam.config import load_config
     from mqslam.psi.place import beam_of
     from mqslam.psi.window import estimate_window
@@ -62,7 +62,7 @@ def score(
     settings = load_config(config)
     variant = psi_variant(settings.psi, temporal=temporal, numerator=numerator, factor=factor, unmatched=unmatched)
     theta, model = parse_motion(motion)
-    recording = opened(data, format, range_resolution, settings.sensor)
+    recording = open_data(data, format, range_resolution, settings)
     returns, t0 = read_window(recording, settings.detector, start, revolutions)
     beta = settings.sensor.doppler_beta or 0.0
     beam = beam_of(settings.estimator, beta)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from mqslam.commands.opening import choose_odometry, opened
+from mqslam.commands.opening import choose_odometry, open_data
 from mqslam.config import Config
 from mqslam.core.recording import Recording
 from mqslam.core.trajectory import Trajectory
@@ -69,7 +69,7 @@ def job_of(
         ConfigError: a format nobody knows, or a range resolution that is no length.
         DataError: a recording or an odometry that cannot be used.
     """
-    recording = opened(data, format, range_resolution, settings.sensor, strict=strict)
+    recording = open_data(data, format, range_resolution, settings, strict=strict)
     track, notes = choose_odometry(recording, odometry)
     return Job(recording, track, settings, frontend, strict, tuple(notes))
 

@@ -1,37 +1,51 @@
-"""The recording that a command was given."""
+"""The recording and the odometry that a command was given."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
-from mqslam.config import SensorConfig
+from mqslam.config import Config
 from mqslam.core.recording import Recording
 from mqslam.core.trajectory import Trajectory
-from mqslam.errors import DataError
+from mqslam.errors import DataError, Remedy
 from mqslam.formats.recordings import open_recording, read_odometry
 
 
-def opened(
-    data: Path, format: str | None, range_resolution: float | None, sensor: SensorConfig, *, strict: bool = False
+def open_data(
+    data: Path, format: str | None, range_resolution: float | None, settings: Config, *, strict: bool = False
 ) -> Recording:
-    """The recording at DATA, understood as options and settings say; the option goes before the setting.
+    """Opens a recording as arguments and settings say; an argument goes before the setting.
+
+    Args:
+        data: the recording.
+        format: name of its layout; None guesses it.
+        range_resolution: length of a range bin [m]; None takes the setting's.
+        settings: all settings.
+        strict: whether any fault of the recording is an error.
 
     Raises:
-        ConfigError: a format nobody knows, or a range resolution that is no length.
-        DataError: a recording that cannot be used, or one with any fault if strict.
+        ConfigError: the format is unknown, or the range resolution is no length.
+        DataError: the recording cannot be used, or has any fault if strict.
     """
+    sensor = settings.sensor
     resolution = range_resolution or sensor.range_resolution_m
-    recording = open_recording(data, format, resolution, clockwise=sensor.clockwise, stamp=sensor.stamp)
+    recording = open_recording(
+        data, format, resolution, clockwise=sensor.clockwise, stamp=sensor.stamp, settings=settings.reading
+    )
     if strict and recording.faults:
-        raise DataError(data, recording.faults[0], "mend it, or leave --strict out")
+        raise DataError(data, recording.faults[0], Remedy.LEAVE_STRICT_OUT)
     return recording
 
 
 def choose_odometry(recording: Recording, choice: str) -> tuple[Trajectory | None, list[str]]:
-    """The odometry a run uses, and what the user should know about the choice.
+    """Chooses the odometry a run uses; returns it with what the user should know about the choice.
+
+    Args:
+        recording: the recording.
+        choice: `auto` for the recording's own if it has one, `none`, or a file.
 
     Raises:
-        DataError: a file that cannot be read or does not cover the recording.
+        DataError: the file cannot be read or does not cover the recording.
     """
     if choice == "none":
         return None, []

@@ -20,11 +20,12 @@ from mqslam.config.graph_config import GraphConfig
 from mqslam.config.loop_config import LoopConfig
 from mqslam.config.map_config import MapConfig
 from mqslam.config.psi_config import PsiConfig
-from mqslam.config.reading import parsed
+from mqslam.config.reading_config import ReadingConfig
 from mqslam.config.sensor_config import SensorConfig
 from mqslam.config.tracker_config import TrackerConfig
 from mqslam.config.verdict_config import VerdictConfig
-from mqslam.errors import ConfigError
+from mqslam.config.yaml_file import parse_yaml
+from mqslam.errors import ConfigError, suggest
 
 __all__ = [
     "AuditConfig",
@@ -37,6 +38,7 @@ __all__ = [
     "MapConfig",
     "Open3dIcpConfig",
     "PsiConfig",
+    "ReadingConfig",
     "SensorConfig",
     "TrackerConfig",
     "VerdictConfig",
@@ -54,6 +56,7 @@ class Config(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
+    reading: ReadingConfig = ReadingConfig()
     sensor: SensorConfig = SensorConfig()
     detector: DetectorConfig = DetectorConfig()
     psi: PsiConfig = PsiConfig()
@@ -84,10 +87,10 @@ def load_config(name: str | Path | None = None) -> Config:
         elif shipped.is_file():
             content = shipped.read_bytes()
         else:
-            raise ConfigError(f"{name}: no such configuration; give a YAML file or one of {', '.join(shipped_names())}")
+            raise ConfigError(f"{name}: no such configuration and no such file; {suggest(str(name), shipped_names())}")
     except (OSError, ValueError) as error:
         raise ConfigError(f"{name}: cannot be read ({error})") from error
-    return parsed(Config, name, content)
+    return parse_yaml(Config, name, content)
 
 
 def shipped_names() -> list[str]:

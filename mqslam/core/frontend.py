@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from importlib.metadata import EntryPoint, entry_points
@@ -15,7 +14,7 @@ from mqslam.core import se2
 from mqslam.core.measurement import Measurement
 from mqslam.core.scans import Scan
 from mqslam.core.trajectory import Trajectory
-from mqslam.errors import ConfigError
+from mqslam.errors import ConfigError, suggest
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,6 +86,4 @@ def known(name: str) -> EntryPoint:
     for point in entry_points(group="mqslam.frontends"):
         if point.name == name:
             return point
-    near = difflib.get_close_matches(name, names(), 1)
-    hint = f"did you mean {near[0]}?" if near else f"choose one of {', '.join(names())}"
-    raise ConfigError(f"front end {name}: unknown; {hint}")
+    raise ConfigError(f"front end {name}: unknown; {suggest(name, names())}")

@@ -22,7 +22,7 @@ from mqslam.core.scans import Returns, Scan, Scans
 from mqslam.core.trajectory import Trajectory
 from mqslam.execution.engine import HERE
 from mqslam.execution.progress import silent
-from mqslam.formats.recordings.native import write_native
+from mqslam.formats.recordings.native import write as write_native
 from mqslam.formats.tum import write_tum
 from mqslam.psi.tracking.doppler import doppler_beta_of
 from mqslam.slam import Slam, Solution

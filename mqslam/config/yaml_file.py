@@ -1,33 +1,32 @@
-"""A YAML file as a tree of settings: what is wrong with it is said in one line."""
+"""A YAML file as a tree of settings, and what is wrong with it in one line."""
 
 from __future__ import annotations
 
-import difflib
 from pathlib import Path
 from typing import Any, TypeVar, get_args
 
 import yaml
 from pydantic import BaseModel, ValidationError
 
-from mqslam.errors import ConfigError
+from mqslam.errors import ConfigError, suggest
 
 M = TypeVar("M", bound=BaseModel)
 
 
-def parsed(model: type[M], name: str | Path, text: str | bytes) -> M:
-    """The settings in a YAML text.
+def parse_yaml(model: type[M], name: str | Path, text: str | bytes) -> M:
+    """Parses a YAML text as settings.
 
     Args:
-        model: what they are.
+        model: the kind of settings.
         name: of the file, for errors.
         text: its content, UTF-8 if bytes.
 
     Raises:
-        ConfigError: not YAML, or a setting that is unknown or out of range.
+        ConfigError: the text is not YAML, or a setting is unknown or out of range.
     """
     try:
         tree = yaml.safe_load(text if isinstance(text, str) else text.decode("utf-8"))
-    except Exception as error:  # besides its own, PyYAML lets through what making numbers, dates and keys raises
+    except Exception as error:  # PyYAML also raises what Python's own conversions to numbers, dates and keys raise
         first = (str(error) or type(error).__name__).splitlines()[0]
         raise ConfigError(f"{name}: is not a readable YAML file ({first})") from error
     if tree is None:
@@ -41,19 +40,18 @@ def parsed(model: type[M], name: str | Path, text: str | bytes) -> M:
 
 
 def _explain(error: ValidationError, model: type[BaseModel]) -> str:
-    """The first fault of a settings tree in one line, with the nearest known name for an unknown one."""
+    """Describes the first fault of a settings tree in one line, with the nearest known name for an unknown one."""
     faults = error.errors()
-    fault = next((f for f in faults if f["type"] == "extra_forbidden"), faults[0])  # its name may be that of one missing
+    # an unknown name comes first, since it may be the misspelt name of a setting that is reported as missing
+    fault = next((f for f in faults if f["type"] == "extra_forbidden"), faults[0])
     where = ".".join(str(part) for part in fault["loc"])
     if fault["type"] != "extra_forbidden":
         return f"{where}: {fault['msg']}"
-    known = _keys(model, fault["loc"][:-1])
-    near = difflib.get_close_matches(str(fault["loc"][-1]), known, 1)
-    return f"unknown setting {where}; " + (f"did you mean {near[0]}?" if near else f"known are {', '.join(known)}")
+    return f"unknown setting {where}; {suggest(str(fault['loc'][-1]), _list_keys(model, fault['loc'][:-1]))}"
 
 
-def _keys(model: type[BaseModel], parents: tuple[int | str, ...]) -> list[str]:
-    """Names of the settings below some parents; a number among them is a place in a list."""
+def _list_keys(model: type[BaseModel], parents: tuple[int | str, ...]) -> list[str]:
+    """Lists the names of the settings below some parents; a number among them is a place in a list."""
     node: Any = model
     for parent in parents:
         node = get_args(node)[0] if isinstance(parent, int) else node.model_fields[parent].annotation
