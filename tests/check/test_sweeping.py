@@ -30,7 +30,7 @@ BEAM = beam_of(CONFIG.estimator, 0.0)
 
 def findings(recording: Recording) -> tuple[Finding, Finding]:
     stretches = read_stretches(recording, None, DetectorConfig(), lambda done, total: None)
-    return check_stamps(recording, stretches), check_azimuths(stretches)
+    return check_stamps(recording, stretches, Config().reading), check_azimuths(stretches)
 
 
 class Holed(SimulatedRecording):

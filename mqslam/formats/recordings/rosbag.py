@@ -22,7 +22,7 @@ from mqslam.errors import DataError
 from mqslam.formats.shared import bags, polar_message
 from mqslam.formats.shared.arrivals import smooth_arrivals
 from mqslam.formats.shared.azimuth_rows import azimuth_stamps, note_spread, spread_azimuths
-from mqslam.formats.shared.bag_writer import Bag, write_bag
+from mqslam.formats.shared.bag_writer import KINDS, Bag, write_bag
 from mqslam.formats.shared.bags import B_SCAN_TYPE, COMPRESSED_TYPE, IMAGE_TYPE, ODOMETRY_TYPE
 from mqslam.formats.shared.polar_message import Layout
 from mqslam.formats.shared.sensing import Sensing, note_resolution
@@ -288,6 +288,6 @@ TARGETS = tuple(
         message=message,
         is_bag=True,
     )
-    for kind, suffix in (("rosbag1", ".bag"), ("mcap", ".mcap"), ("rosbag2", ""), ("rosbag2_mcap", ""))
+    for kind, suffix in KINDS.items()
     for message in get_args(Message)
 )
