@@ -31,16 +31,16 @@ class Trajectory:
         return float(np.hypot(*np.diff(self.poses[:, :2], axis=0).T).sum())
 
     def seconds(self, start_us: int) -> NDArray[np.float64]:
-        """(N,) stamps [s] since another one [us]."""
+        """Converts the stamps (N,) to seconds since another stamp [us]."""
         return np.asarray((self.stamps_us - start_us) * 1e-6)
 
     def at(self, stamps_us: NDArray[np.int64]) -> se2.Array:
-        """Poses (M, 3) at other stamps (M,) [us], along constant-twist arcs; the ends are continued."""
+        """Interpolates poses (M, 3) at other stamps (M,) [us] along constant-twist arcs; the ends are continued."""
         start = self.stamps_us[0]
         return se2.interpolate((self.stamps_us - start) * 1e-6, self.poses, (stamps_us - start) * 1e-6)
 
     def mean_twists(self, begins_us: NDArray[np.int64], ends_us: NDArray[np.int64]) -> se2.Array:
-        """Mean twists (N, 3) [m/s, m/s, rad/s] from stamps (N,) to later ones (N,) [us]."""
+        """Returns the mean twists (N, 3) [m/s, m/s, rad/s] from stamps (N,) to later ones (N,) [us]."""
         moves = se2.between(self.at(begins_us), self.at(ends_us))
         moves[:, 2] = se2.wrap(moves[:, 2])
         return np.asarray(se2.log(moves) / ((ends_us - begins_us) * 1e-6)[:, None])
