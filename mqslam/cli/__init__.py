@@ -71,5 +71,6 @@ def main() -> None:
         print(f"mqslam: error: {error.worded(WORDS)}", file=sys.stderr)
         sys.exit(2)
     except Interrupted as error:
-        print(f"mqslam: {error}", file=sys.stderr)
+        ways_on = [WORDS.get(note, note) for note in getattr(error, "__notes__", [])]
+        print("; ".join(["mqslam: interrupted", *ways_on]), file=sys.stderr)
         sys.exit(128 + error.number)

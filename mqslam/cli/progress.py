@@ -5,8 +5,13 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
+from typing import TYPE_CHECKING
 
 from rich.console import Console
+
+if TYPE_CHECKING:
+    from mqslam.commands.work import Work
+    from mqslam.execution.runner import Watch
 
 _TITLES = {
     "simulate": "simulating",
@@ -29,6 +34,33 @@ def print_notes(console: Console, notes: Iterable[str]) -> None:
     """What a user should know, a line each, for programs to read as well."""
     for note in notes:
         console.print(f"note: {note}", highlight=False, soft_wrap=True)
+
+
+@contextmanager
+def work_of(
+    console: Console, cluster: str | None, jobs: int, *, quiet: bool, silent: bool, watch: Watch | None = None
+) -> Iterator[Work]:
+    """Yields where a command's work is done, and what it tells a terminal.
+
+    Args:
+        console: the terminal.
+        cluster: address of a cluster, or None for this machine.
+        jobs: processes to use on this machine.
+        quiet: whether notes are kept back.
+        silent: whether progress is kept back.
+        watch: called with every scan once its motion is measured.
+
+    Raises:
+        ClusterError: the cluster cannot be used.
+    """
+    from mqslam.commands.work import Work, ignore
+    from mqslam.execution.workers import chosen
+
+    def tell(note: str) -> None:
+        print_notes(console, [note])
+
+    with chosen(cluster, jobs) as engine, progress(console, silent) as show:
+        yield Work(engine, show, ignore if quiet else tell, watch)
 
 
 @contextmanager

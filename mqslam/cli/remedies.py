@@ -11,6 +11,8 @@ WORDS: dict[str, str] = {
     Remedy.CHOOSE_OR_RESUME_OUTPUT: "choose another --out or give --resume to continue the unfinished run in it",
     Remedy.FREE_SPACE: "free space or choose another --out",
     Remedy.GIVE_RANGE_RESOLUTION: "give --range-resolution",
+    Remedy.GIVE_TRAJECTORY: "give --trajectory FILE",
     Remedy.LEAVE_STRICT_OUT: "mend it, or leave --strict out",
+    Remedy.REPLACE_UNFINISHED_OUTPUT: "choose another --out, or give --force instead of --resume",
     Remedy.RESUME: "continue with --resume",
 }
