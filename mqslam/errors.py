@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from contextlib import contextmanager
 from enum import StrEnum
 from pathlib import Path
@@ -38,18 +38,10 @@ class MqslamError(Exception):
     def __init__(self, message: str, *remedies: str) -> None:
         self.message = message
         self.remedies = tuple(remedy for remedy in remedies if remedy)
-        super().__init__(self.worded({}))
+        super().__init__(_shorten("; ".join([self.message, *self.remedies])))
 
     def __reduce__(self) -> tuple[type[MqslamError], tuple[object, ...]]:
         return type(self), (self.message, *self.remedies)
-
-    def worded(self, words: Mapping[str, str]) -> str:
-        """Returns the error in one line, with its remedies in the words that a caller has for them.
-
-        Args:
-            words: the caller's words for a remedy; a remedy without them is kept as it is.
-        """
-        return _shorten("; ".join([self.message, *(words.get(remedy, remedy) for remedy in self.remedies)]))
 
 
 class DataError(MqslamError):

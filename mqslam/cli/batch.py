@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from mqslam.cli.options import CORES, Cluster, Force, Jobs, Json, Quiet, Verbose
+from mqslam.cli.remedies import name_options
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -51,7 +52,7 @@ def batch(
             console.print(f"warning: {warning}", style="yellow", highlight=False, soft_wrap=True)
     for run in summary["runs"]:
         if run["failure"] and not as_json:
-            console.print(f"{run['name']} failed: {run['failure']}", highlight=False, soft_wrap=True)
+            console.print(f"{run['name']} failed: {name_options(run['failure'])}", highlight=False, soft_wrap=True)
     if summary["counts"]["failed"]:
         raise typer.Exit(1)
 

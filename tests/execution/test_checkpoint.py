@@ -85,22 +85,22 @@ def test_returns_survive_a_round_trip(tmp_path: Path) -> None:
 def test_measurements_survive_a_round_trip(tmp_path: Path) -> None:
     filled(tmp_path / "out")
     kept = resumed(tmp_path / "out").find(MEASURED)
-    assert kept is not None and kept[1] == 0.0489
+    assert kept is not None and kept.doppler_beta == 0.0489
     for one, other in zip(MEASUREMENTS, kept.measurements, strict=True):
         assert_same(one, other)
 
 
 def test_loops_survive_a_round_trip(tmp_path: Path) -> None:
     filled(tmp_path / "out")
-    kept = resumed(tmp_path / "out").loops()
-    assert kept is not None and kept[1] == 17
+    kept = resumed(tmp_path / "out").find(LOOPS)
+    assert kept is not None and kept.tried == 17
     for one, other in zip(CLOSURES, kept.loops, strict=True):
         assert_same(one, other)
 
 
 def test_that_there_are_no_loops_is_kept_too(tmp_path: Path) -> None:
     filled(tmp_path / "out").keep(LOOPS, LoopSearch([], 4))
-    assert resumed(tmp_path / "out").loops() == ([], 4)
+    assert resumed(tmp_path / "out").find(LOOPS) == LoopSearch([], 4)
 
 
 def test_another_stretch_is_not_there(tmp_path: Path) -> None:
@@ -206,7 +206,7 @@ def test_a_resumed_run_repeats_no_finished_stage_and_ends_the_same(
 def test_another_runs_checkpoint_is_refused_and_left(tmp_path: Path) -> None:
     filled(tmp_path / "out", "another run")
     before = contents(tmp_path)
-    with pytest.raises(OutputError, match=r"unfinished run of other data or settings; choose another --out"):
+    with pytest.raises(OutputError, match=r"unfinished run of other data or settings; choose another output"):
         resumed(tmp_path / "out")
     with pytest.raises(OutputError), unfinished(tmp_path / "out", "this run", resume=True):
         pass
@@ -270,7 +270,7 @@ def test_an_interrupted_run_can_be_resumed(tmp_path: Path, error: type[BaseExcep
     with pytest.raises(error), unfinished(tmp_path / "out", "this run", resume=resume) as checkpoint:
         checkpoint.keep(LOOPS, LoopSearch(CLOSURES, 17))
         raise error
-    assert resumed(tmp_path / "out").loops() is not None
+    assert resumed(tmp_path / "out").find(LOOPS) is not None
 
 
 def test_an_error_while_resuming_keeps_what_was_there(tmp_path: Path) -> None:
@@ -283,7 +283,7 @@ def test_an_error_while_resuming_keeps_what_was_there(tmp_path: Path) -> None:
 
 def test_a_place_that_cannot_be_written_is_said_so(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("kept")
-    with pytest.raises(OutputError, match="choose another --out"):
+    with pytest.raises(OutputError, match="choose another output"):
         Checkpoint(tmp_path / "file" / "out", "this run", resume=False).keep(LOOPS, LoopSearch([], 0))
 
 
