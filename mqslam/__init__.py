@@ -10,7 +10,7 @@ Public names, all typed and silent:
 - `run`, `audit`, `compare` take a recording's path and a folder for the results, and return what they have left there.
 - `open_recording` opens a recording; `load_config` reads settings into a `Config`.
 - `Slam` is the method: it takes an open recording to its optimised map, in memory.
-- `Work`, `LocalEngine` say where work is done and who is told about it.
+- `Work`, `Runner` and `LocalEngine` say where work is done and who is told about it.
 - `Trajectory`, `Measurement` are what goes in and comes out; `MqslamError` is the base of all errors.
 """
 
@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from mqslam.core.trajectory import Trajectory
     from mqslam.errors import MqslamError
     from mqslam.execution.engine import LocalEngine
+    from mqslam.execution.runner import Runner
     from mqslam.formats.recordings import open_recording
     from mqslam.slam import Slam
 
@@ -39,6 +40,7 @@ __all__ = [
     "LocalEngine",
     "Measurement",
     "MqslamError",
+    "Runner",
     "Slam",
     "Trajectory",
     "Work",
@@ -55,6 +57,7 @@ _MODULES = {
     "LocalEngine": "execution.engine",
     "Measurement": "core.measurement",
     "MqslamError": "errors",
+    "Runner": "execution.runner",
     "Slam": "slam",
     "Trajectory": "core.trajectory",
     "Work": "commands.work",
