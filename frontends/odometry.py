@@ -26,6 +26,7 @@ class OdometryFrontEnd:
             raise EstimationError("the odometry front end needs odometry; give --odometry FILE or another --frontend")
         self._odometry = context.odometry
         self._start_us = context.start_us
+        self._slack_us = context.config.reading.track_slack_us
 
     def measure(self, scans: Iterable[Scan]) -> Iterator[Measurement]:
         """The motion from the start of each window to the start of the next, where the odometry reaches that far.
@@ -41,7 +42,7 @@ class OdometryFrontEnd:
 
     def _between(self, t0: float, scan: Scan) -> Measurement:
         stamps = self._start_us + np.round(np.array([t0, scan.t0]) * 1e6).astype(np.int64)
-        if not self._odometry.covers(int(stamps[0]), int(stamps[1])):
+        if not self._odometry.covers(int(stamps[0]), int(stamps[1]), self._slack_us):
             raise EstimationError(f"the odometry does not cover {t0:.2f} s to {scan.t0:.2f} s of the recording")
         first, last = self._odometry.at(stamps)
         pose = se2.between(first, last)

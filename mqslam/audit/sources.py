@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mqslam.audit.sweeps import Sweeps, path_length, swept
+from mqslam.config.reading_config import USUAL_READING, ReadingConfig
 from mqslam.core.lidar import LidarRecording
 from mqslam.core.scans import Scans
 from mqslam.core.timed_cloud import TimedCloud
@@ -77,7 +78,9 @@ def sweeps_of(source: Source, trajectory: Trajectory, beam: Beam) -> tuple[Sweep
     return sweeps, [f"the trajectory does not cover {missing} of {len(source.scans)} sweeps"] if missing else []
 
 
-def sweeps_of_cloud(cloud: TimedCloud, trajectory: Trajectory | None, beam: Beam) -> Sweeps:
+def sweeps_of_cloud(
+    cloud: TimedCloud, trajectory: Trajectory | None, beam: Beam, reading: ReadingConfig = USUAL_READING
+) -> Sweeps:
     """The sweeps of a finished cloud; without a trajectory the middle of a sweep's points stands for the sensor.
 
     Raises:
@@ -99,7 +102,7 @@ def sweeps_of_cloud(cloud: TimedCloud, trajectory: Trajectory | None, beam: Beam
     if trajectory is None:
         poses = np.array([_middle(cloud.points[a:b]) for a, b in itertools.pairwise(begins)])
     else:
-        _check_cover(cloud, trajectory)
+        _check_cover(cloud, trajectory, reading)
         poses = trajectory.at(begin_us)
     covariances = np.zeros((len(cloud), 3))
     covariances[:, [0, 2]] = beam.sigma_range**2
@@ -120,9 +123,9 @@ def _middle(points: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.append(points.mean(axis=0), 0.0)
 
 
-def _check_cover(cloud: TimedCloud, trajectory: Trajectory) -> None:
+def _check_cover(cloud: TimedCloud, trajectory: Trajectory, reading: ReadingConfig) -> None:
     first, last = int(cloud.stamps_us[0]), int(cloud.stamps_us[-1])
-    if not trajectory.covers(first, last):
+    if not trajectory.covers(first, last, reading.track_slack_us):
         raise DataError(
             cloud.path, f"spans {first} to {last} us, which the trajectory does not", "give the trajectory it was made with"
         )

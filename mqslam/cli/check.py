@@ -42,7 +42,7 @@ def check(
     settings = load_config(config)
     console = Console(stderr=True, markup=False)
     recording = open_data(data, format, range_resolution, settings)
-    track, notes = choose_odometry(recording, odometry)
+    track, notes = choose_odometry(recording, odometry, settings.reading)
     with progress(console, quiet or as_json) as show:
         findings = check_recording(recording, track, settings, partial(show, "detect"))
     suspicious = any(finding.verdict is Verdict.SUSPICIOUS for finding in findings)

@@ -1,31 +1,44 @@
-"""The recording and the odometry that a command was given."""
+"""The recording that a command was given."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
-from mqslam.config import Config
+from mqslam.config import Config, ReadingConfig, load_config
 from mqslam.core.recording import Recording
 from mqslam.core.trajectory import Trajectory
 from mqslam.errors import DataError, Remedy
 from mqslam.formats.recordings import open_recording, read_odometry
 
 
+def choose_settings(config: Config | Path | str | None, default: str | None = None) -> Config:
+    """Returns the settings that a command was given, or the default ones.
+
+    Args:
+        config: settings, or the path of a YAML file, or the name of one that ships.
+        default: what to take where there is none of them.
+
+    Raises:
+        ConfigError: no such file, or a mistake in it.
+    """
+    return config if isinstance(config, Config) else load_config(default if config is None else config)
+
+
 def open_data(
     data: Path, format: str | None, range_resolution: float | None, settings: Config, *, strict: bool = False
 ) -> Recording:
-    """Opens a recording as arguments and settings say; an argument goes before the setting.
+    """Opens the recording that a command was given; what the command says goes before what the settings say.
 
     Args:
         data: the recording.
-        format: name of its layout; None guesses it.
-        range_resolution: length of a range bin [m]; None takes the setting's.
+        format: name of its layout, or None to guess it.
+        range_resolution: length of a range bin [m], or None.
         settings: all settings.
-        strict: whether any fault of the recording is an error.
+        strict: whether a recording with any fault is refused.
 
     Raises:
-        ConfigError: the format is unknown, or the range resolution is no length.
-        DataError: the recording cannot be used, or has any fault if strict.
+        ConfigError: a format nobody knows, or a range resolution that is no length.
+        DataError: a recording that cannot be used, or one with any fault if strict.
     """
     sensor = settings.sensor
     resolution = range_resolution or sensor.range_resolution_m
@@ -37,28 +50,29 @@ def open_data(
     return recording
 
 
-def choose_odometry(recording: Recording, choice: str) -> tuple[Trajectory | None, list[str]]:
-    """Chooses the odometry a run uses; returns it with what the user should know about the choice.
+def choose_odometry(recording: Recording, choice: str, reading: ReadingConfig) -> tuple[Trajectory | None, list[str]]:
+    """Returns the odometry that a run uses, and what the user should know about the choice.
 
     Args:
         recording: the recording.
-        choice: `auto` for the recording's own if it has one, `none`, or a file.
+        choice: `auto` (the recording's own, if it has one), `none`, or the path of a file.
+        reading: how recordings are understood.
 
     Raises:
-        DataError: the file cannot be read or does not cover the recording.
+        DataError: a file that cannot be read or does not cover the recording.
     """
     if choice == "none":
         return None, []
     last = int(recording.stamps_us[-1])
     if choice != "auto":
         track = read_odometry(Path(choice))
-        if not track.covers(recording.start_us, last):
+        if not track.covers(recording.start_us, last, reading.track_slack_us):
             raise DataError(
                 choice,
                 "does not cover the recording",
                 f"it must span {recording.start_us} to {last} us, in the radar's clock",
             )
         return track, []
-    if recording.odometry is not None and not recording.odometry.covers(recording.start_us, last):
+    if recording.odometry is not None and not recording.odometry.covers(recording.start_us, last, reading.track_slack_us):
         return None, ["the recording's odometry does not cover it and is not used"]
     return recording.odometry, []

@@ -59,8 +59,8 @@ class ReadingConfig(BaseModel):
     cost_rate_change: float = expert(
         4.0,
         gt=0.0,
-        description="Cost of assuming that the radar was told to turn at another rate, in units of the cost of assuming that "
-        "a polar scan is missing.",
+        description="Cost of assuming that the radar was told to turn at another rate, in units of the cost of assuming "
+        "that a polar scan is missing.",
     )
     fewest_azimuths: int = expert(
         8, ge=2, description="A polar scan of fewer azimuths does not tell how fast they were swept."
@@ -143,6 +143,12 @@ class ReadingConfig(BaseModel):
         description="Otherwise byte 10 is the direction of the chirp, which alternates in Boreas-RT, if it is 255 in more "
         "than this share of the rows; in fewer it says nothing about single azimuths.",
     )
+    track_slack_s: float = expert(
+        0.5,
+        ge=0.0,
+        description="A trajectory covers a recording if it lacks at most this much [s] of it at each end, where its first "
+        "or last motion is continued.",
+    )
     lidar_clip_share: float = expert(
         1e-3,
         ge=0.0,
@@ -158,7 +164,7 @@ class ReadingConfig(BaseModel):
     lidar_same_m: float = expert(
         0.01,
         gt=0.0,
-        description="Poses in a lidar log that differ by less than this [m] count as equal: logs are written to centimetres.",
+        description="Poses in a lidar log that differ by less than this [m] count as equal: it is written to centimetres.",
     )
     lidar_same_rad: float = expert(
         0.01, gt=0.0, description="Headings in a lidar log that differ by less than this [rad] count as equal."
@@ -169,6 +175,11 @@ class ReadingConfig(BaseModel):
         description="Times of a lidar's beams are used if the sweep they claim is shorter than this many usual steps from "
         "scan to scan; a driver that claims more is wrong.",
     )
+
+    @property
+    def track_slack_us(self) -> int:
+        """What a trajectory may lack of a recording at each end [us]."""
+        return round(self.track_slack_s * 1e6)
 
 
 USUAL_READING = ReadingConfig()

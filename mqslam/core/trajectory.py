@@ -45,6 +45,6 @@ class Trajectory:
         moves[:, 2] = se2.wrap(moves[:, 2])
         return np.asarray(se2.log(moves) / ((ends_us - begins_us) * 1e-6)[:, None])
 
-    def covers(self, start_us: int, end_us: int, slack_us: int = 500_000) -> bool:
-        """Whether the span from start_us to end_us lies within the trajectory, give or take slack_us at each end."""
+    def covers(self, start_us: int, end_us: int, slack_us: int) -> bool:
+        """Returns whether a span of time [us] lies within the trajectory, which may lack slack_us [us] of it at each end."""
         return bool(self.stamps_us[0] - slack_us <= start_us and end_us <= self.stamps_us[-1] + slack_us)

@@ -65,10 +65,10 @@ def check_target(out: Path, target: Target, *, force: bool, recording: Path) -> 
         raise OutputError(f"{out}: exists already", Remedy.CHOOSE_OR_REPLACE_OUTPUT)
     if out.resolve() == recording.resolve():
         raise OutputError(f"{out}: is the recording itself", Remedy.CHOOSE_OUTPUT)
-    check_writable(out, "output")
+    check_writable(out)
 
 
-def write_recording(recording: Recording, out: Path, target: Target, progress: Callable[[int, int], None]) -> list[str]:
+def write_recording(recording: Recording, out: Path, target: Target, progress: Callable[[int, int], object]) -> list[str]:
     """Writes a recording in a layout, whole or not at all, one polar scan in memory at a time.
 
     Args:

@@ -32,7 +32,7 @@ class WatchedRecording(Recording):
     """
 
     inner: Recording
-    progress: Callable[[int, int], None]
+    progress: Callable[[int, int], object]
     tally: Tally = field(default_factory=Tally)
 
     def polar_scans(self, start: int = 0, stop: int | None = None) -> Iterator[PolarScan]:
@@ -43,7 +43,7 @@ class WatchedRecording(Recording):
             yield polar_scan
 
 
-def watch(recording: Recording, progress: Callable[[int, int], None]) -> WatchedRecording:
+def watch(recording: Recording, progress: Callable[[int, int], object]) -> WatchedRecording:
     """Makes a recording that reports what is read of it."""
     same = {entry.name: getattr(recording, entry.name) for entry in fields(Recording)}
     return WatchedRecording(inner=recording, progress=progress, **same)
