@@ -169,6 +169,13 @@ class ReadingConfig(BaseModel):
     lidar_same_rad: float = expert(
         0.01, gt=0.0, description="Headings in a lidar log that differ by less than this [rad] count as equal."
     )
+    lidar_same_track_m: float = expert(
+        0.05,
+        gt=0.0,
+        description="Poses beside the scans of a lidar log that stay within this [m] of its odometry are the odometry's "
+        "own, and no SLAM has corrected them.",
+    )
+    lidar_same_track_rad: float = expert(0.02, gt=0.0, description="The same for their headings [rad].")
     lidar_longest_sweep: float = expert(
         1.05,
         ge=1.0,

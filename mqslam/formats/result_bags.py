@@ -10,12 +10,11 @@ import numpy as np
 from mqslam.core.trajectory import Trajectory
 from mqslam.formats.nav2_map import read_nav2_map
 from mqslam.formats.ply import read_ply
-from mqslam.formats.shared.bag_writer import TF_TYPE, Bag, write_bag
+from mqslam.formats.shared.bag_writer import RADAR_FRAME, TF_TYPE, Bag, write_bag
 from mqslam.formats.shared.bags import PATH_TYPE, POSE_TYPE
 from mqslam.formats.tum import read_tum
 
 WORLD_FRAME = "map"
-RADAR_FRAME = "radar"
 _GRID_TYPE = "nav_msgs/msg/OccupancyGrid"
 _CLOUD_TYPE = "sensor_msgs/msg/PointCloud2"
 _FLOAT32 = 7  # of sensor_msgs/PointField

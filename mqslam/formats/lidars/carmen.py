@@ -26,6 +26,7 @@ from mqslam.formats.shared.stamps import mark_increasing, parse_stamps
 _ENDINGS = (".log", ".log.gz", ".clf", ".clf.gz")
 _ERROR_CODES_M = 81.82  # SICK lidars write what they could not measure as 81.83 m to 81.91 m
 _CLIP_TOLERANCE_M = 1e-6  # ranges are written with fewer digits
+_LEAST_MAXIMUM_M = 1.0  # a smaller maximum among the parameters is no lidar's
 _MOST_METRES, _MOST_OFFSET_M = 100.0, 2.0  # larger maxima and offsets among the parameters are in centimetres
 
 
@@ -126,7 +127,7 @@ def _find_ceiling(
         return longest - _CLIP_TOLERANCE_M
     named = parameters.get("robot_front_laser_max", 0.0)
     named = named if named <= _MOST_METRES else named / 100.0
-    return named if 1.0 <= named < _ERROR_CODES_M and longest <= named else np.inf
+    return named if _LEAST_MAXIMUM_M <= named < _ERROR_CODES_M and longest <= named else np.inf
 
 
 def _find_mount(
@@ -192,8 +193,8 @@ def _mark_consistent(stamps: NDArray[np.int64], lines: list[OdometryLine], scans
 
 def _is_same_motion(a: Trajectory, b: Trajectory, settings: ReadingConfig) -> bool:
     """Returns whether two trajectories differ only in the frame they start in, by centimetres at the stamps of the first."""
-    same_m = settings.lidar_same_m
     one, other = a.poses, b.at(a.stamps_us)
     apart = se2.between(se2.between(one[0], one), se2.between(other[0], other))
     apart[:, 2] = se2.wrap(apart[:, 2])
-    return bool(np.all(np.abs(apart) < [5 * same_m, 5 * same_m, 2 * settings.lidar_same_rad]))
+    limits = [settings.lidar_same_track_m, settings.lidar_same_track_m, settings.lidar_same_track_rad]
+    return bool(np.all(np.abs(apart) < limits))

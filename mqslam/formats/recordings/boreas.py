@@ -55,7 +55,7 @@ def open_recording(path: Path, sensing: Sensing, settings: ReadingConfig) -> Row
     images = index_rows(folder, list_stamps(folder), settings)
     poses = folder.parent / "applanix" / "radar_poses.csv"
     truth, faults = read_beside(lambda: _read_poses(poses) if poses.exists() else None)
-    return images.recording(
+    return images.to_recording(
         path,
         "boreas",
         sensing.range_resolution or _find_resolution(int(images.stamps_us[0])),

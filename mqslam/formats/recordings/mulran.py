@@ -65,7 +65,7 @@ def open_recording(path: Path, sensing: Sensing, settings: ReadingConfig) -> Rec
     if folder.resolve().name == _ROWS:
         resolution, notes = sensing.range_resolution or RANGE_RESOLUTION_M, sensing.note_unused()
         images = index_rows(folder, names, settings)
-        return images.recording(path, "mulran", resolution, ground_truth=truth, notes=notes, faults=faults)
+        return images.to_recording(path, "mulran", resolution, ground_truth=truth, notes=notes, faults=faults)
     columns = ColumnImages(folder, names)
     recording = open_columns(path, "mulran", columns, stamps_in_us(names), RANGE_RESOLUTION_M, sensing, settings)
     return replace(recording, ground_truth=truth, faults=(*faults, *recording.faults))

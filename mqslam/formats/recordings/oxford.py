@@ -63,7 +63,7 @@ def open_recording(path: Path, sensing: Sensing, settings: ReadingConfig) -> Row
     truth, broken = beside or (None, [])
     file = root / "odom.csv"
     odometry, unused = read_beside(lambda: read_odometry(file) if file.exists() else None)
-    return images.recording(
+    return images.to_recording(
         path,
         "oxford",
         resolution,

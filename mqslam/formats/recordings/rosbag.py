@@ -22,7 +22,7 @@ from mqslam.errors import DataError
 from mqslam.formats.shared import bags, polar_message
 from mqslam.formats.shared.arrivals import smooth_arrivals
 from mqslam.formats.shared.azimuth_rows import azimuth_stamps, note_spread, spread_azimuths
-from mqslam.formats.shared.bag_writer import KINDS, Bag, write_bag
+from mqslam.formats.shared.bag_writer import KINDS, RADAR_FRAME, Bag, write_bag
 from mqslam.formats.shared.bags import B_SCAN_TYPE, COMPRESSED_TYPE, IMAGE_TYPE, ODOMETRY_TYPE
 from mqslam.formats.shared.polar_message import Layout
 from mqslam.formats.shared.sensing import Sensing, note_resolution
@@ -90,7 +90,7 @@ class RosbagRecording(Recording):
         else:
             begin, duration = int(self.stamps_us[k]), int(self.turns_us[k])
             azimuths = spread_azimuths(len(power), begin, duration, clockwise=self.clockwise)
-        return azimuths.polar_scan(power, self.start_us)
+        return azimuths.to_polar_scan(power, self.start_us)
 
 
 def recognises(path: Path) -> bool:
@@ -270,7 +270,7 @@ def _list_poses(bag: Bag, track: Trajectory, topic: str, frame: str) -> Iterator
         message = bag.make(
             ODOMETRY_TYPE,
             bag.header(stamp, frame),
-            polar_message.RADAR_FRAME,
+            RADAR_FRAME,
             bag.make("geometry_msgs/msg/PoseWithCovariance", bag.pose(pose), unknown),
             bag.make("geometry_msgs/msg/TwistWithCovariance", twist, unknown),
         )

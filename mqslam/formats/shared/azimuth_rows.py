@@ -61,8 +61,8 @@ class Azimuths:
         """Returns the azimuths that a mask (A,) chooses."""
         return Azimuths(self.stamps_us[chosen], self.angles[chosen], self.valid[chosen])
 
-    def polar_scan(self, power: NDArray[np.uint8], start_us: int) -> PolarScan:
-        """Returns the polar scan of these azimuths with their power (A, B), its times counted from a start [us]."""
+    def to_polar_scan(self, power: NDArray[np.uint8], start_us: int) -> PolarScan:
+        """Makes a polar scan of these azimuths and their power (A, B), its times counted from a start [us]."""
         times = ((self.stamps_us - start_us) * 1e-6).astype(np.float64)
         return PolarScan(times, self.angles, power, self.valid)
 

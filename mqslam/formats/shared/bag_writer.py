@@ -25,6 +25,8 @@ if TYPE_CHECKING:
 
 KINDS = {"rosbag1": ".bag", "mcap": ".mcap", "rosbag2": "", "rosbag2_mcap": ""}
 """Bags that can be written, with their suffixes: a ROS 1 file, a bare mcap, and ROS 2 folders with sqlite3 or mcap."""
+RADAR_FRAME = "radar"
+"""Frame of the radar in every bag."""
 TF_TYPE = "tf2_msgs/msg/TFMessage"
 _DEFINITIONS = {B_SCAN_TYPE: B_SCAN_DEFINITION, TF_TYPE: "geometry_msgs/TransformStamped[] transforms\n"}
 _LATEST_US = 2**31 * 1_000_000  # ROS 2 counts seconds in 31 bits [us]
@@ -46,7 +48,7 @@ class Bag:
 
     def topic(self, name: str, message_type: str, *, latched: bool = False) -> Connection:
         """Adds a topic; a latched one is played such that late subscribers still get its last message."""
-        kept: dict[str, Any] = {"latching": 1} if self.is_ros1 else {"offered_qos_profiles": [_qos_latched()]}
+        kept: dict[str, Any] = {"latching": 1} if self.is_ros1 else {"offered_qos_profiles": [_make_latched_qos()]}
         connection: Connection = self.writer.add_connection(
             name, message_type, typestore=self.store, **(kept if latched else {})
         )
@@ -141,7 +143,7 @@ def _start_bag(path: Path, kind: str) -> Iterator[Bag]:
         yield Bag(writer, store, is_ros1)
 
 
-def _qos_latched() -> Any:
+def _make_latched_qos() -> Any:
     """Makes the quality of service of a topic that keeps its last message for late subscribers."""
     from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
 

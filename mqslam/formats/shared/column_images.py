@@ -82,7 +82,7 @@ class ColumnImageRecording(Recording):
                 raise DataError(image, f"holds {sizes[0]}, the first image {sizes[1]}", "leave it out of the recording")
             stamp, duration = int(self.stamps_us[k]), int(self.turns_us[k])
             azimuths = spread_azimuths(pixels.shape[1], stamp, duration, clockwise=self.clockwise)
-            yield azimuths.polar_scan(np.ascontiguousarray(pixels.T), self.start_us)
+            yield azimuths.to_polar_scan(np.ascontiguousarray(pixels.T), self.start_us)
 
 
 def open_columns(

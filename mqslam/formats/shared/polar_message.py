@@ -26,7 +26,7 @@ from mqslam.formats.shared.azimuth_rows import (
     read_metadata,
     repair_azimuths,
 )
-from mqslam.formats.shared.bag_writer import Bag
+from mqslam.formats.shared.bag_writer import RADAR_FRAME, Bag
 from mqslam.formats.shared.bags import B_SCAN_TYPE, COMPRESSED_TYPE, IMAGE_TYPE, deserialise, list_topics, name_message
 from mqslam.formats.shared.images import decode_grey
 from mqslam.formats.shared.sensing import Stamp
@@ -37,14 +37,10 @@ if TYPE_CHECKING:
 
 _GREY = ("mono8", "8UC1")
 _COMPRESSIONS = ("PNG", "JPEG")
-RADAR_FRAME = "radar"
-"""Name of the frame of what is written."""
 _FIRST_TRIED = 10  # messages of a topic, of which one at least must be a polar scan
 _ENCODER_TURNS = (5600, 16000)  # ticks per turn of the encoders that Navtech's radars have
-_FEWEST_PIXELS, _LONG_SIDE = (
-    100,
-    3,
-)  # an unknown image is polar if it has so many on its short side, and a side so much longer
+_FEWEST_PIXELS = 100  # on the short side of an image that is polar
+_LONG_SIDE = 3  # times its short side, at least, is the long side of a polar image of an unknown topic
 _MULRAN_PLAYER = "/radar/polar"
 _NAVTECH = "/navtech/polar"
 

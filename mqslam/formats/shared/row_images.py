@@ -91,7 +91,7 @@ class RowImageRecording(Recording):
         """Reads the polar scans start <= k < stop, one after the other."""
         for name in self.names[start:stop].tolist():
             azimuths, power = self.folder.read(name)
-            yield azimuths.polar_scan(power, self.start_us)
+            yield azimuths.to_polar_scan(power, self.start_us)
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,7 +114,7 @@ class RowImages:
     notes: tuple[str, ...]
     faults: tuple[str, ...]
 
-    def recording(
+    def to_recording(
         self,
         path: Path,
         format: str,
@@ -125,7 +125,7 @@ class RowImages:
         notes: Iterable[str] = (),
         faults: Iterable[str] = (),
     ) -> RowImageRecording:
-        """Returns the images as a recording at a path, with what lies beside them."""
+        """Makes a recording at a path of the images and what lies beside them, whose notes and faults come first."""
         return RowImageRecording(
             path=path,
             format=format,
