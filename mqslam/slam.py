@@ -39,8 +39,8 @@ from mqslam.factors.loop_between import loop_between
 from mqslam.factors.odometry_between import odometry_between, odometry_covariance
 from mqslam.factors.psi_between import psi_between
 from mqslam.mapping.render import place_along, render
+from mqslam.psi.doppler import doppler_beta_of
 from mqslam.psi.place import Beam, beam_of
-from mqslam.psi.tracking.doppler import doppler_beta_of
 
 Watch = Callable[[Scan, se2.Array, NDArray[np.float64]], None]  # a scan, its pose (3,) and points (N, 2) [m]
 

@@ -25,8 +25,8 @@ from mqslam.core.scans import Returns, Scan, Scans
 from mqslam.core.trajectory import Trajectory
 from mqslam.errors import EstimationError
 from mqslam.psi.place import Beam
-from mqslam.psi.tracking.start import START_SCANS
-from mqslam.psi.tracking.tracker import Tracked, Tracker
+from mqslam.psi.tracking.tracked import Tracked
+from mqslam.psi.tracking.tracker import Tracker
 
 _CHANCE = 5e-3  # probability below which a preference of psi's for an order of azimuths is none of chance
 _SPREAD_M = 40.0  # keyframes far apart: what a wrong order does shows against what was seen from elsewhere [m]
@@ -38,7 +38,6 @@ _WRONG_SCALE = 0.05  # relative error of the speed that odometry does not explai
 _EXPLAINED = 0.9  # share of the yaw rate's variance that odometry must explain to tell its shift
 _RATE_FLOOR = 0.004  # least standard deviation of a yaw rate [rad/s]
 _FEWEST = 5  # steps that a comparison with odometry needs, and values of psi that one of orders does
-_IN_A_ROW = START_SCANS - 1 + _FEWEST  # revolutions without a gap that make so many
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,19 +66,21 @@ class Followed:
         steps: motion between revolutions that were found.
         psi: (R,) psi per point of the revolutions.
         psi_backward: (R,) the same with the azimuths of every revolution taken in the opposite order.
-        longest: number of revolutions in the longest stretch.
+        longest: number of scans in the longest stretch.
+        needed: number of scans without a gap that tell enough.
     """
 
     steps: Steps
     psi: NDArray[np.float64]
     psi_backward: NDArray[np.float64]
     longest: int
+    needed: int
 
     @property
     def shortage(self) -> str:
         """Why there is too little to tell from."""
-        if self.longest < _IN_A_ROW:
-            return f"it takes {_IN_A_ROW} revolutions without a gap to tell, and there are no more than {self.longest}"
+        if self.longest < self.needed:
+            return f"it takes {self.needed} revolutions without a gap to tell, and there are no more than {self.longest}"
         return "too few revolutions could be followed"
 
 
@@ -95,7 +96,7 @@ def follow(
 
     def tracked(scans: Scans) -> list[Tracked]:
         following = Tracker(spread, estimator, beam, scans.revolution_s)
-        first = following.start(scans[:START_SCANS])
+        first = following.start(scans[: tracker.start_scans])
         return [first, *(following.follow(scan) for scan in scans[1:])]
 
     edges: list[tuple[float, float]] = []
@@ -103,7 +104,7 @@ def follow(
     forward: list[float] = []
     backward: list[float] = []
     for stretch in stretches:
-        if len(stretch.scans) < START_SCANS:
+        if len(stretch.scans) < tracker.start_scans:
             continue
         try:
             found = tracked(stretch.scans)
@@ -114,13 +115,13 @@ def follow(
             if a.status is b.status is Status.CONVERGED:
                 edges.append((a.t0, b.t0))
                 twists.append(se2.log(se2.between(a.pose, b.pose)) / (b.t0 - a.t0))
-        for one, two in zip(found[START_SCANS - 1 :], other[START_SCANS - 1 :], strict=True):
+        for one, two in zip(found[tracker.start_scans - 1 :], other[tracker.start_scans - 1 :], strict=True):
             forward.append(_per_point(one))
             backward.append(_per_point(two))
     stamps = recording.start_us + np.round(np.array(edges).reshape(-1, 2) * 1e6).astype(np.int64)
     steps = Steps(stamps[:, 0], stamps[:, 1], np.array(twists).reshape(-1, 3))
     longest = max((len(stretch.scans) for stretch in stretches), default=0)
-    return Followed(steps, np.array(forward), np.array(backward), longest)
+    return Followed(steps, np.array(forward), np.array(backward), longest, tracker.start_scans - 1 + _FEWEST)
 
 
 def check_order(followed: Followed) -> Finding:

@@ -167,7 +167,7 @@ def _source(
     from mqslam.config import load_config, with_doppler_beta
     from mqslam.detection.stage import detect_all, scans_of, unread_warnings
     from mqslam.formats import lidars
-    from mqslam.psi.tracking.doppler import doppler_beta_of
+    from mqslam.psi.doppler import doppler_beta_of
 
     if format is None and data.exists() and lidars.recognises(data):
         source = lidar_source(lidars.read_lidar(data))

@@ -72,8 +72,8 @@ def compare(
     from mqslam.execution.files import json_text
     from mqslam.execution.folders import check_free, whole_folder
     from mqslam.execution.workers import chosen
+    from mqslam.psi.doppler import doppler_beta_of
     from mqslam.psi.place import beam_of
-    from mqslam.psi.tracking.doppler import doppler_beta_of
     from mqslam.report.compare_page import CompareReport, write_compare_pages
     from mqslam.results.compare_results import add_warnings, summarise, table, write_compare
 

@@ -15,7 +15,7 @@ from mqslam.config.audit_config import AuditConfig
 from mqslam.config.detector_config import DetectorConfig
 from mqslam.config.estimator_config import EstimatorConfig
 from mqslam.config.fields import is_expert
-from mqslam.config.frontend_config import KissIcpConfig, Open3dIcpConfig
+from mqslam.config.frontend_config import KissIcpConfig, OdometryConfig, Open3dIcpConfig, ScanMatchingConfig
 from mqslam.config.graph_config import GraphConfig
 from mqslam.config.loop_config import LoopConfig
 from mqslam.config.map_config import MapConfig
@@ -35,8 +35,10 @@ __all__ = [
     "KissIcpConfig",
     "LoopConfig",
     "MapConfig",
+    "OdometryConfig",
     "Open3dIcpConfig",
     "PsiConfig",
+    "ScanMatchingConfig",
     "SensorConfig",
     "TrackerConfig",
     "VerdictConfig",
@@ -61,6 +63,7 @@ class Config(BaseModel):
     tracker: TrackerConfig = TrackerConfig()
     kiss_icp: KissIcpConfig = KissIcpConfig()
     open3d_icp: Open3dIcpConfig = Open3dIcpConfig()
+    odometry: OdometryConfig = OdometryConfig()
     graph: GraphConfig = GraphConfig()
     loops: LoopConfig = LoopConfig()
     map: MapConfig = MapConfig()

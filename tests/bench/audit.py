@@ -24,7 +24,7 @@ from mqslam.formats.lidars import carmen
 from mqslam.formats.recordings import open_recording
 from mqslam.frontends.kiss_icp import KissIcpFrontEnd
 from mqslam.psi.place import beam_of
-from mqslam.psi.tracking.doppler import doppler_beta_of
+from mqslam.psi.doppler import doppler_beta_of
 
 _ENGINE = LocalEngine(2)
 _PLACES = 100

@@ -20,7 +20,7 @@ from mqslam.detection.stage import detect_all
 from mqslam.execution.engine import LocalEngine
 from mqslam.formats.recordings import open_recording
 from mqslam.frontends.psi import PsiFrontEnd
-from mqslam.psi.tracking.doppler import doppler_beta_of
+from mqslam.psi.doppler import doppler_beta_of
 
 _STREETS = (11, 12)  # seeds nothing was tuned on
 _STREET_S = 45.0  # 179 windows each

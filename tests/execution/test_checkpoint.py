@@ -21,7 +21,7 @@ from mqslam.detection.stage import detect_all
 from mqslam.errors import DataError, OutputError
 from mqslam.execution.checkpoint import FOLDER, Checkpoint, run_key, unfinished
 from mqslam.execution.engine import HERE
-from mqslam.psi.tracking import doppler as doppler_module
+from mqslam.psi import doppler as doppler_module
 from mqslam.simulator import SensorModel, SimulatedRecording, simulated_recording, street_scene
 from mqslam.slam import Slam
 

@@ -24,7 +24,7 @@ from mqslam.execution.engine import HERE
 from mqslam.execution.progress import silent
 from mqslam.formats.recordings.native import write_native
 from mqslam.formats.tum import write_tum
-from mqslam.psi.tracking.doppler import doppler_beta_of
+from mqslam.psi.doppler import doppler_beta_of
 from mqslam.slam import Slam, Solution
 
 START_US = 1_700_000_000_000_000

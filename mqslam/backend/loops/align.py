@@ -13,13 +13,13 @@ from numpy.typing import NDArray
 
 from mqslam.config import EstimatorConfig
 from mqslam.core import se2
+from mqslam.psi.correlate import find_correlation_peaks
 from mqslam.psi.covariance import sandwich
 from mqslam.psi.estimator import Evaluation
 from mqslam.psi.minimiser import Prior, annealed_scale, final_scale, minimise, score
 from mqslam.psi.neighbours import CellGrid, candidates, cell_grid
 from mqslam.psi.observability import weak_directions
 from mqslam.psi.place import PointSet, turned
-from mqslam.psi.tracking.correlate import PIXEL, SAME, correlation_peaks
 
 ANY_TIME = 0.0  # turns between neighbours: submaps are compared whatever their times
 _TOLERANCES = np.array([1e-3, 1e-3, 2e-5])
@@ -62,9 +62,8 @@ def align(
     """
     grid = cell_grid(reference.points, 1.0)
     free = Prior(guess, np.zeros((3, 3)))
-    pixel_m = PIXEL * config.s_start
     found = []
-    peaks = correlation_peaks(reference.points, query.points, guess, reach_m, reach_rad, pixel_m)
+    peaks = find_correlation_peaks(reference.points, query.points, guess, reach_m, reach_rad, config)
     for start in [guess, *peaks]:  # where the trajectory has it is as good a hypothesis as any
         minimum = minimise(start, lambda pose: moved(query, pose), reference, free, config, ANY_TIME, _TOLERANCES, grid)
         off = se2.between(guess, minimum.state)
@@ -74,7 +73,7 @@ def align(
         return Alignment(guess, np.eye(3), 0.0, np.inf, np.inf, observed=False)
     found.sort(key=lambda minimum: minimum.evaluation.psi)
     best = found[0]
-    rivals = [m for m in found[1:] if np.hypot(*(m.state - best.state)[:2]) > SAME * pixel_m]
+    rivals = [m for m in found[1:] if np.hypot(*(m.state - best.state)[:2]) > config.search_same_m]
     points = moved(query, best.state)
     wide = _scored(reference, grid, points, config, wide=True)
     return Alignment(
