@@ -88,7 +88,7 @@ def read_stretches(
                 sweeps[k] = _sweep(recording, k, polar_scan, before)
                 before = polar_scan
             progress(len(returns), total)
-    kept = dict(zip(returns, drop_fixed(list(returns.values())), strict=True))
+    kept = dict(zip(returns, drop_fixed(list(returns.values()), config), strict=True))
     begins, ends = recording.start_times.tolist(), recording.end_times.tolist()
     return [
         Stretch(

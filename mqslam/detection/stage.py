@@ -21,7 +21,6 @@ _log = logging.getLogger(__name__)
 
 
 _CHUNK = 40  # revolutions a worker takes at a time
-_MOST_UNREAD = 0.5  # share of revolutions above which there is nothing to go on with
 _LISTED = 3  # files that a report on unread revolutions names
 
 
@@ -125,9 +124,9 @@ def detect_all(
         progress("detect", sum(len(part.returns) for part in parts.values()), total)
 
     engine.map(_stretch, (recording, config, strict), missing, done, processes=True)
-    returns = drop_fixed([r for begin, _ in spans for r in parts[begin].returns])
+    returns = drop_fixed([r for begin, _ in spans for r in parts[begin].returns], config)
     unread = {k: error for begin, _ in spans for k, error in parts[begin].unread.items()}
-    if len(unread) > _MOST_UNREAD * total:
+    if len(unread) > config.most_unread * total:
         first = next(iter(unread.values()))
         raise DataError(first.path, f"{first.problem}, like {len(unread)} of {total} revolutions", first.remedy)
     _log.info("%d returns in %d revolutions, %d of them unread", sum(map(len, returns)), total, len(unread))

@@ -11,7 +11,7 @@ from support.detector_reference import peaks_reference, targets_reference
 from mqslam.config import DetectorConfig
 from mqslam.core.recording import PolarScan
 from mqslam.core.scans import PeakCounts, Returns
-from mqslam.detection.detector import _peaks, _targets, detect, detect_and_count
+from mqslam.detection.detector import _find_peaks, _join_peaks, detect, detect_and_count
 
 BIN_M = 0.1
 AZIMUTHS, BINS = 60, 600
@@ -64,7 +64,7 @@ def test_the_peaks_are_those_of_the_reference(
 ) -> None:
     usable = np.random.default_rng(seed).random(len(power)) < 0.8
     first, last = 1 + seed % 3, power.shape[1] - 1 - seed % 2
-    ranges, values = _peaks(power, usable, first, last, half, half // 2, strongest, threshold)
+    ranges, values = _find_peaks(power, usable, first, last, half, half // 2, strongest, threshold)
     expected = peaks_reference(power, usable, first, last, (half, half // 2), threshold)
     for a, peaks in enumerate(expected):
         found = values[a] > 0.0
@@ -87,7 +87,7 @@ def test_the_targets_are_those_of_the_reference(seed: int, shape: tuple[int, int
     values = rng.integers(0, 4, shape) * 40.0 if ties else rng.uniform(-60.0, 200.0, shape).clip(0.0)
     azimuths, times = -0.1 * np.arange(shape[0]), 5.0 + 0.01 * np.arange(shape[0])
     expected = targets_reference(ranges, values, azimuths, times, join)
-    np.testing.assert_allclose(_targets(ranges, values, azimuths, times, join), expected, rtol=1e-12, atol=1e-12)
+    np.testing.assert_allclose(_join_peaks(ranges, values, azimuths, times, join), expected, rtol=1e-12, atol=1e-12)
 
 
 @pytest.mark.parametrize("range_m", [5.0, 20.03, 33.333, 41.07])
