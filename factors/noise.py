@@ -22,5 +22,5 @@ def between_noise(
         huber: residual beyond which the pull grows only linearly [sigma].
     """
     floor = np.diag([floor_m**2, floor_m**2, floor_rad**2])
-    gaussian = gtsam.noiseModel.Gaussian.Covariance(se2.turned(covariance, -yaw) + floor)
+    gaussian = gtsam.noiseModel.Gaussian.Covariance(se2.rotate_covariance(covariance, -yaw) + floor)
     return gtsam.noiseModel.Robust.Create(gtsam.noiseModel.mEstimator.Huber.Create(huber), gaussian)

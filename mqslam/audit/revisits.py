@@ -72,7 +72,7 @@ def revisit(
     found = align(reference, query, guess, *reach(path_m, settings), estimator)
     offset = se2.wrapped_between(guess, found.pose)
     floor = np.diag([loops.floor_m**2, loops.floor_m**2, loops.floor_rad**2])
-    covariance = se2.turned(found.covariance, -guess[2]) + floor
+    covariance = se2.rotate_covariance(found.covariance, -guess[2]) + floor
     return Revisit(
         earlier,
         later,

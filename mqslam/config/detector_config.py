@@ -18,8 +18,8 @@ class DetectorConfig(BaseModel):
     contrast: float = Field(
         7.0,
         gt=0.0,
-        description="Detection threshold in low-noise data, above the median power and in units of the noise spread (median "
-        "minus 10th percentile). It applies where it is below `threshold`.",
+        description="Detection threshold in low-noise data, above the median power and in units of the noise spread "
+        "(median minus 10th percentile). It applies where it is below `threshold`.",
     )
     strongest: int = Field(12, ge=1, description="Number of peaks that are kept per azimuth.")
     smoothing_m: float = Field(0.2, ge=0.0, description="Half width of the window that smooths power along range [m].")
@@ -46,8 +46,8 @@ class DetectorConfig(BaseModel):
     join_bins: float = expert(
         1.5,
         ge=0.0,
-        description="Least value of join_m in range bins. A peak's range is known to half a bin on either side, so neighbours "
-        "of one target differ by up to a bin.",
+        description="Least value of join_m in range bins. A peak's range is known to half a bin on either side, so "
+        "neighbours of one target differ by up to a bin.",
     )
     ring_contrast: float = expert(
         2.0, ge=1.0, description="Factor by which more azimuths peak in a ring than at the ranges around it."
@@ -78,8 +78,8 @@ class DetectorConfig(BaseModel):
         0.2,
         gt=0.0,
         le=1.0,
-        description="Where more than this share of all returns repeats, the sensor stood still and sees the world: nothing is "
-        "dropped.",
+        description="Where more than this share of all returns repeats, the sensor stood still and sees the world: "
+        "nothing is dropped.",
     )
     most_unread: float = expert(
         0.5, gt=0.0, le=1.0, description="A recording of which more than this share cannot be read is refused."

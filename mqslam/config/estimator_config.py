@@ -35,16 +35,16 @@ class EstimatorConfig(BaseModel):
     search_pixel: float = expert(
         0.3,
         gt=0.0,
-        description="Side of a pixel of the images that the global search of a pose correlates, as a share of s_start: what the "
-        "minimiser surely bridges.",
+        description="Side of a pixel of the images that the global search of a pose correlates, as a share of s_start: "
+        "what the minimiser surely bridges.",
     )
     search_same: float = expert(2.0, gt=0.0, description="Poses that are nearer than this many of those pixels are one.")
     search_blur: float = expert(1.4, ge=0.0, description="Standard deviation of the images' blur, in those pixels.")
     search_extent: float = expert(
         110.0,
         gt=0.0,
-        description="Points farther from the query's origin than this many pixels take no part in the search: they would ask "
-        "for finer yaws.",
+        description="Points farther from the query's origin than this many pixels take no part in the search: they would "
+        "ask for finer yaws.",
     )
     search_peaks: int = expert(3, ge=1, description="Most poses that the global search hands on to the minimiser.")
 

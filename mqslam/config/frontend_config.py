@@ -23,8 +23,8 @@ class ScanMatchingConfig(BaseModel):
     inflation: float = expert(
         1.0,
         gt=0.0,
-        description="Factor on the covariance of a match, because the residuals of one scan err together and their mean square "
-        "does not show it.",
+        description="Factor on the covariance of a match, because the residuals of one scan err together and their mean "
+        "square does not show it.",
     )
     fewest_matched: int = expert(20, ge=1, description="With fewer correspondences than this a scan matches nothing.")
     surface_points: int = expert(
@@ -66,14 +66,14 @@ class KissIcpConfig(ScanMatchingConfig):
     deskew: bool = Field(True, description="Whether each return is moved by the last motion to the end of its scan.")
     config_file: Path | None = Field(
         None,
-        description="YAML file of KISS-ICP's own settings, which takes the place of voxel_size_m, max_range_m and deskew; "
-        "null takes those.",
+        description="YAML file of KISS-ICP's own settings, which takes the place of voxel_size_m, max_range_m and "
+        "deskew; null takes those.",
     )
     inflation: float = expert(
         86.0,
         gt=0.0,
-        description="Factor on the covariance of a match, because the residuals of one scan err together and their mean square "
-        "does not show it. It makes mean NEES/3 one on kaist01, and 0.88 on kaist02.",
+        description="Factor on the covariance of a match, because the residuals of one scan err together and their mean "
+        "square does not show it. It makes mean NEES/3 one on kaist01, and 0.88 on kaist02.",
     )
 
 
@@ -91,8 +91,8 @@ class Open3dIcpConfig(ScanMatchingConfig):
     inflation: float = expert(
         35.0,
         gt=0.0,
-        description="Factor on the covariance of a match, because the residuals of one scan err together and their mean square "
-        "does not show it. It makes mean NEES/3 one on kaist01, and 0.85 on kaist02.",
+        description="Factor on the covariance of a match, because the residuals of one scan err together and their mean "
+        "square does not show it. It makes mean NEES/3 one on kaist01, and 0.85 on kaist02.",
     )
     first_reach: float = expert(
         3.0,

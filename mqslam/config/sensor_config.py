@@ -19,8 +19,8 @@ class SensorConfig(BaseModel):
     )
     doppler_beta: float | None = Field(
         None,
-        description="Range shift per closing speed [s], signed by the chirp, about 0.049 on the Oxford unit; "
-        "null measures it by psi.",
+        description="Range shift per closing speed [s], signed by the chirp, about 0.049 on the Oxford unit; null "
+        "measures it by psi.",
     )
     clockwise: bool | None = Field(
         None,

@@ -37,8 +37,8 @@ class TrackerConfig(BaseModel):
     sigma_scale: float = Field(
         0.01,
         ge=0.0,
-        description="Standard deviation of a distance travelled across a gap, as a share of that distance. Published lengths "
-        "of one radar's range bins differ by 1.4 %, and a Doppler shift that is ignored costs as much.",
+        description="Standard deviation of a distance travelled across a gap, as a share of that distance. Published "
+        "lengths of one radar's range bins differ by 1.4 %, and a Doppler shift that is ignored costs as much.",
     )
     lost_share: float = Field(
         0.5,
@@ -53,8 +53,8 @@ class TrackerConfig(BaseModel):
     least_sector: float = expert(
         0.2,
         ge=0.0,
-        description="Least sector that the directions of a scan's returns span [rad]. A single direction shows one pattern "
-        "of ranges and no motion across it.",
+        description="Least sector that the directions of a scan's returns span [rad]. A single direction shows one "
+        "pattern of ranges and no motion across it.",
     )
     least_matched: int = expert(
         16,
@@ -81,8 +81,8 @@ class TrackerConfig(BaseModel):
     start_speeds: float = expert(
         13.0,
         gt=0.0,
-        description="The cold start tries speeds in steps of the annealing's widest reach per turn, divided by this: so near "
-        "a speed the minimiser surely finds the minimum.",
+        description="The cold start tries speeds in steps of the annealing's widest reach per turn, divided by this: so "
+        "near a speed the minimiser surely finds the minimum.",
     )
     start_yaw_step: float = expert(
         0.025, gt=0.0, description="Turn per scan between the yaw rates that a start tries [rad]."
@@ -97,8 +97,8 @@ class TrackerConfig(BaseModel):
     unknown_travel: float = expert(
         0.5,
         gt=0.0,
-        description="Share of the longest travel in a turn by which a start pose may be off in a direction that psi does not "
-        "observe.",
+        description="Share of the longest travel in a turn by which a start pose may be off in a direction that psi does "
+        "not observe.",
     )
 
     steady_s: float = expert(
@@ -110,8 +110,8 @@ class TrackerConfig(BaseModel):
     longest_coast_s: float = expert(
         60.0,
         gt=0.0,
-        description="A longer gap is a pause or a jump of the clock [s]. No motion is extrapolated across it, because that "
-        "could mean kilometres.",
+        description="A longer gap is a pause or a jump of the clock [s]. No motion is extrapolated across it, because "
+        "that could mean kilometres.",
     )
     search_sigmas: float = expert(
         2.0,
@@ -147,14 +147,14 @@ class TrackerConfig(BaseModel):
     unsteady_forward: float = expert(
         1.7,
         ge=0.0,
-        description="Share of the jumps of forward motion that ends up as its error, measured on the twin and the simulator "
-        "(BENCHMARKS.md).",
+        description="Share of the jumps of forward motion that ends up as its error, measured on the twin and the "
+        "simulator (BENCHMARKS.md).",
     )
     unsteady_sideways: float = expert(
         0.5,
         ge=0.0,
-        description="Share of the jumps of forward motion that ends up as error of sideways motion. Sideways jumps themselves "
-        "hardly show, because the sideways speed is held.",
+        description="Share of the jumps of forward motion that ends up as error of sideways motion. Sideways jumps "
+        "themselves hardly show, because the sideways speed is held.",
     )
     unsteady_yaw: float = expert(1.0, ge=0.0, description="Share of the jumps of turning that ends up as its error.")
 

@@ -122,8 +122,8 @@ def adjoint(pose: ArrayLike) -> Array:
     return np.array([[c, -s, y], [s, c, -x], [0.0, 0.0, 1.0]])
 
 
-def turned(covariance: Array, yaw: float) -> Array:
-    """A covariance (3, 3) given in a frame that is turned by yaw [rad], in the frame that is not."""
+def rotate_covariance(covariance: Array, yaw: float) -> Array:
+    """Returns a covariance (3, 3), given in a frame that is rotated by yaw [rad], in the frame that is not."""
     turn = adjoint([0.0, 0.0, yaw])
     outside = turn @ covariance @ turn.T
     return np.asarray(0.5 * (outside + outside.T))

@@ -155,9 +155,7 @@ def _sum_around(values: NDArray[np.float64], half: int, out: NDArray[np.float64]
             total += values[b + half + 1] - values[b - half]
 
 
-def _drop_rings(
-    ranges: NDArray[np.float64], values: NDArray[np.float64], width: float, config: DetectorConfig
-) -> None:
+def _drop_rings(ranges: NDArray[np.float64], values: NDArray[np.float64], width: float, config: DetectorConfig) -> None:
     """Sets the power of peaks to 0 at ranges where many azimuths peak at once.
 
     Where peaks are dense, as they are in long range bins, many may peak at any range: in a ring they are more than at the
