@@ -184,13 +184,14 @@ def _find_start(scans: Sequence[Scan], settings: TrackerConfig) -> int:
         if len(_take_head(scans, k, settings)) > 1:
             return k
     most = max(len(scan.returns) for scan in scans)
+    fewest = settings.fewest_returns
     raise FewReturnsError(
-        f"no two scans in a row hold {settings.fewest_returns} returns in more than one direction; the most returns in a scan are {most}"
+        f"no two scans in a row hold {fewest} returns in more than one direction; the most returns in a scan are {most}"
     )
 
 
 def _take_head(scans: Sequence[Scan], first: int, settings: TrackerConfig) -> list[Scan]:
-    """Returns a few scans from the first one on that hold enough returns and have no gap between them; at least the first."""
+    """Returns the scan `first` and those after it, a few, that hold enough returns and have no gap between them."""
     head: list[Scan] = []
     for scan in scans[first : first + settings.start_scans]:
         gap = bool(head) and scan.t0 - head[-1].t0 > longest_step(head[-1].t1 - head[-1].t0, settings)

@@ -1,6 +1,6 @@
 """Odometry by psi over a running map: each scan is matched to the last keyframes.
 
-The state of a scan (see `mqslam.psi.tracking.state`) is found by minimising psi plus the state predicted from the scan before.
+The state of a scan (see `mqslam.psi.tracking.state`) is found by minimising psi plus what is predicted from the scan before.
 The start pose must be free: were it fixed where the last scan ended, errors of successive scans would alternate.
 """
 
