@@ -38,7 +38,7 @@ def measure_doppler(scans: Scans, sensor: SensorConfig, tracker: TrackerConfig, 
     def psi(beta: float) -> float:
         return sum(_measure_psi(s, t, tracker_with(beta)) for s, t in zip(stretches, twists, strict=True))
 
-    grid = sensor.doppler_step * np.arange(-sensor.doppler_steps, sensor.doppler_steps + 1)
+    grid: NDArray[np.float64] = sensor.doppler_step * np.arange(-sensor.doppler_steps, sensor.doppler_steps + 1.0)
     scores = np.array([psi(beta) for beta in grid])
     beta = _find_vertex(grid, scores)
     if abs(beta) < sensor.doppler_least or psi(beta) > (1.0 - sensor.doppler_gain) * scores[sensor.doppler_steps]:

@@ -130,7 +130,7 @@ def test_a_corridor_is_called_degenerate_with_the_covariance_large_along_it() ->
 @pytest.mark.parametrize("count", [0, 1])
 def test_fewer_than_two_revolutions_hold_no_motion(count: int) -> None:
     recording, scans = street_drive()
-    with pytest.raises(EstimationError, match="two at least"):
+    with pytest.raises(EstimationError, match="at least two"):
         measured(recording, scans[:count])
 
 

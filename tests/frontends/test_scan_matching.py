@@ -12,7 +12,7 @@ import pytest
 from numpy.typing import NDArray
 from support.drives import drive, street_drive
 
-from mqslam.config import Config
+from mqslam.config import Config, ScanMatchingConfig
 from mqslam.core import frontend, se2
 from mqslam.core.frontend import Context
 from mqslam.core.measurement import Measurement, Status
@@ -21,7 +21,8 @@ from mqslam.core.trajectory import Trajectory
 from mqslam.detection.stage import detect_all
 from mqslam.errors import EstimationError
 from mqslam.formats.recordings import open_recording
-from mqslam.frontends.scan_matching import Match, motions
+from mqslam.frontends.scan_matching import match_scans
+from mqslam.frontends.scan_track import Match
 from mqslam.simulator import ConstantDrive, SimulatedRecording, corridor_scene, street_scene
 
 Measure = Callable[..., list[Measurement]]
@@ -29,7 +30,7 @@ Measure = Callable[..., list[Measurement]]
 
 @pytest.fixture(params=["kiss_icp", "open3d_icp"])
 def measured(request: pytest.FixtureRequest) -> Measure:
-    """The motions of a stream's windows by either front end."""
+    """The motions between scans by either front end."""
     if request.param == "open3d_icp":
         pytest.importorskip("open3d", exc_type=ImportError)
 
@@ -76,7 +77,7 @@ def test_two_revolutions_are_enough(measured: Measure) -> None:
 @pytest.mark.parametrize("count", [0, 1])
 def test_fewer_than_two_revolutions_hold_no_motion(measured: Measure, count: int) -> None:
     recording, scans = street_drive()
-    with pytest.raises(EstimationError, match="two at least"):
+    with pytest.raises(EstimationError, match="at least two"):
         measured(recording, scans[:count])
 
 
@@ -170,7 +171,7 @@ def through_recorder(doppler_beta: float = 0.0) -> tuple[Recorder, Scans, list[M
         return recorders[-1]
 
     context = Context(Config(), recording.revolution_s, recording.start_us, odometry, doppler_beta)
-    found = list(motions(scans[:3], new, context, 2.0))
+    found = list(match_scans(scans[:3], new, context, ScanMatchingConfig(inflation=2.0)))
     return recorders[-1], scans[:3], found
 
 
