@@ -13,7 +13,7 @@ from mqslam.core.scans import Returns, Scan, Scans
 from mqslam.core.trajectory import Trajectory
 from mqslam.detection.artefacts import drop_fixed
 from mqslam.detection.detector import detect
-from mqslam.detection.stage import polar_scans_or_errors
+from mqslam.detection.stage import read_polar_scans
 from mqslam.errors import DataError
 
 STRETCHES = 3
@@ -80,7 +80,7 @@ def read_stretches(
     unread: dict[int, str] = {}
     for begin, end in spans:
         before: PolarScan | None = None
-        for k, polar_scan in polar_scans_or_errors(recording, begin, end):
+        for k, polar_scan in read_polar_scans(recording, begin, end):
             if isinstance(polar_scan, DataError):
                 returns[k], unread[k], before = Returns.none(), str(polar_scan), None
             else:

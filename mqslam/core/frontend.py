@@ -62,7 +62,7 @@ class FrontEnd(Protocol):
         ...
 
 
-def names() -> list[str]:
+def list_front_ends() -> list[str]:
     """Returns the names of the front ends that are installed here, those of other packages included."""
     return sorted(point.name for point in entry_points(group="mqslam.frontends"))
 
@@ -74,13 +74,13 @@ def load(name: str) -> type[FrontEnd]:
         ConfigError: there is none of that name, or it cannot be imported.
     """
     try:
-        front_end: type[FrontEnd] = known(name).load()
+        front_end: type[FrontEnd] = find_entry_point(name).load()
     except ImportError as error:
         raise ConfigError(f"front end {name}: cannot be imported ({error})") from error
     return front_end
 
 
-def known(name: str) -> EntryPoint:
+def find_entry_point(name: str) -> EntryPoint:
     """Finds the entry point of a front end by its name, without importing it.
 
     Raises:
@@ -89,8 +89,8 @@ def known(name: str) -> EntryPoint:
     for point in entry_points(group="mqslam.frontends"):
         if point.name == name:
             return point
-    near = difflib.get_close_matches(name, names(), 1)
-    hint = f"did you mean {near[0]}?" if near else f"choose one of {', '.join(names())}"
+    near = difflib.get_close_matches(name, list_front_ends(), 1)
+    hint = f"did you mean {near[0]}?" if near else f"choose one of {', '.join(list_front_ends())}"
     raise ConfigError(f"front end {name}: unknown; {hint}")
 
 

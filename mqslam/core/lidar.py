@@ -35,7 +35,7 @@ class LidarRecording:
     notes: tuple[str, ...]
 
 
-def scans_of(stamps_us: NDArray[np.int64], returns: Sequence[Returns]) -> Scans:
+def stamp_scans(stamps_us: NDArray[np.int64], returns: Sequence[Returns]) -> Scans:
     """Returns scans that end where the next one begins; the last ends a median step after its stamp.
 
     Args:

@@ -41,7 +41,7 @@ def detect_stretch(recording: Recording, config: DetectorConfig, start: int, sto
     counts = PeakCounts()
     read_s, detect_s = 0.0, 0.0
     mark = time.perf_counter()
-    for k, polar_scan in polar_scans_or_errors(recording, start, stop):
+    for k, polar_scan in read_polar_scans(recording, start, stop):
         read = time.perf_counter()
         if not isinstance(polar_scan, DataError):
             returns, counted = detect_and_count(polar_scan, recording.range_resolution, config)
@@ -59,7 +59,7 @@ def detect_stretch(recording: Recording, config: DetectorConfig, start: int, sto
     return Detected(scans, unread, read_s, detect_s, counts)
 
 
-def polar_scans_or_errors(recording: Recording, start: int, stop: int) -> Iterator[tuple[int, PolarScan | DataError]]:
+def read_polar_scans(recording: Recording, start: int, stop: int) -> Iterator[tuple[int, PolarScan | DataError]]:
     """Yields the polar scans start <= k < stop, each with its number, or why it cannot be read."""
     k = start
     while k < stop:
@@ -89,7 +89,7 @@ def detect_all(
     total = len(recording)
     parts = (runner or Runner()).map(
         "detect",
-        _stretch,
+        _detect_span,
         (recording, config, strict),
         [(k, min(k + _CHUNK, total)) for k in range(0, total, _CHUNK)],
         kept=lambda span: kept_stretch(*span),
@@ -100,29 +100,29 @@ def detect_all(
     unread = {k: error for part in parts for k, error in part.unread.items()}
     if len(unread) > config.most_unread * total:
         first = next(iter(unread.values()))
-        raise DataError(first.path, f"{first.problem}, like {len(unread)} of {total} revolutions", first.remedy)
-    _log.info("%d returns in %d revolutions, %d of them unread", sum(map(len, returns)), total, len(unread))
+        raise DataError(first.path, f"{first.problem}, like {len(unread)} of {total} polar scans", first.remedy)
+    _log.info("%d returns in %d polar scans, %d of them unread", sum(map(len, returns)), total, len(unread))
     read_s, detect_s = sum(part.read_s for part in parts), sum(part.detect_s for part in parts)
     counts = sum((part.counts for part in parts), PeakCounts())
-    return scans_of(recording, returns), Detected(returns, unread, read_s, detect_s, counts)
+    return make_scans(recording, returns), Detected(returns, unread, read_s, detect_s, counts)
 
 
-def _stretch(shared: tuple[Recording, DetectorConfig, bool], span: tuple[int, int]) -> Detected:
+def _detect_span(shared: tuple[Recording, DetectorConfig, bool], span: tuple[int, int]) -> Detected:
     recording, config, strict = shared
     return detect_stretch(recording, config, *span, strict=strict)
 
 
-def unread_warnings(unread: dict[int, DataError]) -> list[str]:
+def warn_of_unread(unread: dict[int, DataError]) -> list[str]:
     """Returns a warning of the polar scans that could not be read, by number: one line, or none."""
     if not unread:
         return []
-    several = "1 revolution" if len(unread) == 1 else f"{len(unread)} revolutions"
+    several = "1 polar scan" if len(unread) == 1 else f"{len(unread)} polar scans"
     named = [f"{error.path}: {error.problem}" for error in list(unread.values())[:_LISTED]]
     others = [f"and {len(unread) - _LISTED} more"] if len(unread) > _LISTED else []
     return [f"{several} could not be read and {'is' if len(unread) == 1 else 'are'} left out: {', '.join(named + others)}"]
 
 
-def scans_of(recording: Recording, returns: list[Returns] | None = None) -> Scans:
+def make_scans(recording: Recording, returns: list[Returns] | None = None) -> Scans:
     """Returns a scan per polar scan: from its start to the next one's, or one turn long before a gap and at the end.
 
     Args:

@@ -46,7 +46,7 @@ def measure_doppler(scans: Scans, sensor: SensorConfig, tracker: TrackerConfig, 
     return beta
 
 
-def doppler_beta_of(scans: Scans, sensor: SensorConfig, tracker: TrackerConfig, estimator: EstimatorConfig) -> float:
+def choose_doppler_beta(scans: Scans, sensor: SensorConfig, tracker: TrackerConfig, estimator: EstimatorConfig) -> float:
     """Returns the Doppler shift [s] that the settings name, or else the one that is measured.
 
     Args:

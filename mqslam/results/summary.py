@@ -14,7 +14,7 @@ from mqslam.audit.judge import judge_windows
 from mqslam.audit.verdict import Finding, Share, VerdictStatus, verdict_of
 from mqslam.core.measurement import Measurement, Status
 from mqslam.core.recording import Recording
-from mqslam.detection.stage import unread_warnings
+from mqslam.detection.stage import warn_of_unread
 from mqslam.evaluation import evaluate
 from mqslam.mapping.render import moving
 from mqslam.solution import Run
@@ -134,7 +134,7 @@ def peak_rss_mb() -> float:
 
 def run_warnings(run: Run, recording: Recording) -> list[str]:
     """What happened during a run that its reader should know first."""
-    found = [*recording.faults, *unread_warnings(run.unread), *run.warnings]
+    found = [*recording.faults, *warn_of_unread(run.unread), *run.warnings]
     found += _gaps(recording.gaps(), run.config.tracker.longest_coast_s)
     for status, what in ((Status.LOST, "lost track"), (Status.DEGENERATE, "did not observe every direction")):
         found += [f"{what} from {begin:.1f} s to {end:.1f} s" for begin, end in stretches(run.measurements, status)]
