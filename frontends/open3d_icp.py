@@ -102,7 +102,7 @@ class _Open3dMatcher:
         return np.asarray(result.transformation)
 
     def _join(self, placed: NDArray[np.float64], pose: se2.Array) -> None:
-        """Adds a scan to the map, where the last keyframe is far behind."""
+        """Adds a scan to the map, where the last keyframe is far away."""
         if self._last_keyframe is not None:
             moved = se2.between(self._last_keyframe, pose)
             near = np.hypot(moved[0], moved[1]) < self._settings.keyframe_m

@@ -1,4 +1,4 @@
-"""What front ends share that match scan after scan to a map of their own: their start, gaps, scans that match nothing."""
+"""What the front ends share that match scan after scan to a map of their own: their start, and their way across gaps."""
 
 from __future__ import annotations
 

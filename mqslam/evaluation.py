@@ -75,7 +75,7 @@ def _shared(estimate: Trajectory, truth: Trajectory) -> tuple[NDArray[np.int64],
     """Stamps (M,) of the truth, apart and inside the estimate's span, and the poses (M, 3) of both; None if M < 3."""
     first, last = estimate.stamps_us[0] - _SLACK_US, estimate.stamps_us[-1] + _SLACK_US
     inside = np.flatnonzero((truth.stamps_us >= first) & (truth.stamps_us <= last))
-    inside = inside[se2.apart(truth.seconds(int(first))[inside])]  # two poses at almost the same time show no speed
+    inside = inside[se2.select_apart(truth.seconds(int(first))[inside])]  # two poses at almost the same time show no speed
     if len(inside) < 3:
         return None
     stamps_us = truth.stamps_us[inside]

@@ -72,7 +72,7 @@ class DetectorConfig(BaseModel):
         0.7, gt=0.0, lt=1.0, description="A cell that returns in more than this share of all scans is part of the vehicle."
     )
     fixed_scans: int = expert(
-        8, ge=2, description="Fewest scans that tell the vehicle's own returns from the world's; with fewer, all are kept."
+        8, ge=2, description="Fewest scans that show which returns are the vehicle's own; with fewer, all are kept."
     )
     fixed_most: float = expert(
         0.2,

@@ -53,7 +53,7 @@ class ScanMatchingConfig(BaseModel):
     longest_coast_s: float = expert(
         60.0,
         gt=0.0,
-        description="A longer gap is a pause or a jump of the clock [s]. The motion is taken to be at rest behind it.",
+        description="A longer gap is a pause or a jump of the clock [s]. After it the sensor is taken to be at rest.",
     )
     gap_turns: float = expert(
         0.5, gt=0.0, description="Missing time between two scans from which it counts as a gap, in turns of the radar."
@@ -104,7 +104,7 @@ class Open3dIcpConfig(ScanMatchingConfig):
 
 
 class OdometryConfig(BaseModel):
-    """Settings of the odometry front end: what an odometry of which nothing is known is taken to be worth."""
+    """Settings of the odometry front end: the errors of an odometry that does not state its own."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 

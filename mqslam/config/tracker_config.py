@@ -163,3 +163,9 @@ class TrackerConfig(BaseModel):
         if self.speed_max <= self.speed_min:
             raise ValueError(f"speed_max ({self.speed_max}) must be larger than speed_min ({self.speed_min})")
         return self
+
+    @model_validator(mode="after")
+    def _check_patience(self) -> TrackerConfig:
+        if self.patience < self.start_scans:
+            raise ValueError(f"patience ({self.patience}) must be at least start_scans ({self.start_scans})")
+        return self

@@ -1,4 +1,4 @@
-"""Recordings of a planar lidar, whose ranges are returns as they are: there is nothing to detect."""
+"""Recordings of a planar lidar, whose ranges are returns as they are, without a detector."""
 
 from __future__ import annotations
 

@@ -140,7 +140,7 @@ def interpolate(times: ArrayLike, poses: ArrayLike, at: ArrayLike) -> Array:
     result = _on_arcs(t, p, q)
     outside = (q < t[0]) | (q > t[-1])
     if outside.any():
-        knots = apart(t)
+        knots = select_apart(t)
         result[outside] = _on_arcs(t[knots], p[knots], q[outside])
     return result
 
@@ -165,7 +165,7 @@ def smooth(times: ArrayLike, poses: ArrayLike, at: ArrayLike) -> Array:
     t, p, q = np.asarray(times, dtype=np.float64), np.asarray(poses, dtype=np.float64), np.asarray(at, dtype=np.float64)
     if len(t) < 3:
         return interpolate(t, p, q)
-    knots = apart(t)
+    knots = select_apart(t)
     t, p = t[knots], p[knots]
     unwrapped = np.column_stack([p[:, :2], np.unwrap(p[:, 2])])
     curve = CubicHermiteSpline(t, unwrapped, np.gradient(unwrapped, t, axis=0))
@@ -176,10 +176,10 @@ def smooth(times: ArrayLike, poses: ArrayLike, at: ArrayLike) -> Array:
     return result
 
 
-def apart(times: Array) -> NDArray[np.int64]:
+def select_apart(times: Array) -> NDArray[np.int64]:
     """Returns the indices of those of the increasing times (N,) that are no duplicates of an earlier one.
 
-    A duplicate lies within a small part of the usual step behind another time.
+    A duplicate follows another time within a small part of the usual step.
     """
     steps = np.diff(times)
     least = _CLOSE * float(np.median(steps)) if len(steps) else 0.0

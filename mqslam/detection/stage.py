@@ -30,7 +30,7 @@ def detect_stretch(recording: Recording, config: DetectorConfig, start: int, sto
         recording: the recording.
         config: settings.
         start: number of the first polar scan.
-        stop: number of the first polar scan behind the stretch.
+        stop: number of the first polar scan after the stretch.
         strict: whether a polar scan that cannot be read is an error, rather than one without returns.
 
     Raises:
@@ -63,7 +63,7 @@ def read_polar_scans(recording: Recording, start: int, stop: int) -> Iterator[tu
     """Yields the polar scans start <= k < stop, each with its number, or why it cannot be read."""
     k = start
     while k < stop:
-        try:  # reading ends with the first error: after one it begins again behind it
+        try:  # reading ends with the first error, and begins again after it
             for polar_scan in recording.polar_scans(k, stop):
                 yield k, polar_scan
                 k += 1

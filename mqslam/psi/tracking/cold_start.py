@@ -1,4 +1,4 @@
-"""The motion of the first scans of a recording, or of those behind a gap, from themselves alone."""
+"""The motion of the first scans of a recording, or of those after a gap, from themselves alone."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from mqslam.core.measurement import Status
 from mqslam.core.motion import CONSTANT_TWIST
 from mqslam.core.scans import Returns, Scan
 from mqslam.psi.gaussians import invert
-from mqslam.psi.tracking.dynamics import motion_noise
-from mqslam.psi.tracking.plausibility import matched_share, overlaps
+from mqslam.psi.tracking.dynamics import list_motion_noise
+from mqslam.psi.tracking.plausibility import measure_overlap, overlaps
 from mqslam.psi.tracking.setup import Setup
 from mqslam.psi.tracking.state import MODEL, MOTION, TOLERANCES
 from mqslam.psi.window import WindowMotion, estimate_window, search_twist
@@ -72,12 +72,12 @@ def find_first_motion(
     motion[: model.size] = theta
     covariance[: model.size, : model.size] = window.covariance
     if model.size < MODEL.size:
-        covariance += np.diag(motion_noise(setup.settings) ** 2)
-    return FirstMotion(motion, covariance, matched_share(window.minimum), window.status is Status.CONVERGED)
+        covariance += np.diag(list_motion_noise(setup.settings) ** 2)
+    return FirstMotion(motion, covariance, measure_overlap(window.minimum), window.status is Status.CONVERGED)
 
 
 def _know_nothing(settings: TrackerConfig) -> FirstMotion:
-    """Returns rest, give or take any motion of a vehicle: what scans that have nothing in common tell."""
+    """Returns rest, with the uncertainty of any motion of a vehicle: scans that have nothing in common show no more."""
     fastest = max(settings.speed_max, -settings.speed_min)
     spread = np.array([fastest, fastest, settings.omega_max, settings.sigma_ax, settings.sigma_alpha])
     return FirstMotion(np.zeros(MODEL.size), np.diag(spread**2), 0.0, observed=False)

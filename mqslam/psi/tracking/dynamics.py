@@ -55,7 +55,7 @@ class LastMatch:
 
     def is_before(self, scan: Scan, settings: TrackerConfig) -> bool:
         """Returns whether a scan follows so soon that the acceleration lasts."""
-        return scan.t0 - self.t0 <= longest_step(self.turn_s, settings)
+        return scan.t0 - self.t0 <= limit_step(self.turn_s, settings)
 
     def predict(self, scan: Scan, settings: TrackerConfig) -> Belief:
         """Predicts the state of a later scan."""
@@ -87,7 +87,7 @@ def predict(belief: Belief, dt: float, settings: TrackerConfig) -> Belief:
     transition[AX, AX] = transition[ALPHA, ALPHA] = persistence
     motion = np.array([vx + dt * ax, vy, omega + dt * alpha, persistence * ax, persistence * alpha])
     pose_noise = [settings.sigma_position_m, settings.sigma_position_m, settings.sigma_yaw]
-    noise = np.square(np.r_[pose_noise, motion_noise(settings)]) * (abs(dt) / _NOISE_PERIOD_S)
+    noise = np.square(np.r_[pose_noise, list_motion_noise(settings)]) * (abs(dt) / _NOISE_PERIOD_S)
     return Belief(State.of(pose, motion), symmetric(transition @ belief.covariance @ transition.T + np.diag(noise)))
 
 
@@ -106,7 +106,7 @@ def coast(belief: Belief, dt: float, turn_s: float, settings: TrackerConfig) -> 
     belief = _forget_acceleration(belief, np.zeros(2))
     for _ in range(steps):
         belief = _forget_acceleration(predict(belief, dt / steps, settings), np.zeros(2))
-    return _forget_acceleration(belief, np.square(motion_noise(settings)[3:]))
+    return _forget_acceleration(belief, np.square(list_motion_noise(settings)[3:]))
 
 
 def correct_motion(belief: Belief, motion: se2.Array, covariance: NDArray[np.float64]) -> Belief:
@@ -119,14 +119,14 @@ def correct_motion(belief: Belief, motion: se2.Array, covariance: NDArray[np.flo
 
 
 def replace_motion(belief: Belief, motion: se2.Array, covariance: NDArray[np.float64]) -> Belief:
-    """Replaces twist and accelerations by others (5,) of a covariance (5, 5), which tell nothing of the pose."""
+    """Replaces twist and accelerations by others (5,) of a covariance (5, 5), which do not depend on the pose."""
     joint = np.zeros((SIZE, SIZE))
     joint[POSE, POSE] = belief.covariance[POSE, POSE]
     joint[MOTION, MOTION] = covariance
     return Belief(State.of(belief.pose, motion), joint)
 
 
-def longest_step(turn_s: float, settings: TrackerConfig) -> float:
+def limit_step(turn_s: float, settings: TrackerConfig) -> float:
     """Returns the longest time [s] between the starts of scans that follow each other: one may be missing, not many."""
     return max(settings.steady_s, settings.steady_turns * turn_s)
 
@@ -146,19 +146,19 @@ def hold_directions(prior: Prior, weak: NDArray[np.float64]) -> Prior:
     return Prior(prior.mean, information)
 
 
-def unknown_pose(settings: TrackerConfig, revolution_s: float) -> NDArray[np.float64]:
+def bound_pose(settings: TrackerConfig, revolution_s: float) -> NDArray[np.float64]:
     """Returns how far a start pose (3,) may be off when nothing is known of it [m, m, rad]."""
     travel = settings.unknown_travel * max(settings.speed_max, -settings.speed_min) * revolution_s
     return np.array([travel, travel, settings.omega_max * revolution_s])
 
 
-def motion_noise(settings: TrackerConfig) -> NDArray[np.float64]:
+def list_motion_noise(settings: TrackerConfig) -> NDArray[np.float64]:
     """Returns the standard deviations (5,) by which twist and accelerations change per scan."""
     return np.array([settings.sigma_vx, settings.sigma_vy, settings.sigma_omega, settings.sigma_ax, settings.sigma_alpha])
 
 
 def _rotation(yaw: float) -> NDArray[np.float64]:
-    """Returns the matrix (3, 3) that carries a twist from a frame turned by yaw [rad] to the frame that is not."""
+    """Returns the matrix (3, 3) that carries a twist from a frame that is rotated by yaw [rad] to the frame that is not."""
     c, s = np.cos(yaw), np.sin(yaw)
     return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
 

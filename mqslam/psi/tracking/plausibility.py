@@ -21,10 +21,10 @@ def is_usable(scan: Scan, settings: TrackerConfig) -> bool:
 def overlaps(minimum: Minimum, settings: TrackerConfig) -> bool:
     """Returns whether a scan lies on the map at all."""
     matched = int(np.count_nonzero(minimum.evaluation.matched))
-    return matched >= settings.least_matched and matched_share(minimum) >= settings.least_share
+    return matched >= settings.least_matched and measure_overlap(minimum) >= settings.least_share
 
 
-def matched_share(minimum: Minimum) -> float:
+def measure_overlap(minimum: Minimum) -> float:
     """Returns the share of a scan's returns that found a neighbour in the map."""
     matched = minimum.evaluation.matched
     return float(matched.mean()) if len(matched) else 0.0

@@ -1,7 +1,7 @@
-"""Where the track goes on behind a gap or a loss: the scan there is tracked from both sides of what lies before it.
+"""Where the track goes on after a gap or a loss: the scan there is tracked from both sides of the gap.
 
-The scans behind tell how fast the sensor moved at the end of the gap, those before it at its start; between the two it moved
-as the process noise allows. Only a match that is sure and without a rival in that whole region ties the two sides.
+The scans after the gap show how fast the sensor moved at its end, those before it at its start; between the two it moved as
+the process noise allows. Only a match that is sure and without a rival in that whole region ties the two sides.
 """
 
 from __future__ import annotations
@@ -25,8 +25,8 @@ from mqslam.psi.tracking.state import Belief, State
 IsPoor = Callable[[float], bool]  # whether a matched share is much poorer than usual
 
 
-def find_motion_behind(scans: Sequence[Scan], predicted: Belief, setup: Setup, is_poor: IsPoor) -> FirstMotion | None:
-    """Finds the motion of the scans behind a gap from themselves; returns None where they do not show it."""
+def find_motion_after(scans: Sequence[Scan], predicted: Belief, setup: Setup, is_poor: IsPoor) -> FirstMotion | None:
+    """Finds the motion of the scans after a gap from themselves; returns None where they do not show it."""
     if len(scans) < 2 or not all(is_usable(scan, setup.settings) for scan in scans):
         return None
     for begin in (predicted.mean.twist, None):  # the exhaustive search costs much more
@@ -36,14 +36,14 @@ def find_motion_behind(scans: Sequence[Scan], predicted: Belief, setup: Setup, i
     return None
 
 
-def bridge_gap(predicted: Belief, dt: float, behind: FirstMotion | None, setup: Setup) -> Belief:
-    """Joins what is predicted across a gap of dt [s] with the motion found behind it, if there is one."""
-    if behind is None:
+def bridge_gap(predicted: Belief, dt: float, after: FirstMotion | None, setup: Setup) -> Belief:
+    """Joins what is predicted across a gap of dt [s] with the motion found after it, if there is one."""
+    if after is None:
         return predicted
     if dt <= setup.settings.longest_coast_s:
-        return correct_motion(predicted, behind.motion, behind.covariance)
-    # nothing before a pause or a jump of the clock tells where its end is
-    return replace_motion(predicted, behind.motion, behind.covariance)
+        return correct_motion(predicted, after.motion, after.covariance)
+    # what comes before a pause or a jump of the clock does not show where its end is
+    return replace_motion(predicted, after.motion, after.covariance)
 
 
 def place_by_odometry(belief: Belief, before: se2.Array, twist: se2.Array | None, dt: float) -> Belief:
@@ -69,7 +69,7 @@ def find_again(
     return match.minimum, not len(matcher.find_weak_directions(scan, State(match.minimum.state), into))
 
 
-def arrival_covariance(begin: se2.Array, end: se2.Array, sigma_scale: float) -> NDArray[np.float64]:
+def estimate_arrival(begin: se2.Array, end: se2.Array, sigma_scale: float) -> NDArray[np.float64]:
     """Returns the covariance (3, 3) of a match across a gap besides psi's: the sensor's scale enters with the distance."""
     distance = float(np.hypot(*(end - begin)[:2]))
     return np.diag([(sigma_scale * distance) ** 2] * 2 + [0.0])

@@ -15,7 +15,7 @@ from mqslam.psi.tracking.local_map import LocalMap
 from mqslam.psi.tracking.matching import Matcher
 from mqslam.psi.tracking.state import POSE_AND_TWIST, SIZE, State
 from mqslam.psi.tracking.tracked import Tracked
-from mqslam.psi.tracking.uncertainty import measured_covariance, update_belief
+from mqslam.psi.tracking.uncertainty import measure_covariance, update_belief
 
 
 def remeasure(
@@ -29,7 +29,7 @@ def remeasure(
 
     Args:
         scans: those of the track so far.
-        tracked: what the tracker said of them.
+        tracked: what the tracker returned for them.
         matcher: matches scans to a map.
         is_out_of_place: whether a match is probably none.
     """
@@ -48,7 +48,7 @@ def remeasure(
             results[: k + 1] = _move_along(tracked[: k + 1], tracked[k + 1], results[k + 1])
             break
         placed = matcher.place(scans[k], state)
-        covariance = measured_covariance(minimum.evaluation, placed, predicted, around, setup, smoothed=True)
+        covariance = measure_covariance(minimum.evaluation, placed, predicted, around, setup, smoothed=True)
         results[k] = replace(
             tracked[k],
             state=state,

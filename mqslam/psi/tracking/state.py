@@ -98,7 +98,7 @@ class Belief:
         return Prior(self.mean.vector, self.information)
 
     def in_its_own_frame(self) -> Belief:
-        """Returns the belief with a pose that defines the frame, so that it is known and tells nothing of the motion."""
+        """Returns the belief with a pose that defines the frame, so that it is known and independent of the motion."""
         covariance = self.covariance.copy()
         covariance[POSE, :] = covariance[:, POSE] = 0.0
         covariance[POSE, POSE] = _FRAME

@@ -1,7 +1,7 @@
-"""The track of a recording by psi: every scan matched, across gaps and losses, and young maps measured again.
+"""The track of a recording by psi: every scan is matched, across gaps and losses, and young maps are measured again.
 
-A track begins with scans whose motion is found from themselves. Behind a gap, and after a loss, it begins anew in the same
-way, so that what lies beyond never rests on a prediction alone.
+A track begins with scans whose motion is found from themselves. After a gap or a loss it begins anew in the same way, so
+that what follows never rests on a prediction alone.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from mqslam.core import se2
 from mqslam.core.measurement import Status
 from mqslam.core.scans import Scan
 from mqslam.errors import EstimationError, FewReturnsError
-from mqslam.psi.tracking.dynamics import longest_step
+from mqslam.psi.tracking.dynamics import limit_step
 from mqslam.psi.tracking.plausibility import is_usable
 from mqslam.psi.tracking.tracked import Tracked
 from mqslam.psi.tracking.tracker import Tracker
@@ -194,7 +194,7 @@ def _take_head(scans: Sequence[Scan], first: int, settings: TrackerConfig) -> li
     """Returns the scan `first` and those after it, a few, that hold enough returns and have no gap between them."""
     head: list[Scan] = []
     for scan in scans[first : first + settings.start_scans]:
-        gap = bool(head) and scan.t0 - head[-1].t0 > longest_step(head[-1].t1 - head[-1].t0, settings)
+        gap = bool(head) and scan.t0 - head[-1].t0 > limit_step(head[-1].t1 - head[-1].t0, settings)
         if gap or not is_usable(scan, settings):
             break
         head.append(scan)

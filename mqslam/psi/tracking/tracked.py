@@ -1,4 +1,4 @@
-"""What the tracker says of a scan."""
+"""What the tracker returns for a scan."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class Tracked:
         evaluation: psi at the minimum.
         status: how far it can be trusted.
         begins_map: whether a new map begins with it.
-        arrival: (3, 3) covariance of its start pose that only the step to it has, behind a gap or a loss; else None.
+        arrival: (3, 3) covariance that the step to it across a gap or a loss adds to its start pose; else None.
         earlier: (3,) start pose as it was first measured, where it was measured again; else None.
     """
 
@@ -48,8 +48,8 @@ class Tracked:
         return self.covariance[:3, :3]
 
 
-def evaluate_nothing() -> Evaluation:
-    """Returns the evaluation of no returns at all, for a scan that no map was there for."""
+def make_empty_evaluation() -> Evaluation:
+    """Returns the evaluation of no returns at all, for a scan that there was no map for."""
     return Evaluation(
         np.zeros(0), np.zeros(0, dtype=bool), np.zeros((0, SIZE)), np.zeros((SIZE, SIZE)), np.zeros((SIZE, SIZE))
     )

@@ -23,27 +23,27 @@ from mqslam.psi.place import Beam
 from mqslam.psi.tracking.cold_start import find_first_motion
 from mqslam.psi.tracking.dynamics import (
     LastMatch,
+    bound_pose,
     hold_directions,
-    motion_noise,
+    list_motion_noise,
     predict,
     replace_motion,
-    unknown_pose,
 )
 from mqslam.psi.tracking.local_map import LocalMap
 from mqslam.psi.tracking.matching import Matcher
-from mqslam.psi.tracking.plausibility import is_usable, matched_share, overlaps
+from mqslam.psi.tracking.plausibility import is_usable, measure_overlap, overlaps
 from mqslam.psi.tracking.relocalisation import (
-    arrival_covariance,
     bridge_gap,
+    estimate_arrival,
     find_again,
-    find_motion_behind,
+    find_motion_after,
     place_by_odometry,
 )
 from mqslam.psi.tracking.remeasuring import map_tracked, remeasure
 from mqslam.psi.tracking.setup import Setup
 from mqslam.psi.tracking.state import ORIGIN, POSE, POSE_AND_TWIST, Belief, State
-from mqslam.psi.tracking.tracked import Tracked, evaluate_nothing
-from mqslam.psi.tracking.uncertainty import measured_covariance, update_belief
+from mqslam.psi.tracking.tracked import Tracked, make_empty_evaluation
+from mqslam.psi.tracking.uncertainty import measure_covariance, update_belief
 
 
 class Tracker:
@@ -72,7 +72,7 @@ class Tracker:
         """Finds the motion of the first scans from psi alone and begins the map with the first of them.
 
         Args:
-            scans: two or three scans.
+            scans: the first two or more, as many as the settings say if there are.
             begin: (3,) twist near the truth, or None for an exhaustive search.
             odometry: (3,) what odometry says, for directions in which psi alone does not observe the motion.
 
@@ -84,11 +84,11 @@ class Tracker:
             needed = self.settings.fewest_returns
             raise FewReturnsError(f"the first scans hold {counts} returns, and {needed} in each are needed")
         first = find_first_motion(scans, self._setup, begin, odometry)
-        covariance = np.diag(motion_noise(self.settings) ** 2) + first.covariance  # it may have changed since
+        covariance = np.diag(list_motion_noise(self.settings) ** 2) + first.covariance  # it may have changed since
         return self._begin_map(scans[0], replace_motion(ORIGIN, first.motion, covariance), Status.CONVERGED)
 
     def find_first_twist(self, scans: Sequence[Scan]) -> se2.Array:
-        """Finds the twist (3,) of two or three scans, without any start."""
+        """Finds the twist (3,) of a few scans by an exhaustive search."""
         return State.of(np.zeros(3), find_first_motion(scans, self._setup).motion).twist
 
     def look_back(self, scan: Scan) -> Tracked:
@@ -126,26 +126,26 @@ class Tracker:
         return self._accept(scan, minimum, predicted, weak)
 
     def resume(self, scans: Sequence[Scan], twist: se2.Array | None = None) -> Tracked:
-        """Matches the first of the scans behind a gap or a loss, whose motion is found from themselves.
+        """Matches the first of the scans after a gap or a loss, whose motion is found from themselves.
 
         Without a sure match the track goes on from the prediction, with a map of its own.
 
         Args:
-            scans: one to three scans, without a gap between them.
+            scans: one or more, without a gap between them.
             twist: (3,) mean twist across the gap according to odometry, or None.
         """
         scan, before, dt = scans[0], self._last.pose, scans[0].t0 - self._last.t0
         predicted = self._last.predict(scan, self.settings)
-        behind = find_motion_behind(scans, predicted, self._setup, self._is_poor)
-        bridged = place_by_odometry(bridge_gap(predicted, dt, behind, self._setup), before, twist, dt)
+        after = find_motion_after(scans, predicted, self._setup, self._is_poor)
+        bridged = place_by_odometry(bridge_gap(predicted, dt, after, self._setup), before, twist, dt)
         if not is_usable(scan, self.settings):
             return self._pass_over(scan, bridged)
         minimum, is_sure = find_again(scan, bridged, self._map, self._matcher, self._is_out_of_place)
         if is_sure:
             self._last = replace(self._last, smooths=False)
             tracked = self._accept(scan, minimum, bridged, np.zeros((0, 3)))
-            return replace(tracked, arrival=arrival_covariance(before, tracked.pose, self.settings.sigma_scale))
-        if behind is None:
+            return replace(tracked, arrival=estimate_arrival(before, tracked.pose, self.settings.sigma_scale))
+        if after is None:
             return self._miss(scan, bridged, minimum)
         return replace(self._begin_map(scan, bridged, Status.LOST), arrival=bridged.covariance[POSE, POSE])
 
@@ -154,7 +154,7 @@ class Tracker:
 
         Args:
             scans: those of the track so far.
-            tracked: what `start`, `follow` or `resume` said of them.
+            tracked: what `start`, `follow` or `resume` returned for them.
         """
         results = remeasure(scans, tracked, self._matcher, self._is_out_of_place)
         self._map = map_tracked(scans, results, self._matcher)
@@ -178,17 +178,17 @@ class Tracker:
         self._map = LocalMap(self.settings)
         self._map.offer(scan.t0, known.pose, self._matcher.place(scan, known.mean))
         covariance = known.covariance[POSE_AND_TWIST, POSE_AND_TWIST]
-        return Tracked(scan.t0, known.mean, covariance, evaluate_nothing(), status, begins_map=True)
+        return Tracked(scan.t0, known.mean, covariance, make_empty_evaluation(), status, begins_map=True)
 
     def _accept(self, scan: Scan, minimum: Minimum, predicted: Belief, weak: NDArray[np.float64]) -> Tracked:
-        """Takes a match as the new state, and as a keyframe where the last one is far behind."""
+        """Takes a match as the new state, and as a keyframe where the last one is far away."""
         setup, evaluation, smoothed = self._setup, minimum.evaluation, self._last.smooths
         belief = update_belief(minimum.state, evaluation, predicted.information, setup)
         placed = self._matcher.place(scan, belief.mean)
-        measured = measured_covariance(evaluation, placed, predicted, self._map, setup, smoothed=smoothed)
-        measured[POSE, POSE] = loosen(measured[POSE, POSE], weak, unknown_pose(self.settings, setup.revolution_s))
+        measured = measure_covariance(evaluation, placed, predicted, self._map, setup, smoothed=smoothed)
+        measured[POSE, POSE] = loosen(measured[POSE, POSE], weak, bound_pose(self.settings, setup.revolution_s))
         memory = self.settings.usual_memory if self._usual_share > 0.0 else 0.0
-        self._usual_share = memory * self._usual_share + (1.0 - memory) * matched_share(minimum)
+        self._usual_share = memory * self._usual_share + (1.0 - memory) * measure_overlap(minimum)
         self._last = LastMatch(scan.t0, scan.t1 - scan.t0, belief, smooths=True)
         self._map.offer(scan.t0, belief.pose, placed)
         status = Status.DEGENERATE if len(weak) else Status.CONVERGED
@@ -207,7 +207,7 @@ class Tracker:
 
     def _is_out_of_place(self, minimum: Minimum) -> bool:
         """Returns whether a match is so much poorer than usual that it is probably none."""
-        return not overlaps(minimum, self.settings) or self._is_poor(matched_share(minimum))
+        return not overlaps(minimum, self.settings) or self._is_poor(measure_overlap(minimum))
 
     def _is_poor(self, share: float) -> bool:
         """Returns whether a matched share is much poorer than the usual one."""

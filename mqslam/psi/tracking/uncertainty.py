@@ -14,7 +14,7 @@ from mqslam.psi.tracking.setup import Setup
 from mqslam.psi.tracking.state import ALPHA, AX, SIZE, TOLERANCES, VY, Belief, State
 
 
-def measured_covariance(
+def measure_covariance(
     evaluation: Evaluation, placed: PointSet, predicted: Belief, into: LocalMap, setup: Setup, *, smoothed: bool
 ) -> NDArray[np.float64]:
     """Returns the covariance (8, 8) of a match by psi's curvature; what psi does not observe is as sure as the prediction.

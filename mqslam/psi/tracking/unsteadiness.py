@@ -35,7 +35,7 @@ class Unsteadiness:
         self._expected: list[NDArray[np.float64]] = []
 
     def add(self, motion: Measurement) -> None:
-        """Takes the next relative motion; motions that were lost tell nothing and should be left out."""
+        """Takes the next relative motion; motions of a lost track should be left out."""
         self._motions = [*self._motions[-2:], motion.pose]
         if len(self._motions) == 3:
             a, b, c = self._motions
