@@ -108,10 +108,10 @@ class OdometryConfig(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
-    sigma_travel: float = expert(
+    sigma_travel: float = Field(
         0.05,
         ge=0.0,
         description="Standard deviation of travel, as a share of it. The graph estimates it better where it can.",
     )
-    sigma_rest_m: float = expert(0.01, gt=0.0, description="Standard deviation of the position over a scan at rest [m].")
-    sigma_yaw_rate: float = expert(0.02, gt=0.0, description="Standard deviation of the yaw rate [rad/s].")
+    sigma_rest_m: float = Field(0.01, gt=0.0, description="Standard deviation of the position over a scan at rest [m].")
+    sigma_yaw_rate: float = Field(0.02, gt=0.0, description="Standard deviation of the yaw rate [rad/s].")

@@ -44,11 +44,11 @@ def test_points_spread_all_ways_count_as_point_to_point_residuals_do() -> None:
     lattice = np.stack(np.meshgrid(np.arange(-20.0, 20.0), np.arange(-20.0, 20.0)), axis=-1).reshape(-1, 2)
     off = rng.normal(0.0, 0.05, lattice.shape)
     scan = se2.transform(se2.inverse(POSE), lattice + off)
-    found = surface(lattice).covariance(scan, POSE, 0.5, 1e6)  # so wide a kernel weighs all alike
+    spread = surface(lattice).covariance(scan, POSE, 0.5, 1e6)  # so wide a kernel weighs all alike
     variance = np.mean(off**2)
-    assert found[0, 0] == pytest.approx(variance / len(scan), rel=0.4)
+    assert spread[0, 0] == pytest.approx(variance / len(scan), rel=0.4)
     centred = scan - scan.mean(axis=0)
-    assert found[2, 2] == pytest.approx(variance / (centred**2).sum(), rel=0.4)
+    assert spread[2, 2] == pytest.approx(variance / (centred**2).sum(), rel=0.4)
 
 
 def test_matched_counts_the_points_within_reach() -> None:
