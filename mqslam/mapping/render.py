@@ -13,7 +13,7 @@ from mqslam.errors import EstimationError
 from mqslam.execution.engine import HERE, Engine
 from mqslam.psi.minimiser import final_scale, score
 from mqslam.psi.neighbours import CellGrid, candidates, cell_grid
-from mqslam.psi.place import Beam, PointSet
+from mqslam.psi.place import Beam, PointSet, spread_beam
 
 _CHUNK = 50_000  # points scored at a time: bounds the memory of neighbour lists
 
@@ -76,9 +76,7 @@ def place_along(returns: Returns, times: NDArray[np.float64], poses: se2.Array, 
     heading = at[:, 2] + returns.azimuths
     c, s = np.cos(heading), np.sin(heading)
     points = np.column_stack([at[:, 0] + ranges * c, at[:, 1] + ranges * s])
-    along = beam.sigma_range**2
-    across = (ranges * beam.sigma_azimuth) ** 2
-    covariances = np.column_stack([along * c * c + across * s * s, (along - across) * c * s, along * s * s + across * c * c])
+    covariances = np.column_stack(spread_beam(ranges, c, s, beam))
     return PointSet(points, np.empty((len(returns), 2, 0)), covariances, returns.times)
 
 

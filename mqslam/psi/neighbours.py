@@ -6,15 +6,14 @@ skin of a Verlet list) and serves until points have moved so far that a neighbou
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numba as nb
 import numpy as np
 from numpy.typing import NDArray
 
 
-@dataclass(frozen=True, slots=True)
-class CellGrid:
+class CellGrid(NamedTuple):
     """Reference points sorted by square cells.
 
     Args:
@@ -46,9 +45,14 @@ def cell_grid(points: NDArray[np.float64], cell: float) -> CellGrid:
     return CellGrid(np.ascontiguousarray(points[order]), order, keys[order], corner, cell, rows)
 
 
-@dataclass(frozen=True, slots=True)
-class CandidateLists:
-    """For every query point the reference points within `radius` [m], as offsets (N + 1,) into indices (K,)."""
+class CandidateLists(NamedTuple):
+    """For every query point the reference points that are near it.
+
+    Args:
+        offsets: (N + 1,) where the list of each query begins among the indices; the last one is where they end.
+        indices: (K,) indices of reference points.
+        radius: how near they are [m].
+    """
 
     offsets: NDArray[np.int64]
     indices: NDArray[np.int64]
@@ -57,11 +61,10 @@ class CandidateLists:
 
 def candidates(grid: CellGrid, queries: NDArray[np.float64], radius: float) -> CandidateLists:
     """Lists of the reference points within radius [m] of queries (N, 2) m; a query that is one of them is listed too."""
-    cells = (grid.points, grid.order, grid.keys, grid.corner, grid.cell, grid.rows)
     offsets = np.zeros(len(queries) + 1, np.int64)
-    _visit(*cells, queries, radius, offsets, np.empty(0, np.int64), False)
+    _visit(grid, queries, radius, offsets, np.empty(0, np.int64), False)
     indices = np.empty(offsets[-1], np.int64)
-    _visit(*cells, queries, radius, offsets, indices, True)
+    _visit(grid, queries, radius, offsets, indices, True)
     return CandidateLists(offsets, indices, radius)
 
 
@@ -79,19 +82,15 @@ def _first(keys: NDArray[np.int64], key: int) -> int:
 
 @nb.njit(cache=True, nogil=True)
 def _visit(
-    points: NDArray[np.float64],
-    order: NDArray[np.int64],
-    keys: NDArray[np.int64],
-    corner: NDArray[np.float64],
-    cell: float,
-    rows: int,
+    grid: CellGrid,
     queries: NDArray[np.float64],
     radius: float,
     offsets: NDArray[np.int64],
     indices: NDArray[np.int64],
     fill: bool,
 ) -> None:
-    """Count the neighbours of every query into offsets, or, with these, fill in their indices."""
+    """Counts the neighbours of every query into the offsets, or fills in their indices once the offsets are known."""
+    points, order, keys, corner, cell, rows = grid
     if len(keys) == 0:
         return
     for i in range(len(queries)):

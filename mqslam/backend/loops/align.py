@@ -18,7 +18,7 @@ from mqslam.psi.estimator import Evaluation
 from mqslam.psi.minimiser import Prior, annealed_scale, final_scale, minimise, score
 from mqslam.psi.neighbours import CellGrid, candidates, cell_grid
 from mqslam.psi.observability import weak_directions
-from mqslam.psi.place import PointSet, turned
+from mqslam.psi.place import PointSet, rotate_covariances
 from mqslam.psi.tracking.correlate import PIXEL, SAME, correlation_peaks
 
 ANY_TIME = 0.0  # turns between neighbours: submaps are compared whatever their times
@@ -101,7 +101,7 @@ def moved(points: PointSet, pose: se2.Array) -> PointSet:
     jacobians = np.zeros((len(points), 2, 3))
     jacobians[:, 0, 0] = jacobians[:, 1, 1] = 1.0
     jacobians[:, 0, 2], jacobians[:, 1, 2] = -dy, dx
-    covariances = turned(points.covariances, float(pose[2]))
+    covariances = rotate_covariances(points.covariances, float(pose[2]))
     return PointSet(np.column_stack([pose[0] + dx, pose[1] + dy]), jacobians, covariances, points.times)
 
 
