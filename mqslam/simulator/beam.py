@@ -208,10 +208,10 @@ def _cast_wall(
     """
     u0, w0 = start
     u1, w1 = end
-    edges, table, counts = pattern.edges, hits.table, hits.counts
     if u0 < NEAREST and u1 < NEAREST:
-        return
-    cells = len(pattern.gains)
+        return  # before any array is taken out of its tuple, which costs as much as these tests
+    edges, gains = pattern.edges, pattern.gains
+    cells = len(gains)
     if w0 * edges[0, 1] < u0 * edges[0, 0] and w1 * edges[0, 1] < u1 * edges[0, 0]:
         return
     if w0 * edges[cells, 1] > u0 * edges[cells, 0] and w1 * edges[cells, 1] > u1 * edges[cells, 0]:
@@ -219,6 +219,7 @@ def _cast_wall(
     length = np.hypot(u1 - u0, w1 - w0)
     if length == 0.0:
         return
+    table, counts = hits.table, hits.counts
     first, last = _clip(0.0, 1.0, u0 - NEAREST, u1 - NEAREST)
     above0, above1 = w0 * edges[0, 1] - u0 * edges[0, 0], w1 * edges[0, 1] - u1 * edges[0, 0]
     for c in range(cells):
@@ -239,7 +240,7 @@ def _cast_wall(
         hit = table[c, counts[c]]
         hit[NEAR], hit[FAR] = min(ra, rb), max(ra, rb)
         echo = GRAZING_ECHO + (1.0 - GRAZING_ECHO) * facing**2
-        hit[ENERGY] = wall_echo * material[0] * echo * pattern.gains[c] * covered
+        hit[ENERGY] = wall_echo * material[0] * echo * gains[c] * covered
         hit[ENERGY] *= (REFERENCE_RANGE / r) ** 3
         hit[OPACITY] = material[1] * covered
         hit[CLOSING] = (velocity[0] * u + velocity[1] * w) / r
@@ -274,9 +275,11 @@ def _cast_pole(
         hits: extended.
     """
     u, w = middle
+    if u < NEAREST:
+        return
     edges, table, counts = pattern.edges, hits.table, hits.counts
     cells = len(counts)
-    if u < NEAREST or abs(w) > u * edges[cells, 0] / edges[cells, 1]:
+    if abs(w) > u * edges[cells, 0] / edges[cells, 1]:
         return
     distance, off = np.hypot(u, w), np.arctan2(w, u)
     if distance - radius < NEAREST:
