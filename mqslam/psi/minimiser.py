@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mqslam.config import EstimatorConfig
-from mqslam.psi.estimator import Evaluation, Scale, evaluate
+from mqslam.psi.estimator import Evaluation, Kernel, Scale, evaluate
 from mqslam.psi.neighbours import CandidateLists, CellGrid, NeighbourCache, candidates, cell_grid
 from mqslam.psi.place import PointSet
 
@@ -73,9 +73,8 @@ def score(
         lists: candidates for every query within the scale's s.
         revolution_s: duration of a turn [s]; zero compares points whatever their times.
     """
-    return evaluate(
-        queries, references, lists, scale, revolution_s, config.beta_t, config.xi, config.blur_m, queries is references
-    )
+    kernel = Kernel(revolution_s, config.beta_t, config.xi, config.blur_m)
+    return evaluate(queries, references, lists, scale, kernel, moving_references=queries is references)
 
 
 def score_itself(points: PointSet, scale: Scale, revolution_s: float, config: EstimatorConfig) -> Evaluation:

@@ -148,7 +148,7 @@ def _place(
             jacobians[i, 0, 3 + p] = c0 * jx - s0 * jy
             jacobians[i, 1, 3 + p] = s0 * jx + c0 * jy
         ux, uy = c0 * ahead - s0 * left, s0 * ahead + c0 * left
-        covariances[i] = spread_beam(ranges[i], ux, uy, beam)
+        covariances[i, 0], covariances[i, 1], covariances[i, 2] = spread_beam(ranges[i], ux, uy, beam)
     return points, jacobians, covariances
 
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from mqslam.config import PsiConfig
-from mqslam.psi.estimator import Evaluation, Scale
+from mqslam.psi.estimator import Evaluation, Kernel, Scale
 from mqslam.psi.place import PointSet
 from mqslam.psi.published.equations import PsiScore, checked
 
@@ -74,13 +74,11 @@ def evaluate_reference(
     queries: PointSet,
     references: PointSet,
     scale: Scale,
-    revolution_s: float,
-    beta_t: float,
-    xi: float,
-    blur: float,
+    kernel: Kernel,
     moving_references: bool,
 ) -> Evaluation:
     """Score the query points against the reference points; arguments and result as `mqslam.psi.estimator.evaluate`."""
+    revolution_s, beta_t, xi, blur = kernel
     n, size = len(queries), queries.jacobians.shape[2]
     shares = np.full(n, scale.c**2)  # the limit of L d^2
     matched = np.zeros(n, dtype=bool)
