@@ -12,7 +12,7 @@ from scipy.spatial import cKDTree
 from mqslam.config import PsiConfig
 from mqslam.psi.estimator import Evaluation, Kernel, Scale
 from mqslam.psi.place import PointSet
-from mqslam.psi.published.equations import PsiScore, checked
+from mqslam.psi.published.equations import PsiScore, check_points
 
 
 def score_reference(
@@ -23,7 +23,7 @@ def score_reference(
     jacobians: NDArray[np.float64] | None = None,
 ) -> PsiScore:
     """Score a rendered window; arguments and result as `mqslam.psi.published.equations.score`."""
-    checked(points, times)
+    check_points(points, times)
     n = len(points)
     size = 0 if jacobians is None else jacobians.shape[2]
     alpha_t = revolution_s if config.alpha_t is None else config.alpha_t
