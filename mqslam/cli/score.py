@@ -174,9 +174,9 @@ def scores(
     from mqslam.psi.minimiser import final_scale, score_itself
     from mqslam.psi.place import place
     from mqslam.psi.published.equations import score as published
-    from mqslam.psi.window import without_start
+    from mqslam.psi.window import drop_start
 
-    points = without_start(place(returns, t0, np.zeros(3), theta, model, beam))
+    points = drop_start(place(returns, t0, np.zeros(3), theta, model, beam))
     whole = published(points.points, points.times, revolution_s, variant, points.jacobians)
     own = score_itself(points, final_scale(config), revolution_s, config)
     return {

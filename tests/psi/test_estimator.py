@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from support.clouds import TURN_S, point_set
 
 from mqslam.psi.estimator import Evaluation, Kernel, Scale, evaluate
-from mqslam.psi.neighbours import candidates, cell_grid
+from mqslam.psi.neighbours import find_candidates, sort_into_cells
 from mqslam.psi.place import PointSet
 from mqslam.psi.published.reference import evaluate_reference
 
@@ -18,7 +18,7 @@ KERNEL = Kernel(revolution_s=TURN_S, beta_t=0.06, xi=0.02, blur=0.15)
 
 
 def evaluated(queries: PointSet, references: PointSet, scale: Scale = SCALE, more: float = 0.0) -> Evaluation:
-    lists = candidates(cell_grid(references.points, 1.0), queries.points, scale.s + more)
+    lists = find_candidates(sort_into_cells(references.points, 1.0), queries.points, scale.s + more)
     return evaluate(queries, references, lists, scale, KERNEL, moving_references=queries is references)
 
 

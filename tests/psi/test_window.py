@@ -9,7 +9,7 @@ from mqslam.core.measurement import Status
 from mqslam.core.motion import ACCELERATED_TWIST, CONSTANT_VELOCITY
 from mqslam.core.scans import Returns
 from mqslam.psi.place import beam_of
-from mqslam.psi.window import WindowMotion, estimate_window, find_window_motion, search_twist, window_score
+from mqslam.psi.window import WindowMotion, estimate_window, find_window_motion, score_window, search_twist
 from mqslam.simulator import ConstantDrive, Drive, Scene, corridor_scene, street_scene, yard_scene
 
 ESTIMATOR = Config().estimator
@@ -70,7 +70,7 @@ def test_the_search_lands_in_the_basin_of_the_truth() -> None:
         assert twist[1] == 0.0
         assert abs(twist[2] - motion.omega) <= 0.1 + 1e-9
         at = int(np.abs(SPEEDS - twist[0]).argmin()), int(np.abs(YAW_RATES - twist[2]).argmin())
-        assert scores[at] == scores.min() == window_score(returns, 0.0, TURN_S, ESTIMATOR, beam, twist).psi
+        assert scores[at] == scores.min() == score_window(returns, 0.0, TURN_S, ESTIMATOR, beam, twist).psi
         truth = np.array([motion.v, 0.0, motion.omega])
         np.testing.assert_array_less(np.abs(estimated(returns, twist).theta - truth), [0.2, 0.15, 0.01])
 

@@ -26,7 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mqslam.config import PsiConfig
-from mqslam.psi.neighbours import CandidateLists, candidates, cell_grid
+from mqslam.psi.neighbours import CandidateLists, find_candidates, sort_into_cells
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,7 +78,7 @@ def score(
     """
     check_points(points, times)
     if lists is None:
-        lists = candidates(cell_grid(points, config.s), points, config.s)
+        lists = find_candidates(sort_into_cells(points, config.s), points, config.s)
     if jacobians is None:
         jacobians = np.empty((len(points), 2, 0))
     alpha_t = revolution_s if config.alpha_t is None else config.alpha_t

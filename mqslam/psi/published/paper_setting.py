@@ -13,7 +13,7 @@ from mqslam.core.motion import CONSTANT_VELOCITY
 from mqslam.core.scans import Returns
 from mqslam.detection.stage import detect_stretch
 from mqslam.psi.place import PointSet, beam_of, place
-from mqslam.psi.window import WindowMotion, find_window_motion, without_start
+from mqslam.psi.window import WindowMotion, drop_start, find_window_motion
 from mqslam.simulator import ConstantDrive, SensorModel, simulated_recording, yard_scene
 
 CASES = ((0.0, -0.3840), (0.1, 0.2967), (1.0, -0.1920))
@@ -42,7 +42,7 @@ class PaperWindow:
 
     def points(self, motion: se2.Array) -> PointSet:
         """The window rendered under v [m/s], omega [rad/s]."""
-        return without_start(place(self.returns, 0.0, np.zeros(3), motion, CONSTANT_VELOCITY, _BEAM))
+        return drop_start(place(self.returns, 0.0, np.zeros(3), motion, CONSTANT_VELOCITY, _BEAM))
 
     def estimate(self) -> WindowMotion:
         """Our estimate of v [m/s], omega [rad/s], without any start."""

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from mqslam.config import PsiConfig
 from mqslam.core import se2
-from mqslam.psi.neighbours import candidates, cell_grid
+from mqslam.psi.neighbours import find_candidates, sort_into_cells
 from mqslam.psi.published.equations import score
 from mqslam.psi.published.paper_setting import CASES, PAPER_LARGEST, REVOLUTION_S, PaperWindow, paper_window
 
@@ -146,7 +146,7 @@ def _scores(
     for i, v in enumerate(speeds):
         for k, omega in enumerate(yaw_rates):
             points = window.points(np.array([v, omega]))
-            lists = candidates(cell_grid(points.points, s), points.points, s)
+            lists = find_candidates(sort_into_cells(points.points, s), points.points, s)
             for m, variant in enumerate(variants):
                 scores[i, k, m] = score(points.points, points.times, REVOLUTION_S, variant, None, lists).psi
     return scores

@@ -12,7 +12,7 @@ from mqslam.config import PsiConfig
 from mqslam.core import se2
 from mqslam.core.motion import CONSTANT_VELOCITY
 from mqslam.core.scans import Returns
-from mqslam.psi.neighbours import candidates, cell_grid
+from mqslam.psi.neighbours import find_candidates, sort_into_cells
 from mqslam.psi.place import Beam, place
 from mqslam.psi.published.equations import PsiScore, score
 from mqslam.psi.published.reference import score_reference
@@ -189,6 +189,6 @@ def test_lists_that_hold_more_than_needed_give_the_same_score(
     found = cloud(seed, count)
     if repeat:
         found = with_duplicates(found, seed)
-    lists = candidates(cell_grid(found.points, 1.0), found.points, config.s + more)
+    lists = find_candidates(sort_into_cells(found.points, 1.0), found.points, config.s + more)
     wide = score(found.points, found.times, TURN_S, config, found.jacobians, lists)
     assert_equal(wide, scored(found, config), rtol=1e-12)
