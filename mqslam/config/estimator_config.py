@@ -49,7 +49,7 @@ class EstimatorConfig(BaseModel):
     correlation: float = Field(
         10.0,
         ge=1.0,
-        description="Number of returns that repeat one another: psi's information is divided by this where it meets a prior.",
+        description="Number of returns that repeat one another: psi's information is divided by this against a prior.",
     )
     cluster_m: float = expert(
         2.0,
@@ -81,8 +81,8 @@ class EstimatorConfig(BaseModel):
     difference_step: float = expert(
         4.0,
         gt=0.0,
-        description="Step of the differences that give the curvature of a window's score, in units of the step that ends the "
-        "search.",
+        description="Step of the differences that give the curvature of a window's score, in units of the step that ends "
+        "the search.",
     )
     unknown_speed: float = expert(
         20.0, gt=0.0, description="Standard deviation of a window's speed in a direction that psi does not observe [m/s]."
