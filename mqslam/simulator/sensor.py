@@ -23,8 +23,8 @@ class SensorModel:
     """A clockwise spinning radar that stores power in half decibels; the defaults are a Navtech CTS350-X.
 
     Args:
-        turn_rate_hz: revolutions per second.
-        azimuths: azimuths per revolution.
+        turn_rate_hz: turns per second.
+        azimuths: azimuths per turn.
         range_resolution: length of a range bin [m].
         max_range: range at which the last bin ends at the latest [m].
         beam_width_deg: one-way half-power width of the beam.

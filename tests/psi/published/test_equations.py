@@ -115,7 +115,7 @@ def test_psi_does_not_see_where_the_map_lies_nor_when_it_was_made(
 
 
 def window(seed: int, count: int) -> Returns:
-    """Returns of one world seen in three revolutions while standing, rendered under a motion by the test."""
+    """Returns of one world seen in three scans while standing, rendered under a motion by the test."""
     rng = np.random.default_rng(seed)
     world = np.repeat(rng.uniform([3.0, -np.pi], [12.0, np.pi], (count, 2)), 3, axis=0)
     turns = np.tile(np.arange(3), count)
