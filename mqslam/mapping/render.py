@@ -13,7 +13,7 @@ from mqslam.errors import EstimationError
 from mqslam.execution.engine import HERE, Engine
 from mqslam.psi.minimiser import final_scale, score
 from mqslam.psi.neighbours import CellGrid, find_candidates, sort_into_cells
-from mqslam.psi.place import Beam, PointSet, spread_beam
+from mqslam.psi.place import Beam, PointSet, compute_beam_covariance
 
 _CHUNK = 50_000  # points that are scored at a time, which bounds the memory of neighbour lists; the result is the same
 
@@ -91,7 +91,7 @@ def place_along(returns: Returns, times: NDArray[np.float64], poses: se2.Array, 
     heading = at[:, 2] + returns.azimuths
     c, s = np.cos(heading), np.sin(heading)
     points = np.column_stack([at[:, 0] + ranges * c, at[:, 1] + ranges * s])
-    covariances = np.column_stack(spread_beam(ranges, c, s, beam))
+    covariances = np.column_stack(compute_beam_covariance(ranges, c, s, beam))
     return PointSet(points, np.empty((len(returns), 2, 0)), covariances, returns.times)
 
 

@@ -87,7 +87,7 @@ def place(returns: Returns, t0: float, start: se2.Array, theta: se2.Array, model
 
 
 @register_jitable
-def spread_beam(
+def compute_beam_covariance(
     ranges: NDArray[np.float64], ux: NDArray[np.float64], uy: NDArray[np.float64], beam: Beam
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
     """Returns the terms xx, xy, yy [m^2] of the covariance of returns whose ray points along the unit vector (ux, uy).
@@ -148,7 +148,7 @@ def _place(
             jacobians[i, 0, 3 + p] = c0 * jx - s0 * jy
             jacobians[i, 1, 3 + p] = s0 * jx + c0 * jy
         ux, uy = c0 * ahead - s0 * left, s0 * ahead + c0 * left
-        covariances[i, 0], covariances[i, 1], covariances[i, 2] = spread_beam(ranges[i], ux, uy, beam)
+        covariances[i, 0], covariances[i, 1], covariances[i, 2] = compute_beam_covariance(ranges[i], ux, uy, beam)
     return points, jacobians, covariances
 
 
