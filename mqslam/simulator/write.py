@@ -40,7 +40,7 @@ def simulate(
     seed: int = 1,
     movers: int | None = None,
     jobs: int = 1,
-    progress: Callable[[int, int], None] | None = None,
+    progress: Callable[[int, int], object] | None = None,
 ) -> SimulatedRecording:
     """Simulates a drive and writes it, whole or not at all; the same arguments give the same bytes, whatever `jobs` is.
 
@@ -111,7 +111,7 @@ def _make_world(scene: str, seed: int, duration_s: float, movers: int | None) ->
 
 
 def _write_polar_scans(
-    folder: Path, recording: SimulatedRecording, jobs: int, progress: Callable[[int, int], None] | None
+    folder: Path, recording: SimulatedRecording, jobs: int, progress: Callable[[int, int], object] | None
 ) -> None:
     """Writes every polar scan, `jobs` at a time; the kernel and the PNG encoder let other threads run."""
     with ThreadPoolExecutor(jobs) as pool:

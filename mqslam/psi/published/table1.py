@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from functools import partial
@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from mqslam.config import PsiConfig
 from mqslam.core import se2
+from mqslam.execution.progress import Progress, silent
 from mqslam.psi.neighbours import find_candidates, sort_into_cells
 from mqslam.psi.published.equations import score
 from mqslam.psi.published.paper_setting import CASES, PAPER_LARGEST, REVOLUTION_S, PaperWindow, simulate_window
@@ -92,7 +93,7 @@ def compute_table1(
     jobs: int = 1,
     cases: Sequence[tuple[float, float]] = CASES,
     search: Search = SEARCH,
-    progress: Callable[[str, int, int], None] = lambda stage, done, total: None,
+    progress: Progress = silent,
 ) -> list[Row]:
     """Computes what every method obtains in every case.
 
