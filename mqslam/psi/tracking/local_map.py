@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from mqslam.config import TrackerConfig
 from mqslam.core import se2
-from mqslam.psi.neighbours import CellGrid, cell_grid
+from mqslam.psi.neighbours import CellGrid, sort_into_cells
 from mqslam.psi.place import PointSet
 
 _CELL_M = 1.0  # side of the cells in which neighbours are looked up [m]: it changes how long that takes, not what is found
@@ -35,7 +35,7 @@ class LocalMap:
         self._settings = settings
         self._keyframes: list[_Keyframe] = []
         self.points = _join([])
-        self.grid: CellGrid = cell_grid(self.points.points, _CELL_M)
+        self.grid: CellGrid = sort_into_cells(self.points.points, _CELL_M)
 
     def __len__(self) -> int:
         """Number of keyframes that it holds."""
@@ -63,7 +63,7 @@ class LocalMap:
         kept = sorted([*self._keyframes, _Keyframe(t0, pose.copy(), placed)], key=lambda keyframe: keyframe.t0)
         self._keyframes = kept[-self._settings.keyframes :]
         self.points = _join([keyframe.placed for keyframe in self._keyframes])
-        self.grid = cell_grid(self.points.points, _CELL_M)
+        self.grid = sort_into_cells(self.points.points, _CELL_M)
 
     def _is_far(self, t0: float, pose: se2.Array) -> bool:
         """Returns whether a scan is far from the keyframe nearest in time."""

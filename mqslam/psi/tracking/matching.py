@@ -12,13 +12,12 @@ from mqslam.core.scans import Scan
 from mqslam.psi.correlate import find_correlation_peaks
 from mqslam.psi.estimator import Evaluation, Scale
 from mqslam.psi.minimiser import Minimum, Prior, annealed_scale, final_scale, minimise, score
-from mqslam.psi.neighbours import candidates
-from mqslam.psi.observability import weak_directions
+from mqslam.psi.neighbours import find_candidates
+from mqslam.psi.observability import find_weak_directions
 from mqslam.psi.place import PointSet, place
 from mqslam.psi.tracking.local_map import LocalMap
 from mqslam.psi.tracking.setup import Setup
 from mqslam.psi.tracking.state import MODEL, TOLERANCES, Belief, State
-from mqslam.psi.window import AS_GOOD
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,7 +53,8 @@ class Matcher:
 
     def find_weak_directions(self, scan: Scan, state: State, into: LocalMap) -> NDArray[np.float64]:
         """Returns the directions (K, 3) of the start pose that a map does not show around a match."""
-        return weak_directions(self._score(scan, state, annealed_scale(self.setup.estimator, 0), into), 3)
+        config = self.setup.estimator
+        return find_weak_directions(self._score(scan, state, annealed_scale(config, 0), into), 3, config.observed_share)
 
     def minimise(self, scan: Scan, start: State, prior: Prior, into: LocalMap) -> Minimum:
         """Finds the state near a start that minimises psi plus the prior."""
@@ -81,14 +81,14 @@ class Matcher:
         minima = [*known, *self._refine_peaks(scan, predicted, into)]
         minima.sort(key=lambda minimum: minimum.evaluation.psi)
         best = minima[0]
-        same_m = self.setup.estimator.search_same_m
-        elsewhere = [m for m in minima[1:] if np.hypot(*(m.state - best.state)[:2]) > same_m]
-        rivalled = any(m.evaluation.psi < AS_GOOD * best.evaluation.psi for m in elsewhere)
+        config = self.setup.estimator
+        elsewhere = [m for m in minima[1:] if np.hypot(*(m.state - best.state)[:2]) > config.search_same_m]
+        rivalled = any(m.evaluation.psi < config.rival * best.evaluation.psi for m in elsewhere)
         return Match(best, rivalled)
 
     def _score(self, scan: Scan, state: State, scale: Scale, into: LocalMap) -> Evaluation:
         placed = self.place(scan, state)
-        lists = candidates(into.grid, placed.points, scale.s)
+        lists = find_candidates(into.grid, placed.points, scale.s)
         return score(placed, into.points, lists, scale, self.setup.revolution_s, self.setup.estimator)
 
     def _refine_peaks(self, scan: Scan, predicted: Belief, into: LocalMap) -> list[Minimum]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from mqslam.psi.covariance import sandwich
+from mqslam.psi.covariance import estimate_covariance
 from mqslam.psi.estimator import Evaluation
 from mqslam.psi.gaussians import fuse, invert_information
 from mqslam.psi.place import PointSet
@@ -34,7 +34,8 @@ def measure_covariance(
     known[ALPHA, ALPHA] = correlation / settings.sigma_alpha**2
     gain = settings.prediction_gain if smoothed else 1.0
     thin = 1.0 + 1.0 / max(len(into), 1)  # the map's points err as the scan's do, and its keyframes average
-    return fuse(gain * thin * sandwich(evaluation, placed.points, known), predicted.covariance, TOLERANCES)
+    measured = estimate_covariance(evaluation, placed.points, setup.estimator.cluster_m, known)
+    return fuse(gain * thin * measured, predicted.covariance, TOLERANCES)
 
 
 def update_belief(
