@@ -45,17 +45,9 @@ def odometry_covariance(
         stated.append(np.sum([np.sqrt(np.diag(motion.covariance)) for motion in odometry[span]], axis=0))
         share = found[span].mean()
         if share >= _LEAST_FOUND:
-            miss = se2.between(_chained(measured[span]), _chained(odometry[span]))
-            miss[2] = se2.wrap(miss[2])
-            misses.append(miss / share)
+            ends = (se2.chain(motion.pose for motion in motions[span])[-1] for motions in (measured, odometry))
+            misses.append(se2.wrapped_between(*ends) / share)
     squares = np.median(np.square(misses), axis=0) / _MEDIAN_OF_CHI2 if misses else np.zeros(3)
     if len(misses) < _FEWEST_SPANS:
         squares = np.maximum(squares, np.median(np.square(stated), axis=0))
     return np.diag(squares * len(odometry) / count + 1e-10)
-
-
-def _chained(motions: Sequence[Measurement]) -> se2.Array:
-    pose = np.zeros(3)
-    for motion in motions:
-        pose = se2.compose(pose, motion.pose)
-    return pose

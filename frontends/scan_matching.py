@@ -110,11 +110,11 @@ class _Track:
         if match is None:
             self.last = _Step(time, predicted, np.zeros((3, 3)), 0.0, self.last.coasted_s + abs(elapsed))
             return self.last
-        moved = _wrapped(se2.between(self.last.pose, match.pose))
+        moved = se2.wrapped_between(self.last.pose, match.pose)
         self.twist = se2.log(moved) / elapsed
         # deskewed by the predicted motion, the scan's middle lies where it fits, and its end off by half of what the
         # motion has changed
-        off = 0.5 * _wrapped(se2.between(predicted, match.pose))
+        off = 0.5 * se2.wrapped_between(predicted, match.pose)
         covariance = self._inflation * match.covariance + np.diag(off**2)
         self.last = _Step(time, match.pose, covariance, match.matched, 0.0)
         return self.last
@@ -156,7 +156,7 @@ def motions(
     for scan in itertools.chain(head[1:], coming):
         after = forwards.follow(scan)
         end = se2.interpolate([step.time, after.time], np.array([step.pose, after.pose]), [scan.t0])[0]
-        motion = _wrapped(se2.between(begin, end))
+        motion = se2.wrapped_between(begin, end)
         gap = scan.t0 - before.t1 > 0.5 * (before.t1 - before.t0)  # which the next match bridges, if it is one
         unseen_s = np.array([coasted_s, step.coasted_s, scan.t0 - before.t1])
         yield Measurement(

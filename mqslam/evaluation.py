@@ -96,7 +96,7 @@ def _drift(estimated: se2.Array, true: se2.Array) -> tuple[float, float] | None:
 
     Source: A. Geiger et al., "Are we ready for autonomous driving? The KITTI vision benchmark suite", 2012.
     """
-    travelled = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(true[:, :2], axis=0).T))])
+    travelled = se2.path_lengths(true)
     begin = np.arange(0, len(true), _SEGMENT_START_STEP)
     wanted = travelled[begin, None] + _SEGMENT_LENGTHS_M
     end = np.searchsorted(travelled, wanted)

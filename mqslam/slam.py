@@ -20,7 +20,7 @@ from mqslam.audit.judge import WindowAudit
 from mqslam.audit.sample import judged_sample
 from mqslam.backend.loops.search import find_loops, kept_by_map
 from mqslam.backend.loops.submap import Drive
-from mqslam.backend.pose_graph import Optimum, PoseGraph, chain, optimise, pose_graph, poses_of
+from mqslam.backend.pose_graph import Optimum, PoseGraph, optimise, pose_graph, poses_of
 from mqslam.config import Config
 from mqslam.core import frontend as frontends
 from mqslam.core import se2
@@ -204,7 +204,7 @@ class Slam:
         with self._stage("windows"):
             measurements = self._measure(scans, context)
         with self._stage("optimise"):
-            initial = chain(m.pose for m in measurements)
+            initial = se2.chain(m.pose for m in measurements)
             edges = self._odometry(scans, context, measurements)
             _, first = self._optimised(initial, measurements, edges, [])
         loops: list[Loop] = []
@@ -217,7 +217,7 @@ class Slam:
             poses = poses_of(optimum.values, graph.size)
         if optimum.failure is not None:
             self._warnings.append(f"the pose graph could not be optimised ({optimum.failure}): its starting values are kept")
-        before = chain(m.pose for m in edges) if edges else initial
+        before = se2.chain(m.pose for m in edges) if edges else initial
         return Solution(
             frontend=self._name,
             config=self._config,

@@ -70,8 +70,7 @@ def revisit(
     guess = se2.between(sweeps.poses[earlier], sweeps.poses[later])
     path_m = float(sweeps.travelled[later] - sweeps.travelled[earlier])
     found = align(reference, query, guess, *reach(path_m, settings), estimator)
-    offset = se2.between(guess, found.pose)
-    offset[2] = se2.wrap(offset[2])
+    offset = se2.wrapped_between(guess, found.pose)
     floor = np.diag([loops.floor_m**2, loops.floor_m**2, loops.floor_rad**2])
     covariance = se2.turned(found.covariance, -guess[2]) + floor
     return Revisit(

@@ -10,7 +10,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from mqslam.audit.sweeps import Sweeps, path_length, swept
+from mqslam.audit.sweeps import Sweeps, swept
+from mqslam.core import se2
 from mqslam.core.lidar import LidarRecording
 from mqslam.core.scans import Scans
 from mqslam.core.timed_cloud import TimedCloud
@@ -111,7 +112,7 @@ def sweeps_of_cloud(cloud: TimedCloud, trajectory: Trajectory | None, beam: Beam
         numbers=present.astype(np.float64),
         times=(begin_us - stamps[0]) * 1e-6,
         poses=poses,
-        travelled=path_length(poses),
+        travelled=se2.path_lengths(poses),
         revolution_s=revolution_s,
     )
 

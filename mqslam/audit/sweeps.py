@@ -88,7 +88,7 @@ def swept(scans: Scans, trajectory: Trajectory, beam: Beam) -> tuple[Sweeps, lis
     poses = trajectory.at(kept.stamps_us)
     begins = np.concatenate([[0], np.cumsum(counts)])
     return Sweeps(
-        placed.points, placed.covariances, turns, begins, numbers, times, poses, path_length(poses), scans.revolution_s
+        placed.points, placed.covariances, turns, begins, numbers, times, poses, se2.path_lengths(poses), scans.revolution_s
     ), inside
 
 
@@ -124,8 +124,3 @@ def covered(scans: Scans, trajectory: Trajectory) -> list[int]:
 def _spans(scans: Scans) -> NDArray[np.int64]:
     """Stamps (N, 2) [us] of the begins and ends of scans."""
     return scans.start_us + np.round(np.array([(w.t0, w.t1) for w in scans]) * 1e6).astype(np.int64)
-
-
-def path_length(poses: se2.Array) -> NDArray[np.float64]:
-    """Length (S,) of the path through poses (S, 3) so far [m]."""
-    return np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(poses[:, :2], axis=0).T))])

@@ -173,11 +173,3 @@ def _inverse_blocks(jacobian: sparse.csc_array, indices: Sequence[int]) -> NDArr
         solved += factorised.solve(right - system @ solved)
         blocks.append(np.stack([solved[own, 3 * k : 3 * k + 3] for k, own in enumerate(some)]))
     return np.concatenate(blocks)
-
-
-def chain(motions: Iterable[se2.Array], start: se2.Array | None = None) -> se2.Array:
-    """Poses (n + 1, 3) of n relative motions (3,) made one after the other."""
-    poses = [np.zeros(3) if start is None else start]
-    for motion in motions:
-        poses.append(se2.compose(poses[-1], motion))
-    return np.array(poses)

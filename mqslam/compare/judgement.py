@@ -98,9 +98,7 @@ def places(scans: Scans, tracks: Sequence[Trajectory], size: int) -> list[Place]
     through = []
     for track in tracks:
         poses = track.at(stamps)
-        motion = se2.between(poses[begins], poses[begins + size - 1])
-        motion[:, 2] = se2.wrap(motion[:, 2])
-        through.append(motion)
+        through.append(se2.wrapped_between(poses[begins], poses[begins + size - 1]))
     apart = np.zeros(len(begins))
     for i, a in enumerate(through):
         for b in through[i + 1 :]:

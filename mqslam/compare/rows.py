@@ -7,8 +7,8 @@ import time
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from mqslam.backend.pose_graph import chain
 from mqslam.core import frontend as frontends
+from mqslam.core import se2
 from mqslam.core.frontend import Context
 from mqslam.core.measurement import Measurement
 from mqslam.core.scans import Scans
@@ -96,7 +96,7 @@ def run_front_end(returned: Returned, named: tuple[str, Context]) -> Row:
         begin = time.perf_counter()
         if not returned.back_end:
             measurements = list(frontends.load(name)(context).measure(returned.scans))
-            chained = Trajectory(returned.scans.stamps_us, chain(m.pose for m in measurements))
+            chained = Trajectory(returned.scans.stamps_us, se2.chain(m.pose for m in measurements))
             return Row(
                 name,
                 None,

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -39,6 +41,49 @@ def inverse(a: ArrayLike) -> Array:
 def between(a: ArrayLike, b: ArrayLike) -> Array:
     """Pose b in the frame of pose a."""
     return compose(inverse(a), b)
+
+
+def wrapped_between(a: ArrayLike, b: ArrayLike) -> Array:
+    """Returns pose b in the frame of pose a, with its yaw in [-pi, pi)."""
+    pose = between(a, b)
+    pose[..., 2] = wrap(pose[..., 2])
+    return pose
+
+
+def chain(motions: Iterable[Array], start: Array | None = None) -> Array:
+    """Returns the poses (N + 1, 3) that N relative motions (3,) lead through, each made from where the one before ends.
+
+    Args:
+        motions: each in the frame of the pose that it starts at.
+        start: (3,) the first pose; None stands for the origin.
+    """
+    poses = [np.zeros(3) if start is None else start]
+    for motion in motions:
+        poses.append(compose(poses[-1], motion))
+    return np.array(poses)
+
+
+def integrate_steps(steps: Array) -> Array:
+    """Returns the poses (N + 1, 3) that steps (N, 3) lead through from the origin, as `chain` does but all at once.
+
+    Odometry has many more steps than a radar has scans. The order of the sums differs from `chain`'s, and so may the last
+    digits of the result.
+    """
+    yaw = np.concatenate([[0.0], np.cumsum(steps[:, 2])])
+    c, s = np.cos(yaw[:-1]), np.sin(yaw[:-1])
+    x = np.cumsum(c * steps[:, 0] - s * steps[:, 1])
+    y = np.cumsum(s * steps[:, 0] + c * steps[:, 1])
+    return np.column_stack([np.concatenate([[0.0], x]), np.concatenate([[0.0], y]), yaw])
+
+
+def step_lengths(poses: Array) -> Array:
+    """Returns the distances (N - 1,) [m] between successive poses (N, 3)."""
+    return np.asarray(np.hypot(*np.diff(poses[:, :2], axis=0).T))
+
+
+def path_lengths(poses: Array) -> Array:
+    """Returns the length (N,) [m] of the path through poses (N, 3) up to each of them."""
+    return np.concatenate([[0.0], np.cumsum(step_lengths(poses))])
 
 
 def transform(pose: ArrayLike, points: ArrayLike) -> Array:
@@ -103,8 +148,7 @@ def interpolate(times: ArrayLike, poses: ArrayLike, at: ArrayLike) -> Array:
 def _on_arcs(t: Array, p: Array, q: Array) -> Array:
     """Poses at times q on the arcs through poses p at times t, two at least."""
     i = np.clip(np.searchsorted(t, q, side="right") - 1, 0, len(t) - 2)
-    step = between(p[i], p[i + 1])
-    step[..., 2] = wrap(step[..., 2])
+    step = wrapped_between(p[i], p[i + 1])
     fraction = (q - t[i]) / (t[i + 1] - t[i])
     return compose(p[i], exp(log(step), fraction))
 

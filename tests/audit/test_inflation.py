@@ -11,7 +11,6 @@ from support.drives import ON_THE_STREET, street_drive
 
 from mqslam.audit.inflation import Bend, bend, middled, twisted
 from mqslam.audit.sweeps import Sweeps, swept
-from mqslam.backend.pose_graph import chain
 from mqslam.config import Config
 from mqslam.core import se2
 from mqslam.core.trajectory import Trajectory
@@ -29,7 +28,7 @@ def bent(truth: Trajectory, twist: tuple[float, float, float]) -> Trajectory:
     seconds = np.diff(truth.stamps_us) * 1e-6
     steps = se2.between(truth.poses[:-1], truth.poses[1:])
     erring = (se2.compose(step, se2.exp(twist, dt)) for step, dt in zip(steps, seconds, strict=True))
-    return Trajectory(truth.stamps_us, chain(erring, np.array(ON_THE_STREET)))
+    return Trajectory(truth.stamps_us, se2.chain(erring, np.array(ON_THE_STREET)))
 
 
 @lru_cache

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from gtsam.symbol_shorthand import X
 
-from mqslam.backend.pose_graph import PoseGraph, chain, marginals, optimise, pose_graph, poses_of
+from mqslam.backend.pose_graph import PoseGraph, marginals, optimise, pose_graph, poses_of
 from mqslam.config import GraphConfig
 from mqslam.core import se2
 from mqslam.core.measurement import Measurement
@@ -26,15 +26,15 @@ def graph_of(motions: np.ndarray, initial: np.ndarray, loops: dict[tuple[int, in
 
 
 def test_a_chain_makes_one_motion_after_the_other() -> None:
-    poses = chain(TURNS, np.array([5.0, -1.0, 0.2]))
+    poses = se2.chain(TURNS, np.array([5.0, -1.0, 0.2]))
     assert poses.shape == (31, 3)
     np.testing.assert_array_equal(poses[0], [5.0, -1.0, 0.2])
     np.testing.assert_allclose(se2.between(poses[:-1], poses[1:]), TURNS, atol=1e-12)
-    np.testing.assert_array_equal(chain([]), np.zeros((1, 3)))
+    np.testing.assert_array_equal(se2.chain([]), np.zeros((1, 3)))
 
 
 def test_without_loops_the_optimum_is_the_chain_wherever_it_starts() -> None:
-    truth = chain(TURNS)
+    truth = se2.chain(TURNS)
     rng = np.random.default_rng(2)
     start = truth + rng.normal(0.0, [0.3, 0.3, 0.03], truth.shape)
     start[0] = truth[0]
@@ -45,14 +45,14 @@ def test_without_loops_the_optimum_is_the_chain_wherever_it_starts() -> None:
 
 
 def test_yaw_is_continued_past_a_turn() -> None:
-    truth = chain(TURNS)
+    truth = se2.chain(TURNS)
     found = poses_of(graph_of(TURNS, truth).initial, len(truth))
     assert found[-1, 2] == pytest.approx(9.0)
     assert np.abs(np.diff(found[:, 2])).max() < np.pi
 
 
 def test_the_first_pose_is_held_where_the_graph_starts() -> None:
-    start = chain(TURNS, np.array([5.0, -1.0, 0.2]))
+    start = se2.chain(TURNS, np.array([5.0, -1.0, 0.2]))
     graph = graph_of(TURNS, start)
     np.testing.assert_allclose(poses_of(optimise(graph).values, graph.size)[0], start[0], atol=1e-6)
 
@@ -60,7 +60,7 @@ def test_the_first_pose_is_held_where_the_graph_starts() -> None:
 def test_a_loop_shares_the_drift_along_the_way() -> None:
     square = np.tile([[5.0, 0.0, 0.0]] * 4 + [[5.0, 0.0, np.pi / 2.0]], (4, 1))
     drifting = square + np.array([0.02, 0.0, 0.004])
-    start, truth = chain(drifting), chain(square)
+    start, truth = se2.chain(drifting), se2.chain(square)
     loop = {(0, 20): se2.between(truth[0], truth[20])}
     graph = graph_of(drifting, start, loop)
     values = optimise(graph).values
@@ -72,7 +72,7 @@ def test_a_loop_shares_the_drift_along_the_way() -> None:
 
 
 def test_marginals_are_covariances_that_grow_away_from_the_held_pose() -> None:
-    graph = graph_of(TURNS, chain(TURNS))
+    graph = graph_of(TURNS, se2.chain(TURNS))
     found = marginals(graph, optimise(graph).values, [0, 1, 10, 30])
     assert found.failure is None
     np.testing.assert_array_equal(found.indices, [0, 1, 10, 30])
@@ -83,7 +83,7 @@ def test_marginals_are_covariances_that_grow_away_from_the_held_pose() -> None:
 
 
 def test_the_marginal_of_the_first_edge_is_its_covariance_in_the_frame_it_ends_in() -> None:
-    graph = graph_of(TURNS[:1], chain(TURNS[:1]))
+    graph = graph_of(TURNS[:1], se2.chain(TURNS[:1]))
     (found,) = marginals(graph, optimise(graph).values, [1]).covariances
     c, s = np.cos(0.3), np.sin(0.3)
     to_end = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
@@ -94,7 +94,7 @@ def unequal(count: int, lowest: float, highest: float, loops: int = 0, seed: int
     """A chain whose edges know some directions and not others: variances 10^lowest to 10^highest along any axes."""
     rng = np.random.default_rng(seed)
     motions = np.column_stack([rng.uniform(-1.0, 3.0, count), rng.normal(0.0, 0.1, count), rng.normal(0.0, 0.05, count)])
-    poses = chain(motions)
+    poses = se2.chain(motions)
 
     def edge(a: int, b: int) -> gtsam.BetweenFactorPose2:
         axes, _ = np.linalg.qr(rng.normal(size=(3, 3)))
@@ -147,7 +147,7 @@ def test_marginals_beyond_all_precision_are_said_to_be_unknown(lowest: float, hi
 
 
 def test_marginals_of_a_pose_that_nothing_ties_are_said_to_be_unknown() -> None:
-    tied = graph_of(TURNS[:2], chain(TURNS[:2]))
+    tied = graph_of(TURNS[:2], se2.chain(TURNS[:2]))
     tied.initial.insert(X(3), gtsam.Pose2())
     loose = PoseGraph(tied.factors, tied.initial, 4)
     assert marginals(loose, loose.initial, [3]).failure == "the graph leaves a direction open"
@@ -166,11 +166,11 @@ def test_the_optimum_is_found_however_unequal_the_edges() -> None:
 
 @pytest.mark.parametrize("broken", ["a factor of a pose that is not there", "beyond numbers"])
 def test_a_graph_that_cannot_be_optimised_keeps_its_starting_values(broken: str) -> None:
-    graph = graph_of(TURNS, chain(TURNS))
+    graph = graph_of(TURNS, se2.chain(TURNS))
     if broken == "a factor of a pose that is not there":
-        graph.factors.push_back(graph_of(np.tile(TURNS, (2, 1)), chain(np.tile(TURNS, (2, 1)))).factors.at(40))
+        graph.factors.push_back(graph_of(np.tile(TURNS, (2, 1)), se2.chain(np.tile(TURNS, (2, 1)))).factors.at(40))
     else:
-        far = chain(TURNS)
+        far = se2.chain(TURNS)
         far[20, 0] = np.inf
         graph = graph_of(TURNS, far)
     optimum = optimise(graph)

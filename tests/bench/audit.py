@@ -13,7 +13,6 @@ from common import SHARED, Claim, shared, table, twin
 from mqslam.audit.judge import audit, audit_windows
 from mqslam.audit.sources import LIDAR_CONFIG, lidar_source, sweeps_of
 from mqslam.audit.sweeps import swept
-from mqslam.backend.pose_graph import chain
 from mqslam.config import load_config
 from mqslam.core import se2
 from mqslam.core.frontend import Context
@@ -81,7 +80,7 @@ def _bent(truth: Trajectory, twist: np.ndarray) -> Trajectory:
     seconds = np.diff(truth.stamps_us) * 1e-6
     steps = se2.between(truth.poses[:-1], truth.poses[1:])
     erring = (se2.compose(step, se2.exp(twist, dt)) for step, dt in zip(steps, seconds, strict=True))
-    return Trajectory(truth.stamps_us, chain(erring))
+    return Trajectory(truth.stamps_us, se2.chain(erring))
 
 
 def _trajectories(out: Path) -> list[Claim]:
@@ -94,7 +93,7 @@ def _trajectories(out: Path) -> list[Claim]:
     sweeps, _ = swept(scans, recording.ground_truth, beam)
     true = audit(sweeps, config.audit, config.estimator, config.loops, config.verdict, _ENGINE, _silent)
     context = Context(config, recording.revolution_s, recording.start_us, None, beta)
-    kiss = Trajectory(recording.stamps_us, chain(m.pose for m in KissIcpFrontEnd(context).measure(scans)))
+    kiss = Trajectory(recording.stamps_us, se2.chain(m.pose for m in KissIcpFrontEnd(context).measure(scans)))
     sweeps, _ = swept(scans, kiss, beam)
     rival = audit(sweeps, config.audit, config.estimator, config.loops, config.verdict, _ENGINE, _silent)
     poses = recording.ground_truth.at(recording.stamps_us)

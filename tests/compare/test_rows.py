@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from support.drives import street_drive
 
-from mqslam.backend.pose_graph import chain
 from mqslam.compare.judgement import agreement, enough_in_common, judge, places
 from mqslam.compare.rows import Returned, Row, front_end_rows, given_row, run_front_end
 from mqslam.config import Config, SensorConfig
+from mqslam.core import se2
 from mqslam.core.frontend import Context
 from mqslam.core.trajectory import Trajectory
 from mqslam.errors import EstimationError
@@ -38,7 +38,7 @@ def row(name: str, back_end: bool) -> Row:
 def test_a_row_holds_the_front_ends_own_motions_chained(name: str) -> None:
     found = row(name, False)
     assert found.failure is None and found.odometry is not None
-    np.testing.assert_array_equal(found.odometry.poses, chain(m.pose for m in found.measurements))
+    np.testing.assert_array_equal(found.odometry.poses, se2.chain(m.pose for m in found.measurements))
     assert found.trajectory is found.odometry
     assert found.measure_s is not None and found.measure_s > 0.0
 

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from support.drives import drive, noise, street_drive
 
-from mqslam.backend.pose_graph import chain
 from mqslam.config import Config, SensorConfig
 from mqslam.core import se2
 from mqslam.core.frontend import Context
@@ -51,7 +50,7 @@ def wrong_odometry(recording: SimulatedRecording) -> Trajectory:
     assert recording.odometry is not None
     twists = se2.log(se2.between(recording.odometry.poses[:-1], recording.odometry.poses[1:]))
     moves = se2.exp(twists * [1.1, 1.0, 1.0] + [0.0, 0.0, 0.02 * 0.05])
-    return replace(recording.odometry, poses=chain(moves))
+    return replace(recording.odometry, poses=se2.chain(moves))
 
 
 def test_a_measurement_says_what_it_rests_on() -> None:

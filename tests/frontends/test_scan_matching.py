@@ -12,7 +12,6 @@ import pytest
 from numpy.typing import NDArray
 from support.drives import drive, street_drive
 
-from mqslam.backend.pose_graph import chain
 from mqslam.config import Config
 from mqslam.core import frontend, se2
 from mqslam.core.frontend import Context
@@ -92,7 +91,7 @@ def test_odometry_serves_the_start_and_nothing_else(measured: Measure) -> None:
     recording, scans = street_drive()
     assert recording.odometry is not None
     twists = se2.log(se2.between(recording.odometry.poses[:-1], recording.odometry.poses[1:]))
-    wrong = replace(recording.odometry, poses=chain(se2.exp(twists * [1.1, 1.0, 1.0] + [0.0, 0.0, 0.001])))
+    wrong = replace(recording.odometry, poses=se2.chain(se2.exp(twists * [1.1, 1.0, 1.0] + [0.0, 0.0, 0.001])))
     for a, b in zip(measured(recording, scans[:8], wrong), measured(recording, scans[:8]), strict=True):
         np.testing.assert_allclose(a.pose, b.pose, atol=0.1)
 

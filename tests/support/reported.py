@@ -24,8 +24,9 @@ from mqslam.audit.inflation import Bend
 from mqslam.audit.judge import Audit, RevisitAudit, WindowAudit, verdict
 from mqslam.audit.measures import Measures
 from mqslam.audit.revisits import Revisit
-from mqslam.audit.sweeps import Sweeps, path_length
+from mqslam.audit.sweeps import Sweeps
 from mqslam.config import VerdictConfig
+from mqslam.core import se2
 
 WINDOW = 6
 PATIENCE_S = 600.0  # for a browser on a busy machine; it only ends what hangs
@@ -148,7 +149,7 @@ def swept_walls(count: int = 60, per_sweep: int = 40) -> Sweeps:
         numbers=np.arange(count, dtype=np.float64),
         times=0.25 * np.arange(count),
         poses=poses,
-        travelled=path_length(poses),
+        travelled=se2.path_lengths(poses),
         revolution_s=0.25,
     )
 

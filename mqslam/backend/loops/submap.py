@@ -33,8 +33,7 @@ class Drive:
     @classmethod
     def of(cls, scans: Sequence[Scan], poses: se2.Array) -> Drive:
         """The drive of windows under poses (N, 3)."""
-        steps = np.hypot(*np.diff(poses[:, :2], axis=0).T)
-        return cls(scans, np.array([w.t0 for w in scans]), poses, np.concatenate([[0.0], np.cumsum(steps)]))
+        return cls(scans, np.array([w.t0 for w in scans]), poses, se2.path_lengths(poses))
 
     def spaced(self, spacing_m: float) -> NDArray[np.int64]:
         """Indices of revolutions about spacing_m [m] of path apart."""
