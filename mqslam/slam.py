@@ -18,9 +18,9 @@ from numpy.typing import NDArray
 
 from mqslam.audit.judge import WindowAudit
 from mqslam.audit.sample import judged_sample
-from mqslam.backend.loops.search import find_loops, kept_by_map
+from mqslam.backend.loops.search import confirm_by_map, find_loops
 from mqslam.backend.loops.submap import Drive
-from mqslam.backend.pose_graph import Optimum, PoseGraph, optimise, pose_graph, poses_of
+from mqslam.backend.pose_graph import Optimum, PoseGraph, build_pose_graph, optimise, poses_of
 from mqslam.config import Config
 from mqslam.core import frontend as frontends
 from mqslam.core import se2
@@ -36,7 +36,7 @@ from mqslam.execution.checkpoint import Checkpoint
 from mqslam.execution.engine import Engine
 from mqslam.execution.progress import Progress
 from mqslam.factors.loop_between import loop_between
-from mqslam.factors.odometry_between import odometry_between, odometry_covariance
+from mqslam.factors.odometry_between import estimate_odometry_covariance, odometry_between
 from mqslam.factors.psi_between import psi_between
 from mqslam.mapping.render import place_along, render
 from mqslam.psi.place import Beam, beam_of
@@ -302,7 +302,7 @@ class Slam:
         if context.odometry is None or self._name == "odometry" or not measurements:
             return []
         motions = list(frontends.load("odometry")(context).measure(scans))
-        noise = odometry_covariance(motions, measurements, self._config.graph.odometry_span_s)
+        noise = estimate_odometry_covariance(motions, measurements, self._config.graph)
         return [replace(motion, covariance=noise) for motion in motions]
 
     def _loops(
@@ -331,7 +331,7 @@ class Slam:
                 break
             _, optimum = self._optimised(initial, measurements, odometry, loops + found)
             after = poses_of(optimum.values, len(scans))
-            loops = kept_by_map(loops + found, before, after, settings, estimator, beam, self._engine)
+            loops = confirm_by_map(loops + found, before, after, settings, estimator, beam, self._engine)
             _, optimum = self._optimised(initial, measurements, odometry, loops)
             drive = Drive.of(scans, poses_of(optimum.values, len(scans)))
         _log.info("%d of %d pairs of passes are loops that the map keeps", len(loops), len(tried))
@@ -351,7 +351,7 @@ class Slam:
         factors = [psi_between(X(k), X(k + 1), m, settings.graph) for k, m in enumerate(measurements)]
         factors += [odometry_between(X(k), X(k + 1), m, settings.graph) for k, m in enumerate(odometry)]
         factors += [loop_between(X(loop.earlier), X(loop.later), loop, settings.loops) for loop in loops]
-        graph = pose_graph(initial, factors)
+        graph = build_pose_graph(initial, factors, settings.graph)
         return graph, optimise(graph)
 
     def _render(self, what: str, scans: Scans, track: Trajectory, beam: Beam) -> PointMap:

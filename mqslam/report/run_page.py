@@ -9,7 +9,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from mqslam.backend.pose_graph import marginals
+from mqslam.backend.pose_graph import compute_marginals
 from mqslam.core import se2
 from mqslam.core.evenly import evenly
 from mqslam.core.recording import Recording
@@ -74,7 +74,7 @@ def write_run_pages(folder: Path, run: Run, recording: Recording, summary: Mappi
     """
     failures: list[str] = []
     with tolerate("report.html", failures):
-        sure = marginals(run.graph, run.values, evenly(run.graph.size, _ELLIPSES).tolist())
+        sure = compute_marginals(run.graph, run.values, evenly(run.graph.size, _ELLIPSES).tolist())
         if sure.failure is not None:
             failures.append(f"the covariances of the poses are not known ({sure.failure}): the report shows no ellipses")
         report = report_of(run, recording, summary, sure, (*summary["warnings"], *failures))

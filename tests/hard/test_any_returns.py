@@ -108,7 +108,7 @@ def test_any_two_submaps_are_aligned(reference: Scan, query: Scan) -> None:
     if not len(reference.returns) or not len(query.returns):
         return
     one, other = (place_along(w.returns, np.zeros(1), np.zeros((1, 3)), BEAM) for w in (reference, query))
-    found = align(one, other, np.zeros(3), 3.0, 0.05, CONFIG.estimator)
+    found = align(one, other, np.zeros(3), (3.0, 0.05), CONFIG.loops, CONFIG.estimator)
     assert np.isfinite(found.pose).all()
     assert np.isfinite(found.covariance).all()
     assert found.observed in (True, False)
