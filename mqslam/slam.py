@@ -16,8 +16,7 @@ import numpy as np
 from gtsam.symbol_shorthand import X
 from numpy.typing import NDArray
 
-from mqslam.audit.judge import WindowAudit
-from mqslam.audit.sample import judged_sample
+from mqslam.audit.windows import WindowAudit, audit_sample
 from mqslam.backend.loops.search import confirm_by_map, find_loops
 from mqslam.backend.loops.submap import Drive
 from mqslam.backend.pose_graph import Optimum, PoseGraph, build_pose_graph, optimise, poses_of
@@ -181,7 +180,7 @@ class Slam:
             checks: list[WindowAudit] = []
             with self._stage("check"), tolerate("the check of the map", self._warnings):
                 settings, estimator = self._config.audit, self._config.estimator
-                checks = judged_sample(scans, found.optimised, settings, estimator, found.beam, self._engine, self._progress)
+                checks = audit_sample(scans, found.optimised, settings, estimator, found.beam, self._engine, self._progress)
         return Run(
             **(vars(found) | {"warnings": tuple(self._warnings)}),
             map_odometry=before,

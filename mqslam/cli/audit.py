@@ -76,13 +76,15 @@ def audit(
         if is_cloud(data):
             settings = load_config(config or LIDAR_CONFIG)
             cloud = read_cloud(data, _heights(z_range))
-            sweeps = sweeps_of_cloud(cloud, given, beam_of(settings.estimator, 0.0))
+            sweeps = sweeps_of_cloud(cloud, given, settings.audit, beam_of(settings.estimator, 0.0))
             notes, kind = list(cloud.notes), data.suffix.lower()[1:]
         else:
             source, track, settings = _source(
                 data, given, trajectory or "recording", config, format, range_resolution, engine, show
             )
-            sweeps, notes = sweeps_of(source, track, beam_of(settings.estimator, settings.sensor.doppler_beta or 0.0))
+            sweeps, notes = sweeps_of(
+                source, track, settings.audit, beam_of(settings.estimator, settings.sensor.doppler_beta or 0.0)
+            )
             notes, kind = [*source.notes, *notes], source.format
         if not quiet:
             print_notes(console, notes)
@@ -162,7 +164,7 @@ def _source(
 ) -> tuple[Source, Trajectory, Config]:
     """A radar or lidar recording as windows of returns, the trajectory given or carried by name, and the settings."""
     from mqslam.audit.sources import LIDAR_CONFIG, Source, lidar_source
-    from mqslam.audit.sweeps import shared
+    from mqslam.audit.sweeps import require_covered
     from mqslam.commands.opening import opened
     from mqslam.config import load_config, with_doppler_beta
     from mqslam.detection.stage import detect_all, scans_of, unread_warnings
@@ -177,7 +179,7 @@ def _source(
     carried = {"odometry": recording.odometry, "ground_truth": recording.ground_truth}
     tracks = {name: track for name, track in carried.items() if track is not None}
     track = given or _carried(data, tracks, name)
-    shared(scans_of(recording), track)  # before the recording is read
+    require_covered(scans_of(recording), track, settings.audit)  # before the recording is read
     scans, detected = detect_all(recording, settings.detector, engine, show)
     notes = (*recording.notes, *recording.faults, *unread_warnings(detected.unread))
     source = Source(recording.path, recording.format, scans, tracks, notes)

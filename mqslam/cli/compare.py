@@ -62,8 +62,15 @@ def compare(
 
     from mqslam.cli.progress import print_notes, progress
     from mqslam.commands.opening import choose_odometry, opened
-    from mqslam.compare.judgement import agreement, enough_in_common, judge_rows, places, stations
-    from mqslam.compare.rows import front_end_rows
+    from mqslam.compare.judgement import (
+        JudgeSettings,
+        compare_pairs,
+        find_places,
+        judge_rows,
+        pick_stations,
+        take_common_scans,
+    )
+    from mqslam.compare.rows import run_front_ends
     from mqslam.config import dump_yaml, load_config, with_doppler_beta
     from mqslam.core.frontend import Context, load
     from mqslam.detection.stage import detect_all, scans_of, unread_warnings
@@ -90,7 +97,7 @@ def compare(
     if kiss_config is not None and "kiss_icp" in names:  # a file that KISS-ICP refuses is a mistake, not a row that fails
         load("kiss_icp")(Context(settings, revolution_s, start_us, None))
     # before the recording is read
-    enough_in_common(given, scans_of(recording), settings.audit.window)
+    take_common_scans(given, scans_of(recording), settings.audit)
     key = run_key(recording, settings, f"compare {','.join(names)} {odometry_only}", track)
     with (
         chosen(cluster, jobs) as engine,
@@ -105,20 +112,21 @@ def compare(
         contexts = {
             name: Context(settings, revolution_s, start_us, track if name == "odometry" else None, beta) for name in names
         }
-        rows = front_end_rows(contexts, scans, engine, show, back_end=not odometry_only)
+        rows = run_front_ends(contexts, scans, engine, show, back_end=not odometry_only)
         rows += given
         ran = [row for row in rows if row.trajectory is not None]
         if not ran:
             raise EstimationError("; ".join(f"{row.name}: {row.failure}" for row in rows))
         tracks = [row.trajectory for row in ran if row.trajectory is not None]
-        common = enough_in_common(ran, scans, settings.audit.window)
+        common = take_common_scans(ran, scans, settings.audit)
         if len(common) < len(scans):
             notes.append(f"{len(common)} of {len(scans)} revolutions are in every trajectory: judged on those")
-        where = places(common, tracks, settings.audit.window)
-        along = stations(common, settings.audit.window)
+        where = find_places(common, tracks, settings.audit.window, settings.compare)
+        along = pick_stations(common, settings.audit.window)
         shown = [*where, *along]
-        rows, judged = judge_rows(rows, common, recording.ground_truth, shown, settings, beam, engine, show)
-        pairs = agreement(ran)
+        judges = JudgeSettings(settings.audit, settings.estimator, settings.loops, settings.verdict, settings.map)
+        rows, judged = judge_rows(rows, common, recording.ground_truth, shown, judges, beam, engine, show)
+        pairs = compare_pairs(ran)
         notes += [f"{row.name}: {warning}" for row in rows for warning in row.warnings]
         summary = summarise(
             recording,
@@ -194,7 +202,7 @@ def _given(trajectories: list[str], names: list[str]) -> list[Row]:
     """
     import re
 
-    from mqslam.compare.rows import given_row
+    from mqslam.compare.rows import make_given_row
     from mqslam.errors import ConfigError
     from mqslam.formats.trajectories import read_trajectory
 
@@ -206,7 +214,7 @@ def _given(trajectories: list[str], names: list[str]) -> list[Row]:
         if name in names or any(row.name == name for row in rows):
             raise ConfigError(f"--trajectory {text}: there is a row {name} already; choose another NAME")
         poses, _, times = file.partition(",")
-        rows.append(given_row(name, read_trajectory(Path(poses), Path(times) if times else None)))
+        rows.append(make_given_row(name, read_trajectory(Path(poses), Path(times) if times else None)))
     return rows
 
 

@@ -62,8 +62,8 @@ class AuditConfig(PassConfig):
     narrow_reach: float = expert(
         0.5,
         gt=0.0,
-        description="A correction above this share of the first search's widest neighbourhood is searched for again with the "
-        "annealing's full widths.",
+        description="A correction above this share of the first search's widest neighbourhood is searched for again "
+        "with the annealing's full widths.",
     )
     least_overlap_kept: float = expert(
         0.8,
@@ -75,8 +75,8 @@ class AuditConfig(PassConfig):
     step: float = expert(
         2e-3,
         gt=0.0,
-        description="Movement of a window's ends, in units of estimator.beta_s, below which the search for its best map ends; "
-        "no direction is taken to be known better than that.",
+        description="Movement of a window's ends, in units of estimator.beta_s, below which the search for its best map "
+        "ends; no direction is taken to be known better than that.",
     )
     difference_step: float = expert(
         0.06,

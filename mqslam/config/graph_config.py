@@ -35,8 +35,8 @@ class GraphConfig(BaseModel):
     odometry_fewest_spans: int = expert(
         5,
         ge=1,
-        description="With fewer spans than this, whose median may be small by chance, odometry is taken to be no better than "
-        "it states.",
+        description="With fewer spans than this, whose median may be small by chance, odometry is taken to be no better "
+        "than it states.",
     )
     prior_m: float = expert(
         1e-3, gt=0.0, description="Standard deviation [m] of the prior that holds the first pose at the origin."

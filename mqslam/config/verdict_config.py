@@ -16,15 +16,15 @@ class VerdictConfig(BaseModel):
         0.95,
         gt=0.5,
         lt=1.0,
-        description="Confidence of the exact binomial lower bound (Clopper and Pearson) of a share, which must exceed a limit "
-        "before the share is called too large. At 0.95, at most one in twenty good maps is called bad by chance.",
+        description="Confidence of the exact binomial lower bound (Clopper and Pearson) of a share, which must exceed a "
+        "limit before the share is called too large. At 0.95, at most one in twenty good maps is called bad by chance.",
     )
     power: float = Field(
         0.8,
         gt=0.5,
         lt=1.0,
-        description="A map passes only if a map whose share is at the limit of `fail` would have shown more faults with this "
-        "probability. Where no window is torn that takes 8 windows.",
+        description="A map passes only if a map whose share is at the limit of `fail` would have shown more faults with "
+        "this probability. Where no window is torn that takes 8 windows.",
     )
     windows_warn: float = Field(
         0.05, ge=0.0, lt=1.0, description="A map with a larger share of torn windows than this is worth a look."
@@ -46,8 +46,8 @@ class VerdictConfig(BaseModel):
         0.2,
         ge=0.0,
         lt=1.0,
-        description="With a larger share of lost scans than this the trajectory is mostly prediction. Any lost scan is worth "
-        "a look.",
+        description="With a larger share of lost scans than this the trajectory is mostly prediction. Any lost scan is "
+        "worth a look.",
     )
     degenerate_warn: float = Field(
         0.1,
