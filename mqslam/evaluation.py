@@ -72,13 +72,13 @@ def evaluate(estimate: Trajectory, truth: Trajectory) -> Evaluation | None:
 
 
 def align_positions(estimate: Trajectory, truth: Trajectory) -> se2.Array | None:
-    """Returns the rigid motion (3,) that lays the estimate's positions best on the truth's, or None below 3 shared stamps."""
+    """Returns the rigid motion (3,) that lays the estimate's positions best on the truth's; None below 3 shared stamps."""
     shared = _share_stamps(estimate, truth)
     return None if shared is None else _fit_rigid_motion(shared[1], shared[2])
 
 
 def _share_stamps(estimate: Trajectory, truth: Trajectory) -> tuple[NDArray[np.int64], se2.Array, se2.Array] | None:
-    """Returns the truth's stamps (M,) that lie apart and inside the estimate's span, and both poses (M, 3); None if M < 3."""
+    """Returns the truth's stamps (M,) that lie apart in the estimate's span, and both poses (M, 3); None if M < 3."""
     first, last = estimate.stamps_us[0] - _SLACK_US, estimate.stamps_us[-1] + _SLACK_US
     inside = np.flatnonzero((truth.stamps_us >= first) & (truth.stamps_us <= last))
     inside = inside[se2.apart(truth.seconds(int(first))[inside])]  # two poses at almost the same time show no speed
