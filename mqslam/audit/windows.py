@@ -18,6 +18,7 @@ from mqslam.core.trajectory import Trajectory
 from mqslam.errors import EstimationError
 from mqslam.execution.engine import Engine
 from mqslam.execution.progress import Progress
+from mqslam.execution.runner import Runner
 from mqslam.psi.place import Beam
 
 
@@ -118,8 +119,7 @@ def audit_sample(
     settings: AuditConfig,
     estimator: EstimatorConfig,
     beam: Beam,
-    engine: Engine,
-    progress: Progress,
+    runner: Runner,
 ) -> list[WindowAudit]:
     """Judges some windows of a run, evenly spread: enough to see how good its map is, whatever its length.
 
@@ -129,17 +129,16 @@ def audit_sample(
         settings: of the audit, which say how many windows at most.
         estimator: settings of the score.
         beam: the sensor's errors.
-        engine: where the windows are judged; the result does not depend on it.
-        progress: called as windows are done.
+        runner: where the windows are judged; the result does not depend on it.
     """
     size = settings.window
     begins = np.arange(0, len(scans) - size + 1, size)
     begins = begins[evenly(len(begins), settings.sampled_windows)]
 
     def report(number: int, window: WindowAudit | None) -> None:
-        progress("check", number, len(begins))
+        runner.progress("check", number, len(begins))
 
-    windows = engine.map(_audit_part, (scans, trajectory, settings, estimator, beam), begins.tolist(), report)
+    windows = runner.engine.map(_audit_part, (scans, trajectory, settings, estimator, beam), begins.tolist(), report)
     return [window for window in windows if window is not None]
 
 

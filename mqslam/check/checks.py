@@ -23,7 +23,7 @@ def check_recording(
     tracker: TrackerConfig,
     estimator: EstimatorConfig,
     beam: Beam,
-    progress: Callable[[int, int], None],
+    progress: Callable[[int, int], object],
 ) -> list[Finding]:
     """Checks whether a recording contradicts what was assumed to read it. Ground truth is not looked at.
 

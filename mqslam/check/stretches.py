@@ -64,7 +64,7 @@ def read_stretches(
     odometry: Trajectory | None,
     settings: CheckConfig,
     detector: DetectorConfig,
-    progress: Callable[[int, int], None],
+    progress: Callable[[int, int], object],
 ) -> list[Stretch]:
     """Reads the stretches that tell most: where odometry's yaw rate changes most, or else spread over the recording.
 

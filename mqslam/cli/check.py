@@ -32,18 +32,16 @@ def check(
 
     from rich.console import Console
 
-    from mqslam.cli.progress import print_notes, progress
-    from mqslam.commands.check import check as check_data
-    from mqslam.config import load_config
+    from mqslam.cli.progress import work_of
+    from mqslam.commands.check import check as do
 
-    console = Console(stderr=True, markup=False)
-    with progress(console, quiet or as_json) as show:
-        outcome = check_data(data, load_config(config), odometry, format, range_resolution, show)
+    silent = quiet or as_json
+    with work_of(Console(stderr=True, markup=False), None, 1, quiet=silent, silent=silent) as work:
+        outcome = do(data, odometry=odometry, config=config, format=format, range_resolution=range_resolution, work=work)
     if as_json:
         checks = [asdict(finding) for finding in outcome.findings]
         typer.echo(json.dumps({"suspicious": outcome.suspicious, "notes": outcome.notes, "checks": checks}, indent=1))
     else:
-        print_notes(console, () if quiet else outcome.notes)
         for finding in outcome.findings:
             typer.echo(f"{finding.name:<24}{finding.verdict:<18}{finding.text}")
         if outcome.warning is not None:

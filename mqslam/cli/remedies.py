@@ -2,15 +2,25 @@
 
 from __future__ import annotations
 
+import re
+
 from mqslam.errors import Remedy
 
-WORDS: dict[str, str] = {
+_WORDS: dict[str, str] = {
     Remedy.CHOOSE_OUTPUT: "choose another --out",
     Remedy.CHOOSE_OR_REMOVE_OUTPUT: "choose another --out or remove it",
     Remedy.CHOOSE_OR_REPLACE_OUTPUT: "choose another --out or give --force to replace it",
     Remedy.CHOOSE_OR_RESUME_OUTPUT: "choose another --out or give --resume to continue the unfinished run in it",
     Remedy.FREE_SPACE: "free space or choose another --out",
     Remedy.GIVE_RANGE_RESOLUTION: "give --range-resolution",
+    Remedy.GIVE_TRAJECTORY: "give --trajectory FILE",
     Remedy.LEAVE_STRICT_OUT: "mend it, or leave --strict out",
+    Remedy.REPLACE_UNFINISHED_OUTPUT: "choose another --out, or give --force instead of --resume",
     Remedy.RESUME: "continue with --resume",
 }
+_ANY = re.compile("|".join(re.escape(remedy) for remedy in sorted(_WORDS, key=len, reverse=True)))
+
+
+def name_options(text: str) -> str:
+    """Returns an error's text with each remedy in it in the words of the command line."""
+    return _ANY.sub(lambda remedy: _WORDS[remedy[0]], text)

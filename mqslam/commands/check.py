@@ -8,9 +8,9 @@ from pathlib import Path
 
 from mqslam.check.checks import check_recording
 from mqslam.check.finding import Finding, Verdict
-from mqslam.commands.opening import choose_odometry, opened
+from mqslam.commands.opening import choose_odometry, choose_settings, open_data
+from mqslam.commands.work import QUIET, Work
 from mqslam.config import Config
-from mqslam.execution.progress import Progress, silent
 from mqslam.psi.place import beam_of
 
 
@@ -42,29 +42,34 @@ class Check:
 
 
 def check(
-    data: Path,
-    settings: Config,
+    data: Path | str,
+    *,
     odometry: str = "auto",
+    config: Config | Path | str | None = None,
     format: str | None = None,
     range_resolution: float | None = None,
-    progress: Progress = silent,
+    work: Work = QUIET,
 ) -> Check:
     """Checks whether a recording contradicts what was assumed to read it.
 
     Args:
         data: the recording, of which a few short stretches are read.
-        settings: all settings.
-        odometry: `auto` for the recording's own, `none`, or a file.
-        format: name of the recording's layout; None recognises it.
-        range_resolution: length of a range bin [m]; None takes the settings', the recording's or its format's.
-        progress: called as polar scans are read.
+        odometry: `auto` (the recording's own, if it has one), `none`, or the path of a file.
+        config: settings, or the path of a YAML file, or the name of one that ships; None takes the defaults.
+        format: layout of the recording; None guesses it.
+        range_resolution: length of a range bin [m], where the recording does not say or errs.
+        work: who is told about the work, which is done in this process.
 
     Raises:
         ConfigError: a format nobody knows, or a range resolution that is no length.
         DataError: a recording or an odometry file that cannot be used.
     """
-    recording = opened(data, format, range_resolution, settings.sensor)
+    settings = choose_settings(config)
+    recording = open_data(Path(data), format, range_resolution, settings)
     track, notes = choose_odometry(recording, odometry)
+    notes = [*recording.notes, *notes]
+    for note in notes:
+        work.tell(note)
     findings = check_recording(
         recording,
         track,
@@ -73,6 +78,6 @@ def check(
         settings.tracker,
         settings.estimator,
         beam_of(settings.estimator, settings.sensor.doppler_beta or 0.0),
-        partial(progress, "detect"),
+        partial(work.progress, "detect"),
     )
-    return Check(tuple(findings), (*recording.notes, *notes))
+    return Check(tuple(findings), tuple(notes))

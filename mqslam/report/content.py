@@ -16,7 +16,7 @@ from mqslam.core.measurement import Measurement
 from mqslam.core.point_map import PointMap
 from mqslam.core.recording import Recording
 from mqslam.core.trajectory import Trajectory
-from mqslam.slam import Run
+from mqslam.solution import Run
 
 
 @dataclass(frozen=True, slots=True)

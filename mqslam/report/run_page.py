@@ -38,7 +38,7 @@ from mqslam.report.page import (
     verdict_badge,
     warning_box,
 )
-from mqslam.slam import Run
+from mqslam.solution import Run
 
 _ELLIPSES: Final = 150  # poses whose covariance the report shows
 _SAME_PATH_M: Final = 1e-3

@@ -19,7 +19,7 @@ from mqslam.formats.nav2_map import write_nav2_map
 from mqslam.formats.ply import write_ply
 from mqslam.formats.tum import write_tum
 from mqslam.mapping.occupancy_grid import occupancy_grid
-from mqslam.slam import Run
+from mqslam.solution import Run
 
 _COLUMNS = [
     "t0",

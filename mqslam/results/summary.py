@@ -18,7 +18,7 @@ from mqslam.core.recording import Recording
 from mqslam.detection.stage import unread_warnings
 from mqslam.evaluation import evaluate
 from mqslam.mapping.render import moving
-from mqslam.slam import Run
+from mqslam.solution import Run
 
 _LISTED = 5  # gaps that are named one by one
 PARKED_S = 10.0  # shorter stops are traffic

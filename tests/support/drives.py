@@ -10,7 +10,6 @@ import numpy as np
 from mqslam.config import Config
 from mqslam.core.scans import Returns, Scan, Scans
 from mqslam.detection.stage import detect_all
-from mqslam.execution.engine import HERE
 from mqslam.simulator import ConstantDrive, Drive, Scene, SensorModel, SimulatedRecording, simulated_recording
 
 SENSOR = SensorModel(range_resolution=0.0875, max_range=60.0)
@@ -19,7 +18,7 @@ ON_THE_STREET = (-20.0, -37.75, 0.0)  # on the right-hand lane of a street scene
 
 def detected(recording: SimulatedRecording) -> Scans:
     """The scans of a recording under the default settings."""
-    scans, _ = detect_all(recording, Config().detector, HERE, lambda stage, done, total: None)
+    scans, _ = detect_all(recording, Config().detector)
     return scans
 
 
