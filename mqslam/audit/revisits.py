@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from mqslam.audit.sweeps import Sweeps
 from mqslam.audit.windows import torn_threshold
-from mqslam.backend.loops.align import align, cross_score
-from mqslam.backend.loops.passes import is_unrivalled, pairs_of_passes, search_reach
+from mqslam.backend.loops.align import align, score_at_pose
+from mqslam.backend.loops.passes import find_pass_pairs, is_unrivalled, search_reach
 from mqslam.backend.loops.submap import pick_around
 from mqslam.config import AuditConfig, EstimatorConfig, LoopConfig
 from mqslam.core import se2
@@ -91,7 +91,7 @@ def audit_revisits(
 
 def find_revisit_pairs(sweeps: Sweeps, settings: AuditConfig) -> list[tuple[int, int]]:
     """Finds pairs (earlier, later) of sweeps that may show one place: the nearest earlier pass every spacing_m of path."""
-    return pairs_of_passes(sweeps.travelled, sweeps.poses, settings)
+    return find_pass_pairs(sweeps.travelled, sweeps.poses, settings)
 
 
 def _measure_pair(shared: tuple[Sweeps, AuditConfig, EstimatorConfig, LoopConfig], pair: tuple[int, int]) -> Revisit | None:
@@ -130,7 +130,7 @@ def measure_revisit(
         covariance=covariance,
         inflation=float(offset @ np.linalg.solve(covariance, offset)),
         matched=alignment.matched,
-        psi=cross_score(reference, query, guess, estimator),
+        psi=score_at_pose(reference, query, guess, estimator),
         psi_best=alignment.psi,
         sure=is_unrivalled(alignment, settings),
     )

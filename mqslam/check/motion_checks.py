@@ -86,7 +86,9 @@ def check_stamp(recording: Recording, followed: Followed, odometry: Trajectory |
         return Finding(name, Verdict.UNTOLD, "odometry's yaw rate changes too little, or unlike the radar's", numbers)
     fits = f"odometry's yaw rate fits best {abs(shift):.2f} s {'later' if shift > 0.0 else 'earlier'}"
     if abs(shift) < settings.shift_ok * recording.revolution_s:
-        return Finding(name, Verdict.OK, f"{fits}, within half a turn of {recording.revolution_s:.2f} s", numbers)
+        return Finding(
+            name, Verdict.OK, f"{fits}, within {settings.shift_ok:g} of a turn of {recording.revolution_s:.2f} s", numbers
+        )
     meant = "the start of the turn, not the end" if shift > 0.0 else "the end of the turn, not the start"
     remedy = f"stamps seem to mean {meant} (sensor.stamp), or the clocks differ"
     return Finding(name, Verdict.SUSPICIOUS, f"{fits}; {remedy}", numbers)

@@ -27,7 +27,7 @@ def check_stamps(recording: Recording, stretches: Sequence[Stretch], settings: C
     sweeps = [sweep for stretch in stretches for sweep in stretch.sweeps]
     counted = {
         f"followed by a gap, {missing:.2f} s in all": len(gaps),
-        "begun within half a turn of the one before": close,
+        "begun too soon after the one before": close,
         "equal to the one before, byte by byte": sum(s.repeated for s in sweeps),
         "running on into the next": sum(s.late_s > settings.late_share * s.turn_s for s in sweeps),
         "with azimuth times that span less than the turn": sum(s.span_s < settings.swept_share * s.turn_s for s in sweeps),

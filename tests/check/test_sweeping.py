@@ -68,7 +68,7 @@ def test_gaps_are_counted(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("begins", "turn_us", "problem"),
     [
-        ([*range(0, 2_000_000, TURN_US), 1_850_000], TURN_US, "begun within half a turn of the one before: 1"),
+        ([*range(0, 2_000_000, TURN_US), 1_850_000], TURN_US, "begun too soon after the one before: 1"),
         ([0, 250_000, 500_000, 790_000, 1_000_000, 1_290_000, 1_500_000], 200_000, "a turn varies by 3"),
         (list(range(0, 2_000_000, TURN_US)), 2 * TURN_US, "running on into the next: 7"),
         (list(range(0, 2_000_000, TURN_US)), TURN_US // 10, "with azimuth times that span less than the turn: 8"),

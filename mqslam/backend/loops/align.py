@@ -97,7 +97,7 @@ def align(
     )
 
 
-def cross_score(reference: PointSet, query: PointSet, pose: se2.Array, config: EstimatorConfig) -> float:
+def score_at_pose(reference: PointSet, query: PointSet, pose: se2.Array, config: EstimatorConfig) -> float:
     """Returns psi per point of the query laid into the reference at a pose (3,)."""
     grid = cell_grid(reference.points, _CELL_M)
     return _score(reference, grid, move_rigidly(query, pose), config, wide=False).psi / len(query)

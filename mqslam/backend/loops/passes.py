@@ -6,7 +6,6 @@ Loop closures ask this to correct a trajectory, an audit to judge one; their set
 from __future__ import annotations
 
 from collections.abc import Set
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,19 +17,7 @@ from mqslam.config import PassConfig
 from mqslam.core import se2
 
 
-class Reach(NamedTuple):
-    """Half widths of a search.
-
-    Args:
-        m: of the position [m].
-        rad: of the yaw [rad].
-    """
-
-    m: float
-    rad: float
-
-
-def pairs_of_passes(
+def find_pass_pairs(
     travelled: NDArray[np.float64],
     poses: se2.Array,
     settings: PassConfig,
@@ -71,12 +58,11 @@ def pairs_of_passes(
     return pairs
 
 
-def search_reach(path_m: float, settings: PassConfig) -> Reach:
-    """Returns how far the relative pose of two passes may be off after a path of path_m [m] from one to the other."""
-    return Reach(
-        min(settings.search_m + settings.drift * path_m, settings.gate_m),
-        min(settings.search_rad + settings.drift_rad * path_m, settings.gate_rad),
-    )
+def search_reach(path_m: float, settings: PassConfig) -> tuple[float, float]:
+    """Returns how far the relative pose of two passes may be off [m], [rad] after path_m [m] of path between them."""
+    position_m = min(settings.search_m + settings.drift * path_m, settings.gate_m)
+    yaw = min(settings.search_rad + settings.drift_rad * path_m, settings.gate_rad)
+    return position_m, yaw
 
 
 def is_unrivalled(alignment: Alignment, settings: PassConfig) -> bool:

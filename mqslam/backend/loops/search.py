@@ -6,8 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from mqslam.backend.loops.align import align, cross_score
-from mqslam.backend.loops.passes import is_unrivalled, pairs_of_passes, search_reach
+from mqslam.backend.loops.align import align, score_at_pose
+from mqslam.backend.loops.passes import find_pass_pairs, is_unrivalled, search_reach
 from mqslam.backend.loops.submap import Drive, render_submap
 from mqslam.config import EstimatorConfig, LoopConfig
 from mqslam.core import se2
@@ -48,8 +48,8 @@ def find_loops(
 
 
 def find_candidate_pairs(drive: Drive, settings: LoopConfig, tried: set[tuple[int, int]]) -> list[tuple[int, int]]:
-    """Finds pairs (earlier, later) of scans that may show one place, as `pairs_of_passes` does."""
-    return pairs_of_passes(drive.travelled, drive.poses, settings, settings.passes, tried)
+    """Finds pairs (earlier, later) of scans that may show one place, as `find_pass_pairs` does."""
+    return find_pass_pairs(drive.travelled, drive.poses, settings, settings.passes, tried)
 
 
 def _verify(shared: tuple[Drive, LoopConfig, EstimatorConfig, Beam], pair: tuple[int, int]) -> Loop | None:
@@ -97,7 +97,7 @@ def _improves(shared: tuple[Drive, se2.Array, LoopConfig, EstimatorConfig, Beam]
     drive, after, settings, estimator, beam = shared
     reference, query = _render_submaps(drive, loop.earlier, loop.later, settings, beam)
     before_psi, after_psi = (
-        cross_score(reference, query, se2.between(poses[loop.earlier], poses[loop.later]), estimator)
+        score_at_pose(reference, query, se2.between(poses[loop.earlier], poses[loop.later]), estimator)
         for poses in (drive.poses, after)
     )
     return after_psi < before_psi or after_psi <= settings.kept * min(before_psi, loop.psi)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from support.passes import BEAM, CONFIG, LANE_Y, MIDDLE, OTHER_LANE_Y, corridor_pass, street_pass
 
-from mqslam.backend.loops.align import Alignment, align, cross_score, move_rigidly
+from mqslam.backend.loops.align import Alignment, align, move_rigidly, score_at_pose
 from mqslam.backend.loops.submap import Drive, render_submap
 from mqslam.core import se2
 from mqslam.psi.place import PointSet
@@ -90,11 +90,11 @@ def test_the_joint_score_is_least_where_the_passes_belong() -> None:
     reference, query = street_pass(-25.0, LANE_Y, 0.0, 1), street_pass(-22.0, LANE_Y, 0.0, 2)
     truth = se2.between(reference.poses[MIDDLE], query.poses[MIDDLE])
     maps = submaps(reference, query)
-    right = cross_score(*maps, truth, CONFIG.estimator)
+    right = score_at_pose(*maps, truth, CONFIG.estimator)
     found, _ = aligned(reference, query, (0.0, 0.0, 0.0))
-    assert found.psi == pytest.approx(cross_score(*maps, found.pose, CONFIG.estimator), rel=1e-6)
+    assert found.psi == pytest.approx(score_at_pose(*maps, found.pose, CONFIG.estimator), rel=1e-6)
     for offset in ([0.3, 0.0, 0.0], [0.0, -0.3, 0.0], [0.0, 0.0, 0.02]):
-        assert cross_score(*maps, truth + offset, CONFIG.estimator) > 1.3 * right
+        assert score_at_pose(*maps, truth + offset, CONFIG.estimator) > 1.3 * right
 
 
 def scattered(seed: int = 1, count: int = 40) -> PointSet:

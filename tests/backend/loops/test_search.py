@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from support.passes import BEAM, CONFIG, LANE_Y, MIDDLE, OTHER_LANE_Y, joined, path, street_pass
 
-from mqslam.backend.loops.align import align, cross_score
+from mqslam.backend.loops.align import align, score_at_pose
 from mqslam.backend.loops.passes import search_reach
 from mqslam.backend.loops.search import confirm_by_map, find_candidate_pairs, find_loops
 from mqslam.backend.loops.submap import Drive, pick_spaced, render_submap
@@ -164,7 +164,7 @@ def loop_at(drive: Drive, earlier: int, later: int, pose: se2.Array) -> Loop:
     settings = CONFIG.loops
     reference = render_submap(drive, earlier, settings.submap_m, settings.spacing_m, BEAM)
     query = render_submap(drive, later, 0.5 * settings.submap_m, settings.spacing_m, BEAM)
-    psi = cross_score(reference, query, pose, CONFIG.estimator)
+    psi = score_at_pose(reference, query, pose, CONFIG.estimator)
     return Loop(earlier, later, pose, 1e-4 * np.eye(3), 0.8, psi)
 
 
