@@ -22,7 +22,12 @@ _LEAST_RATIO = 0.1  # of speeds: with less, the two have little in common, and n
 
 
 def check_order(followed: Followed, settings: CheckConfig) -> Finding:
-    """Checks whether psi prefers the azimuths of the polar scans in the order they are stored in."""
+    """Checks whether psi prefers the azimuths of the polar scans in the order they are stored in.
+
+    Args:
+        followed: stretches of the recording as psi follows them.
+        settings: of the check.
+    """
     name = "order of azimuths"
     usable = (followed.psi > 0.0) & (followed.psi_backward > 0.0)  # false for NaN, where no motion was found
     gain = np.log(followed.psi_backward[usable] / followed.psi[usable])
@@ -34,7 +39,9 @@ def check_order(followed: Followed, settings: CheckConfig) -> Finding:
     numbers = {"psi": psi, "psi_backward": backward, "log_ratio": middle, "chance": chance}
     both = f"psi per point is {psi:.3f} as recorded and {backward:.3f} with every turn taken backward"
     if abs(middle) < settings.order_gain or chance > settings.order_chance:
-        return Finding(name, Verdict.UNTOLD, f"{both}, which is alike; a faster drive or one with turns would tell", numbers)
+        return Finding(
+            name, Verdict.UNTOLD, f"{both}, which is about the same; a faster drive or one with turns would tell", numbers
+        )
     if middle > 0.0:
         return Finding(name, Verdict.OK, both, numbers)
     remedy = "azimuths seem to be stored against the direction of rotation: bring them in the order they were measured in"
@@ -42,7 +49,14 @@ def check_order(followed: Followed, settings: CheckConfig) -> Finding:
 
 
 def check_mirror(recording: Recording, followed: Followed, odometry: Trajectory | None, settings: CheckConfig) -> Finding:
-    """Checks whether the radar turns left where odometry does."""
+    """Checks whether the radar turns left where odometry does.
+
+    Args:
+        recording: the recording.
+        followed: its stretches as psi follows them.
+        odometry: of the same clock, or None.
+        settings: of the check.
+    """
     name = "direction of rotation"
     if odometry is None or len(followed.steps) < settings.fewest_steps:
         reason = "psi is the same for a recording and its mirror image"
@@ -53,7 +67,9 @@ def check_mirror(recording: Recording, followed: Followed, odometry: Trajectory 
     turning = float(np.sqrt(np.mean(followed.steps.of(odometry)[:, 2] ** 2)))
     ratio = opposite / max(same, settings.yaw_rate_floor**2)
     if turning < settings.least_turn or 1.0 / settings.mirrored < ratio < settings.mirrored:
-        return Finding(name, Verdict.UNTOLD, f"odometry turns by {turning:.3f} rad/s only, or unlike the radar", numbers)
+        return Finding(
+            name, Verdict.UNTOLD, f"odometry turns by {turning:.3f} rad/s, too little to tell or unlike the radar", numbers
+        )
     both = f"yaw rates differ from odometry's by {same**0.5:.3f} rad/s, mirrored by {opposite**0.5:.3f} rad/s"
     if ratio > 1.0:
         return Finding(name, Verdict.OK, both, numbers)
@@ -62,12 +78,18 @@ def check_mirror(recording: Recording, followed: Followed, odometry: Trajectory 
 
 
 def check_stamp(recording: Recording, followed: Followed, odometry: Trajectory | None, settings: CheckConfig) -> Finding:
-    """Checks whether odometry's yaw rate fits the radar's best at the stamps as they are."""
+    """Checks whether odometry's yaw rate fits the radar's best at the stamps as they are.
+
+    Args:
+        recording: the recording.
+        followed: its stretches as psi follows them.
+        odometry: of the same clock, or None.
+        settings: of the check.
+    """
     name = "stamp convention"
     if odometry is None or len(followed.steps) < settings.fewest_steps:
-        return Finding(
-            name, Verdict.UNTOLD, _explain_untold(followed, odometry, "only another clock's motion shows a shift")
-        )
+        reason = "only a motion measured by another clock shows a shift"
+        return Finding(name, Verdict.UNTOLD, _explain_untold(followed, odometry, reason))
     measured, shifts, given = _yaw_rates(recording, followed.steps, odometry, settings)
     given *= 1.0 if np.sum(given @ measured) >= 0.0 else -1.0  # another check looks for a mirrored recording
     rest = given - measured
@@ -75,30 +97,36 @@ def check_stamp(recording: Recording, followed: Followed, odometry: Trajectory |
     rms = np.sqrt(np.mean(rest**2, axis=1))
     best = int(np.argmin(rms))
     slope = float(np.std(np.gradient(given, shifts * 1e-6, axis=0)[best]))  # of the yaw rate over the shift [rad/s^2]
-    shift, error = (
-        shifts[best] * 1e-6,
-        max(float(rms[best]), settings.yaw_rate_floor) / max(slope, _LEAST_SLOPE) / np.sqrt(len(measured)),
-    )
+    shift = shifts[best] * 1e-6
+    error = max(float(rms[best]), settings.yaw_rate_floor) / max(slope, _LEAST_SLOPE) / np.sqrt(len(measured))
     explained = 1.0 - float(rms[best]) ** 2 / max(float(np.var(measured)), settings.yaw_rate_floor**2)
     numbers = {"shift_s": shift, "shift_error_s": error, "explained": explained}
     unsure = 3.0 * error > settings.shift_error * recording.revolution_s or best in (0, len(shifts) - 1)
     if explained < settings.explained or unsure:
-        return Finding(name, Verdict.UNTOLD, "odometry's yaw rate changes too little, or unlike the radar's", numbers)
+        return Finding(name, Verdict.UNTOLD, "odometry's yaw rate changes too little, or differs from the radar's", numbers)
     fits = f"odometry's yaw rate fits best {abs(shift):.2f} s {'later' if shift > 0.0 else 'earlier'}"
     if abs(shift) < settings.shift_ok * recording.revolution_s:
-        return Finding(
-            name, Verdict.OK, f"{fits}, within {settings.shift_ok:g} of a turn of {recording.revolution_s:.2f} s", numbers
-        )
+        allowed = f"within {settings.shift_ok:g} of a turn of {recording.revolution_s:.2f} s"
+        return Finding(name, Verdict.OK, f"{fits}, {allowed}", numbers)
     meant = "the start of the turn, not the end" if shift > 0.0 else "the end of the turn, not the start"
     remedy = f"stamps seem to mean {meant} (sensor.stamp), or the clocks differ"
     return Finding(name, Verdict.SUSPICIOUS, f"{fits}; {remedy}", numbers)
 
 
 def check_scale(recording: Recording, followed: Followed, odometry: Trajectory | None, settings: CheckConfig) -> Finding:
-    """Checks whether the radar's speed is odometry's, which a wrong length of a range bin would change."""
+    """Checks whether the radar's speed is odometry's, which a wrong length of a range bin would change.
+
+    Args:
+        recording: the recording.
+        followed: its stretches as psi follows them.
+        odometry: of the same clock, or None.
+        settings: of the check.
+    """
     name = "range resolution"
     if odometry is None or len(followed.steps) < settings.fewest_steps:
-        return Finding(name, Verdict.UNTOLD, _explain_untold(followed, odometry, "a map scaled as a whole is as crisp"))
+        return Finding(
+            name, Verdict.UNTOLD, _explain_untold(followed, odometry, "a map that is scaled as a whole is as crisp")
+        )
     measured, given = followed.steps.twists[:, 0], followed.steps.of(odometry)[:, 0]
     fast = np.abs(given) > settings.least_speed
     if np.count_nonzero(fast) < settings.fewest_steps:

@@ -15,7 +15,13 @@ from mqslam.formats.shared.turns import find_usual_turns
 
 
 def check_stamps(recording: Recording, stretches: Sequence[Stretch], settings: CheckConfig) -> Finding:
-    """Checks whether polar scans follow one another: none doubled, backward, missing or of another duration."""
+    """Checks whether polar scans follow one another: none doubled, backward, missing or of another duration.
+
+    Args:
+        recording: the recording.
+        stretches: those parts of it that were read.
+        settings: of the check.
+    """
     turn_s = recording.revolution_s
     steps = np.diff(recording.stamps_us)
     turns = steps[recording.ends_us[:-1] == recording.stamps_us[1:]] * 1e-6
@@ -45,7 +51,12 @@ def check_stamps(recording: Recording, stretches: Sequence[Stretch], settings: C
 
 
 def check_azimuths(stretches: Sequence[Stretch], settings: CheckConfig) -> Finding:
-    """Checks whether every polar scan is a whole turn of azimuths that were measured."""
+    """Checks whether every polar scan is a whole turn of azimuths that were measured.
+
+    Args:
+        stretches: those parts of the recording that were read.
+        settings: of the check.
+    """
     sweeps = [sweep for stretch in stretches for sweep in stretch.sweeps]
     if not sweeps:
         return Finding("azimuths", Verdict.UNTOLD, "no polar scan could be read")

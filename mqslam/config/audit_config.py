@@ -30,9 +30,11 @@ class AuditConfig(PassConfig):
     radius_m: float = Field(1.0, gt=0.0, description="Radius [m] of the neighbourhoods of the entropies and plane variance.")
     cell_m: float = Field(0.5, gt=0.0, description="Side of a cell of the evidence grid [m].")
     submap_spacing_m: float = Field(5.0, gt=0.0, description="Path [m] between the scans that a submap is rendered from.")
-    torn_m: float = Field(0.5, gt=0.0, description="Two passes that are less than this [m] apart are not torn ...")
-    torn_rad: float = Field(0.02, gt=0.0, description="... unless one is turned against the other by more than this [rad].")
-    # An audited trajectory of unknown origin may drift more than our own does before loops are closed.
+    torn_m: float = Field(0.5, gt=0.0, description="Two passes are torn if they are farther apart than this [m].")
+    torn_rad: float = Field(
+        0.02, gt=0.0, description="Two passes are torn, too, if one is turned against the other by more than this [rad]."
+    )
+    # an audited trajectory, which anyone may have made, may drift more than our own does before loops are closed
     spacing_m: SpacingM = 10.0
     drift: Drift = 0.02
     drift_rad: DriftRad = 1e-4

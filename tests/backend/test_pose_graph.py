@@ -25,14 +25,6 @@ def graph_of(motions: np.ndarray, initial: np.ndarray, loops: dict[tuple[int, in
     )
 
 
-def test_a_chain_makes_one_motion_after_the_other() -> None:
-    poses = se2.chain(TURNS, np.array([5.0, -1.0, 0.2]))
-    assert poses.shape == (31, 3)
-    np.testing.assert_array_equal(poses[0], [5.0, -1.0, 0.2])
-    np.testing.assert_allclose(se2.between(poses[:-1], poses[1:]), TURNS, atol=1e-12)
-    np.testing.assert_array_equal(se2.chain([]), np.zeros((1, 3)))
-
-
 def test_without_loops_the_optimum_is_the_chain_wherever_it_starts() -> None:
     truth = se2.chain(TURNS)
     rng = np.random.default_rng(2)

@@ -18,7 +18,7 @@ from mqslam.check.following import Followed, Steps, follow
 from mqslam.check.motion_checks import check_order
 from mqslam.check.stretches import read_stretches
 from mqslam.check.sweeping import check_azimuths, check_stamps
-from mqslam.config import Config, DetectorConfig
+from mqslam.config import CheckConfig, Config, DetectorConfig
 from mqslam.core.recording import PolarScan, Recording
 from mqslam.core.trajectory import Trajectory
 from mqslam.formats.recordings import open_recording
@@ -183,3 +183,11 @@ def test_a_radar_that_turns_faster_from_some_moment_on_is_only_called_unsteady(t
     back = open_recording(convert(recording, tmp_path, "oxford")[0])
     stamps, _ = findings(back)
     assert stamps.text == "the duration of a turn varies by 150%"
+
+
+def test_the_settings_say_what_is_suspicious(tmp_path: Path) -> None:
+    recording = open_recording(write_oxford(tmp_path / "d", revolutions=20))
+    strict = CheckConfig(stretches=2, stretch_scans=5, fewest_turns=30)
+    stretches = read_stretches(recording, None, strict, DetectorConfig(), lambda done, total: None)
+    assert [len(stretch.scans) for stretch in stretches] == [5, 5]
+    assert "too few to tell how steady they are" in check_stamps(recording, stretches, strict).text
