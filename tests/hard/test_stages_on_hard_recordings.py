@@ -105,7 +105,7 @@ def test_a_sensor_at_rest_whose_first_scan_is_empty_has_a_map() -> None:
 
 def test_one_scan_alone_is_not_said_to_lie_outside_of_the_trajectory() -> None:
     scans = drive(1)
-    with pytest.raises(EstimationError, match="one sweep"):
+    with pytest.raises(EstimationError, match="covers one scan only"):
         place_sweeps(joined(scans), Trajectory(np.array([-1_000_000, 1_000_000]), np.zeros((2, 3))), CONFIG.audit, BEAM)
 
 
