@@ -8,7 +8,7 @@ from mqslam.check.finding import Finding
 from mqslam.check.following import follow
 from mqslam.check.motion_checks import check_mirror, check_order, check_scale, check_stamp
 from mqslam.check.stretches import read_stretches
-from mqslam.check.sweeping import check_azimuths, check_stamps
+from mqslam.check.turn_checks import check_azimuths, check_stamps
 from mqslam.config import CheckConfig, DetectorConfig, EstimatorConfig, TrackerConfig
 from mqslam.core.recording import Recording
 from mqslam.core.trajectory import Trajectory

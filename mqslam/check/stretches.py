@@ -18,8 +18,8 @@ from mqslam.errors import DataError
 
 
 @dataclass(frozen=True, slots=True)
-class Sweep:
-    """The azimuths of one polar scan.
+class Turn:
+    """How one turn of the radar was measured, azimuth by azimuth.
 
     Args:
         azimuths: how many there are.
@@ -50,12 +50,12 @@ class Stretch:
 
     Args:
         scans: their returns.
-        sweeps: the azimuths of each that could be read.
+        turns: how each was measured that could be read.
         unread: why the others could not be read; their scans hold no returns.
     """
 
     scans: Scans
-    sweeps: tuple[Sweep, ...]
+    turns: tuple[Turn, ...]
     unread: tuple[str, ...]
 
 
@@ -78,7 +78,7 @@ def read_stretches(
     spans = _choose_spans(recording, odometry, settings)
     total = sum(end - begin for begin, end in spans)
     returns: dict[int, Returns] = {}
-    sweeps: dict[int, Sweep] = {}
+    turns: dict[int, Turn] = {}
     unread: dict[int, str] = {}
     for begin, end in spans:
         before: PolarScan | None = None
@@ -87,7 +87,7 @@ def read_stretches(
                 returns[k], unread[k], before = Returns.none(), str(polar_scan), None
             else:
                 returns[k] = detect(polar_scan, recording.range_resolution, detector)
-                sweeps[k] = _describe_sweep(recording, k, polar_scan, before)
+                turns[k] = _describe_turn(recording, k, polar_scan, before)
                 before = polar_scan
             progress(len(returns), total)
     kept = dict(zip(returns, drop_fixed(list(returns.values())), strict=True))
@@ -97,7 +97,7 @@ def read_stretches(
             Scans(
                 tuple(Scan(begins[k], ends[k], kept[k]) for k in range(*span)), recording.start_us, recording.revolution_s
             ),
-            tuple(sweeps[k] for k in range(*span) if k in sweeps),
+            tuple(turns[k] for k in range(*span) if k in turns),
             tuple(unread[k] for k in range(*span) if k in unread),
         )
         for span in spans
@@ -128,12 +128,12 @@ def _choose_spans(recording: Recording, odometry: Trajectory | None, settings: C
     return [(begin, begin + size) for begin in sorted(chosen)]
 
 
-def _describe_sweep(recording: Recording, k: int, polar_scan: PolarScan, before: PolarScan | None) -> Sweep:
-    """Returns the description of polar scan k, which follows on another one that could be read, or on None."""
+def _describe_turn(recording: Recording, k: int, polar_scan: PolarScan, before: PolarScan | None) -> Turn:
+    """Returns how polar scan k was measured; the one before is None where it could not be read."""
     steps = np.abs(np.diff(polar_scan.azimuths))
     usual = float(np.median(steps)) if len(steps) else 0.0
     after = float(recording.start_times[k + 1]) if k + 1 < len(recording) else np.inf
-    return Sweep(
+    return Turn(
         azimuths=len(polar_scan.times),
         unmeasured=int(np.count_nonzero(~polar_scan.valid)),
         turned=float(steps.sum()) + usual,

@@ -21,7 +21,7 @@ class CheckConfig(BaseModel):
     unsteady: float = expert(
         0.1, gt=0.0, description="Share of a turn by which the durations of nine tenths of all turns may differ."
     )
-    swept_share: float = expert(
+    span_share: float = expert(
         0.8,
         gt=0.0,
         le=1.0,

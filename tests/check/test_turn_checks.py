@@ -17,7 +17,7 @@ from mqslam.check.finding import Finding, Verdict
 from mqslam.check.following import Followed, Steps, follow
 from mqslam.check.motion_checks import check_order
 from mqslam.check.stretches import read_stretches
-from mqslam.check.sweeping import check_azimuths, check_stamps
+from mqslam.check.turn_checks import check_azimuths, check_stamps
 from mqslam.config import CheckConfig, Config, DetectorConfig
 from mqslam.core.recording import PolarScan, Recording
 from mqslam.core.trajectory import Trajectory
@@ -148,7 +148,7 @@ def test_where_gaps_leave_no_long_stretch_the_longest_is_looked_at(tmp_path: Pat
     ):
         recording = open_recording(write_oxford(tmp_path / name, revolutions=16, skip=skip))
         stretches = read_stretches(recording, None, CONFIG.check, DetectorConfig(), lambda done, total: None)
-        assert all(len(stretch.sweeps) == len(stretch.scans) == len(expected[0]) for stretch in stretches)
+        assert all(len(stretch.turns) == len(stretch.scans) == len(expected[0]) for stretch in stretches)
         if len(expected) == 1:
             assert [w.t0 / 0.25 for w in stretches[0].scans] == pytest.approx(list(expected[0]))
         stamps, azimuths = findings(recording)
@@ -163,7 +163,7 @@ def test_one_and_two_revolutions_say_what_they_cannot_tell(tmp_path: Path, skip:
         stretches = read_stretches(recording, None, CONFIG.check, DetectorConfig(), lambda done, total: None)
         stamps, azimuths = findings(recording)
         assert azimuths.verdict is Verdict.OK
-        assert "too few to tell how steady they are" in stamps.text or recording.gaps()
+        assert "too few to tell how steady turns are" in stamps.text or recording.gaps()
         order = check_order(follow(recording, stretches, CONFIG.check, CONFIG.tracker, CONFIG.estimator, BEAM), CONFIG.check)
         longest = 1 if skip else min(revolutions, 2)
         assert order.verdict is Verdict.UNTOLD
@@ -190,4 +190,4 @@ def test_the_settings_say_what_is_suspicious(tmp_path: Path) -> None:
     strict = CheckConfig(stretches=2, stretch_scans=5, fewest_turns=30)
     stretches = read_stretches(recording, None, strict, DetectorConfig(), lambda done, total: None)
     assert [len(stretch.scans) for stretch in stretches] == [5, 5]
-    assert "too few to tell how steady they are" in check_stamps(recording, stretches, strict).text
+    assert "too few to tell how steady turns are" in check_stamps(recording, stretches, strict).text

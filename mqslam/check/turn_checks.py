@@ -1,4 +1,4 @@
-"""Checks of stamps and azimuths, which need no estimate."""
+"""Checks of stamps and azimuths: whether the radar kept turning and measured whole turns. They need no estimate."""
 
 from __future__ import annotations
 
@@ -24,19 +24,21 @@ def check_stamps(recording: Recording, stretches: Sequence[Stretch], settings: C
     """
     turn_s = recording.revolution_s
     steps = np.diff(recording.stamps_us)
-    turns = steps[recording.ends_us[:-1] == recording.stamps_us[1:]] * 1e-6
+    durations = steps[recording.ends_us[:-1] == recording.stamps_us[1:]] * 1e-6
     close = int(np.count_nonzero(steps < settings.doubled * find_usual_turns(recording.stamps_us)))
-    shown = len(turns) >= settings.fewest_turns
-    unsteady = float(np.ptp(np.percentile(turns, [5.0, 95.0]))) / turn_s if shown else 0.0
+    shown = len(durations) >= settings.fewest_turns
+    unsteady = float(np.ptp(np.percentile(durations, [5.0, 95.0]))) / turn_s if shown else 0.0
     gaps = recording.gaps()
     missing = sum(seconds for _, seconds in gaps)
-    sweeps = [sweep for stretch in stretches for sweep in stretch.sweeps]
+    turns = [turn for stretch in stretches for turn in stretch.turns]
     counted = {
         f"followed by a gap, {missing:.2f} s in all": len(gaps),
         "begun too soon after the one before": close,
-        "equal to the one before, byte by byte": sum(s.repeated for s in sweeps),
-        "running on into the next": sum(s.late_s > settings.late_share * s.turn_s for s in sweeps),
-        "with azimuth times that span less than the turn": sum(s.span_s < settings.swept_share * s.turn_s for s in sweeps),
+        "equal to the one before, byte by byte": sum(turn.repeated for turn in turns),
+        "running on into the next": sum(turn.late_s > settings.late_share * turn.turn_s for turn in turns),
+        "with azimuth times that span less than the turn": sum(
+            turn.span_s < settings.span_share * turn.turn_s for turn in turns
+        ),
     }
     faults = [f"polar scans {text}: {count}" for text, count in counted.items() if count]
     if unsteady > settings.unsteady:
@@ -46,7 +48,7 @@ def check_stamps(recording: Recording, stretches: Sequence[Stretch], settings: C
     numbers = {"gaps": len(gaps), "missing_s": missing, "turn_s": turn_s, "unsteady": unsteady}
     if faults:
         return Finding("stamps", Verdict.SUSPICIOUS, "; ".join(faults), numbers)
-    steady = f"nine tenths of them within {unsteady:.1%}" if shown else "too few to tell how steady they are"
+    steady = f"nine tenths of them within {unsteady:.1%}" if shown else "too few to tell how steady turns are"
     return Finding("stamps", Verdict.OK, f"{count_of(len(recording), 'turn')} of {turn_s:.4f} s, {steady}, no gaps", numbers)
 
 
@@ -57,14 +59,14 @@ def check_azimuths(stretches: Sequence[Stretch], settings: CheckConfig) -> Findi
         stretches: those parts of the recording that were read.
         settings: of the check.
     """
-    sweeps = [sweep for stretch in stretches for sweep in stretch.sweeps]
-    if not sweeps:
+    turns = [turn for stretch in stretches for turn in stretch.turns]
+    if not turns:
         return Finding("azimuths", Verdict.UNTOLD, "no polar scan could be read")
-    counts = sorted({sweep.azimuths for sweep in sweeps})
-    share = sum(s.unmeasured for s in sweeps) / sum(s.azimuths for s in sweeps)
-    step = float(np.median([s.step for s in sweeps]))
-    off = max(abs(s.turned - 2.0 * np.pi) for s in sweeps)
-    widest = max(s.widest for s in sweeps)
+    counts = sorted({turn.azimuths for turn in turns})
+    share = sum(turn.unmeasured for turn in turns) / sum(turn.azimuths for turn in turns)
+    step = float(np.median([turn.step for turn in turns]))
+    off = max(abs(turn.turned - 2.0 * np.pi) for turn in turns)
+    widest = max(turn.widest for turn in turns)
     faults = []
     if share > settings.unmeasured_share:
         faults.append(f"{share:.0%} of the azimuths were not measured")
