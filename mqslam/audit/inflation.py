@@ -16,11 +16,11 @@ from numpy.typing import NDArray
 from mqslam.audit.sweeps import Sweeps
 from mqslam.config import AuditConfig, EstimatorConfig
 from mqslam.core import se2
-from mqslam.psi.covariance import sandwich_by_differences
+from mqslam.psi.covariance import estimate_covariance_by_differences
 from mqslam.psi.estimator import Evaluation, Scale
 from mqslam.psi.gaussians import floor_variances
 from mqslam.psi.minimiser import Minimum, Prior, annealed_scale, final_scale, minimise, score_itself
-from mqslam.psi.observability import loosen, weak_directions
+from mqslam.psi.observability import find_weak_directions, loosen
 from mqslam.psi.place import PointSet
 
 _SWEEP: Final = 1.0  # by definition: times are counted in sweeps, so that one direction is seen again after 1
@@ -96,9 +96,10 @@ class _Window:
         """
         settings, units, final = self.settings, self.units, final_scale(self.estimator)
         placed = self.render(minimum.state)
-        covariance = sandwich_by_differences(
+        covariance = estimate_covariance_by_differences(
             minimum.evaluation,
             placed.points,
+            self.estimator.cluster_m,
             lambda twist: self.score(twist, final).gradient,
             minimum.state,
             settings.difference_step * units,
@@ -136,7 +137,7 @@ def fit_bend(sweeps: Sweeps, begin: int, end: int, settings: AuditConfig, config
     units = estimator.beta_s / (0.5 * count) * np.array([1.0, 1.0, 1.0 / lever_m])
     window = _Window(points, into, count, units, settings, estimator)
     own = window.score(np.zeros(3), final_scale(estimator))
-    weak = weak_directions(window.score(np.zeros(3), annealed_scale(narrow, 0)), 3)
+    weak = find_weak_directions(window.score(np.zeros(3), annealed_scale(narrow, 0)), 3, estimator.observed_share)
 
     def fit(widths: EstimatorConfig) -> Bend:
         return window.bend_at(window.minimise(widths), own, weak)

@@ -14,12 +14,12 @@ from numpy.typing import NDArray
 
 from mqslam.config import EstimatorConfig, PassConfig
 from mqslam.core import se2
-from mqslam.psi.covariance import sandwich
+from mqslam.psi.covariance import estimate_covariance
 from mqslam.psi.estimator import Evaluation
 from mqslam.psi.minimiser import Prior, annealed_scale, final_scale, minimise, score
-from mqslam.psi.neighbours import CellGrid, candidates, cell_grid
-from mqslam.psi.observability import weak_directions
-from mqslam.psi.place import PointSet, turned
+from mqslam.psi.neighbours import CellGrid, find_candidates, sort_into_cells
+from mqslam.psi.observability import find_weak_directions
+from mqslam.psi.place import PointSet, rotate_covariances
 from mqslam.psi.tracking.correlate import PIXEL, SAME, correlation_peaks
 
 ANY_TIME: Final = 0.0
@@ -68,7 +68,7 @@ def align(
         config: settings of the score.
     """
     reach_m, reach_rad = reach
-    grid = cell_grid(reference.points, _CELL_M)
+    grid = sort_into_cells(reference.points, _CELL_M)
     free = Prior(guess, np.zeros((3, 3)))
     pixel_m = PIXEL * config.s_start
     minima = []
@@ -89,17 +89,17 @@ def align(
     wide = _score(reference, grid, points, config, wide=True)
     return Alignment(
         pose=best.state,
-        covariance=sandwich(best.evaluation, points.points),
+        covariance=estimate_covariance(best.evaluation, points.points, config.cluster_m),
         matched=float(best.evaluation.matched.mean()),
         psi=best.evaluation.psi / len(query),
         rival=rivals[0].evaluation.psi / len(query) if rivals else np.inf,
-        observed=len(weak_directions(wide, 3)) == 0,
+        observed=len(find_weak_directions(wide, 3, config.observed_share)) == 0,
     )
 
 
 def score_at_pose(reference: PointSet, query: PointSet, pose: se2.Array, config: EstimatorConfig) -> float:
     """Returns psi per point of the query laid into the reference at a pose (3,)."""
-    grid = cell_grid(reference.points, _CELL_M)
+    grid = sort_into_cells(reference.points, _CELL_M)
     return _score(reference, grid, move_rigidly(query, pose), config, wide=False).psi / len(query)
 
 
@@ -111,12 +111,12 @@ def move_rigidly(points: PointSet, pose: se2.Array) -> PointSet:
     jacobians = np.zeros((len(points), 2, 3))
     jacobians[:, 0, 0] = jacobians[:, 1, 1] = 1.0
     jacobians[:, 0, 2], jacobians[:, 1, 2] = -dy, dx
-    covariances = turned(points.covariances, float(pose[2]))
+    covariances = rotate_covariances(points.covariances, float(pose[2]))
     return PointSet(np.column_stack([pose[0] + dx, pose[1] + dy]), jacobians, covariances, points.times)
 
 
 def _score(reference: PointSet, grid: CellGrid, points: PointSet, config: EstimatorConfig, *, wide: bool) -> Evaluation:
     """Returns the score of points in the reference, at the annealing's first widths or at its last."""
     scale = annealed_scale(config, 0) if wide else final_scale(config)
-    lists = candidates(grid, points.points, scale.s)
+    lists = find_candidates(grid, points.points, scale.s)
     return score(points, reference, lists, scale, ANY_TIME, config)
