@@ -6,6 +6,8 @@ from typing import Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
+from mqslam.config.fields import expert
+
 
 class SensorConfig(BaseModel):
     """Properties of the radar that its recording does not state."""
@@ -32,4 +34,21 @@ class SensorConfig(BaseModel):
         description="Instant of a turn at which a polar scan is stamped. It matters only where azimuths carry no stamps. "
         "null takes the format's default: end in mulran, radiate and images on a bag's /radar/polar (MulRan's player), "
         "start in other bags.",
+    )
+
+    doppler_stretches: int = expert(
+        4, ge=1, description="Number of stretches of a recording on which psi measures the Doppler shift."
+    )
+    doppler_scans: int = expert(12, ge=3, description="Number of scans of each of those stretches.")
+    doppler_step: float = expert(
+        0.05, gt=0.0, description="Step between the Doppler shifts that are tried [s]. Those of Navtech's radars lie within."
+    )
+    doppler_steps: int = expert(2, ge=1, description="Number of those steps to either side of no shift.")
+    doppler_gain: float = expert(
+        0.003, ge=0.0, lt=1.0, description="Share of psi that a Doppler shift must save to be believed."
+    )
+    doppler_least: float = expert(
+        0.01,
+        ge=0.0,
+        description="A smaller Doppler shift counts as none [s]: it moves returns by a tenth of their own error.",
     )

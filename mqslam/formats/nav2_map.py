@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import yaml
 from numpy.typing import NDArray
+from PIL import Image
 
 from mqslam.core import se2
 from mqslam.core.point_map import OccupancyGrid
@@ -50,10 +51,9 @@ def write_nav2_map(folder: Path, grid: OccupancyGrid) -> None:
     Raises:
         OutputError: a file cannot be written.
     """
-    height, width = grid.occupied.shape
-    with written_whole(folder / "map.pgm") as aside, aside.open("wb") as file:
-        file.write(f"P5\n{width} {height}\n255\n".encode())
-        file.write(np.where(grid.occupied[::-1], np.uint8(_OCCUPIED), np.uint8(_UNKNOWN)).tobytes())
+    image = Image.fromarray(np.where(grid.occupied[::-1], np.uint8(_OCCUPIED), np.uint8(_UNKNOWN)))
+    with written_whole(folder / "map.pgm") as aside:
+        image.save(aside, format="PPM")  # Pillow's name for PGM too
     settings = {
         "image": "map.pgm",
         "mode": "trinary",

@@ -15,14 +15,14 @@ from mqslam.core.frontend import Context
 from mqslam.core.motion import CONSTANT_VELOCITY
 from mqslam.core.recording import PolarScan
 from mqslam.core.scans import Returns
-from mqslam.detection.stage import detect_stretch, scans_of
+from mqslam.detection.stage import detect_stretch, make_scans
 from mqslam.formats.recordings import open_recording
 from mqslam.frontends.psi import PsiFrontEnd
-from mqslam.psi.neighbours import CandidateLists, candidates, cell_grid
+from mqslam.psi.neighbours import CandidateLists, find_candidates, sort_into_cells
 from mqslam.psi.place import PointSet, beam_of, place
 from mqslam.psi.published.equations import score
 from mqslam.psi.published.reference import score_reference
-from mqslam.psi.window import without_start
+from mqslam.psi.window import drop_start
 from mqslam.simulator import SimulatedRecording, loop_drive, simulated_recording, street_scene
 
 _FIRST, _REVOLUTIONS = 4, 3  # of the real sample
@@ -56,13 +56,13 @@ def _window(detector: DetectorConfig) -> tuple[PointSet, float]:
     returns = Returns.concatenate(found.returns)
     beam = beam_of(Config().estimator, 0.0)
     t0 = float(recording.start_times[_FIRST])
-    return without_start(place(returns, t0, np.zeros(3), _MOTION, CONSTANT_VELOCITY, beam)), recording.revolution_s
+    return drop_start(place(returns, t0, np.zeros(3), _MOTION, CONSTANT_VELOCITY, beam)), recording.revolution_s
 
 
 def _ratio(p: PointSet, turn: float) -> tuple[float, float, float, float]:
     """Median ratio, and median seconds of ours with reused lists, with new ones, and of the reference."""
     config = PsiConfig()
-    lists = candidates(cell_grid(p.points, config.s), p.points, config.s)
+    lists = find_candidates(sort_into_cells(p.points, config.s), p.points, config.s)
     ours, anew, reference = [], [], []
     score(p.points, p.times, turn, config, p.jacobians, lists)
 
@@ -102,12 +102,12 @@ def _real_time() -> Claim:
     parts = {name: getattr(plain, name) for name in plain.__dataclass_fields__}
     recording = _InMemory(**parts, rendered=tuple(plain.polar_scans()))
     context = Context(config, recording.revolution_s, recording.start_us, None)
-    warm = scans_of(recording, detect_stretch(recording, config.detector, 0, len(recording)).returns)
+    warm = make_scans(recording, detect_stretch(recording, config.detector, 0, len(recording)).returns)
     list(PsiFrontEnd(context).measure(warm[:6]))  # compiles
     wall, core = time.perf_counter(), time.process_time()
     detected = detect_stretch(recording, config.detector, 0, len(recording))
     after_detection = time.process_time()
-    scans = scans_of(recording, detected.returns)
+    scans = make_scans(recording, detected.returns)
     list(PsiFrontEnd(context).measure(scans))
     wall, end = time.perf_counter() - wall, time.process_time()
     per_window = [1e3 * s / len(recording) for s in (after_detection - core, end - after_detection, end - core)]

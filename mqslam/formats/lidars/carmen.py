@@ -15,12 +15,11 @@ from numpy.typing import NDArray
 
 from mqslam.config.reading_config import USUAL_READING, ReadingConfig
 from mqslam.core import se2
-from mqslam.core.lidar import LidarRecording, scans_of
+from mqslam.core.lidar import LidarRecording, stamp_scans
 from mqslam.core.scans import Returns
 from mqslam.core.trajectory import Trajectory
 from mqslam.errors import DataError
 from mqslam.formats.lidars.carmen_lines import CarmenLog, OdometryLine, ScanLine, read_log
-from mqslam.formats.odometry_files import chain_steps
 from mqslam.formats.shared.stamps import mark_increasing, parse_stamps
 
 _ENDINGS = (".log", ".log.gz", ".clf", ".clf.gz")
@@ -68,7 +67,7 @@ def read_lidar(path: Path, settings: ReadingConfig = USUAL_READING) -> LidarReco
         notes.append(f"the lidar's pose on the robot is {mount[0]:.3g} m, {mount[1]:.3g} m, {mount[2]:.3g} rad")
     if odometry is not None and _is_same_motion(trajectory, odometry, settings):
         notes.append("the poses beside the scans are the odometry's: no SLAM corrected them")
-    return LidarRecording(path, "carmen", scans_of(stamps, returns), trajectory, odometry, tuple(notes))
+    return LidarRecording(path, "carmen", stamp_scans(stamps, returns), trajectory, odometry, tuple(notes))
 
 
 def _choose_scans(path: Path, log: CarmenLog, kind: str) -> tuple[NDArray[np.int64], list[ScanLine], list[str]]:
@@ -140,8 +139,7 @@ def _find_mount(
     """
     offset = parameters.get("robot_frontlaser_offset", 0.0)
     named = np.array([offset if abs(offset) <= _MOST_OFFSET_M else offset / 100.0, 0.0, 0.0])
-    apart = se2.between(robot, sensor)
-    apart[:, 2] = se2.wrap(apart[:, 2])
+    apart = se2.wrapped_between(robot, sensor)
     shown = np.median(apart, axis=0)
     off = np.abs(apart - shown)
     same_m, same_rad = settings.lidar_same_m, settings.lidar_same_rad
@@ -160,10 +158,9 @@ def _chain_odometry(path: Path, lines: list[OdometryLine], scans: list[ScanLine]
     anchored = np.array([line.anchored for line in lines])
     notes = []
     if anchored.any():
-        steps = se2.between(poses[:-1], poses[1:])
-        steps[:, 2] = se2.wrap(steps[:, 2])
+        steps = se2.wrapped_between(poses[:-1], poses[1:])
         steps[anchored[1:]] = 0.0
-        poses = se2.compose(poses[0], chain_steps(steps))
+        poses = se2.compose(poses[0], se2.integrate_steps(steps))
         notes.append(f"the odometry starts anew from {anchored.sum()} corrected poses: its steps are chained instead")
     measured = np.flatnonzero(~anchored)
     stamps = np.zeros(len(lines), dtype=np.int64)
@@ -194,7 +191,6 @@ def _mark_consistent(stamps: NDArray[np.int64], lines: list[OdometryLine], scans
 def _is_same_motion(a: Trajectory, b: Trajectory, settings: ReadingConfig) -> bool:
     """Returns whether two trajectories differ only in the frame they start in, by centimetres at the stamps of the first."""
     one, other = a.poses, b.at(a.stamps_us)
-    apart = se2.between(se2.between(one[0], one), se2.between(other[0], other))
-    apart[:, 2] = se2.wrap(apart[:, 2])
+    apart = se2.wrapped_between(se2.between(one[0], one), se2.between(other[0], other))
     limits = [settings.lidar_same_track_m, settings.lidar_same_track_m, settings.lidar_same_track_rad]
     return bool(np.all(np.abs(apart) < limits))

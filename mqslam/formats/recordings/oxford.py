@@ -20,7 +20,7 @@ from mqslam.core.trajectory import Trajectory
 from mqslam.errors import DataError, Remedy
 from mqslam.execution.files import write_text
 from mqslam.execution.folders import whole_folder
-from mqslam.formats.odometry_files import chain_steps, read_beside, read_numbers, read_odometry, write_twists
+from mqslam.formats.odometry_files import read_beside, read_numbers, read_odometry, write_twists
 from mqslam.formats.shared.azimuth_rows import azimuth_stamps, make_rows
 from mqslam.formats.shared.images import list_stamps, write_png
 from mqslam.formats.shared.poses import make_trajectory
@@ -148,7 +148,7 @@ def _read_ground_truth(root: Path, start_us: int, end_us: int) -> tuple[Trajecto
     longest = max(pieces, key=len)
     notes = [f"{csv.name} has {len(breaks)} breaks: the longest stretch is the ground truth"] if len(breaks) else []
     steps = table[longest][:, 2:] * [1.0, -1.0, -1.0]
-    return make_trajectory(csv, np.append(earlier[longest[0]], later[longest]), chain_steps(steps)), notes
+    return make_trajectory(csv, np.append(earlier[longest[0]], later[longest]), se2.integrate_steps(steps)), notes
 
 
 def write(out: Path, recording: Recording) -> list[str]:
