@@ -32,7 +32,7 @@ from support.layouts import left_turn, write_radiate
 from support.parameters import mostly_slow
 from support.recordings import START_US, TURN_US, bag_path, raw_rows, with_metadata, write_bag, write_oxford, write_png
 
-from mqslam.backend.pose_graph import PoseCovariances, PoseGraph, marginals
+from mqslam.backend.pose_graph import PoseCovariances, PoseGraph, compute_marginals
 from mqslam.cli import main
 from mqslam.config import Config
 from mqslam.core import frontend, se2
@@ -663,10 +663,10 @@ def test_a_tunnel_that_tells_nothing_along_it(
 
     def watched(found: PoseGraph, values: gtsam.Values, indices: list[int]) -> PoseCovariances:
         seen.append((found.factors, values))
-        return marginals(found, values, indices)
+        return compute_marginals(found, values, indices)
 
     monkeypatch.setattr(frontend, "load", lambda name: Tunnel if name == "psi" else load(name))
-    monkeypatch.setattr("mqslam.report.run_page.marginals", watched)
+    monkeypatch.setattr("mqslam.report.run_page.compute_marginals", watched)
     shown = run(drive, tmp_path / "out", "--odometry", wheels if odometry == "wheels" else "none")
     assert shown.code == 0 and "warning: did not observe every direction from 0.0 s to 7.2 s" in shown.err
     assert "could not be made" not in shown.err and "the report shows no ellipses" not in shown.err

@@ -1,4 +1,4 @@
-"""What the pose graph is made from: measurements and odometry, which stay, and loops, which join later."""
+"""What the pose graph is built from: measurements and odometry, which stay, and loops, which join later."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from gtsam.symbol_shorthand import X
 
-from mqslam.backend.pose_graph import Optimum, PoseGraph, optimise, pose_graph, poses_of
+from mqslam.backend.pose_graph import Optimum, PoseGraph, build_pose_graph, optimise, poses_of
 from mqslam.config import GraphConfig, LoopConfig
 from mqslam.core import se2
 from mqslam.core.measurement import Loop, Measurement
@@ -42,7 +42,7 @@ class Problem:
         factors = [psi_between(X(k), X(k + 1), m, self.graph_settings) for k, m in enumerate(self.measurements)]
         factors += [odometry_between(X(k), X(k + 1), m, self.graph_settings) for k, m in enumerate(self.odometry)]
         factors += [loop_between(X(loop.earlier), X(loop.later), loop, self.loop_settings) for loop in loops]
-        return pose_graph(se2.chain(m.pose for m in self.measurements), factors)
+        return build_pose_graph(se2.chain(m.pose for m in self.measurements), factors, self.graph_settings)
 
     def optimise(self, loops: Sequence[Loop]) -> tuple[PoseGraph, Optimum]:
         """Returns the graph with some loops and its optimum."""

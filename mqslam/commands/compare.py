@@ -9,8 +9,8 @@ from pathlib import Path
 from mqslam.commands.opening import choose_odometry, choose_settings, open_data
 from mqslam.commands.result import CompareResult
 from mqslam.commands.work import QUIET, Work
-from mqslam.compare.judgement import agreement, enough_in_common, judge_rows, places, stations
-from mqslam.compare.rows import Row, front_end_rows, given_row
+from mqslam.compare.judgement import JudgeSettings, compare_pairs, find_places, judge_rows, pick_stations, take_common_scans
+from mqslam.compare.rows import Row, make_given_row, run_front_ends
 from mqslam.config import Config, dump_yaml, with_doppler_beta
 from mqslam.core import frontend as known_frontends
 from mqslam.core.frontend import Context
@@ -86,7 +86,7 @@ def compare(  # noqa: PLR0913 - these are the options of a comparison, each with
     revolution_s, start_us = recording.revolution_s, recording.start_us
     if kiss_config is not None and _KISS in frontends:  # a file that KISS-ICP refuses is a mistake, not a row that fails
         known_frontends.load(_KISS)(Context(settings, revolution_s, start_us, None))
-    enough_in_common(given, make_scans(recording), settings.audit.window)  # refuses before the recording is read
+    take_common_scans(given, make_scans(recording), settings.audit)  # refuses before the recording is read
     key = run_key(recording, settings, f"compare {','.join(frontends)} {odometry_only}", track)
     with unfinished(out, key, resume=resume) as checkpoint:
         runner = Runner(work.engine, work.progress, checkpoint)
@@ -99,20 +99,21 @@ def compare(  # noqa: PLR0913 - these are the options of a comparison, each with
             name: Context(settings, revolution_s, start_us, track if name == "odometry" else None, beta)
             for name in frontends
         }
-        rows = front_end_rows(contexts, scans, work.engine, work.progress, back_end=not odometry_only) + given
+        rows = run_front_ends(contexts, scans, work.engine, work.progress, back_end=not odometry_only) + given
         ran = [row for row in rows if row.trajectory is not None]
         if not ran:
             raise EstimationError("; ".join(f"{row.name}: {row.failure}" for row in rows))
         tracks = [row.trajectory for row in ran if row.trajectory is not None]
-        common = enough_in_common(ran, scans, settings.audit.window)
+        common = take_common_scans(ran, scans, settings.audit)
         if len(common) < len(scans):
             notes.append(f"{len(common)} of {len(scans)} scans are in every trajectory: judged on those")
-        where = places(common, tracks, settings.audit.window)
-        along = stations(common, settings.audit.window)
+        where = find_places(common, tracks, settings.audit.window, settings.compare)
+        along = pick_stations(common, settings.audit.window)
+        judges = JudgeSettings(settings.audit, settings.estimator, settings.loops, settings.verdict, settings.map)
         rows, judged = judge_rows(
-            rows, common, recording.ground_truth, [*where, *along], settings, beam, work.engine, work.progress
+            rows, common, recording.ground_truth, [*where, *along], judges, beam, work.engine, work.progress
         )
-        pairs = agreement(ran)
+        pairs = compare_pairs(ran)
         notes += [f"{row.name}: {warning}" for row in rows for warning in row.warnings]
         failures = [f"{row.name} could not run: {row.failure}" for row in rows if row.failure is not None]
         summary = summarise(
@@ -188,5 +189,5 @@ def _given_rows(
             track = read_trajectory(*given)
         else:
             track = read_trajectory(Path(given))
-        rows.append(given_row(name, track))
+        rows.append(make_given_row(name, track))
     return rows

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 import mqslam
-from mqslam.audit.judge import judge_windows
+from mqslam.audit.findings import judge_windows
 from mqslam.audit.verdict import Finding, Share, VerdictStatus, verdict_of
 from mqslam.core.measurement import Measurement, Status
 from mqslam.core.recording import Recording

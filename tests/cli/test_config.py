@@ -55,4 +55,4 @@ def test_the_schema_knows_every_setting_and_refuses_others() -> None:
         described = schema["$defs"][schema["properties"][section]["$ref"].rpartition("/")[2]]
         assert issubclass(kind, BaseModel) and list(described["properties"]) == list(kind.model_fields)
         assert described["additionalProperties"] is False
-    assert yaml.safe_load(mqslam("config", "show").out).keys() == schema["properties"].keys()
+    assert yaml.safe_load(mqslam("config", "show", "--all").out).keys() == schema["properties"].keys()

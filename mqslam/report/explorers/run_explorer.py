@@ -7,7 +7,7 @@ import itertools
 import numpy as np
 from numpy.typing import NDArray
 
-from mqslam.audit.judge import WindowAudit, torn_threshold
+from mqslam.audit.windows import WindowAudit, torn_threshold
 from mqslam.config import AuditConfig
 from mqslam.core import se2
 from mqslam.core.point_map import PointMap
