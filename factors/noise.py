@@ -22,7 +22,7 @@ def gaussian_noise(
         floor_rad: the same for yaw [rad].
     """
     floor = np.diag([floor_m**2, floor_m**2, floor_rad**2])
-    return gtsam.noiseModel.Gaussian.Covariance(se2.turned(covariance, -yaw) + floor)
+    return gtsam.noiseModel.Gaussian.Covariance(se2.rotate_covariance(covariance, -yaw) + floor)
 
 
 def between_noise(

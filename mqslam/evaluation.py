@@ -81,7 +81,7 @@ def _share_stamps(estimate: Trajectory, truth: Trajectory) -> tuple[NDArray[np.i
     """Returns the truth's stamps (M,) that lie apart in the estimate's span, and both poses (M, 3); None if M < 3."""
     first, last = estimate.stamps_us[0] - _SLACK_US, estimate.stamps_us[-1] + _SLACK_US
     inside = np.flatnonzero((truth.stamps_us >= first) & (truth.stamps_us <= last))
-    inside = inside[se2.apart(truth.seconds(int(first))[inside])]  # two poses at almost the same time show no speed
+    inside = inside[se2.select_apart(truth.seconds(int(first))[inside])]  # two poses at almost the same time show no speed
     if len(inside) < 3:
         return None
     stamps_us = truth.stamps_us[inside]

@@ -26,8 +26,8 @@ from mqslam.execution.kept import LOOPS, MEASURED
 from mqslam.execution.runner import Runner
 from mqslam.mapping.live import show_motions
 from mqslam.mapping.render import render
+from mqslam.psi.doppler import choose_doppler_beta
 from mqslam.psi.place import Beam, beam_of
-from mqslam.psi.tracking.doppler import doppler_beta_of
 from mqslam.solution import Run, Solution
 
 
@@ -136,7 +136,7 @@ class Slam:
         """Returns the Doppler shift [s]: that of kept measurements, that of the settings, or the one psi measures."""
         with self._runner.timed("windows"):
             kept, config = self._runner.find(MEASURED), self._config
-            return kept.doppler_beta if kept else doppler_beta_of(scans, config.sensor, config.tracker, config.estimator)
+            return kept.doppler_beta if kept else choose_doppler_beta(scans, config.sensor, config.tracker, config.estimator)
 
     def _measure(self, scans: Scans, context: Context, beam: Beam) -> list[Measurement]:
         """Returns the front end's measurements, or those that an earlier run has kept; shows them as they come."""

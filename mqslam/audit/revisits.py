@@ -122,7 +122,7 @@ def measure_revisit(
     alignment = align(reference, query, guess, search_reach(path_m, settings), settings, estimator)
     offset = se2.wrapped_between(guess, alignment.pose)
     floor = np.diag([loops.floor_m**2, loops.floor_m**2, loops.floor_rad**2])
-    covariance = se2.turned(alignment.covariance, -guess[2]) + floor
+    covariance = se2.rotate_covariance(alignment.covariance, -guess[2]) + floor
     return Revisit(
         earlier=earlier,
         later=later,

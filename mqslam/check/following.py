@@ -18,8 +18,8 @@ from mqslam.core.scans import Returns, Scan, Scans
 from mqslam.core.trajectory import Trajectory
 from mqslam.errors import EstimationError
 from mqslam.psi.place import Beam
-from mqslam.psi.tracking.start import START_SCANS
-from mqslam.psi.tracking.tracker import Tracked, Tracker
+from mqslam.psi.tracking.tracked import Tracked
+from mqslam.psi.tracking.tracker import Tracker
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,7 +82,7 @@ def follow(
 
     def track(scans: Scans) -> list[Tracked]:
         tracking = Tracker(spread, estimator, beam, scans.revolution_s)
-        first = tracking.start(scans[:START_SCANS])
+        first = tracking.start(scans[: tracker.start_scans])
         return [first, *(tracking.follow(scan) for scan in scans[1:])]
 
     edges: list[tuple[float, float]] = []
@@ -90,7 +90,7 @@ def follow(
     forward: list[float] = []
     backward: list[float] = []
     for stretch in stretches:
-        if len(stretch.scans) < START_SCANS:
+        if len(stretch.scans) < tracker.start_scans:
             continue
         try:
             there = track(stretch.scans)
@@ -101,17 +101,21 @@ def follow(
             if a.status is b.status is Status.CONVERGED:
                 edges.append((a.t0, b.t0))
                 twists.append(se2.log(se2.between(a.pose, b.pose)) / (b.t0 - a.t0))
-        for one, two in zip(there[START_SCANS - 1 :], back[START_SCANS - 1 :], strict=True):
+        for one, two in zip(there[tracker.start_scans - 1 :], back[tracker.start_scans - 1 :], strict=True):
             forward.append(_psi_per_point(one))
             backward.append(_psi_per_point(two))
     stamps = recording.start_us + np.round(np.array(edges).reshape(-1, 2) * 1e6).astype(np.int64)
     steps = Steps(stamps[:, 0], stamps[:, 1], np.array(twists).reshape(-1, 3))
-    return Followed(steps, np.array(forward), np.array(backward), _explain_shortage(stretches, settings))
+    return Followed(
+        steps,
+        np.array(forward),
+        np.array(backward),
+        _explain_shortage(stretches, tracker.start_scans - 1 + settings.fewest_steps),
+    )
 
 
-def _explain_shortage(stretches: Sequence[Stretch], settings: CheckConfig) -> str:
-    """Returns why the stretches hold too little to tell from, if they do."""
-    needed = START_SCANS - 1 + settings.fewest_steps
+def _explain_shortage(stretches: Sequence[Stretch], needed: int) -> str:
+    """Returns why the stretches, of which one should hold so many polar scans, hold too little to tell from."""
     longest = max((len(stretch.scans) for stretch in stretches), default=0)
     if longest < needed:
         return f"it takes {needed} polar scans without a gap to tell, and there are no more than {longest}"

@@ -13,7 +13,7 @@ from mqslam.core.scans import Returns, Scan, Scans
 from mqslam.core.trajectory import Trajectory
 from mqslam.detection.artefacts import drop_fixed
 from mqslam.detection.detector import detect
-from mqslam.detection.stage import polar_scans_or_errors
+from mqslam.detection.stage import read_polar_scans
 from mqslam.errors import DataError
 
 
@@ -82,7 +82,7 @@ def read_stretches(
     unread: dict[int, str] = {}
     for begin, end in spans:
         before: PolarScan | None = None
-        for k, polar_scan in polar_scans_or_errors(recording, begin, end):
+        for k, polar_scan in read_polar_scans(recording, begin, end):
             if isinstance(polar_scan, DataError):
                 returns[k], unread[k], before = Returns.none(), str(polar_scan), None
             else:
@@ -90,7 +90,7 @@ def read_stretches(
                 turns[k] = _describe_turn(recording, k, polar_scan, before)
                 before = polar_scan
             progress(len(returns), total)
-    kept = dict(zip(returns, drop_fixed(list(returns.values())), strict=True))
+    kept = dict(zip(returns, drop_fixed(list(returns.values()), detector), strict=True))
     begins, ends = recording.start_times.tolist(), recording.end_times.tolist()
     return [
         Stretch(

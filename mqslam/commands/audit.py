@@ -12,15 +12,15 @@ from mqslam.commands.result import JudgedResult
 from mqslam.commands.work import QUIET, Work
 from mqslam.config import Config, with_doppler_beta
 from mqslam.core.trajectory import Trajectory
-from mqslam.detection.stage import detect_all, scans_of, unread_warnings
+from mqslam.detection.stage import detect_all, make_scans, warn_of_unread
 from mqslam.errors import ConfigError, Remedy
 from mqslam.execution.folders import check_free, whole_folder
 from mqslam.execution.runner import Runner
 from mqslam.formats import lidars
 from mqslam.formats.clouds import read_cloud
 from mqslam.formats.trajectories import read_trajectory
+from mqslam.psi.doppler import choose_doppler_beta
 from mqslam.psi.place import beam_of
-from mqslam.psi.tracking.doppler import doppler_beta_of
 from mqslam.report.audit_page import write_audit_pages
 from mqslam.results.audit_results import add_warnings, summarise, write_audit
 
@@ -144,9 +144,11 @@ def _detect_radar(
     carried = {"odometry": recording.odometry, "ground_truth": recording.ground_truth}
     tracks = {name: track for name, track in carried.items() if track is not None}
     track = given or _pick_carried(data, tracks, name)
-    require_covered(scans_of(recording), track, settings.audit)  # says that they share no time before the recording is read
+    require_covered(
+        make_scans(recording), track, settings.audit
+    )  # says that they share no time before the recording is read
     scans, detected = detect_all(recording, settings.detector, Runner(work.engine, work.progress))
-    notes = (*recording.notes, *recording.faults, *unread_warnings(detected.unread))
+    notes = (*recording.notes, *recording.faults, *warn_of_unread(detected.unread))
     source = Source(recording.path, recording.format, scans, tracks, notes)
-    beta = doppler_beta_of(scans, settings.sensor, settings.tracker, settings.estimator)
+    beta = choose_doppler_beta(scans, settings.sensor, settings.tracker, settings.estimator)
     return source, track, with_doppler_beta(settings, beta)

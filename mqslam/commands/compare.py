@@ -15,14 +15,14 @@ from mqslam.config import Config, dump_yaml, with_doppler_beta
 from mqslam.core import frontend as known_frontends
 from mqslam.core.frontend import Context
 from mqslam.core.trajectory import Trajectory
-from mqslam.detection.stage import detect_all, scans_of, unread_warnings
+from mqslam.detection.stage import detect_all, make_scans, warn_of_unread
 from mqslam.errors import ConfigError, EstimationError
 from mqslam.execution.checkpoint import run_key, unfinished
 from mqslam.execution.folders import check_free, whole_folder
 from mqslam.execution.runner import Runner
 from mqslam.formats.trajectories import read_trajectory
+from mqslam.psi.doppler import choose_doppler_beta
 from mqslam.psi.place import beam_of
-from mqslam.psi.tracking.doppler import doppler_beta_of
 from mqslam.report.compare_page import CompareReport, write_compare_pages
 from mqslam.results.compare_results import add_warnings, summarise, table, write_compare
 
@@ -86,13 +86,13 @@ def compare(  # noqa: PLR0913 - these are the options of a comparison, each with
     revolution_s, start_us = recording.revolution_s, recording.start_us
     if kiss_config is not None and _KISS in frontends:  # a file that KISS-ICP refuses is a mistake, not a row that fails
         known_frontends.load(_KISS)(Context(settings, revolution_s, start_us, None))
-    take_common_scans(given, scans_of(recording), settings.audit)  # refuses before the recording is read
+    take_common_scans(given, make_scans(recording), settings.audit)  # refuses before the recording is read
     key = run_key(recording, settings, f"compare {','.join(frontends)} {odometry_only}", track)
     with unfinished(out, key, resume=resume) as checkpoint:
         runner = Runner(work.engine, work.progress, checkpoint)
         scans, detected = detect_all(recording, settings.detector, runner)
-        notes += [*recording.faults, *unread_warnings(detected.unread)]
-        beta = doppler_beta_of(scans, settings.sensor, settings.tracker, settings.estimator)
+        notes += [*recording.faults, *warn_of_unread(detected.unread)]
+        beta = choose_doppler_beta(scans, settings.sensor, settings.tracker, settings.estimator)
         settings = with_doppler_beta(settings, beta)
         beam = beam_of(settings.estimator, beta)
         contexts = {
@@ -165,7 +165,7 @@ def _check_names(frontends: Sequence[str]) -> None:
     if not frontends or len(set(frontends)) < len(frontends):
         raise ConfigError(f"front ends '{','.join(frontends)}': give names, each once, such as psi,kiss_icp")
     for name in frontends:
-        known_frontends.known(name)
+        known_frontends.find_entry_point(name)
 
 
 def _given_rows(

@@ -15,7 +15,7 @@ from mqslam.config.check_config import CheckConfig
 from mqslam.config.detector_config import DetectorConfig
 from mqslam.config.estimator_config import EstimatorConfig
 from mqslam.config.fields import is_expert
-from mqslam.config.frontend_config import KissIcpConfig, Open3dIcpConfig
+from mqslam.config.frontend_config import KissIcpConfig, OdometryConfig, Open3dIcpConfig, ScanMatchingConfig
 from mqslam.config.graph_config import GraphConfig
 from mqslam.config.loop_config import LoopConfig, PassConfig
 from mqslam.config.map_config import MapConfig
@@ -36,9 +36,11 @@ __all__ = [
     "KissIcpConfig",
     "LoopConfig",
     "MapConfig",
+    "OdometryConfig",
     "Open3dIcpConfig",
     "PassConfig",
     "PsiConfig",
+    "ScanMatchingConfig",
     "SensorConfig",
     "TrackerConfig",
     "VerdictConfig",
@@ -63,6 +65,7 @@ class Config(BaseModel):
     tracker: TrackerConfig = TrackerConfig()
     kiss_icp: KissIcpConfig = KissIcpConfig()
     open3d_icp: Open3dIcpConfig = Open3dIcpConfig()
+    odometry: OdometryConfig = OdometryConfig()
     graph: GraphConfig = GraphConfig()
     loops: LoopConfig = LoopConfig()
     map: MapConfig = MapConfig()

@@ -24,8 +24,8 @@ from mqslam.execution.runner import Runner
 from mqslam.formats.lidars import carmen
 from mqslam.formats.recordings import open_recording
 from mqslam.frontends.kiss_icp import KissIcpFrontEnd
+from mqslam.psi.doppler import choose_doppler_beta
 from mqslam.psi.place import beam_of
-from mqslam.psi.tracking.doppler import doppler_beta_of
 
 _ENGINE = LocalEngine(2)
 _PLACES = 100
@@ -55,7 +55,7 @@ def _bends() -> list[Claim]:
     recording = open_recording(twin("kaist01", 1))
     config = load_config()
     scans, _ = detect_all(recording, config.detector, Runner(_ENGINE))
-    beta = doppler_beta_of(scans, config.sensor, config.tracker, config.estimator)
+    beta = choose_doppler_beta(scans, config.sensor, config.tracker, config.estimator)
     beam = beam_of(config.estimator, beta)
     truth = recording.ground_truth
     chosen = None
@@ -90,7 +90,7 @@ def _trajectories(out: Path) -> list[Claim]:
     recording = open_recording(twin("kaist01", 1, frames=None))
     config = load_config()
     scans, _ = detect_all(recording, config.detector, Runner(_ENGINE))
-    beta = doppler_beta_of(scans, config.sensor, config.tracker, config.estimator)
+    beta = choose_doppler_beta(scans, config.sensor, config.tracker, config.estimator)
     beam = beam_of(config.estimator, beta)
     sweeps, _ = place_sweeps(scans, recording.ground_truth, config.audit, beam)
     true = audit(sweeps, config.audit, config.estimator, config.loops, config.verdict, _ENGINE, _silent)

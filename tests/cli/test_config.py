@@ -31,7 +31,7 @@ def test_what_is_shown_is_read_back_the_same_and_explains_itself(tmp_path: Path)
     assert shown.code == 0
     (tmp_path / "mine.yaml").write_text(shown.out)
     assert load_config(tmp_path / "mine.yaml") == load_config("oxford")
-    assert "  # revolutions the map holds\n  keyframes: 40\n" in shown.out
+    assert "  # Number of scans that the map holds.\n  keyframes: 40\n" in shown.out
     assert json.loads(mqslam("config", "show", "--json").out) == Config().model_dump(mode="json")
 
 

@@ -51,7 +51,7 @@ def test_uncertainty_grows_with_travel() -> None:
 
 
 def test_without_odometry_it_says_what_to_do() -> None:
-    with pytest.raises(EstimationError, match="--odometry"):
+    with pytest.raises(EstimationError, match="needs odometry; give odometry"):
         OdometryFrontEnd(context(None))
 
 

@@ -14,13 +14,13 @@ from numpy.typing import NDArray
 
 from mqslam.config import EstimatorConfig, PassConfig
 from mqslam.core import se2
+from mqslam.psi.correlate import find_correlation_peaks
 from mqslam.psi.covariance import estimate_covariance
 from mqslam.psi.estimator import Evaluation
 from mqslam.psi.minimiser import Prior, annealed_scale, final_scale, minimise, score
 from mqslam.psi.neighbours import CellGrid, find_candidates, sort_into_cells
 from mqslam.psi.observability import find_weak_directions
 from mqslam.psi.place import PointSet, rotate_covariances
-from mqslam.psi.tracking.correlate import PIXEL, SAME, correlation_peaks
 
 ANY_TIME: Final = 0.0
 """Turns between neighbours that psi requires: by definition none, as submaps are compared whatever their times."""
@@ -70,9 +70,8 @@ def align(
     reach_m, reach_rad = reach
     grid = sort_into_cells(reference.points, _CELL_M)
     free = Prior(guess, np.zeros((3, 3)))
-    pixel_m = PIXEL * config.s_start
     minima = []
-    peaks = correlation_peaks(reference.points, query.points, guess, reach_m, reach_rad, pixel_m)
+    peaks = find_correlation_peaks(reference.points, query.points, guess, reach_m, reach_rad, config)
     for start in [guess, *peaks]:  # where the trajectory has it is as good a hypothesis as any
         minimum = minimise(
             start, lambda pose: move_rigidly(query, pose), reference, free, config, ANY_TIME, _TOLERANCES, grid
@@ -84,7 +83,7 @@ def align(
         return Alignment(guess, np.eye(3), 0.0, np.inf, np.inf, observed=False)
     minima.sort(key=lambda minimum: minimum.evaluation.psi)
     best = minima[0]
-    rivals = [m for m in minima[1:] if np.hypot(*(m.state - best.state)[:2]) > SAME * pixel_m]
+    rivals = [m for m in minima[1:] if np.hypot(*(m.state - best.state)[:2]) > config.search_same_m]
     points = move_rigidly(query, best.state)
     wide = _score(reference, grid, points, config, wide=True)
     return Alignment(

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mqslam.core import se2
-from mqslam.core.lidar import LidarRecording, scans_of
+from mqslam.core.lidar import LidarRecording, stamp_scans
 from mqslam.core.scans import Returns
 from mqslam.core.trajectory import Trajectory
 from mqslam.errors import DataError
@@ -61,7 +61,7 @@ def read_lidar(path: Path) -> LidarRecording:
         notes.append(f"the lidar's pose on the robot is {mount[0]:.3g} m, {mount[1]:.3g} m, {mount[2]:.3g} rad")
     if odometry is not None and _same_motion(trajectory, odometry):
         notes.append("the poses beside the scans are the odometry's: no SLAM corrected them")
-    return LidarRecording(path, "carmen", scans_of(stamps, returns), trajectory, odometry, tuple(notes))
+    return LidarRecording(path, "carmen", stamp_scans(stamps, returns), trajectory, odometry, tuple(notes))
 
 
 def _scans(path: Path, log: CarmenLog, kind: str) -> tuple[NDArray[np.int64], list[ScanLine], list[str]]:
