@@ -10,7 +10,7 @@ from typing import Any
 import yaml
 from pydantic import BaseModel, ConfigDict
 
-from mqslam.config.audit_config import AuditConfig, CompareConfig
+from mqslam.config.audit_config import AuditConfig, CompareConfig, VerdictConfig
 from mqslam.config.check_config import CheckConfig
 from mqslam.config.detector_config import DetectorConfig
 from mqslam.config.estimator_config import EstimatorConfig
@@ -23,7 +23,6 @@ from mqslam.config.psi_config import PsiConfig
 from mqslam.config.reading_config import ReadingConfig
 from mqslam.config.sensor_config import SensorConfig
 from mqslam.config.tracker_config import TrackerConfig
-from mqslam.config.verdict_config import VerdictConfig
 from mqslam.config.yaml_file import parse_yaml
 from mqslam.errors import ConfigError, suggest
 
