@@ -20,7 +20,6 @@ from support.layouts import left_turn, write_radiate
 from support.recordings import bag_path, write_bag, write_oxford
 from support.subjects import SUBJECTS
 
-from mqslam import slam as slam_module
 from mqslam.execution.checkpoint import FOLDER
 from mqslam.formats.recordings import FORMATS, open_recording
 
@@ -149,7 +148,7 @@ def test_a_pickle(drive: Path, tmp_path: Path) -> None:
             mqslam("audit", file, "--trajectory", "odometry", "--out", tmp_path / "out", "--quiet"), f"whole.{suffix}: "
         )
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(slam_module, "optimise", interrupt)
+        patch.setattr("mqslam.slam.odometry_edges", interrupt)
         assert run_quickly(drive, tmp_path / "out").code == 130
     for kept in (tmp_path / "out" / FOLDER).glob("*.npz"):
         np.savez(kept, **{name: attack for name in ("ranges", "ends", "psi")})  # type: ignore[arg-type]
