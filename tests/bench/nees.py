@@ -30,7 +30,7 @@ _COLOURS = {"kaist01": "#1d5fd1", "kaist02": "#5b9bf0", "simulated streets": "#d
 
 @dataclass(frozen=True, slots=True)
 class Errors:
-    """Normalised errors of a set of relative motions.
+    """Normalised errors of a set of measurements.
 
     Args:
         nees: (N,) e^T Sigma^-1 e.
@@ -93,7 +93,7 @@ def _errors(data: Path) -> Errors:
 
 
 def plot(path: Path, named: dict[str, Errors]) -> None:
-    """Draws the share of measurements inside the ellipse of each nominal probability, and quantiles against chi-square(3)."""
+    """Draws the share of measurements inside each nominal ellipse, and their quantiles against chi-square(3)."""
     figure = Figure(figsize=(10.0, 4.8), layout="constrained")
     FigureCanvasAgg(figure)
     share, quantiles = figure.subplots(1, 2)
