@@ -30,7 +30,7 @@ REPORTS = Path(__file__).parent / "report"
 
 @pytest.fixture(scope="module", autouse=True)
 def coarse_figures(request: pytest.FixtureRequest) -> Iterator[None]:
-    """Lets reports draw small pictures, which makes a short run a fifth shorter; the tests of the reports draw large ones."""
+    """Lets reports draw small pictures, which makes a short run a fifth shorter; tests of the reports draw large ones."""
     with pytest.MonkeyPatch.context() as patch:
         if not request.path.is_relative_to(REPORTS):
             patch.setattr(canvas, "DPI", 40)
