@@ -23,7 +23,7 @@ from mqslam.formats.tum import read_tum
 from mqslam.formats.writing import oxford as writer
 
 
-def test_revolutions_that_are_missing(drive: Path, tmp_path: Path) -> None:
+def test_polar_scans_that_are_missing(drive: Path, tmp_path: Path) -> None:
     for image in images(drive)[12:16]:
         image.unlink()
     shown = run_quickly(drive, tmp_path / "out")
