@@ -24,11 +24,11 @@ def test_an_image_that_cannot_be_read(drive: Path, tmp_path: Path) -> None:
         cut_short(image)
     shown = run_quickly(drive, tmp_path / "out")
     assert shown.code == 0
-    warning = f"warning: 3 revolutions could not be read and are left out: {broken[0]}: is not a readable PNG"
+    warning = f"warning: 3 polar scans could not be read and are left out: {broken[0]}: is not a readable PNG"
     assert warning in shown.err and str(broken[2]) in shown.err
     found = read_summary(tmp_path / "out")
     assert found["dataset"]["unread"] == 3 and "3 of 30 revolutions could not be read" in str(found["verdict"])
-    assert "3 revolutions could not be read" in (tmp_path / "out" / "report.html").read_text()
+    assert "3 polar scans could not be read" in (tmp_path / "out" / "report.html").read_text()
     track = read_tum(tmp_path / "out" / "trajectory.tum")
     assert track.stamps_us.tolist() == [int(image.stem) for image in images(drive)]
     assert found["evaluation"]["ate_rmse_m"] < 0.5
@@ -45,7 +45,7 @@ def test_an_unread_revolution_stays_one_when_a_run_is_resumed(drive: Path, tmp_p
         patch.setattr("mqslam.slam.odometry_edges", interrupt)
         assert run_quickly(drive, tmp_path / "out").code == 130
     shown = run_quickly(drive, tmp_path / "out", "--resume")
-    assert shown.code == 0 and "1 revolution could not be read and is left out" in shown.err
+    assert shown.code == 0 and "1 polar scan could not be read and is left out" in shown.err
     for name in ("trajectory.tum", "measurements.csv", "map.ply"):
         assert (tmp_path / "out" / name).read_bytes() == (tmp_path / "whole" / name).read_bytes()
 
@@ -66,7 +66,7 @@ def test_over_half_of_the_images_cannot_be_read(drive: Path, tmp_path: Path) -> 
     for image in images(drive)[3:22]:
         cut_short(image)
     before = contents(tmp_path)
-    assert_refused(run_quickly(drive, tmp_path / "out", "--quiet"), "is not a readable PNG", "like 19 of 30 revolutions")
+    assert_refused(run_quickly(drive, tmp_path / "out", "--quiet"), "is not a readable PNG", "like 19 of 30 polar scans")
     assert contents(tmp_path).keys() - before.keys() == {"quick.yaml"}
 
 
@@ -113,5 +113,5 @@ def test_azimuths_that_are_missing(drive: Path, tmp_path: Path) -> None:
     recording = open_recording(drive)
     assert recording[9].power.shape[0] == 120 and len(recording) == 30
     shown = run_quickly(drive, tmp_path / "out")
-    assert shown.code == 0 and "1 revolution could not be read" in shown.err
+    assert shown.code == 0 and "1 polar scan could not be read" in shown.err
     assert f"{images(drive)[15]}: has 12 azimuths, the first image 200" in shown.err

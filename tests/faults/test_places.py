@@ -14,7 +14,7 @@ import pytest
 from support.commands import mqslam, strict_json
 from support.faults import images, run_quickly
 
-from mqslam.backend.pose_graph import PoseCovariances, PoseGraph, marginals
+from mqslam.backend.pose_graph import PoseCovariances, PoseGraph, compute_marginals
 from mqslam.core import frontend
 from mqslam.core.frontend import Context
 from mqslam.core.measurement import Measurement, Status
@@ -45,10 +45,10 @@ def test_a_tunnel_that_tells_nothing_along_it(
 
     def watched(found: PoseGraph, values: gtsam.Values, indices: list[int]) -> PoseCovariances:
         seen.append((found.factors, values))
-        return marginals(found, values, indices)
+        return compute_marginals(found, values, indices)
 
     monkeypatch.setattr(frontend, "load", lambda name: Tunnel if name == "psi" else load(name))
-    monkeypatch.setattr("mqslam.report.run_page.marginals", watched)
+    monkeypatch.setattr("mqslam.report.run_page.compute_marginals", watched)
     shown = run_quickly(drive, tmp_path / "out", "--odometry", wheels if odometry == "wheels" else "none")
     assert shown.code == 0 and "warning: did not observe every direction from 0.0 s to 7.2 s" in shown.err
     assert "could not be made" not in shown.err and "the report shows no ellipses" not in shown.err
