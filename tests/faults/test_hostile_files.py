@@ -148,7 +148,7 @@ def test_a_pickle(drive: Path, tmp_path: Path) -> None:
             mqslam("audit", file, "--trajectory", "odometry", "--out", tmp_path / "out", "--quiet"), f"whole.{suffix}: "
         )
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("mqslam.slam.odometry_edges", interrupt)
+        patch.setattr("mqslam.slam.Problem", interrupt)
         assert run_quickly(drive, tmp_path / "out").code == 130
     for kept in (tmp_path / "out" / FOLDER).glob("*.npz"):
         np.savez(kept, **{name: attack for name in ("ranges", "ends", "psi")})  # type: ignore[arg-type]

@@ -42,7 +42,7 @@ def test_an_unread_revolution_stays_one_when_a_run_is_resumed(drive: Path, tmp_p
     cut_short(images(drive)[11])
     assert run_quickly(drive, tmp_path / "whole").code == 0
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("mqslam.slam.odometry_edges", interrupt)
+        patch.setattr("mqslam.slam.Problem", interrupt)
         assert run_quickly(drive, tmp_path / "out").code == 130
     shown = run_quickly(drive, tmp_path / "out", "--resume")
     assert shown.code == 0 and "1 polar scan could not be read and is left out" in shown.err
