@@ -87,7 +87,7 @@ class ViewerError(MqslamError):
     """Nothing to show a map with: no display, or a viewer that is not installed."""
 
 
-def said(error: Exception) -> str:
+def describe_error(error: Exception) -> str:
     """Any error in one line: what ours say, the type and first line of others."""
     if isinstance(error, MqslamError):
         return str(error)

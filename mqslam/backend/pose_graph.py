@@ -14,7 +14,7 @@ from scipy import sparse
 from scipy.sparse.linalg import splu
 
 from mqslam.core import se2
-from mqslam.errors import EstimationError, said
+from mqslam.errors import EstimationError, describe_error
 from mqslam.factors.prior import prior
 
 _POSES_AT_A_TIME: Final = 16  # whose columns are solved together: bounds the memory of right-hand sides
@@ -107,7 +107,7 @@ def optimise(graph: PoseGraph) -> Optimum:
         if not np.isfinite(poses_of(values, graph.size)).all():
             return Optimum(graph.initial, "the optimiser left the range of numbers")
     except Exception as error:  # whatever GTSAM throws, the initial values are a result
-        return Optimum(graph.initial, said(error))
+        return Optimum(graph.initial, describe_error(error))
     return Optimum(values)
 
 
@@ -139,7 +139,7 @@ def marginals(graph: PoseGraph, values: gtsam.Values, indices: Sequence[int]) ->
     try:
         found = _inverse_blocks(_jacobian(graph, values), indices)
     except Exception as error:  # a singular system, or one that does not fit into memory
-        return PoseCovariances.unknown(said(error))
+        return PoseCovariances.unknown(describe_error(error))
     sigmas = np.sqrt(np.maximum(np.einsum("kii->ki", found), 0.0))
     if not np.isfinite(found).all() or not np.all(sigmas > 0.0):
         return PoseCovariances.unknown("the graph leaves a direction open")

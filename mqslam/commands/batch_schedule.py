@@ -8,7 +8,7 @@ from pathlib import Path
 
 from mqslam.commands.run import Job, execute, finished, open_job
 from mqslam.commands.work import Work
-from mqslam.errors import MqslamError, said
+from mqslam.errors import MqslamError, describe_error
 from mqslam.execution.engine import DIED, Engine, LocalEngine
 from mqslam.execution.folders import check_free
 from mqslam.execution.progress import Progress
@@ -71,7 +71,7 @@ def run_one(terms: Terms, order: Order) -> Outcome:
         summary = execute(job, out, Work(LocalEngine(terms.jobs)), resume=not terms.force, how=AGAIN)
         return Outcome(summary)
     except Exception as error:  # a front end may be anyone's code, and the others are to go on
-        return Outcome(failure=said(error))
+        return Outcome(failure=describe_error(error))
 
 
 def _kept(terms: Terms, order: Order) -> Outcome | None:

@@ -13,7 +13,7 @@ from mqslam.core.frontend import Context
 from mqslam.core.measurement import Measurement
 from mqslam.core.scans import Scans
 from mqslam.core.trajectory import Trajectory
-from mqslam.errors import said
+from mqslam.errors import describe_error
 from mqslam.execution.engine import DIED, Engine, LocalEngine
 from mqslam.execution.progress import Progress
 from mqslam.execution.runner import Runner
@@ -125,7 +125,7 @@ def run_front_end(returned: Returned, named: tuple[str, Context]) -> Row:
             found.warnings,
         )
     except Exception as error:  # a front end may be anyone's code, and the others are to go on
-        return Row(name, failure=said(error))
+        return Row(name, failure=describe_error(error))
 
 
 def given_row(name: str, trajectory: Trajectory) -> Row:
