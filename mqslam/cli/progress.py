@@ -57,12 +57,12 @@ def work_of(
         ClusterError: the cluster cannot be used.
     """
     from mqslam.commands.work import Work, ignore
-    from mqslam.execution.workers import chosen
+    from mqslam.execution.workers import choose_engine
 
     def tell(note: str) -> None:
         print_notes(console, [note])
 
-    with chosen(cluster, jobs) as engine, progress(console, silent) as show:
+    with choose_engine(cluster, jobs) as engine, progress(console, silent) as show:
         yield Work(engine, show, ignore if quiet else tell, watch)
 
 

@@ -11,7 +11,7 @@ if TYPE_CHECKING:
 
 
 @contextmanager
-def chosen(cluster: str | None, jobs: int) -> Iterator[Engine]:
+def choose_engine(cluster: str | None, jobs: int) -> Iterator[Engine]:
     """The workers of a cluster if there is an address of one, or so many jobs on this machine.
 
     Raises:
