@@ -15,7 +15,7 @@ from mqslam.core.recording import Recording
 from mqslam.core.trajectory import Trajectory
 from mqslam.errors import Remedy
 from mqslam.execution.checkpoint import run_key, unfinished
-from mqslam.execution.files import plain
+from mqslam.execution.files import to_json_values
 from mqslam.execution.folders import check_free, whole_folder
 from mqslam.execution.runner import Runner
 from mqslam.report.run_page import write_run_pages
@@ -144,7 +144,9 @@ def execute(job: Job, out: Path, work: Work, *, resume: bool, how: str = Remedy.
         runner = Runner(work.engine, work.progress, checkpoint, work.watch)
         result = Slam(job.settings, job.frontend, runner, strict=job.strict).run(job.recording, job.odometry)
         warnings = [*run_warnings(result, job.recording), *job.notes]
-        summary: dict[str, Any] = plain({**summarise(result, job.recording), "warnings": warnings, "run_key": job.key})
+        summary: dict[str, Any] = to_json_values(
+            {**summarise(result, job.recording), "warnings": warnings, "run_key": job.key}
+        )
         with whole_folder(out) as folder:
             write_run(folder, result, summary, job.log)
             add_warnings(folder, summary, job.log, write_run_pages(folder, result, job.recording, summary))

@@ -52,15 +52,15 @@ def write_json(path: Path, content: Mapping[str, Any]) -> None:
 
 def json_text(content: Mapping[str, Any]) -> str:
     """The content as JSON that every language reads."""
-    return json.dumps(plain(content), indent=1, allow_nan=False)
+    return json.dumps(to_json_values(content), indent=1, allow_nan=False)
 
 
-def plain(value: Any) -> Any:
+def to_json_values(value: Any) -> Any:
     """The value with null for numbers that JSON does not have, and NumPy's numbers as Python's."""
     if isinstance(value, Mapping):
-        return {key: plain(part) for key, part in value.items()}
+        return {key: to_json_values(part) for key, part in value.items()}
     if isinstance(value, list | tuple):
-        return [plain(part) for part in value]
+        return [to_json_values(part) for part in value]
     if isinstance(value, np.generic):
         value = value.item()
     return None if isinstance(value, float) and not math.isfinite(value) else value
