@@ -55,7 +55,7 @@ def audit(
     from mqslam.cli.progress import work_of
     from mqslam.commands.audit import audit as do
     from mqslam.errors import ConfigError
-    from mqslam.execution.files import json_text
+    from mqslam.execution.files import to_json
 
     if trajectory is None and (times is not None or topic is not None):
         raise ConfigError("--times and --topic: belong to a trajectory from a file; give --trajectory FILE")
@@ -76,7 +76,7 @@ def audit(
             work=work,
         )
     if as_json:
-        typer.echo(json_text(result.summary))
+        typer.echo(to_json(result.summary))
     elif not quiet:
         typer.echo("\n".join(_lines(result.summary)))
         typer.echo(f"results in {out}; open {result.report} in a browser")

@@ -37,14 +37,14 @@ def batch(
 
     from mqslam.cli.progress import work_of
     from mqslam.commands.batch import run_batch
-    from mqslam.execution.files import json_text
+    from mqslam.execution.files import to_json
 
     console = Console(stderr=True, markup=False)
     with work_of(console, cluster, jobs, quiet=quiet, silent=quiet or as_json) as work:
         result = run_batch(runs, out, force=force, work=work)
     summary = result.summary
     if as_json:
-        typer.echo(json_text(summary))
+        typer.echo(to_json(summary))
     elif not quiet:
         Console(soft_wrap=True).print(_table(summary))
         typer.echo(f"report: {result.report}")

@@ -58,7 +58,7 @@ def compare(
 
     from mqslam.cli.progress import work_of
     from mqslam.commands.compare import compare as do
-    from mqslam.execution.files import json_text
+    from mqslam.execution.files import to_json
 
     console = Console(stderr=True, markup=False)
     given = _parse_trajectories(trajectory or [])
@@ -79,7 +79,7 @@ def compare(
             work=work,
         )
     if as_json:
-        typer.echo(json_text(result.summary))
+        typer.echo(to_json(result.summary))
     elif not quiet:
         _print(result.table)
         typer.echo(f"results in {out}; open {result.report} in a browser")

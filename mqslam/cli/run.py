@@ -68,7 +68,7 @@ def run(
     from mqslam.cli.progress import print_notes, work_of
     from mqslam.commands.run import run as do
     from mqslam.config import load_config
-    from mqslam.execution.files import json_text
+    from mqslam.execution.files import to_json
 
     settings = load_config(config)
     console = Console(stderr=True, markup=False)
@@ -91,7 +91,7 @@ def run(
         )
     summary = result.summary
     if as_json:
-        typer.echo(json_text(summary))
+        typer.echo(to_json(summary))
     elif not quiet:
         for warning in summary["warnings"]:
             console.print(f"warning: {warning}", style="yellow", highlight=False, soft_wrap=True)

@@ -46,11 +46,11 @@ def write_text(path: Path, text: str) -> None:
 
 
 def write_json(path: Path, content: Mapping[str, Any]) -> None:
-    """Write a JSON file whole or not at all; see `json_text`."""
-    write_text(path, json_text(content) + "\n")
+    """Write a JSON file whole or not at all; see `to_json`."""
+    write_text(path, to_json(content) + "\n")
 
 
-def json_text(content: Mapping[str, Any]) -> str:
+def to_json(content: Mapping[str, Any]) -> str:
     """The content as JSON that every language reads."""
     return json.dumps(to_json_values(content), indent=1, allow_nan=False)
 
