@@ -24,7 +24,7 @@ from mqslam.config import Config, dump_yaml
 from mqslam.core.recording import Recording
 from mqslam.core.trajectory import Trajectory
 from mqslam.errors import ClusterError, MqslamError, OutputError, Remedy
-from mqslam.execution.files import write_text, written_whole
+from mqslam.execution.files import write_aside, write_text
 from mqslam.execution.kept import Kept
 
 R = TypeVar("R")
@@ -139,5 +139,5 @@ class Checkpoint:
             raise OutputError(f"{self._folder}: cannot be made ({error.strerror})", Remedy.CHOOSE_OUTPUT) from error
         if not (self._folder / "run.json").exists():
             write_text(self._folder / "run.json", json.dumps({"key": self._key}))
-        with written_whole(self._folder / name) as aside, aside.open("wb") as file:
+        with write_aside(self._folder / name) as aside, aside.open("wb") as file:
             np.savez(file, **arrays)  # type: ignore[arg-type]

@@ -17,7 +17,7 @@ from mqslam.errors import OutputError
 
 
 @contextlib.contextmanager
-def written_whole(path: Path) -> Iterator[Path]:
+def write_aside(path: Path) -> Iterator[Path]:
     """A temporary path beside `path`; it takes the name of `path` when the block ends without an error.
 
     Raises:
@@ -41,7 +41,7 @@ def written_whole(path: Path) -> Iterator[Path]:
 
 def write_text(path: Path, text: str) -> None:
     """Write a UTF-8 text file whole or not at all."""
-    with written_whole(path) as aside:
+    with write_aside(path) as aside:
         aside.write_text(text, encoding="utf-8")
 
 
@@ -68,5 +68,5 @@ def to_json_values(value: Any) -> Any:
 
 def write_bytes(path: Path, content: bytes) -> None:
     """Write a file whole or not at all."""
-    with written_whole(path) as aside:
+    with write_aside(path) as aside:
         aside.write_bytes(content)

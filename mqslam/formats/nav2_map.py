@@ -8,7 +8,7 @@ import numpy as np
 import yaml
 
 from mqslam.core.point_map import OccupancyGrid
-from mqslam.execution.files import write_text, written_whole
+from mqslam.execution.files import write_aside, write_text
 
 _OCCUPIED = 0
 _UNKNOWN = 205
@@ -28,7 +28,7 @@ def write_nav2_map(folder: Path, grid: OccupancyGrid) -> None:
         OutputError: a file cannot be written.
     """
     height, width = grid.occupied.shape
-    with written_whole(folder / "map.pgm") as aside, aside.open("wb") as file:
+    with write_aside(folder / "map.pgm") as aside, aside.open("wb") as file:
         file.write(f"P5\n{width} {height}\n255\n".encode())
         file.write(np.where(grid.occupied[::-1], np.uint8(_OCCUPIED), np.uint8(_UNKNOWN)).tobytes())
     # map_server reads a pixel p as the occupancy (255 - p) / 255: 205 gives 0.19608, just above free_thresh.

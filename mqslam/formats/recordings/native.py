@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from mqslam.core.recording import PolarScan, Recording
 from mqslam.core.trajectory import Trajectory
 from mqslam.errors import DataError
-from mqslam.execution.files import written_whole
+from mqslam.execution.files import write_aside
 from mqslam.formats.shared import npz
 from mqslam.formats.shared.poses import checked
 from mqslam.formats.shared.sensing import Sensing, is_bin_length
@@ -47,7 +47,7 @@ def write_native(path: Path, recording: Recording) -> None:
         DataError: the stream cannot be read.
         OutputError: the file cannot be written.
     """
-    with written_whole(path) as aside, zipfile.ZipFile(aside, "w", zipfile.ZIP_STORED) as archive:
+    with write_aside(path) as aside, zipfile.ZipFile(aside, "w", zipfile.ZIP_STORED) as archive:
         _write(archive, "stamps_us", recording.stamps_us)
         _write(archive, "turns_us", recording.turns_us)
         _write(archive, "range_resolution", np.float64(recording.range_resolution))

@@ -15,7 +15,7 @@ import numpy as np
 
 from mqslam.core import se2
 from mqslam.errors import OutputError
-from mqslam.execution.files import written_whole
+from mqslam.execution.files import write_aside
 from mqslam.execution.folders import whole_folder
 from mqslam.formats.shared.polar_message import B_SCAN_DEFINITION, B_SCAN_TYPE
 
@@ -102,7 +102,7 @@ def bag_written(out: Path, kind: str) -> Iterator[Bag]:
 
 @contextlib.contextmanager
 def _file_written(out: Path, kind: str) -> Iterator[Bag]:
-    with written_whole(out) as aside, tempfile.TemporaryDirectory(prefix=f".{out.name}.", dir=out.parent) as folder:
+    with write_aside(out) as aside, tempfile.TemporaryDirectory(prefix=f".{out.name}.", dir=out.parent) as folder:
         path = Path(folder) / out.name
         with _opened(path, kind) as bag:
             yield bag
