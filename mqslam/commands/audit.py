@@ -14,7 +14,7 @@ from mqslam.config import Config, with_doppler_beta
 from mqslam.core.trajectory import Trajectory
 from mqslam.detection.stage import detect_all, scans_of, unread_warnings
 from mqslam.errors import ConfigError, Remedy
-from mqslam.execution.folders import check_free, whole_folder
+from mqslam.execution.folders import check_free, write_folder_aside
 from mqslam.execution.runner import Runner
 from mqslam.formats import lidars
 from mqslam.formats.clouds import read_cloud
@@ -91,7 +91,7 @@ def audit(  # noqa: PLR0913 - these are the options of an audit, each with its d
     judged = judge.audit(sweeps, *sections, work.engine, work.progress)
     dataset = {"format": kind, "path": str(data)}
     summary = summarise(judged, sweeps, settings.audit, settings.verdict, dataset, name, notes)
-    with whole_folder(out) as folder:
+    with write_folder_aside(out) as folder:
         write_audit(folder, settings, summary)
         add_warnings(folder, summary, write_audit_pages(folder, data.resolve().name, judged, sweeps, settings, summary))
     for warning in summary["warnings"][len(notes) :]:

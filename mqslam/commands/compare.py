@@ -18,7 +18,7 @@ from mqslam.core.trajectory import Trajectory
 from mqslam.detection.stage import detect_all, scans_of, unread_warnings
 from mqslam.errors import ConfigError, EstimationError
 from mqslam.execution.checkpoint import run_key, unfinished
-from mqslam.execution.folders import check_free, whole_folder
+from mqslam.execution.folders import check_free, write_folder_aside
 from mqslam.execution.runner import Runner
 from mqslam.formats.trajectories import read_trajectory
 from mqslam.psi.place import beam_of
@@ -141,7 +141,7 @@ def compare(  # noqa: PLR0913 - these are the options of a comparison, each with
             warnings=tuple(summary["warnings"]),
             settings_yaml=dump_yaml(settings),
         )
-        with whole_folder(out) as folder:
+        with write_folder_aside(out) as folder:
             write_compare(folder, settings, summary, rows)
             add_warnings(folder, summary, write_compare_pages(folder, report))
     for warning in summary["warnings"][len(failures) :]:

@@ -16,7 +16,7 @@ from mqslam.core.trajectory import Trajectory
 from mqslam.errors import Remedy
 from mqslam.execution.checkpoint import run_key, unfinished
 from mqslam.execution.files import to_json_values
-from mqslam.execution.folders import check_free, whole_folder
+from mqslam.execution.folders import check_free, write_folder_aside
 from mqslam.execution.runner import Runner
 from mqslam.report.run_page import write_run_pages
 from mqslam.results.run_results import add_warnings, write_run
@@ -147,7 +147,7 @@ def execute(job: Job, out: Path, work: Work, *, resume: bool, how: str = Remedy.
         summary: dict[str, Any] = to_json_values(
             {**summarise(result, job.recording), "warnings": warnings, "run_key": job.key}
         )
-        with whole_folder(out) as folder:
+        with write_folder_aside(out) as folder:
             write_run(folder, result, summary, job.log)
             add_warnings(folder, summary, job.log, write_run_pages(folder, result, job.recording, summary))
     return summary

@@ -13,7 +13,7 @@ from mqslam.execution.checkpoint import FOLDER
 
 
 @contextmanager
-def whole_folder(out: Path) -> Iterator[Path]:
+def write_folder_aside(out: Path) -> Iterator[Path]:
     """A folder aside that takes the place of `out` when the block ends without an error.
 
     Its name is always the same, so that what a killed run leaves there is cleared by the next one.

@@ -16,7 +16,7 @@ import numpy as np
 from mqslam.core import se2
 from mqslam.errors import OutputError
 from mqslam.execution.files import write_aside
-from mqslam.execution.folders import whole_folder
+from mqslam.execution.folders import write_folder_aside
 from mqslam.formats.shared.polar_message import B_SCAN_DEFINITION, B_SCAN_TYPE
 
 if TYPE_CHECKING:
@@ -113,7 +113,7 @@ def _file_written(out: Path, kind: str) -> Iterator[Bag]:
 def _folder_written(out: Path, kind: str) -> Iterator[Bag]:
     if kind == "rosbag2" and set("?#%") & set(str(out)):
         raise OutputError(f"{out}: sqlite takes ?, # and % in a path for something else; choose another output")
-    with whole_folder(out) as aside:
+    with write_folder_aside(out) as aside:
         inside = aside / out.name  # ROS 2 names the files in a bag after its folder
         with _opened(inside, kind) as bag:
             yield bag

@@ -9,7 +9,7 @@ from pathlib import Path
 from mqslam.core.recording import Recording
 from mqslam.core.trajectory import Trajectory
 from mqslam.errors import OutputError
-from mqslam.execution.folders import whole_folder
+from mqslam.execution.folders import write_folder_aside
 from mqslam.formats.recordings import mulran as mulran_reader
 from mqslam.formats.recordings import radiate as radiate_reader
 from mqslam.formats.recordings import rosbag as rosbag_reader
@@ -58,7 +58,7 @@ def write_recording(
     if target.is_bag:
         rosbag.write(out, source, target.name, message)
     elif target.name in _FOLDERS:
-        with whole_folder(out) as folder:
+        with write_folder_aside(out) as folder:
             notes = _FOLDERS[target.name](folder, source)
     else:
         write_native(out, source)
