@@ -79,7 +79,7 @@ def check_writable(out: Path) -> None:
         raise OutputError(f"{out}: cannot be made ({above} is no folder to write to)", Remedy.CHOOSE_OUTPUT)
 
 
-def new_folder(path: Path) -> Path:
+def make_folder(path: Path) -> Path:
     """Make an output folder that must not hold anything yet.
 
     Raises:

@@ -16,7 +16,7 @@ import numpy as np
 
 from mqslam.errors import ConfigError, OutputError
 from mqslam.execution.files import write_text
-from mqslam.execution.folders import new_folder
+from mqslam.execution.folders import make_folder
 from mqslam.formats.writing import oxford
 from mqslam.simulator.drive import ConstantDrive, Drive, loop_drive, with_way_made
 from mqslam.simulator.in_memory import SimulatedRecording, simulated_recording
@@ -141,7 +141,7 @@ def _folder_written_whole(out: Path) -> Iterator[Path]:
     """A new folder beside `out`; it becomes `out` when the block ends without an error, else it is removed."""
     out = out.absolute()
     existed = out.exists()
-    new_folder(out)
+    make_folder(out)
     try:
         aside = Path(tempfile.mkdtemp(prefix=f".{out.name}.", dir=out.parent))
         try:

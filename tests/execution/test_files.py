@@ -9,7 +9,7 @@ import pytest
 
 from mqslam.errors import OutputError
 from mqslam.execution.files import write_aside, write_text
-from mqslam.execution.folders import new_folder
+from mqslam.execution.folders import make_folder
 
 
 def test_the_file_appears_when_the_block_ends(tmp_path: Path) -> None:
@@ -79,8 +79,8 @@ def test_text_is_utf_8_and_replaces_what_was_there(tmp_path: Path) -> None:
 
 def test_a_new_folder_is_made_with_its_parents(tmp_path: Path) -> None:
     out = tmp_path / "deep" / "out"
-    assert new_folder(out) == out and out.is_dir()
-    assert new_folder(out) == out
+    assert make_folder(out) == out and out.is_dir()
+    assert make_folder(out) == out
 
 
 @pytest.mark.parametrize("existing", ["file", "content"])
@@ -91,11 +91,11 @@ def test_a_folder_that_holds_something_is_refused_and_left_alone(tmp_path: Path,
     kept = out / "mine" if existing == "content" else out
     kept.write_text("kept")
     with pytest.raises(OutputError, match="out: exists already"):
-        new_folder(out)
+        make_folder(out)
     assert kept.read_text() == "kept"
 
 
 def test_a_folder_below_a_file_cannot_be_made(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("kept")
     with pytest.raises(OutputError, match="cannot be made"):
-        new_folder(tmp_path / "file" / "out")
+        make_folder(tmp_path / "file" / "out")
