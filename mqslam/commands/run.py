@@ -14,7 +14,7 @@ from mqslam.config import Config
 from mqslam.core.recording import Recording
 from mqslam.core.trajectory import Trajectory
 from mqslam.errors import Remedy
-from mqslam.execution.checkpoint import run_key, unfinished
+from mqslam.execution.checkpoint import keep_checkpoint, run_key
 from mqslam.execution.files import to_json_values
 from mqslam.execution.folders import check_free, write_folder_aside
 from mqslam.execution.runner import Runner
@@ -140,7 +140,7 @@ def execute(job: Job, out: Path, work: Work, *, resume: bool, how: str = Remedy.
     Raises:
         MqslamError: whatever makes the run impossible; nothing is left then but what can be resumed.
     """
-    with unfinished(out, job.key, resume=resume, how=how) as checkpoint:
+    with keep_checkpoint(out, job.key, resume=resume, how=how) as checkpoint:
         runner = Runner(work.engine, work.progress, checkpoint, work.watch)
         result = Slam(job.settings, job.frontend, runner, strict=job.strict).run(job.recording, job.odometry)
         warnings = [*run_warnings(result, job.recording), *job.notes]

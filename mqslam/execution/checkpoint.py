@@ -45,7 +45,7 @@ def run_key(recording: Recording, config: Config, frontend: str, odometry: Traje
 
 
 @contextmanager
-def unfinished(out: Path, key: str, *, resume: bool, how: str = Remedy.RESUME) -> Iterator[Checkpoint]:
+def keep_checkpoint(out: Path, key: str, *, resume: bool, how: str = Remedy.RESUME) -> Iterator[Checkpoint]:
     """Yields the checkpoint of a run while it goes on; what cannot be resumed to any end leaves nothing behind.
 
     What is left behind by a full disk, a lost cluster, an interrupt or a fault of ours says how to go on.

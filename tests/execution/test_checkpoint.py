@@ -19,7 +19,7 @@ from mqslam.core.scans import Detected, Returns
 from mqslam.core.trajectory import Trajectory
 from mqslam.detection.stage import detect_all
 from mqslam.errors import DataError, OutputError
-from mqslam.execution.checkpoint import FOLDER, Checkpoint, run_key, unfinished
+from mqslam.execution.checkpoint import FOLDER, Checkpoint, keep_checkpoint, run_key
 from mqslam.execution.kept import LOOPS, MEASURED, kept_stretch
 from mqslam.execution.runner import Runner
 from mqslam.psi.tracking import doppler as doppler_module
@@ -208,7 +208,7 @@ def test_another_runs_checkpoint_is_refused_and_left(tmp_path: Path) -> None:
     before = contents(tmp_path)
     with pytest.raises(OutputError, match=r"unfinished run of other data or settings; choose another output"):
         resumed(tmp_path / "out")
-    with pytest.raises(OutputError), unfinished(tmp_path / "out", "this run", resume=True):
+    with pytest.raises(OutputError), keep_checkpoint(tmp_path / "out", "this run", resume=True):
         pass
     assert contents(tmp_path) == before
 
@@ -249,7 +249,7 @@ def test_every_stage_is_written_whole_or_not_at_all(tmp_path: Path, monkeypatch:
 
 
 def test_an_error_of_the_user_leaves_nothing(tmp_path: Path) -> None:
-    with pytest.raises(DataError), unfinished(tmp_path / "out", "this run", resume=False) as checkpoint:
+    with pytest.raises(DataError), keep_checkpoint(tmp_path / "out", "this run", resume=False) as checkpoint:
         checkpoint.keep(kept_stretch(0, 5), DETECTED)
         raise DataError("drive", "is broken")
     assert contents(tmp_path) == {}
@@ -258,7 +258,7 @@ def test_an_error_of_the_user_leaves_nothing(tmp_path: Path) -> None:
 def test_an_error_of_the_user_leaves_an_earlier_result(tmp_path: Path) -> None:
     (tmp_path / "out").mkdir()
     (tmp_path / "out" / "mine").write_text("kept")
-    with pytest.raises(DataError), unfinished(tmp_path / "out", "this run", resume=False) as checkpoint:
+    with pytest.raises(DataError), keep_checkpoint(tmp_path / "out", "this run", resume=False) as checkpoint:
         checkpoint.keep(kept_stretch(0, 5), DETECTED)
         raise DataError("drive", "is broken")
     assert contents(tmp_path) == {"out": None, "out/mine": b"kept"}
@@ -267,7 +267,7 @@ def test_an_error_of_the_user_leaves_an_earlier_result(tmp_path: Path) -> None:
 @pytest.mark.parametrize("error", [KeyboardInterrupt, MemoryError])
 @pytest.mark.parametrize("resume", [False, True])
 def test_an_interrupted_run_can_be_resumed(tmp_path: Path, error: type[BaseException], resume: bool) -> None:
-    with pytest.raises(error), unfinished(tmp_path / "out", "this run", resume=resume) as checkpoint:
+    with pytest.raises(error), keep_checkpoint(tmp_path / "out", "this run", resume=resume) as checkpoint:
         checkpoint.keep(LOOPS, LoopSearch(CLOSURES, 17))
         raise error
     assert resumed(tmp_path / "out").find(LOOPS) is not None
@@ -276,7 +276,7 @@ def test_an_interrupted_run_can_be_resumed(tmp_path: Path, error: type[BaseExcep
 def test_an_error_while_resuming_keeps_what_was_there(tmp_path: Path) -> None:
     filled(tmp_path / "out")
     before = contents(tmp_path)
-    with pytest.raises(OutputError), unfinished(tmp_path / "out", "this run", resume=True):
+    with pytest.raises(OutputError), keep_checkpoint(tmp_path / "out", "this run", resume=True):
         raise OutputError("disk full")
     assert contents(tmp_path) == before
 
