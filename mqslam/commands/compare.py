@@ -17,7 +17,7 @@ from mqslam.core.frontend import Context
 from mqslam.core.trajectory import Trajectory
 from mqslam.detection.stage import detect_all, scans_of, unread_warnings
 from mqslam.errors import ConfigError, EstimationError
-from mqslam.execution.checkpoint import keep_checkpoint, run_key
+from mqslam.execution.checkpoint import hash_run, keep_checkpoint
 from mqslam.execution.folders import check_free, write_folder_aside
 from mqslam.execution.runner import Runner
 from mqslam.formats.trajectories import read_trajectory
@@ -87,7 +87,7 @@ def compare(  # noqa: PLR0913 - these are the options of a comparison, each with
     if kiss_config is not None and _KISS in frontends:  # a file that KISS-ICP refuses is a mistake, not a row that fails
         known_frontends.load(_KISS)(Context(settings, revolution_s, start_us, None))
     enough_in_common(given, scans_of(recording), settings.audit.window)  # refuses before the recording is read
-    key = run_key(recording, settings, f"compare {','.join(frontends)} {odometry_only}", track)
+    key = hash_run(recording, settings, f"compare {','.join(frontends)} {odometry_only}", track)
     with keep_checkpoint(out, key, resume=resume) as checkpoint:
         runner = Runner(work.engine, work.progress, checkpoint)
         scans, detected = detect_all(recording, settings.detector, runner)

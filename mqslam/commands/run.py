@@ -14,7 +14,7 @@ from mqslam.config import Config
 from mqslam.core.recording import Recording
 from mqslam.core.trajectory import Trajectory
 from mqslam.errors import Remedy
-from mqslam.execution.checkpoint import keep_checkpoint, run_key
+from mqslam.execution.checkpoint import hash_run, keep_checkpoint
 from mqslam.execution.files import to_json_values
 from mqslam.execution.folders import check_free, write_folder_aside
 from mqslam.execution.runner import Runner
@@ -100,7 +100,7 @@ class Job:
     @property
     def key(self) -> str:
         """What the result depends on."""
-        return run_key(self.recording, self.settings, self.frontend, self.odometry)
+        return hash_run(self.recording, self.settings, self.frontend, self.odometry)
 
 
 def open_job(

@@ -32,7 +32,7 @@ R = TypeVar("R")
 FOLDER = "checkpoint"
 
 
-def run_key(recording: Recording, config: Config, frontend: str, odometry: Trajectory | None) -> str:
+def hash_run(recording: Recording, config: Config, frontend: str, odometry: Trajectory | None) -> str:
     """Returns what a run's result depends on, in one string: another key is another run."""
     digest = hashlib.sha256()
     path, resolution = str(recording.path.resolve()), str(recording.range_resolution)

@@ -20,7 +20,7 @@ from mqslam.core.frontend import Context
 from mqslam.core.measurement import Measurement
 from mqslam.core.scans import Scan
 from mqslam.core.trajectory import Trajectory
-from mqslam.execution.checkpoint import FOLDER, run_key
+from mqslam.execution.checkpoint import FOLDER, hash_run
 from mqslam.formats.recordings import open_recording
 from mqslam.formats.tum import write_tum
 from mqslam.report.batch_page import write_batch_pages
@@ -160,7 +160,7 @@ def test_a_run_that_died_writing_can_be_resumed_by_a_later_version(
 def test_other_bounds_of_the_verdict_make_another_run(drive: Path) -> None:
     recording, usual = open_recording(drive), load_config(drive.with_name("quick.yaml"))
     strict = usual.model_copy(update={"verdict": usual.verdict.model_copy(update={"confidence": 0.99})})
-    assert run_key(recording, usual, "psi", None) != run_key(recording, strict, "psi", None)
+    assert hash_run(recording, usual, "psi", None) != hash_run(recording, strict, "psi", None)
 
 
 class Broken:

@@ -19,7 +19,7 @@ from mqslam.core.scans import Detected, Returns
 from mqslam.core.trajectory import Trajectory
 from mqslam.detection.stage import detect_all
 from mqslam.errors import DataError, OutputError
-from mqslam.execution.checkpoint import FOLDER, Checkpoint, keep_checkpoint, run_key
+from mqslam.execution.checkpoint import FOLDER, Checkpoint, hash_run, keep_checkpoint
 from mqslam.execution.kept import LOOPS, MEASURED, kept_stretch
 from mqslam.execution.runner import Runner
 from mqslam.psi.tracking import doppler as doppler_module
@@ -288,11 +288,11 @@ def test_a_place_that_cannot_be_written_is_said_so(tmp_path: Path) -> None:
 
 
 ANOTHER: dict[str, Callable[[SimulatedRecording], str]] = {
-    "settings": lambda s: run_key(s, Config(sensor=SensorConfig(doppler_beta=0.01)), "psi", s.odometry),
-    "front end": lambda s: run_key(s, Config(), "kiss_icp", s.odometry),
-    "no odometry": lambda s: run_key(s, Config(), "psi", None),
-    "other odometry": lambda s: run_key(s, Config(), "psi", moved(s.odometry)),
-    "other recording": lambda s: run_key(
+    "settings": lambda s: hash_run(s, Config(sensor=SensorConfig(doppler_beta=0.01)), "psi", s.odometry),
+    "front end": lambda s: hash_run(s, Config(), "kiss_icp", s.odometry),
+    "no odometry": lambda s: hash_run(s, Config(), "psi", None),
+    "other odometry": lambda s: hash_run(s, Config(), "psi", moved(s.odometry)),
+    "other recording": lambda s: hash_run(
         simulated_recording(s.scene, s.drive, duration_s=4.0, sensor=s.sensor), Config(), "psi", s.odometry
     ),
 }
@@ -305,6 +305,6 @@ def moved(track: Trajectory | None) -> Trajectory:
 
 @pytest.mark.parametrize("change", ANOTHER)
 def test_whatever_changes_the_result_changes_the_key(recording: SimulatedRecording, change: str) -> None:
-    key = run_key(recording, Config(), "psi", recording.odometry)
-    assert key == run_key(recording, Config(), "psi", recording.odometry)
+    key = hash_run(recording, Config(), "psi", recording.odometry)
+    assert key == hash_run(recording, Config(), "psi", recording.odometry)
     assert ANOTHER[change](recording) != key
