@@ -47,7 +47,7 @@ _LOGGERS = ("distributed", "distributed.client", "tornado")
 
 
 @contextmanager
-def connected(address: str) -> Iterator[DaskEngine]:
+def connect(address: str) -> Iterator[DaskEngine]:
     """The workers of a cluster.
 
     Args:

@@ -22,7 +22,7 @@ def choose_engine(cluster: str | None, jobs: int) -> Iterator[Engine]:
 
         yield LocalEngine(jobs)
     else:
-        from mqslam.execution.cluster import connected
+        from mqslam.execution.cluster import connect
 
-        with connected(cluster) as engine:
+        with connect(cluster) as engine:
             yield engine

@@ -14,7 +14,7 @@ from support.commands import INSTALLED, mqslam, processes
 from mqslam.errors import ClusterError
 from mqslam.execution import cluster as cluster_module
 from mqslam.execution.checkpoint import FOLDER
-from mqslam.execution.cluster import connected
+from mqslam.execution.cluster import connect
 from mqslam.execution.engine import HERE, LocalEngine
 from mqslam.simulator import simulate
 
@@ -48,7 +48,7 @@ def test_what_a_killed_worker_had_to_do_is_done_by_another(crew: Cluster) -> Non
     def kill(number: int, result: int) -> None:
         crew.workers[0].kill()
 
-    with connected(crew.address) as engine:
+    with connect(crew.address) as engine:
         assert engine.map(slow_sum, [1, 2], range(8), kill) == [3 + k for k in range(8)]
 
 
@@ -69,7 +69,7 @@ def test_workers_that_are_all_gone_are_not_waited_for_forever(crew: Cluster) -> 
         for worker in crew.workers:
             worker.kill()
 
-    with connected(crew.address) as engine, pytest.raises(ClusterError, match="has no workers left"):
+    with connect(crew.address) as engine, pytest.raises(ClusterError, match="has no workers left"):
         engine.map(slow_sum, [1, 2], range(20), kill)
 
 
@@ -86,13 +86,13 @@ def test_what_tasks_share_is_sent_again_when_all_who_held_it_are_gone(
     numbers: list[int] = []
     shared = list(range(100_000))  # too much to travel with every task
     monkeypatch.setattr(cluster_module, "_LOOK_S", 60.0)  # a worker takes seconds to start, more on a busy machine
-    with connected(crew.address) as engine:
+    with connect(crew.address) as engine:
         found = engine.map(slow_sum, shared, range(12), lambda number, _: (numbers.append(number), replace(number, 0)))
     assert found == [sum(shared) + k for k in range(12)] and numbers == list(range(1, 13))
 
 
 def test_what_a_function_raises_is_not_taken_for_the_clusters_trouble(crew: Cluster) -> None:
-    with connected(crew.address) as engine, pytest.raises(OSError, match="No space left"):
+    with connect(crew.address) as engine, pytest.raises(OSError, match="No space left"):
         engine.map(full_disk, [], range(3))
 
 
@@ -102,7 +102,7 @@ def test_a_call_that_kills_its_process_is_its_own_failure_alone() -> None:
 
 @pytest.mark.slow
 def test_a_call_that_kills_its_process_again_and_again_is_its_own_failure_alone(tmp_path: Path) -> None:
-    with cluster(tmp_path / "dask", workers=5) as found, connected(found.address) as engine:
+    with cluster(tmp_path / "dask", workers=5) as found, connect(found.address) as engine:
         assert engine.apart(fatal, [1], [-1, 5]) == [None, 6]
 
 
