@@ -8,7 +8,7 @@ from pathlib import Path
 from pydantic import BaseModel, ConfigDict, Field
 
 from mqslam.config import load_config, shipped_names
-from mqslam.config.reading import parsed
+from mqslam.config.reading import parse_yaml
 from mqslam.core import frontend as frontends
 from mqslam.errors import ConfigError
 from mqslam.results.batch_results import Order
@@ -44,7 +44,7 @@ def read_plan(path: Path) -> tuple[list[Order], str]:
         text = path.read_text(encoding="utf-8")
     except (OSError, ValueError) as error:
         raise ConfigError(f"{path}: cannot be read ({error}); give a YAML file with the runs") from error
-    plan = parsed(Plan, path, text)
+    plan = parse_yaml(Plan, path, text)
     orders: list[Order] = []
     for number, run in enumerate(plan.runs):
         try:

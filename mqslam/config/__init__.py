@@ -19,7 +19,7 @@ from mqslam.config.graph_config import GraphConfig
 from mqslam.config.loop_config import LoopConfig
 from mqslam.config.map_config import MapConfig
 from mqslam.config.psi_config import PsiConfig
-from mqslam.config.reading import parsed
+from mqslam.config.reading import parse_yaml
 from mqslam.config.sensor_config import SensorConfig
 from mqslam.config.tracker_config import TrackerConfig
 from mqslam.config.verdict_config import VerdictConfig
@@ -86,7 +86,7 @@ def load_config(name: str | Path | None = None) -> Config:
             raise ConfigError(f"{name}: no such configuration; give a YAML file or one of {', '.join(shipped_names())}")
     except (OSError, ValueError) as error:
         raise ConfigError(f"{name}: cannot be read ({error})") from error
-    return parsed(Config, name, content)
+    return parse_yaml(Config, name, content)
 
 
 def shipped_names() -> list[str]:

@@ -14,7 +14,7 @@ from mqslam.errors import ConfigError
 M = TypeVar("M", bound=BaseModel)
 
 
-def parsed(model: type[M], name: str | Path, text: str | bytes) -> M:
+def parse_yaml(model: type[M], name: str | Path, text: str | bytes) -> M:
     """The settings in a YAML text.
 
     Args:
