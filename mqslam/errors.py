@@ -118,4 +118,4 @@ def tolerate(what: str, warnings: list[str]) -> Iterator[None]:
         raise
     except Exception as error:  # a figure, a library or a check of the map may fail in any way
         _log.info("%s could not be made", what, exc_info=error)
-        warnings.append(f"{what} could not be made ({said(error)}); the other results are whole")
+        warnings.append(f"{what} could not be made ({describe_error(error)}); the other results are whole")
