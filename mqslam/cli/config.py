@@ -24,13 +24,13 @@ def show(
 
     Example: mqslam config show oxford > mine.yaml
     """
-    from mqslam.config import explained_yaml, load_config
+    from mqslam.config import explain_yaml, load_config
 
     settings = load_config(name)
     if as_json:
         typer.echo(json.dumps(settings.model_dump(mode="json"), indent=1))
     else:
-        typer.echo(explained_yaml(settings, everything=everything), nl=False)
+        typer.echo(explain_yaml(settings, everything=everything), nl=False)
 
 
 @config.command()

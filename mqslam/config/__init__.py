@@ -41,7 +41,7 @@ __all__ = [
     "VerdictConfig",
     "changes",
     "dump_yaml",
-    "explained_yaml",
+    "explain_yaml",
     "load_config",
     "shipped_names",
     "with_doppler_beta",
@@ -106,7 +106,7 @@ def dump_yaml(config: Config) -> str:
     return text
 
 
-def explained_yaml(config: Config, *, everything: bool = True) -> str:
+def explain_yaml(config: Config, *, everything: bool = True) -> str:
     """Returns the settings as YAML with the reason and unit of each above it.
 
     Args:
