@@ -12,9 +12,9 @@ import typer
 
 def _configs(incomplete: str) -> list[str]:
     """Names of shipped settings, for the shell to complete."""
-    from mqslam.config import shipped_names
+    from mqslam.config import list_shipped
 
-    return [name for name in shipped_names() if name.startswith(incomplete)]
+    return [name for name in list_shipped() if name.startswith(incomplete)]
 
 
 def _frontends(incomplete: str) -> list[str]:

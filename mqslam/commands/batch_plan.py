@@ -7,7 +7,7 @@ from pathlib import Path
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from mqslam.config import load_config, shipped_names
+from mqslam.config import list_shipped, load_config
 from mqslam.config.reading import parse_yaml
 from mqslam.core import frontend as frontends
 from mqslam.errors import ConfigError
@@ -62,6 +62,6 @@ def _order(run: PlannedRun, folder: Path, taken: set[str]) -> Order:
     if name in taken:
         raise ConfigError(f"name {name}: is that of another run; give one of them another name")
     frontends.known(run.frontend)
-    config = run.config if run.config is None or run.config in shipped_names() else folder / run.config
+    config = run.config if run.config is None or run.config in list_shipped() else folder / run.config
     odometry = run.odometry if run.odometry in ("auto", "none") else str(folder / run.odometry)
     return Order(name, data, run.frontend, odometry, load_config(config))

@@ -43,7 +43,7 @@ __all__ = [
     "dump_yaml",
     "explain_yaml",
     "load_config",
-    "shipped_names",
+    "list_shipped",
     "with_doppler_beta",
 ]
 
@@ -83,13 +83,13 @@ def load_config(name: str | Path | None = None) -> Config:
         elif shipped.is_file():
             content = shipped.read_bytes()
         else:
-            raise ConfigError(f"{name}: no such configuration; give a YAML file or one of {', '.join(shipped_names())}")
+            raise ConfigError(f"{name}: no such configuration; give a YAML file or one of {', '.join(list_shipped())}")
     except (OSError, ValueError) as error:
         raise ConfigError(f"{name}: cannot be read ({error})") from error
     return parse_yaml(Config, name, content)
 
 
-def shipped_names() -> list[str]:
+def list_shipped() -> list[str]:
     """Configurations that come with mqslam."""
     folder = resources.files("mqslam.configs")
     return sorted(entry.name[:-5] for entry in folder.iterdir() if entry.name.endswith(".yaml"))

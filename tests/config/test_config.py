@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from pydantic import BaseModel, ValidationError
 
-from mqslam.config import Config, dump_yaml, load_config, shipped_names
+from mqslam.config import Config, dump_yaml, list_shipped, load_config
 from mqslam.errors import ConfigError
 
 
@@ -42,8 +42,8 @@ def test_no_file_and_the_shipped_default_are_the_defaults() -> None:
 
 
 def test_every_shipped_configuration_loads() -> None:
-    assert {"boreas", "default", "mulran", "oxford", "radiate"} <= set(shipped_names())
-    for name in shipped_names():
+    assert {"boreas", "default", "mulran", "oxford", "radiate"} <= set(list_shipped())
+    for name in list_shipped():
         assert isinstance(load_config(name), Config)
     assert load_config("oxford").sensor.range_resolution_m == 0.0438
 
