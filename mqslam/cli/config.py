@@ -43,9 +43,9 @@ def diff(
 
     Example: mqslam config diff result/config.yaml
     """
-    from mqslam.config import changes, load_config
+    from mqslam.config import list_changes, load_config
 
-    found = changes(load_config(other), load_config(name))
+    found = list_changes(load_config(other), load_config(name))
     if as_json:
         typer.echo(json.dumps({key: {"from": before, "to": after} for key, before, after in found}, indent=1))
         return

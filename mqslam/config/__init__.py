@@ -39,7 +39,7 @@ __all__ = [
     "SensorConfig",
     "TrackerConfig",
     "VerdictConfig",
-    "changes",
+    "list_changes",
     "dump_yaml",
     "explain_yaml",
     "load_config",
@@ -133,7 +133,7 @@ def explain_yaml(config: Config, *, everything: bool = True) -> str:
     return "\n".join(lines)
 
 
-def changes(before: Config, after: Config) -> list[tuple[str, Any, Any]]:
+def list_changes(before: Config, after: Config) -> list[tuple[str, Any, Any]]:
     """Settings that differ: name, value before and value after, as JSON has them."""
     found = []
     for name, section in before:
