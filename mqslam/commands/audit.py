@@ -10,7 +10,7 @@ from mqslam.audit.sweeps import Sweeps, shared
 from mqslam.commands.opening import choose_settings, open_data
 from mqslam.commands.result import JudgedResult
 from mqslam.commands.work import QUIET, Work
-from mqslam.config import Config, with_doppler_beta
+from mqslam.config import Config, set_doppler_beta
 from mqslam.core.trajectory import Trajectory
 from mqslam.detection.stage import detect_all, scans_of, unread_warnings
 from mqslam.errors import ConfigError, Remedy
@@ -147,4 +147,4 @@ def _detect_radar(
     notes = (*recording.notes, *recording.faults, *unread_warnings(detected.unread))
     source = Source(recording.path, recording.format, scans, tracks, notes)
     beta = doppler_beta_of(scans, settings.sensor, settings.tracker, settings.estimator)
-    return source, track, with_doppler_beta(settings, beta)
+    return source, track, set_doppler_beta(settings, beta)

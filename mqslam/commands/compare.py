@@ -11,7 +11,7 @@ from mqslam.commands.result import CompareResult
 from mqslam.commands.work import QUIET, Work
 from mqslam.compare.judgement import agreement, enough_in_common, judge_rows, places, stations
 from mqslam.compare.rows import Row, front_end_rows, given_row
-from mqslam.config import Config, dump_yaml, with_doppler_beta
+from mqslam.config import Config, dump_yaml, set_doppler_beta
 from mqslam.core import frontend as known_frontends
 from mqslam.core.frontend import Context
 from mqslam.core.trajectory import Trajectory
@@ -93,7 +93,7 @@ def compare(  # noqa: PLR0913 - these are the options of a comparison, each with
         scans, detected = detect_all(recording, settings.detector, runner)
         notes += [*recording.faults, *unread_warnings(detected.unread)]
         beta = doppler_beta_of(scans, settings.sensor, settings.tracker, settings.estimator)
-        settings = with_doppler_beta(settings, beta)
+        settings = set_doppler_beta(settings, beta)
         beam = beam_of(settings.estimator, beta)
         contexts = {
             name: Context(settings, revolution_s, start_us, track if name == "odometry" else None, beta)

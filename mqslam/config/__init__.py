@@ -44,7 +44,7 @@ __all__ = [
     "explain_yaml",
     "load_config",
     "list_shipped",
-    "with_doppler_beta",
+    "set_doppler_beta",
 ]
 
 
@@ -95,7 +95,7 @@ def list_shipped() -> list[str]:
     return sorted(entry.name[:-5] for entry in folder.iterdir() if entry.name.endswith(".yaml"))
 
 
-def with_doppler_beta(config: Config, doppler_beta: float) -> Config:
+def set_doppler_beta(config: Config, doppler_beta: float) -> Config:
     """The settings as a result's config.yaml states them: with the Doppler shift [s] that was used."""
     return config.model_copy(update={"sensor": config.sensor.model_copy(update={"doppler_beta": doppler_beta})})
 
