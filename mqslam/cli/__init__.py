@@ -21,7 +21,7 @@ from mqslam.cli.score import score
 from mqslam.cli.simulate import simulate
 from mqslam.cli.view import view
 from mqslam.errors import MqslamError
-from mqslam.execution.interrupts import Interrupted, interruptible
+from mqslam.execution.interrupts import Interrupted, raise_interrupts
 
 app = typer.Typer(
     name="mqslam",
@@ -65,7 +65,7 @@ def _top(
 def main() -> None:
     """Entry point: a mistake a user can mend is one line on stderr and exit code 2, an interrupt 128 + its signal."""
     try:
-        with interruptible():
+        with raise_interrupts():
             app(prog_name="mqslam")
     except MqslamError as error:
         print(f"mqslam: error: {name_options(str(error))}", file=sys.stderr)

@@ -8,7 +8,7 @@ from concurrent.futures.process import BrokenProcessPool
 from multiprocessing import get_context
 from typing import Any, Final, Protocol, TypeVar
 
-from mqslam.execution.interrupts import interruptible, shielded
+from mqslam.execution.interrupts import raise_interrupts, shielded
 
 S = TypeVar("S")
 T = TypeVar("T")
@@ -148,7 +148,7 @@ def _alone(function: Callable[[S, T], R], shared: S, item: T) -> R | None:
 
 def _interruptibly(function: Callable[[S, T], R], shared: S, item: T) -> R:
     """Processes that the function starts end with this one."""
-    with interruptible():
+    with raise_interrupts():
         return function(shared, item)
 
 

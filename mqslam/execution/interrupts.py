@@ -27,7 +27,7 @@ class Interrupted(BaseException):
 
 
 @contextmanager
-def interruptible() -> Iterator[None]:
+def raise_interrupts() -> Iterator[None]:
     """SIGINT and SIGTERM raise `Interrupted` in the main thread and end all workers, while the block lasts.
 
     A signal that is ignored, as a shell has it in its background jobs, stays ignored.
