@@ -18,7 +18,7 @@ from typing import Any, TypeVar
 import mqslam
 from mqslam.errors import ClusterError, ConfigError
 from mqslam.execution.engine import unwatched
-from mqslam.execution.interrupts import shielded
+from mqslam.execution.interrupts import shield_from_interrupts
 
 try:
     import dask
@@ -78,7 +78,7 @@ def connect(address: str) -> Iterator[DaskEngine]:
 def _local(workers: int) -> Iterator[LocalCluster]:
     """Workers that end with the block; none sees Ctrl-C, and none is given up because it computes for long."""
     with tempfile.TemporaryDirectory(prefix="mqslam-") as scratch, dask.config.set(_HERE):
-        with shielded():
+        with shield_from_interrupts():
             cluster = LocalCluster(
                 n_workers=workers,
                 threads_per_worker=1,

@@ -8,7 +8,7 @@ from concurrent.futures.process import BrokenProcessPool
 from multiprocessing import get_context
 from typing import Any, Final, Protocol, TypeVar
 
-from mqslam.execution.interrupts import raise_interrupts, shielded
+from mqslam.execution.interrupts import raise_interrupts, shield_from_interrupts
 
 S = TypeVar("S")
 T = TypeVar("T")
@@ -101,7 +101,7 @@ class LocalEngine:
                 return _in_order(pool, [pool.submit(function, shared, item) for item in items], done)
         start: dict[str, Any] = {"initializer": _prepare, "initargs": (function, shared)}
         with ProcessPoolExecutor(self._jobs, mp_context=get_context("spawn"), **start) as workers:
-            with shielded():
+            with shield_from_interrupts():
                 pending: list[Future[R]] = [workers.submit(_prepared, item) for item in items]
             return _in_order(workers, pending, done)
 
@@ -139,7 +139,7 @@ def _in_order(pool: Executor, pending: list[Future[R]], done: Callable[[int, R],
 def _alone(function: Callable[[S, T], R], shared: S, item: T) -> R | None:
     try:
         with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
-            with shielded():
+            with shield_from_interrupts():
                 result = pool.submit(_interruptibly, function, shared, item)
             return result.result()
     except BrokenProcessPool:

@@ -61,7 +61,7 @@ def raise_interrupts() -> Iterator[None]:
 
 
 @contextmanager
-def shielded() -> Iterator[None]:
+def shield_from_interrupts() -> Iterator[None]:
     """Processes that are started inside never see SIGINT: the terminal sends it to all, and the main process ends them."""
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
