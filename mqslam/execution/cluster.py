@@ -17,7 +17,7 @@ from typing import Any, TypeVar
 
 import mqslam
 from mqslam.errors import ClusterError, ConfigError
-from mqslam.execution.engine import unwatched
+from mqslam.execution.engine import ignore_result
 from mqslam.execution.interrupts import shield_from_interrupts
 
 try:
@@ -139,7 +139,7 @@ class DaskEngine:
         function: Callable[[S, T], R],
         shared: S,
         items: Sequence[T],
-        done: Callable[[int, R], None] = unwatched,
+        done: Callable[[int, R], None] = ignore_result,
         *,
         processes: bool = False,
     ) -> list[R]:
@@ -159,7 +159,7 @@ class DaskEngine:
         function: Callable[[S, T], R],
         shared: S,
         items: Sequence[T],
-        done: Callable[[int, R | None], None] = unwatched,
+        done: Callable[[int, R | None], None] = ignore_result,
     ) -> list[R | None]:
         """As `Engine.apart`, as many at a time as there are workers."""
 

@@ -18,7 +18,7 @@ DIED = "its process died, for want of memory or by a fault of a library"
 _WORTH_PROCESSES = 5  # starting processes costs more than this many items
 
 
-def unwatched(number: int, result: object) -> None:
+def ignore_result(number: int, result: object) -> None:
     """What is called as items are done where nobody watches."""
 
 
@@ -39,7 +39,7 @@ class Engine(Protocol):
         function: Callable[[S, T], R],
         shared: S,
         items: Sequence[T],
-        done: Callable[[int, R], None] = unwatched,
+        done: Callable[[int, R], None] = ignore_result,
         *,
         processes: bool = False,
     ) -> list[R]:
@@ -63,7 +63,7 @@ class Engine(Protocol):
         function: Callable[[S, T], R],
         shared: S,
         items: Sequence[T],
-        done: Callable[[int, R | None], None] = unwatched,
+        done: Callable[[int, R | None], None] = ignore_result,
     ) -> list[R | None]:
         """The same for long calls that may take their process down with them: None for one that did."""
         ...
@@ -89,7 +89,7 @@ class LocalEngine:
         function: Callable[[S, T], R],
         shared: S,
         items: Sequence[T],
-        done: Callable[[int, R], None] = unwatched,
+        done: Callable[[int, R], None] = ignore_result,
         *,
         processes: bool = False,
     ) -> list[R]:
@@ -110,7 +110,7 @@ class LocalEngine:
         function: Callable[[S, T], R],
         shared: S,
         items: Sequence[T],
-        done: Callable[[int, R | None], None] = unwatched,
+        done: Callable[[int, R | None], None] = ignore_result,
     ) -> list[R | None]:
         """As `Engine.apart`, one process after the other."""
         return _collected((_alone(function, shared, item) for item in items), done)
