@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from mqslam.execution.engine import HERE, Engine
-from mqslam.execution.progress import Progress, silent
+from mqslam.execution.progress import Progress, ignore_progress
 from mqslam.execution.runner import Watch
 
 Tell = Callable[[str], None]
@@ -28,7 +28,7 @@ class Work:
     """
 
     engine: Engine = HERE
-    progress: Progress = silent
+    progress: Progress = ignore_progress
     tell: Tell = ignore
     watch: Watch | None = None
 

@@ -7,5 +7,5 @@ from collections.abc import Callable
 Progress = Callable[[str, int, int], object]  # stage, done, total
 
 
-def silent(stage: str, done: int, total: int) -> None:
+def ignore_progress(stage: str, done: int, total: int) -> None:
     """Progress that nobody sees."""

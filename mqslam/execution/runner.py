@@ -17,7 +17,7 @@ from mqslam.errors import tolerate
 from mqslam.execution.checkpoint import Checkpoint
 from mqslam.execution.engine import HERE, Engine
 from mqslam.execution.kept import Kept
-from mqslam.execution.progress import Progress, silent
+from mqslam.execution.progress import Progress, ignore_progress
 
 S = TypeVar("S")
 T = TypeVar("T")
@@ -49,7 +49,7 @@ class Runner:
     def __init__(
         self,
         engine: Engine = HERE,
-        progress: Progress = silent,
+        progress: Progress = ignore_progress,
         checkpoint: Checkpoint | None = None,
         watch: Watch | None = None,
     ) -> None:
