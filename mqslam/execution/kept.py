@@ -34,7 +34,7 @@ class Kept(Generic[R]):
     unpack: Callable[[Arrays], R]
 
 
-def kept_stretch(begin: int, end: int) -> Kept[Detected]:
+def describe_kept_stretch(begin: int, end: int) -> Kept[Detected]:
     """Returns how the returns of the polar scans begin <= k < end are kept."""
     names = [*_names(Returns), "ends", "unread", "why", "counts"]
     return Kept(f"returns-{begin:06d}-{end:06d}.npz", names, _pack_detected, _unpack_detected)

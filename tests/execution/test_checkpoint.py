@@ -20,7 +20,7 @@ from mqslam.core.trajectory import Trajectory
 from mqslam.detection.stage import detect_all
 from mqslam.errors import DataError, OutputError
 from mqslam.execution.checkpoint import FOLDER, Checkpoint, hash_run, keep_checkpoint
-from mqslam.execution.kept import LOOPS, MEASURED, kept_stretch
+from mqslam.execution.kept import LOOPS, MEASURED, describe_kept_stretch
 from mqslam.execution.runner import Runner
 from mqslam.psi.tracking import doppler as doppler_module
 from mqslam.simulator import SensorModel, SimulatedRecording, simulated_recording, street_scene
@@ -51,7 +51,7 @@ FILES = ("returns-000000-000005.npz", "measurements.npz", "loops.npz")
 def filled(out: Path, key: str = "this run") -> Checkpoint:
     """A checkpoint with every stage."""
     checkpoint = Checkpoint(out, key, resume=False)
-    checkpoint.keep(kept_stretch(0, 5), DETECTED)
+    checkpoint.keep(describe_kept_stretch(0, 5), DETECTED)
     checkpoint.keep(MEASURED, Measured(MEASUREMENTS, 0.0489))
     checkpoint.keep(LOOPS, LoopSearch(CLOSURES, 17))
     return checkpoint
@@ -62,7 +62,7 @@ def resumed(out: Path) -> Checkpoint:
 
 
 def found_in(checkpoint: Checkpoint) -> list[Any]:
-    return [checkpoint.find(kept_stretch(0, 5)), checkpoint.find(MEASURED), checkpoint.find(LOOPS)]
+    return [checkpoint.find(describe_kept_stretch(0, 5)), checkpoint.find(MEASURED), checkpoint.find(LOOPS)]
 
 
 def assert_same(one: Any, other: Any) -> None:
@@ -75,7 +75,7 @@ def assert_same(one: Any, other: Any) -> None:
 
 def test_returns_survive_a_round_trip(tmp_path: Path) -> None:
     filled(tmp_path / "out")
-    found = resumed(tmp_path / "out").find(kept_stretch(0, 5))
+    found = resumed(tmp_path / "out").find(describe_kept_stretch(0, 5))
     assert found is not None and repr(found.unread) == repr(DETECTED.unread)
     for one, other in zip(RETURNS, found.returns, strict=True):
         assert_same(one, other)
@@ -106,8 +106,8 @@ def test_that_there_are_no_loops_is_kept_too(tmp_path: Path) -> None:
 def test_another_stretch_is_not_there(tmp_path: Path) -> None:
     filled(tmp_path / "out")
     assert (
-        resumed(tmp_path / "out").find(kept_stretch(0, 4)) is None
-        and resumed(tmp_path / "out").find(kept_stretch(5, 10)) is None
+        resumed(tmp_path / "out").find(describe_kept_stretch(0, 4)) is None
+        and resumed(tmp_path / "out").find(describe_kept_stretch(5, 10)) is None
     )
 
 
@@ -250,7 +250,7 @@ def test_every_stage_is_written_whole_or_not_at_all(tmp_path: Path, monkeypatch:
 
 def test_an_error_of_the_user_leaves_nothing(tmp_path: Path) -> None:
     with pytest.raises(DataError), keep_checkpoint(tmp_path / "out", "this run", resume=False) as checkpoint:
-        checkpoint.keep(kept_stretch(0, 5), DETECTED)
+        checkpoint.keep(describe_kept_stretch(0, 5), DETECTED)
         raise DataError("drive", "is broken")
     assert contents(tmp_path) == {}
 
@@ -259,7 +259,7 @@ def test_an_error_of_the_user_leaves_an_earlier_result(tmp_path: Path) -> None:
     (tmp_path / "out").mkdir()
     (tmp_path / "out" / "mine").write_text("kept")
     with pytest.raises(DataError), keep_checkpoint(tmp_path / "out", "this run", resume=False) as checkpoint:
-        checkpoint.keep(kept_stretch(0, 5), DETECTED)
+        checkpoint.keep(describe_kept_stretch(0, 5), DETECTED)
         raise DataError("drive", "is broken")
     assert contents(tmp_path) == {"out": None, "out/mine": b"kept"}
 
