@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from mqslam.commands.run import Job, execute, finished, open_job
+from mqslam.commands.run import Job, execute, find_finished, open_job
 from mqslam.commands.work import Work
 from mqslam.errors import MqslamError, describe_error
 from mqslam.execution.engine import DIED, Engine, LocalEngine
@@ -80,7 +80,7 @@ def _kept(terms: Terms, order: Order) -> Outcome | None:
     if terms.force or not (out / "summary.json").exists():
         return None
     try:
-        summary = finished(out, _job(order).key)
+        summary = find_finished(out, _job(order).key)
     except MqslamError:
         return None  # `run_one` says why
     return None if summary is None else Outcome(summary, kept=True)

@@ -153,7 +153,7 @@ def execute(job: Job, out: Path, work: Work, *, resume: bool, how: str = Remedy.
     return summary
 
 
-def finished(out: Path, key: str) -> dict[str, Any] | None:
+def find_finished(out: Path, key: str) -> dict[str, Any] | None:
     """Returns the summary of a run that `out` holds, if it is whole and its result depends on the same."""
     try:
         summary = json.loads((out / "summary.json").read_text(encoding="utf-8"))
