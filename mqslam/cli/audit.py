@@ -52,7 +52,7 @@ def audit(
     """
     from rich.console import Console
 
-    from mqslam.cli.progress import work_of
+    from mqslam.cli.progress import set_up_work
     from mqslam.commands.audit import audit as do
     from mqslam.errors import ConfigError
     from mqslam.execution.files import to_json
@@ -61,7 +61,7 @@ def audit(
         raise ConfigError("--times and --topic: belong to a trajectory from a file; give --trajectory FILE")
     heights = _parse_heights(z_range)
     console = Console(stderr=True, markup=False)
-    with work_of(console, cluster, jobs, quiet=quiet, silent=quiet or as_json) as work:
+    with set_up_work(console, cluster, jobs, quiet=quiet, silent=quiet or as_json) as work:
         result = do(
             data,
             out,

@@ -35,12 +35,12 @@ def batch(
     """
     from rich.console import Console
 
-    from mqslam.cli.progress import work_of
+    from mqslam.cli.progress import set_up_work
     from mqslam.commands.batch import run_batch
     from mqslam.execution.files import to_json
 
     console = Console(stderr=True, markup=False)
-    with work_of(console, cluster, jobs, quiet=quiet, silent=quiet or as_json) as work:
+    with set_up_work(console, cluster, jobs, quiet=quiet, silent=quiet or as_json) as work:
         result = run_batch(runs, out, force=force, work=work)
     summary = result.summary
     if as_json:

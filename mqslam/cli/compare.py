@@ -56,13 +56,13 @@ def compare(
     """
     from rich.console import Console
 
-    from mqslam.cli.progress import work_of
+    from mqslam.cli.progress import set_up_work
     from mqslam.commands.compare import compare as do
     from mqslam.execution.files import to_json
 
     console = Console(stderr=True, markup=False)
     given = _parse_trajectories(trajectory or [])
-    with work_of(console, cluster, jobs, quiet=quiet, silent=quiet or as_json) as work:
+    with set_up_work(console, cluster, jobs, quiet=quiet, silent=quiet or as_json) as work:
         result = do(
             data,
             out,

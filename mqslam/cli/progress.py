@@ -40,7 +40,7 @@ def print_notes(console: Console, notes: Iterable[str]) -> None:
 
 
 @contextmanager
-def work_of(
+def set_up_work(
     console: Console, cluster: str | None, jobs: int, *, quiet: bool, silent: bool, watch: Watch | None = None
 ) -> Iterator[Work]:
     """Yields where a command's work is done, and what it tells a terminal.

@@ -65,7 +65,7 @@ def run(
     """
     from rich.console import Console
 
-    from mqslam.cli.progress import print_notes, work_of
+    from mqslam.cli.progress import print_notes, set_up_work
     from mqslam.commands.run import run as do
     from mqslam.config import load_config
     from mqslam.execution.files import to_json
@@ -74,7 +74,7 @@ def run(
     console = Console(stderr=True, markup=False)
     with (
         watching(live, force=force) as watch,
-        work_of(console, cluster, jobs, quiet=quiet, silent=quiet or as_json, watch=watch) as work,
+        set_up_work(console, cluster, jobs, quiet=quiet, silent=quiet or as_json, watch=watch) as work,
     ):
         result = do(
             data,
