@@ -73,7 +73,7 @@ def run(
     settings = load_config(config)
     console = Console(stderr=True, markup=False)
     with (
-        watching(live, force=force) as watch,
+        open_watch(live, force=force) as watch,
         set_up_work(console, cluster, jobs, quiet=quiet, silent=quiet or as_json, watch=watch) as work,
     ):
         result = do(
@@ -103,7 +103,7 @@ def run(
 
 
 @contextmanager
-def watching(live: str | None, *, force: bool) -> Iterator[Watch | None]:
+def open_watch(live: str | None, *, force: bool) -> Iterator[Watch | None]:
     """What shows every revolution as --live asks.
 
     Raises:
