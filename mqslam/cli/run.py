@@ -98,7 +98,7 @@ def run(
         if settings.sensor.doppler_beta is None and summary["doppler_beta"]:
             beta = summary["doppler_beta"]
             print_notes(console, [f"Doppler shift measured by psi: {beta:.4f} s of range per closing speed"])
-        Console(soft_wrap=True).print(summary_table(summary))
+        Console(soft_wrap=True).print(tabulate_summary(summary))
         typer.echo(f"report: {result.report}")
 
 
@@ -126,7 +126,7 @@ def open_watch(live: str | None, *, force: bool) -> Iterator[Watch | None]:
         yield log.watch
 
 
-def summary_table(summary: dict[str, Any]) -> Table:
+def tabulate_summary(summary: dict[str, Any]) -> Table:
     """The numbers a person asks for first."""
     from rich.table import Table
 
