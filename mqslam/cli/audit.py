@@ -81,10 +81,10 @@ def audit(
         typer.echo("\n".join(_lines(result.summary)))
         typer.echo(f"results in {out}; open {result.report} in a browser")
     if fail_on is not None:
-        raise typer.Exit(exit_code(result.verdict, fail_on))
+        raise typer.Exit(choose_exit_code(result.verdict, fail_on))
 
 
-def exit_code(status: VerdictStatus, fail_on: Literal["warn", "fail"]) -> int:
+def choose_exit_code(status: VerdictStatus, fail_on: Literal["warn", "fail"]) -> int:
     """The exit code of --fail-on: a map that could not be judged is neither good nor bad, and has its own."""
     from mqslam.audit.verdict import VerdictStatus
 

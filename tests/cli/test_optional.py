@@ -13,7 +13,7 @@ import pytest
 from support.commands import Result, mqslam, strict_json
 
 from mqslam.audit.verdict import VerdictStatus
-from mqslam.cli.audit import exit_code
+from mqslam.cli.audit import choose_exit_code
 from mqslam.config import Config, load_config
 from mqslam.core import frontend
 from mqslam.core.frontend import Context
@@ -249,7 +249,7 @@ def test_an_audit_keeps_its_numbers_without_pictures_and_report(
 def test_a_map_that_could_not_be_judged_has_an_exit_code_of_its_own(
     status: str, fail_on: Literal["warn", "fail"], code: int
 ) -> None:
-    assert exit_code(VerdictStatus(status), fail_on) == code
+    assert choose_exit_code(VerdictStatus(status), fail_on) == code
 
 
 def test_a_comparison_keeps_what_does_not_fail(drive: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
