@@ -10,7 +10,7 @@ from dataclasses import replace
 from mqslam.audit.judge import WindowAudit
 from mqslam.audit.sample import judged_sample
 from mqslam.backend.loops.closing import close_loops
-from mqslam.backend.odometry_edges import odometry_edges
+from mqslam.backend.odometry_edges import make_odometry_edges
 from mqslam.backend.pose_graph import poses_of
 from mqslam.backend.problem import Problem
 from mqslam.config import Config
@@ -107,7 +107,7 @@ class Slam:
         with runner.timed("windows"):
             measurements = self._measure(scans, context, beam)
         with runner.timed("optimise"):
-            odometry = odometry_edges(scans, context, self._name, measurements, config.graph)
+            odometry = make_odometry_edges(scans, context, self._name, measurements, config.graph)
             problem = Problem(measurements, odometry, config.graph, config.loops)
             poses = problem.poses([])
         search = LoopSearch([], 0)

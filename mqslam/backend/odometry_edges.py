@@ -14,7 +14,7 @@ from mqslam.factors.odometry_between import odometry_covariance
 ODOMETRY = "odometry"
 
 
-def odometry_edges(
+def make_odometry_edges(
     scans: Scans, context: Context, frontend: str, measurements: list[Measurement], settings: GraphConfig
 ) -> list[Measurement]:
     """Returns odometry's own motions with noise as large as they disagree with the front end's.
