@@ -10,7 +10,7 @@ from typing import Any, Literal
 
 import numpy as np
 import pytest
-from support.commands import Result, mqslam, strict_json
+from support.commands import Result, mqslam, parse_strict_json
 
 from mqslam.audit.verdict import VerdictStatus
 from mqslam.cli.audit import choose_exit_code
@@ -47,7 +47,7 @@ def run(drive: Path, out: Path, *more: str | Path) -> Result:
 
 
 def summary_of(out: Path, name: str = "summary.json") -> dict[str, Any]:
-    return strict_json((out / name).read_text())
+    return parse_strict_json((out / name).read_text())
 
 
 def failing(error: Exception) -> Callable[..., Any]:

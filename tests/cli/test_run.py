@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 import yaml
 from plyfile import PlyData
-from support.commands import contents, mqslam, strict_json
+from support.commands import contents, mqslam, parse_strict_json
 from support.parameters import mostly_slow
 from support.recordings import KINDS, bag_path, write_bag
 from support.reported import assert_alone
@@ -81,7 +81,7 @@ REVOLUTIONS = 48
 
 
 def summary_of(out: Path) -> dict[str, Any]:
-    return strict_json((out / "summary.json").read_text())
+    return parse_strict_json((out / "summary.json").read_text())
 
 
 def rows_of(out: Path) -> list[dict[str, str]]:
@@ -338,7 +338,7 @@ def test_the_number_of_jobs_changes_no_byte(
 
 def test_json_is_the_summary_and_nothing_else(street: Path, quick: Path, tmp_path: Path) -> None:
     shown = mqslam("run", street, "--out", tmp_path / "out", "--frontend", "odometry", "--config", quick, "--json")
-    assert strict_json(shown.out) == summary_of(tmp_path / "out")
+    assert parse_strict_json(shown.out) == summary_of(tmp_path / "out")
     assert shown.err == ""
 
 

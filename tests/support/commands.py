@@ -40,7 +40,7 @@ def mqslam(*arguments: str | Path | float) -> Result:
     return Result(code, out.getvalue(), err.getvalue())
 
 
-def strict_json(text: str) -> dict[str, Any]:
+def parse_strict_json(text: str) -> dict[str, Any]:
     """JSON as other languages read it: without NaN and Infinity."""
 
     def refuse(constant: str) -> None:
