@@ -26,7 +26,7 @@ import numpy as np
 import pytest
 from PIL import Image
 from support.clusters import Cluster, at
-from support.commands import INSTALLED, Result, contents, mqslam, parse_strict_json, processes
+from support.commands import INSTALLED, Result, mqslam, parse_strict_json, processes, read_contents
 from support.conversions import write_jittered
 from support.layouts import left_turn, write_radiate
 from support.parameters import mostly_slow
@@ -135,9 +135,9 @@ def test_an_image_that_cannot_be_read(drive: Path, tmp_path: Path) -> None:
     track = read_tum(tmp_path / "out" / "trajectory.tum")
     assert track.stamps_us.tolist() == [int(image.stem) for image in images(drive)]
     assert found["evaluation"]["ate_rmse_m"] < 0.5
-    before = contents(tmp_path)
+    before = read_contents(tmp_path)
     refused(run(drive, tmp_path / "strict", "--strict", "--quiet"), f"{broken[0]}: is not a readable PNG")
-    assert contents(tmp_path) == before
+    assert read_contents(tmp_path) == before
 
 
 def test_an_unread_revolution_stays_one_when_a_run_is_resumed(drive: Path, tmp_path: Path) -> None:
@@ -174,9 +174,9 @@ def test_a_first_or_last_image_that_cannot_be_read(drive: Path, tmp_path: Path) 
 def test_over_half_of_the_images_cannot_be_read(drive: Path, tmp_path: Path) -> None:
     for image in images(drive)[3:22]:
         cut(image)
-    before = contents(tmp_path)
+    before = read_contents(tmp_path)
     refused(run(drive, tmp_path / "out", "--quiet"), "is not a readable PNG", "like 19 of 30 revolutions")
-    assert contents(tmp_path).keys() - before.keys() == {"quick.yaml"}
+    assert read_contents(tmp_path).keys() - before.keys() == {"quick.yaml"}
 
 
 @pytest.mark.parametrize("name", ["odom.csv", "gt/poses_tum.txt"])
@@ -320,9 +320,9 @@ def test_a_file_cut_short(drive: Path, tmp_path: Path, kind: str) -> None:
         arguments = [file]
     if kind not in ("odometry", "settings"):
         file.write_bytes(file.read_bytes()[: file.stat().st_size // 2])
-    before = contents(tmp_path)
+    before = read_contents(tmp_path)
     refused(mqslam("run", *arguments, "--out", tmp_path / "out", "--quiet"), str(file))
-    assert contents(tmp_path) == before
+    assert read_contents(tmp_path) == before
 
 
 @pytest.mark.slow
@@ -379,7 +379,7 @@ def test_workers_are_sent_a_recordings_index_once(lane: Path, monkeypatch: pytes
 
 
 def test_an_output_that_is_read_only(drive: Path, tmp_path: Path) -> None:
-    before = contents(drive)
+    before = read_contents(drive)
     for out in (Path("/proc/out"), Path("/sys/out")):
         refused(run(drive, out), str(out), "cannot be made", "choose another --out")
         refused(mqslam("simulate", out, "--duration", "1", "--quiet"), str(out))
@@ -387,8 +387,8 @@ def test_an_output_that_is_read_only(drive: Path, tmp_path: Path) -> None:
         (disk / "mine").write_text("kept")
         subprocess.run(["mount", "-o", "remount,ro", disk], check=True)
         refused(run(drive, disk / "out"), f"{disk}/out: cannot be", "choose another --out")
-        assert contents(disk) == {"mine": b"kept"}
-    assert contents(drive) == before
+        assert read_contents(disk) == {"mine": b"kept"}
+    assert read_contents(drive) == before
 
 
 class mounted:
@@ -414,7 +414,7 @@ def test_a_full_disk(drive: Path, tmp_path: Path, size_kb: int) -> None:
     with mounted(tmp_path / "disk", f"{size_kb}k") as disk:
         shown = run(drive, disk / "out", "--quiet")
         refused(shown, str(disk), "No space left on device", "free space")
-        left = contents(disk)
+        left = read_contents(disk)
         assert all(name == "out" or name.startswith(f"out/{FOLDER}") for name in left), left
         kept = [name for name in left if name.endswith(".npz")]
         assert ("continue with --resume" in shown.err) == bool(kept)
@@ -424,7 +424,7 @@ def test_a_full_disk(drive: Path, tmp_path: Path, size_kb: int) -> None:
             assert FOLDER not in {path.name for path in (disk / "out").iterdir()}
     with mounted(tmp_path / "other", "300k") as disk:
         refused(mqslam("simulate", disk / "sim", "--duration", "3", "--quiet"), "No space left on device")
-        assert contents(disk) == {}
+        assert read_contents(disk) == {}
 
 
 INTERRUPTS = list(itertools.product(("run", "compare", "audit", "simulate"), (signal.SIGINT, signal.SIGTERM)))
@@ -737,14 +737,14 @@ def test_a_run_of_a_batch_that_fails(drive: Path, tmp_path: Path) -> None:
 
 def test_a_mistake_in_a_command(drive: Path, tmp_path: Path) -> None:
     """All of them are in `tests/cli/test_errors.py`."""
-    before = contents(tmp_path)
+    before = read_contents(tmp_path)
     for words, said in (
         (["--frontend", "kiss_ipc"], "did you mean kiss_icp?"),
         (["--format", "oxfrod"], "did you mean 'oxford'?"),
         (["--odometry", tmp_path / "nothing.csv"], "nothing.csv"),
     ):
         refused(mqslam("run", drive, "--out", tmp_path / "out", "--quiet", *words), said)
-    assert contents(tmp_path) == before
+    assert read_contents(tmp_path) == before
 
 
 def test_a_run_that_was_killed(lane: Path, tmp_path: Path) -> None:

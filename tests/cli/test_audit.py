@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from support.commands import contents, mqslam
+from support.commands import mqslam, read_contents
 
 from mqslam.core.trajectory import Trajectory
 from mqslam.formats.trajectories import write_kitti
@@ -94,7 +94,7 @@ def test_the_map_of_a_run_is_audited_as_a_cloud(street: Path, quick: Path, tmp_p
 def test_mistakes_are_one_line_and_leave_nothing(street: Path, tmp_path: Path, options: tuple[str, ...], said: str) -> None:
     result = mqslam("audit", street, "--out", tmp_path / "a", "--quiet", *options)
     assert result.code == 2 and said in result.err and len(result.err.splitlines()) == 1
-    assert contents(tmp_path) == {}
+    assert read_contents(tmp_path) == {}
 
 
 def test_results_are_not_replaced_unasked(street: Path, tmp_path: Path) -> None:
@@ -102,4 +102,4 @@ def test_results_are_not_replaced_unasked(street: Path, tmp_path: Path) -> None:
     (tmp_path / "a" / "mine").write_text("kept")
     result = mqslam("audit", street, "-t", "ground_truth", "--out", tmp_path / "a")
     assert result.code == 2 and "exists already" in result.err
-    assert contents(tmp_path) == {"a": None, "a/mine": b"kept"}
+    assert read_contents(tmp_path) == {"a": None, "a/mine": b"kept"}

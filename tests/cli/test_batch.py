@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 from support.clusters import cluster
-from support.commands import INSTALLED, Result, contents, in_this_process, mqslam, processes
+from support.commands import INSTALLED, Result, in_this_process, mqslam, processes, read_contents
 
 from mqslam.execution.checkpoint import FOLDER
 from mqslam.simulator import simulate
@@ -58,7 +58,7 @@ def test_every_run_that_can_be_is_done_and_its_files_are_those_of_a_run(work: Pa
     options = ("--odometry", "none", "--config", work / "quick.yaml", "--jobs", "1", "--quiet")
     assert mqslam("run", work / "drive", "--out", tmp_path / "alone", *options).code == 0
     assert tracks(work / "out")["radar only"] == (tmp_path / "alone" / "trajectory.tum").read_bytes()
-    assert set(contents(work / "out" / "radar only")) == set(contents(tmp_path / "alone"))
+    assert set(read_contents(work / "out" / "radar only")) == set(read_contents(tmp_path / "alone"))
 
 
 def test_the_numbers_of_all_runs_stand_together(work: Path) -> None:
@@ -104,12 +104,12 @@ def test_results_of_other_settings_are_neither_kept_nor_replaced_unasked(work: P
     (tmp_path / "quick.yaml").write_text("sensor: {doppler_beta: 0.0}\nmap: {cell_m: 0.5}\n")
     (tmp_path / "runs.yaml").write_text("runs: [{data: drive, name: wheels, frontend: odometry, config: quick.yaml}]")
     out = shutil.copytree(work / "out", tmp_path / "out")
-    before = contents(out / "wheels")
+    before = read_contents(out / "wheels")
     with in_this_process():
         shown = batch(tmp_path, out, "--quiet")
     assert shown.code == 1 and shown.err.count("\n") == 1
     assert shown.err.startswith(f"wheels failed: {out / 'wheels'}: exists already; ") and "--force" in shown.err
-    assert contents(out / "wheels") == before
+    assert read_contents(out / "wheels") == before
     with in_this_process():
         assert batch(tmp_path, out, "--force", "--quiet").code == 0
     assert (out / "wheels" / "config.yaml").read_bytes() != before["config.yaml"]
@@ -178,9 +178,9 @@ def test_a_mistake_in_the_list_is_one_line_before_anything_runs(tmp_path: Path, 
 
 
 def test_a_folder_with_other_results_is_left_alone(work: Path, tmp_path: Path) -> None:
-    before = contents(work / "out" / "drive")
+    before = read_contents(work / "out" / "drive")
     shown = batch(work, work / "out" / "drive")
     assert shown.code == 2 and "drive: holds other results; choose another --out" in shown.err
-    assert contents(work / "out" / "drive") == before
+    assert read_contents(work / "out" / "drive") == before
     (tmp_path / "file").write_text("kept")
     assert "cannot be made" in batch(work, tmp_path / "file" / "out").err

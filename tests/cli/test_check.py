@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 from PIL import Image
-from support.commands import contents, mqslam
+from support.commands import mqslam, read_contents
 from support.layouts import write_mulran_columns, write_radiate
 
 from mqslam.formats.recordings import open_recording
@@ -178,13 +178,13 @@ def test_ground_truth_is_never_used(tmp_path: Path) -> None:
 
 
 def test_a_person_reads_a_line_per_check_and_nothing_is_written(oxford: Path, tmp_path: Path) -> None:
-    before = contents(tmp_path)
+    before = read_contents(tmp_path)
     shown = mqslam("check", oxford, "--quiet")
     lines = shown.out.splitlines()
     assert [line[:24].strip() for line in lines] == NAMES and shown.err == ""
     assert all(line[24:].startswith(("ok", "suspicious", "cannot be told")) for line in lines)
     assert "note: range resolution 0.0438 m assumed" in mqslam("check", oxford).err
-    assert contents(tmp_path) == before
+    assert read_contents(tmp_path) == before
 
 
 def test_an_error_is_one_line_and_exit_code_2(tmp_path: Path) -> None:

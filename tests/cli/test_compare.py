@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from evo.core import metrics, sync
 from evo.tools import file_interface
-from support.commands import contents, in_this_process, mqslam
+from support.commands import in_this_process, mqslam, read_contents
 
 from mqslam.core.measurement import Measurement
 
@@ -143,4 +143,4 @@ def test_a_row_that_cannot_run_says_why_and_the_others_go_on(oxford_tiny: Path, 
 def test_mistakes_are_one_line_and_leave_nothing(street: Path, tmp_path: Path, options: tuple[str, ...], said: str) -> None:
     result = mqslam("compare", street, "--out", tmp_path / "out", *OPTIONS, *options)
     assert result.code == 2 and said in result.err and len(result.err.splitlines()) == 1
-    assert contents(tmp_path) == {}
+    assert read_contents(tmp_path) == {}

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 import yaml
 from rosbags.highlevel import AnyReader
-from support.commands import contents, mqslam
+from support.commands import mqslam, read_contents
 from support.conversions import EVEN, STAMPED
 from support.layouts import assert_alike, left_turn, write_radiate
 from support.recordings import START_US, TURN_US, assert_same, write_oxford
@@ -140,19 +140,19 @@ CASES = {
 def test_an_error_is_one_line_and_nothing_is_written(tmp_path: Path, case: str) -> None:
     build, message = CASES[case]
     arguments = build(tmp_path)
-    before = contents(tmp_path)
+    before = read_contents(tmp_path)
     shown = mqslam("convert", *arguments, "--quiet")
     assert shown.code == 2 and shown.out == ""
     assert shown.err.startswith("mqslam: error: ") and shown.err.count("\n") == 1, shown.err
     assert message in shown.err
-    assert contents(tmp_path) == before
+    assert read_contents(tmp_path) == before
 
 
 def test_a_file_is_never_converted_onto_itself(oxford: Path, tmp_path: Path) -> None:
     assert mqslam("convert", oxford, tmp_path / "drive.bag", "--quiet").code == 0
-    before = contents(tmp_path)
+    before = read_contents(tmp_path)
     shown = mqslam("convert", tmp_path / "drive.bag", tmp_path / "drive.bag", "--force")
-    assert shown.code == 2 and "is the recording itself" in shown.err and contents(tmp_path) == before
+    assert shown.code == 2 and "is the recording itself" in shown.err and read_contents(tmp_path) == before
 
 
 @pytest.mark.skipif(os.geteuid() == 0, reason="root may write anywhere")
@@ -172,9 +172,9 @@ def test_force_replaces_what_is_there_once_the_new_one_is_whole(oxford: Path, tm
     else:
         out.mkdir()
         (out / "old").write_text("old")
-    before = contents(tmp_path)
+    before = read_contents(tmp_path)
     shown = mqslam("convert", tmp_path / "nowhere", out, "--force")
-    assert shown.code == 2 and contents(tmp_path) == before
+    assert shown.code == 2 and read_contents(tmp_path) == before
     assert mqslam("convert", oxford, out, "--force", "--quiet").code == 0
     assert_same(open_recording(oxford), open_recording(out))
 
@@ -259,7 +259,7 @@ def test_who_comes_late_still_gets_the_map(finished: Path, tmp_path: Path) -> No
 @pytest.mark.parametrize("name", ["out", "out.npz"])
 def test_results_become_bags_only(finished: Path, tmp_path: Path, name: str) -> None:
     shown = mqslam("convert", finished, tmp_path / name)
-    assert shown.code == 2 and "is a run, and results become a bag" in shown.err and contents(tmp_path) == {}
+    assert shown.code == 2 and "is a run, and results become a bag" in shown.err and read_contents(tmp_path) == {}
 
 
 @pytest.mark.parametrize(
@@ -270,11 +270,11 @@ def test_a_damaged_result_is_named(finished: Path, tmp_path: Path, file: str, co
     for name in ("summary.json", "trajectory.tum", "map.yaml", "map.pgm", "map.ply"):
         (tmp_path / name).write_bytes((finished / name).read_bytes())
     (tmp_path / file).write_text(content)
-    before = contents(tmp_path)
+    before = read_contents(tmp_path)
     shown = mqslam("convert", tmp_path, tmp_path / "r.bag")
     named = "map.yaml" if file == "map.pgm" else file
     assert shown.code == 2 and f"{tmp_path / named}: " in shown.err and shown.err.count("\n") == 1
-    assert contents(tmp_path) == before
+    assert read_contents(tmp_path) == before
 
 
 @pytest.mark.parametrize("layout", LIKE_OXFORD)

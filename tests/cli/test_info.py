@@ -6,7 +6,7 @@ import json
 from pathlib import Path
 
 import pytest
-from support.commands import contents, mqslam
+from support.commands import mqslam, read_contents
 from support.recordings import KINDS, START_US, TURN_US, bag_path, write_bag, write_oxford
 
 from mqslam.commands.info import describe
@@ -21,7 +21,7 @@ def table_of(text: str) -> dict[str, str]:
 def test_a_person_reads_a_line_per_fact(tmp_path: Path) -> None:
     drive = write_oxford(tmp_path / "drive", revolutions=9, skip=(4, 5))
     (drive / "odom.csv").write_text(f"t,v,omega\n{START_US},2,0\n{START_US + 9 * TURN_US},2,0\n")
-    before = contents(tmp_path)
+    before = read_contents(tmp_path)
     shown = mqslam("info", drive)
     assert (shown.code, shown.err) == (0, "")
     table = table_of(shown.out)
@@ -38,7 +38,7 @@ def test_a_person_reads_a_line_per_fact(tmp_path: Path) -> None:
         "ground truth": "none",
         "gaps": "0.50 s after revolution 3",
     }
-    assert contents(tmp_path) == before
+    assert read_contents(tmp_path) == before
 
 
 def test_of_many_gaps_the_first_are_listed_and_the_others_counted(tmp_path: Path) -> None:

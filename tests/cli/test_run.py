@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 import yaml
 from plyfile import PlyData
-from support.commands import contents, mqslam, parse_strict_json
+from support.commands import mqslam, parse_strict_json, read_contents
 from support.parameters import mostly_slow
 from support.recordings import KINDS, bag_path, write_bag
 from support.reported import assert_alone
@@ -310,10 +310,10 @@ def test_kiss_icp_is_run_on_the_same_data(run: Callable[..., Path], quick: Path,
 
 
 def test_a_finished_run_is_not_resumed(street: Path, result: Path) -> None:
-    before = contents(result)
+    before = read_contents(result)
     shown = mqslam("run", street, "--out", result, "--resume")
     assert shown.code == 2 and "exists already" in shown.err and "--resume" not in shown.err
-    assert contents(result) == before
+    assert read_contents(result) == before
 
 
 @pytest.mark.slow

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from support.commands import contents, mqslam
+from support.commands import mqslam, read_contents
 
 from mqslam.config import Config, PsiConfig
 from mqslam.core.motion import CONSTANT_TWIST, CONSTANT_VELOCITY
@@ -135,9 +135,9 @@ def test_a_mistake_is_one_line_and_exit_code_2(street: Path, words: list[str | f
 
 
 def test_the_last_window_can_be_scored_and_nothing_is_written(street: Path) -> None:
-    before = contents(street)
+    before = read_contents(street)
     assert shown(street, "--start", 11.25, "--motion", "9,0")["window"]["t0"] == 11.25
-    assert contents(street) == before
+    assert read_contents(street) == before
 
 
 def test_a_window_without_returns_is_said(street: Path, tmp_path: Path) -> None:

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from support.commands import contents
+from support.commands import read_contents
 from support.drives import constant
 
 from mqslam import slam as slam_module
@@ -114,7 +114,7 @@ def test_another_stretch_is_not_there(tmp_path: Path) -> None:
 def test_nothing_is_there_before_it_is_kept_and_looking_makes_nothing(tmp_path: Path) -> None:
     for resume in (False, True):
         assert found_in(Checkpoint(tmp_path / "out", "this run", resume=resume)) == [None, None, None]
-    assert contents(tmp_path) == {}
+    assert read_contents(tmp_path) == {}
 
 
 @pytest.mark.parametrize("name", FILES)
@@ -169,7 +169,7 @@ def test_a_broken_stretch_is_detected_again(recording: SimulatedRecording, tmp_p
     config = Config().detector
     checkpoint = Checkpoint(tmp_path / "out", "this run", resume=False)
     first, _ = detect_all(recording, config, Runner(checkpoint=checkpoint))
-    before = contents(tmp_path)
+    before = read_contents(tmp_path)
     kept = sorted((tmp_path / "out" / FOLDER).glob("returns-*"))
     assert len(kept) == 2
     for broken in ([], kept[:1], kept[1:], kept):
@@ -180,7 +180,7 @@ def test_a_broken_stretch_is_detected_again(recording: SimulatedRecording, tmp_p
         for one, other in zip(first, again, strict=True):
             assert (one.t0, one.t1) == (other.t0, other.t1)
             assert_same(one.returns, other.returns)
-        assert contents(tmp_path).keys() == before.keys()
+        assert read_contents(tmp_path).keys() == before.keys()
 
 
 def test_a_resumed_run_repeats_no_finished_stage_and_ends_the_same(
@@ -205,12 +205,12 @@ def test_a_resumed_run_repeats_no_finished_stage_and_ends_the_same(
 
 def test_another_runs_checkpoint_is_refused_and_left(tmp_path: Path) -> None:
     filled(tmp_path / "out", "another run")
-    before = contents(tmp_path)
+    before = read_contents(tmp_path)
     with pytest.raises(OutputError, match=r"unfinished run of other data or settings; choose another output"):
         resumed(tmp_path / "out")
     with pytest.raises(OutputError), keep_checkpoint(tmp_path / "out", "this run", resume=True):
         pass
-    assert contents(tmp_path) == before
+    assert read_contents(tmp_path) == before
 
 
 @pytest.mark.parametrize("text", ["", "[]", "{}", '{"key": 3}'])
@@ -231,12 +231,12 @@ def test_a_new_run_clears_what_an_old_one_kept_and_nothing_else(tmp_path: Path) 
     filled(tmp_path / "out")
     (tmp_path / "out" / "mine").write_text("kept")
     assert found_in(Checkpoint(tmp_path / "out", "this run", resume=False)) == [None, None, None]
-    assert contents(tmp_path) == {"out": None, "out/mine": b"kept"}
+    assert read_contents(tmp_path) == {"out": None, "out/mine": b"kept"}
 
 
 def test_every_stage_is_written_whole_or_not_at_all(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     checkpoint = filled(tmp_path / "out")
-    before = contents(tmp_path)
+    before = read_contents(tmp_path)
 
     def dies(file: Any, **arrays: Any) -> None:
         file.write(b"half of")
@@ -245,14 +245,14 @@ def test_every_stage_is_written_whole_or_not_at_all(tmp_path: Path, monkeypatch:
     monkeypatch.setattr(np, "savez", dies)
     with pytest.raises(KeyboardInterrupt):
         checkpoint.keep(LOOPS, LoopSearch([], 0))
-    assert contents(tmp_path) == before
+    assert read_contents(tmp_path) == before
 
 
 def test_an_error_of_the_user_leaves_nothing(tmp_path: Path) -> None:
     with pytest.raises(DataError), keep_checkpoint(tmp_path / "out", "this run", resume=False) as checkpoint:
         checkpoint.keep(describe_kept_stretch(0, 5), DETECTED)
         raise DataError("drive", "is broken")
-    assert contents(tmp_path) == {}
+    assert read_contents(tmp_path) == {}
 
 
 def test_an_error_of_the_user_leaves_an_earlier_result(tmp_path: Path) -> None:
@@ -261,7 +261,7 @@ def test_an_error_of_the_user_leaves_an_earlier_result(tmp_path: Path) -> None:
     with pytest.raises(DataError), keep_checkpoint(tmp_path / "out", "this run", resume=False) as checkpoint:
         checkpoint.keep(describe_kept_stretch(0, 5), DETECTED)
         raise DataError("drive", "is broken")
-    assert contents(tmp_path) == {"out": None, "out/mine": b"kept"}
+    assert read_contents(tmp_path) == {"out": None, "out/mine": b"kept"}
 
 
 @pytest.mark.parametrize("error", [KeyboardInterrupt, MemoryError])
@@ -275,10 +275,10 @@ def test_an_interrupted_run_can_be_resumed(tmp_path: Path, error: type[BaseExcep
 
 def test_an_error_while_resuming_keeps_what_was_there(tmp_path: Path) -> None:
     filled(tmp_path / "out")
-    before = contents(tmp_path)
+    before = read_contents(tmp_path)
     with pytest.raises(OutputError), keep_checkpoint(tmp_path / "out", "this run", resume=True):
         raise OutputError("disk full")
-    assert contents(tmp_path) == before
+    assert read_contents(tmp_path) == before
 
 
 def test_a_place_that_cannot_be_written_is_said_so(tmp_path: Path) -> None:

@@ -57,7 +57,7 @@ def in_this_process() -> Iterator[None]:
         yield
 
 
-def contents(folder: Path) -> dict[str, bytes | None]:
+def read_contents(folder: Path) -> dict[str, bytes | None]:
     """Everything below a folder, hidden files too: bytes by name, None for folders."""
     return {
         str(path.relative_to(folder)): path.read_bytes() if path.is_file() else None for path in sorted(folder.rglob("*"))
