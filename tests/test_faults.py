@@ -26,7 +26,7 @@ import numpy as np
 import pytest
 from PIL import Image
 from support.clusters import Cluster, at
-from support.commands import INSTALLED, Result, mqslam, parse_strict_json, processes, read_contents
+from support.commands import INSTALLED, Result, list_processes, mqslam, parse_strict_json, read_contents
 from support.conversions import write_jittered
 from support.layouts import left_turn, write_radiate
 from support.parameters import mostly_slow
@@ -463,7 +463,7 @@ def test_ctrl_c_or_sigterm(drive: Path, tmp_path: Path, command: str, number: si
         assert {path.name for path in (folder / "out").iterdir()} == {FOLDER}
     else:
         assert last == "mqslam: interrupted" and list(folder.iterdir()) == []
-    assert processes(process.pid) == []
+    assert list_processes(process.pid) == []
 
 
 def test_a_signal_during_an_import_is_an_interrupt(

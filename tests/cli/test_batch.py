@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 from support.clusters import cluster
-from support.commands import INSTALLED, Result, in_this_process, mqslam, processes, read_contents
+from support.commands import INSTALLED, Result, in_this_process, list_processes, mqslam, read_contents
 
 from mqslam.execution.checkpoint import FOLDER
 from mqslam.simulator import simulate
@@ -142,7 +142,7 @@ def test_an_interrupted_batch_leaves_no_process_and_says_how_to_go_on(work: Path
     process.terminate()
     _, shown = process.communicate(timeout=300)
     assert process.returncode == 143 and shown.splitlines()[-1] == "mqslam: interrupted; the same command goes on with it"
-    assert "Traceback" not in shown and processes(process.pid) == []
+    assert "Traceback" not in shown and list_processes(process.pid) == []
     assert not list(tmp_path.glob("out/*.*"))
 
 

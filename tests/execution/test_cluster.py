@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 from support.clusters import Cluster, at, cluster, fatal, full_disk, slow_sum
-from support.commands import INSTALLED, mqslam, processes
+from support.commands import INSTALLED, list_processes, mqslam
 
 from mqslam.errors import ClusterError
 from mqslam.execution import cluster as cluster_module
@@ -108,9 +108,9 @@ def test_a_call_that_kills_its_process_again_and_again_is_its_own_failure_alone(
 
 @pytest.mark.parametrize("engine", [HERE, LocalEngine(3)])
 @pytest.mark.parametrize("processes", [False, True])
-def test_results_come_in_the_order_of_the_items(engine: LocalEngine, processes: bool) -> None:
+def test_results_come_in_the_order_of_the_items(engine: LocalEngine, list_processes: bool) -> None:
     done: list[tuple[int, int]] = []
-    found = engine.map(slow_sum, [1, 2], range(6), lambda *said: done.append(said), processes=processes)
+    found = engine.map(slow_sum, [1, 2], range(6), lambda *said: done.append(said), list_processes=list_processes)
     assert found == [3, 4, 5, 6, 7, 8] and done == list(zip(range(1, 7), found, strict=True))
 
 
@@ -197,4 +197,4 @@ def test_an_interrupt_leaves_no_process_and_what_can_be_resumed(lap: Path, tmp_p
     rest = process.stderr.read()
     assert process.wait(timeout=300) == 130 and rest.splitlines()[-1] == "mqslam: interrupted; continue with --resume"
     assert "Traceback" not in rest and {path.name for path in (tmp_path / "out").iterdir()} == {FOLDER}
-    assert processes(process.pid) == []
+    assert list_processes(process.pid) == []

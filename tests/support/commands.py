@@ -64,7 +64,7 @@ def read_contents(folder: Path) -> dict[str, bytes | None]:
     }
 
 
-def processes(session: int) -> list[Path]:
+def list_processes(session: int) -> list[Path]:
     """The processes of a session that are alive, after a moment to end."""
     end = time.monotonic() + 60.0
     while alive := [stat for stat in Path("/proc").glob("[0-9]*/stat") if _in_session(stat, session)]:
