@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 from support.clusters import cluster
-from support.commands import INSTALLED, Result, in_this_process, list_processes, mqslam, read_contents
+from support.commands import INSTALLED, Result, list_processes, mqslam, read_contents, run_in_this_process
 
 from mqslam.execution.checkpoint import FOLDER
 from mqslam.simulator import simulate
@@ -38,7 +38,7 @@ def work(tmp_path_factory: pytest.TempPathFactory) -> Path:
     simulate(drive, duration_s=7.0, turn_rate_hz=2.0, azimuths=200, range_resolution=0.35, max_range=60.0, movers=0)
     (folder / "quick.yaml").write_text("sensor: {doppler_beta: 0.0}\n")
     (folder / "runs.yaml").write_text(RUNS)
-    with in_this_process():
+    with run_in_this_process():
         shown = batch(folder, folder / "out")
     assert shown.code == 1 and shown.out.splitlines()[-1] == f"report: {folder / 'out' / 'report.html'}"
     assert f"gone failed: {drive.with_name('gone')}: does not exist" in shown.err
@@ -105,12 +105,12 @@ def test_results_of_other_settings_are_neither_kept_nor_replaced_unasked(work: P
     (tmp_path / "runs.yaml").write_text("runs: [{data: drive, name: wheels, frontend: odometry, config: quick.yaml}]")
     out = shutil.copytree(work / "out", tmp_path / "out")
     before = read_contents(out / "wheels")
-    with in_this_process():
+    with run_in_this_process():
         shown = batch(tmp_path, out, "--quiet")
     assert shown.code == 1 and shown.err.count("\n") == 1
     assert shown.err.startswith(f"wheels failed: {out / 'wheels'}: exists already; ") and "--force" in shown.err
     assert read_contents(out / "wheels") == before
-    with in_this_process():
+    with run_in_this_process():
         assert batch(tmp_path, out, "--force", "--quiet").code == 0
     assert (out / "wheels" / "config.yaml").read_bytes() != before["config.yaml"]
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from evo.core import metrics, sync
 from evo.tools import file_interface
-from support.commands import in_this_process, mqslam, read_contents
+from support.commands import mqslam, read_contents, run_in_this_process
 
 from mqslam.core.measurement import Measurement
 
@@ -60,7 +60,7 @@ def compared(street: Path, quick: Path, tmp_path_factory: pytest.TempPathFactory
     """The street by psi, KISS-ICP and its wheels, beside the truth as a given trajectory."""
     out = tmp_path_factory.mktemp("compared") / "out"
     rows = ("--frontends", "psi,kiss_icp,odometry", "--trajectory", f"truth={street / 'gt' / 'poses_tum.txt'}")
-    with in_this_process():
+    with run_in_this_process():
         result = mqslam("compare", street, "--out", out, *rows, "--config", quick, *OPTIONS)
     assert (result.code, result.err) == (0, "")
     return out

@@ -51,7 +51,7 @@ def parse_strict_json(text: str) -> dict[str, Any]:
 
 
 @contextlib.contextmanager
-def in_this_process() -> Iterator[None]:
+def run_in_this_process() -> Iterator[None]:
     """Do what is done in a process of its own in this one while the block lasts, which spares the imports of another."""
     with mock.patch.object(engine, "_alone", lambda function, shared, item: function(shared, item)):
         yield
