@@ -66,7 +66,7 @@ class Slam:
             EstimationError: data that holds no motion.
         """
         config, runner = self._config, self._runner
-        with runner.timed("total"):
+        with runner.time_stage("total"):
             context = Context(config, recording.revolution_s, recording.start_us, odometry)
             self._frontend(context)  # says what it lacks before the recording is read
             scans, detected = detect_all(recording, config.detector, runner, strict=self._strict)
@@ -75,12 +75,12 @@ class Slam:
                 solution = self.solve(scans, replace(context, doppler_beta=self._measure_doppler(scans)))
             except FewReturnsError as error:
                 raise EstimationError(f"{error}: {detected.counts.remedy}") from error
-            with runner.timed("render"):
+            with runner.time_stage("render"):
                 tracks = {"the map before optimisation": solution.odometry, "the map": solution.optimised}
                 maps = [self._render(what, scans, track, solution.beam) for what, track in tracks.items()]
                 before, after = runner.follow("render", maps, len(maps))
             checks: list[WindowAudit] = []
-            with runner.timed("check"), runner.optional("the check of the map"):
+            with runner.time_stage("check"), runner.optional("the check of the map"):
                 track, beam = solution.optimised, solution.beam
                 checks = judged_sample(scans, track, config.audit, config.estimator, beam, runner)
         return Run(
@@ -104,17 +104,17 @@ class Slam:
         """
         config, runner = self._config, self._runner
         beam = beam_of(config.estimator, context.doppler_beta)
-        with runner.timed("windows"):
+        with runner.time_stage("windows"):
             measurements = self._measure(scans, context, beam)
-        with runner.timed("optimise"):
+        with runner.time_stage("optimise"):
             odometry = make_odometry_edges(scans, context, self._name, measurements, config.graph)
             problem = Problem(measurements, odometry, config.graph, config.loops)
             poses = problem.poses([])
         search = LoopSearch([], 0)
         if config.loops.enabled:
-            with runner.timed("loops"), runner.optional("the search for loops"):
+            with runner.time_stage("loops"), runner.optional("the search for loops"):
                 search = runner.once(LOOPS, lambda: close_loops(scans, problem, poses, config.estimator, beam, runner))
-        with runner.timed("optimise"):
+        with runner.time_stage("optimise"):
             graph, optimum = problem.optimise(search.loops)
         runner.warnings += optimum.warnings
         return Solution(
@@ -135,7 +135,7 @@ class Slam:
 
     def _measure_doppler(self, scans: Scans) -> float:
         """Returns the Doppler shift [s]: that of kept measurements, that of the settings, or the one psi measures."""
-        with self._runner.timed("windows"):
+        with self._runner.time_stage("windows"):
             kept, config = self._runner.find(MEASURED), self._config
             return kept.doppler_beta if kept else doppler_beta_of(scans, config.sensor, config.tracker, config.estimator)
 

@@ -61,7 +61,7 @@ class Runner:
         self._checkpoint = checkpoint
 
     @contextmanager
-    def timed(self, stage: str) -> Iterator[None]:
+    def time_stage(self, stage: str) -> Iterator[None]:
         """Adds the time that the block takes to that of a stage, unless the block raises."""
         begin = time.perf_counter()
         yield

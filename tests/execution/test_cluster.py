@@ -108,9 +108,9 @@ def test_a_call_that_kills_its_process_again_and_again_is_its_own_failure_alone(
 
 @pytest.mark.parametrize("engine", [HERE, LocalEngine(3)])
 @pytest.mark.parametrize("processes", [False, True])
-def test_results_come_in_the_order_of_the_items(engine: LocalEngine, list_processes: bool) -> None:
+def test_results_come_in_the_order_of_the_items(engine: LocalEngine, processes: bool) -> None:
     done: list[tuple[int, int]] = []
-    found = engine.map(slow_sum, [1, 2], range(6), lambda *said: done.append(said), list_processes=list_processes)
+    found = engine.map(slow_sum, [1, 2], range(6), lambda *said: done.append(said), processes=processes)
     assert found == [3, 4, 5, 6, 7, 8] and done == list(zip(range(1, 7), found, strict=True))
 
 
