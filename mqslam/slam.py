@@ -80,7 +80,7 @@ class Slam:
                 maps = [self._render(what, scans, track, solution.beam) for what, track in tracks.items()]
                 before, after = runner.follow("render", maps, len(maps))
             checks: list[WindowAudit] = []
-            with runner.time_stage("check"), runner.optional("the check of the map"):
+            with runner.time_stage("check"), runner.tolerate("the check of the map"):
                 track, beam = solution.optimised, solution.beam
                 checks = judged_sample(scans, track, config.audit, config.estimator, beam, runner)
         return Run(
@@ -112,7 +112,7 @@ class Slam:
             poses = problem.poses([])
         search = LoopSearch([], 0)
         if config.loops.enabled:
-            with runner.time_stage("loops"), runner.optional("the search for loops"):
+            with runner.time_stage("loops"), runner.tolerate("the search for loops"):
                 search = runner.once(LOOPS, lambda: close_loops(scans, problem, poses, config.estimator, beam, runner))
         with runner.time_stage("optimise"):
             graph, optimum = problem.optimise(search.loops)
@@ -153,6 +153,6 @@ class Slam:
     def _render(self, what: str, scans: Scans, track: Trajectory, beam: Beam) -> PointMap:
         """Returns the map under a trajectory; an empty one where it cannot be made: the trajectory is worth more."""
         rendered, config = PointMap.empty(), self._config
-        with self._runner.optional(what):
+        with self._runner.tolerate(what):
             rendered = render(scans, track.poses, config.map, config.estimator, beam, self._runner.engine)
         return rendered

@@ -69,7 +69,7 @@ class Runner:
         self.runtime_s[stage] = self.runtime_s.get(stage, 0.0) + spent
         _log.info("%s took %.2f s", stage, spent)
 
-    def optional(self, what: str) -> AbstractContextManager[None]:
+    def tolerate(self, what: str) -> AbstractContextManager[None]:
         """Turns an error of the block into a warning, as `mqslam.errors.tolerate` does."""
         return tolerate(what, self.warnings)
 

@@ -30,7 +30,7 @@ def show_motions(scans: Scans, motions: Iterable[Measurement], beam: Beam, runne
         after = se2.compose(pose, motion.pose)
         if watch is not None:
             working, watch = watch, None
-            with runner.optional("the live view"):
+            with runner.tolerate("the live view"):
                 times, poses = np.array([motion.t0, motion.t1]), np.array([pose, after])
                 working(scan, pose, place_along(scan.returns, times, poses, beam).points)
                 watch = working
