@@ -113,7 +113,7 @@ class Slam:
         search = LoopSearch([], 0)
         if config.loops.enabled:
             with runner.time_stage("loops"), runner.tolerate("the search for loops"):
-                search = runner.once(LOOPS, lambda: close_loops(scans, problem, poses, config.estimator, beam, runner))
+                search = runner.make_once(LOOPS, lambda: close_loops(scans, problem, poses, config.estimator, beam, runner))
         with runner.time_stage("optimise"):
             graph, optimum = problem.optimise(search.loops)
         runner.warnings += optimum.warnings

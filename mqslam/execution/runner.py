@@ -82,7 +82,7 @@ class Runner:
         if self._checkpoint:
             self._checkpoint.keep(kept, result)
 
-    def once(self, kept: Kept[R], make: Callable[[], R]) -> R:
+    def make_once(self, kept: Kept[R], make: Callable[[], R]) -> R:
         """Returns what an earlier run has kept of a stage, or else makes and keeps it."""
         result = self.find(kept)
         if result is None:
