@@ -52,7 +52,7 @@ def run_all(orders: Sequence[Order], out: Path, engine: Engine, progress: Progre
     def done(number: int, outcome: Outcome | None) -> None:
         progress("runs", len(orders) - len(missing) + number, len(orders))
 
-    ran = iter(engine.apart(run_one, terms, missing, done))
+    ran = iter(engine.map_apart(run_one, terms, missing, done))
     return [
         _seen(out / order.name, kept or next(ran) or Outcome(failure=DIED))
         for order, kept in zip(orders, before, strict=True)

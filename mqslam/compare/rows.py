@@ -86,7 +86,7 @@ def front_end_rows(
         progress("front ends", number, len(contexts))
 
     returned = Returned(scans, back_end, engine.jobs)
-    rows = engine.apart(run_front_end, returned, list(contexts.items()), done)
+    rows = engine.map_apart(run_front_end, returned, list(contexts.items()), done)
     return [Row(name, failure=DIED) if row is None else row for name, row in zip(contexts, rows, strict=True)]
 
 

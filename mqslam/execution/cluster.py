@@ -131,7 +131,7 @@ class DaskEngine:
 
     @property
     def jobs(self) -> int:
-        """A worker has a call `apart` among others, and may not start processes."""
+        """A worker has a call `map_apart` among others, and may not start processes."""
         return 1
 
     def map(
@@ -154,14 +154,14 @@ class DaskEngine:
 
         return self._each(function, shared, items, take, done)
 
-    def apart(
+    def map_apart(
         self,
         function: Callable[[S, T], R],
         shared: S,
         items: Sequence[T],
         done: Callable[[int, R | None], None] = ignore_result,
     ) -> list[R | None]:
-        """As `Engine.apart`, as many at a time as there are workers."""
+        """As `Engine.map_apart`, as many at a time as there are workers."""
 
         def take(future: Future) -> R | None:
             try:

@@ -31,7 +31,7 @@ class Engine(Protocol):
 
     @property
     def jobs(self) -> int:
-        """Processes or threads that a function called `apart` may use itself."""
+        """Processes or threads that a function called `map_apart` may use itself."""
         ...
 
     def map(
@@ -58,7 +58,7 @@ class Engine(Protocol):
         """
         ...
 
-    def apart(
+    def map_apart(
         self,
         function: Callable[[S, T], R],
         shared: S,
@@ -81,7 +81,7 @@ class LocalEngine:
 
     @property
     def jobs(self) -> int:
-        """A call `apart` has the machine for itself: they come one after the other."""
+        """A call `map_apart` has the machine for itself: they come one after the other."""
         return self._jobs
 
     def map(
@@ -105,14 +105,14 @@ class LocalEngine:
                 pending: list[Future[R]] = [workers.submit(_prepared, item) for item in items]
             return _in_order(workers, pending, done)
 
-    def apart(
+    def map_apart(
         self,
         function: Callable[[S, T], R],
         shared: S,
         items: Sequence[T],
         done: Callable[[int, R | None], None] = ignore_result,
     ) -> list[R | None]:
-        """As `Engine.apart`, one process after the other."""
+        """As `Engine.map_apart`, one process after the other."""
         return _collected((_alone(function, shared, item) for item in items), done)
 
 

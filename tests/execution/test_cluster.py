@@ -97,13 +97,13 @@ def test_what_a_function_raises_is_not_taken_for_the_clusters_trouble(crew: Clus
 
 
 def test_a_call_that_kills_its_process_is_its_own_failure_alone() -> None:
-    assert LocalEngine(2).apart(fatal, [1], [-1, 5]) == [None, 6]
+    assert LocalEngine(2).map_apart(fatal, [1], [-1, 5]) == [None, 6]
 
 
 @pytest.mark.slow
 def test_a_call_that_kills_its_process_again_and_again_is_its_own_failure_alone(tmp_path: Path) -> None:
     with cluster(tmp_path / "dask", workers=5) as found, connect(found.address) as engine:
-        assert engine.apart(fatal, [1], [-1, 5]) == [None, 6]
+        assert engine.map_apart(fatal, [1], [-1, 5]) == [None, 6]
 
 
 @pytest.mark.parametrize("engine", [HERE, LocalEngine(3)])
