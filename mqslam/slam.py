@@ -109,7 +109,7 @@ class Slam:
         with runner.time_stage("optimise"):
             odometry = make_odometry_edges(scans, context, self._name, measurements, config.graph)
             problem = Problem(measurements, odometry, config.graph, config.loops)
-            poses = problem.poses([])
+            poses = problem.solve_poses([])
         search = LoopSearch([], 0)
         if config.loops.enabled:
             with runner.time_stage("loops"), runner.tolerate("the search for loops"):

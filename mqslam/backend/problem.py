@@ -37,7 +37,7 @@ class Problem:
         """Poses (N, 3) before optimisation: odometry, or the measurements where there is none, chained [m, m, rad]."""
         return chain(m.pose for m in self.odometry or self.measurements)
 
-    def graph(self, loops: Sequence[Loop]) -> PoseGraph:
+    def build_graph(self, loops: Sequence[Loop]) -> PoseGraph:
         """Returns the graph with some loops; it starts from the measurements chained."""
         factors = [psi_between(X(k), X(k + 1), m, self.graph_settings) for k, m in enumerate(self.measurements)]
         factors += [odometry_between(X(k), X(k + 1), m, self.graph_settings) for k, m in enumerate(self.odometry)]
@@ -46,10 +46,10 @@ class Problem:
 
     def optimise(self, loops: Sequence[Loop]) -> tuple[PoseGraph, Optimum]:
         """Returns the graph with some loops and its optimum."""
-        graph = self.graph(loops)
+        graph = self.build_graph(loops)
         return graph, optimise(graph)
 
-    def poses(self, loops: Sequence[Loop]) -> se2.Array:
+    def solve_poses(self, loops: Sequence[Loop]) -> se2.Array:
         """Returns the optimised poses (N, 3) with some loops [m, m, rad]."""
         graph, optimum = self.optimise(loops)
         return poses_of(optimum.values, graph.size)

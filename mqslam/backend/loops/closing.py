@@ -44,8 +44,8 @@ def close_loops(
         candidates = find_loops(drive, settings, estimator, beam, tried, runner.engine, runner.progress)
         if not candidates:
             break
-        after = problem.poses(loops + candidates)
+        after = problem.solve_poses(loops + candidates)
         loops = kept_by_map(loops + candidates, before, after, settings, estimator, beam, runner.engine)
-        drive = Drive.of(scans, problem.poses(loops))
+        drive = Drive.of(scans, problem.solve_poses(loops))
     _log.info("%d of %d pairs of passes are loops that the map keeps", len(loops), len(tried))
     return LoopSearch(loops, len(tried))
