@@ -39,11 +39,11 @@ __all__ = [
     "SensorConfig",
     "TrackerConfig",
     "VerdictConfig",
-    "list_changes",
     "dump_yaml",
     "explain_yaml",
-    "load_config",
+    "list_changes",
     "list_shipped",
+    "load_config",
     "set_doppler_beta",
 ]
 
