@@ -1,4 +1,4 @@
-"""`mqslam check`: whether a recording contradicts what was assumed to read it."""
+"""`mqslam check`: shows whether a recording contradicts what was assumed to read it."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ def check(
     quiet: Quiet = False,
     verbose: Verbose = False,
 ) -> None:
-    """Say where a recording contradicts what was assumed to read it: stamps, azimuths, rotation, length of a range bin.
+    """Check whether a recording contradicts what was assumed to read it: stamps, azimuths, rotation, length of a range bin.
 
-    Reads three short stretches. With odometry it also tells a mirrored recording, stamps that mean the other end of the
-    revolution, and a wrong length of a range bin; the map alone shows none of them. Ground truth is not used.
+    Three short stretches are read. Odometry also reveals a mirrored recording, stamps that mean the other end of the scan,
+    and a wrong length of a range bin; without odometry the map shows none of these. Ground truth is not used.
 
-    Exit code: 0 where nothing is suspicious, 1 where something is.
+    Exit code: 0 if nothing is suspicious, 1 if something is.
 
     Example: mqslam check drive
     """
@@ -35,7 +35,7 @@ def check(
 
     from mqslam.check.checks import check_recording
     from mqslam.check.finding import Verdict
-    from mqslam.cli.progress import print_notes, progress
+    from mqslam.cli.progress import print_notes, show_progress
     from mqslam.commands.opening import choose_odometry, open_data
     from mqslam.config import load_config
 
@@ -43,7 +43,7 @@ def check(
     console = Console(stderr=True, markup=False)
     recording = open_data(data, format, range_resolution, settings)
     track, notes = choose_odometry(recording, odometry)
-    with progress(console, quiet or as_json) as show:
+    with show_progress(console, quiet or as_json) as show:
         findings = check_recording(recording, track, settings, partial(show, "detect"))
     suspicious = any(finding.verdict is Verdict.SUSPICIOUS for finding in findings)
     if as_json:

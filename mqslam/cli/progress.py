@@ -34,7 +34,7 @@ Progress = Callable[[str, int, int], object]
 
 
 def print_notes(console: Console, notes: Iterable[str]) -> None:
-    """Prints what a user should know, a line each, for programs to read as well."""
+    """Prints what a user should know, one unwrapped line per note, so that programs can read it too."""
     for note in notes:
         console.print(f"note: {note}", highlight=False, soft_wrap=True)
 
@@ -43,7 +43,7 @@ def print_notes(console: Console, notes: Iterable[str]) -> None:
 def set_up_work(
     console: Console, cluster: str | None, jobs: int, *, quiet: bool, silent: bool, watch: Watch | None = None
 ) -> Iterator[Work]:
-    """Yields where a command's work is done, and what it tells a terminal.
+    """Yields where a command's work is done, and what reports about it on a terminal.
 
     Args:
         console: the terminal.
@@ -62,13 +62,13 @@ def set_up_work(
     def tell(note: str) -> None:
         print_notes(console, [note])
 
-    with choose_engine(cluster, jobs) as engine, progress(console, silent) as show:
+    with choose_engine(cluster, jobs) as engine, show_progress(console, silent) as show:
         yield Work(engine, show, ignore if quiet else tell, watch)
 
 
 @contextmanager
-def progress(console: Console, quiet: bool) -> Iterator[Progress]:
-    """Yields a callable (stage, done, total) that shows how far a stage has come."""
+def show_progress(console: Console, quiet: bool) -> Iterator[Progress]:
+    """Yields a callable (stage, done, total) that shows how far a stage has come, or does nothing if quiet."""
     if quiet:
         yield lambda stage, done, total: None
         return

@@ -11,7 +11,7 @@ from mqslam.core.recording import Recording
 from mqslam.core.trajectory import Trajectory
 
 
-def describe(recording: Recording) -> dict[str, Any]:
+def describe_radar(recording: Recording) -> dict[str, Any]:
     """A recording in numbers and strings that JSON can hold; one revolution is read.
 
     Returns:
