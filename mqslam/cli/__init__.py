@@ -27,6 +27,7 @@ app = typer.Typer(
     name="mqslam",
     no_args_is_help=True,
     pretty_exceptions_enable=False,
+    rich_markup_mode="markdown",  # joins the lines of a paragraph
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 app.command()(run)

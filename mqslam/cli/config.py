@@ -40,7 +40,9 @@ def diff(
     name: Annotated[
         str, typer.Argument(help="A YAML file, such as a run's config.yaml, or the name of one that ships with mqslam.")
     ],
-    other: Annotated[str | None, typer.Argument(help="The settings to compare it with; the defaults if not given.")] = None,
+    other: Annotated[
+        str | None, typer.Argument(metavar="OTHER", help="The settings to compare it with; the defaults if not given.")
+    ] = None,
     as_json: Json = False,
 ) -> None:
     """Show which settings a file changes.

@@ -20,8 +20,12 @@ class MessageKind(StrEnum):
 
 
 def convert(
-    data: Annotated[Path, typer.Argument(help="A recording in any layout, or the folder of a finished run.")],
-    out: Annotated[Path, typer.Argument(help="The file (.bag, .mcap, .npz) or folder to write; it must not exist yet.")],
+    data: Annotated[
+        Path, typer.Argument(metavar="DATA", help="A recording in any layout, or the folder of a finished run.")
+    ],
+    out: Annotated[
+        Path, typer.Argument(metavar="OUT", help="The file (.bag, .mcap, .npz) or folder to write; it must not exist yet.")
+    ],
     to: Annotated[
         str | None,
         typer.Option(

@@ -13,7 +13,7 @@ _MOVERS = 6
 
 
 def simulate(
-    out: Annotated[Path, typer.Argument(help="Folder for the recording; it must not exist yet.")],
+    out: Annotated[Path, typer.Argument(metavar="OUT", help="Folder for the recording; it must not exist yet.")],
     scene: Annotated[str, typer.Option(help="The scene: street, yard or corridor.")] = "street",
     duration: Annotated[float, typer.Option(min=1.0, help=r"Length of the drive \[s].")] = 60.0,
     turn_rate: Annotated[float, typer.Option(min=0.1, help=r"Turns of the radar per second \[1/s].")] = 4.0,
