@@ -15,7 +15,8 @@ if TYPE_CHECKING:
 
 def audit(
     data: Annotated[
-        Path, typer.Argument(help="A radar or lidar recording, or a point cloud with times (PLY, PCD, LAS, NPZ).")
+        Path,
+        typer.Argument(metavar="DATA", help="A radar or lidar recording, or a point cloud with times (PLY, PCD, LAS, NPZ)."),
     ],
     out: Annotated[Path, typer.Option("--out", "-o", help="Folder for the results; it must not exist yet.")],
     trajectory: Annotated[

@@ -38,7 +38,10 @@ def show(
 @config.command()
 def diff(
     name: Annotated[
-        str, typer.Argument(help="A YAML file, such as a run's config.yaml, or the name of one that ships with mqslam.")
+        str,
+        typer.Argument(
+            metavar="NAME", help="A YAML file, such as a run's config.yaml, or the name of one that ships with mqslam."
+        ),
     ],
     other: Annotated[
         str | None, typer.Argument(metavar="OTHER", help="The settings to compare it with; the defaults if not given.")

@@ -46,7 +46,9 @@ def _set_verbosity(verbose: bool) -> bool:
 
 Data = Annotated[
     Path,
-    typer.Argument(help="The recording: a folder in a known layout, a ROS bag (.bag, .mcap or folder), or an .npz file."),
+    typer.Argument(
+        metavar="DATA", help="The recording: a folder in a known layout, a ROS bag (.bag, .mcap or folder), or an .npz file."
+    ),
 ]
 Format = Annotated[
     str | None,
@@ -72,7 +74,9 @@ Odometry = Annotated[
 ]
 ConfigName = Annotated[
     str | None,
-    typer.Argument(help="A YAML file, or the name of one that ships with mqslam.", autocompletion=_complete_config),
+    typer.Argument(
+        metavar="NAME", help="A YAML file, or the name of one that ships with mqslam.", autocompletion=_complete_config
+    ),
 ]
 Frontend = Annotated[
     str,

@@ -141,7 +141,7 @@ def test_an_interrupted_batch_leaves_no_process_and_says_how_to_go_on(work: Path
         time.sleep(0.002)
     process.terminate()
     _, shown = process.communicate(timeout=300)
-    assert process.returncode == 143 and shown.splitlines()[-1] == "mqslam: interrupted; the same command goes on with it"
+    assert process.returncode == 143 and shown.splitlines()[-1] == "mqslam: interrupted; the same command continues the batch"
     assert "Traceback" not in shown and list_processes(process.pid) == []
     assert not list(tmp_path.glob("out/*.*"))
 
@@ -161,8 +161,8 @@ def test_runs_on_a_cluster_leave_the_same_trajectories(work: Path, tmp_path: Pat
         ("rnus: []", "unknown setting rnus; did you mean runs?"),
         ("runs: []", "runs: List should have at least 1 item"),
         ("runs: [{name: drive}]", "runs.0.data: Field required"),
-        ("runs: [{data: drive}, {data: drive}]", "runs.1: name drive: is that of another run; give one"),
-        ("runs: [{data: drive, name: ../up}]", "runs.0: name '../up': is to be the name of a folder"),
+        ("runs: [{data: drive}, {data: drive}]", "runs.1: name drive: is the name of another run too; give one"),
+        ("runs: [{data: drive, name: ../up}]", "runs.0: name '../up': cannot be the name of a folder"),
         ("runs: [{data: drive, frontend: kissicp}]", "runs.0: front end kissicp: unknown; did you mean kiss_icp?"),
         ("runs: [{data: drive, config: oxfrod}]", "oxfrod: no such configuration; give a YAML file or one of"),
         ("runs: [", "is not a readable YAML file"),
