@@ -1,4 +1,4 @@
-"""Errors a user is meant to read: one line that names the file, what is wrong and what to do."""
+"""Errors that a user is meant to read: one line that names the file, what is wrong and what to do."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from enum import StrEnum
 from pathlib import Path
 
 _log = logging.getLogger(__name__)
-_LONGEST = 800  # characters of a message: what it quotes of a damaged file may be anything
+_LONGEST = 800  # characters of a message; what it quotes from a damaged file may be of any length
 
 
 class Remedy(StrEnum):
-    """What a user can do about an error, in plain words; the command line words each with its own options."""
+    """The remedies that a user has for errors, in plain words; the command line names its options instead."""
 
     CHOOSE_OUTPUT = "choose another output"
     CHOOSE_OR_REMOVE_OUTPUT = "choose another output or remove this one"
@@ -22,17 +22,17 @@ class Remedy(StrEnum):
     FREE_SPACE = "free space or choose another output"
     GIVE_RANGE_RESOLUTION = "state the length of a range bin"
     GIVE_TRAJECTORY = "give the file of a trajectory"
-    LEAVE_STRICT_OUT = "mend it, or let what cannot be read be left out"
+    LEAVE_STRICT_OUT = "mend it, or run without strict to leave out what cannot be read"
     REPLACE_UNFINISHED_OUTPUT = "choose another output, or replace the unfinished run instead of resuming it"
     RESUME = "resume the run to continue it"
 
 
 class MqslamError(Exception):
-    """Base of every error mqslam raises on purpose; the command line prints it, in one line, and exits with 2.
+    """The base of every error that mqslam raises on purpose; the command line prints it in one line and exits with 2.
 
     Args:
         message: what happened, and to which file or value.
-        remedies: what the user can do about it, where the message does not say so already.
+        remedies: what the user can do about it, unless the message says so already.
     """
 
     def __init__(self, message: str, *remedies: str) -> None:
@@ -88,7 +88,7 @@ class ViewerError(MqslamError):
 
 
 def describe_error(error: Exception) -> str:
-    """Any error in one line: what ours say, the type and first line of others."""
+    """Returns an error in one line: the message of one of mqslam's, or the type and first line of any other."""
     if isinstance(error, MqslamError):
         return str(error)
     return f"{type(error).__name__}: {str(error).splitlines()[0] if str(error) else ''}".rstrip(": ")
@@ -102,14 +102,14 @@ def _shorten(message: str) -> str:
 
 @contextmanager
 def tolerate(what: str, warnings: list[str]) -> Iterator[None]:
-    """Turn an error of the block into a warning, where the results are worth more than what the block makes.
+    """Turns an error of the block into a warning, because the other results are worth more than what the block makes.
 
     Args:
-        what: the block makes, for the warning.
-        warnings: where the warning is added.
+        what: names what the block makes, for the warning.
+        warnings: the list that the warning is added to.
 
     Raises:
-        OutputError: nothing can be written any more, such as on a full disk.
+        OutputError: nothing can be written any more, for example because the disk is full.
         ClusterError: the cluster that does the work is lost; the run can be resumed.
     """
     try:

@@ -1,4 +1,4 @@
-"""Odometry as edges of the graph, beside the front end's measurements."""
+"""Odometry as edges of the pose graph, beside the front end's measurements."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ ODOMETRY = "odometry"
 def make_odometry_edges(
     scans: Scans, context: Context, frontend: str, measurements: list[Measurement], settings: GraphConfig
 ) -> list[Measurement]:
-    """Returns odometry's own motions with noise as large as they disagree with the front end's.
+    """Returns the odometry's motions; their noise is as large as their disagreement with the front end's motions.
 
     Args:
-        scans: of the recording.
-        context: holds the odometry, or none.
-        frontend: name of the front end; where it is odometry itself there is nothing to add.
-        measurements: the front end's motions.
-        settings: of the graph.
+        scans: scans of the recording.
+        context: holds the odometry, if there is one.
+        frontend: name of the front end; if it is the odometry itself there is nothing to add.
+        measurements: the front end's motions between successive scans.
+        settings: settings of the graph.
     """
     if context.odometry is None or frontend == ODOMETRY or not measurements:
         return []

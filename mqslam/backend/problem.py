@@ -1,4 +1,4 @@
-"""What the pose graph is made from: measurements and odometry, which stay, and loops, which join later."""
+"""The problem that the pose graph solves: measurements and odometry are fixed, and loops join later."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ from mqslam.factors.psi_between import psi_between
 
 @dataclass(frozen=True)
 class Problem:
-    """A trajectory to be optimised.
+    """A trajectory that is to be optimised.
 
     Args:
         measurements: the front end's motions between successive scans.
-        odometry: odometry's motions between the same scans, or none.
-        graph_settings: of the edges between successive scans.
-        loop_settings: of the loops.
+        odometry: the odometry's motions between the same scans, or none.
+        graph_settings: settings of the edges between successive scans.
+        loop_settings: settings of the loops.
     """
 
     measurements: Sequence[Measurement]
@@ -34,22 +34,22 @@ class Problem:
 
     @property
     def before(self) -> se2.Array:
-        """Poses (N, 3) before optimisation: odometry, or the measurements where there is none, chained [m, m, rad]."""
+        """Poses (N, 3) before optimisation [m, m, rad]: the odometry, or else the measurements, chained."""
         return chain(m.pose for m in self.odometry or self.measurements)
 
     def build_graph(self, loops: Sequence[Loop]) -> PoseGraph:
-        """Returns the graph with some loops; it starts from the measurements chained."""
+        """Returns the graph with the given loops; it starts from the chained measurements."""
         factors = [psi_between(X(k), X(k + 1), m, self.graph_settings) for k, m in enumerate(self.measurements)]
         factors += [odometry_between(X(k), X(k + 1), m, self.graph_settings) for k, m in enumerate(self.odometry)]
         factors += [loop_between(X(loop.earlier), X(loop.later), loop, self.loop_settings) for loop in loops]
         return pose_graph(chain(m.pose for m in self.measurements), factors)
 
     def optimise(self, loops: Sequence[Loop]) -> tuple[PoseGraph, Optimum]:
-        """Returns the graph with some loops and its optimum."""
+        """Returns the graph with the given loops, and its optimum."""
         graph = self.build_graph(loops)
         return graph, optimise(graph)
 
     def solve_poses(self, loops: Sequence[Loop]) -> se2.Array:
-        """Returns the optimised poses (N, 3) with some loops [m, m, rad]."""
+        """Returns the optimised poses (N, 3) with the given loops [m, m, rad]."""
         graph, optimum = self.optimise(loops)
         return poses_of(optimum.values, graph.size)

@@ -1,7 +1,8 @@
-"""All settings as one tree; every setting has its unit and reason where it is defined."""
+"""All settings as one tree; each setting is defined with its unit and its reason."""
 
 from __future__ import annotations
 
+import difflib
 import textwrap
 from importlib import resources
 from pathlib import Path
@@ -49,7 +50,7 @@ __all__ = [
 
 
 class Config(BaseModel):
-    """Every setting of a run."""
+    """All settings of a run."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
@@ -68,10 +69,13 @@ class Config(BaseModel):
 
 
 def load_config(name: str | Path | None = None) -> Config:
-    """The default settings, changed by a YAML file or by one that ships with mqslam (`oxford`, `default`).
+    """Returns the default settings, changed by a YAML file or by one that ships with mqslam.
+
+    Args:
+        name: path of a YAML file, or the name of one that ships, such as `oxford`; None takes the defaults.
 
     Raises:
-        ConfigError: no such file, not YAML, or a setting that is unknown or out of range.
+        ConfigError: the file does not exist or is not YAML, or a setting is unknown or out of range.
     """
     if name is None:
         return Config()
@@ -83,20 +87,28 @@ def load_config(name: str | Path | None = None) -> Config:
         elif shipped.is_file():
             content = shipped.read_bytes()
         else:
-            raise ConfigError(f"{name}: no such configuration; give a YAML file or one of {', '.join(list_shipped())}")
+            raise ConfigError(_describe_missing(str(name)))
     except (OSError, ValueError) as error:
         raise ConfigError(f"{name}: cannot be read ({error})") from error
     return parse_yaml(Config, name, content)
 
 
+def _describe_missing(name: str) -> str:
+    """Returns the message for a configuration that does not exist, with the nearest name that ships."""
+    shipped = list_shipped()
+    near = difflib.get_close_matches(name, shipped, 1)
+    remedy = f"did you mean {near[0]}?" if near else f"give a YAML file or one of {', '.join(shipped)}"
+    return f"{name}: no such configuration; {remedy}"
+
+
 def list_shipped() -> list[str]:
-    """Configurations that come with mqslam."""
+    """Returns the names of the configurations that ship with mqslam."""
     folder = resources.files("mqslam.configs")
     return sorted(entry.name[:-5] for entry in folder.iterdir() if entry.name.endswith(".yaml"))
 
 
 def set_doppler_beta(config: Config, doppler_beta: float) -> Config:
-    """The settings as a result's config.yaml states them: with the Doppler shift [s] that was used."""
+    """Returns the settings with the Doppler shift [s] that was used, as the config.yaml of a result states them."""
     return config.model_copy(update={"sensor": config.sensor.model_copy(update={"doppler_beta": doppler_beta})})
 
 
@@ -107,12 +119,11 @@ def dump_yaml(config: Config) -> str:
 
 
 def explain_yaml(config: Config, *, everything: bool = True) -> str:
-    """Returns the settings as YAML with the reason and unit of each above it.
+    """Returns the settings as YAML, each under a comment with its reason and unit.
 
     Args:
         config: the settings.
-        everything: whether settings that only an expert would touch are listed too; where they differ from the default
-            they always are.
+        everything: whether settings that only an expert would touch are listed even if they have their default.
     """
     lines = []
     for name, section in config:
@@ -134,9 +145,9 @@ def explain_yaml(config: Config, *, everything: bool = True) -> str:
 
 
 def list_changes(before: Config, after: Config) -> list[tuple[str, Any, Any]]:
-    """Settings that differ: name, value before and value after, as JSON has them."""
-    found = []
+    """Returns the settings that differ, each as its name, the value before and the value after, as JSON has them."""
+    differing = []
     for name, section in before:
         old, new = section.model_dump(mode="json"), getattr(after, name).model_dump(mode="json")
-        found += [(f"{name}.{key}", old[key], new[key]) for key in old if old[key] != new[key]]
-    return found
+        differing += [(f"{name}.{key}", old[key], new[key]) for key in old if old[key] != new[key]]
+    return differing

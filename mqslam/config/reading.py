@@ -1,4 +1,4 @@
-"""A YAML file as a tree of settings: what is wrong with it is said in one line."""
+"""Reads a YAML file as a tree of settings; a mistake in it becomes an error of one line."""
 
 from __future__ import annotations
 
@@ -15,25 +15,25 @@ M = TypeVar("M", bound=BaseModel)
 
 
 def parse_yaml(model: type[M], name: str | Path, text: str | bytes) -> M:
-    """The settings in a YAML text.
+    """Returns the settings in a YAML text.
 
     Args:
-        model: what they are.
-        name: of the file, for errors.
-        text: its content, UTF-8 if bytes.
+        model: the kind of settings.
+        name: name of the file, for errors.
+        text: content of the file; bytes are UTF-8.
 
     Raises:
-        ConfigError: not YAML, or a setting that is unknown or out of range.
+        ConfigError: the text is not YAML, or a setting is unknown or out of range.
     """
     try:
         tree = yaml.safe_load(text if isinstance(text, str) else text.decode("utf-8"))
-    except Exception as error:  # besides its own, PyYAML lets through what making numbers, dates and keys raises
+    except Exception as error:  # PyYAML lets errors through that making numbers, dates and keys raises
         first = (str(error) or type(error).__name__).splitlines()[0]
         raise ConfigError(f"{name}: is not a readable YAML file ({first})") from error
     if tree is None:
         tree = {}
     if not isinstance(tree, dict):
-        raise ConfigError(f"{name}: must hold settings as 'section: {{key: value}}'")
+        raise ConfigError(f"{name}: must hold settings in the form 'section: {{key: value}}'")
     try:
         return model.model_validate(tree)
     except ValidationError as error:
@@ -41,19 +41,19 @@ def parse_yaml(model: type[M], name: str | Path, text: str | bytes) -> M:
 
 
 def _explain(error: ValidationError, model: type[BaseModel]) -> str:
-    """The first fault of a settings tree in one line, with the nearest known name for an unknown one."""
+    """Returns the first fault of a settings tree in one line, with the nearest known name for an unknown one."""
     faults = error.errors()
-    fault = next((f for f in faults if f["type"] == "extra_forbidden"), faults[0])  # its name may be that of one missing
+    fault = next((f for f in faults if f["type"] == "extra_forbidden"), faults[0])  # an unknown name explains a missing one
     where = ".".join(str(part) for part in fault["loc"])
     if fault["type"] != "extra_forbidden":
-        return f"{where}: {fault['msg']}"
-    known = _keys(model, fault["loc"][:-1])
+        return f"{where}: {fault['msg'].removeprefix('Value error, ')}"  # pydantic's prefix of what our own checks raise
+    known = _list_settings(model, fault["loc"][:-1])
     near = difflib.get_close_matches(str(fault["loc"][-1]), known, 1)
     return f"unknown setting {where}; " + (f"did you mean {near[0]}?" if near else f"known are {', '.join(known)}")
 
 
-def _keys(model: type[BaseModel], parents: tuple[int | str, ...]) -> list[str]:
-    """Names of the settings below some parents; a number among them is a place in a list."""
+def _list_settings(model: type[BaseModel], parents: tuple[int | str, ...]) -> list[str]:
+    """Returns the names of the settings below some parents; a number among the parents is a place in a list."""
     node: Any = model
     for parent in parents:
         node = get_args(node)[0] if isinstance(parent, int) else node.model_fields[parent].annotation

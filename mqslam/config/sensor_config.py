@@ -17,8 +17,10 @@ class SensorConfig(BaseModel):
     )
     doppler_beta: float | None = Field(
         None,
-        description="range shift per closing speed [s], signed by the chirp, about 0.049 on the Oxford unit; "
-        "null measures it by psi",
+        ge=-1.0,
+        le=1.0,
+        description="range shift per closing speed [s], signed by the chirp, about 0.049 on the Oxford unit; known radars "
+        "are within 0.1 s, so beyond 1 s it is a mistake of the unit; null measures it by psi",
     )
     clockwise: bool | None = Field(
         None,

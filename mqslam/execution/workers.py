@@ -1,4 +1,4 @@
-"""Where a command's work is done."""
+"""The choice of the engine that does a command's work."""
 
 from __future__ import annotations
 
@@ -12,7 +12,11 @@ if TYPE_CHECKING:
 
 @contextmanager
 def choose_engine(cluster: str | None, jobs: int) -> Iterator[Engine]:
-    """The workers of a cluster if there is an address of one, or so many jobs on this machine.
+    """Yields the workers of a cluster, or this machine's if no cluster is given.
+
+    Args:
+        cluster: address of a cluster, or None.
+        jobs: number of processes to use on this machine.
 
     Raises:
         ClusterError: the cluster cannot be used.

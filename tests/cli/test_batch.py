@@ -141,7 +141,9 @@ def test_an_interrupted_batch_leaves_no_process_and_says_how_to_go_on(work: Path
         time.sleep(0.002)
     process.terminate()
     _, shown = process.communicate(timeout=300)
-    assert process.returncode == 143 and shown.splitlines()[-1] == "mqslam: interrupted; the same command continues the batch"
+    assert (
+        process.returncode == 143 and shown.splitlines()[-1] == "mqslam: interrupted; the same command continues the batch"
+    )
     assert "Traceback" not in shown and list_processes(process.pid) == []
     assert not list(tmp_path.glob("out/*.*"))
 

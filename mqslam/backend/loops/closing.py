@@ -1,4 +1,4 @@
-"""Loop closure in rounds: every round searches around the trajectory that the loops of the one before have mended."""
+"""Loop closure in rounds: each round searches around the trajectory that the loops of the previous round have corrected."""
 
 from __future__ import annotations
 
@@ -25,15 +25,15 @@ def close_loops(
     beam: Beam,
     runner: Runner,
 ) -> LoopSearch:
-    """Returns the loops that psi verifies and the map keeps.
+    """Returns the loops that psi verifies and that make the map better.
 
     Args:
-        scans: of the recording.
+        scans: scans of the recording.
         problem: the trajectory that the loops join.
-        poses: (N, 3) its optimum without loops [m, m, rad].
-        estimator: of psi.
-        beam: the sensor's errors.
-        runner: where the loops are verified.
+        poses: (N, 3) the optimum of the trajectory without loops [m, m, rad].
+        estimator: settings of the estimator.
+        beam: the sensor model.
+        runner: does the work.
     """
     settings = problem.loop_settings
     loops: list[Loop] = []
