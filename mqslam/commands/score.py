@@ -19,7 +19,7 @@ from mqslam.errors import ConfigError, EstimationError
 from mqslam.psi.minimiser import final_scale, score_itself
 from mqslam.psi.place import Beam, beam_of, place
 from mqslam.psi.published.equations import score as published
-from mqslam.psi.window import WindowMotion, estimate_window, without_start
+from mqslam.psi.window import WindowMotion, drop_start, estimate_window
 
 
 def score_window(  # noqa: PLR0913 - these are the options of a score, each with its default
@@ -138,7 +138,7 @@ def _score_motion(
     variant: PsiConfig,
 ) -> dict[str, Any]:
     """Returns the published score of a window under a motion with its parts, and the estimator's at its final widths."""
-    points = without_start(place(returns, t0, np.zeros(3), theta, model, beam))
+    points = drop_start(place(returns, t0, np.zeros(3), theta, model, beam))
     whole = published(points.points, points.times, revolution_s, variant, points.jacobians)
     own = score_itself(points, final_scale(config), revolution_s, config)
     return {

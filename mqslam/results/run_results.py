@@ -67,7 +67,7 @@ def write_run(folder: Path, run: Run, summary: dict[str, Any], notes: Sequence[s
     with tolerate("map.ply", failures):
         write_ply(folder / "map.ply", run.map_optimised)
     with tolerate("map.pgm", failures):
-        write_nav2_map(folder, occupancy_grid(run.map_optimised.points, run.config.map.cell_m))
+        write_nav2_map(folder, occupancy_grid(run.map_optimised.points, run.config.map))
     add_warnings(folder, summary, notes, failures)
 
 

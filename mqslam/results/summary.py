@@ -17,7 +17,7 @@ from mqslam.core.motion import LONGEST_COAST_S
 from mqslam.core.recording import Recording
 from mqslam.detection.stage import unread_warnings
 from mqslam.evaluation import evaluate
-from mqslam.mapping.render import moving
+from mqslam.mapping.render import select_moving
 from mqslam.solution import Run
 
 _LISTED = 5  # gaps that are named one by one
@@ -162,7 +162,7 @@ def _gap(scan: int, missing_s: float) -> str:
 
 def parked(run: Run, recording: Recording) -> list[tuple[float, float]]:
     """Spans [s] of at least PARKED_S in which no revolution moved on, and the map holds only the first."""
-    moved = recording.start_times[moving(run.optimised.poses, run.config.map.travel_m, run.config.map.travel_rad)]
+    moved = recording.start_times[select_moving(run.optimised.poses, run.config.map)]
     ends = np.append(moved[1:], recording.duration_s)
     return [(float(a), float(b)) for a, b in zip(moved, ends, strict=True) if b - a >= PARKED_S]
 

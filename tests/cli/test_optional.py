@@ -25,7 +25,7 @@ from mqslam.formats.recordings import open_recording
 from mqslam.formats.tum import write_tum
 from mqslam.report.batch_page import write_batch_pages
 from mqslam.results.batch_results import Order, Outcome, add_warnings, summarise, write_batch
-from mqslam.simulator import simulate
+from mqslam.simulator import SensorModel, simulate
 
 ESSENTIAL = {"trajectory.tum", "odometry.tum", "measurements.csv", "config.yaml", "summary.json", "run.log"}
 OTHERS = {"graph.g2o", "map.ply", "map.pgm", "map.yaml", "report.html"}
@@ -35,7 +35,9 @@ OTHERS = {"graph.g2o", "map.ply", "map.pgm", "map.yaml", "report.html"}
 def drive(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Five coarse seconds of a street with its wheels, and settings that leave nothing to be measured beforehand."""
     folder = tmp_path_factory.mktemp("optional")
-    simulate(folder / "drive", duration_s=5.0, azimuths=200, range_resolution=0.35, max_range=60.0, movers=0)
+    simulate(
+        folder / "drive", duration_s=5.0, sensor=SensorModel(azimuths=200, range_resolution=0.35, max_range=60.0), movers=0
+    )
     (folder / "quick.yaml").write_text("sensor: {doppler_beta: 0.0}\n")
     return folder / "drive"
 

@@ -34,10 +34,10 @@ def drive(
 @lru_cache(maxsize=1)
 def street_drive() -> tuple[SimulatedRecording, Scans]:
     """Ten seconds along a street and into its corner, past moving vehicles."""
-    from mqslam.simulator import loop_drive, street_scene, with_way_made
+    from mqslam.simulator import clear_way, loop_drive, street_scene
 
     motion = loop_drive(10.0, speed=8.0)
-    return drive(with_way_made(street_scene(1, movers=4), motion, 10.0), motion, 10.0)
+    return drive(clear_way(street_scene(1, movers=4), motion, 10.0), motion, 10.0)
 
 
 def constant(v: float, omega: float) -> ConstantDrive:
