@@ -30,7 +30,7 @@ _TITLES = {
 }
 _LINE_EVERY_S = 10.0
 
-Progress = Callable[[str, int, int], object]
+Progress = Callable[[str, int, int], None]  # stage, steps done, their total
 
 
 def print_notes(console: Console, notes: Iterable[str]) -> None:
@@ -84,7 +84,12 @@ def _bars(console: Console) -> Iterator[Progress]:
 
     columns = TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TextColumn("{task.fields[rate]}")
     with Bars(*columns, TimeRemainingColumn(), console=console) as bars:
-        yield _Stages(bars)
+        stages = _Stages(bars)
+
+        def show(stage: str, done: int, total: int) -> None:
+            stages.update(stage, done, total)
+
+        yield show
 
 
 @contextmanager
@@ -97,7 +102,7 @@ def _lines(console: Console) -> Iterator[Progress]:
 
     def show(stage: str, done: int, total: int) -> None:
         nonlocal printed
-        task = stages(stage, done, total)
+        task = stages.update(stage, done, total)
         now = time.monotonic()
         if done < total and now - printed < _LINE_EVERY_S:
             return
@@ -120,7 +125,8 @@ class _Stages:
         self._bars = bars
         self._tasks: dict[str, Task] = {}
 
-    def __call__(self, stage: str, done: int, total: int) -> Task:
+    def update(self, stage: str, done: int, total: int) -> Task:
+        """Sets how far a stage has come, and returns its task with the rate measured so far."""
         if stage not in self._tasks:
             number = self._bars.add_task(_TITLES.get(stage, stage), total=total, rate="")
             self._tasks[stage] = self._bars.tasks[self._bars.task_ids.index(number)]
