@@ -128,7 +128,7 @@ class Checkpoint:
     def _load(self, name: str, arrays: Sequence[str]) -> dict[str, NDArray[Any]] | None:
         """Returns the arrays of a file by name, or None if it is missing or damaged."""
         try:
-            with np.load(self._folder / name, allow_pickle=False) as kept:
+            with (self._folder / name).open("rb") as file, np.load(file, allow_pickle=False) as kept:
                 return {key: kept[key] for key in arrays}
         except (OSError, EOFError, ValueError, KeyError, NotImplementedError, zipfile.BadZipFile):
             return None

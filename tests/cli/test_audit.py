@@ -64,8 +64,8 @@ def test_a_bent_trajectory_fails_and_says_what_would_mend_it(
     words = ("audit", street, "--trajectory", tracks / "bent.tum", "--config", quick)
     result = mqslam(*words, "--out", tmp_path / "a", "--fail-on", "fail")
     assert result.code == 1 and result.out.startswith("verdict       fail: ") and "torn window" in result.out
-    found = json.loads((tmp_path / "a" / "audit.json").read_text())
-    speeds = [row["dv"] for row in found["per_window"]]
+    summary = json.loads((tmp_path / "a" / "audit.json").read_text())
+    speeds = [row["dv"] for row in summary["per_window"]]
     assert np.median(speeds) == pytest.approx(-0.05 * 8.0, abs=0.12)  # the street is driven at about 8 m/s
     assert mqslam(*words, "--out", tmp_path / "b", "--quiet").code == 0
 
@@ -78,8 +78,8 @@ def test_the_numbers_are_printed_as_json(street: Path, tracks: Path, quick: Path
 def test_the_map_of_a_run_is_audited_as_a_cloud(street: Path, quick: Path, tmp_path: Path) -> None:
     words = ("--frontend", "odometry", "--config", quick, "--quiet")
     assert mqslam("run", street, "--out", tmp_path / "run", *words).code == 0
-    found = audited(tmp_path / "run" / "map.ply", tmp_path / "a")
-    assert found["dataset"]["format"] == "ply" and found["windows"]["count"] > 3
+    summary = audited(tmp_path / "run" / "map.ply", tmp_path / "a")
+    assert summary["dataset"]["format"] == "ply" and summary["windows"]["count"] > 3
 
 
 @pytest.mark.parametrize(

@@ -155,8 +155,8 @@ def test_an_interrupted_batch_leaves_no_process_and_says_how_to_go_on(work: Path
 
 @pytest.mark.slow
 def test_runs_on_a_cluster_leave_the_same_trajectories(work: Path, tmp_path: Path) -> None:
-    with cluster(tmp_path / "dask") as found:
-        shown = batch(work, tmp_path / "out", "--cluster", found.address, "--quiet")
+    with cluster(tmp_path / "dask") as workers:
+        shown = batch(work, tmp_path / "out", "--cluster", workers.address, "--quiet")
     assert shown.code == 1 and shown.err.startswith("gone failed: ") and shown.err.count("\n") == 1
     assert tracks(tmp_path / "out") == tracks(work / "out")
 

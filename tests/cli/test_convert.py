@@ -193,25 +193,25 @@ def finished(street: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_results_of_a_run_come_back_from_a_bag(finished: Path, tmp_path: Path, words: list[str]) -> None:
     out = tmp_path / words[0]
     assert mqslam("convert", finished, out, *words[1:], "--quiet").code == 0
-    found: dict[str, list[tuple[int, Any]]] = {}
+    messages: dict[str, list[tuple[int, Any]]] = {}
     with AnyReader([out]) as reader:
         for connection, stamp, raw in reader.messages():
-            found.setdefault(connection.topic, []).append((stamp, reader.deserialize(raw, connection.msgtype)))
+            messages.setdefault(connection.topic, []).append((stamp, reader.deserialize(raw, connection.msgtype)))
     trajectory = read_tum(finished / "trajectory.tum")
     stamps = (trajectory.stamps_us * 1000).tolist()
-    assert [stamp for stamp, _ in found["/tf"]] == stamps
-    moves = [message.transforms[0] for _, message in found["/tf"]]
+    assert [stamp for stamp, _ in messages["/tf"]] == stamps
+    moves = [message.transforms[0] for _, message in messages["/tf"]]
     assert {(move.header.frame_id, move.child_frame_id) for move in moves} == {("map", "radar")}
-    ((_, path),) = found["/path"]
+    ((_, path),) = messages["/path"]
     poses = [(pose.pose.position, pose.pose.orientation) for pose in path.poses]
     for places in (poses, [(move.transform.translation, move.transform.rotation) for move in moves]):
         np.testing.assert_allclose([(p.x, p.y) for p, _ in places], trajectory.poses[:, :2], rtol=0.0, atol=1e-9)
         yaws = np.array([2.0 * np.arctan2(q.z, q.w) for _, q in places])
         np.testing.assert_allclose(np.exp(1j * yaws), np.exp(1j * trajectory.poses[:, 2]), rtol=0.0, atol=1e-9)
-    ((stamp, grid),) = found["/map"]
+    ((stamp, grid),) = messages["/map"]
     assert stamp == stamps[0]
     assert_is_nav2_map(grid, finished)
-    ((_, cloud),) = found["/points"]
+    ((_, cloud),) = messages["/points"]
     assert_is_point_map(cloud, finished)
 
 
@@ -286,14 +286,14 @@ def test_real_revolutions_come_back_bit_by_bit(oxford_tiny: Path, tmp_path: Path
 @pytest.mark.slow
 @pytest.mark.parametrize("layout", [*STAMPED, *EVEN])
 def test_real_motion_is_that_of_the_original(oxford_tiny: Path, tmp_path: Path, layout: str) -> None:
-    expected, found = (
+    expected, converted = (
         motions(drive, tmp_path / name)
         for name, drive in (("one", oxford_tiny), ("two", there_and_back(oxford_tiny, tmp_path, layout)))
     )
     if layout in LIKE_OXFORD:
-        np.testing.assert_allclose(found, expected, rtol=0.0, atol=1e-6)
+        np.testing.assert_allclose(converted, expected, rtol=0.0, atol=1e-6)
         return
-    speeds, expected_speeds = (table[:, 2:] / (table[:, 1] - table[:, 0])[:, None] for table in (found, expected))
+    speeds, expected_speeds = (table[:, 2:] / (table[:, 1] - table[:, 0])[:, None] for table in (converted, expected))
     late = 1 if layout in EVEN else 0  # one stamp a turn, its end, leaves the first turn's duration to be guessed
     # stamps of whole turns are smoothed as far as a turning mass allows, and this radar's turns wander by 5 ms
     np.testing.assert_allclose(speeds[late:, 0], expected_speeds[late:, 0], rtol=0.0, atol=0.1)

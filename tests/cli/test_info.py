@@ -64,10 +64,10 @@ def test_a_range_resolution_given_overrides_the_recordings(street: Path) -> None
 @pytest.mark.parametrize("kind", KINDS)
 def test_bags_are_described_like_the_recording_they_were_made_of(oxford: Path, tmp_path: Path, kind: str) -> None:
     bag = write_bag(open_recording(oxford), bag_path(tmp_path, kind), kind)
-    expected, found = (json.loads(mqslam("info", path, "--json").out) for path in (oxford, bag))
-    assert found["format"] == "rosbag"
+    expected, described = (json.loads(mqslam("info", path, "--json").out) for path in (oxford, bag))
+    assert described["format"] == "rosbag"
     for key in ("revolutions", "duration_s", "turn_rate_hz", "azimuths", "bins", "gaps"):
-        assert found[key] == expected[key], key
+        assert described[key] == expected[key], key
 
 
 def test_paths_with_brackets_are_shown_as_they_are(tmp_path: Path) -> None:
@@ -87,9 +87,14 @@ def test_a_lidars_log_is_described_and_sent_to_the_audit(tmp_path: Path) -> None
     log = tmp_path / "scans.log"
     scan = " ".join(["2.5"] * 180)
     log.write_text("".join(f"FLASER 180 {scan} {k} 0 0 {k} 0 0 {10 + k}.5 host {k}\n" for k in range(4)))
-    found = json.loads(mqslam("info", log, "--json").out)
-    assert (found["format"], found["scans"], found["duration_s"], found["returns"]) == ("carmen", 4, 3.0, 180.0)
-    assert found["recording"] == {"poses": 4, "length_m": 3.0}
+    described = json.loads(mqslam("info", log, "--json").out)
+    assert (described["format"], described["scans"], described["duration_s"], described["returns"]) == (
+        "carmen",
+        4,
+        3.0,
+        180.0,
+    )
+    assert described["recording"] == {"poses": 4, "length_m": 3.0}
     assert "recorded by a lidar: mqslam audit judges its map" in mqslam("info", log).out
     shown = mqslam("run", log, "--out", tmp_path / "out")
     assert shown.code == 2 and "is a lidar's recording; give a radar's" in shown.err

@@ -79,10 +79,10 @@ def killed(lap: Path, folder: Path, moment: str) -> Path:
 
 def assert_as_whole(out: Path, whole: dict[str, bytes | None]) -> None:
     """The results are those of the uninterrupted run, and nothing lies in or beside them."""
-    found = read_contents(out)
-    assert found.keys() == whole.keys()
+    left = read_contents(out)
+    assert left.keys() == whole.keys()
     for name in whole:
-        assert name in LATER or found[name] == whole[name], name
+        assert name in LATER or left[name] == whole[name], name
     assert list(out.parent.iterdir()) == [out]
 
 

@@ -28,7 +28,7 @@ def test_every_option_reaches_the_simulation(tmp_path: Path) -> None:
     assert mqslam("simulate", tmp_path / "drive", *words, "--quiet").code == 0
     written = json.loads((tmp_path / "drive" / "simulation.json").read_text())
     sensor = written["sensor"]
-    found = {
+    recorded = {
         "--scene": written["scene"],
         "--duration": written["duration_s"],
         "--turn-rate": sensor["turn_rate_hz"],
@@ -40,7 +40,7 @@ def test_every_option_reaches_the_simulation(tmp_path: Path) -> None:
         "--seed": written["seed"],
         "--jobs": 2,
     }
-    assert found == options
+    assert recorded == options
     described = json.loads(mqslam("info", tmp_path / "drive", "--json").out)
     assert (described["revolutions"], described["azimuths"], described["bins"]) == (4, 90, 120)
     assert described["turn_rate_hz"] == pytest.approx(2.0) and described["range_resolution_m"] == 0.5

@@ -75,9 +75,9 @@ def assert_same(one: Any, other: Any) -> None:
 
 def test_returns_survive_a_round_trip(tmp_path: Path) -> None:
     filled(tmp_path / "out")
-    found = resumed(tmp_path / "out").find(describe_kept_stretch(0, 5))
-    assert found is not None and repr(found.unread) == repr(DETECTED.unread)
-    for one, other in zip(RETURNS, found.returns, strict=True):
+    kept = resumed(tmp_path / "out").find(describe_kept_stretch(0, 5))
+    assert kept is not None and repr(kept.unread) == repr(DETECTED.unread)
+    for one, other in zip(RETURNS, kept.returns, strict=True):
         assert_same(one, other)
         assert all(getattr(other, f.name).flags.c_contiguous for f in fields(other))
 
@@ -124,8 +124,8 @@ def test_a_file_that_is_cut_short_is_not_there(tmp_path: Path, name: str) -> Non
     whole = file.read_bytes()
     for length in [*range(0, len(whole), 101), len(whole) - 1]:
         file.write_bytes(whole[:length])
-        found = found_in(resumed(tmp_path / "out"))
-        assert [part is None for part in found] == [other == name for other in FILES], length
+        kept = found_in(resumed(tmp_path / "out"))
+        assert [part is None for part in kept] == [other == name for other in FILES], length
 
 
 @pytest.mark.parametrize("name", FILES)
@@ -138,9 +138,9 @@ def test_a_file_with_a_broken_byte_is_not_there_or_as_it_was(tmp_path: Path, nam
         broken = bytearray(whole)
         broken[place] ^= 0x55
         file.write_bytes(broken)
-        found = found_in(resumed(tmp_path / "out"))[FILES.index(name)]
-        missing += found is None
-        assert found is None or repr(found) == repr(right), place
+        kept = found_in(resumed(tmp_path / "out"))[FILES.index(name)]
+        missing += kept is None
+        assert kept is None or repr(kept) == repr(right), place
     assert missing > 20
 
 
