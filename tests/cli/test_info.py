@@ -87,14 +87,9 @@ def test_a_lidars_log_is_described_and_sent_to_the_audit(tmp_path: Path) -> None
     log = tmp_path / "scans.log"
     scan = " ".join(["2.5"] * 180)
     log.write_text("".join(f"FLASER 180 {scan} {k} 0 0 {k} 0 0 {10 + k}.5 host {k}\n" for k in range(4)))
-    described = json.loads(mqslam("info", log, "--json").out)
-    assert (described["format"], described["scans"], described["duration_s"], described["returns"]) == (
-        "carmen",
-        4,
-        3.0,
-        180.0,
-    )
-    assert described["recording"] == {"poses": 4, "length_m": 3.0}
+    facts = json.loads(mqslam("info", log, "--json").out)
+    assert (facts["format"], facts["scans"], facts["duration_s"], facts["returns"]) == ("carmen", 4, 3.0, 180.0)
+    assert facts["recording"] == {"poses": 4, "length_m": 3.0}
     assert "recorded by a lidar: mqslam audit judges its map" in mqslam("info", log).out
     shown = mqslam("run", log, "--out", tmp_path / "out")
     assert shown.code == 2 and "is a lidar's recording; give a radar's" in shown.err

@@ -157,11 +157,9 @@ def test_an_address_that_leads_nowhere_is_said(
 
 
 def test_a_scheduler_without_workers_is_said(lap: Path, tmp_path: Path) -> None:
-    with cluster(tmp_path / "dask", workers=0) as workers:
-        shown = run(lap, tmp_path / "out", "--cluster", workers.address)
-    assert (
-        shown.err == f"mqslam: error: {workers.address}: has no workers; start some with 'dask worker {workers.address}'\n"
-    )
+    with cluster(tmp_path / "dask", workers=0) as crew:
+        shown = run(lap, tmp_path / "out", "--cluster", crew.address)
+    assert shown.err == f"mqslam: error: {crew.address}: has no workers; start some with 'dask worker {crew.address}'\n"
 
 
 def test_workers_of_another_version_are_refused(tmp_path: Path, lap: Path) -> None:
