@@ -19,9 +19,9 @@ def _complete_config(incomplete: str) -> list[str]:
 
 def _complete_frontend(incomplete: str) -> list[str]:
     """Returns the names of front ends that begin like this, for the shell to complete."""
-    from mqslam.core.frontend import names
+    from mqslam.core.frontend import list_front_ends
 
-    return [name for name in names() if name.startswith(incomplete)]
+    return [name for name in list_front_ends() if name.startswith(incomplete)]
 
 
 def _complete_format(incomplete: str) -> list[str]:

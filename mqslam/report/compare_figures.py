@@ -12,7 +12,7 @@ from scipy.ndimage import median_filter
 from mqslam.compare.judgement import Judged, Place
 from mqslam.core import se2
 from mqslam.core.trajectory import Trajectory
-from mqslam.evaluation import alignment
+from mqslam.evaluation import align_positions
 from mqslam.report.audit_figures import EXPECTED
 from mqslam.report.canvas import (
     INK,
@@ -137,7 +137,7 @@ def place_pictures(rows: Sequence[Judged], number: int, place: Place) -> tuple[b
 def placed(tracks: Sequence[Trajectory], truth: Trajectory | None) -> tuple[list[se2.Array], NDArray[np.float64] | None]:
     """Motions (3,) that bring every trajectory into one frame, and positions (N, 2) [m] of the truth's part they cover."""
     if truth is not None:
-        onto = [motion for track in tracks if (motion := alignment(track, truth)) is not None]
+        onto = [motion for track in tracks if (motion := align_positions(track, truth)) is not None]
         if tracks and len(onto) == len(tracks):
             first, last = min(t.stamps_us[0] for t in tracks), max(t.stamps_us[-1] for t in tracks)
             covered = (truth.stamps_us >= first) & (truth.stamps_us <= last)

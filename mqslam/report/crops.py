@@ -9,10 +9,11 @@ from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter
 from scipy.spatial import cKDTree
 
-from mqslam.audit.inflation import middled, twisted
-from mqslam.audit.judge import Audit, WindowAudit
-from mqslam.audit.revisits import Revisit, passes_of
+from mqslam.audit.inflation import centre_window, twist_points
+from mqslam.audit.judge import Audit
+from mqslam.audit.revisits import Revisit, pick_passes
 from mqslam.audit.sweeps import Sweeps
+from mqslam.audit.windows import WindowAudit
 from mqslam.config import AuditConfig
 from mqslam.core import se2
 from mqslam.report.canvas import BLUE, ORANGE, View, common_view, png, square
@@ -107,15 +108,15 @@ def crop_of(sweeps: Sweeps, spot: Spot, settings: AuditConfig) -> Crop:
 
 def _window(sweeps: Sweeps, window: WindowAudit) -> tuple[list[Points], list[Points]]:
     """A window's points (M, 2), sweep by sweep, as they are and corrected."""
-    points, into = middled(sweeps, window.begin, window.end)
-    mended = twisted(points, into, window.bend.correction / (window.end - window.begin)).points
+    points, into = centre_window(sweeps, window.begin, window.end)
+    mended = twist_points(points, into, window.bend.correction / (window.end - window.begin)).points
     cuts = sweeps.begins[window.begin + 1 : window.end] - sweeps.begins[window.begin]
     return np.split(points.points, cuts), np.split(mended, cuts)
 
 
 def _revisit(sweeps: Sweeps, found: Revisit, settings: AuditConfig) -> tuple[list[Points], list[Points]]:
     """The points (M, 2) of two passes in the frame of the later one, as they are and with the later one moved."""
-    passes = passes_of(sweeps, found.earlier, found.later, settings)
+    passes = pick_passes(sweeps, found.earlier, found.later, settings)
     earlier, later = (sweeps.local(part, sweeps.poses[found.later]).points for part in passes)
     return [earlier, later], [earlier, se2.transform(found.offset, later)]
 

@@ -9,13 +9,13 @@ from typing import Any, Final
 
 import numpy as np
 
-from mqslam.backend.pose_graph import marginals
+from mqslam.backend.pose_graph import compute_marginals
 from mqslam.core import se2
 from mqslam.core.evenly import evenly
 from mqslam.core.recording import Recording
 from mqslam.core.trajectory import Trajectory
 from mqslam.errors import tolerate
-from mqslam.evaluation import alignment
+from mqslam.evaluation import align_positions
 from mqslam.execution.files import write_text
 from mqslam.report import run_figures
 from mqslam.report.canvas import OUTERMOST
@@ -74,7 +74,7 @@ def write_run_pages(folder: Path, run: Run, recording: Recording, summary: Mappi
     """
     failures: list[str] = []
     with tolerate("report.html", failures):
-        sure = marginals(run.graph, run.values, evenly(run.graph.size, _ELLIPSES).tolist())
+        sure = compute_marginals(run.graph, run.values, evenly(run.graph.size, _ELLIPSES).tolist())
         if sure.failure is not None:
             failures.append(f"the covariances of the poses are not known ({sure.failure}): the report shows no ellipses")
         report = report_of(run, recording, summary, sure, (*summary["warnings"], *failures))
@@ -167,7 +167,7 @@ def _placed_truth(report: Report) -> Trajectory | None:
     """The ground truth in the frame of the optimised trajectory, or None where the two cannot be aligned."""
     if report.ground_truth is None:
         return None
-    motion = alignment(report.optimised, report.ground_truth)
+    motion = align_positions(report.optimised, report.ground_truth)
     if motion is None:
         return None
     return Trajectory(report.ground_truth.stamps_us, se2.compose(se2.inverse(motion), report.ground_truth.poses))

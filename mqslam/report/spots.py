@@ -7,8 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mqslam.audit.judge import Audit, RevisitAudit, WindowAudit
+from mqslam.audit.judge import Audit
+from mqslam.audit.revisits import RevisitAudit
 from mqslam.audit.sweeps import Sweeps
+from mqslam.audit.windows import WindowAudit
 from mqslam.core import se2
 
 WORST = 10  # places that are shown

@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 
 import mqslam
-from mqslam.audit.judge import WindowAudit, torn_threshold
 from mqslam.audit.verdict import Share, VerdictStatus
+from mqslam.audit.windows import WindowAudit, torn_threshold
 from mqslam.compare.judgement import Judged, Place
 from mqslam.compare.rows import Row
 from mqslam.config import AuditConfig, Config, VerdictConfig, dump_yaml

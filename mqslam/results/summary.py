@@ -10,12 +10,11 @@ from typing import Any
 import numpy as np
 
 import mqslam
-from mqslam.audit.judge import judge_windows
+from mqslam.audit.findings import judge_windows
 from mqslam.audit.verdict import Finding, Share, VerdictStatus, verdict_of
 from mqslam.core.measurement import Measurement, Status
-from mqslam.core.motion import LONGEST_COAST_S
 from mqslam.core.recording import Recording
-from mqslam.detection.stage import unread_warnings
+from mqslam.detection.stage import warn_of_unread
 from mqslam.evaluation import evaluate
 from mqslam.mapping.render import select_moving
 from mqslam.solution import Run
@@ -135,27 +134,27 @@ def peak_rss_mb() -> float:
 
 def run_warnings(run: Run, recording: Recording) -> list[str]:
     """What happened during a run that its reader should know first."""
-    found = [*recording.faults, *unread_warnings(run.unread), *run.warnings]
-    found += _gaps(recording.gaps())
+    found = [*recording.faults, *warn_of_unread(run.unread), *run.warnings]
+    found += _gaps(recording.gaps(), run.config.tracker.longest_coast_s)
     for status, what in ((Status.LOST, "lost track"), (Status.DEGENERATE, "did not observe every direction")):
         found += [f"{what} from {begin:.1f} s to {end:.1f} s" for begin, end in stretches(run.measurements, status)]
     found += [f"stood still from {begin:.1f} s to {end:.1f} s: rendered once" for begin, end in parked(run, recording)]
     return found
 
 
-def _gaps(gaps: list[tuple[int, float]]) -> list[str]:
+def _gaps(gaps: list[tuple[int, float]], longest_coast_s: float) -> list[str]:
     """Warnings of the first gaps, and what is missing in all where there are many."""
-    found = [_gap(k, missing) for k, missing in gaps[:_LISTED]]
+    found = [_gap(k, missing, longest_coast_s) for k, missing in gaps[:_LISTED]]
     if len(gaps) > _LISTED:
         missing_s = sum(missing for _, missing in gaps)
         found.append(f"{len(gaps) - _LISTED} more radar gaps; {missing_s:.2f} s are missing in all")
     return found
 
 
-def _gap(scan: int, missing_s: float) -> str:
+def _gap(scan: int, missing_s: float, longest_coast_s: float) -> str:
     """Returns the warning of a gap after a scan."""
     where = f"of {missing_s:.2f} s after scan {scan} (counted from 0)"
-    if missing_s < LONGEST_COAST_S:
+    if missing_s < longest_coast_s:
         return f"radar gap {where}"
     return f"jump of the clock or pause {where}: what lies beyond it is placed by a guess unless a loop ties it"
 

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mqslam.core.evenly import evenly
-from mqslam.core.point_map import thinned
+from mqslam.core.point_map import pick_thinned
 from mqslam.report.canvas import BLUE, MAP_SHAPE, ORANGE, OUTERMOST, RED, common_view
 from mqslam.report.page import note
 
@@ -145,7 +145,7 @@ def explorer(shown: Explorer, still: str) -> str:
     if not shown.layers or not any(len(layer.points) for layer in shown.layers):
         return still
     most = MOST_POINTS // len(shown.layers)
-    kept = [thinned(layer.points, most) for layer in shown.layers]
+    kept = [pick_thinned(layer.points, most) for layer in shown.layers]
     said = note(_thinning(shown.layers, kept) + shown.explained)
     names = [name for name in _UNITS if all(name in layer.values for layer in shown.layers)]
     options = "".join(f'<option value="{name}">{_UNITS[name]}</option>' for name in names)
