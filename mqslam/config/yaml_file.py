@@ -1,4 +1,4 @@
-"""A YAML file as a tree of settings, and what is wrong with it in one line."""
+"""Reads a YAML file as a tree of settings; a mistake in it becomes an error of one line."""
 
 from __future__ import annotations
 
@@ -14,25 +14,25 @@ M = TypeVar("M", bound=BaseModel)
 
 
 def parse_yaml(model: type[M], name: str | Path, text: str | bytes) -> M:
-    """Parses a YAML text as settings.
+    """Returns the settings in a YAML text.
 
     Args:
         model: the kind of settings.
-        name: of the file, for errors.
-        text: its content, UTF-8 if bytes.
+        name: name of the file, for errors.
+        text: content of the file; bytes are UTF-8.
 
     Raises:
         ConfigError: the text is not YAML, or a setting is unknown or out of range.
     """
     try:
         tree = yaml.safe_load(text if isinstance(text, str) else text.decode("utf-8"))
-    except Exception as error:  # PyYAML also raises what Python's own conversions to numbers, dates and keys raise
+    except Exception as error:  # PyYAML lets errors through that making numbers, dates and keys raises
         first = (str(error) or type(error).__name__).splitlines()[0]
         raise ConfigError(f"{name}: is not a readable YAML file ({first})") from error
     if tree is None:
         tree = {}
     if not isinstance(tree, dict):
-        raise ConfigError(f"{name}: must hold settings as 'section: {{key: value}}'")
+        raise ConfigError(f"{name}: must hold settings in the form 'section: {{key: value}}'")
     try:
         return model.model_validate(tree)
     except ValidationError as error:
@@ -40,18 +40,17 @@ def parse_yaml(model: type[M], name: str | Path, text: str | bytes) -> M:
 
 
 def _explain(error: ValidationError, model: type[BaseModel]) -> str:
-    """Describes the first fault of a settings tree in one line, with the nearest known name for an unknown one."""
+    """Returns the first fault of a settings tree in one line, with the nearest known name for an unknown one."""
     faults = error.errors()
-    # an unknown name comes first, since it may be the misspelt name of a setting that is reported as missing
-    fault = next((f for f in faults if f["type"] == "extra_forbidden"), faults[0])
+    fault = next((f for f in faults if f["type"] == "extra_forbidden"), faults[0])  # an unknown name explains a missing one
     where = ".".join(str(part) for part in fault["loc"])
     if fault["type"] != "extra_forbidden":
-        return f"{where}: {fault['msg']}"
-    return f"unknown setting {where}; {suggest(str(fault['loc'][-1]), _list_keys(model, fault['loc'][:-1]))}"
+        return f"{where}: {fault['msg'].removeprefix('Value error, ')}"  # pydantic's prefix of what our own checks raise
+    return f"unknown setting {where}; {suggest(str(fault['loc'][-1]), _list_settings(model, fault['loc'][:-1]))}"
 
 
-def _list_keys(model: type[BaseModel], parents: tuple[int | str, ...]) -> list[str]:
-    """Lists the names of the settings below some parents; a number among them is a place in a list."""
+def _list_settings(model: type[BaseModel], parents: tuple[int | str, ...]) -> list[str]:
+    """Returns the names of the settings below some parents; a number among the parents is a place in a list."""
     node: Any = model
     for parent in parents:
         node = get_args(node)[0] if isinstance(parent, int) else node.model_fields[parent].annotation

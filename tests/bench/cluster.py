@@ -18,7 +18,7 @@ from mqslam.core import se2
 from mqslam.core.frontend import Context
 from mqslam.core.recording import Recording
 from mqslam.detection.stage import detect_all
-from mqslam.execution.cluster import connected
+from mqslam.execution.cluster import connect
 from mqslam.execution.engine import Engine
 from mqslam.execution.runner import Runner
 from mqslam.formats.recordings import open_recording
@@ -77,7 +77,7 @@ def _workers(data: Path, out: Path) -> list[Claim]:
     rows: list[list[str | float]] = []
     batches = []
     for workers in _WORKERS:
-        with connected(f"local:{workers}") as engine:
+        with connect(f"local:{workers}") as engine:
             _time_detection(recording, config, engine)  # warm
             detect = min(_time_detection(recording, config, engine) for _ in range(_ROUNDS))
         begin = time.perf_counter()

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 import yaml
 from plyfile import PlyData
-from support.commands import contents, mqslam, strict_json
+from support.commands import mqslam, parse_strict_json, read_contents
 from support.parameters import mostly_slow
 from support.recordings import KINDS, bag_path, write_bag
 from support.reported import assert_alone
@@ -78,7 +78,7 @@ REVOLUTIONS = 48
 
 
 def summary_of(out: Path) -> dict[str, Any]:
-    return strict_json((out / "summary.json").read_text())
+    return parse_strict_json((out / "summary.json").read_text())
 
 
 def rows_of(out: Path) -> list[dict[str, str]]:
@@ -307,10 +307,10 @@ def test_kiss_icp_is_run_on_the_same_data(run: Callable[..., Path], quick: Path,
 
 
 def test_a_finished_run_is_not_resumed(street: Path, result: Path) -> None:
-    before = contents(result)
+    before = read_contents(result)
     shown = mqslam("run", street, "--out", result, "--resume")
     assert shown.code == 2 and "exists already" in shown.err and "--resume" not in shown.err
-    assert contents(result) == before
+    assert read_contents(result) == before
 
 
 @pytest.mark.slow
@@ -335,7 +335,7 @@ def test_the_number_of_jobs_changes_no_byte(
 
 def test_json_is_the_summary_and_nothing_else(street: Path, quick: Path, tmp_path: Path) -> None:
     shown = mqslam("run", street, "--out", tmp_path / "out", "--frontend", "odometry", "--config", quick, "--json")
-    assert strict_json(shown.out) == summary_of(tmp_path / "out")
+    assert parse_strict_json(shown.out) == summary_of(tmp_path / "out")
     assert shown.err == ""
 
 
@@ -368,8 +368,8 @@ def test_odometry_that_stops_early_is_not_used_and_said(street: Path, quick: Pat
         (drive / name).symlink_to(street / name)
     (drive / "odom.csv").write_text("\n".join((street / "odom.csv").read_text().splitlines()[:50]) + "\n")
     shown = mqslam("run", drive, "--out", tmp_path / "out", "--config", quick)
-    assert shown.code == 0 and "odometry does not cover it" in shown.err
-    assert "odometry does not cover it" in (tmp_path / "out" / "run.log").read_text()
+    assert shown.code == 0 and "odometry does not cover the whole recording" in shown.err
+    assert "odometry does not cover the whole recording" in (tmp_path / "out" / "run.log").read_text()
     summary = summary_of(tmp_path / "out")
     assert summary["factors"]["odometry"] == 0 and summary["evaluation"] is None
 

@@ -1,4 +1,4 @@
-"""A run of the real sample: it is followed without odometry, and a bag of the same polar scans gives the same trajectory."""
+"""A run of the real sample follows the radar, and to the same bytes from a bag."""
 
 from __future__ import annotations
 

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 from PIL import Image
-from support.commands import contents, mqslam
+from support.commands import mqslam, read_contents
 from support.faults import assert_refused, images
 from support.layouts import left_turn, write_radiate
 from support.recordings import START_US, TURN_US, bag_path, write_bag, write_oxford, write_png
@@ -45,9 +45,9 @@ def test_a_file_cut_short(drive: Path, tmp_path: Path, kind: str) -> None:
         arguments = [file]
     if kind not in ("odometry", "settings"):
         file.write_bytes(file.read_bytes()[: file.stat().st_size // 2])
-    before = contents(tmp_path)
+    before = read_contents(tmp_path)
     assert_refused(mqslam("run", *arguments, "--out", tmp_path / "out", "--quiet"), str(file))
-    assert contents(tmp_path) == before
+    assert read_contents(tmp_path) == before
 
 
 @pytest.mark.slow

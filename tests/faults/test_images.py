@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from PIL import Image
-from support.commands import contents, mqslam
+from support.commands import mqslam, read_contents
 from support.faults import assert_refused, cut_short, images, interrupt, read_summary, run_quickly, small_street, write_drive
 from support.recordings import write_oxford
 
@@ -32,9 +32,9 @@ def test_an_image_that_cannot_be_read(drive: Path, tmp_path: Path) -> None:
     track = read_tum(tmp_path / "out" / "trajectory.tum")
     assert track.stamps_us.tolist() == [int(image.stem) for image in images(drive)]
     assert found["evaluation"]["ate_rmse_m"] < 0.5
-    before = contents(tmp_path)
+    before = read_contents(tmp_path)
     assert_refused(run_quickly(drive, tmp_path / "strict", "--strict", "--quiet"), f"{broken[0]}: is not a readable PNG")
-    assert contents(tmp_path) == before
+    assert read_contents(tmp_path) == before
 
 
 def test_an_unread_revolution_stays_one_when_a_run_is_resumed(drive: Path, tmp_path: Path) -> None:
@@ -65,9 +65,9 @@ def test_a_first_or_last_image_that_cannot_be_read(drive: Path, tmp_path: Path) 
 def test_over_half_of_the_images_cannot_be_read(drive: Path, tmp_path: Path) -> None:
     for image in images(drive)[3:22]:
         cut_short(image)
-    before = contents(tmp_path)
+    before = read_contents(tmp_path)
     assert_refused(run_quickly(drive, tmp_path / "out", "--quiet"), "is not a readable PNG", "like 19 of 30 polar scans")
-    assert contents(tmp_path).keys() - before.keys() == {"quick.yaml"}
+    assert read_contents(tmp_path).keys() - before.keys() == {"quick.yaml"}
 
 
 def test_a_stretch_that_cannot_be_read_costs_no_more_than_itself(drive: Path) -> None:

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pytest
 from support.clusters import Cluster, at
-from support.commands import INSTALLED, mqslam, processes
+from support.commands import INSTALLED, list_processes, mqslam
 from support.faults import QUICK, assert_refused, cut_short, images, run_quickly
 from support.parameters import mostly_slow
 
@@ -56,7 +56,7 @@ def test_ctrl_c_or_sigterm(drive: Path, tmp_path: Path, command: str, number: si
         assert {path.name for path in (folder / "out").iterdir()} == {FOLDER}
     else:
         assert last == "mqslam: interrupted" and list(folder.iterdir()) == []
-    assert processes(process.pid) == []
+    assert list_processes(process.pid) == []
 
 
 def test_a_signal_during_an_import_is_an_interrupt(

@@ -7,14 +7,14 @@ import subprocess
 from pathlib import Path
 
 import pytest
-from support.commands import contents, mqslam
+from support.commands import mqslam, read_contents
 from support.faults import assert_refused, run_quickly
 
 from mqslam.execution.checkpoint import FOLDER
 
 
 def test_an_output_that_is_read_only(drive: Path, tmp_path: Path) -> None:
-    before = contents(drive)
+    before = read_contents(drive)
     for out in (Path("/proc/out"), Path("/sys/out")):
         assert_refused(run_quickly(drive, out), str(out), "cannot be made", "choose another --out")
         assert_refused(mqslam("simulate", out, "--duration", "1", "--quiet"), str(out))
@@ -22,8 +22,8 @@ def test_an_output_that_is_read_only(drive: Path, tmp_path: Path) -> None:
         (disk / "mine").write_text("kept")
         subprocess.run(["mount", "-o", "remount,ro", disk], check=True)
         assert_refused(run_quickly(drive, disk / "out"), f"{disk}/out: cannot be", "choose another --out")
-        assert contents(disk) == {"mine": b"kept"}
-    assert contents(drive) == before
+        assert read_contents(disk) == {"mine": b"kept"}
+    assert read_contents(drive) == before
 
 
 class mounted:
@@ -49,7 +49,7 @@ def test_a_full_disk(drive: Path, tmp_path: Path, size_kb: int) -> None:
     with mounted(tmp_path / "disk", f"{size_kb}k") as disk:
         shown = run_quickly(drive, disk / "out", "--quiet")
         assert_refused(shown, str(disk), "No space left on device", "free space")
-        left = contents(disk)
+        left = read_contents(disk)
         assert all(name == "out" or name.startswith(f"out/{FOLDER}") for name in left), left
         kept = [name for name in left if name.endswith(".npz")]
         assert ("continue with --resume" in shown.err) == bool(kept)
@@ -59,7 +59,7 @@ def test_a_full_disk(drive: Path, tmp_path: Path, size_kb: int) -> None:
             assert FOLDER not in {path.name for path in (disk / "out").iterdir()}
     with mounted(tmp_path / "other", "300k") as disk:
         assert_refused(mqslam("simulate", disk / "sim", "--duration", "3", "--quiet"), "No space left on device")
-        assert contents(disk) == {}
+        assert read_contents(disk) == {}
 
 
 def test_a_figure_or_a_report_that_cannot_be_made(drive: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -77,11 +77,11 @@ def test_a_figure_or_a_report_that_cannot_be_made(drive: Path, tmp_path: Path, m
 
 def test_a_mistake_in_a_command(drive: Path, tmp_path: Path) -> None:
     """All of them are in `tests/cli/test_errors.py`."""
-    before = contents(tmp_path)
+    before = read_contents(tmp_path)
     for words, said in (
         (["--frontend", "kiss_ipc"], "did you mean kiss_icp?"),
         (["--format", "oxfrod"], "did you mean oxford?"),
         (["--odometry", tmp_path / "nothing.csv"], "nothing.csv"),
     ):
         assert_refused(mqslam("run", drive, "--out", tmp_path / "out", "--quiet", *words), said)
-    assert contents(tmp_path) == before
+    assert read_contents(tmp_path) == before

@@ -11,7 +11,7 @@ from pathlib import Path
 import gtsam
 import numpy as np
 import pytest
-from support.commands import mqslam, strict_json
+from support.commands import mqslam, parse_strict_json
 from support.faults import images, run_quickly
 
 from mqslam.backend.pose_graph import PoseCovariances, PoseGraph, compute_marginals
@@ -72,7 +72,7 @@ def test_the_twins_tunnel(tmp_path: Path, seed: int) -> None:
     for odometry in ("none", "auto"):
         out = tmp_path / odometry
         assert mqslam("run", tunnel, "--out", out, "--odometry", odometry, "--jobs", "1", "--quiet").code == 0
-        found = strict_json((out / "summary.json").read_text())
+        found = parse_strict_json((out / "summary.json").read_text())
         assert found["verdict"]["status"] in ("warn", "fail") and "every direction" in str(found["verdict"]["reasons"])
         assert not [warning for warning in found["warnings"] if "could not" in warning or "not known" in warning]
         assert "ellipses" in (out / "report.html").read_text(encoding="utf-8")
@@ -85,6 +85,6 @@ def test_a_recording_of_two_scans(drive: Path, tmp_path: Path) -> None:
     stamps.write_text("".join(stamps.read_text().splitlines(keepends=True)[:2]))
     shown = run_quickly(drive, tmp_path / "out")
     assert shown.code == 0 and "verdict: not judged: 2 scans are too few to judge a map by: a window takes 6" in shown.out
-    found = strict_json((tmp_path / "out" / "summary.json").read_text())
+    found = parse_strict_json((tmp_path / "out" / "summary.json").read_text())
     assert found["verdict"]["status"] == "not judged" and found["inflation"]["windows"] == 0
     assert "not judged" in (tmp_path / "out" / "report.html").read_text()
