@@ -19,6 +19,8 @@ from __future__ import annotations
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
+from mqslam.version import __version__
+
 if TYPE_CHECKING:
     from mqslam.commands.audit import audit
     from mqslam.commands.compare import compare
@@ -32,8 +34,6 @@ if TYPE_CHECKING:
     from mqslam.execution.runner import Runner
     from mqslam.formats.recordings import open_recording
     from mqslam.slam import Slam
-
-__version__ = "0.1.0"
 
 __all__ = [
     "Config",

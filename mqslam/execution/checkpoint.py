@@ -19,13 +19,13 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-import mqslam
 from mqslam.config import Config, dump_yaml
 from mqslam.core.recording import Recording
 from mqslam.core.trajectory import Trajectory
 from mqslam.errors import ClusterError, MqslamError, OutputError, Remedy
 from mqslam.execution.files import write_aside, write_text
 from mqslam.execution.kept import Kept
+from mqslam.version import __version__
 
 R = TypeVar("R")
 
@@ -36,7 +36,7 @@ def hash_run(recording: Recording, config: Config, frontend: str, odometry: Traj
     """Returns a hash of everything that a run's result depends on: runs with different keys are different runs."""
     digest = hashlib.sha256()
     path, resolution = str(recording.path.resolve()), str(recording.range_resolution)
-    for text in (mqslam.__version__, dump_yaml(config), frontend, path, resolution):
+    for text in (__version__, dump_yaml(config), frontend, path, resolution):
         digest.update(text.encode() + b"\0")
     digest.update(recording.stamps_us.tobytes())
     if odometry is not None:

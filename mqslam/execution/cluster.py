@@ -16,10 +16,10 @@ from contextlib import contextmanager
 from functools import partial
 from typing import Any, TypeVar
 
-import mqslam
 from mqslam.errors import ClusterError, ConfigError
 from mqslam.execution.engine import ignore_result
 from mqslam.execution.interrupts import shield_from_interrupts
+from mqslam.version import __version__
 
 try:
     import dask
@@ -111,13 +111,13 @@ def _check_versions(client: Client, address: str) -> None:
     except ImportError as error:
         raise ClusterError(f"{address}: a machine lacks mqslam ({error}); install it there") from error
     for where, version in versions.items():
-        if version != mqslam.__version__:
-            raise ClusterError(f"{where}: has mqslam {version}; install {mqslam.__version__} as on this machine")
+        if version != __version__:
+            raise ClusterError(f"{where}: has mqslam {version}; install {__version__} as on this machine")
 
 
 def _read_version() -> str:
     """Returns the version of mqslam on the machine that runs this."""
-    return mqslam.__version__
+    return __version__
 
 
 class DaskEngine:
