@@ -16,7 +16,7 @@ from mqslam.commands.audit import audit
 from mqslam.commands.compare import compare
 from mqslam.commands.result import RunResult
 from mqslam.config import SensorConfig
-from mqslam.simulator import simulate
+from mqslam.simulator import SensorModel, simulate
 
 SCANS = 10
 SETTINGS = mqslam.Config(sensor=SensorConfig(doppler_beta=0.0))
@@ -26,7 +26,8 @@ SETTINGS = mqslam.Config(sensor=SensorConfig(doppler_beta=0.0))
 def drive(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A few coarse scans of a street; nobody may change them."""
     out = tmp_path_factory.mktemp("api") / "drive"
-    simulate(out, duration_s=SCANS / 4.0, azimuths=120, max_range=60.0, movers=0)
+    sensor = SensorModel(azimuths=120, range_resolution=0.175, max_range=60.0)
+    simulate(out, duration_s=SCANS / 4.0, sensor=sensor, movers=0)
     return out
 
 

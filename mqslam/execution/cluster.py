@@ -107,7 +107,7 @@ def _check_versions(client: Client, address: str) -> None:
     except TimeoutError as error:
         raise ClusterError(f"{address}: has no workers; start some with 'dask worker {address}'") from error
     try:
-        versions = {"scheduler": client.run_on_scheduler(_read_version), **client.run(_read_version)}
+        versions = {"scheduler": client.run_on_scheduler(_version), **client.run(_version)}
     except ImportError as error:
         raise ClusterError(f"{address}: a machine lacks mqslam ({error}); install it there") from error
     for where, version in versions.items():
@@ -115,7 +115,7 @@ def _check_versions(client: Client, address: str) -> None:
             raise ClusterError(f"{where}: has mqslam {version}; install {__version__} as on this machine")
 
 
-def _read_version() -> str:
+def _version() -> str:  # machines with another version of mqslam look it up by this name
     """Returns the version of mqslam on the machine that runs this."""
     return __version__
 
