@@ -23,7 +23,6 @@ def small_street(turn_rate_hz: float = 4.0, duration_s: float = 7.5) -> Simulate
 
 def write_drive(folder: Path, recording: Recording) -> None:
     """Write a recording in the Oxford layout."""
-    folder.mkdir(parents=True)
     writer.write(folder, recording)
 
 
