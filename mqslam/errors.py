@@ -19,6 +19,7 @@ class Remedy(StrEnum):
     CHOOSE_OR_REMOVE_OUTPUT = "choose another output or remove this one"
     CHOOSE_OR_REPLACE_OUTPUT = "choose another output, or allow this one to be replaced"
     CHOOSE_OR_RESUME_OUTPUT = "choose another output, or resume the unfinished run in it"
+    CHOOSE_OR_WRITE_OUTPUT = "choose another output, or allow this one to be written into"
     FREE_SPACE = "free space or choose another output"
     GIVE_RANGE_RESOLUTION = "state the length of a range bin"
     LEAVE_STRICT_OUT = "mend it, or let what cannot be read be left out"

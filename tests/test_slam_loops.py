@@ -13,7 +13,7 @@ from mqslam.evaluation import evaluate
 from mqslam.execution.checkpoint import FOLDER, Checkpoint
 from mqslam.execution.engine import LocalEngine
 from mqslam.formats.g2o import g2o
-from mqslam.results.summary import summarise
+from mqslam.results.run_results import summarise
 from mqslam.simulator import SensorModel, SimulatedRecording, loop_drive, simulated_recording, street_scene
 from mqslam.slam import Run, Slam
 

@@ -67,7 +67,8 @@ def audit(
     from mqslam.formats.clouds import read_cloud
     from mqslam.psi.place import beam_of
     from mqslam.report.audit_page import write_audit_pages
-    from mqslam.results.audit_results import add_warnings, summarise, write_audit
+    from mqslam.results.audit_results import summarise, write_audit
+    from mqslam.results.files import add_warnings
 
     check_free(out, force=force, recording=data)
     console = Console(stderr=True, markup=False)
@@ -91,7 +92,8 @@ def audit(
     summary = summarise(found, sweeps, settings.audit, settings.verdict, dataset, trajectory or "recording", notes)
     with whole_folder(out) as folder:
         write_audit(folder, settings, summary)
-        add_warnings(folder, summary, write_audit_pages(folder, data.resolve().name, found, sweeps, settings, summary))
+        failures = write_audit_pages(folder, data.resolve().name, found, sweeps, settings, summary)
+        add_warnings(folder / "audit.json", summary, failures)
     if as_json:
         typer.echo(json_text(summary))
     elif not quiet:

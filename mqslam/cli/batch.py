@@ -41,7 +41,8 @@ def batch(
     from mqslam.execution.files import json_text
     from mqslam.execution.workers import chosen
     from mqslam.report.batch_page import write_batch_pages
-    from mqslam.results.batch_results import add_warnings, check_batch, summarise, write_batch
+    from mqslam.results.batch_results import check_batch, summarise, write_batch
+    from mqslam.results.files import add_warnings
 
     orders, plan = read_plan(runs)
     check_batch(out, force=force)
@@ -56,7 +57,7 @@ def batch(
         raise
     summary = summarise(orders, outcomes)
     write_batch(out, summary)
-    add_warnings(out, summary, write_batch_pages(out, runs.stem, summary, plan))
+    add_warnings(out / "batch.json", summary, write_batch_pages(out, runs.stem, summary, plan))
     if as_json:
         typer.echo(json_text(summary))
     elif not quiet:

@@ -62,9 +62,10 @@ def compare(
 
     from mqslam.cli.progress import print_notes, progress
     from mqslam.commands.opening import choose_odometry, opened
+    from mqslam.compare.comparison import Comparison
     from mqslam.compare.judgement import agreement, enough_in_common, judge_rows, places, stations
     from mqslam.compare.rows import front_end_rows
-    from mqslam.config import dump_yaml, load_config, with_doppler_beta
+    from mqslam.config import load_config, with_doppler_beta
     from mqslam.core.frontend import Context, load
     from mqslam.detection.stage import detect_all, scans_of, unread_warnings
     from mqslam.errors import EstimationError
@@ -74,8 +75,9 @@ def compare(
     from mqslam.execution.workers import chosen
     from mqslam.psi.place import beam_of
     from mqslam.psi.tracking.doppler import doppler_beta_of
-    from mqslam.report.compare_page import CompareReport, write_compare_pages
-    from mqslam.results.compare_results import add_warnings, summarise, table, write_compare
+    from mqslam.report.compare_page import report_comparison, write_compare_pages
+    from mqslam.results.compare_results import summarise, tabulate, write_compare
+    from mqslam.results.files import add_warnings
 
     settings = _settings(load_config(config), kiss_config)
     names = _names(frontends)
@@ -120,39 +122,27 @@ def compare(
         rows, judged = judge_rows(rows, common, recording.ground_truth, shown, settings, beam, engine, show)
         pairs = agreement(ran)
         notes += [f"{row.name}: {warning}" for row in rows for warning in row.warnings]
-        summary = summarise(
-            recording,
-            beta,
-            settings.audit,
-            settings.verdict,
-            rows,
-            judged,
-            where,
-            pairs,
-            len(common),
-            [*_failures(rows), *notes],
-        )
-        report = CompareReport(
-            title=recording.path.resolve().name,
-            summary=summary,
-            rows=tuple(judged.values()),
-            failed=tuple(row for row in rows if row.failure is not None),
+        comparison = Comparison(
+            recording=recording,
+            settings=settings,
+            doppler_beta=beta,
+            rows=tuple(rows),
+            judged=judged,
+            compared=len(common),
             places=tuple(where),
             stations=tuple(along),
-            start_us=recording.start_us,
             agreement=tuple(pairs),
-            ground_truth=recording.ground_truth,
-            table=tuple(tuple(line) for line in table(summary)),
-            warnings=tuple(summary["warnings"]),
-            settings_yaml=dump_yaml(settings),
+            warnings=(*_failures(rows), *notes),
         )
+        summary = summarise(comparison)
+        report = report_comparison(comparison, summary, tabulate(summary))
         with whole_folder(out) as folder:
-            write_compare(folder, settings, summary, rows)
-            add_warnings(folder, summary, write_compare_pages(folder, report))
+            write_compare(folder, comparison, summary)
+            add_warnings(folder / "compare.json", summary, write_compare_pages(folder, report))
     if as_json:
         typer.echo(json_text(summary))
     elif not quiet:
-        _print(table(summary))
+        _print(tabulate(summary))
         print_notes(console, summary["warnings"][len(_failures(rows)) :])
         typer.echo(f"results in {out}; open {out / 'report.html'} in a browser")
 

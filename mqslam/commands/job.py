@@ -17,8 +17,8 @@ from mqslam.execution.files import plain
 from mqslam.execution.folders import whole_folder
 from mqslam.execution.progress import Progress
 from mqslam.report.run_page import write_run_pages
-from mqslam.results.run_results import add_warnings, write_run
-from mqslam.results.summary import run_warnings, summarise
+from mqslam.results.run_results import add_warnings, summarise, write_run
+from mqslam.results.run_verdict import list_warnings
 from mqslam.slam import Slam, Watch
 
 
@@ -97,7 +97,7 @@ def execute(
     with unfinished(out, job.key, resume=resume, how=how) as checkpoint:
         slam = Slam(job.settings, job.frontend, engine, progress, checkpoint, strict=job.strict, watch=watch)
         result = slam.run(job.recording, job.odometry)
-        warnings = [*run_warnings(result, job.recording), *job.notes]
+        warnings = [*list_warnings(result, job.recording), *job.notes]
         summary: dict[str, Any] = plain({**summarise(result, job.recording), "warnings": warnings, "run_key": job.key})
         with whole_folder(out) as folder:
             write_run(folder, result, summary, job.log)

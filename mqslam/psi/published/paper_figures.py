@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from mqslam.config import PsiConfig
 from mqslam.core import se2
-from mqslam.errors import OutputError
+from mqslam.errors import OutputError, Remedy
 from mqslam.execution.files import written_whole
 from mqslam.psi.published.equations import score
 from mqslam.psi.published.paper_setting import CASES, REVOLUTION_S, PaperWindow, paper_window
@@ -86,7 +86,7 @@ def write_figures(out: Path, seed: int = 1) -> Iterator[tuple[Path, str]]:
     try:
         out.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise OutputError(f"{out}: cannot be made ({error.strerror}); choose another --out") from error
+        raise OutputError(f"{out}: cannot be made ({error.strerror})", Remedy.CHOOSE_OUTPUT) from error
     maps = figure2(seed)
     yield _write(out / "figure2.png", [maps], [f"v {_MOTION_2[0]:g} m/s, omega {_MOTION_2[1]:g} rad/s"]), _psis(maps)
     pairs = figure3(seed)

@@ -1,4 +1,4 @@
-"""What a run's summary says happened."""
+"""The verdict on a run, and its warnings."""
 
 from types import SimpleNamespace
 
@@ -10,7 +10,7 @@ from mqslam.audit.verdict import VerdictStatus
 from mqslam.config import Config
 from mqslam.core.measurement import Measurement, Status
 from mqslam.core.point_map import PointMap
-from mqslam.results.summary import _gaps, parked, verdict
+from mqslam.results.run_verdict import _warn_of_gaps, find_stops, judge_run
 
 PASS, WARN, FAIL, NOT_JUDGED = VerdictStatus
 
@@ -23,7 +23,7 @@ def test_a_long_stop_is_named_and_a_short_one_is_not(standing_s, said):
     times = 0.25 * np.arange(len(x))
     run = SimpleNamespace(optimised=SimpleNamespace(poses=np.c_[x, np.zeros((len(x), 2))]), config=Config())
     recording = SimpleNamespace(start_times=times, duration_s=times[-1] + 0.25)
-    found = parked(run, recording)
+    found = find_stops(run, recording)
     assert len(found) == len(said)
     for span, expected in zip(found, said, strict=True):
         assert span == pytest.approx(expected, abs=0.6)
@@ -79,13 +79,13 @@ def run(scans, *, lost=0, degenerate=0, torn=0, before=0.5, after=0.4, odometry_
     ],
 )
 def test_the_verdict_of_a_run_needs_evidence(found, status, reason):
-    verdict_status, reasons = verdict(found)
+    verdict_status, reasons = judge_run(found)
     assert verdict_status is status, reasons
     assert any(said.startswith(reason) for said in reasons), reasons
 
 
 def test_of_many_gaps_the_first_are_named_and_the_others_counted() -> None:
-    named = _gaps([(k, 0.25) for k in range(12)])
+    named = _warn_of_gaps([(k, 0.25) for k in range(12)])
     assert len(named) == 6
     assert named[0] == "radar gap of 0.25 s after revolution 0"
     assert named[-1] == "7 more radar gaps; 3.00 s are missing in all"
