@@ -15,7 +15,7 @@ from mqslam.formats.tum import read_tum
 from mqslam.report.content import Frame, Part, Row, Section, Table, Thumbnail, Tile
 from mqslam.report.figures.canvas import BLUE, INK, encode_png, find_common_view, make_square
 from mqslam.report.page import collect, version_in, write_page
-from mqslam.report.wording import format_share, format_value
+from mqslam.report.wording import format_matched, format_value
 
 _HEAD: Final = (
     "run",
@@ -133,7 +133,7 @@ def _make_row(run: Mapping[str, Any]) -> Row:
         format_value(run["length_m"], " m"),
         format_value(run["psi_per_point_odometry"]),
         format_value(run["psi_per_point"]),
-        format_share(run["matched"]),
+        format_matched(run["matched"]),
         format_value(run["loops"]),
         format_value(run["ate_rmse_m"], " m"),
         format_value(run["drift_percent"], " %"),

@@ -24,12 +24,11 @@ from mqslam.report.figures import run_figures
 from mqslam.report.figures.canvas import OUTERMOST
 from mqslam.report.page import collect, section_of, verdict_in, version_in, write_page
 from mqslam.report.run_report import Report, report_run
-from mqslam.report.wording import format_change, format_share, format_value
+from mqslam.report.wording import ABSENT, NOT_JUDGED, format_change, format_matched, format_share, format_value
 from mqslam.slam import Run
 
 _ELLIPSES: Final = 150  # poses whose covariance the page shows, so that a long path is not covered by them
 _SAME_PATH_M: Final = 1e-3  # positions nearer than this are the same in print
-_NOT_JUDGED: Final = "not judged"
 _CARDS: Final = {
     "dataset": "Recording",
     "factors": "Graph factors",
@@ -127,13 +126,15 @@ def _make_tiles(report: Report) -> tuple[Tile, ...]:
     psi, dataset = section_of(report.summary, "psi"), section_of(report.summary, "dataset")
     evaluation = section_of(report.summary, "evaluation")
     before, after = psi.get("per_point_odometry"), psi.get("per_point_optimised")
-    matched = Tile(format_share(psi.get("matched_optimised")), "of its points matched")
-    if report.stood_still:
-        matched = Tile(_NOT_JUDGED, "share of its points matched: the radar stood still")
-    tiles = (
+    quality = [
         Tile(format_value(after), "ψ per point of the optimised map"),
         Tile(format_change(before, after), f"change of ψ per point from {report.before}"),
-        matched,
+        Tile(format_share(psi.get("matched_optimised")), "of its points matched"),
+    ]
+    if report.stood_still:
+        quality = [Tile(NOT_JUDGED, "ψ and matched points: the radar stood still, so the map holds one scan only")]
+    tiles = (
+        *quality,
         Tile(format_value(dataset.get("length_m"), " m"), f"driven in {format_value(dataset.get('duration_s'), ' s')}"),
     )
     if not evaluation:
@@ -158,8 +159,8 @@ def _show_maps(report: Report) -> Section:
     ]
     if report.stood_still:
         notes = [
-            "The radar stood still, so the map holds the returns of one scan only: no other scan can match them, "
-            "and ψ, which charges every point without a match, does not judge this map."
+            "The radar stood still, so the optimised map holds the returns of one scan only. No other scan can match them, "
+            "and ψ, which charges every point without a match, is not judged."
         ]
     if _is_same_path(report.odometry, report.optimised):
         notes.append(
@@ -226,14 +227,12 @@ def _tabulate_quality(report: Report) -> Table:
     matched = [psi.get("matched_odometry"), psi.get("matched_optimised")]
     per_point = [psi.get("per_point_odometry"), psi.get("per_point_optimised")]
     total = [psi.get("odometry"), psi.get("optimised")]
-    shares = (format_share(matched[0]), format_share(matched[1]), format_change(*matched))
-    if report.stood_still:
-        shares = (_NOT_JUDGED, _NOT_JUDGED, "")
+    changes = [format_change(*pair) if all(matched) else ABSENT for pair in (total, per_point, matched)]
     lengths = (format_value(report.odometry.length_m, " m"), format_value(report.optimised.length_m, " m"))
     rows = (
-        Row("ψ", (format_value(total[0]), format_value(total[1]), format_change(*total))),
-        Row("ψ per point", (format_value(per_point[0]), format_value(per_point[1]), format_change(*per_point))),
-        Row("points matched", shares),
+        Row("ψ", (format_value(total[0]), format_value(total[1]), changes[0])),
+        Row("ψ per point", (format_value(per_point[0]), format_value(per_point[1]), changes[1])),
+        Row("points matched", (format_matched(matched[0]), format_matched(matched[1]), changes[2])),
         Row("points", (f"{len(report.map_odometry):,}", f"{len(report.map_optimised):,}", "")),
         Row("path", (*lengths, "")),
     )

@@ -9,6 +9,7 @@ from typing import Any, Final
 import numpy as np
 
 ABSENT: Final = "–"
+NOT_JUDGED: Final = "not judged"
 _SMALLEST_M, _SMALLEST_RAD = 5e-4, 1e-4  # smaller parts of a motion would be written as zero and are left out
 
 
@@ -27,6 +28,14 @@ def format_value(value: Any, unit: str = "") -> str:
 def format_share(share: Any) -> str:
     """Returns a share, 0..1, in percent; a dash where it is not known."""
     return format_value(100.0 * share, " %") if isinstance(share, int | float) else ABSENT
+
+
+def format_matched(share: Any) -> str:
+    """Returns the matched share of a map's points; a map without any match is not judged by psi.
+
+    The map of a radar that stood still holds one scan only, and no other scan can match it.
+    """
+    return NOT_JUDGED if share == 0.0 else format_share(share)
 
 
 def format_change(before: Any, after: Any) -> str:

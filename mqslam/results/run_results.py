@@ -17,6 +17,7 @@ from mqslam.audit.verdict import Share
 from mqslam.config import dump_yaml, with_doppler_beta
 from mqslam.core.measurement import Measurement
 from mqslam.core.recording import Recording
+from mqslam.core.trajectory import Trajectory
 from mqslam.errors import tolerate
 from mqslam.evaluation import evaluate
 from mqslam.execution.files import write_json, write_text
@@ -90,8 +91,8 @@ def summarise(run: Run, recording: Recording) -> dict[str, Any]:
             "loop": len(run.loops),
             "loop_rejected": run.loops_rejected,
         },
-        "evaluation": None if truth is None else asdict(evaluate(run.optimised, truth)),
-        "evaluation_odometry": None if truth is None else asdict(evaluate(run.odometry, truth)),
+        "evaluation": _list_errors(run.optimised, truth),
+        "evaluation_odometry": _list_errors(run.odometry, truth),
         "runtime_s": {
             name: run.runtime_s.get(name, 0.0)
             for name in ("read", "detect", "windows", "loops", "optimise", "render", "check", "total")
@@ -175,6 +176,12 @@ def _log_text(summary: dict[str, Any], notes: Sequence[str]) -> str:
     lines += [f"{stage}: {seconds:.2f} s" for stage, seconds in summary["runtime_s"].items()]
     lines.append(f"verdict: {summary['verdict']['status']}: {'; '.join(summary['verdict']['reasons'])}")
     return "\n".join(lines) + "\n"
+
+
+def _list_errors(trajectory: Trajectory, truth: Trajectory | None) -> dict[str, Any] | None:
+    """Returns the errors of a trajectory against ground truth; None where they cannot be had."""
+    errors = None if truth is None else evaluate(trajectory, truth)
+    return None if errors is None else asdict(errors)
 
 
 def _measure_peak_memory() -> float:

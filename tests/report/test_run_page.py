@@ -139,6 +139,25 @@ def test_warnings_stand_before_the_verdict_and_are_escaped(written: Path) -> Non
     assert "<img src=x>" not in written.read_text(encoding="utf-8")
 
 
+def test_notes_on_the_recording_stand_below_the_warnings(written: Path, tmp_path: Path) -> None:
+    note = "range resolution 0.0438 m is <assumed>"
+    write_report(tmp_path / "noted.html", replace(a_report(), notes=(note,)))
+    text = page_of(tmp_path / "noted.html").text
+    assert text.index("odometry ends & the run goes on") < text.index(note) < text.index("warn\n")
+    assert "Notes" not in page_of(written).text
+
+
+def test_the_map_of_a_radar_that_stood_still_is_not_judged(tmp_path: Path) -> None:
+    report = a_report()
+    psi = report.summary["psi"] | {"matched_optimised": 0.0, "per_point_optimised": 2.25}
+    still = replace(report, summary={**report.summary, "psi": psi}, stood_still=True)
+    write_report(tmp_path / "still.html", still)
+    text = re.sub(r"\n+", "\n", page_of(tmp_path / "still.html").text)
+    assert "not judged\nψ and matched points: the radar stood still" in text
+    assert "points matched\n71 %\nnot judged\n–" in text and "%\nof its points matched" not in text
+    assert "the optimised map holds the returns of one scan only" in text
+
+
 def test_numbers_of_the_summary_are_shown_with_units(written: Path) -> None:
     text = page_of(written).text
     for shown in (
