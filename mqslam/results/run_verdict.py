@@ -85,12 +85,17 @@ def _judge_track(run: Run) -> list[Finding]:
 
 
 def _judge_optimisation(run: Run) -> list[Finding]:
-    """Returns what optimisation made of the map; nothing where it had nothing to do."""
+    """Returns what optimisation made of the map; nothing where it had nothing to do or psi cannot tell.
+
+    A radar that stood still leaves a map of one scan: none of its points is matched, and its psi is nothing but the charges.
+    """
     if run.unoptimised is not None:
         reason = f"the pose graph could not be optimised: the trajectory is {run.frontend}'s motions, chained"
         return [Finding(VerdictStatus.FAIL, reason)]
     before, after = run.map_odometry.psi_per_point, run.map_optimised.psi_per_point
-    if not (run.odometry_factors or run.loops) or not run.checks or before is None or after is None or before <= 0.0:
+    if not (run.odometry_factors or run.loops) or not run.checks or not run.map_optimised.matched.any():
+        return []
+    if before is None or after is None or before <= 0.0:
         return []
     ratio = after / before
     worse = VerdictStatus.FAIL if ratio > run.config.verdict.worse else VerdictStatus.PASS
