@@ -23,6 +23,8 @@ class Remedy(StrEnum):
     FREE_SPACE = "free space or choose another output"
     GIVE_RANGE_RESOLUTION = "state the length of a range bin"
     LEAVE_STRICT_OUT = "mend it, or let what cannot be read be left out"
+    OPEN_MAP_ELSEWHERE = "look at report.html, or write the map for Rerun's viewer and open it elsewhere"
+    RECORD_LIVE_VIEW = "record the live view into a file and open it elsewhere"
     RESUME = "resume the run to continue it"
 
 

@@ -13,5 +13,7 @@ WORDS: dict[str, str] = {
     Remedy.FREE_SPACE: "free space or choose another --out",
     Remedy.GIVE_RANGE_RESOLUTION: "give --range-resolution",
     Remedy.LEAVE_STRICT_OUT: "mend it, or leave --strict out",
+    Remedy.OPEN_MAP_ELSEWHERE: "look at report.html, or give --rerun and open map.rrd elsewhere",
+    Remedy.RECORD_LIVE_VIEW: "give --live FILE.rrd and open the file elsewhere",
     Remedy.RESUME: "continue with --resume",
 }

@@ -35,7 +35,7 @@ def pointmap(psi, matched=0.9, count=100):
     return PointMap(np.zeros((count, 2)), zeros, zeros, np.full(count, psi), np.arange(count) < matched * count)
 
 
-def run(scans, *, lost=0, degenerate=0, torn=0, before=0.5, after=0.4, odometry_factors=1, unoptimised=None, unread=0):
+def run(scans, *, lost=0, degenerate=0, torn=0, before=0.5, after=0.4, **others):
     """What the verdict looks at of a run of so many scans."""
     statuses = [Status.LOST] * lost + [Status.DEGENERATE] * degenerate + [Status.CONVERGED] * (scans - 1 - lost - degenerate)
     sweeps = swept_walls()
@@ -47,10 +47,8 @@ def run(scans, *, lost=0, degenerate=0, torn=0, before=0.5, after=0.4, odometry_
         checks=[judged_window(sweeps, 0, 90.0, (0.2, 0.0, 0.0), k < torn) for k in range(scans // 6)],
         map_odometry=before if isinstance(before, PointMap) else pointmap(before),
         map_optimised=after if isinstance(after, PointMap) else pointmap(after),
-        odometry_factors=odometry_factors,
         loops=[],
-        unoptimised=unoptimised,
-        unread=dict.fromkeys(range(unread)),
+        **{"odometry_factors": 1, "unoptimised": None, "unread": {}, **others},
     )
 
 
@@ -63,7 +61,7 @@ def run(scans, *, lost=0, degenerate=0, torn=0, before=0.5, after=0.4, odometry_
         (run(240, lost=100), FAIL, "100 of 239 scans lost track and follow the prediction"),
         (run(240, degenerate=60), WARN, "60 of 239 scans do not observe every direction of motion"),
         (run(240, degenerate=10), PASS, "no scan lost track"),
-        (run(240, unread=2), WARN, "2 of 240 revolutions could not be read"),
+        (run(240, unread={7: None, 8: None}), WARN, "2 of 240 revolutions could not be read"),
         (run(240, after=0.6), FAIL, "psi per point is 1.20 times that of the map before optimisation"),
         (run(240, after=0.6, odometry_factors=0), PASS, "no scan lost track"),  # nothing pulled the graph anywhere
         (run(240, unoptimised="no luck"), FAIL, "the pose graph could not be optimised: the trajectory is psi's motions"),
@@ -75,7 +73,7 @@ def run(scans, *, lost=0, degenerate=0, torn=0, before=0.5, after=0.4, odometry_
         (run(18, lost=1), WARN, "0 of 3 windows are torn, too few to judge the map by"),
         (run(2), NOT_JUDGED, "2 scans are too few to judge a map by: a window takes 6"),
         (run(2, lost=1), NOT_JUDGED, "1 of 1 scans lost track and follow the prediction"),
-        (run(3, lost=1, unread=1), NOT_JUDGED, "3 scans are too few to judge a map by: a window takes 6"),
+        (run(3, lost=1, unread={1: None}), NOT_JUDGED, "3 scans are too few to judge a map by: a window takes 6"),
         (run(1), NOT_JUDGED, "1 scan is too few to judge a map by: a window takes 6"),
     ],
 )
