@@ -208,7 +208,7 @@ def test_revolutions_that_are_missing(drive: Path, tmp_path: Path) -> None:
     for image in images(drive)[12:16]:
         image.unlink()
     shown = run(drive, tmp_path / "out")
-    assert shown.code == 0 and "warning: radar gap of 1.00 s after revolution 11" in shown.err
+    assert shown.code == 0 and "warning: radar gap of 1.00 s after scan 11" in shown.err
     assert len(read_tum(tmp_path / "out" / "trajectory.tum")) == 26
     assert summary(tmp_path / "out")["evaluation"]["ate_rmse_m"] < 0.5
 
@@ -267,7 +267,7 @@ def test_a_clock_that_jumps(drive: Path, tmp_path: Path) -> None:
     (drive / "radar.timestamps").unlink()
     shown = run(drive, tmp_path / "out")
     assert shown.code == 0
-    assert "warning: jump of the clock or pause of 7200.00 s after revolution 14" in shown.err
+    assert "warning: jump of the clock or pause of 7200.00 s after scan 14" in shown.err
     track = read_tum(tmp_path / "out" / "trajectory.tum")
     assert len(track) == 30 and np.abs(track.poses[:, :2]).max() < 200.0  # two hours at this speed would be 50 km
     for half in (slice(0, 15), slice(19, 30)):

@@ -20,7 +20,7 @@ from mqslam.report.wording import format_matched, format_value
 _HEAD: Final = (
     "run",
     "verdict",
-    "revolutions",
+    "scans",
     "duration",
     "path",
     "ψ per point, odometry",

@@ -41,7 +41,10 @@ def list_warnings(run: Run, recording: Recording) -> list[str]:
         spans = find_stretches(run.measurements, status)
         warnings += [f"{what} from {begin:.1f} s to {end:.1f} s" for begin, end in spans]
     stops = find_stops(run, recording)
-    warnings += [f"stood still from {begin:.1f} s to {end:.1f} s: rendered once" for begin, end in stops]
+    warnings += [
+        f"stood still from {begin:.1f} s to {end:.1f} s: the map holds the first scan of that time only"
+        for begin, end in stops
+    ]
     return warnings
 
 
@@ -76,7 +79,7 @@ def _judge_track(run: Run) -> list[Finding]:
         reason = f"{lost.count} of {lost.total} scans lost track and follow the prediction"
         findings = [Finding(VerdictStatus.FAIL if grave else VerdictStatus.WARN, reason)]
     if run.unread:
-        reason = f"{len(run.unread)} of {len(run.optimised)} revolutions could not be read"
+        reason = f"{len(run.unread)} of {len(run.optimised)} polar scans could not be read"
         findings.append(Finding(VerdictStatus.WARN, reason))
     if degenerate.is_above(settings.degenerate_warn, settings):
         reason = f"{degenerate.count} of {degenerate.total} scans do not observe every direction of motion"
@@ -121,7 +124,7 @@ def _warn_of_gaps(gaps: list[tuple[int, float]]) -> list[str]:
 
 
 def _describe_gap(scan: int, missing_s: float) -> str:
-    where = f"of {missing_s:.2f} s after revolution {scan}"
+    where = f"of {missing_s:.2f} s after scan {scan}"
     if missing_s < LONGEST_COAST_S:
         return f"radar gap {where}"
     return f"jump of the clock or pause {where}: what lies beyond it is placed by a guess unless a loop ties it"

@@ -30,10 +30,10 @@ from mqslam.report.figures.run_figures import draw_maps
 START_US = 1_600_000_000_000_000
 
 
-def circle(radius: float, revolutions: int = 60) -> Trajectory:
-    angle = np.linspace(0.0, 2.0 * np.pi, revolutions)
+def circle(radius: float, scans: int = 60) -> Trajectory:
+    angle = np.linspace(0.0, 2.0 * np.pi, scans)
     poses = np.c_[radius * np.sin(angle), radius * (1.0 - np.cos(angle)), angle]
-    return Trajectory(START_US + 500_000 * np.arange(revolutions), poses)
+    return Trajectory(START_US + 500_000 * np.arange(scans), poses)
 
 
 def walls(offset: float, count: int = 4000) -> PointMap:

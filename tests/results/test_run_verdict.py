@@ -61,7 +61,7 @@ def run(scans, *, lost=0, degenerate=0, torn=0, before=0.5, after=0.4, **others)
         (run(240, lost=100), FAIL, "100 of 239 scans lost track and follow the prediction"),
         (run(240, degenerate=60), WARN, "60 of 239 scans do not observe every direction of motion"),
         (run(240, degenerate=10), PASS, "no scan lost track"),
-        (run(240, unread={7: None, 8: None}), WARN, "2 of 240 revolutions could not be read"),
+        (run(240, unread={7: None, 8: None}), WARN, "2 of 240 polar scans could not be read"),
         (run(240, after=0.6), FAIL, "psi per point is 1.20 times that of the map before optimisation"),
         (run(240, after=0.6, odometry_factors=0), PASS, "no scan lost track"),  # nothing pulled the graph anywhere
         (run(240, unoptimised="no luck"), FAIL, "the pose graph could not be optimised: the trajectory is psi's motions"),
@@ -86,5 +86,5 @@ def test_the_verdict_of_a_run_needs_evidence(found, status, reason):
 def test_of_many_gaps_the_first_are_named_and_the_others_counted() -> None:
     named = _warn_of_gaps([(k, 0.25) for k in range(12)])
     assert len(named) == 6
-    assert named[0] == "radar gap of 0.25 s after revolution 0"
+    assert named[0] == "radar gap of 0.25 s after scan 0"
     assert named[-1] == "7 more radar gaps; 3.00 s are missing in all"
