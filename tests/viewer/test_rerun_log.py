@@ -21,7 +21,8 @@ chunks = pytest.importorskip("rerun.chunk", reason="Rerun is not installed: pip 
 def logged(path: Path, entity: str, component: str) -> list[tuple[float | None, Any]]:
     """What an .rrd file holds of an entity, in the order of time [s]; None is the time of what always is."""
     rows: list[tuple[float | None, Any]] = []
-    for chunk in chunks.RrdReader(path).recording():
+    reader = chunks.RrdReader(path)
+    for chunk in reader.stream() if hasattr(reader, "stream") else reader.recording():
         if chunk.entity_path == entity:
             batch = chunk.to_record_batch()
             times = [None] * len(batch) if chunk.is_static else batch["time"].cast("int64").to_pylist()
