@@ -75,7 +75,8 @@ def compare(
     from mqslam.execution.workers import chosen
     from mqslam.psi.place import beam_of
     from mqslam.psi.tracking.doppler import doppler_beta_of
-    from mqslam.report.compare_page import report_comparison, write_compare_pages
+    from mqslam.report.compare_page import write_compare_pages
+    from mqslam.report.compare_report import report_comparison
     from mqslam.results.compare_results import summarise, tabulate, write_compare
     from mqslam.results.files import add_warnings
 

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from mqslam.report.audit_page import AuditReport, write_audit_report
-from mqslam.report.compare_page import CompareReport, write_compare_report
+from mqslam.report.audit_page import write_audit_report
+from mqslam.report.audit_report import AuditReport
+from mqslam.report.compare_page import write_compare_report
+from mqslam.report.compare_report import CompareReport
 from mqslam.report.run_page import write_report
 from mqslam.report.run_report import Report, WindowScores
 

@@ -16,6 +16,7 @@ from mqslam.audit.verdict import Share
 from mqslam.config import Config, dump_yaml
 from mqslam.errors import tolerate
 from mqslam.execution.files import write_bytes
+from mqslam.report.audit_report import AuditReport
 from mqslam.report.content import (
     Figure,
     Frame,
@@ -43,29 +44,6 @@ _MEASURES: Final = {
     "joint_entropy": ("joint less separate entropy", " nat"),
     "grid_entropy": ("entropy per grid cell", " nat"),
 }
-
-
-@dataclass(frozen=True, slots=True)
-class AuditReport:
-    """An audit as its page shows it.
-
-    Args:
-        title: heading of the page.
-        summary: content of audit.json; a key that is absent or None is shown as not available.
-        sweeps: what was judged.
-        audit: the windows and revisits, judged.
-        config: all settings.
-        warnings: what the reader has to know before the numbers.
-        settings_yaml: every setting used, as in config.yaml.
-    """
-
-    title: str
-    summary: Mapping[str, Any]
-    sweeps: Sweeps
-    audit: Audit
-    config: Config
-    warnings: tuple[str, ...]
-    settings_yaml: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -202,8 +180,8 @@ def _show_map(report: AuditReport) -> Section:
         caption = f"torn beyond the tolerance, or turned by more than {np.rad2deg(settings.torn_rad):.2g}°, where sure"
         charts.append(Figure(draw_revisits(report.sweeps, audit, settings), "Offset of the revisits", caption))
     note = (
-        f"Every {settings.window} sweeps are compared with the best map that the same returns can make: inflation is the "
-        "correction that takes, squared, in units of its own covariance. No ground truth takes part."
+        f"Every {settings.window} sweeps are compared with the best map that the same returns can make. Inflation is the "
+        "correction that leads there, squared, in units of its own covariance. No ground truth takes part."
     )
     return Section("Map", (note,), (heat_map,), tuple(charts))
 
@@ -228,8 +206,8 @@ def _list_worst(report: AuditReport) -> Section | None:
         for k, spot in enumerate(spots, 1)
     )
     note = (
-        "Torn places by how far they are off, then the windows of the largest inflation; well apart from each other. "
-        "Corrections are given as the sensor would say them: of a window's end against its begin, of a revisit's later pass."
+        "Torn places come first, by how far they are off, then the windows of the largest inflation; all are well apart. "
+        "A correction, as seen from the sensor, moves a window's end against its begin, or the later pass of a revisit."
     )
     head = ("", "what", "time", "place", "off by", "correction", "inflation", "torn")
     return Section("Worst places", (note,), table=Table(head, rows))
@@ -247,7 +225,7 @@ def _show_crops(report: AuditReport) -> Gallery | None:
         cards.append(ThumbnailCard(title, thumbnails, crop.text))
     note = (
         "The points where the correction shows the most, seen from the sensor, ahead to the right. Blue is the earlier "
-        "pass or the window's first sweep, orange the later pass or its last sweep: a wall of two colours is doubled."
+        "pass or the window's first sweep, orange the later pass or its last sweep: a wall in two colours is doubled."
     )
     return Gallery("Before and after", note, tuple(cards)) if cards else None
 
@@ -262,7 +240,7 @@ def _list_numbers(report: AuditReport) -> Numbers:
         name_values("Windows", section_of(summary, "windows")),
         name_values("Revisits", section_of(summary, "revisits")),
     )
-    note = "The field's measures depend on the place as much as on the trajectory: none of them judges a map by itself."
+    note = "The usual measures of a map depend on the place as much as on the trajectory: none judges a map by itself."
     return Numbers("Measures", _tabulate_measures(report.audit), note, cards)
 
 

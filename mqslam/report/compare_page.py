@@ -2,20 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 from mqslam.audit.judge import torn_threshold
-from mqslam.compare.comparison import Comparison
-from mqslam.compare.judgement import Judged, Place
-from mqslam.compare.rows import Row as ComparedRow
-from mqslam.config import AuditConfig, dump_yaml
-from mqslam.core.trajectory import Trajectory
+from mqslam.config import AuditConfig
 from mqslam.errors import tolerate
-from mqslam.evaluation import Evaluation
 from mqslam.execution.files import write_bytes
+from mqslam.report.compare_report import CompareReport
 from mqslam.report.content import (
     Figure,
     Frame,
@@ -37,41 +31,6 @@ from mqslam.report.wording import ABSENT, format_length
 
 
 @dataclass(frozen=True, slots=True)
-class CompareReport:
-    """A comparison as its page shows it.
-
-    Args:
-        title: heading of the page.
-        summary: content of compare.json.
-        rows: the rows that ran.
-        failed: the rows that did not.
-        places: where the rows differ most; the rows' crops begin with these.
-        stations: places all along the path, whose crops follow.
-        start_us: stamp of the recording's start, from which places count their time [us].
-        agreement: how far every two rows are apart.
-        ground_truth: for comparison only, in any fixed frame, or None.
-        table: head and rows as the terminal shows them.
-        warnings: what the reader has to know before the numbers.
-        settings_yaml: every setting used, as in config.yaml.
-        notes: what the reader should know about how the recording was understood.
-    """
-
-    title: str
-    summary: Mapping[str, Any]
-    rows: tuple[Judged, ...]
-    failed: tuple[ComparedRow, ...]
-    places: tuple[Place, ...]
-    stations: tuple[Place, ...]
-    start_us: int
-    agreement: tuple[tuple[str, str, Evaluation], ...]
-    ground_truth: Trajectory | None
-    table: tuple[tuple[str, ...], ...]
-    warnings: tuple[str, ...]
-    settings_yaml: str
-    notes: tuple[str, ...] = ()
-
-
-@dataclass(frozen=True, slots=True)
 class CompareParts:
     """The parts of the page, as compare.html shows them."""
 
@@ -80,32 +39,6 @@ class CompareParts:
     explorer: Part[Scene]
     places: Part[Gallery]
     numbers: Part[Numbers]
-
-
-def report_comparison(comparison: Comparison, summary: Mapping[str, Any], table: Sequence[Sequence[str]]) -> CompareReport:
-    """Returns a comparison as its page shows it.
-
-    Args:
-        comparison: the finished comparison.
-        summary: content of compare.json.
-        table: head and rows as the terminal shows them.
-    """
-    recording = comparison.recording
-    return CompareReport(
-        title=recording.path.resolve().name,
-        summary=summary,
-        rows=tuple(comparison.judged.values()),
-        failed=tuple(row for row in comparison.rows if row.failure is not None),
-        places=comparison.places,
-        stations=comparison.stations,
-        start_us=recording.start_us,
-        agreement=comparison.agreement,
-        ground_truth=recording.ground_truth,
-        table=tuple(tuple(line) for line in table),
-        warnings=tuple(summary["warnings"]),
-        settings_yaml=dump_yaml(comparison.settings),
-        notes=recording.notes,
-    )
 
 
 def write_compare_pages(folder: Path, report: CompareReport) -> list[str]:
@@ -214,7 +147,7 @@ def _list_numbers(report: CompareReport) -> Numbers:
         name_values("Recording", section_of(report.summary, "dataset")),
         Values("Could not run", tuple((row.name, row.failure or "") for row in report.failed)),
     )
-    note = "The first of each pair judged as if the second were the truth; that two agree makes neither right."
+    note = "The first of each pair is judged as if the second were the truth. That two rows agree makes neither right."
     return Numbers("Agreement", _tabulate_agreement(report), note, cards)
 
 

@@ -154,7 +154,7 @@ def _show_maps(report: Report) -> Section:
     )
     psi = section_of(report.summary, "psi")
     notes = [
-        "Every return of the run, stronger where more fell, on one extent and one scale; "
+        "Every return of the run, darker where more of them lie; both maps have the same extent and scale, and "
         f"up to {100.0 * OUTERMOST:g} % of the points may lie beyond each edge."
     ]
     if report.stood_still:

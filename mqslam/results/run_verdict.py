@@ -127,4 +127,4 @@ def _describe_gap(scan: int, missing_s: float) -> str:
     where = f"of {missing_s:.2f} s after scan {scan}"
     if missing_s < LONGEST_COAST_S:
         return f"radar gap {where}"
-    return f"jump of the clock or pause {where}: what lies beyond it is placed by a guess unless a loop ties it"
+    return f"jump of the clock or pause {where}: the poses beyond it are a guess unless a loop closure ties them"

@@ -26,7 +26,8 @@ from support.reported import (
 from mqslam.audit.judge import Audit
 from mqslam.audit.verdict import VerdictStatus
 from mqslam.config import Config
-from mqslam.report.audit_page import AuditReport, write_audit_report
+from mqslam.report.audit_page import write_audit_report
+from mqslam.report.audit_report import AuditReport
 from mqslam.report.figures.audit_figures import draw_heat_map
 from mqslam.report.figures.crops import Crop, make_crops
 from mqslam.report.spots import find_worst_spots

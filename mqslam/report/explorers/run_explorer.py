@@ -85,7 +85,9 @@ def _draw_ellipses(report: Report) -> tuple[Lines, str]:
     if sure.failure:
         explained = f"No ellipses are shown: the covariances of the poses are not known ({sure.failure}). "
     if shapes:
-        explained = f"The largest 3σ ellipse reaches {format_length(largest)} from its middle, the first pose held. "
+        explained = (
+            f"The largest 3σ ellipse reaches {format_length(largest)} from its middle, with the first pose held fixed. "
+        )
     shown = len(shapes) > 0 and largest <= max(_COVERING * side, 1.0)
     return Lines(name, _ELLIPSE_COLOUR, drawn, 1.2, shown), explained
 

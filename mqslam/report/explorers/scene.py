@@ -55,12 +55,12 @@ def make_scene(explorer: Explorer) -> Scene | None:
 
 def _describe_thinning(layers: Sequence[Layer], kept: Sequence[NDArray[np.int64]]) -> str:
     shown, total = sum(map(len, kept)), sum(len(layer.points) for layer in layers)
+    use = "Drag to move, scroll to zoom; a click on a name in the legend shows or hides it. "
     if shown == total:
-        return "Drag to move, scroll to zoom; a name in the legend shows or hides what it names. "
+        return use
     return (
         f"{shown:,} of {total:,} points{' of all maps' if len(layers) > 1 else ''} are shown, one per cell of a raster; "
-        "printed, the page shows pictures of all points. "
-        "Drag to move, scroll to zoom; a name in the legend shows or hides what it names. "
+        f"printed, the page shows pictures of all points. {use}"
     )
 
 
