@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from contextlib import contextmanager
 from enum import StrEnum
 from pathlib import Path
@@ -22,9 +22,11 @@ class Remedy(StrEnum):
     CHOOSE_OR_WRITE_OUTPUT = "choose another output, or allow this one to be written into"
     FREE_SPACE = "free space or choose another output"
     GIVE_RANGE_RESOLUTION = "state the length of a range bin"
+    GIVE_TRAJECTORY = "give the file of a trajectory"
     LEAVE_STRICT_OUT = "mend it, or let what cannot be read be left out"
     OPEN_MAP_ELSEWHERE = "look at report.html, or write the map for Rerun's viewer and open it elsewhere"
     RECORD_LIVE_VIEW = "record the live view into a file and open it elsewhere"
+    REPLACE_UNFINISHED_OUTPUT = "choose another output, or replace the unfinished run instead of resuming it"
     RESUME = "resume the run to continue it"
 
 
@@ -33,25 +35,16 @@ class MqslamError(Exception):
 
     Args:
         message: what happened, and to which file or value.
-        remedy: what the user can do about it, where the message does not say so already.
+        remedies: what the user can do about it, where the message does not say so already.
     """
 
-    def __init__(self, message: str, remedy: str = "") -> None:
-        super().__init__(_shorten(f"{message}; {remedy}" if remedy else message))
+    def __init__(self, message: str, *remedies: str) -> None:
         self.message = message
-        self.remedy = remedy
+        self.remedies = tuple(remedy for remedy in remedies if remedy)
+        super().__init__(_shorten("; ".join([self.message, *self.remedies])))
 
     def __reduce__(self) -> tuple[type[MqslamError], tuple[object, ...]]:
-        return type(self), (self.message, self.remedy)
-
-    def worded(self, remedies: Mapping[str, str]) -> str:
-        """Returns the error in one line, with its remedy in the words that a caller has for it.
-
-        Args:
-            remedies: a caller's words for each remedy; a remedy without words of the caller's own is kept as it is.
-        """
-        remedy = remedies.get(self.remedy, self.remedy)
-        return _shorten(f"{self.message}; {remedy}" if remedy else self.message)
+        return type(self), (self.message, *self.remedies)
 
 
 class DataError(MqslamError):
@@ -67,6 +60,7 @@ class DataError(MqslamError):
         super().__init__(f"{path}: {problem}", remedy)
         self.path = Path(path)
         self.problem = problem
+        self.remedy = remedy
 
     def __reduce__(self) -> tuple[type[DataError], tuple[object, ...]]:
         return type(self), (self.path, self.problem, self.remedy)

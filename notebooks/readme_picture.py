@@ -7,10 +7,10 @@ from pathlib import Path
 
 import matplotlib.pyplot as plt
 
-from mqslam.config import load_config
 from mqslam.core.point_map import PointMap
 from mqslam.core.trajectory import Trajectory
 from mqslam.execution.engine import LocalEngine
+from mqslam.execution.runner import Runner
 from mqslam.formats.recordings import open_recording
 from mqslam.simulator import simulate
 from mqslam.slam import Slam
@@ -27,7 +27,7 @@ def main() -> None:
         drive = Path(folder) / "drive"
         simulate(drive, scene="street", duration_s=120.0, seed=1, movers=6, jobs=2)
         recording = open_recording(drive)
-        run = Slam(load_config(), "psi", LocalEngine(2), lambda stage, done, total: None).run(recording, recording.odometry)
+        run = Slam(runner=Runner(LocalEngine(2))).run(recording, recording.odometry)
     figure, (left, right) = plt.subplots(1, 2, figsize=(11, 5.4), sharey=True, layout="constrained")
     psi = [pointmap.psi.mean() for pointmap in (run.map_odometry, run.map_optimised)]
     draw(left, f"wheel odometry: ψ per point {psi[0]:.2f}", run.map_odometry, run.odometry, "#d9620d")

@@ -45,7 +45,8 @@ from mqslam.detection.stage import detect_all
 from mqslam.errors import DataError
 from mqslam.execution import engine
 from mqslam.execution.checkpoint import FOLDER
-from mqslam.execution.engine import HERE, LocalEngine
+from mqslam.execution.engine import LocalEngine
+from mqslam.execution.runner import Runner
 from mqslam.formats.recordings import FORMATS, open_recording
 from mqslam.formats.shared import images as images_module
 from mqslam.formats.shared.images import decode_grey
@@ -287,7 +288,7 @@ def test_a_turn_rate_that_changes(tmp_path: Path) -> None:
     shutil.copytree(write_truth(tmp_path, fast), drive / "gt")
     recording = open_recording(drive)
     assert len(recording) == 12 + 24 and recording.gaps() == []
-    scans, _ = detect_all(recording, Config().detector, HERE, lambda *_: None)
+    scans, _ = detect_all(recording, Config().detector)
     assert [round(w.t1 - w.t0, 3) for w in scans] == [0.5] * 12 + [0.25] * 24
     shown = run(drive, tmp_path / "out")
     assert shown.code == 0 and "gap" not in shown.err
@@ -367,11 +368,11 @@ def test_workers_are_sent_a_recordings_index_once(lane: Path, monkeypatch: pytes
             sent.append(len(pickle.dumps((work, words, named))))
             return super().submit(work, *words, **named)
 
-    alone, _ = detect_all(open_recording(lane), Config().detector, HERE, lambda *_: None)
+    alone, _ = detect_all(open_recording(lane), Config().detector)
     monkeypatch.setattr(engine, "ProcessPoolExecutor", Spied)
     monkeypatch.setattr(engine, "_WORTH_PROCESSES", 1)
     monkeypatch.setattr(detection, "_CHUNK", 4)
-    scans, _ = detect_all(open_recording(lane), Config().detector, LocalEngine(2), lambda *_: None)
+    scans, _ = detect_all(open_recording(lane), Config().detector, Runner(LocalEngine(2)))
     assert len(sent) == 8 and max(sent) < 200
     for one, other in zip(alone, scans, strict=True):
         np.testing.assert_array_equal(one.returns.ranges, other.returns.ranges)
@@ -770,8 +771,8 @@ def test_a_stretch_that_cannot_be_read_costs_no_more_than_itself(drive: Path) ->
     for k in broken:
         cut(images(drive)[k])
     recording = open_recording(drive)
-    good = detect_all(open_recording(lane_like(drive)), Config().detector, HERE, lambda *_: None)[0]
-    scans, found = detect_all(recording, Config().detector, HERE, lambda *_: None)
+    good = detect_all(open_recording(lane_like(drive)), Config().detector)[0]
+    scans, found = detect_all(recording, Config().detector)
     assert sorted(found.unread) == broken and all(isinstance(error, DataError) for error in found.unread.values())
     for k, (one, other) in enumerate(zip(scans, good, strict=True)):
         assert (one.t0, one.t1) == (other.t0, other.t1)

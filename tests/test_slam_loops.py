@@ -12,10 +12,12 @@ from mqslam.core import se2
 from mqslam.evaluation import evaluate
 from mqslam.execution.checkpoint import FOLDER, Checkpoint
 from mqslam.execution.engine import LocalEngine
+from mqslam.execution.runner import Runner
 from mqslam.formats.g2o import g2o
 from mqslam.results.run_results import summarise
 from mqslam.simulator import SensorModel, SimulatedRecording, loop_drive, simulated_recording, street_scene
-from mqslam.slam import Run, Slam
+from mqslam.slam import Slam
+from mqslam.solution import Run
 
 CONFIG = Config(sensor=SensorConfig(doppler_beta=0.0))
 SENSOR = SensorModel(azimuths=200, range_resolution=0.175, max_range=80.0)
@@ -25,7 +27,7 @@ def slam(recording: SimulatedRecording, config: Config, jobs: int, out: Path, *,
     """The stream by radar alone, with the returns and measurements of an earlier run where they are to be used."""
     (out / FOLDER / "loops.npz").unlink(missing_ok=True)
     checkpoint = Checkpoint(out, "lap", resume=resume)
-    return Slam(config, "psi", LocalEngine(jobs), lambda stage, done, total: None, checkpoint).run(recording, None)
+    return Slam(config, "psi", Runner(LocalEngine(jobs), checkpoint=checkpoint)).run(recording, None)
 
 
 @pytest.fixture(scope="module")

@@ -11,10 +11,11 @@ from support.drives import constant, drive
 from mqslam.config import Config
 from mqslam.core.scans import Scan
 from mqslam.execution.checkpoint import Checkpoint
-from mqslam.execution.engine import HERE
+from mqslam.execution.runner import Runner
 from mqslam.mapping.render import place_along
 from mqslam.simulator import street_scene
-from mqslam.slam import Run, Slam
+from mqslam.slam import Slam
+from mqslam.solution import Run
 
 Seen = list[tuple[Scan, NDArray[np.float64], NDArray[np.float64]]]
 
@@ -23,15 +24,8 @@ def watched(folder: Path, *, resume: bool) -> tuple[Seen, Run, list[Scan]]:
     """What the watch of a run that keeps a checkpoint is shown."""
     recording, scans = drive(street_scene(1, movers=0), constant(8.0, 0.2), 2.0)
     seen: Seen = []
-    slam = Slam(
-        Config(),
-        "odometry",
-        HERE,
-        lambda stage, done, total: None,
-        Checkpoint(folder, "key", resume=resume),
-        watch=lambda *shown: seen.append(shown),
-    )
-    return seen, slam.run(recording, recording.ground_truth), scans
+    runner = Runner(checkpoint=Checkpoint(folder, "key", resume=resume), watch=lambda *shown: seen.append(shown))
+    return seen, Slam(Config(), "odometry", runner).run(recording, recording.ground_truth), scans
 
 
 def test_every_measured_revolution_is_shown_where_it_was_measured(tmp_path: Path) -> None:
@@ -60,7 +54,7 @@ def test_a_watch_that_fails_is_asked_no_more_and_the_run_goes_on() -> None:
         if len(asked) == 3:
             raise ConnectionError("the viewer was closed")
 
-    run = Slam(Config(), "odometry", HERE, lambda *_: None, watch=closed).run(recording, recording.ground_truth)
+    run = Slam(Config(), "odometry", Runner(watch=closed)).run(recording, recording.ground_truth)
     assert len(asked) == 3 and len(run.optimised) == len(recording) > 5
     (warning,) = run.warnings
     assert warning.startswith("the live view could not be made (ConnectionError: the viewer was closed)")

@@ -16,11 +16,11 @@ from numpy.typing import NDArray
 from mqslam.audit.sweeps import Sweeps
 from mqslam.config import EstimatorConfig
 from mqslam.core import se2
-from mqslam.psi.covariance import sandwich_by_differences
+from mqslam.psi.covariance import estimate_covariance_by_differences
 from mqslam.psi.estimator import Evaluation, Scale
 from mqslam.psi.gaussians import floor_variances
 from mqslam.psi.minimiser import Minimum, Prior, annealed_scale, final_scale, minimise, score_itself
-from mqslam.psi.observability import loosen, weak_directions
+from mqslam.psi.observability import find_weak_directions, loosen
 from mqslam.psi.place import PointSet
 
 _SWEEP = 1.0  # turns between what one direction saw and saw again
@@ -78,14 +78,14 @@ def bend(sweeps: Sweeps, begin: int, end: int, config: EstimatorConfig) -> Bend:
         return score_itself(bent(twist), scale, _SWEEP, estimator)
 
     own = scored(np.zeros(3))
-    weak = weak_directions(scored(np.zeros(3), annealed_scale(narrow, 0)), 3)
+    weak = find_weak_directions(scored(np.zeros(3), annealed_scale(narrow, 0)), 3, estimator.observed_share)
     free = Prior(np.zeros(3), np.zeros((3, 3)))
 
     def minimum(widths: EstimatorConfig) -> Minimum:
         return minimise(np.zeros(3), bent, None, free, widths, _SWEEP, _ENDS * units)
 
     def judged(widths: EstimatorConfig) -> Bend:
-        return _judged(minimum(widths), own, weak, bent, scored, units, count)
+        return _judged(minimum(widths), own, weak, bent, scored, units, count, estimator.cluster_m)
 
     best = judged(narrow)
     if best.psi_best > best.psi:  # the look was too wide, and led away from where the trajectory is better
@@ -114,11 +114,12 @@ def _judged(
     scored: Callable[[NDArray[np.float64]], Evaluation],
     units: NDArray[np.float64],
     count: int,
+    cluster_m: float,
 ) -> Bend:
     """The bend that a minimum means."""
     placed = bent(found.state)
-    covariance = sandwich_by_differences(
-        found.evaluation, placed.points, lambda twist: scored(twist).gradient, found.state, _DIFFERENCE * units
+    covariance = estimate_covariance_by_differences(
+        found.evaluation, placed.points, cluster_m, lambda twist: scored(twist).gradient, found.state, _DIFFERENCE * units
     )
     covariance = loosen(floor_variances(covariance, _ENDS * units), weak, _ANYWHERE * units)
     moved = placed.points - bent(np.zeros(3)).points

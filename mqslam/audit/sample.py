@@ -13,8 +13,7 @@ from mqslam.core.evenly import evenly
 from mqslam.core.scans import Scans
 from mqslam.core.trajectory import Trajectory
 from mqslam.errors import EstimationError
-from mqslam.execution.engine import Engine
-from mqslam.execution.progress import Progress
+from mqslam.execution.runner import Runner
 from mqslam.psi.place import Beam
 
 MOST = 100  # windows of a run that are judged
@@ -26,8 +25,7 @@ def judged_sample(
     settings: AuditConfig,
     estimator: EstimatorConfig,
     beam: Beam,
-    engine: Engine,
-    progress: Progress,
+    runner: Runner,
 ) -> list[WindowAudit]:
     """At most `MOST` windows of a recording, evenly spread, under a trajectory; those without returns are left out.
 
@@ -37,17 +35,16 @@ def judged_sample(
         settings: of the audit.
         estimator: settings of the score.
         beam: the sensor's errors.
-        engine: where they are judged; the result does not depend on it.
-        progress: called as windows are done.
+        runner: where they are judged; the result does not depend on it.
     """
     size = settings.window
     begins = np.arange(0, len(scans) - size + 1, size)
     begins = begins[evenly(len(begins), MOST)]
 
     def done(number: int, window: WindowAudit | None) -> None:
-        progress("check", number, len(begins))
+        runner.progress("check", number, len(begins))
 
-    found = engine.map(_judged, (scans, trajectory, settings, estimator, beam), begins.tolist(), done)
+    found = runner.engine.map(_judged, (scans, trajectory, settings, estimator, beam), begins.tolist(), done)
     return [window for window in found if window is not None]
 
 

@@ -13,7 +13,7 @@ from mqslam.core.scans import Returns, Scans
 from mqslam.core.trajectory import Trajectory
 from mqslam.errors import EstimationError
 from mqslam.mapping.render import place_along
-from mqslam.psi.place import Beam, PointSet, turned
+from mqslam.psi.place import Beam, PointSet, rotate_covariances
 
 _LONGEST_SWEEP = 1.5  # usual ones
 
@@ -55,7 +55,7 @@ class Sweeps:
         """The points of some sweeps in a frame (3,), with their turns as times."""
         parts = [np.arange(self.begins[k], self.begins[k + 1]) for k in chosen]
         picked = np.concatenate(parts) if parts else np.empty(0, dtype=np.int64)
-        covariances = turned(self.covariances[picked], -frame[2])
+        covariances = rotate_covariances(self.covariances[picked], -frame[2])
         points = se2.transform(se2.inverse(frame), self.points[picked])
         return PointSet(points, np.empty((len(picked), 2, 0)), covariances, self.turns[picked])
 

@@ -48,6 +48,13 @@ class Optimum:
     values: gtsam.Values
     failure: str | None = None
 
+    @property
+    def warnings(self) -> list[str]:
+        """What to tell about a failure: one line, or none."""
+        if self.failure is None:
+            return []
+        return [f"the pose graph could not be optimised ({self.failure}): its starting values are kept"]
+
 
 @dataclass(frozen=True, slots=True)
 class PoseCovariances:

@@ -15,7 +15,7 @@ from mqslam.cli.config import config
 from mqslam.cli.convert import convert
 from mqslam.cli.info import info
 from mqslam.cli.paper import paper
-from mqslam.cli.remedies import WORDS
+from mqslam.cli.remedies import name_options
 from mqslam.cli.run import run
 from mqslam.cli.score import score
 from mqslam.cli.simulate import simulate
@@ -68,8 +68,8 @@ def main() -> None:
         with interruptible():
             app(prog_name="mqslam")
     except MqslamError as error:
-        print(f"mqslam: error: {error.worded(WORDS)}", file=sys.stderr)
+        print(f"mqslam: error: {name_options(str(error))}", file=sys.stderr)
         sys.exit(2)
     except Interrupted as error:
-        print(f"mqslam: {error}", file=sys.stderr)
+        print(f"mqslam: {name_options(str(error))}", file=sys.stderr)
         sys.exit(128 + error.number)

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from mqslam.cli.options import CORES, Cluster, Force, Jobs, Json, Quiet, Verbose
+from mqslam.cli.remedies import name_options
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -34,40 +35,24 @@ def batch(
     """
     from rich.console import Console
 
-    from mqslam.cli.progress import progress
-    from mqslam.commands.batch_plan import read_plan
-    from mqslam.commands.batch_schedule import AGAIN, run_all
-    from mqslam.errors import ClusterError
+    from mqslam.cli.progress import work_of
+    from mqslam.commands.batch import run_batch
     from mqslam.execution.files import json_text
-    from mqslam.execution.workers import chosen
-    from mqslam.report.batch_page import write_batch_pages
-    from mqslam.results.batch_results import check_batch, summarise, write_batch
-    from mqslam.results.files import add_warnings
 
-    orders, plan = read_plan(runs)
-    check_batch(out, force=force)
     console = Console(stderr=True, markup=False)
-    try:
-        with chosen(cluster, jobs) as engine, progress(console, quiet or as_json) as show:
-            outcomes = run_all(orders, out.absolute(), engine, show, force=force)
-    except ClusterError as error:
-        raise ClusterError(f"{error}; {AGAIN}") from error
-    except BaseException as error:
-        error.add_note(AGAIN)
-        raise
-    summary = summarise(orders, outcomes)
-    write_batch(out, summary)
-    add_warnings(out / "batch.json", summary, write_batch_pages(out, runs.stem, summary, plan))
+    with work_of(console, cluster, jobs, quiet=quiet, silent=quiet or as_json) as work:
+        result = run_batch(runs, out, force=force, work=work)
+    summary = result.summary
     if as_json:
         typer.echo(json_text(summary))
     elif not quiet:
         Console(soft_wrap=True).print(_table(summary))
-        typer.echo(f"report: {out / 'report.html'}")
+        typer.echo(f"report: {result.report}")
         for warning in summary["warnings"]:
             console.print(f"warning: {warning}", style="yellow", highlight=False, soft_wrap=True)
     for run in summary["runs"]:
         if run["failure"] and not as_json:
-            console.print(f"{run['name']} failed: {run['failure']}", highlight=False, soft_wrap=True)
+            console.print(f"{run['name']} failed: {name_options(run['failure'])}", highlight=False, soft_wrap=True)
     if summary["counts"]["failed"]:
         raise typer.Exit(1)
 

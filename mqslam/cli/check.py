@@ -36,12 +36,12 @@ def check(
     from mqslam.check.checks import check_recording
     from mqslam.check.finding import Verdict
     from mqslam.cli.progress import print_notes, progress
-    from mqslam.commands.opening import choose_odometry, opened
+    from mqslam.commands.opening import choose_odometry, open_data
     from mqslam.config import load_config
 
     settings = load_config(config)
     console = Console(stderr=True, markup=False)
-    recording = opened(data, format, range_resolution, settings.sensor)
+    recording = open_data(data, format, range_resolution, settings)
     track, notes = choose_odometry(recording, odometry)
     with progress(console, quiet or as_json) as show:
         findings = check_recording(recording, track, settings, partial(show, "detect"))

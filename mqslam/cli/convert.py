@@ -52,7 +52,7 @@ def convert(
     from rich.console import Console
 
     from mqslam.cli.progress import print_notes, progress
-    from mqslam.commands.opening import opened
+    from mqslam.commands.opening import open_data
     from mqslam.config import load_config
     from mqslam.errors import ConfigError
     from mqslam.formats.writing.recordings import write_recording
@@ -68,7 +68,7 @@ def convert(
             raise ConfigError(f"{data}: is a run, and results become a bag; end OUT in .bag or .mcap, or give --to rosbag2")
         write_results(out, data, target.name)
     else:
-        recording = opened(data, format, range_resolution, load_config(config).sensor)
+        recording = open_data(data, format, range_resolution, load_config(config))
         with progress(console, quiet) as show:
             notes = write_recording(recording, out, target, message.value, partial(show, "converting"))
         notes = [*recording.notes, *recording.faults, *notes]

@@ -26,7 +26,7 @@ def info(
     Example: mqslam info drive
     """
     from mqslam.commands.info import describe, describe_lidar
-    from mqslam.commands.opening import opened
+    from mqslam.commands.opening import open_data
     from mqslam.config import load_config
     from mqslam.formats import lidars
 
@@ -34,7 +34,7 @@ def info(
         found = describe_lidar(lidars.read_lidar(data))
         rows = _lidar_rows(found)
     else:
-        found = describe(opened(data, format, range_resolution, load_config(config).sensor))
+        found = describe(open_data(data, format, range_resolution, load_config(config)))
         rows = _radar_rows(found)
     if as_json:
         typer.echo(json.dumps(found, indent=1))

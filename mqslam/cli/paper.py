@@ -35,11 +35,11 @@ def table1(
     from rich.console import Console
 
     from mqslam.cli.progress import progress
-    from mqslam.psi.published.table1 import table1, table_text
+    from mqslam.psi.published.table1 import compute_table1, format_table
 
     with progress(Console(stderr=True, markup=False), quiet or as_json) as show:
-        rows = table1(seeds, revolutions, jobs, progress=show)
-    typer.echo(json.dumps([row.tree() for row in rows], indent=1) if as_json else table_text(rows))
+        rows = compute_table1(seeds, revolutions, jobs, progress=show)
+    typer.echo(json.dumps([row.tree() for row in rows], indent=1) if as_json else format_table(rows))
 
 
 @paper.command()

@@ -5,8 +5,16 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
+from typing import TYPE_CHECKING
 
 from rich.console import Console
+
+if TYPE_CHECKING:
+    from rich.progress import Progress as Bars
+    from rich.progress import Task
+
+    from mqslam.commands.work import Work
+    from mqslam.execution.runner import Watch
 
 _TITLES = {
     "simulate": "simulating",
@@ -22,67 +30,109 @@ _TITLES = {
 }
 _LINE_EVERY_S = 10.0
 
-Progress = Callable[[str, int, int], None]
+Progress = Callable[[str, int, int], object]
 
 
 def print_notes(console: Console, notes: Iterable[str]) -> None:
-    """What a user should know, a line each, for programs to read as well."""
+    """Prints what a user should know, a line each, for programs to read as well."""
     for note in notes:
         console.print(f"note: {note}", highlight=False, soft_wrap=True)
 
 
 @contextmanager
+def work_of(
+    console: Console, cluster: str | None, jobs: int, *, quiet: bool, silent: bool, watch: Watch | None = None
+) -> Iterator[Work]:
+    """Yields where a command's work is done, and what it tells a terminal.
+
+    Args:
+        console: the terminal.
+        cluster: address of a cluster, or None for this machine.
+        jobs: processes to use on this machine.
+        quiet: whether notes are kept back.
+        silent: whether progress is kept back.
+        watch: called with every scan once its motion is measured.
+
+    Raises:
+        ClusterError: the cluster cannot be used.
+    """
+    from mqslam.commands.work import Work, ignore
+    from mqslam.execution.workers import chosen
+
+    def tell(note: str) -> None:
+        print_notes(console, [note])
+
+    with chosen(cluster, jobs) as engine, progress(console, silent) as show:
+        yield Work(engine, show, ignore if quiet else tell, watch)
+
+
+@contextmanager
 def progress(console: Console, quiet: bool) -> Iterator[Progress]:
-    """A callable (stage, done, total) that shows how far a stage has come."""
+    """Yields a callable (stage, done, total) that shows how far a stage has come."""
     if quiet:
         yield lambda stage, done, total: None
-    elif console.is_terminal:
-        with _bars(console) as bars:
-            yield bars
-    else:
-        yield _Lines(console)
+        return
+    with _bars(console) if console.is_terminal else _lines(console) as show:
+        yield show
 
 
 @contextmanager
 def _bars(console: Console) -> Iterator[Progress]:
+    """Yields a callable that draws a bar per stage, with its rate and the time that is left."""
     from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemainingColumn
     from rich.progress import Progress as Bars
 
-    columns = (
-        TextColumn("{task.description}"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TextColumn("{task.fields[rate]}"),
-        TimeRemainingColumn(),
-    )
-    with Bars(*columns, console=console) as bars:
-        tasks: dict[str, tuple[int, float]] = {}
-
-        def show(stage: str, done: int, total: int) -> None:
-            if stage not in tasks:
-                task = bars.add_task(_TITLES.get(stage, stage), total=total, rate="")
-                tasks[stage] = (int(task), time.monotonic())
-            task_id, begin = tasks[stage]
-            rate = done / max(time.monotonic() - begin, 1e-6)
-            bars.update(bars.task_ids[task_id], completed=done, rate=f"{rate:.1f}/s" if rate < 1e4 else "")
-
-        yield show
+    columns = TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TextColumn("{task.fields[rate]}")
+    with Bars(*columns, TimeRemainingColumn(), console=console) as bars:
+        yield _Stages(bars)
 
 
-class _Lines:
-    """A line when a stage begins to show, every few seconds, and when it is done."""
+@contextmanager
+def _lines(console: Console) -> Iterator[Progress]:
+    """Yields a callable that prints a line when a stage begins to show, every few seconds, and when it is done."""
+    from rich.progress import Progress as Bars
 
-    def __init__(self, console: Console) -> None:
-        self._console = console
-        self._begin: dict[str, float] = {}
-        self._last = 0.0
+    stages = _Stages(Bars(console=console, auto_refresh=False))  # never started: it measures the rates and draws nothing
+    printed = 0.0
 
-    def __call__(self, stage: str, done: int, total: int) -> None:
+    def show(stage: str, done: int, total: int) -> None:
+        nonlocal printed
+        task = stages(stage, done, total)
         now = time.monotonic()
-        begin = self._begin.setdefault(stage, now)
-        if done < total and now - self._last < _LINE_EVERY_S:
+        if done < total and now - printed < _LINE_EVERY_S:
             return
-        self._last = now
-        elapsed = now - begin
-        rate = f", {done / elapsed:.0f}/s, {(total - done) * elapsed / done:.0f} s left" if elapsed > 0.5 else ""
-        self._console.print(f"{_TITLES.get(stage, stage)}: {done}/{total}{rate}", highlight=False)
+        printed = now
+        left = f", {task.time_remaining:.0f} s left" if task.time_remaining and done < total else ""
+        rate = f", {task.fields['rate']}" if task.fields["rate"] else ""
+        console.print(f"{task.description}: {done}/{total}{rate}{left}", highlight=False)
+
+    yield show
+
+
+class _Stages:
+    """The tasks of rich's progress, one per stage.
+
+    Args:
+        bars: rich's progress.
+    """
+
+    def __init__(self, bars: Bars) -> None:
+        self._bars = bars
+        self._tasks: dict[str, Task] = {}
+
+    def __call__(self, stage: str, done: int, total: int) -> Task:
+        if stage not in self._tasks:
+            number = self._bars.add_task(_TITLES.get(stage, stage), total=total, rate="")
+            self._tasks[stage] = self._bars.tasks[self._bars.task_ids.index(number)]
+        task = self._tasks[stage]
+        if done < task.completed or total != task.total:  # the next round of a stage that comes in rounds
+            self._bars.reset(task.id, total=total)
+        self._bars.update(task.id, completed=done, rate=_describe_rate(task.speed))
+        return task
+
+
+def _describe_rate(speed: float | None) -> str:
+    """Returns a rate in words, such as `17/s` or `2.3 s each`; nothing while it is not known."""
+    if not speed:
+        return ""
+    return f"{speed:.0f}/s" if speed >= 1.0 else f"{1.0 / speed:.1f} s each"

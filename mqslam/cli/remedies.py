@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import re
+
 from mqslam.errors import Remedy
 
-WORDS: dict[str, str] = {
+_WORDS: dict[str, str] = {
     Remedy.CHOOSE_OUTPUT: "choose another --out",
     Remedy.CHOOSE_OR_REMOVE_OUTPUT: "choose another --out or remove it",
     Remedy.CHOOSE_OR_REPLACE_OUTPUT: "choose another --out or give --force to replace it",
@@ -12,8 +14,16 @@ WORDS: dict[str, str] = {
     Remedy.CHOOSE_OR_WRITE_OUTPUT: "choose another --out or give --force to write into it",
     Remedy.FREE_SPACE: "free space or choose another --out",
     Remedy.GIVE_RANGE_RESOLUTION: "give --range-resolution",
+    Remedy.GIVE_TRAJECTORY: "give --trajectory FILE",
     Remedy.LEAVE_STRICT_OUT: "mend it, or leave --strict out",
     Remedy.OPEN_MAP_ELSEWHERE: "look at report.html, or give --rerun and open map.rrd elsewhere",
     Remedy.RECORD_LIVE_VIEW: "give --live FILE.rrd and open the file elsewhere",
+    Remedy.REPLACE_UNFINISHED_OUTPUT: "choose another --out, or give --force instead of --resume",
     Remedy.RESUME: "continue with --resume",
 }
+_ANY = re.compile("|".join(re.escape(remedy) for remedy in sorted(_WORDS, key=len, reverse=True)))
+
+
+def name_options(text: str) -> str:
+    """Returns an error's text with each remedy in it in the words of the command line."""
+    return _ANY.sub(lambda remedy: _WORDS[remedy[0]], text)

@@ -28,7 +28,7 @@ from mqslam.cli.options import (
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from mqslam.slam import Watch
+    from mqslam.execution.runner import Watch
 
 _VIEWER = "viewer"
 
@@ -65,25 +65,31 @@ def run(
     """
     from rich.console import Console
 
-    from mqslam.cli.progress import print_notes, progress
-    from mqslam.commands.job import execute, job_of
+    from mqslam.cli.progress import print_notes, work_of
+    from mqslam.commands.run import run as do
     from mqslam.config import load_config
     from mqslam.execution.files import json_text
-    from mqslam.execution.folders import check_free
-    from mqslam.execution.workers import chosen
 
     settings = load_config(config)
-    check_free(out, force=force, resume=resume, recording=data)
     console = Console(stderr=True, markup=False)
-    job = job_of(data, settings, frontend, odometry, format, range_resolution, strict=strict)
-    if not quiet:
-        print_notes(console, job.log)
     with (
-        chosen(cluster, jobs) as engine,
-        progress(console, quiet or as_json) as show,
         watching(live, force=force) as watch,
+        work_of(console, cluster, jobs, quiet=quiet, silent=quiet or as_json, watch=watch) as work,
     ):
-        summary = execute(job, out, engine, show, resume=resume, watch=watch)
+        result = do(
+            data,
+            out,
+            frontend=frontend,
+            odometry=odometry,
+            config=settings,
+            format=format,
+            range_resolution=range_resolution,
+            strict=strict,
+            resume=resume,
+            force=force,
+            work=work,
+        )
+    summary = result.summary
     if as_json:
         typer.echo(json_text(summary))
     elif not quiet:
@@ -93,7 +99,7 @@ def run(
             beta = summary["doppler_beta"]
             print_notes(console, [f"Doppler shift measured by psi: {beta:.4f} s of range per closing speed"])
         Console(soft_wrap=True).print(summary_table(summary))
-        typer.echo(f"report: {out / 'report.html'}")
+        typer.echo(f"report: {result.report}")
 
 
 @contextmanager

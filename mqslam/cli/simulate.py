@@ -36,6 +36,7 @@ def simulate(
     from rich.console import Console
 
     from mqslam.cli.progress import progress
+    from mqslam.simulator import SensorModel
     from mqslam.simulator import simulate as write
 
     console = Console(stderr=True, markup=False)
@@ -46,13 +47,9 @@ def simulate(
             out,
             scene=scene,
             duration_s=duration,
-            turn_rate_hz=turn_rate,
-            azimuths=azimuths,
-            range_resolution=range_resolution,
-            max_range=max_range,
+            sensor=SensorModel(turn_rate, azimuths, range_resolution, max_range, doppler_beta=doppler),
             seed=seed,
             movers=movers,
-            doppler_beta=doppler,
             jobs=jobs,
             progress=lambda done, total: show("simulate", done, total),
         )

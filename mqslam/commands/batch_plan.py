@@ -21,9 +21,9 @@ class PlannedRun(BaseModel):
 
     data: Path = Field(description="the recording")
     name: str | None = Field(None, description="folder of its results; null takes the recording's own name")
-    frontend: str = Field("psi", description="as `run --frontend`")
-    odometry: str = Field("auto", description="as `run --odometry`")
-    config: str | None = Field(None, description="as `run --config`")
+    frontend: str = Field("psi", description="name of the front end")
+    odometry: str = Field("auto", description="auto (the recording's own, if it has one), none, or a file")
+    config: str | None = Field(None, description="a YAML file of settings, or the name of one that ships")
 
 
 class Plan(BaseModel):

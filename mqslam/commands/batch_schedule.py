@@ -6,11 +6,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from mqslam.commands.job import Job, execute, finished, job_of
-from mqslam.errors import MqslamError, OutputError, said
+from mqslam.commands.run import Job, execute, finished, open_job
+from mqslam.commands.work import Work
+from mqslam.errors import MqslamError, said
 from mqslam.execution.engine import DIED, Engine, LocalEngine
 from mqslam.execution.folders import check_free
-from mqslam.execution.progress import Progress, silent
+from mqslam.execution.progress import Progress
 from mqslam.results.batch_results import Order, Outcome
 
 AGAIN = "the same command goes on with it"
@@ -67,7 +68,7 @@ def run_one(terms: Terms, order: Order) -> Outcome:
             return kept
         check_free(out, force=terms.force, resume=True, recording=order.data)
         job = _job(order)
-        summary = execute(job, out, LocalEngine(terms.jobs), silent, resume=not terms.force, how=AGAIN)
+        summary = execute(job, out, Work(LocalEngine(terms.jobs)), resume=not terms.force, how=AGAIN)
         return Outcome(summary)
     except Exception as error:  # a front end may be anyone's code, and the others are to go on
         return Outcome(failure=said(error))
@@ -86,11 +87,11 @@ def _kept(terms: Terms, order: Order) -> Outcome | None:
 
 
 def _job(order: Order) -> Job:
-    return job_of(order.data, order.settings, order.frontend, order.odometry)
+    return open_job(order.data, order.settings, order.frontend, order.odometry)
 
 
 def _seen(out: Path, outcome: Outcome) -> Outcome:
     """The same, if what it left can be seen from here."""
     if outcome.summary is None or (out / "summary.json").is_file():
         return outcome
-    return Outcome(failure=said(OutputError(f"{out}: is not there on this machine; give an --out that all machines share")))
+    return Outcome(failure=f"{out}: is not there on this machine; choose an output folder that all machines share")

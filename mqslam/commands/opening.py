@@ -4,31 +4,56 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from mqslam.config import SensorConfig
+from mqslam.config import Config, load_config
 from mqslam.core.recording import Recording
 from mqslam.core.trajectory import Trajectory
-from mqslam.errors import DataError
+from mqslam.errors import DataError, Remedy
 from mqslam.formats.recordings import open_recording, read_odometry
 
 
-def opened(
-    data: Path, format: str | None, range_resolution: float | None, sensor: SensorConfig, *, strict: bool = False
+def choose_settings(config: Config | Path | str | None, default: str | None = None) -> Config:
+    """Returns the settings that a command was given, or the default ones.
+
+    Args:
+        config: settings, or the path of a YAML file, or the name of one that ships.
+        default: what to take where there is none of them.
+
+    Raises:
+        ConfigError: no such file, or a mistake in it.
+    """
+    return config if isinstance(config, Config) else load_config(default if config is None else config)
+
+
+def open_data(
+    data: Path, format: str | None, range_resolution: float | None, settings: Config, *, strict: bool = False
 ) -> Recording:
-    """The recording at DATA, understood as options and settings say; the option goes before the setting.
+    """Opens the recording that a command was given; what the command says goes before what the settings say.
+
+    Args:
+        data: the recording.
+        format: name of its layout, or None to guess it.
+        range_resolution: length of a range bin [m], or None.
+        settings: all settings.
+        strict: whether a recording with any fault is refused.
 
     Raises:
         ConfigError: a format nobody knows, or a range resolution that is no length.
         DataError: a recording that cannot be used, or one with any fault if strict.
     """
+    sensor = settings.sensor
     resolution = range_resolution or sensor.range_resolution_m
     recording = open_recording(data, format, resolution, clockwise=sensor.clockwise, stamp=sensor.stamp)
     if strict and recording.faults:
-        raise DataError(data, recording.faults[0], "mend it, or leave --strict out")
+        raise DataError(data, recording.faults[0], Remedy.LEAVE_STRICT_OUT)
     return recording
 
 
 def choose_odometry(recording: Recording, choice: str) -> tuple[Trajectory | None, list[str]]:
-    """The odometry a run uses, and what the user should know about the choice.
+    """Returns the odometry that a run uses, and what the user should know about the choice.
+
+    Args:
+        recording: the recording.
+        choice: `auto` (the recording's own, if it has one), `none`, or the path of a file.
 
     Raises:
         DataError: a file that cannot be read or does not cover the recording.

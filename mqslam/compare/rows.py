@@ -15,7 +15,8 @@ from mqslam.core.scans import Scans
 from mqslam.core.trajectory import Trajectory
 from mqslam.errors import said
 from mqslam.execution.engine import DIED, Engine, LocalEngine
-from mqslam.execution.progress import Progress, silent
+from mqslam.execution.progress import Progress
+from mqslam.execution.runner import Runner
 from mqslam.slam import Slam
 
 
@@ -107,9 +108,9 @@ def run_front_end(returned: Returned, named: tuple[str, Context]) -> Row:
                 back_end_s=0.0,
                 peak_rss_mb=_peak_mb(),
             )
-        slam = Slam(context.config, name, LocalEngine(returned.jobs), silent)
-        found = slam.solve(returned.scans, context)
-        spent = slam.runtime_s
+        runner = Runner(LocalEngine(returned.jobs))
+        found = Slam(context.config, name, runner).solve(returned.scans, context)
+        spent = runner.runtime_s
         return Row(
             name,
             None,

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Collection
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -101,9 +100,9 @@ def with_doppler_beta(config: Config, doppler_beta: float) -> Config:
     return config.model_copy(update={"sensor": config.sensor.model_copy(update={"doppler_beta": doppler_beta})})
 
 
-def dump_yaml(config: Config, leave_out: Collection[str] = ()) -> str:
-    """Every setting, but for some sections, as YAML that `load_config` reads back."""
-    text: str = yaml.safe_dump(config.model_dump(mode="json", exclude=set(leave_out)), sort_keys=False)
+def dump_yaml(config: Config) -> str:
+    """Returns every setting as YAML that `load_config` reads back."""
+    text: str = yaml.safe_dump(config.model_dump(mode="json"), sort_keys=False)
     return text
 
 

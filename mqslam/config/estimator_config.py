@@ -4,28 +4,89 @@ from __future__ import annotations
 
 from pydantic import BaseModel, ConfigDict, Field
 
+from mqslam.config.fields import expert
+
 
 class EstimatorConfig(BaseModel):
     """Settings of the score that the estimator minimises, and of the way it does so."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
-    s: float = Field(0.6, gt=0.0, description="neighbours farther than this take no part, at the end of annealing [m]")
-    s_start: float = Field(2.5, gt=0.0, description="the same at the start of annealing [m]")
-    beta_s: float = Field(0.25, gt=0.0, description="width of the spatial kernel at the end [m]")
-    beta_s_start: float = Field(1.25, gt=0.0, description="the same at the start [m]")
-    c: float = Field(1.5, gt=0.0, description="offset that quarters a point's weight at the end [standard deviations]")
-    c_start: float = Field(5.0, gt=0.0, description="the same at the start [standard deviations]")
-    shrink: float = Field(0.6, gt=0.0, lt=1.0, description="factor on the widths from step to step")
-    steps: int = Field(12, ge=1, description="most Newton steps")
-    beta_t: float = Field(0.06, gt=0.0, description="fade of pairs less than one turn apart [s]")
-    xi: float = Field(0.02, gt=0.0, lt=1.0, description="least kappa of a selected neighbour")
-    blur_m: float = Field(0.15, ge=0.0, description="scatter of one object's returns between views, isotropic [m]")
-    sigma_range_m: float = Field(0.15, gt=0.0, description="error of a return along the ray [m]")
-    sigma_azimuth: float = Field(0.008, gt=0.0, description="error of a return across the ray [rad]")
+    s: float = Field(0.6, gt=0.0, description="Distance beyond which neighbours take no part, at the end of annealing [m].")
+    s_start: float = Field(
+        2.5, gt=0.0, description="Distance beyond which neighbours take no part, at the start of annealing [m]."
+    )
+    beta_s: float = Field(0.25, gt=0.0, description="Width of the spatial kernel at the end of annealing [m].")
+    beta_s_start: float = Field(1.25, gt=0.0, description="Width of the spatial kernel at the start of annealing [m].")
+    c: float = Field(
+        1.5,
+        gt=0.0,
+        description="Offset at which a point's weight has fallen to a quarter, at the end of annealing "
+        "[standard deviations].",
+    )
+    c_start: float = Field(
+        5.0,
+        gt=0.0,
+        description="Offset at which a point's weight has fallen to a quarter, at the start of annealing "
+        "[standard deviations].",
+    )
+    shrink: float = Field(0.6, gt=0.0, lt=1.0, description="Factor by which the widths shrink from step to step.")
+    steps: int = Field(12, ge=1, description="Largest number of Newton steps.")
+    beta_t: float = Field(0.06, gt=0.0, description="Width of the fade of pairs that are less than one turn apart [s].")
+    xi: float = Field(0.02, gt=0.0, lt=1.0, description="Least kappa of a selected neighbour.")
+    blur_m: float = Field(
+        0.15,
+        ge=0.0,
+        description="Standard deviation by which the returns of one object scatter between views, in any direction [m].",
+    )
+    sigma_range_m: float = Field(0.15, gt=0.0, description="Standard deviation of a return along the ray [m].")
+    sigma_azimuth: float = Field(0.008, gt=0.0, description="Standard deviation of a return across the ray [rad].")
     stabiliser: float = Field(
-        0.15, ge=0.0, description="share of Gauss-Newton curvature added to the re-selecting curvature, to keep steps safe"
+        0.15,
+        ge=0.0,
+        description="Share of Gauss-Newton's curvature that is added to the re-selecting curvature, so that steps are safe.",
     )
     correlation: float = Field(
-        10.0, ge=1.0, description="returns that repeat one another: information is divided by this against a prior"
+        10.0,
+        ge=1.0,
+        description="Number of returns that repeat one another: psi's information is divided by this against a prior.",
+    )
+    cluster_m: float = expert(
+        2.0,
+        gt=0.0,
+        description="Side of the cells within which returns count as one object, whose errors are common, in the covariance "
+        "of a minimum [m].",
+    )
+    observed_share: float = expert(
+        0.16,
+        gt=0.0,
+        lt=1.0,
+        description="A direction in which less than this share of Gauss-Newton's curvature remains at the widest scale "
+        "counts as not observed: 0.22 and more remain in streets, 0.12 and less along a bare corridor.",
+    )
+    rival: float = expert(
+        1.25,
+        ge=1.0,
+        description="A motion counts as ambiguous where another one has a psi below this factor times the best one's.",
+    )
+    different: float = expert(
+        25.0,
+        gt=0.0,
+        description="Squared distance between two motions of a window, in units of their covariances, beyond which they are "
+        "different motions.",
+    )
+    basins: int = expert(
+        3, ge=1, description="Number of basins of a window's exhaustive search that are refined, the best ones first."
+    )
+    difference_step: float = expert(
+        4.0,
+        gt=0.0,
+        description="Step of the differences that give the curvature of a window's score, in units of the step that ends "
+        "the search.",
+    )
+    unknown_speed: float = expert(
+        20.0, gt=0.0, description="Standard deviation of a window's speed in a direction that psi does not observe [m/s]."
+    )
+    unknown_yaw_rate: float = expert(
+        1.0, gt=0.0, description="Standard deviation of a window's yaw rate where psi does not observe it [rad/s]."
     )

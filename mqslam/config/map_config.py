@@ -12,9 +12,20 @@ class MapConfig(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
-    cell_m: float = Field(0.2, gt=0.0, description="cell of the nav2 map [m]")
-    travel_m: float = Field(0.1, ge=0.0, description="a revolution nearer to the last rendered one adds nothing [m]")
-    travel_rad: float = Field(0.01, ge=0.0, description="unless it has turned by more than this [rad]")
+    cell_m: float = Field(0.2, gt=0.0, description="Side of a cell of the nav2 map [m].")
+    travel_m: float = Field(
+        0.1, ge=0.0, description="A scan is rendered once the sensor has moved this far since the last rendered one [m]."
+    )
+    travel_rad: float = Field(
+        0.01, ge=0.0, description="A scan is rendered as well once the sensor has turned by this much [rad]."
+    )
+    well_seen: float = expert(
+        99.0,
+        ge=0.0,
+        le=100.0,
+        description="Percentile of the numbers of returns per cell that stands for a well-seen cell of the nav2 map. A cell "
+        "counts as occupied from the square root of that number on, so that the threshold follows the speed of the drive.",
+    )
     stop_s: float = expert(
         10.0, gt=0.0, description="Shortest stop that a warning names [s]; shorter ones are usual in traffic."
     )

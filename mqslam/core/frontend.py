@@ -13,9 +13,11 @@ import numpy as np
 from mqslam.config import Config
 from mqslam.core import se2
 from mqslam.core.measurement import Measurement
-from mqslam.core.scans import Scan
+from mqslam.core.scans import Scan, Scans
 from mqslam.core.trajectory import Trajectory
-from mqslam.errors import ConfigError
+from mqslam.errors import ConfigError, EstimationError
+
+_NEGATIVE = 1e-6  # variance below zero that rounding explains, per sum of the variances
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,3 +92,37 @@ def known(name: str) -> EntryPoint:
     near = difflib.get_close_matches(name, names(), 1)
     hint = f"did you mean {near[0]}?" if near else f"choose one of {', '.join(names())}"
     raise ConfigError(f"front end {name}: unknown; {hint}")
+
+
+def measure_motions(name: str, context: Context, scans: Scans) -> Iterator[Measurement]:
+    """Yields a front end's motions, each checked to be one that the graph can hold.
+
+    Args:
+        name: of the front end.
+        context: what it may know besides the scans.
+        scans: of the recording.
+
+    Raises:
+        EstimationError: a motion is not made of finite numbers or its covariance is none, or there are too few or too many.
+    """
+    count = 0
+    for motion in load(name)(context).measure(scans):
+        _check_motion(name, motion)
+        count += 1
+        yield motion
+    if count != len(scans) - 1:
+        raise EstimationError(
+            f"front end {name}: gave {count} motions for {len(scans)} scans; it is to give one for every two successive scans"
+        )
+
+
+def _check_motion(name: str, motion: Measurement) -> None:
+    """Raises EstimationError if the graph cannot hold a motion."""
+    known = bool(np.isfinite(motion.pose).all() and np.isfinite(motion.covariance).all())
+    if known and np.linalg.eigvalsh(motion.covariance)[0] >= -_NEGATIVE * np.trace(motion.covariance):
+        return
+    raise EstimationError(
+        f"front end {name}: the motion from {motion.t0:.2f} s to {motion.t1:.2f} s has "
+        + ("a covariance with negative variances" if known else "a pose or a covariance that is not a number")
+        + "; leave it to another front end, or have this one mended"
+    )

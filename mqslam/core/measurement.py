@@ -64,3 +64,29 @@ class Loop:
     covariance: NDArray[np.float64]
     matched: float
     psi: float
+
+
+@dataclass(frozen=True, slots=True)
+class Measured:
+    """All measurements of a recording, and the sensor's error that they were made with.
+
+    Args:
+        measurements: one per pair of successive scans.
+        doppler_beta: range shift per closing speed [s].
+    """
+
+    measurements: list[Measurement]
+    doppler_beta: float
+
+
+@dataclass(frozen=True, slots=True)
+class LoopSearch:
+    """What a search for loops has led to.
+
+    Args:
+        loops: the loop closures that are in the graph.
+        tried: number of pairs of scans that were compared.
+    """
+
+    loops: list[Loop]
+    tried: int

@@ -6,7 +6,6 @@ import logging
 import time
 from collections.abc import Iterator
 from socket import gethostname
-from typing import Protocol
 
 from mqslam.config import DetectorConfig
 from mqslam.core.recording import PolarScan, Recording
@@ -14,8 +13,8 @@ from mqslam.core.scans import Detected, PeakCounts, Returns, Scan, Scans
 from mqslam.detection.artefacts import drop_fixed
 from mqslam.detection.detector import detect_and_count
 from mqslam.errors import DataError
-from mqslam.execution.engine import Engine
-from mqslam.execution.progress import Progress
+from mqslam.execution.kept import kept_stretch
+from mqslam.execution.runner import Runner
 
 _log = logging.getLogger(__name__)
 
@@ -73,66 +72,38 @@ def polar_scans_or_errors(recording: Recording, start: int, stop: int) -> Iterat
             k += 1
 
 
-class Store(Protocol):
-    """Keeps what was detected in stretches of revolutions, so that a run can be resumed."""
-
-    def detected(self, begin: int, end: int) -> Detected | None:
-        """What was detected in the revolutions begin <= k < end, if it was kept."""
-        ...
-
-    def keep_detected(self, begin: int, end: int, found: Detected) -> None:
-        """Keep what was detected in a stretch of revolutions."""
-        ...
-
-
 def detect_all(
-    recording: Recording,
-    config: DetectorConfig,
-    engine: Engine,
-    progress: Progress,
-    store: Store | None = None,
-    *,
-    strict: bool = False,
+    recording: Recording, config: DetectorConfig, runner: Runner | None = None, *, strict: bool = False
 ) -> tuple[Scans, Detected]:
-    """One scan per revolution, empty where it cannot be read.
+    """Returns one scan per polar scan, empty where it cannot be read, and what was detected.
 
     Args:
         recording: the recording.
-        config: settings.
-        engine: where revolutions are read and detected; the result does not depend on it.
-        progress: called as stretches are done.
-        store: where stretches are kept, and looked for first.
-        strict: whether one revolution that cannot be read is an error.
+        config: settings of the detector.
+        runner: where polar scans are read and detected; None does it here, one after the other.
+        strict: whether one polar scan that cannot be read is an error.
 
     Raises:
-        DataError: over half of the revolutions cannot be read, or one if strict.
+        DataError: over half of the polar scans cannot be read, or one if strict.
     """
     total = len(recording)
-    spans = [(k, min(k + _CHUNK, total)) for k in range(0, total, _CHUNK)]
-    parts: dict[int, Detected] = {}
-    for begin, end in spans:
-        kept = store.detected(begin, end) if store else None
-        if kept is not None and not (strict and kept.unread):
-            parts[begin] = kept
-
-    missing = [(begin, end) for begin, end in spans if begin not in parts]
-
-    def done(number: int, found: Detected) -> None:
-        begin, end = missing[number - 1]
-        parts[begin] = found
-        if store:
-            store.keep_detected(begin, end, found)
-        progress("detect", sum(len(part.returns) for part in parts.values()), total)
-
-    engine.map(_stretch, (recording, config, strict), missing, done, processes=True)
-    returns = drop_fixed([r for begin, _ in spans for r in parts[begin].returns])
-    unread = {k: error for begin, _ in spans for k, error in parts[begin].unread.items()}
+    parts = (runner or Runner()).map(
+        "detect",
+        _stretch,
+        (recording, config, strict),
+        [(k, min(k + _CHUNK, total)) for k in range(0, total, _CHUNK)],
+        kept=lambda span: kept_stretch(*span),
+        accept=lambda part: not (strict and part.unread),
+        steps=lambda span: span[1] - span[0],
+    )
+    returns = drop_fixed([r for part in parts for r in part.returns])
+    unread = {k: error for part in parts for k, error in part.unread.items()}
     if len(unread) > _MOST_UNREAD * total:
         first = next(iter(unread.values()))
         raise DataError(first.path, f"{first.problem}, like {len(unread)} of {total} revolutions", first.remedy)
     _log.info("%d returns in %d revolutions, %d of them unread", sum(map(len, returns)), total, len(unread))
-    read_s, detect_s = sum(p.read_s for p in parts.values()), sum(p.detect_s for p in parts.values())
-    counts = sum((part.counts for part in parts.values()), PeakCounts())
+    read_s, detect_s = sum(part.read_s for part in parts), sum(part.detect_s for part in parts)
+    counts = sum((part.counts for part in parts), PeakCounts())
     return scans_of(recording, returns), Detected(returns, unread, read_s, detect_s, counts)
 
 

@@ -13,37 +13,30 @@ import shutil
 import zipfile
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import astuple, fields
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 import mqslam
-from mqslam.config import Config, VerdictConfig, dump_yaml
-from mqslam.core.measurement import Loop, Measurement, Status
+from mqslam.config import Config, dump_yaml
 from mqslam.core.recording import Recording
-from mqslam.core.scans import Detected, PeakCounts, Returns
 from mqslam.core.trajectory import Trajectory
-from mqslam.errors import ClusterError, DataError, MqslamError, OutputError
+from mqslam.errors import ClusterError, MqslamError, OutputError, Remedy
 from mqslam.execution.files import write_text, written_whole
+from mqslam.execution.kept import Kept
+
+R = TypeVar("R")
 
 FOLDER = "checkpoint"
-HOW = "continue with --resume"
 
 
 def run_key(recording: Recording, config: Config, frontend: str, odometry: Trajectory | None) -> str:
-    """What a run's result depends on, in one string: another key is another run.
-
-    The verdict's settings are younger than the first checkpoints. At their defaults they are left out, so that a run which
-    began before there were any can be resumed.
-    """
+    """Returns what a run's result depends on, in one string: another key is another run."""
     digest = hashlib.sha256()
-    usual = {"verdict"} if config.verdict == VerdictConfig() else set()
-    settings = dump_yaml(config, leave_out=usual)
     path, resolution = str(recording.path.resolve()), str(recording.range_resolution)
-    for text in (mqslam.__version__, settings, frontend, path, resolution):
+    for text in (mqslam.__version__, dump_yaml(config), frontend, path, resolution):
         digest.update(text.encode() + b"\0")
     digest.update(recording.stamps_us.tobytes())
     if odometry is not None:
@@ -52,8 +45,8 @@ def run_key(recording: Recording, config: Config, frontend: str, odometry: Traje
 
 
 @contextmanager
-def unfinished(out: Path, key: str, *, resume: bool, how: str = HOW) -> Iterator[Checkpoint]:
-    """The checkpoint of a run while it goes on; what cannot be resumed to any end leaves nothing behind.
+def unfinished(out: Path, key: str, *, resume: bool, how: str = Remedy.RESUME) -> Iterator[Checkpoint]:
+    """Yields the checkpoint of a run while it goes on; what cannot be resumed to any end leaves nothing behind.
 
     What is left behind by a full disk, a lost cluster, an interrupt or a fault of ours says how to go on.
 
@@ -68,7 +61,7 @@ def unfinished(out: Path, key: str, *, resume: bool, how: str = HOW) -> Iterator
         yield checkpoint
     except (OutputError, ClusterError) as error:
         if checkpoint.holds_anything:
-            raise type(error)(f"{error}; {how}") from error
+            raise type(error)(error.message, *error.remedies, how) from error
         raise
     except MqslamError:
         if not resume:
@@ -104,10 +97,8 @@ class Checkpoint:
         except (OSError, ValueError, KeyError, TypeError):
             kept = None
         if kept != key:
-            raise OutputError(
-                f"{out}: holds an unfinished run of other data or settings; "
-                "choose another --out, or give --force instead of --resume"
-            )
+            problem = f"{out}: holds an unfinished run of other data or settings"
+            raise OutputError(problem, Remedy.REPLACE_UNFINISHED_OUTPUT)
 
     def remove(self) -> None:
         """Delete what was kept, and the result folder if it holds nothing else."""
@@ -120,73 +111,18 @@ class Checkpoint:
         """Whether there is something to resume."""
         return any(self._folder.glob("*.npz"))
 
-    def detected(self, begin: int, end: int) -> Detected | None:
-        """What was detected in the revolutions begin <= k < end, if it was kept."""
-        kept = self._load(f"returns-{begin:06d}-{end:06d}.npz", [*_columns(), "ends", "unread", "why", "counts"])
-        if kept is None:
-            return None
-        columns = [np.split(kept[name], kept["ends"][:-1]) for name in _columns()]
-        returns = [Returns(*(np.ascontiguousarray(part) for part in parts)) for parts in zip(*columns, strict=True)]
-        errors = (DataError(*words) for words in kept["why"].tolist())
-        unread = dict(zip(kept["unread"].tolist(), errors, strict=True))
-        return Detected(returns, unread, counts=PeakCounts(*kept["counts"].tolist()))
+    def find(self, kept: Kept[R]) -> R | None:
+        """Returns a result of a kind, if it was kept and its file is whole."""
+        arrays = self._load(kept.file, kept.names)
+        return None if arrays is None else kept.unpack(arrays)
 
-    def keep_detected(self, begin: int, end: int, found: Detected) -> None:
-        """Keep what was detected in a stretch of revolutions."""
-        arrays = {name: np.concatenate([getattr(r, name) for r in found.returns]) for name in _columns()}
-        arrays["ends"] = np.cumsum([len(r) for r in found.returns])
-        arrays["counts"] = np.array(astuple(found.counts), dtype=np.int64)
-        arrays["unread"] = np.array(list(found.unread), dtype=np.int64)
-        why = [(str(error.path), error.problem, error.remedy) for error in found.unread.values()]
-        arrays["why"] = np.array(why, dtype=np.str_).reshape(-1, 3)
-        self._save(f"returns-{begin:06d}-{end:06d}.npz", arrays)
+    def keep(self, kept: Kept[R], result: R) -> None:
+        """Keeps a result of a kind.
 
-    def measurements(self) -> tuple[list[Measurement], float] | None:
-        """All measurements and the Doppler shift [s] they were made with, if they were kept."""
-        kept = self._load("measurements.npz", [*(f.name for f in fields(Measurement)), "doppler_beta"])
-        if kept is None:
-            return None
-        rows = zip(*(kept[f.name] for f in fields(Measurement)), strict=True)
-        motions = [
-            Measurement(
-                float(t0),
-                float(t1),
-                pose,
-                covariance,
-                Status(str(status)),
-                float(psi),
-                float(psi_odometry),
-                int(points),
-                float(matched),
-            )
-            for t0, t1, pose, covariance, status, psi, psi_odometry, points, matched in rows
-        ]
-        return motions, float(kept["doppler_beta"])
-
-    def keep_measurements(self, motions: Sequence[Measurement], doppler_beta: float) -> None:
-        """Keep all measurements of a run."""
-        arrays: dict[str, NDArray[Any]] = {"doppler_beta": np.array(doppler_beta)}
-        for f in fields(Measurement):
-            arrays[f.name] = np.array([getattr(m, f.name) for m in motions])
-        self._save("measurements.npz", arrays)
-
-    def loops(self) -> tuple[list[Loop], int] | None:
-        """The loops in the graph and the number of pairs tried, if they were kept."""
-        kept = self._load("loops.npz", [*(f.name for f in fields(Loop)), "tried"])
-        if kept is None:
-            return None
-        rows = zip(*(kept[f.name] for f in fields(Loop)), strict=True)
-        loops = [
-            Loop(int(a), int(b), pose, covariance, float(share), float(psi)) for a, b, pose, covariance, share, psi in rows
-        ]
-        return loops, int(kept["tried"])
-
-    def keep_loops(self, loops: Sequence[Loop], tried: int) -> None:
-        """Keep the loops that are in the graph."""
-        arrays: dict[str, NDArray[Any]] = {"tried": np.array(tried)}
-        for f in fields(Loop):
-            arrays[f.name] = np.array([getattr(loop, f.name) for loop in loops])
-        self._save("loops.npz", arrays)
+        Raises:
+            OutputError: it cannot be written.
+        """
+        self._save(kept.file, kept.pack(result))
 
     def _load(self, name: str, arrays: Sequence[str]) -> dict[str, NDArray[Any]] | None:
         """The arrays of a file by name, if it is there and whole."""
@@ -200,12 +136,8 @@ class Checkpoint:
         try:
             self._folder.mkdir(parents=True, exist_ok=True)
         except OSError as error:
-            raise OutputError(f"{self._folder}: cannot be made ({error.strerror}); choose another --out") from error
+            raise OutputError(f"{self._folder}: cannot be made ({error.strerror})", Remedy.CHOOSE_OUTPUT) from error
         if not (self._folder / "run.json").exists():
             write_text(self._folder / "run.json", json.dumps({"key": self._key}))
         with written_whole(self._folder / name) as aside, aside.open("wb") as file:
             np.savez(file, **arrays)  # type: ignore[arg-type]
-
-
-def _columns() -> list[str]:
-    return [f.name for f in fields(Returns)]

@@ -25,7 +25,7 @@ try:
     from distributed import Client, Future, KilledWorker, LocalCluster
     from distributed.client import FutureCancelledError
 except ImportError as error:
-    raise ClusterError(f"--cluster: needs Dask ({error}); pip install 'mqslam[cluster]'") from error
+    raise ClusterError(f"a cluster needs Dask ({error}); install it with pip install 'mqslam[cluster]'") from error
 
 S = TypeVar("S")
 T = TypeVar("T")
@@ -61,7 +61,7 @@ def connected(address: str) -> Iterator[DaskEngine]:
         logging.getLogger(name).setLevel(logging.CRITICAL)
     workers = re.fullmatch(r"local:([1-9]\d{0,3})", address)
     if workers is None and not re.fullmatch(r"(tcp|tls)://\S+:\d+", address):
-        raise ConfigError(f"--cluster {address}: give a scheduler's tcp://host:port, or local:N for N workers here")
+        raise ConfigError(f"cluster {address}: give a scheduler's tcp://host:port, or local:N for N workers here")
     with _local(int(workers[1])) if workers else contextlib.nullcontext(address) as scheduler:
         try:
             client = Client(scheduler, timeout=_ANSWER_S, set_as_default=False)

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from mqslam.errors import OutputError
+from mqslam.errors import OutputError, Remedy
 from mqslam.execution.checkpoint import FOLDER
 
 
@@ -27,7 +27,7 @@ def whole_folder(out: Path) -> Iterator[Path]:
     try:
         aside.mkdir(parents=True)
     except OSError as error:
-        raise OutputError(f"{out}: cannot be made ({error.strerror}); choose another --out") from error
+        raise OutputError(f"{out}: cannot be made ({error.strerror})", Remedy.CHOOSE_OUTPUT) from error
     try:
         yield aside
         if out.exists():
@@ -35,7 +35,7 @@ def whole_folder(out: Path) -> Iterator[Path]:
         aside.rename(out)
         shutil.rmtree(replaced, ignore_errors=True)
     except OSError as error:
-        raise OutputError(f"{out}: cannot be written ({error.strerror}); free space or choose another --out") from error
+        raise OutputError(f"{out}: cannot be written ({error.strerror})", Remedy.FREE_SPACE) from error
     finally:
         shutil.rmtree(aside, ignore_errors=True)
 
@@ -53,31 +53,30 @@ def check_free(out: Path, *, force: bool, resume: bool = False, recording: Path 
         OutputError: it exists with content and neither is given, holds the recording, is a file or cannot be made.
     """
     if out.name in ("", ".."):
-        raise OutputError(f"{out}: is no name of a new folder; choose another --out")
+        raise OutputError(f"{out}: is no name of a new folder", Remedy.CHOOSE_OUTPUT)
     unfinished = (out / FOLDER).is_dir()
     if out.is_file() or (out.is_dir() and any(out.iterdir()) and not force and not (resume and unfinished)):
-        how = "--resume to continue the unfinished run in it" if unfinished else "--force to replace it"
-        raise OutputError(f"{out}: exists already; choose another --out or give {how}")
+        remedy = Remedy.CHOOSE_OR_RESUME_OUTPUT if unfinished else Remedy.CHOOSE_OR_REPLACE_OUTPUT
+        raise OutputError(f"{out}: exists already", remedy)
     if recording is not None and recording.resolve().is_relative_to(out.resolve()):
-        raise OutputError(f"{out}: holds the recording; choose another --out")
+        raise OutputError(f"{out}: holds the recording", Remedy.CHOOSE_OUTPUT)
     if recording is not None and recording.is_dir() and out.resolve().is_relative_to(recording.resolve()):
-        raise OutputError(f"{out}: lies in the recording; choose another --out")
-    check_writable(out, "--out")
+        raise OutputError(f"{out}: lies in the recording", Remedy.CHOOSE_OUTPUT)
+    check_writable(out)
 
 
-def check_writable(out: Path, option: str) -> None:
+def check_writable(out: Path) -> None:
     """See that the folder nearest above what is to be made may be written to.
 
     Args:
         out: what is to be made.
-        option: what an error calls it.
 
     Raises:
         OutputError: it may not.
     """
     above = next(folder for folder in out.absolute().parents if folder.exists())
     if not (above.is_dir() and os.access(above, os.W_OK)):
-        raise OutputError(f"{out}: cannot be made ({above} is no folder to write to); choose another {option}")
+        raise OutputError(f"{out}: cannot be made ({above} is no folder to write to)", Remedy.CHOOSE_OUTPUT)
 
 
 def new_folder(path: Path) -> Path:
@@ -87,9 +86,9 @@ def new_folder(path: Path) -> Path:
         OutputError: it exists with content, is a file, or cannot be made.
     """
     if path.exists() and (not path.is_dir() or any(path.iterdir())):
-        raise OutputError(f"{path}: exists already; choose another --out or remove it")
+        raise OutputError(f"{path}: exists already", Remedy.CHOOSE_OR_REMOVE_OUTPUT)
     try:
         path.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise OutputError(f"{path}: cannot be made ({error.strerror}); choose another --out") from error
+        raise OutputError(f"{path}: cannot be made ({error.strerror})", Remedy.CHOOSE_OUTPUT) from error
     return path

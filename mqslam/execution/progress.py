@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-Progress = Callable[[str, int, int], None]  # stage, done, total
+Progress = Callable[[str, int, int], object]  # stage, done, total
 
 
 def silent(stage: str, done: int, total: int) -> None:

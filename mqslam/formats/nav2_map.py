@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import yaml
+from PIL import Image
 
 from mqslam.core.point_map import OccupancyGrid
 from mqslam.execution.files import write_text, written_whole
@@ -27,10 +28,9 @@ def write_nav2_map(folder: Path, grid: OccupancyGrid) -> None:
     Raises:
         OutputError: a file cannot be written.
     """
-    height, width = grid.occupied.shape
-    with written_whole(folder / "map.pgm") as aside, aside.open("wb") as file:
-        file.write(f"P5\n{width} {height}\n255\n".encode())
-        file.write(np.where(grid.occupied[::-1], np.uint8(_OCCUPIED), np.uint8(_UNKNOWN)).tobytes())
+    image = Image.fromarray(np.where(grid.occupied[::-1], np.uint8(_OCCUPIED), np.uint8(_UNKNOWN)))
+    with written_whole(folder / "map.pgm") as aside:
+        image.save(aside, format="PPM")  # Pillow's name for PGM too
     # map_server reads a pixel p as the occupancy (255 - p) / 255: 205 gives 0.19608, just above free_thresh.
     settings = {
         "image": "map.pgm",

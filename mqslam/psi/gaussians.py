@@ -13,11 +13,11 @@ _ROUNDING = 1e-12  # eigenvalues below this share of the largest one are roundin
 
 
 def invert(matrix: NDArray[np.float64], units: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Invert a symmetric matrix (Q, Q) to one that is symmetric and positive definite.
+    """Inverts a symmetric matrix (Q, Q) to one that is symmetric and positive definite.
 
     Args:
         matrix: symmetric; eigenvalues that are not positive beyond rounding count as barely positive.
-        units: (Q,) a typical size of each variable, in which the matrix as a covariance has comparable entries.
+        units: (Q,) typical size of each variable; measured in these, a covariance has comparable entries.
     """
     scale = units[:, None] * units[None, :]
     values, vectors = np.linalg.eigh(symmetric(matrix) / scale)
@@ -26,24 +26,25 @@ def invert(matrix: NDArray[np.float64], units: NDArray[np.float64]) -> NDArray[n
 
 
 def invert_information(matrix: NDArray[np.float64], units: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Invert an information matrix (Q, Q) to a covariance.
+    """Inverts an information matrix (Q, Q) to a covariance.
 
     Args:
         matrix: as for `invert`.
-        units: (Q,) a typical size of each variable.
+        units: (Q,) typical size of each variable.
     """
     return invert(matrix, 1.0 / units)
 
 
 def fuse(first: NDArray[np.float64], second: NDArray[np.float64], units: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the covariance (Q, Q) of two independent estimates taken together.
+    """Returns the covariance (Q, Q) of two independent estimates taken together.
 
     It is (first^-1 + second^-1)^-1, written as first (first + second)^-1 second, which stays right where one of the two
     is singular. The result is never surer than rounding allows.
 
     Args:
-        first, second: covariances (Q, Q).
-        units: (Q,) a typical size of each variable.
+        first: (Q, Q) covariance of one estimate.
+        second: (Q, Q) covariance of the other.
+        units: (Q,) typical size of each variable.
     """
     joint = first @ invert(first + second, units) @ second
     scale = units[:, None] * units[None, :]
@@ -53,9 +54,9 @@ def fuse(first: NDArray[np.float64], second: NDArray[np.float64], units: NDArray
 
 
 def floor_variances(covariance: NDArray[np.float64], steps: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return a covariance (Q, Q) that is nowhere below the steps (Q,) at which a search ends.
+    """Raises a covariance (Q, Q) to be nowhere below the square of the steps (Q,) at which a search ends.
 
-    Scans that repeat to the last digit leave no residual, and would make the result known exactly.
+    Scans that repeat to the last digit leave no residual, and would make the result seem known exactly.
     """
     scale = steps[:, None] * steps[None, :]
     values, vectors = np.linalg.eigh(symmetric(covariance) / scale)
@@ -65,5 +66,5 @@ def floor_variances(covariance: NDArray[np.float64], steps: NDArray[np.float64])
 
 
 def symmetric(matrix: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the symmetric part of a square matrix, which rounding has made slightly unsymmetric."""
+    """Returns the symmetric part of a square matrix, which rounding has made slightly unsymmetric."""
     return np.asarray(0.5 * (matrix + matrix.T))

@@ -1,7 +1,7 @@
 """The minimiser of psi: Newton steps on an annealed score, from wide selection to tight.
 
-A wide start finds the basin, a tight end finds its bottom: the widths shrink from step to step, so that the start need
-not be good and the end is not blurred by neighbours that belong to something else.
+Wide widths find the basin, narrow ones find its bottom. The widths therefore shrink from step to step: the start need
+not be good, and the end is not blurred by neighbours that belong to something else.
 """
 
 from __future__ import annotations
@@ -13,13 +13,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mqslam.config import EstimatorConfig
-from mqslam.psi.estimator import Evaluation, Scale, evaluate
-from mqslam.psi.neighbours import CandidateLists, CellGrid, NeighbourCache, candidates, cell_grid
+from mqslam.psi.estimator import Evaluation, Kernel, Scale, evaluate
+from mqslam.psi.neighbours import CandidateLists, CellGrid, NeighbourCache, find_candidates, sort_into_cells
 from mqslam.psi.place import PointSet
+
+_FLATTEST = 1e-9  # least curvature that a step is divided by [1/tolerance^2], which keeps the step finite
 
 
 def annealed_scale(config: EstimatorConfig, step: int) -> Scale:
-    """Widths of the score at one step of the annealing."""
+    """Returns the widths of the score at one step of the annealing."""
     f = config.shrink**step
     return Scale(
         max(config.s, config.s_start * f), max(config.beta_s, config.beta_s_start * f), max(config.c, config.c_start * f)
@@ -27,7 +29,7 @@ def annealed_scale(config: EstimatorConfig, step: int) -> Scale:
 
 
 def final_scale(config: EstimatorConfig) -> Scale:
-    """Widths of the score at the end of the annealing."""
+    """Returns the widths of the score at the end of the annealing."""
     return Scale(config.s, config.beta_s, config.c)
 
 
@@ -51,7 +53,7 @@ class Minimum:
     Args:
         state: (Q,).
         evaluation: the score there, at the final widths.
-        converged: whether the last step was below rounding of the result.
+        converged: whether the last step was below the tolerances.
     """
 
     state: NDArray[np.float64]
@@ -67,20 +69,23 @@ def score(
     revolution_s: float,
     config: EstimatorConfig,
 ) -> Evaluation:
-    """Score points against references, or against themselves where both are the same object, as the settings say.
+    """Scores points against references, or against themselves where both are the same object, as the settings say.
 
     Args:
+        queries: points whose offsets are scored.
+        references: points that they are compared with.
         lists: candidates for every query within the scale's s.
-        revolution_s: duration of a turn [s]; zero compares points whatever their times.
+        scale: widths of selection and weights.
+        revolution_s: duration of a turn [s]; with zero, points are compared whatever their times are.
+        config: settings of the score.
     """
-    return evaluate(
-        queries, references, lists, scale, revolution_s, config.beta_t, config.xi, config.blur_m, queries is references
-    )
+    kernel = Kernel(revolution_s, config.beta_t, config.xi, config.blur_m)
+    return evaluate(queries, references, lists, scale, kernel, moving_references=queries is references)
 
 
 def score_itself(points: PointSet, scale: Scale, revolution_s: float, config: EstimatorConfig) -> Evaluation:
-    """Score points against each other, with candidates looked up anew."""
-    lists = candidates(cell_grid(points.points, scale.s), points.points, scale.s)
+    """Scores points against each other, with candidates looked up anew."""
+    lists = find_candidates(sort_into_cells(points.points, scale.s), points.points, scale.s)
     return score(points, points, lists, scale, revolution_s, config)
 
 
@@ -94,17 +99,17 @@ def minimise(
     tolerances: NDArray[np.float64],
     grid: CellGrid | None = None,
 ) -> Minimum:
-    """Minimise psi plus the prior over the state.
+    """Minimises psi plus the prior over the state.
 
     Args:
-        start: (Q,) state to begin at.
-        render: the points of a state; their jacobians are (N, 2, Q).
-        references: points to compare with, or None to compare the rendered points with each other.
+        start: (Q,) state at which the search begins.
+        render: returns the points of a state; their jacobians are (N, 2, Q).
+        references: points to compare with; None compares the rendered points with each other.
         prior: Gaussian over the state.
-        config: settings.
+        config: settings of the score and of its minimiser.
         revolution_s: duration of a turn [s].
-        tolerances: (Q,) steps smaller than these end the search once the widths are final.
-        grid: the references sorted into cells, if there are any.
+        tolerances: (Q,) steps that end the search, once the widths are final and a step is smaller.
+        grid: the references, sorted into cells; None where they move with the state.
     """
     state = np.array(start, dtype=np.float64)
     cache = NeighbourCache()
@@ -118,13 +123,13 @@ def minimise(
 
     for step in range(config.steps):
         scale = annealed_scale(config, step)
-        queries, found = evaluate_at(scale)
-        curvature = (found.curvature + config.stabiliser * found.information) / config.correlation + prior.information
-        gradient = found.gradient / config.correlation + prior.information @ (state - prior.mean)
-        values, vectors = np.linalg.eigh(_scaled(curvature, tolerances))
-        values = np.maximum(np.abs(values), 1e-9)
+        queries, here = evaluate_at(scale)
+        curvature = (here.curvature + config.stabiliser * here.information) / config.correlation + prior.information
+        gradient = here.gradient / config.correlation + prior.information @ (state - prior.mean)
+        values, vectors = np.linalg.eigh(_scale_matrix(curvature, tolerances))
+        values = np.maximum(np.abs(values), _FLATTEST)
         move = -tolerances * (vectors @ ((vectors.T @ (tolerances * gradient)) / values))
-        move = _limit(move, queries, scale.s)
+        move = _shorten_step(move, queries, scale.s)
         state = state + move
         if scale == final_scale(config) and np.all(np.abs(move) < tolerances):
             converged = True
@@ -132,14 +137,14 @@ def minimise(
     return Minimum(state, evaluate_at(final_scale(config))[1], converged)
 
 
-def _limit(move: NDArray[np.float64], queries: PointSet, reach_m: float) -> NDArray[np.float64]:
-    """Shorten a step (Q,) that would move the points farther than the score has looked [m], RMS over the points."""
+def _shorten_step(move: NDArray[np.float64], queries: PointSet, reach_m: float) -> NDArray[np.float64]:
+    """Shortens a step (Q,) that would move the points, in the root mean square, farther than the score has looked [m]."""
     if len(queries) == 0:
         return np.zeros_like(move)
     moved = float(np.sqrt(np.mean(np.sum((queries.jacobians @ move) ** 2, axis=1))))
     return move if moved <= reach_m else move * (reach_m / moved)
 
 
-def _scaled(matrix: NDArray[np.float64], units: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The matrix in units of the tolerances, so that metres and radians have comparable eigenvalues."""
+def _scale_matrix(matrix: NDArray[np.float64], units: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Returns a curvature (Q, Q) by variables in units (Q,), so that metres and radians have comparable eigenvalues."""
     return np.asarray(matrix * units[:, None] * units[None, :])

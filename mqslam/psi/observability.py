@@ -1,9 +1,10 @@
 """Directions of motion that a map does not show.
 
-Along a bare wall the returns of two views are scattered alike at any shift: at a wide scale psi's curvature, which knows
+Along a bare wall the returns of two views are scattered alike at any shift. At a wide scale psi's curvature, which knows
 that neighbours are re-selected, vanishes there, while single returns still pair up by chance and pretend to a minimum.
-The share of Gauss-Newton's curvature that remains at the widest scale tells the two apart: 0.22 and more where there are
-windows, poles and corners (the real sample, the twin, the simulator's streets), 0.12 and less along a bare corridor.
+The share of Gauss-Newton's curvature that remains at the widest scale tells the two apart: it is 0.22 and more where
+there are windows, poles and corners (the real sample, the twin, the simulator's streets), and 0.12 and less along a bare
+corridor.
 """
 
 from __future__ import annotations
@@ -13,18 +14,19 @@ from numpy.typing import NDArray
 
 from mqslam.psi.estimator import Evaluation
 
-LEAST = 0.16  # share of curvature below which a direction counts as not observed
 _SHOWN = 1e-9  # correlated eigenvalues below this share of the largest one are rounding
 
 
-def weak_directions(wide: Evaluation, size: int) -> NDArray[np.float64]:
-    """Directions (K, size) of the first `size` state variables that psi does not observe, scaled to unit information.
+def find_weak_directions(wide: Evaluation, size: int, observed_share: float) -> NDArray[np.float64]:
+    """Finds the directions (K, size) that psi does not observe, scaled to unit information.
 
     Where the points do not even show all directions under Gauss-Newton, as returns of a single bearing do, nothing is
     taken as observed.
 
     Args:
         wide: an evaluation at the widest scale, near the minimum.
+        size: number of state variables that are looked at, the first ones.
+        observed_share: share of Gauss-Newton's curvature below which a direction counts as not observed.
     """
     information = wide.information[:size, :size]
     units = np.sqrt(np.diag(information))
@@ -35,15 +37,17 @@ def weak_directions(wide: Evaluation, size: int) -> NDArray[np.float64]:
         return np.eye(size)
     whiten = (vectors / np.sqrt(values)) / units[:, None]
     shares, directions = np.linalg.eigh(whiten.T @ wide.curvature[:size, :size] @ whiten)
-    return np.asarray((whiten @ directions[:, shares < LEAST]).T)
+    return np.asarray((whiten @ directions[:, shares < observed_share]).T)
 
 
 def loosen(
     covariance: NDArray[np.float64], directions: NDArray[np.float64], spans: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Make a covariance (Q, Q) as uncertain along the weak directions (K, Q) as it can be.
+    """Makes a covariance as uncertain along weak directions as it can be.
 
     Args:
+        covariance: (Q, Q).
+        directions: (K, Q) the weak ones.
         spans: (Q,) standard deviation of each variable when nothing is known of it.
     """
     for direction in directions:

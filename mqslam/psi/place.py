@@ -1,11 +1,13 @@
-"""Render returns as points: where each lies in the world under a motion, how that depends on the motion, how sure it is."""
+"""Renders returns as points: where each lies in the world under a motion, how that depends on the motion, how sure it is."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numba as nb
 import numpy as np
+from numba.extending import register_jitable
 from numpy.typing import NDArray
 
 from mqslam.config import EstimatorConfig
@@ -14,9 +16,8 @@ from mqslam.core.motion import MotionModel, integrate
 from mqslam.core.scans import Returns
 
 
-@dataclass(frozen=True, slots=True)
-class Beam:
-    """What is known of the sensor's own errors.
+class Beam(NamedTuple):
+    """The sensor's own errors.
 
     Args:
         sigma_range: standard deviation of a return along the ray [m].
@@ -31,7 +32,7 @@ class Beam:
 
 @dataclass(frozen=True, slots=True)
 class PointSet:
-    """Rendered returns.
+    """Returns rendered as points.
 
     Args:
         points: (N, 2) m, world frame.
@@ -49,8 +50,8 @@ class PointSet:
         return len(self.points)
 
 
-def turned(covariances: NDArray[np.float64], yaw: float) -> NDArray[np.float64]:
-    """Covariances (N, 3) xx, xy, yy given in a frame that is turned by yaw [rad], in the frame that is not."""
+def rotate_covariances(covariances: NDArray[np.float64], yaw: float) -> NDArray[np.float64]:
+    """Rotates covariances (N, 3) xx, xy, yy by yaw [rad], from a frame that is turned by yaw into the one that is not."""
     c, s = np.cos(yaw), np.sin(yaw)
     xx, xy, yy = covariances.T
     return np.column_stack(
@@ -63,19 +64,45 @@ def turned(covariances: NDArray[np.float64], yaw: float) -> NDArray[np.float64]:
 
 
 def place(returns: Returns, t0: float, start: se2.Array, theta: se2.Array, model: MotionModel, beam: Beam) -> PointSet:
-    """Render returns under a start pose (3,) at time t0 [s] and motion parameters (P,)."""
+    """Renders returns as points.
+
+    Args:
+        returns: to render.
+        t0: time of the start pose [s].
+        start: (3,) pose of the sensor at t0, world frame.
+        theta: (P,) motion parameters.
+        model: motion model, which says what the parameters mean.
+        beam: the sensor's errors.
+    """
     points, jacobians, covariances = _place(
         returns.ranges,
         returns.azimuths,
         returns.times - t0,
         np.asarray(start, dtype=np.float64),
         np.asarray(theta, dtype=np.float64),
-        *model.arrays,
-        beam.doppler_beta,
-        beam.sigma_range,
-        beam.sigma_azimuth,
+        model.arrays,
+        beam,
     )
     return PointSet(points, jacobians, covariances, returns.times)
+
+
+@register_jitable
+def compute_beam_covariance(
+    ranges: NDArray[np.float64], ux: NDArray[np.float64], uy: NDArray[np.float64], beam: Beam
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Returns the terms xx, xy, yy [m^2] of the covariance of returns whose ray points along the unit vector (ux, uy).
+
+    The arguments are arrays (N,), or single numbers within a kernel.
+
+    Args:
+        ranges: distances from the sensor [m].
+        ux: x component of the rays, in the frame of the covariance.
+        uy: y component of the rays.
+        beam: the sensor's errors.
+    """
+    along = beam.sigma_range * beam.sigma_range
+    across = (ranges * beam.sigma_azimuth) ** 2
+    return along * ux * ux + across * uy * uy, (along - across) * ux * uy, along * uy * uy + across * ux * ux
 
 
 @nb.njit(cache=True, nogil=True)
@@ -85,13 +112,13 @@ def _place(
     times: NDArray[np.float64],
     start: NDArray[np.float64],
     theta: NDArray[np.float64],
-    components: NDArray[np.int64],
-    powers: NDArray[np.int64],
-    beta: float,
-    sigma_range: float,
-    sigma_azimuth: float,
+    model: tuple[NDArray[np.int64], NDArray[np.int64]],
+    beam: Beam,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Returns the points (N, 2), their jacobians (N, 2, 3 + P) and their covariances (N, 3)."""
     n, size = len(ranges), len(theta)
+    components, powers = model
+    beta = beam.doppler_beta
     poses, d_poses, twists = integrate(theta, components, powers, times)
     points = np.empty((n, 2))
     jacobians = np.empty((n, 2, 3 + size))
@@ -121,14 +148,10 @@ def _place(
             jacobians[i, 0, 3 + p] = c0 * jx - s0 * jy
             jacobians[i, 1, 3 + p] = s0 * jx + c0 * jy
         ux, uy = c0 * ahead - s0 * left, s0 * ahead + c0 * left
-        along = sigma_range * sigma_range
-        across = (ranges[i] * sigma_azimuth) ** 2
-        covariances[i, 0] = along * ux * ux + across * uy * uy
-        covariances[i, 1] = (along - across) * ux * uy
-        covariances[i, 2] = along * uy * uy + across * ux * ux
+        covariances[i, 0], covariances[i, 1], covariances[i, 2] = compute_beam_covariance(ranges[i], ux, uy, beam)
     return points, jacobians, covariances
 
 
 def beam_of(config: EstimatorConfig, doppler_beta: float) -> Beam:
-    """The sensor's errors as the settings state them."""
+    """Returns the sensor's errors as the settings state them, with the Doppler shift [s] that the sensor has."""
     return Beam(config.sigma_range_m, config.sigma_azimuth, doppler_beta)

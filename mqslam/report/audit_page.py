@@ -31,7 +31,7 @@ from mqslam.report.content import (
     Tile,
 )
 from mqslam.report.explorers.audit_explorer import explore_audit
-from mqslam.report.explorers.scene import Scene, make_scene
+from mqslam.report.explorers.scene_data import Scene, make_scene
 from mqslam.report.figures.audit_figures import EXPECTED, draw_heat_map, draw_inflation, draw_revisits
 from mqslam.report.figures.crops import draw_crop, make_crops
 from mqslam.report.page import collect, name_values, section_of, verdict_in, version_in, write_page

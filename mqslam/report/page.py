@@ -31,11 +31,12 @@ def collect(name: str, make: Callable[[], Content | None], failures: list[str]) 
         make: makes its content; None where there is nothing to show.
         failures: list to which a failure is added.
     """
+    content: Content | None = None
     tried: list[str] = []
     with tolerate(name, tried):
-        return Part(make())
+        content = make()
     failures += tried
-    return Part(None, tried[0])
+    return Part(content, *tried)
 
 
 def write_page(path: Path, template: str, frame: Frame, parts: object) -> None:

@@ -16,8 +16,8 @@ from mqslam.core.measurement import Measurement
 from mqslam.core.point_map import PointMap
 from mqslam.core.recording import Recording
 from mqslam.core.trajectory import Trajectory
-from mqslam.mapping.render import moving
-from mqslam.slam import Run
+from mqslam.mapping.render import select_moving
+from mqslam.solution import Run
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,7 +114,7 @@ def report_run(
         covariances: covariances of some poses, or why there are none.
         warnings: what the reader has to know before the numbers.
     """
-    moved = moving(run.optimised.poses, run.config.map.travel_m, run.config.map.travel_rad)
+    moved = select_moving(run.optimised.poses, run.config.map)
     return Report(
         title=recording.path.resolve().name,
         summary=summary,

@@ -14,7 +14,7 @@ from mqslam.audit.sweeps import Sweeps
 from mqslam.audit.verdict import Share
 from mqslam.config import AuditConfig, Config, VerdictConfig, dump_yaml
 from mqslam.execution.files import write_json, write_text
-from mqslam.results.files import csv_text
+from mqslam.results.summary_files import csv_text
 
 
 def summarise(

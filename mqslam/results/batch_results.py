@@ -12,7 +12,7 @@ from mqslam.audit.verdict import VerdictStatus
 from mqslam.config import Config
 from mqslam.errors import OutputError, Remedy
 from mqslam.execution.files import write_json, write_text
-from mqslam.results.files import csv_text
+from mqslam.results.summary_files import csv_text
 
 
 @dataclass(frozen=True, slots=True)

@@ -18,8 +18,8 @@ from mqslam.config import Config, dump_yaml
 from mqslam.execution.files import write_json, write_text
 from mqslam.formats.trajectories import write_kitti
 from mqslam.formats.tum import write_tum
-from mqslam.results.files import csv_text
 from mqslam.results.run_results import measurements_csv
+from mqslam.results.summary_files import csv_text
 
 # columns of the table: key in a row of compare.json, head, format
 _WITH_TRUTH = (

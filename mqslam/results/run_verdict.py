@@ -14,8 +14,8 @@ from mqslam.core.measurement import Measurement, Status
 from mqslam.core.motion import LONGEST_COAST_S
 from mqslam.core.recording import Recording
 from mqslam.detection.stage import unread_warnings
-from mqslam.mapping.render import moving
-from mqslam.slam import Run
+from mqslam.mapping.render import select_moving
+from mqslam.solution import Run
 
 _LISTED: Final = 5  # gaps that are named one by one, so that the warnings stay readable
 
@@ -51,7 +51,7 @@ def list_warnings(run: Run, recording: Recording) -> list[str]:
 def find_stops(run: Run, recording: Recording) -> list[tuple[float, float]]:
     """Returns long spans [s] in which no scan moved on, so that the map holds only the first of them."""
     settings = run.config.map
-    moved = recording.start_times[moving(run.optimised.poses, settings.travel_m, settings.travel_rad)]
+    moved = recording.start_times[select_moving(run.optimised.poses, settings)]
     ends = np.append(moved[1:], recording.duration_s)
     return [(float(a), float(b)) for a, b in zip(moved, ends, strict=True) if b - a >= settings.stop_s]
 

@@ -1,9 +1,9 @@
 """A simulated radar drive: a geometric scene, a true motion, a spinning radar and wheels that slip.
 
-`simulated_recording` renders a drive in memory, `simulate` writes the same stream as a recording in the Oxford layout.
+`simulated_recording` renders a drive in memory, `simulate` writes the same drive as a recording in the Oxford layout.
 """
 
-from mqslam.simulator.drive import ConstantDrive, Drive, SampledDrive, loop_drive, with_way_made
+from mqslam.simulator.drive import ConstantDrive, Drive, SampledDrive, clear_way, loop_drive
 from mqslam.simulator.in_memory import SimulatedRecording, simulated_recording
 from mqslam.simulator.scene import Scene, corridor_scene, street_scene, yard_scene
 from mqslam.simulator.sensor import SensorModel, render_polar_scan
@@ -20,6 +20,7 @@ __all__ = [
     "SensorModel",
     "SimulatedRecording",
     "WheelOdometry",
+    "clear_way",
     "corridor_scene",
     "loop_drive",
     "render_polar_scan",
@@ -27,6 +28,5 @@ __all__ = [
     "simulated_recording",
     "street_scene",
     "wheel_odometry",
-    "with_way_made",
     "yard_scene",
 ]

@@ -1,12 +1,15 @@
-"""Casting one beam: what it meets, how much of it comes back, and into which range bins.
+"""Casts one beam of the simulated radar: what the beam meets, how much of it comes back, and into which range bins.
 
 A beam is cut into thin cells of its two-way pattern. Walls are clipped to the cells exactly, so an oblique wall fills
-the span of ranges it really crosses; a pole is a bright line at its nearest point, seen with the pattern's gain.
+the span of ranges that it really crosses; a pole is a bright line at its nearest point, seen with the pattern's gain.
 
+The numbers of this file define the simulated world: with other numbers the same seed would give other recordings.
 All kernels live in this one file: numba renews its cache when the file of a kernel changes, not those of its callees.
 """
 
 from __future__ import annotations
+
+from typing import NamedTuple
 
 import numba as nb
 import numpy as np
@@ -21,20 +24,232 @@ COUNTS_PER_NEPER = COUNTS_PER_DECADE / np.log(10.0)
 NOISE_COUNTS = COUNTS_PER_NEPER * np.log(-np.log(1.0 - (np.arange(16384) + 0.5) / 16384))
 """Quantiles of exponential noise of mean power 1, in counts: most bins hold nothing else, and a look-up is quick."""
 NEAREST = 1.0
-"""Nothing nearer than this [m] ahead is seen."""
+"""Distance ahead [m] within which nothing is seen."""
 REFERENCE_RANGE = 10.0
 """Range [m] at which the echoes have their nominal power."""
+GRAZING_ECHO = 0.1
+"""Echo of a wall that the beam grazes, as a share of its echo at right angles."""
+CLUTTER_DECADES = (1.5, 4.5)
+"""Least and greatest power of an echo of nothing, as powers of ten."""
+SATURATION_DECADES = (1.5, 2.5)
+"""Least and greatest excess of a saturated azimuth's noise, as powers of ten."""
+ECHO_HALF_WIDTH = 4
+"""Range bins on either side of an echo's middle that it reaches."""
 HITS = 96
-"""Most things one cell of a beam can meet."""
+"""Largest number of things that one cell of a beam can meet."""
 CORNERS = np.array([[0.5, 0.5], [-0.5, 0.5], [-0.5, -0.5], [0.5, -0.5], [0.5, 0.5]])
 """Corners of a vehicle in its own lengths and widths, and the first again."""
 NEAR, FAR, ENERGY, OPACITY, CLOSING = range(5)
 """Columns of a hit: nearest and farthest range [m], energy, share of the cell's beam taken, closing speed [m/s]."""
 
+Pair = tuple[float, float]
+
+
+class Things(NamedTuple):
+    """What reflects, as the columns of `Scene` have it."""
+
+    walls: Array
+    poles: Array
+    movers: Array
+
+
+class Sweep(NamedTuple):
+    """The sensor during one turn.
+
+    Args:
+        poses: (A, 3) at each azimuth, scene frame.
+        twists: (A, 3) body velocity at each azimuth [m/s, m/s, rad/s].
+        times: (A,) of each azimuth [s].
+        angles: (A,) of the beam against the sensor's heading [rad].
+    """
+
+    poses: Array
+    twists: Array
+    times: Array
+    angles: Array
+
+
+class Pattern(NamedTuple):
+    """The pattern of a beam, cut into cells.
+
+    Args:
+        edges: (C + 1, 2) sine and cosine of the cells' edges, from right to left.
+        gains: (C,) share of the beam's energy in each cell.
+        width: one-way half-power width [rad].
+    """
+
+    edges: Array
+    gains: Array
+    width: float
+
+
+class Radar(NamedTuple):
+    """What the radar makes of the echoes; powers are linear.
+
+    Args:
+        bins: range bins per azimuth.
+        resolution: length of a range bin [m].
+        spread: standard deviation of an echo [bins].
+        wall_echo: power of a whole beam at right angles on a wall of reflectivity 1 at the reference range.
+        pole_echo: power of a pole of reflectivity 1 in the middle of the beam at the reference range.
+        noise: mean power of the thermal noise.
+        speckle: share of an echo's power that fluctuates, 0..1.
+        roughness: standard deviation of a surface's depth [m].
+        saturation: probability of an azimuth with higher noise.
+        clutter: probability of a bin with an echo of nothing.
+        doppler_beta: range shift per closing speed [s].
+    """
+
+    bins: int
+    resolution: float
+    spread: float
+    wall_echo: float
+    pole_echo: float
+    noise: float
+    speckle: float
+    roughness: float
+    saturation: float
+    clutter: float
+    doppler_beta: float
+
+
+class Hits(NamedTuple):
+    """What the beam meets in each of its cells.
+
+    Args:
+        table: (C, H, 5) the hits of each cell, with the columns `NEAR` to `CLOSING`.
+        counts: (C,) number of hits in use.
+    """
+
+    table: Array
+    counts: NDArray[np.int64]
+
 
 @nb.njit(cache=True, nogil=True)
-def clip(t0: float, t1: float, at_start: float, at_end: float) -> tuple[float, float]:
-    """The part of [t0, t1] on which a linear function, given at t = 0 and t = 1, is not negative."""
+def render_power(things: Things, sweep: Sweep, pattern: Pattern, radar: Radar, seed: int) -> NDArray[np.uint8]:
+    """Renders the received power of one turn as counts (A, B) uint8, as `render_polar_scan` describes it."""
+    np.random.seed(seed)
+    things = _keep_near(things, sweep.poses, radar.bins * radar.resolution)
+    cells = len(pattern.gains)
+    hits = Hits(np.empty((cells, HITS, 5)), np.zeros(cells, dtype=np.int64))
+    row = np.empty(radar.bins)
+    out = np.empty((len(sweep.times), radar.bins), dtype=np.uint8)
+    for k in range(len(sweep.times)):
+        hits.counts[:] = 0
+        _cast_beam(things, sweep, k, pattern, radar, hits)
+        row[:] = 0.0
+        _add_echoes(hits, radar, row)
+        for _ in range(np.random.poisson(radar.clutter * radar.bins)):
+            _deposit(row, np.random.uniform(0.0, radar.bins), 10.0 ** np.random.uniform(*CLUTTER_DECADES), radar.spread)
+        noise = radar.noise
+        if np.random.random() < radar.saturation:
+            noise = radar.noise * 10.0 ** np.random.uniform(*SATURATION_DECADES)
+        _write_counts(row, noise, out[k])
+    return out
+
+
+@nb.njit(cache=True, nogil=True)
+def _keep_near(things: Things, poses: Array, max_range: float) -> Things:
+    """Returns the things without the walls and poles that no beam reaches."""
+    middle = len(poses) // 2
+    x, y = poses[middle, 0], poses[middle, 1]
+    moved = np.hypot(poses[:, 0] - x, poses[:, 1] - y).max()
+    reach = max_range + moved + 2.0  # the margin spares a look at how large the things are
+    walls, poles = things.walls, things.poles
+    walls = walls[np.array([_is_near(a[0], a[1], a[2], a[3], x, y, reach) for a in walls], dtype=np.bool_)]
+    poles = poles[np.hypot(poles[:, 0] - x, poles[:, 1] - y) < reach]
+    return Things(walls, poles, things.movers)
+
+
+@nb.njit(cache=True, nogil=True)
+def _is_near(x0: float, y0: float, x1: float, y1: float, x: float, y: float, reach: float) -> bool:
+    """Returns whether a wall comes within `reach` [m] of (x, y)."""
+    dx, dy = x1 - x0, y1 - y0
+    squared = dx * dx + dy * dy
+    t = min(1.0, max(0.0, ((x - x0) * dx + (y - y0) * dy) / squared)) if squared > 0.0 else 0.0
+    return bool(np.hypot(x0 + t * dx - x, y0 + t * dy - y) < reach)
+
+
+@nb.njit(cache=True, nogil=True)
+def _cast_beam(things: Things, sweep: Sweep, k: int, pattern: Pattern, radar: Radar, hits: Hits) -> None:
+    """Adds everything that the beam of azimuth k meets to the hits."""
+    pose, twist, angle = sweep.poses[k], sweep.twists[k], sweep.angles[k]
+    heading = pose[2] + angle
+    c, s = np.cos(heading), np.sin(heading)
+    ca, sa = np.cos(angle), np.sin(angle)
+    velocity = (twist[0] * ca + twist[1] * sa, twist[1] * ca - twist[0] * sa)
+    x, y = pose[0], pose[1]
+    for wall in things.walls:
+        dx, dy, ex, ey = wall[0] - x, wall[1] - y, wall[2] - x, wall[3] - y
+        start, end = (c * dx + s * dy, c * dy - s * dx), (c * ex + s * ey, c * ey - s * ex)
+        _cast_wall(start, end, (wall[4], wall[5]), velocity, radar.wall_echo, pattern, hits)
+    for pole in things.poles:
+        dx, dy = pole[0] - x, pole[1] - y
+        middle = (c * dx + s * dy, c * dy - s * dx)
+        _cast_pole(middle, pole[2], pole[3], velocity, radar.pole_echo, pattern, hits)
+    for mover in things.movers:
+        _cast_mover(mover, sweep.times[k], pose, velocity, (c, s), radar.wall_echo, pattern, hits)
+
+
+@nb.njit(cache=True, nogil=True)
+def _cast_wall(
+    start: Pair, end: Pair, material: Pair, velocity: Pair, wall_echo: float, pattern: Pattern, hits: Hits
+) -> None:
+    """Adds what a wall returns to the hits of every cell of the beam.
+
+    Args:
+        start: one end, along the beam and to its left [m].
+        end: the other end.
+        material: the wall's reflectivity, and the share of the beam that it takes.
+        velocity: of the sensor relative to the wall [m/s], along the beam and to its left.
+        wall_echo: as in `Radar`.
+        pattern: of the beam.
+        hits: extended.
+    """
+    u0, w0 = start
+    u1, w1 = end
+    if u0 < NEAREST and u1 < NEAREST:
+        return  # before any array is taken out of its tuple, which costs as much as these tests
+    edges, gains = pattern.edges, pattern.gains
+    cells = len(gains)
+    if w0 * edges[0, 1] < u0 * edges[0, 0] and w1 * edges[0, 1] < u1 * edges[0, 0]:
+        return
+    if w0 * edges[cells, 1] > u0 * edges[cells, 0] and w1 * edges[cells, 1] > u1 * edges[cells, 0]:
+        return
+    length = np.hypot(u1 - u0, w1 - w0)
+    if length == 0.0:
+        return
+    table, counts = hits.table, hits.counts
+    first, last = _clip(0.0, 1.0, u0 - NEAREST, u1 - NEAREST)
+    above0, above1 = w0 * edges[0, 1] - u0 * edges[0, 0], w1 * edges[0, 1] - u1 * edges[0, 0]
+    for c in range(cells):
+        next0 = w0 * edges[c + 1, 1] - u0 * edges[c + 1, 0]
+        next1 = w1 * edges[c + 1, 1] - u1 * edges[c + 1, 0]
+        a, b = _clip(first, last, above0, above1)
+        a, b = _clip(a, b, -next0, -next1)
+        above0, above1 = next0, next1
+        if b <= a or counts[c] == table.shape[1]:
+            continue
+        ua, wa = u0 + a * (u1 - u0), w0 + a * (w1 - w0)
+        ub, wb = u0 + b * (u1 - u0), w0 + b * (w1 - w0)
+        ra, rb = np.hypot(ua, wa), np.hypot(ub, wb)
+        cell = edges[c + 1, 0] * edges[c, 1] - edges[c + 1, 1] * edges[c, 0]
+        covered = min(1.0, abs(ua * wb - ub * wa) / (ra * rb * cell))
+        r, u, w = 0.5 * (ra + rb), 0.5 * (ua + ub), 0.5 * (wa + wb)
+        facing = ((u1 - u0) * w - (w1 - w0) * u) / (length * r)
+        hit = table[c, counts[c]]
+        hit[NEAR], hit[FAR] = min(ra, rb), max(ra, rb)
+        echo = GRAZING_ECHO + (1.0 - GRAZING_ECHO) * facing**2
+        hit[ENERGY] = wall_echo * material[0] * echo * gains[c] * covered
+        hit[ENERGY] *= (REFERENCE_RANGE / r) ** 3
+        hit[OPACITY] = material[1] * covered
+        hit[CLOSING] = (velocity[0] * u + velocity[1] * w) / r
+        counts[c] += 1
+
+
+@nb.njit(cache=True, nogil=True)
+def _clip(t0: float, t1: float, at_start: float, at_end: float) -> Pair:
+    """Returns the part of [t0, t1] on which a linear function, given at t = 0 and t = 1, is not negative."""
     if at_start < 0.0 and at_end < 0.0:
         return 1.0, 0.0
     if at_start < 0.0:
@@ -45,220 +260,58 @@ def clip(t0: float, t1: float, at_start: float, at_end: float) -> tuple[float, f
 
 
 @nb.njit(cache=True, nogil=True)
-def cast_wall(
-    u0: float,
-    w0: float,
-    u1: float,
-    w1: float,
-    reflectivity: float,
-    opacity: float,
-    velocity: tuple[float, float],
-    wall_echo: float,
-    edges: Array,
-    gains: Array,
-    hits: Array,
-    counts: NDArray[np.int64],
+def _cast_pole(
+    middle: Pair, radius: float, reflectivity: float, velocity: Pair, pole_echo: float, pattern: Pattern, hits: Hits
 ) -> None:
-    """Add what a wall returns to the hits of every cell of the beam.
+    """Adds what a pole returns to the hits of the cell that holds its middle.
 
     Args:
-        u0: one end along the beam [m].
-        w0: the same end to the left of the beam [m].
-        u1: the other end along the beam [m].
-        w1: the other end to the left of the beam [m].
-        reflectivity: of the wall.
-        opacity: share of the beam that the wall takes.
-        velocity: of the sensor relative to the wall [m/s], along the beam and to its left.
-        wall_echo: power of a whole beam at right angles on a wall of reflectivity 1 at the reference range.
-        edges: (C + 1, 2) sine and cosine of the cells' edges, from right to left.
-        gains: (C,) share of the beam's energy in each cell.
-        hits: (C, H, 5) extended.
-        counts: (C,) hits in use; updated.
-    """
-    if u0 < NEAREST and u1 < NEAREST:
-        return
-    cells = len(gains)
-    if w0 * edges[0, 1] < u0 * edges[0, 0] and w1 * edges[0, 1] < u1 * edges[0, 0]:
-        return
-    if w0 * edges[cells, 1] > u0 * edges[cells, 0] and w1 * edges[cells, 1] > u1 * edges[cells, 0]:
-        return
-    length = np.hypot(u1 - u0, w1 - w0)
-    if length == 0.0:
-        return
-    start, end = clip(0.0, 1.0, u0 - NEAREST, u1 - NEAREST)
-    above0, above1 = w0 * edges[0, 1] - u0 * edges[0, 0], w1 * edges[0, 1] - u1 * edges[0, 0]
-    for c in range(cells):
-        next0 = w0 * edges[c + 1, 1] - u0 * edges[c + 1, 0]
-        next1 = w1 * edges[c + 1, 1] - u1 * edges[c + 1, 0]
-        a, b = clip(start, end, above0, above1)
-        a, b = clip(a, b, -next0, -next1)
-        above0, above1 = next0, next1
-        if b <= a or counts[c] == hits.shape[1]:
-            continue
-        ua, wa = u0 + a * (u1 - u0), w0 + a * (w1 - w0)
-        ub, wb = u0 + b * (u1 - u0), w0 + b * (w1 - w0)
-        ra, rb = np.hypot(ua, wa), np.hypot(ub, wb)
-        cell = edges[c + 1, 0] * edges[c, 1] - edges[c + 1, 1] * edges[c, 0]
-        covered = min(1.0, abs(ua * wb - ub * wa) / (ra * rb * cell))
-        r, u, w = 0.5 * (ra + rb), 0.5 * (ua + ub), 0.5 * (wa + wb)
-        facing = ((u1 - u0) * w - (w1 - w0) * u) / (length * r)
-        hit = hits[c, counts[c]]
-        hit[NEAR], hit[FAR] = min(ra, rb), max(ra, rb)
-        hit[ENERGY] = wall_echo * reflectivity * (0.1 + 0.9 * facing**2) * gains[c] * covered
-        hit[ENERGY] *= (REFERENCE_RANGE / r) ** 3
-        hit[OPACITY] = opacity * covered
-        hit[CLOSING] = (velocity[0] * u + velocity[1] * w) / r
-        counts[c] += 1
-
-
-@nb.njit(cache=True, nogil=True)
-def cast_pole(
-    u: float,
-    w: float,
-    radius: float,
-    reflectivity: float,
-    opacity: float,
-    velocity: tuple[float, float],
-    pole_echo: float,
-    beam_width: float,
-    edges: Array,
-    hits: Array,
-    counts: NDArray[np.int64],
-) -> None:
-    """Add what a pole at (u, w) [m] along and left of the beam returns to the hits of the cell that holds its middle.
-
-    Args:
-        u: middle along the beam [m].
-        w: middle to the left of the beam [m].
+        middle: of the pole, along the beam and to its left [m].
         radius: [m].
         reflectivity: of the pole.
-        opacity: share of the beam that the pole takes where it covers a whole cell.
         velocity: of the sensor relative to the pole [m/s], along the beam and to its left.
-        pole_echo: power of a pole of reflectivity 1 in the middle of the beam at the reference range.
-        beam_width: one-way half-power width [rad].
-        edges: (C + 1, 2) sine and cosine of the cells' edges, from right to left.
-        hits: (C, H, 5) extended.
-        counts: (C,) hits in use; updated.
+        pole_echo: as in `Radar`.
+        pattern: of the beam.
+        hits: extended.
     """
+    u, w = middle
+    if u < NEAREST:
+        return
+    edges, table, counts = pattern.edges, hits.table, hits.counts
     cells = len(counts)
-    if u < NEAREST or abs(w) > u * edges[cells, 0] / edges[cells, 1]:
+    if abs(w) > u * edges[cells, 0] / edges[cells, 1]:
         return
     distance, off = np.hypot(u, w), np.arctan2(w, u)
     if distance - radius < NEAREST:
         return
     outer = np.arcsin(edges[cells, 0])
     c = min(cells - 1, max(0, int((off / outer + 1.0) * 0.5 * cells)))
-    if counts[c] == hits.shape[1]:
+    if counts[c] == table.shape[1]:
         return
-    hit = hits[c, counts[c]]
+    hit = table[c, counts[c]]
     hit[NEAR] = hit[FAR] = distance - radius
-    hit[ENERGY] = pole_echo * reflectivity * np.exp(-8.0 * np.log(2.0) * (off / beam_width) ** 2)
+    hit[ENERGY] = pole_echo * reflectivity * np.exp(-8.0 * np.log(2.0) * (off / pattern.width) ** 2)
     hit[ENERGY] *= (REFERENCE_RANGE / hit[NEAR]) ** 4
-    hit[OPACITY] = opacity * min(1.0, radius * cells / (distance * outer))
+    hit[OPACITY] = POLE_OPACITY * min(1.0, radius * cells / (distance * outer))
     hit[CLOSING] = (velocity[0] * u + velocity[1] * w) / distance
     counts[c] += 1
 
 
 @nb.njit(cache=True, nogil=True)
-def deposit(row: Array, place: float, energy: float, spread: float) -> None:
-    """Add a Gaussian echo of peak `energy` at a fractional bin `place` (0 is the middle of bin 0) to a row (B,)."""
-    first = int(np.floor(place + 0.5)) - 4
-    x = first - place
-    k = 0.5 / spread**2
-    value = energy * np.exp(-k * x * x)
-    ratio, bend = np.exp(-k * (2.0 * x + 1.0)), np.exp(-2.0 * k)
-    for b in range(first, first + 9):
-        if 0 <= b < len(row):
-            row[b] += value
-        value *= ratio
-        ratio *= bend
-
-
-@nb.njit(cache=True, nogil=True)
-def add_echoes(
-    hits: Array,
-    counts: NDArray[np.int64],
-    row: Array,
-    resolution: float,
-    spread: float,
-    doppler_beta: float,
-    speckle: float,
-    roughness: float,
+def _cast_mover(
+    mover: Array, time: float, pose: Array, velocity: Pair, axis: Pair, wall_echo: float, pattern: Pattern, hits: Hits
 ) -> None:
-    """Add all hits of a beam to its power row, each seen through what stands before it in its cell.
+    """Adds what the four sides of a moving vehicle return to the hits.
 
     Args:
-        hits: (C, H, 5).
-        counts: (C,) hits in use.
-        row: (B,) power; updated.
-        resolution: length of a range bin [m].
-        spread: standard deviation of an echo [bins].
-        doppler_beta: range shift per closing speed [s].
-        speckle: share of an echo's power that fluctuates, 0..1.
-        roughness: standard deviation of a surface's depth [m].
-    """
-    for c in range(len(counts)):
-        through = 1.0
-        for h in np.argsort(hits[c, : counts[c], NEAR]):
-            hit = hits[c, h]
-            shift = roughness * np.random.randn() - doppler_beta * hit[CLOSING]
-            depth = hit[FAR] - hit[NEAR]
-            parts = max(1, int(np.ceil(depth / resolution)))
-            for j in range(parts):
-                gain = 1.0 - speckle + speckle * np.random.exponential(1.0)
-                r = hit[NEAR] + (j + 0.5) / parts * depth + shift
-                deposit(row, r / resolution - 0.5, through * gain * hit[ENERGY] / parts, spread)
-            through *= 1.0 - hit[OPACITY]
-
-
-@nb.njit(cache=True, nogil=True)
-def to_counts(row: Array, noise: float, out: NDArray[np.uint8]) -> None:
-    """Write a power row (B,) with exponential noise of mean power `noise` as logarithmic counts (B,) uint8."""
-    floor = COUNTS_PER_NEPER * np.log(noise) if noise > 0.0 else -np.inf
-    for b in range(len(row)):
-        chance = np.random.random()
-        if row[b] == 0.0:
-            level = floor + NOISE_COUNTS[int(chance * len(NOISE_COUNTS))]
-        else:
-            level = COUNTS_PER_NEPER * np.log(row[b] - noise * np.log(1.0 - chance))
-        out[b] = np.uint8(min(255.0, max(0.0, level + 0.5)))
-
-
-@nb.njit(cache=True, nogil=True)
-def comes_near(x0: float, y0: float, x1: float, y1: float, x: float, y: float, reach: float) -> bool:
-    """Whether a wall comes within `reach` [m] of (x, y)."""
-    dx, dy = x1 - x0, y1 - y0
-    squared = dx * dx + dy * dy
-    t = min(1.0, max(0.0, ((x - x0) * dx + (y - y0) * dy) / squared)) if squared > 0.0 else 0.0
-    return bool(np.hypot(x0 + t * dx - x, y0 + t * dy - y) < reach)
-
-
-@nb.njit(cache=True, nogil=True)
-def cast_mover(
-    mover: Array,
-    time: float,
-    pose: Array,
-    velocity: tuple[float, float],
-    axis: tuple[float, float],
-    wall_echo: float,
-    edges: Array,
-    gains: Array,
-    hits: Array,
-    counts: NDArray[np.int64],
-) -> None:
-    """Add the four sides of a moving vehicle (9,) where it is at `time` [s].
-
-    Args:
-        mover: (9,) row of Scene.movers.
-        time: [s].
+        mover: (9,) row of `Scene.movers`.
+        time: at which the vehicle is seen [s].
         pose: (3,) of the sensor, scene frame.
-        velocity: of the sensor along the beam and to its left [m/s].
-        axis: unit vector of the beam in the scene frame.
-        wall_echo: as in cast_wall.
-        edges: as in cast_wall.
-        gains: as in cast_wall.
-        hits: as in cast_wall.
-        counts: as in cast_wall.
+        velocity: of the sensor [m/s], along the beam and to its left.
+        axis: unit vector of the beam, scene frame.
+        wall_echo: as in `Radar`.
+        pattern: of the beam.
+        hits: extended.
     """
     c, s = np.cos(mover[2]), np.sin(mover[2])
     along = (mover[4] + mover[5] * time) % mover[3]
@@ -271,68 +324,50 @@ def cast_mover(
     for side in range(4):
         a0, b0 = mover[6] * CORNERS[side, 0], mover[7] * CORNERS[side, 1]
         a1, b1 = mover[6] * CORNERS[side + 1, 0], mover[7] * CORNERS[side + 1, 1]
-        u0, w0, u1, w1 = u + a0 * lu - b0 * lw, w + a0 * lw + b0 * lu, u + a1 * lu - b1 * lw, w + a1 * lw + b1 * lu
-        cast_wall(u0, w0, u1, w1, mover[8], VEHICLE_OPACITY, relative, wall_echo, edges, gains, hits, counts)
+        start, end = (u + a0 * lu - b0 * lw, w + a0 * lw + b0 * lu), (u + a1 * lu - b1 * lw, w + a1 * lw + b1 * lu)
+        _cast_wall(start, end, (mover[8], VEHICLE_OPACITY), relative, wall_echo, pattern, hits)
 
 
 @nb.njit(cache=True, nogil=True)
-def render(
-    walls: Array,
-    poles: Array,
-    movers: Array,
-    poses: Array,
-    twists: Array,
-    times: Array,
-    angles: Array,
-    bins: int,
-    resolution: float,
-    edges: Array,
-    gains: Array,
-    beam_width: float,
-    spread: float,
-    wall_echo: float,
-    pole_echo: float,
-    noise: float,
-    speckle: float,
-    roughness: float,
-    saturation: float,
-    clutter: float,
-    doppler_beta: float,
-    seed: int,
-) -> NDArray[np.uint8]:
-    """Power (A, B) uint8 of a revolution: as `render_polar_scan`, with linear powers and arguments as `cast_wall`'s."""
-    np.random.seed(seed)
-    azimuths, middle = len(times), len(times) // 2
-    x, y = poses[middle, 0], poses[middle, 1]
-    moved = np.hypot(poses[:, 0] - x, poses[:, 1] - y).max()
-    reach = bins * resolution + moved + 2.0
-    walls = walls[np.array([comes_near(a[0], a[1], a[2], a[3], x, y, reach) for a in walls], dtype=np.bool_)]
-    poles = poles[np.hypot(poles[:, 0] - x, poles[:, 1] - y) < reach]
-    hits = np.empty((len(gains), HITS, 5))
-    counts = np.zeros(len(gains), dtype=np.int64)
-    row = np.empty(bins)
-    out = np.empty((azimuths, bins), dtype=np.uint8)
-    for k in range(azimuths):
-        heading = poses[k, 2] + angles[k]
-        c, s = np.cos(heading), np.sin(heading)
-        ca, sa = np.cos(angles[k]), np.sin(angles[k])
-        velocity = (twists[k, 0] * ca + twists[k, 1] * sa, twists[k, 1] * ca - twists[k, 0] * sa)
-        x, y = poses[k, 0], poses[k, 1]
-        counts[:] = 0
-        for wall in walls:
-            dx, dy, ex, ey = wall[0] - x, wall[1] - y, wall[2] - x, wall[3] - y
-            u0, w0, u1, w1 = c * dx + s * dy, c * dy - s * dx, c * ex + s * ey, c * ey - s * ex
-            cast_wall(u0, w0, u1, w1, wall[4], wall[5], velocity, wall_echo, edges, gains, hits, counts)
-        for pole in poles:
-            dx, dy = pole[0] - x, pole[1] - y
-            u, w = c * dx + s * dy, c * dy - s * dx
-            cast_pole(u, w, pole[2], pole[3], POLE_OPACITY, velocity, pole_echo, beam_width, edges, hits, counts)
-        for mover in movers:
-            cast_mover(mover, times[k], poses[k], velocity, (c, s), wall_echo, edges, gains, hits, counts)
-        row[:] = 0.0
-        add_echoes(hits, counts, row, resolution, spread, doppler_beta, speckle, roughness)
-        for _ in range(np.random.poisson(clutter * bins)):
-            deposit(row, np.random.uniform(0.0, bins), 10.0 ** np.random.uniform(1.5, 4.5), spread)
-        floor = noise * 10.0 ** np.random.uniform(1.5, 2.5) if np.random.random() < saturation else noise
-        to_counts(row, floor, out[k])
-    return out
+def _add_echoes(hits: Hits, radar: Radar, row: Array) -> None:
+    """Adds all hits of a beam to its row of power (B,), each seen through what stands before it in its cell."""
+    for c in range(len(hits.counts)):
+        through = 1.0
+        for h in np.argsort(hits.table[c, : hits.counts[c], NEAR]):
+            hit = hits.table[c, h]
+            shift = radar.roughness * np.random.randn() - radar.doppler_beta * hit[CLOSING]
+            depth = hit[FAR] - hit[NEAR]
+            parts = max(1, int(np.ceil(depth / radar.resolution)))
+            for j in range(parts):
+                gain = 1.0 - radar.speckle + radar.speckle * np.random.exponential(1.0)
+                r = hit[NEAR] + (j + 0.5) / parts * depth + shift
+                _deposit(row, r / radar.resolution - 0.5, through * gain * hit[ENERGY] / parts, radar.spread)
+            through *= 1.0 - hit[OPACITY]
+
+
+@nb.njit(cache=True, nogil=True)
+def _deposit(row: Array, place: float, energy: float, spread: float) -> None:
+    """Adds a Gaussian echo of peak `energy` at a fractional bin `place` (0 is the middle of bin 0) to a row (B,)."""
+    first = int(np.floor(place + 0.5)) - ECHO_HALF_WIDTH
+    x = first - place
+    k = 0.5 / spread**2
+    value = energy * np.exp(-k * x * x)
+    ratio, bend = np.exp(-k * (2.0 * x + 1.0)), np.exp(-2.0 * k)
+    for b in range(first, first + 2 * ECHO_HALF_WIDTH + 1):
+        if 0 <= b < len(row):
+            row[b] += value
+        value *= ratio
+        ratio *= bend
+
+
+@nb.njit(cache=True, nogil=True)
+def _write_counts(row: Array, noise: float, out: NDArray[np.uint8]) -> None:
+    """Writes a row of power (B,) with exponential noise of mean power `noise` as logarithmic counts (B,) uint8."""
+    floor = COUNTS_PER_NEPER * np.log(noise) if noise > 0.0 else -np.inf
+    for b in range(len(row)):
+        chance = np.random.random()
+        if row[b] == 0.0:
+            level = floor + NOISE_COUNTS[int(chance * len(NOISE_COUNTS))]
+        else:
+            level = COUNTS_PER_NEPER * np.log(row[b] - noise * np.log(1.0 - chance))
+        out[b] = np.uint8(min(255.0, max(0.0, level + 0.5)))

@@ -1,4 +1,4 @@
-"""Drives: the pose of the radar at any time."""
+"""Drives through a scene: the pose of the radar at any time."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ class Drive(ABC):
 
     @abstractmethod
     def poses(self, times: Times) -> se2.Array:
-        """Poses (N, 3) x [m], y [m], yaw [rad] in the scene's frame at times (N,) [s]; yaw is continuous."""
+        """Returns the poses (N, 3) x [m], y [m], yaw [rad] at times (N,) [s], scene frame; yaw is continuous."""
 
     @abstractmethod
     def twists(self, times: Times) -> se2.Array:
-        """Body velocities (N, 3) forward [m/s], left [m/s], yaw rate [rad/s] at times (N,) [s]."""
+        """Returns the body velocities (N, 3) forward [m/s], left [m/s], yaw rate [rad/s] at times (N,) [s]."""
 
 
 @dataclass(frozen=True)
@@ -41,15 +41,17 @@ class ConstantDrive(Drive):
     start: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
     def poses(self, times: Times) -> se2.Array:
+        """Returns the poses (N, 3) at times (N,) [s]."""
         return se2.compose(np.array(self.start), se2.exp(np.array([self.v, 0.0, self.omega]), times))
 
     def twists(self, times: Times) -> se2.Array:
+        """Returns the body velocities (N, 3) at times (N,) [s]."""
         return np.tile([self.v, 0.0, self.omega], (len(times), 1))
 
 
 @dataclass(frozen=True)
 class SampledDrive(Drive):
-    """The C1 cubic through sampled poses with sampled velocities; the ends are continued.
+    """The cubic, continuous in its velocity, through sampled poses with sampled velocities; it is continued at the ends.
 
     Args:
         times: (N,) [s], increasing.
@@ -62,7 +64,8 @@ class SampledDrive(Drive):
     rates: se2.Array
 
     def poses(self, times: Times) -> se2.Array:
-        i, f, step = self._place(times)
+        """Returns the poses (N, 3) at times (N,) [s]."""
+        i, f, step = self._find_intervals(times)
         a, b, ra, rb = self._ends(i, step)
         return (
             (1.0 + 2.0 * f) * (1.0 - f) ** 2 * a
@@ -72,7 +75,8 @@ class SampledDrive(Drive):
         )
 
     def twists(self, times: Times) -> se2.Array:
-        i, f, step = self._place(times)
+        """Returns the body velocities (N, 3) at times (N,) [s]."""
+        i, f, step = self._find_intervals(times)
         a, b, ra, rb = self._ends(i, step)
         rate = (6.0 * f * (1.0 - f) * (b - a) + (1.0 - f) * (1.0 - 3.0 * f) * ra + f * (3.0 * f - 2.0) * rb) / step
         yaw = self.poses(times)[:, 2]
@@ -80,13 +84,14 @@ class SampledDrive(Drive):
         ahead, left = c * rate[:, 0] + s * rate[:, 1], c * rate[:, 1] - s * rate[:, 0]
         return np.column_stack([ahead, left, rate[:, 2]])
 
-    def _place(self, times: Times) -> tuple[NDArray[np.intp], Times, Times]:
-        """Interval (N,), place in it (N, 1) 0..1 and its duration (N, 1) [s]."""
+    def _find_intervals(self, times: Times) -> tuple[NDArray[np.intp], Times, Times]:
+        """Returns the interval (N,) of each time, the place in it (N, 1) 0..1 and its duration (N, 1) [s]."""
         i = np.clip(np.searchsorted(self.times, times, side="right") - 1, 0, len(self.times) - 2)
         step = (self.times[i + 1] - self.times[i])[:, None]
         return i, (times - self.times[i])[:, None] / step, step
 
     def _ends(self, i: NDArray[np.intp], step: Times) -> tuple[se2.Array, se2.Array, se2.Array, se2.Array]:
+        """Returns the samples at both ends of intervals, and their derivatives times the intervals' durations."""
         return self.samples[i], self.samples[i + 1], self.rates[i] * step, self.rates[i + 1] * step
 
 
@@ -100,24 +105,24 @@ def loop_drive(
     curvature: float = 0.11,
     from_standstill: bool = False,
 ) -> SampledDrive:
-    """Counter-clockwise rounds of a rectangle about the origin: straights, and corners entered and left gradually.
+    """Makes a drive of counter-clockwise rounds of a rectangle about the origin, which enters and leaves corners gradually.
 
-    The default rectangle is the right-hand lane round the middle block of a street scene, one round of which takes
-    about 47 s; it starts in the middle of the side at least y, heading along x.
+    The default rectangle is the right-hand lane round the middle block of a street scene, and one round of it takes about
+    47 s. The drive starts in the middle of the side with the least y, and heads along x.
 
     Args:
         duration_s: how long to drive [s].
         size: of the rectangle along x and y [m].
         speed: on the straights [m/s].
-        corner_speed: in the corners [m/s].
-        acceleration: greatest change of speed [m/s^2].
+        corner_speed: speed in the corners [m/s].
+        acceleration: largest change of speed [m/s^2].
         curvature: in the middle of a corner [1/m].
-        from_standstill: start at rest instead of at speed.
+        from_standstill: whether the drive starts at rest instead of at speed.
     """
-    places, lap, curvatures, limits = _lap(size, curvature, corner_speed, speed)
+    places, lap, curvatures, limits = _lay_lap(size, curvature, corner_speed, speed)
     distance = np.arange(0.0, speed * duration_s + 10.0, 0.1)
     limit = np.interp(distance % places[-1], places, limits)
-    speeds = _within_acceleration(distance, limit, acceleration, from_standstill)
+    speeds = _limit_acceleration(distance, limit, acceleration, from_standstill)
     step = 2.0 * np.diff(distance) / (speeds[1:] + speeds[:-1])
     reached = np.concatenate([[0.0], np.cumsum(step)])
     times = np.arange(0.0, duration_s + 0.5, 0.02)
@@ -131,11 +136,11 @@ def loop_drive(
     return SampledDrive(times, poses, rates)
 
 
-def _lap(
+def _lay_lap(
     size: tuple[float, float], curvature: float, corner_speed: float, speed: float
 ) -> tuple[Times, se2.Array, Times, Times]:
-    """One round: places (N,) [m], poses (N, 3), curvatures (N,) [1/m] and speed limits (N,) [m/s] along it."""
-    corner, bend, spacing = _corner(curvature)
+    """Returns places (N,) [m], poses (N, 3), curvatures (N,) [1/m] and speed limits (N,) [m/s] along one round."""
+    corner, bend, spacing = _lay_corner(curvature)
     reach = corner[-1, 0]
     along, across = size[0] - 2.0 * reach, size[1] - 2.0 * reach
     poses = [np.array([[0.0, -size[1] / 2.0, 0.0]])]
@@ -159,26 +164,26 @@ def _lap(
     return np.concatenate(places), np.concatenate(poses), np.concatenate(curvatures), np.concatenate(limits)
 
 
-def _corner(curvature: float, ramp: float = 5.0) -> tuple[se2.Array, Times, float]:
-    """A left turn by 90 degrees whose curvature [1/m] rises and falls linearly over `ramp` [m].
+def _lay_corner(curvature: float, ramp: float = 5.0) -> tuple[se2.Array, Times, float]:
+    """Lays a left turn by 90 degrees whose curvature [1/m] rises and falls linearly over `ramp` [m].
 
     Returns:
-        poses (N, 3) in the frame of its start, which is left out; curvatures there (N,) [1/m]; their spacing [m].
+        Poses (N, 3) in the frame of its start, which is left out; curvatures (N,) [1/m] there; their spacing [m].
     """
     length = np.pi / 2.0 / curvature + ramp
     place = np.linspace(0.0, length, round(length / 0.1) + 1)
     bend = curvature * np.minimum(1.0, np.minimum(place, length - place) / ramp)
-    turned = 0.5 * (bend[1:] + bend[:-1])
+    mean = 0.5 * (bend[1:] + bend[:-1])
     spacing = place[1]
-    turned *= np.pi / 2.0 / (turned.sum() * spacing)
+    mean *= np.pi / 2.0 / (mean.sum() * spacing)  # so that the corner turns by exactly 90 degrees
     poses = np.zeros((len(place), 3))
-    for i, k in enumerate(turned):
+    for i, k in enumerate(mean):
         poses[i + 1] = se2.compose(poses[i], se2.exp(np.array([1.0, 0.0, k]), spacing))
     return poses[1:], bend[1:], float(spacing)
 
 
-def _within_acceleration(distance: Times, limit: Times, acceleration: float, from_standstill: bool) -> Times:
-    """Greatest speeds (N,) [m/s] at distances (N,) [m] that keep to the limits (N,) [m/s] and the acceleration."""
+def _limit_acceleration(distance: Times, limit: Times, acceleration: float, from_standstill: bool) -> Times:
+    """Returns the largest speeds (N,) [m/s] at distances (N,) [m] that keep to limits (N,) [m/s] and an acceleration."""
     squared = limit**2
     if from_standstill:
         squared[0] = 0.0
@@ -190,11 +195,11 @@ def _within_acceleration(distance: Times, limit: Times, acceleration: float, fro
     return np.sqrt(squared)
 
 
-def with_way_made(scene: Scene, drive: Drive, duration_s: float) -> Scene:
-    """The scene with moving vehicles put elsewhere on their lanes until none runs into the drive.
+def clear_way(scene: Scene, drive: Drive, duration_s: float) -> Scene:
+    """Moves the vehicles of a scene along their lanes until none of them runs into the drive.
 
     Args:
-        scene: vehicles that do not give way.
+        scene: the scene; its vehicles do not give way.
         drive: the sensor's motion.
         duration_s: how long the drive takes [s].
     """

@@ -1,4 +1,4 @@
-"""A simulated recording that needs no files: every revolution is rendered when it is read."""
+"""A simulated recording that needs no files: every polar scan is rendered when it is read."""
 
 from __future__ import annotations
 
@@ -23,13 +23,13 @@ START_US = 1_600_000_000_000_000
 
 @dataclass(frozen=True, kw_only=True)
 class SimulatedRecording(Recording):
-    """A drive through a scene as a radar stream; `simulated_recording` makes one.
+    """A drive through a scene as a recording; `simulated_recording` makes one.
 
     Args:
         scene: what reflects.
         drive: how the sensor moves.
         sensor: the radar.
-        seed: of the noise, per revolution independent of which others are rendered.
+        seed: of the noise; the noise of a polar scan does not depend on which others are rendered.
         wheel_odometry: what the wheels report.
     """
 
@@ -40,11 +40,12 @@ class SimulatedRecording(Recording):
     wheel_odometry: WheelOdometry
 
     def azimuth_stamps(self, k: int) -> NDArray[np.int64]:
-        """(A,) stamps [us] of revolution k's azimuths; time is whole microseconds, as in a recording."""
+        """Returns the stamps (A,) [us] of the azimuths of polar scan k, in whole microseconds as files have them."""
         turns = k + np.arange(self.sensor.azimuths) / self.sensor.azimuths
         return self.start_us + np.round(turns / self.sensor.turn_rate_hz * 1e6).astype(np.int64)
 
     def polar_scans(self, start: int = 0, stop: int | None = None) -> Iterator[PolarScan]:
+        """Renders the polar scans start <= k < stop, one after the other."""
         for k in range(*slice(start, stop).indices(len(self))):
             times = np.asarray((self.azimuth_stamps(k) - self.start_us) * 1e-6, dtype=np.float64)
             poses, twists = self.drive.poses(times), self.drive.twists(times)
@@ -61,34 +62,34 @@ def simulated_recording(
     seed: int = 1,
     odometry: OdometryModel | None = None,
 ) -> SimulatedRecording:
-    """A drive through a scene as a stream of whole revolutions, with odometry and ground truth.
+    """Makes a recording of a drive through a scene: whole polar scans, wheel odometry and ground truth.
 
     Args:
         scene: what reflects.
         drive: how the sensor moves.
-        duration_s: the last revolution ends by then [s].
-        sensor: the radar; a Navtech CTS350-X if None.
+        duration_s: time by which the last polar scan ends [s].
+        sensor: the radar; None takes a Navtech CTS350-X.
         seed: of all noise.
-        odometry: errors of the wheel odometry; the usual ones if None.
+        odometry: errors of the wheel odometry; None takes the usual ones.
 
     Raises:
-        ConfigError: the duration holds no whole revolution.
+        ConfigError: the duration holds no whole turn.
     """
     sensor = sensor or SensorModel()
-    revolutions = int(duration_s * sensor.turn_rate_hz + 1e-9) if np.isfinite(duration_s) else 0
-    if revolutions < 1:
-        raise ConfigError(f"simulator: {duration_s} s hold no revolution at {sensor.turn_rate_hz} turns/s")
-    periods = np.round(np.arange(revolutions + 1) / sensor.turn_rate_hz * 1e6).astype(np.int64)
-    starts = np.asarray(periods[:-1] * 1e-6, dtype=np.float64)
-    wheels = wheel_odometry(drive, float(periods[-1] * 1e-6), START_US, odometry or OdometryModel(), seed)
+    turns = int(duration_s * sensor.turn_rate_hz + 1e-9) if np.isfinite(duration_s) else 0
+    if turns < 1:
+        raise ConfigError(f"simulator: {duration_s} s hold no whole turn at {sensor.turn_rate_hz} turns/s")
+    borders = np.round(np.arange(turns + 1) / sensor.turn_rate_hz * 1e6).astype(np.int64)
+    starts = np.asarray(borders[:-1] * 1e-6, dtype=np.float64)
+    wheels = wheel_odometry(drive, float(borders[-1] * 1e-6), START_US, odometry or OdometryModel(), seed)
     return SimulatedRecording(
         path=Path("simulated"),
         format="simulated",
-        stamps_us=START_US + periods[:-1],
-        turns_us=np.diff(periods),
+        stamps_us=START_US + borders[:-1],
+        turns_us=np.diff(borders),
         range_resolution=sensor.range_resolution,
-        odometry=wheels.dead_reckoned(),
-        ground_truth=Trajectory(START_US + periods[:-1], drive.poses(starts)),
+        odometry=wheels.dead_reckon(),
+        ground_truth=Trajectory(START_US + borders[:-1], drive.poses(starts)),
         scene=scene,
         drive=drive,
         sensor=sensor,

@@ -1,4 +1,7 @@
-"""Scenes the simulated radar drives through: walls, poles and moving vehicles, in a fixed world frame."""
+"""Scenes that the simulated radar drives through: walls, poles and moving vehicles, in a fixed world frame.
+
+The numbers of this file define the simulated world: with other numbers the same seed would give other recordings.
+"""
 
 from __future__ import annotations
 
@@ -11,39 +14,40 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 LANE = 1.75
-"""Distance of a lane's middle from the street's middle [m]; traffic keeps right."""
+"""Distance of a lane's middle from the street's middle [m]; traffic keeps to the right."""
 BLOCK = (100.0, 72.0)
-"""Spacing of the street middles of a street scene [m], along x and along y."""
+"""Distance between the middles of neighbouring streets of a street scene [m], along x and along y."""
 WALL_OPACITY, VEHICLE_OPACITY, POLE_OPACITY = 0.95, 0.35, 0.5
-"""Share of the beam that does not pass; the antenna sits on a roof, so much of it passes over and through things."""
+"""Share of the beam that does not pass: the antenna sits on a roof, so that much of it passes over things."""
 
 
-def _rows(columns: int) -> Array:
+def _no_rows(columns: int) -> Array:
+    """Returns an array without rows."""
     return np.empty((0, columns))
 
 
 @dataclass(frozen=True)
 class Scene:
-    """What reflects; a reflectivity of 1 is a house wall, and a lamp post among the poles.
+    """What reflects; a reflectivity of 1 is that of a house wall, and of a lamp post among the poles.
 
     Args:
         walls: (W, 6) x0 [m], y0 [m], x1 [m], y1 [m], reflectivity, opacity 0..1; parked vehicles are four walls each.
         poles: (P, 4) x [m], y [m], radius [m], reflectivity.
         movers: (M, 9) vehicles on straight lanes: lane start x [m], y [m], heading [rad], lane length [m], place along
             the lane at time zero [m], speed [m/s], vehicle length [m], width [m], reflectivity. A vehicle that reaches
-            the lane's end starts it again.
+            the lane's end begins again at its start.
     """
 
-    walls: Array = field(default_factory=lambda: _rows(6))
-    poles: Array = field(default_factory=lambda: _rows(4))
-    movers: Array = field(default_factory=lambda: _rows(9))
+    walls: Array = field(default_factory=lambda: _no_rows(6))
+    poles: Array = field(default_factory=lambda: _no_rows(4))
+    movers: Array = field(default_factory=lambda: _no_rows(9))
 
 
 def street_scene(seed: int, *, movers: int = 10) -> Scene:
-    """Nine blocks of a city: broken facades, gaps and a park, lamps, trees, parked and moving vehicles.
+    """Makes nine blocks of a city: broken facades, gaps and a park, lamps, trees, parked and moving vehicles.
 
-    The middle block is centred at the origin; the lanes around it that a counter-clockwise drive keeps to are free of
-    moving vehicles, which do not give way.
+    The middle block is centred at the origin. The lanes around it that a counter-clockwise drive keeps to are free of
+    moving vehicles, because these do not give way.
 
     Args:
         seed: another seed is another city.
@@ -67,18 +71,18 @@ def street_scene(seed: int, *, movers: int = 10) -> Scene:
 
 
 def corridor_scene(*, width: float = 14.0, length: float = 4000.0) -> Scene:
-    """Two endless featureless parallel walls along x: motion along them cannot be seen.
+    """Makes two long, featureless, parallel walls along x: motion along them cannot be seen.
 
     Args:
         width: distance between the walls [m].
-        length: of each wall [m], centred at the origin.
+        length: length of each wall [m], whose middle is beside the origin.
     """
     ends, half = length / 2.0, width / 2.0
     return Scene(np.array([[-ends, y, ends, y, 1.0, WALL_OPACITY] for y in (-half, half)]))
 
 
 def yard_scene(seed: int, *, movers: int = 0) -> Scene:
-    """A yard at the origin with buildings around it, 10 to 150 m away, trees, lamps and parked vehicles.
+    """Makes a yard at the origin with buildings around it, 10 to 150 m away, trees, lamps and parked vehicles.
 
     Args:
         seed: another seed is another yard.
@@ -118,11 +122,12 @@ def yard_scene(seed: int, *, movers: int = 0) -> Scene:
 
 
 def _poles(places: Array, radii: Array, reflectivities: Array) -> Array:
+    """Returns poles (N, 4) at places (N, 2) [m]."""
     return np.column_stack([places, radii, reflectivities])
 
 
 def _box(centre: Array, yaw: float, length: float, width: float, reflectivity: float, opacity: float) -> Array:
-    """The four sides of a rectangle as walls (4, 6)."""
+    """Returns the four sides of a rectangle as walls (4, 6)."""
     along = 0.5 * length * np.array([np.cos(yaw), np.sin(yaw)])
     across = 0.5 * width * np.array([-np.sin(yaw), np.cos(yaw)])
     corners = centre + np.array([along + across, across - along, -along - across, along - across])
@@ -130,7 +135,7 @@ def _box(centre: Array, yaw: float, length: float, width: float, reflectivity: f
 
 
 def _vehicle(rng: np.random.Generator, centre: Array, yaw: float) -> Array:
-    """A parked vehicle: four walls (4, 6)."""
+    """Returns a parked vehicle as four walls (4, 6)."""
     length, width = rng.uniform(3.8, 5.0), rng.uniform(1.7, 1.95)
     return _box(centre, yaw, length, width, rng.uniform(0.5, 2.0), VEHICLE_OPACITY)
 
@@ -145,16 +150,17 @@ def _building(
     walls: list[Array],
     poles: list[Array],
 ) -> None:
-    """Add a house: a front of bays at different depths, plain sides and back, bright reflectors in some of its corners.
+    """Adds a house: a front of bays at different depths, plain sides and back, bright reflectors in some of its corners.
 
     Args:
+        rng: generator of the house's details.
         corner: (2,) [m] left end of the front, seen with `inward` to the left of `along`.
         along: (2,) unit vector along the front.
         inward: (2,) unit vector from the street into the house.
         length: of the front [m].
         depth: of the house [m].
-        walls: the scene's walls so far; extended.
-        poles: the scene's poles so far; extended.
+        walls: the scene's walls, extended.
+        poles: the scene's poles, extended.
     """
     bays = max(2, round(length / rng.uniform(3.0, 5.0)))
     cuts = np.concatenate([[0.0], np.sort(rng.uniform(1.0, length - 1.0, bays - 1)), [length]])
@@ -172,7 +178,7 @@ def _building(
 
 
 def _block(rng: np.random.Generator, centre: Array, half: Array, walls: list[Array], poles: list[Array]) -> None:
-    """Add the houses of one block, in rows along its four sides, with gaps; half: (2,) [m] half its size."""
+    """Adds the houses of one block of half size (2,) [m], in rows along its four sides, with gaps."""
     depth = 11.0
     for quarter in range(4):
         along = np.array([(1.0, 0.0), (0.0, 1.0), (-1.0, 0.0), (0.0, -1.0)][quarter])
@@ -187,7 +193,7 @@ def _block(rng: np.random.Generator, centre: Array, half: Array, walls: list[Arr
 
 
 def _streets() -> Iterator[tuple[Array, float, float]]:
-    """Middle of every street: start (2,) [m], heading [rad], length [m]; all that bound the nine blocks."""
+    """Yields the middle of every street that bounds one of the nine blocks: start (2,) [m], heading [rad], length [m]."""
     for k in (-1.5, -0.5, 0.5, 1.5):
         yield np.array([-1.5 * BLOCK[0], k * BLOCK[1]]), 0.0, 3.0 * BLOCK[0]
         yield np.array([k * BLOCK[0], -1.5 * BLOCK[1]]), np.pi / 2.0, 3.0 * BLOCK[1]
@@ -196,32 +202,32 @@ def _streets() -> Iterator[tuple[Array, float, float]]:
 def _furnish(
     rng: np.random.Generator, start: Array, heading: float, length: float, walls: list[Array], poles: list[Array]
 ) -> None:
-    """Add lamps, trees and parked vehicles on both sides of a street, away from the crossings."""
+    """Adds lamps, trees and parked vehicles on both sides of a street, away from the crossings."""
     along = np.array([np.cos(heading), np.sin(heading)])
     left = np.array([-along[1], along[0]])
     crossing = length / 3.0
 
-    def free(place: float) -> bool:
+    def is_free(place: float) -> bool:
         return 13.0 < place % crossing < crossing - 13.0
 
     for side in (-1.0, 1.0):
         lamps = np.arange(rng.uniform(0.0, 20.0), length, rng.uniform(22.0, 30.0))
         trees = np.cumsum(rng.uniform(7.0, 30.0, int(length / 15.0)))
         for places, offset, radius, bright in ((lamps, 6.3, (0.06, 0.1), 1.0), (trees, 7.2, (0.15, 0.35), 1.5)):
-            kept = np.array([p for p in places if free(p) and p < length])
+            kept = np.array([p for p in places if is_free(p) and p < length])
             at = start + kept[:, None] * along + side * offset * left
             n = len(kept)
             poles.append(_poles(at, rng.uniform(*radius, n), bright * rng.lognormal(0.0, 0.4, n)))
         place = rng.uniform(0.0, 10.0)
         while place < length:
-            if free(place) and rng.random() < 0.5:
+            if is_free(place) and rng.random() < 0.5:
                 centre = start + place * along + side * (4.7 + rng.uniform(-0.15, 0.15)) * left
                 walls.append(_vehicle(rng, centre, heading + rng.normal(0.0, 0.03)))
             place += rng.uniform(6.0, 9.0)
 
 
 def _traffic(rng: np.random.Generator, number: int) -> Array:
-    """Vehicles (number, 9) on the lanes of a street scene that a drive round its middle block leaves free."""
+    """Puts vehicles (number, 9) on the lanes of a street scene that a drive round its middle block does not use."""
     inner, outer = [], []
     for quarter in range(4):
         heading = quarter * np.pi / 2.0
@@ -235,7 +241,7 @@ def _traffic(rng: np.random.Generator, number: int) -> Array:
 
 
 def _on_lanes(rng: np.random.Generator, lanes: list[tuple[Array, float, float]], number: int) -> Array:
-    """Vehicles (number, 9) on lanes (start, heading, length) drawn at random, a lane at a time at one speed."""
+    """Puts vehicles (number, 9) on lanes (start, heading, length) at random; those of one lane share a speed."""
     speeds = rng.uniform(5.0, 10.0, len(lanes))
     movers = np.empty((number, 9))
     for m in range(number):

@@ -9,12 +9,13 @@ from numpy.typing import NDArray
 
 from mqslam.core import se2
 from mqslam.errors import ConfigError
-from mqslam.simulator.beam import COUNTS_PER_DECADE, render
+from mqslam.simulator.beam import COUNTS_PER_DECADE, Pattern, Radar, Sweep, Things, render_power
 from mqslam.simulator.scene import Scene
 
 ENCODER = 5600
 """Encoder steps per turn, clockwise, as the Oxford layout stores azimuths."""
-_MOST_READINGS = 64_000_000  # of a revolution; readers take no larger images
+_MOST_READINGS = 64_000_000  # of a polar scan: readers take no larger images
+_PATTERN_WIDTHS = 3.0  # beam widths that the cells of a beam span: beyond them hardly anything comes back
 
 
 @dataclass(frozen=True)
@@ -22,20 +23,20 @@ class SensorModel:
     """A clockwise spinning radar that stores power in half decibels; the defaults are a Navtech CTS350-X.
 
     Args:
-        turn_rate_hz: revolutions per second.
-        azimuths: per revolution.
+        turn_rate_hz: turns per second.
+        azimuths: azimuths per turn.
         range_resolution: length of a range bin [m].
-        max_range: [m]; the last bins end there at most.
+        max_range: range at which the last bin ends at the latest [m].
         beam_width_deg: one-way half-power width of the beam.
-        cells: thin parts the beam is cut into, over three beam widths.
+        cells: number of thin parts that the beam is cut into, over three beam widths.
         spread_bins: standard deviation of an echo along the range [bins].
-        wall_level: counts of a wall at right angles, 10 m away.
+        wall_level: counts of a wall at right angles to the beam, 10 m away.
         pole_level: counts of a lamp post in the middle of the beam, 10 m away.
-        noise_level: counts of the mean thermal noise; 0 is none.
+        noise_level: counts of the mean thermal noise; 0 means no noise.
         speckle: share of an echo's power that fluctuates, 0..1.
         roughness: standard deviation of a surface's depth [m].
-        saturation_probability: of an azimuth whose noise is 15 to 25 dB higher.
-        clutter_probability: of a bin with an echo of nothing.
+        saturation_probability: probability that the noise of an azimuth is 15 to 25 dB higher.
+        clutter_probability: probability that a bin holds an echo of nothing.
         doppler_beta: range shift per closing speed [s]: measured range = true range - doppler_beta * closing speed.
     """
 
@@ -73,17 +74,17 @@ class SensorModel:
 
     @property
     def bins(self) -> int:
-        """Range bins per azimuth."""
+        """Number of range bins per azimuth."""
         return int(self.max_range / self.range_resolution + 1e-9)
 
     @property
     def encoders(self) -> NDArray[np.int64]:
-        """(A,) encoder steps clockwise from straight ahead, rounded as a recording stores them."""
+        """Encoder steps (A,) clockwise from straight ahead, rounded as a recording stores them."""
         return np.round(np.arange(self.azimuths) * ENCODER / self.azimuths).astype(np.int64)
 
     @property
     def angles(self) -> NDArray[np.float64]:
-        """(A,) azimuths [rad] counter-clockwise from straight ahead, from 0 down to a turn."""
+        """Azimuths (A,) [rad] counter-clockwise from straight ahead, from 0 down to a whole turn."""
         return np.asarray(-2.0 * np.pi / ENCODER * self.encoders)
 
 
@@ -95,7 +96,7 @@ def render_polar_scan(
     sensor: SensorModel,
     seed: int | tuple[int, ...],
 ) -> NDArray[np.uint8]:
-    """Received power (A, B) of one revolution; bin b is centred at (b + 0.5) range resolutions.
+    """Renders the received power (A, B) of one polar scan; bin b is centred at (b + 0.5) range resolutions.
 
     Args:
         scene: what reflects.
@@ -103,38 +104,37 @@ def render_polar_scan(
         twists: (A, 3) body velocity of the sensor at each azimuth [m/s, m/s, rad/s].
         times: (A,) of each azimuth [s]; they place the moving vehicles.
         sensor: the radar.
-        seed: of this revolution's noise; the same seed gives the same bytes.
+        seed: of the noise of this polar scan; the same seed gives the same bytes.
+
+    Returns:
+        Counts (A, B) uint8, half a decibel each.
     """
     width = np.deg2rad(sensor.beam_width_deg)
-    borders = np.linspace(-1.5 * width, 1.5 * width, sensor.cells + 1)
-    pattern = np.exp(-8.0 * np.log(2.0) * (0.5 * (borders[1:] + borders[:-1]) / width) ** 2)
-    return np.asarray(
-        render(
-            scene.walls,
-            scene.poles,
-            scene.movers,
-            np.ascontiguousarray(poses),
-            np.ascontiguousarray(twists),
-            times,
-            sensor.angles,
-            sensor.bins,
-            sensor.range_resolution,
-            np.c_[np.sin(borders), np.cos(borders)],
-            pattern / pattern.sum(),
-            width,
-            sensor.spread_bins,
-            _power(sensor.wall_level),
-            _power(sensor.pole_level),
-            _power(sensor.noise_level) if sensor.noise_level > 0.0 else 0.0,
-            sensor.speckle,
-            sensor.roughness,
-            sensor.saturation_probability,
-            sensor.clutter_probability,
-            sensor.doppler_beta,
-            np.random.SeedSequence(seed).generate_state(1)[0],
-        )
+    borders = np.linspace(-0.5 * _PATTERN_WIDTHS * width, 0.5 * _PATTERN_WIDTHS * width, sensor.cells + 1)
+    gains = np.exp(-8.0 * np.log(2.0) * (0.5 * (borders[1:] + borders[:-1]) / width) ** 2)
+    radar = Radar(
+        bins=sensor.bins,
+        resolution=sensor.range_resolution,
+        spread=sensor.spread_bins,
+        wall_echo=_to_power(sensor.wall_level),
+        pole_echo=_to_power(sensor.pole_level),
+        noise=_to_power(sensor.noise_level) if sensor.noise_level > 0.0 else 0.0,
+        speckle=sensor.speckle,
+        roughness=sensor.roughness,
+        saturation=sensor.saturation_probability,
+        clutter=sensor.clutter_probability,
+        doppler_beta=sensor.doppler_beta,
     )
+    power = render_power(
+        Things(scene.walls, scene.poles, scene.movers),
+        Sweep(np.ascontiguousarray(poses), np.ascontiguousarray(twists), times, sensor.angles),
+        Pattern(np.c_[np.sin(borders), np.cos(borders)], gains / gains.sum(), width),
+        radar,
+        np.random.SeedSequence(seed).generate_state(1)[0],
+    )
+    return np.asarray(power)
 
 
-def _power(level: float) -> float:
+def _to_power(level: float) -> float:
+    """Returns the linear power of a level in counts."""
     return float(10.0 ** (level / COUNTS_PER_DECADE))

@@ -18,13 +18,13 @@ class OdometryModel:
 
     Args:
         rate_hz: rows per second.
-        scale: standard deviation of the speed's relative error, drawn once per recording.
-        speed_noise: standard deviation per row [m/s].
+        scale: standard deviation of the speed's relative error, which is drawn once per recording.
+        speed_noise: standard deviation of a row's speed [m/s].
         bias: standard deviation of the yaw rate's bias at the start [rad/s].
         bias_walk: standard deviation by which the bias wanders in a second [rad/s].
-        rate_noise: standard deviation per row [rad/s].
-        slip: relative excess of the yaw rate where the turn is hard.
-        hard_turn: yaw rate [rad/s] at which slip begins; at twice that it is full.
+        rate_noise: standard deviation of a row's yaw rate [rad/s].
+        slip: relative excess of the yaw rate in a hard turn.
+        hard_turn: yaw rate [rad/s] at which slip begins; from twice that on it is full.
     """
 
     rate_hz: float = 20.0
@@ -39,7 +39,7 @@ class OdometryModel:
 
 @dataclass(frozen=True)
 class WheelOdometry:
-    """Speed and yaw rate, each row the mean until the next.
+    """Speed and yaw rate as the wheels report them, each row the mean until the next row.
 
     Args:
         stamps_us: (N,) int64 [us].
@@ -51,8 +51,8 @@ class WheelOdometry:
     v: NDArray[np.float64]
     omega: NDArray[np.float64]
 
-    def dead_reckoned(self) -> Trajectory:
-        """The trajectory these rows integrate to, from the origin at the first row."""
+    def dead_reckon(self) -> Trajectory:
+        """Integrates the rows to a trajectory that begins at the origin with the first row."""
         steps = np.diff(self.stamps_us) * 1e-6
         moves = se2.exp(np.c_[self.v, np.zeros_like(self.v), self.omega][:-1], steps)
         yaw = np.concatenate([[0.0], np.cumsum(moves[:, 2])])
@@ -63,13 +63,13 @@ class WheelOdometry:
 
 
 def wheel_odometry(drive: Drive, duration_s: float, start_us: int, model: OdometryModel, seed: int) -> WheelOdometry:
-    """What wheel odometry reports of a drive, up to the first row at or after its end.
+    """Simulates what wheel odometry reports of a drive, up to the first row at or after its end.
 
     Args:
         drive: the true motion.
-        duration_s: how long [s].
+        duration_s: how long the drive takes [s].
         start_us: stamp [us] of time zero.
-        model: its errors.
+        model: errors of the odometry.
         seed: of the errors.
     """
     rng = np.random.default_rng([seed, 3])

@@ -14,19 +14,21 @@ from pathlib import Path
 
 import numpy as np
 
-from mqslam.errors import ConfigError, OutputError
+from mqslam.errors import ConfigError, OutputError, Remedy
 from mqslam.execution.files import write_text
 from mqslam.execution.folders import new_folder
 from mqslam.formats.writing import oxford
-from mqslam.simulator.drive import ConstantDrive, Drive, loop_drive, with_way_made
+from mqslam.simulator.drive import ConstantDrive, Drive, clear_way, loop_drive
 from mqslam.simulator.in_memory import SimulatedRecording, simulated_recording
 from mqslam.simulator.scene import Scene, corridor_scene, street_scene, yard_scene
 from mqslam.simulator.sensor import SensorModel
 from mqslam.simulator.wheels import OdometryModel
 
 SCENES = ("street", "corridor", "yard")
-"""Names `simulate` knows."""
-_LONGEST_S = 7 * 24 * 3600.0
+"""Names of the scenes that `simulate` knows."""
+COARSE_SENSOR = SensorModel(range_resolution=0.175, max_range=120.0)
+"""A Navtech CTS350-X whose range bins are longer than they could be, and end sooner: its recordings stay small."""
+_LONGEST_S = 7 * 24 * 3600.0  # a limit on disk space, far beyond any use
 
 
 def simulate(
@@ -34,46 +36,37 @@ def simulate(
     *,
     scene: str = "street",
     duration_s: float = 60.0,
-    turn_rate_hz: float = 4.0,
-    azimuths: int = 400,
-    range_resolution: float = 0.175,
-    max_range: float = 120.0,
+    sensor: SensorModel = COARSE_SENSOR,
     seed: int = 1,
     movers: int | None = None,
-    doppler_beta: float = 0.0,
     jobs: int = 1,
-    progress: Callable[[int, int], None] | None = None,
+    progress: Callable[[int, int], object] | None = None,
 ) -> SimulatedRecording:
-    """Simulate a drive and write it, whole or not at all; the same arguments give the same bytes, whatever `jobs` is.
+    """Simulates a drive and writes it, whole or not at all; the same arguments give the same bytes, whatever `jobs` is.
 
     Args:
-        out: folder to make; it must not hold anything.
+        out: folder to make; it may exist, but must be empty.
         scene: `street` (rounds of a block), `corridor` (straight on between endless walls) or `yard` (a slow circle).
         duration_s: how long to drive [s].
-        turn_rate_hz: revolutions per second.
-        azimuths: per revolution.
-        range_resolution: length of a range bin [m].
-        max_range: [m].
-        seed: of the scene and all noise.
-        movers: number of moving vehicles; as the scene has them if None.
-        doppler_beta: range shift per closing speed [s].
-        jobs: revolutions rendered at the same time.
-        progress: called with (revolutions written, revolutions in all).
+        sensor: the radar.
+        seed: of the scene and of all noise.
+        movers: number of moving vehicles; None takes the scene's usual number.
+        jobs: number of polar scans that are rendered at the same time.
+        progress: called with (polar scans written, polar scans in all).
 
     Returns:
-        The stream that was written.
+        The recording that was written.
 
     Raises:
-        ConfigError: a parameter that makes no sense.
+        ConfigError: a parameter makes no sense.
         OutputError: the folder has content or cannot be written.
     """
     if jobs < 1:
         raise ConfigError(f"simulator: jobs is {jobs}; it must be 1 or more")
     if seed < 0:
         raise ConfigError(f"simulator: seed is {seed}; it must be 0 or more")
-    sensor = SensorModel(turn_rate_hz, azimuths, range_resolution, max_range, doppler_beta=doppler_beta)
     errors = OdometryModel()
-    world, drive = _world(scene, seed, duration_s, movers)
+    world, drive = _make_world(scene, seed, duration_s, movers)
     recording = simulated_recording(world, drive, duration_s=duration_s, sensor=sensor, seed=seed, odometry=errors)
     truth = recording.ground_truth
     assert truth is not None
@@ -88,7 +81,7 @@ def simulate(
         "sensor": asdict(sensor),
         "odometry": asdict(errors),
     }
-    with _folder_written_whole(out) as folder:
+    with _write_folder_whole(out) as folder:
         oxford.write_beside(folder, recording)
         oxford.write_stamps(folder, recording.stamps_us.tolist())
         _write_polar_scans(folder, recording, jobs, progress)
@@ -99,15 +92,15 @@ def simulate(
     return recording
 
 
-def _world(scene: str, seed: int, duration_s: float, movers: int | None) -> tuple[Scene, Drive]:
-    """The scene and the drive through it that go by a name."""
+def _make_world(scene: str, seed: int, duration_s: float, movers: int | None) -> tuple[Scene, Drive]:
+    """Makes the scene that goes by a name, and the drive through it."""
     if movers is not None and movers < 0:
         raise ConfigError(f"simulator: movers is {movers}; it must be 0 or more")
     if not 0.0 < duration_s <= _LONGEST_S:
         raise ConfigError(f"simulator: duration is {duration_s} s; it must be above 0 and at most {_LONGEST_S:.0f}, a week")
     if scene == "street":
         drive = loop_drive(duration_s)
-        return with_way_made(street_scene(seed, movers=10 if movers is None else movers), drive, duration_s), drive
+        return clear_way(street_scene(seed, movers=10 if movers is None else movers), drive, duration_s), drive
     if scene == "yard":
         return yard_scene(seed, movers=movers or 0), ConstantDrive(1.0, -0.192)
     if scene == "corridor":
@@ -118,9 +111,9 @@ def _world(scene: str, seed: int, duration_s: float, movers: int | None) -> tupl
 
 
 def _write_polar_scans(
-    folder: Path, recording: SimulatedRecording, jobs: int, progress: Callable[[int, int], None] | None
+    folder: Path, recording: SimulatedRecording, jobs: int, progress: Callable[[int, int], object] | None
 ) -> None:
-    """Write every revolution, `jobs` at a time; the kernel and the PNG encoder let other threads run."""
+    """Writes every polar scan, `jobs` at a time; the kernel and the PNG encoder let other threads run."""
     with ThreadPoolExecutor(jobs) as pool:
         try:
             for done, _ in enumerate(pool.map(partial(_write_polar_scan, folder, recording), range(len(recording))), 1):
@@ -132,13 +125,13 @@ def _write_polar_scans(
 
 
 def _write_polar_scan(folder: Path, recording: SimulatedRecording, k: int) -> None:
-    """Render revolution k and write it."""
+    """Renders polar scan k and writes it."""
     oxford.write_polar_scan(folder, recording, k, recording[k])
 
 
 @contextlib.contextmanager
-def _folder_written_whole(out: Path) -> Iterator[Path]:
-    """A new folder beside `out`; it becomes `out` when the block ends without an error, else it is removed."""
+def _write_folder_whole(out: Path) -> Iterator[Path]:
+    """Makes a folder beside `out` that becomes `out` when the block ends without an error, and is removed otherwise."""
     out = out.absolute()
     existed = out.exists()
     new_folder(out)
@@ -155,6 +148,5 @@ def _folder_written_whole(out: Path) -> Iterator[Path]:
         if not existed:
             out.rmdir()
         if isinstance(error, OSError):
-            problem = f"{out}: cannot be written ({error.strerror}); free space or choose another --out"
-            raise OutputError(problem) from error
+            raise OutputError(f"{out}: cannot be written ({error.strerror})", Remedy.FREE_SPACE) from error
         raise

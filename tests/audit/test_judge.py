@@ -34,7 +34,7 @@ def silent(stage: str, done: int, total: int) -> None:
 def lap() -> tuple[SimulatedRecording, Scans]:
     """A bit more than one round of a block: the last 100 m are driven twice."""
     recording = simulated_recording(street_scene(1, movers=0), loop_drive(54.0), duration_s=54.0, sensor=SENSOR, seed=1)
-    return recording, detect_all(recording, CONFIG.detector, HERE, silent)[0]
+    return recording, detect_all(recording, CONFIG.detector)[0]
 
 
 @lru_cache

@@ -20,6 +20,7 @@ from mqslam.core.frontend import Context
 from mqslam.core.trajectory import Trajectory
 from mqslam.detection.stage import detect_all
 from mqslam.execution.engine import LocalEngine
+from mqslam.execution.runner import Runner
 from mqslam.formats.lidars import carmen
 from mqslam.formats.recordings import open_recording
 from mqslam.frontends.kiss_icp import KissIcpFrontEnd
@@ -53,7 +54,7 @@ def _bends() -> list[Claim]:
     """AUC of every measure for windows whose trajectory errs by a constant twist, over places of kaist01."""
     recording = open_recording(twin("kaist01", 1))
     config = load_config()
-    scans, _ = detect_all(recording, config.detector, _ENGINE, _silent)
+    scans, _ = detect_all(recording, config.detector, Runner(_ENGINE))
     beta = doppler_beta_of(scans, config.sensor, config.tracker, config.estimator)
     beam = beam_of(config.estimator, beta)
     truth = recording.ground_truth
@@ -88,7 +89,7 @@ def _trajectories(out: Path) -> list[Claim]:
     """kaist01 in full: the true trajectory, and KISS-ICP's without loops, its revisits against truth."""
     recording = open_recording(twin("kaist01", 1, frames=None))
     config = load_config()
-    scans, _ = detect_all(recording, config.detector, _ENGINE, _silent)
+    scans, _ = detect_all(recording, config.detector, Runner(_ENGINE))
     beta = doppler_beta_of(scans, config.sensor, config.tracker, config.estimator)
     beam = beam_of(config.estimator, beta)
     sweeps, _ = swept(scans, recording.ground_truth, beam)

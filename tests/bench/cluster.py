@@ -19,7 +19,8 @@ from mqslam.core.frontend import Context
 from mqslam.core.recording import Recording
 from mqslam.detection.stage import detect_all
 from mqslam.execution.cluster import connected
-from mqslam.execution.engine import HERE, Engine
+from mqslam.execution.engine import Engine
+from mqslam.execution.runner import Runner
 from mqslam.formats.recordings import open_recording
 from mqslam.frontends.psi import PsiFrontEnd
 
@@ -51,7 +52,7 @@ def _costs(summary: dict[str, Any]) -> None:
 def _travels(data: Path, out: Path) -> None:
     """Bytes per revolution of what is read, and of what goes between processes."""
     recording, config = open_recording(data), load_config(out / "config.yaml")
-    scans, found = detect_all(recording, config.detector, HERE, _silent)
+    scans, found = detect_all(recording, config.detector)
     motions = list(PsiFrontEnd(Context(config, recording.revolution_s, recording.start_us, None)).measure(scans))
     images = sum(path.stat().st_size for path in (data / "radar").iterdir())
     drive = Drive.of(scans, chain(motion.pose for motion in motions))
@@ -91,7 +92,7 @@ def _workers(data: Path, out: Path) -> list[Claim]:
 
 def _detected(recording: Recording, config: Config, engine: Engine) -> float:
     begin = time.perf_counter()
-    detect_all(recording, config.detector, engine, _silent)
+    detect_all(recording, config.detector, Runner(engine))
     return time.perf_counter() - begin
 
 

@@ -26,6 +26,7 @@ from mqslam.core.trajectory import Trajectory
 from mqslam.detection.stage import detect_all
 from mqslam.evaluation import Evaluation, evaluate
 from mqslam.execution.engine import LocalEngine
+from mqslam.execution.runner import Runner
 from mqslam.formats.recordings import open_recording
 from mqslam.frontends.scan_matching import pose_of
 
@@ -79,7 +80,7 @@ def main() -> int:
 
 def _detect(recording: Recording, path: Path) -> None:
     """Returns in the sensor's frame [m], when in their revolution each was measured, and how many a revolution has."""
-    scans, _ = detect_all(recording, load_config().detector, LocalEngine(2), lambda stage, done, total: None)
+    scans, _ = detect_all(recording, load_config().detector, Runner(LocalEngine(2)))
     together = Returns.concatenate([scan.returns for scan in scans])
     np.savez(
         path,

@@ -18,6 +18,7 @@ from mqslam.core import se2
 from mqslam.core.frontend import Context
 from mqslam.detection.stage import detect_all
 from mqslam.execution.engine import LocalEngine
+from mqslam.execution.runner import Runner
 from mqslam.formats.recordings import open_recording
 from mqslam.frontends.psi import PsiFrontEnd
 from mqslam.psi.tracking.doppler import doppler_beta_of
@@ -78,7 +79,7 @@ def _errors(data: Path) -> Errors:
     truth = recording.ground_truth
     assert truth is not None
     config = Config()
-    scans, _ = detect_all(recording, config.detector, LocalEngine(os.cpu_count() or 1), lambda stage, done, total: None)
+    scans, _ = detect_all(recording, config.detector, Runner(LocalEngine(os.cpu_count() or 1)))
     beta = doppler_beta_of(scans, config.sensor, config.tracker, config.estimator)
     context = Context(config, recording.revolution_s, recording.start_us, None, beta)
     nees, axes = [], []

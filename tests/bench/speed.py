@@ -18,11 +18,11 @@ from mqslam.core.scans import Returns
 from mqslam.detection.stage import detect_stretch, scans_of
 from mqslam.formats.recordings import open_recording
 from mqslam.frontends.psi import PsiFrontEnd
-from mqslam.psi.neighbours import CandidateLists, candidates, cell_grid
+from mqslam.psi.neighbours import CandidateLists, find_candidates, sort_into_cells
 from mqslam.psi.place import PointSet, beam_of, place
 from mqslam.psi.published.equations import score
 from mqslam.psi.published.reference import score_reference
-from mqslam.psi.window import without_start
+from mqslam.psi.window import drop_start
 from mqslam.simulator import SimulatedRecording, loop_drive, simulated_recording, street_scene
 
 _FIRST, _REVOLUTIONS = 4, 3  # of the real sample
@@ -56,13 +56,13 @@ def _window(detector: DetectorConfig) -> tuple[PointSet, float]:
     returns = Returns.concatenate(found.returns)
     beam = beam_of(Config().estimator, 0.0)
     t0 = float(recording.start_times[_FIRST])
-    return without_start(place(returns, t0, np.zeros(3), _MOTION, CONSTANT_VELOCITY, beam)), recording.revolution_s
+    return drop_start(place(returns, t0, np.zeros(3), _MOTION, CONSTANT_VELOCITY, beam)), recording.revolution_s
 
 
 def _ratio(p: PointSet, turn: float) -> tuple[float, float, float, float]:
     """Median ratio, and median seconds of ours with reused lists, with new ones, and of the reference."""
     config = PsiConfig()
-    lists = candidates(cell_grid(p.points, config.s), p.points, config.s)
+    lists = find_candidates(sort_into_cells(p.points, config.s), p.points, config.s)
     ours, anew, reference = [], [], []
     score(p.points, p.times, turn, config, p.jacobians, lists)
 

@@ -7,14 +7,14 @@ from pathlib import Path
 
 from common import Claim
 
-from mqslam.psi.published.table1 import OURS, table1, table_text
+from mqslam.psi.published.table1 import OURS, compute_table1, format_table
 
 _SEEDS = 20
 
 
 def run(out: Path) -> list[Claim]:
-    rows = table1(_SEEDS, jobs=os.cpu_count() or 1)
-    print(table_text(rows))
+    rows = compute_table1(_SEEDS, jobs=os.cpu_count() or 1)
+    print(format_table(rows))
     claims = []
     for row in rows:
         if row.method == OURS:

@@ -14,7 +14,7 @@ from support.clusters import cluster
 from support.commands import INSTALLED, Result, contents, in_this_process, mqslam, processes
 
 from mqslam.execution.checkpoint import FOLDER
-from mqslam.simulator import simulate
+from mqslam.simulator import SensorModel, simulate
 
 NAMES = ("wheels", "drive", "radar only")
 RUNS = """
@@ -35,7 +35,12 @@ def work(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A short recording, a list of runs with one that cannot be, and what they leave; nobody may change it."""
     folder = tmp_path_factory.mktemp("batch")
     drive = folder / "drive"
-    simulate(drive, duration_s=7.0, turn_rate_hz=2.0, azimuths=200, range_resolution=0.35, max_range=60.0, movers=0)
+    simulate(
+        drive,
+        duration_s=7.0,
+        sensor=SensorModel(turn_rate_hz=2.0, azimuths=200, range_resolution=0.35, max_range=60.0),
+        movers=0,
+    )
     (folder / "quick.yaml").write_text("sensor: {doppler_beta: 0.0}\n")
     (folder / "runs.yaml").write_text(RUNS)
     with in_this_process():
@@ -123,7 +128,7 @@ def test_a_run_that_was_killed_goes_on_where_it_stopped(work: Path, tmp_path: Pa
     orders, _ = read_plan(work / "runs.yaml")
     terms = batch_schedule.Terms(tmp_path, 1, False)
     with monkeypatch.context() as patch:
-        patch.setattr(slam, "find_loops", lambda *_: (_ for _ in ()).throw(KeyboardInterrupt))
+        patch.setattr(slam, "close_loops", lambda *_: (_ for _ in ()).throw(KeyboardInterrupt))
         with pytest.raises(KeyboardInterrupt):
             batch_schedule.run_one(terms, orders[1])
     assert {path.name for path in (tmp_path / "drive").iterdir()} == {FOLDER}

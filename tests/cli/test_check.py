@@ -23,10 +23,10 @@ from mqslam.simulator import (
     Scene,
     SensorModel,
     SimulatedRecording,
+    clear_way,
     loop_drive,
     simulated_recording,
     street_scene,
-    with_way_made,
     yard_scene,
 )
 
@@ -43,7 +43,7 @@ def drive(scene: Scene, motion: Drive, duration_s: float) -> SimulatedRecording:
 def corner() -> SimulatedRecording:
     """Eleven seconds along a street and round its corner."""
     motion = loop_drive(11.0, speed=8.0)
-    return drive(with_way_made(street_scene(1, movers=3), motion, 11.0), motion, 11.0)
+    return drive(clear_way(street_scene(1, movers=3), motion, 11.0), motion, 11.0)
 
 
 @pytest.fixture(scope="module")

@@ -15,7 +15,7 @@ from mqslam.core import se2
 from mqslam.core.trajectory import Trajectory
 from mqslam.formats.recordings import open_recording
 from mqslam.formats.tum import read_tum
-from mqslam.simulator import simulate
+from mqslam.simulator import SensorModel, simulate
 
 LAYOUTS = (*STAMPED, *EVEN)
 DISTINCT = [name for name in LAYOUTS if name != "rosbag2_mcap"]  # that one is an mcap in a folder
@@ -58,7 +58,14 @@ def test_the_real_sample_moves_alike_in_every_layout_and_back(
 def short(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Four simulated seconds of a street, with wheel odometry and ground truth."""
     out = tmp_path_factory.mktemp("short") / "drive"
-    simulate(out, scene="street", duration_s=4.0, azimuths=200, max_range=80.0, movers=2, seed=2)
+    simulate(
+        out,
+        scene="street",
+        duration_s=4.0,
+        sensor=SensorModel(azimuths=200, range_resolution=0.175, max_range=80.0),
+        movers=2,
+        seed=2,
+    )
     return out
 
 

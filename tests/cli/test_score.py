@@ -114,17 +114,17 @@ def test_only_the_windows_revolutions_are_read(street: Path, tmp_path: Path) -> 
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (["--start", 99, "--motion", "1,0"], "--start 99: no 3 revolutions begin there in"),
-        (["--start", -1, "--motion", "1,0"], "--start -1: no 3 revolutions begin there in"),
-        (["--start", "nan", "--motion", "1,0"], "give 0 to 11.25"),
+        (["--start", 99, "--motion", "1,0"], "no 3 scans begin at 99 s"),
+        (["--start", -1, "--motion", "1,0"], "no 3 scans begin at -1 s"),
+        (["--start", "nan", "--motion", "1,0"], "give a start of 0 to 11.25"),
         (["--start", 0, "--motion", "1,0", "--revolutions", 500], "holds only 48"),
         (["--start", 0, "--motion", "1"], "motion '1': is no motion; give v,omega or vx,vy,omega"),
         (["--start", 0, "--motion", "1,2,3,4"], "is no motion"),
         (["--start", 0, "--motion", "fast,0"], "motion 'fast,0': is no motion"),
         (["--start", 0, "--motion", "nan,0"], "is no motion"),
-        (["--start", 0, "--motion", "1,0", "--temporal", "box"], "--temporal box: Input should be 'plateau' or 'gaussian'"),
-        (["--start", 0, "--motion", "1,0", "--numerator", "2"], "--numerator 2: "),
-        (["--start", 0, "--motion", "1,0", "--unmatched", -1], "--unmatched -1.0: "),
+        (["--start", 0, "--motion", "1,0", "--temporal", "box"], "temporal box: Input should be 'plateau' or 'gaussian'"),
+        (["--start", 0, "--motion", "1,0", "--numerator", "2"], "numerator 2: "),
+        (["--start", 0, "--motion", "1,0", "--unmatched", -1], "unmatched -1.0: "),
     ],
 )
 def test_a_mistake_is_one_line_and_exit_code_2(street: Path, words: list[str | float], message: str) -> None:
@@ -144,4 +144,4 @@ def test_a_window_without_returns_is_said(street: Path, tmp_path: Path) -> None:
     settings = tmp_path / "blind.yaml"
     settings.write_text("detector: {threshold: 255, contrast: 1.0e6}\n")
     result = mqslam("score", street, "--start", 0, "--motion", "9,0", "--config", settings)
-    assert result.code == 2 and "no returns in these 3 revolutions; lower detector.threshold" in result.err
+    assert result.code == 2 and "the 3 scans from 0 s on hold no returns; lower detector.threshold" in result.err

@@ -14,13 +14,14 @@ from support.drives import constant
 
 from mqslam import slam as slam_module
 from mqslam.config import Config, MapConfig, SensorConfig
-from mqslam.core.measurement import Loop, Measurement, Status
+from mqslam.core.measurement import Loop, LoopSearch, Measured, Measurement, Status
 from mqslam.core.scans import Detected, Returns
 from mqslam.core.trajectory import Trajectory
 from mqslam.detection.stage import detect_all
 from mqslam.errors import DataError, OutputError
 from mqslam.execution.checkpoint import FOLDER, Checkpoint, run_key, unfinished
-from mqslam.execution.engine import HERE
+from mqslam.execution.kept import LOOPS, MEASURED, kept_stretch
+from mqslam.execution.runner import Runner
 from mqslam.psi.tracking import doppler as doppler_module
 from mqslam.simulator import SensorModel, SimulatedRecording, simulated_recording, street_scene
 from mqslam.slam import Slam
@@ -40,7 +41,7 @@ MEASUREMENTS = [
     Measurement(0.5, 0.75, RNG.normal(size=3), RNG.normal(size=(3, 3)), Status.AMBIGUOUS),
     Measurement(0.75, 1.0, RNG.normal(size=3), RNG.normal(size=(3, 3)), Status.LOST, points=3),
 ]
-LOOPS = [
+CLOSURES = [
     Loop(3, 170, RNG.normal(size=3), RNG.normal(size=(3, 3)), 0.71, 0.2),
     Loop(9, 180, np.zeros(3), np.eye(3), 1.0, 0.1),
 ]
@@ -50,9 +51,9 @@ FILES = ("returns-000000-000005.npz", "measurements.npz", "loops.npz")
 def filled(out: Path, key: str = "this run") -> Checkpoint:
     """A checkpoint with every stage."""
     checkpoint = Checkpoint(out, key, resume=False)
-    checkpoint.keep_detected(0, 5, DETECTED)
-    checkpoint.keep_measurements(MEASUREMENTS, 0.0489)
-    checkpoint.keep_loops(LOOPS, 17)
+    checkpoint.keep(kept_stretch(0, 5), DETECTED)
+    checkpoint.keep(MEASURED, Measured(MEASUREMENTS, 0.0489))
+    checkpoint.keep(LOOPS, LoopSearch(CLOSURES, 17))
     return checkpoint
 
 
@@ -61,7 +62,7 @@ def resumed(out: Path) -> Checkpoint:
 
 
 def found_in(checkpoint: Checkpoint) -> list[Any]:
-    return [checkpoint.detected(0, 5), checkpoint.measurements(), checkpoint.loops()]
+    return [checkpoint.find(kept_stretch(0, 5)), checkpoint.find(MEASURED), checkpoint.find(LOOPS)]
 
 
 def assert_same(one: Any, other: Any) -> None:
@@ -74,7 +75,7 @@ def assert_same(one: Any, other: Any) -> None:
 
 def test_returns_survive_a_round_trip(tmp_path: Path) -> None:
     filled(tmp_path / "out")
-    found = resumed(tmp_path / "out").detected(0, 5)
+    found = resumed(tmp_path / "out").find(kept_stretch(0, 5))
     assert found is not None and repr(found.unread) == repr(DETECTED.unread)
     for one, other in zip(RETURNS, found.returns, strict=True):
         assert_same(one, other)
@@ -83,28 +84,31 @@ def test_returns_survive_a_round_trip(tmp_path: Path) -> None:
 
 def test_measurements_survive_a_round_trip(tmp_path: Path) -> None:
     filled(tmp_path / "out")
-    kept = resumed(tmp_path / "out").measurements()
-    assert kept is not None and kept[1] == 0.0489
-    for one, other in zip(MEASUREMENTS, kept[0], strict=True):
+    kept = resumed(tmp_path / "out").find(MEASURED)
+    assert kept is not None and kept.doppler_beta == 0.0489
+    for one, other in zip(MEASUREMENTS, kept.measurements, strict=True):
         assert_same(one, other)
 
 
 def test_loops_survive_a_round_trip(tmp_path: Path) -> None:
     filled(tmp_path / "out")
-    kept = resumed(tmp_path / "out").loops()
-    assert kept is not None and kept[1] == 17
-    for one, other in zip(LOOPS, kept[0], strict=True):
+    kept = resumed(tmp_path / "out").find(LOOPS)
+    assert kept is not None and kept.tried == 17
+    for one, other in zip(CLOSURES, kept.loops, strict=True):
         assert_same(one, other)
 
 
 def test_that_there_are_no_loops_is_kept_too(tmp_path: Path) -> None:
-    filled(tmp_path / "out").keep_loops([], 4)
-    assert resumed(tmp_path / "out").loops() == ([], 4)
+    filled(tmp_path / "out").keep(LOOPS, LoopSearch([], 4))
+    assert resumed(tmp_path / "out").find(LOOPS) == LoopSearch([], 4)
 
 
 def test_another_stretch_is_not_there(tmp_path: Path) -> None:
     filled(tmp_path / "out")
-    assert resumed(tmp_path / "out").detected(0, 4) is None and resumed(tmp_path / "out").detected(5, 10) is None
+    assert (
+        resumed(tmp_path / "out").find(kept_stretch(0, 4)) is None
+        and resumed(tmp_path / "out").find(kept_stretch(5, 10)) is None
+    )
 
 
 def test_nothing_is_there_before_it_is_kept_and_looking_makes_nothing(tmp_path: Path) -> None:
@@ -164,14 +168,14 @@ def silent(stage: str, done: int, total: int) -> None:
 def test_a_broken_stretch_is_detected_again(recording: SimulatedRecording, tmp_path: Path) -> None:
     config = Config().detector
     checkpoint = Checkpoint(tmp_path / "out", "this run", resume=False)
-    first, _ = detect_all(recording, config, HERE, silent, checkpoint)
+    first, _ = detect_all(recording, config, Runner(checkpoint=checkpoint))
     before = contents(tmp_path)
     kept = sorted((tmp_path / "out" / FOLDER).glob("returns-*"))
     assert len(kept) == 2
     for broken in ([], kept[:1], kept[1:], kept):
         for file in broken:
             file.write_bytes(file.read_bytes()[:500])
-        again, cost = detect_all(recording, config, HERE, silent, resumed(tmp_path / "out"))
+        again, cost = detect_all(recording, config, Runner(checkpoint=resumed(tmp_path / "out")))
         assert (cost.read_s > 0.0) == bool(broken)
         for one, other in zip(first, again, strict=True):
             assert (one.t0, one.t1) == (other.t0, other.t1)
@@ -185,11 +189,13 @@ def test_a_resumed_run_repeats_no_finished_stage_and_ends_the_same(
     """The Doppler shift, which is measured, is kept with the measurements made with it."""
     monkeypatch.setattr(doppler_module, "measure_doppler", lambda *_: 0.0123)
     config = Config(map=MapConfig(travel_m=2.0))
-    first = Slam(config, "psi", HERE, silent, Checkpoint(tmp_path / "out", "this run", resume=False)).run(recording, None)
+    first = Slam(config, "psi", Runner(checkpoint=Checkpoint(tmp_path / "out", "this run", resume=False))).run(
+        recording, None
+    )
     monkeypatch.setattr(doppler_module, "measure_doppler", lambda *_: pytest.fail("measured again"))
-    monkeypatch.setattr(slam_module, "find_loops", lambda *_: pytest.fail("searched again"))
+    monkeypatch.setattr(slam_module, "close_loops", lambda *_: pytest.fail("searched again"))
     monkeypatch.setattr(SimulatedRecording, "polar_scans", lambda *_: pytest.fail("read again"))
-    again = Slam(config, "psi", HERE, silent, resumed(tmp_path / "out")).run(recording, None)
+    again = Slam(config, "psi", Runner(checkpoint=resumed(tmp_path / "out"))).run(recording, None)
     assert again.config == first.config and again.doppler_beta == first.doppler_beta == 0.0123
     np.testing.assert_array_equal(again.optimised.poses, first.optimised.poses)
     np.testing.assert_array_equal(again.map_optimised.psi, first.map_optimised.psi)
@@ -200,7 +206,7 @@ def test_a_resumed_run_repeats_no_finished_stage_and_ends_the_same(
 def test_another_runs_checkpoint_is_refused_and_left(tmp_path: Path) -> None:
     filled(tmp_path / "out", "another run")
     before = contents(tmp_path)
-    with pytest.raises(OutputError, match=r"unfinished run of other data or settings; choose another --out"):
+    with pytest.raises(OutputError, match=r"unfinished run of other data or settings; choose another output"):
         resumed(tmp_path / "out")
     with pytest.raises(OutputError), unfinished(tmp_path / "out", "this run", resume=True):
         pass
@@ -238,13 +244,13 @@ def test_every_stage_is_written_whole_or_not_at_all(tmp_path: Path, monkeypatch:
 
     monkeypatch.setattr(np, "savez", dies)
     with pytest.raises(KeyboardInterrupt):
-        checkpoint.keep_loops([], 0)
+        checkpoint.keep(LOOPS, LoopSearch([], 0))
     assert contents(tmp_path) == before
 
 
 def test_an_error_of_the_user_leaves_nothing(tmp_path: Path) -> None:
     with pytest.raises(DataError), unfinished(tmp_path / "out", "this run", resume=False) as checkpoint:
-        checkpoint.keep_detected(0, 5, DETECTED)
+        checkpoint.keep(kept_stretch(0, 5), DETECTED)
         raise DataError("drive", "is broken")
     assert contents(tmp_path) == {}
 
@@ -253,7 +259,7 @@ def test_an_error_of_the_user_leaves_an_earlier_result(tmp_path: Path) -> None:
     (tmp_path / "out").mkdir()
     (tmp_path / "out" / "mine").write_text("kept")
     with pytest.raises(DataError), unfinished(tmp_path / "out", "this run", resume=False) as checkpoint:
-        checkpoint.keep_detected(0, 5, DETECTED)
+        checkpoint.keep(kept_stretch(0, 5), DETECTED)
         raise DataError("drive", "is broken")
     assert contents(tmp_path) == {"out": None, "out/mine": b"kept"}
 
@@ -262,9 +268,9 @@ def test_an_error_of_the_user_leaves_an_earlier_result(tmp_path: Path) -> None:
 @pytest.mark.parametrize("resume", [False, True])
 def test_an_interrupted_run_can_be_resumed(tmp_path: Path, error: type[BaseException], resume: bool) -> None:
     with pytest.raises(error), unfinished(tmp_path / "out", "this run", resume=resume) as checkpoint:
-        checkpoint.keep_loops(LOOPS, 17)
+        checkpoint.keep(LOOPS, LoopSearch(CLOSURES, 17))
         raise error
-    assert resumed(tmp_path / "out").loops() is not None
+    assert resumed(tmp_path / "out").find(LOOPS) is not None
 
 
 def test_an_error_while_resuming_keeps_what_was_there(tmp_path: Path) -> None:
@@ -277,8 +283,8 @@ def test_an_error_while_resuming_keeps_what_was_there(tmp_path: Path) -> None:
 
 def test_a_place_that_cannot_be_written_is_said_so(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("kept")
-    with pytest.raises(OutputError, match="choose another --out"):
-        Checkpoint(tmp_path / "file" / "out", "this run", resume=False).keep_loops([], 0)
+    with pytest.raises(OutputError, match="choose another output"):
+        Checkpoint(tmp_path / "file" / "out", "this run", resume=False).keep(LOOPS, LoopSearch([], 0))
 
 
 ANOTHER: dict[str, Callable[[SimulatedRecording], str]] = {

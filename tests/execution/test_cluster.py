@@ -16,7 +16,7 @@ from mqslam.execution import cluster as cluster_module
 from mqslam.execution.checkpoint import FOLDER
 from mqslam.execution.cluster import connected
 from mqslam.execution.engine import HERE, LocalEngine
-from mqslam.simulator import simulate
+from mqslam.simulator import SensorModel, simulate
 
 SAME = ("trajectory.tum", "odometry.tum", "measurements.csv", "graph.g2o", "map.ply", "map.pgm", "config.yaml")
 
@@ -26,7 +26,10 @@ def lap(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A coarse recording of a bit more than one round of a block, with loops."""
     folder = tmp_path_factory.mktemp("lap")
     simulate(
-        folder / "drive", duration_s=52.0, turn_rate_hz=2.0, azimuths=200, range_resolution=0.35, max_range=80.0, movers=0
+        folder / "drive",
+        duration_s=52.0,
+        sensor=SensorModel(turn_rate_hz=2.0, azimuths=200, range_resolution=0.35, max_range=80.0),
+        movers=0,
     )
     (folder / "quick.yaml").write_text("sensor: {doppler_beta: 0.0}\n")
     return folder
@@ -117,7 +120,12 @@ def test_results_come_in_the_order_of_the_items(engine: LocalEngine, processes: 
 @pytest.mark.slow
 def test_compare_and_audit_give_the_same_on_a_cluster(lap: Path, tmp_path: Path) -> None:
     drive = tmp_path / "drive"
-    simulate(drive, duration_s=9.0, turn_rate_hz=2.0, azimuths=200, range_resolution=0.35, max_range=60.0, movers=0)
+    simulate(
+        drive,
+        duration_s=9.0,
+        sensor=SensorModel(turn_rate_hz=2.0, azimuths=200, range_resolution=0.35, max_range=60.0),
+        movers=0,
+    )
     options = ("--config", lap / "quick.yaml", "--quiet")
     for name, where in (("here", ("--jobs", "2")), ("there", ("--cluster", "local:2"))):
         compare = ("compare", drive, "--frontends", "kiss_icp,odometry", "--odometry-only", *options)
@@ -171,7 +179,7 @@ def test_without_dask_only_the_cluster_is_missing(lap: Path, tmp_path: Path) -> 
     program = f"""
 import sys
 sys.modules["dask"] = sys.modules["distributed"] = None
-import mqslam.commands.batch_schedule, mqslam.results.batch_results, mqslam.compare.judgement, mqslam.commands.job
+import mqslam.commands.batch_schedule, mqslam.results.batch_results, mqslam.compare.judgement, mqslam.commands.run
 from mqslam.cli import main
 sys.argv = ["mqslam", "run", {str(lap / "drive")!r}, "--out", {str(tmp_path / "out")!r}, "--cluster", "local:2", "--quiet"]
 main()

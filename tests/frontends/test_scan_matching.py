@@ -21,7 +21,6 @@ from mqslam.core.scans import Scan, Scans
 from mqslam.core.trajectory import Trajectory
 from mqslam.detection.stage import detect_all
 from mqslam.errors import EstimationError
-from mqslam.execution.engine import HERE
 from mqslam.formats.recordings import open_recording
 from mqslam.frontends.scan_matching import Match, motions
 from mqslam.simulator import ConstantDrive, SimulatedRecording, corridor_scene, street_scene
@@ -137,7 +136,7 @@ def test_the_real_sample_is_followed_from_its_first_pair(name: str, oxford_tiny:
         pytest.importorskip("open3d", exc_type=ImportError)
     recording = open_recording(oxford_tiny)
     assert recording.ground_truth is not None
-    scans, _ = detect_all(recording, Config().detector, HERE, lambda stage, done, total: None)
+    scans, _ = detect_all(recording, Config().detector)
     context = Context(Config(), recording.revolution_s, recording.start_us, None)
     found = list(frontend.load(name)(context).measure(scans))
     stamps = [recording.start_us + np.round(np.array([m.t0, m.t1]) * 1e6).astype(np.int64) for m in found]

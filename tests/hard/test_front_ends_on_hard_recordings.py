@@ -30,7 +30,7 @@ from mqslam.core.scans import Returns, Scan
 from mqslam.errors import EstimationError
 from mqslam.psi.place import beam_of
 from mqslam.psi.window import find_window_motion
-from mqslam.slam import Solution
+from mqslam.solution import Solution
 
 BEYOND_CHANCE = 25.0  # of a chi-square with three degrees of freedom: one in 65,000
 

@@ -14,8 +14,8 @@ from mqslam.core.recording import Recording
 from mqslam.core.scans import Scan
 from mqslam.detection.detector import detect
 from mqslam.errors import EstimationError
-from mqslam.execution.engine import HERE
-from mqslam.slam import Run, Slam
+from mqslam.slam import Slam
+from mqslam.solution import Run
 
 KNOWN = SensorConfig(doppler_beta=0.0)
 SLOW = TrackerConfig(speed_max=10.0)  # makes the first search cheap
@@ -27,7 +27,7 @@ FAR = DetectorConfig(max_range_m=690.0, min_range_m=50.0, smoothing_m=8.0, join_
 
 def run(recording: Recording, config: Config) -> Run:
     """A recording's run, whose checks and maps are finite."""
-    found = Slam(config, "psi", HERE, lambda stage, done, total: None).run(recording, None)
+    found = Slam(config).run(recording, None)
     assert_sound(found)
     assert np.isfinite(found.map_optimised.points).all()
     assert np.isfinite(found.map_optimised.psi).all()

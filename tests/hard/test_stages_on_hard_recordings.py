@@ -33,6 +33,7 @@ from mqslam.core.trajectory import Trajectory
 from mqslam.errors import EstimationError
 from mqslam.execution.engine import HERE
 from mqslam.execution.progress import silent
+from mqslam.execution.runner import Runner
 from mqslam.mapping.render import render
 from mqslam.psi.place import beam_of
 
@@ -84,7 +85,7 @@ def test_a_hard_recording_is_rendered_and_checked(name: str) -> None:
     assert np.isfinite(found.points).all()
     assert np.isfinite(found.psi).all()
     track = Trajectory(stamps_of(scans), poses)
-    checks = judged_sample(joined(scans), track, CONFIG.audit, CONFIG.estimator, BEAM, HERE, silent)
+    checks = judged_sample(joined(scans), track, CONFIG.audit, CONFIG.estimator, BEAM, Runner())
     assert all(check.bend.points and np.isfinite(check.bend.inflation) for check in checks)
     assert find_loops(Drive.of(scans, poses), CONFIG.loops, CONFIG.estimator, BEAM, set(), HERE, silent) == []
 

@@ -14,7 +14,7 @@ from mqslam.core.scans import Returns, Scan, Scans
 from mqslam.errors import EstimationError
 from mqslam.execution.engine import HERE, Engine, LocalEngine
 from mqslam.mapping import render as rendering
-from mqslam.mapping.render import moving, place_along, render
+from mqslam.mapping.render import place_along, render, select_moving
 from mqslam.psi.place import beam_of, place
 from mqslam.simulator import street_scene
 
@@ -83,21 +83,21 @@ def test_the_map_is_the_same_for_any_number_of_jobs_and_any_chunk(
 def test_a_parked_stretch_is_rendered_once() -> None:
     x = np.r_[np.arange(5) * 2.0, np.full(6, 8.0), 8.0 + np.arange(1, 4) * 2.0]
     poses = np.c_[x, np.zeros((len(x), 2))]
-    kept = moving(poses, 0.1, 0.01)
+    kept = select_moving(poses, CONFIG.map)
     assert kept.tolist() == [True] * 5 + [False] * 6 + [True] * 3
 
 
 def test_creeping_is_rendered_as_often_as_it_has_moved_on() -> None:
     poses = np.c_[np.arange(21) * 0.04, np.zeros((21, 2))]
-    assert np.flatnonzero(moving(poses, 0.1, 0.01)).tolist() == [0, 3, 6, 9, 12, 15, 18]
+    assert np.flatnonzero(select_moving(poses, CONFIG.map)).tolist() == [0, 3, 6, 9, 12, 15, 18]
 
 
 def test_turning_on_the_spot_is_moving() -> None:
     poses = np.c_[np.zeros((4, 2)), np.arange(4) * 0.006]
-    assert moving(poses, 0.1, 0.01).tolist() == [True, False, True, False]
+    assert select_moving(poses, CONFIG.map).tolist() == [True, False, True, False]
 
 
-def test_the_returns_of_a_parked_revolution_are_left_out(still_street: tuple[Scans, se2.Array]) -> None:
+def test_the_returns_of_a_parked_scan_are_left_out(still_street: tuple[Scans, se2.Array]) -> None:
     scans, poses = still_street
     parked = poses.copy()
     parked[7] = parked[6]

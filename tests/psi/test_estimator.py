@@ -8,18 +8,18 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from support.clouds import TURN_S, point_set
 
-from mqslam.psi.estimator import Evaluation, Scale, evaluate
-from mqslam.psi.neighbours import candidates, cell_grid
+from mqslam.psi.estimator import Evaluation, Kernel, Scale, evaluate
+from mqslam.psi.neighbours import find_candidates, sort_into_cells
 from mqslam.psi.place import PointSet
 from mqslam.psi.published.reference import evaluate_reference
 
 SCALE = Scale(s=1.5, beta_s=0.6, c=2.0)
-SETTINGS = {"revolution_s": TURN_S, "beta_t": 0.06, "xi": 0.02, "blur": 0.15}
+KERNEL = Kernel(revolution_s=TURN_S, beta_t=0.06, xi=0.02, blur=0.15)
 
 
 def evaluated(queries: PointSet, references: PointSet, scale: Scale = SCALE, more: float = 0.0) -> Evaluation:
-    lists = candidates(cell_grid(references.points, 1.0), queries.points, scale.s + more)
-    return evaluate(queries, references, lists, scale, **SETTINGS, moving_references=queries is references)
+    lists = find_candidates(sort_into_cells(references.points, 1.0), queries.points, scale.s + more)
+    return evaluate(queries, references, lists, scale, KERNEL, moving_references=queries is references)
 
 
 def assert_equal(one: Evaluation, other: Evaluation, rtol: float = 1e-9) -> None:
@@ -48,7 +48,7 @@ def test_the_kernel_equals_the_reference(
     references = queries if moving else point_set(seed + 1, counts[1], side, parameters)
     if not moving:  # a map has no jacobians
         references = replace(references, jacobians=np.zeros((0, 2, 0)))
-    reference = evaluate_reference(queries, references, scale, **SETTINGS, moving_references=moving)
+    reference = evaluate_reference(queries, references, scale, KERNEL, moving_references=moving)
     assert_equal(evaluated(queries, references, scale), reference)
 
 
@@ -58,7 +58,7 @@ def test_the_comparison_is_of_crowded_neighbourhoods_too() -> None:
         found = evaluated(queries, others)
         assert 150 < found.matched.sum() <= 200
         moving = others is queries
-        assert_equal(found, evaluate_reference(queries, others, SCALE, **SETTINGS, moving_references=moving))
+        assert_equal(found, evaluate_reference(queries, others, SCALE, KERNEL, moving_references=moving))
 
 
 def test_points_without_a_neighbour_are_charged_and_pull_nowhere() -> None:
@@ -84,7 +84,7 @@ def one_pair(apart: float, times: tuple[float, float] = (0.0, 1.0)) -> tuple[Poi
     """A query at the origin and a reference beside it, both of unit covariance less the blur's."""
 
     def single(x: float, t: float) -> PointSet:
-        own = 0.5 * (1.0 - SETTINGS["blur"] ** 2)
+        own = 0.5 * (1.0 - KERNEL.blur**2)
         return PointSet(np.array([[x, 0.0]]), np.eye(2)[None], np.array([[own, 0.0, own]]), np.array([t]))
 
     return single(0.0, times[0]), single(apart, times[1])
@@ -107,10 +107,10 @@ def test_only_neighbours_about_a_turn_apart_or_more_take_part(apart_s: float, ma
 
 
 def test_a_neighbour_takes_part_while_its_kappa_reaches_xi_and_it_lies_within_s() -> None:
-    reach = SCALE.beta_s * np.sqrt(-np.log(SETTINGS["xi"]))
+    reach = SCALE.beta_s * np.sqrt(-np.log(KERNEL.xi))
     assert reach < SCALE.s
     assert [evaluated(*one_pair(f * reach)).matched[0] for f in (0.999, 1.001)] == [True, False]
-    wide = replace(SCALE, beta_s=10.0)
+    wide = SCALE._replace(beta_s=10.0)
     assert [evaluated(*one_pair(f * wide.s), wide).matched[0] for f in (0.999, 1.001)] == [True, False]
 
 

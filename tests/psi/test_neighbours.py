@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from mqslam.psi.neighbours import CandidateLists, NeighbourCache, candidates, cell_grid
+from mqslam.psi.neighbours import CandidateLists, NeighbourCache, find_candidates, sort_into_cells
 
 Points = NDArray[np.float64]
 
@@ -44,26 +44,26 @@ def test_candidates_are_those_of_a_tree(
 ) -> None:
     away = np.array([x, 0.0])
     references, queries = square(seed, counts[0], side) + away, square(seed + 1, counts[1], 1.2 * side) + away
-    lists = candidates(cell_grid(references, cell), queries, radius)
+    lists = find_candidates(sort_into_cells(references, cell), queries, radius)
     assert lists.radius == radius
     assert sets(lists) == by_tree(references, queries, radius)
 
 
 def test_points_in_one_place_are_all_listed_and_a_query_finds_itself() -> None:
     references = np.repeat(square(1, 5), 4, axis=0)
-    lists = candidates(cell_grid(references, 1.0), references, 1e-6)
+    lists = find_candidates(sort_into_cells(references, 1.0), references, 1e-6)
     assert sets(lists) == [list(range(4 * (k // 4), 4 * (k // 4) + 4)) for k in range(20)]
 
 
 def test_an_empty_grid_has_no_candidates() -> None:
-    lists = candidates(cell_grid(np.empty((0, 2)), 1.0), square(1, 7), 3.0)
+    lists = find_candidates(sort_into_cells(np.empty((0, 2)), 1.0), square(1, 7), 3.0)
     assert sets(lists) == [[]] * 7
 
 
 @pytest.mark.parametrize("off", [(-1e6, 0.0), (1e6, 0.0), (0.0, -1e6), (0.0, 1e6), (11.0, 0.0), (0.0, -11.0)])
 def test_queries_outside_the_grid_find_nothing(off: tuple[float, float]) -> None:
     queries = square(2, 10) + off
-    assert sets(candidates(cell_grid(square(1, 50), 1.0), queries, 0.9)) == [[]] * 10
+    assert sets(find_candidates(sort_into_cells(square(1, 50), 1.0), queries, 0.9)) == [[]] * 10
 
 
 @pytest.mark.parametrize("with_map", [True, False])
@@ -71,7 +71,7 @@ def test_cached_lists_hold_every_neighbour_while_points_move(with_map: bool) -> 
     cache, rng = NeighbourCache(skin=0.3), np.random.default_rng(6)
     queries = square(1, 60)
     references = square(2, 60) if with_map else queries
-    grid = cell_grid(references, 1.0) if with_map else None
+    grid = sort_into_cells(references, 1.0) if with_map else None
     calls = 40
     for _ in range(calls):
         queries = queries + rng.uniform(-0.04, 0.04, queries.shape)
@@ -84,7 +84,7 @@ def test_cached_lists_hold_every_neighbour_while_points_move(with_map: bool) -> 
 def test_lists_are_kept_until_points_have_moved_by_the_skin() -> None:
     cache, start = NeighbourCache(skin=0.3), square(1, 20)
     fixed = square(2, 20)
-    grid = cell_grid(fixed, 1.0)
+    grid = sort_into_cells(fixed, 1.0)
 
     def builds(moved: float, map_moved: bool) -> int:
         queries = start + np.array([moved, 0.0])
@@ -109,7 +109,7 @@ def test_another_map_or_another_number_of_points_is_never_served_from_the_cache(
     cache, queries = NeighbourCache(), square(1, 20)
     for seed, count in ((2, 30), (3, 30), (4, 31)):
         references = square(seed, count)
-        lists = cache.lists(queries, references, 1.0, cell_grid(references, 1.0))
+        lists = cache.lists(queries, references, 1.0, sort_into_cells(references, 1.0))
         assert holds_all_within(lists, references, queries, 1.0)
     lists = cache.lists(queries[:9], references, 1.0)
     assert len(lists.offsets) == 10

@@ -9,7 +9,7 @@ from mqslam.core.measurement import Status
 from mqslam.core.motion import ACCELERATED_TWIST, CONSTANT_VELOCITY
 from mqslam.core.scans import Returns
 from mqslam.psi.place import beam_of
-from mqslam.psi.window import WindowMotion, estimate_window, find_window_motion, search_twist, window_score
+from mqslam.psi.window import WindowMotion, estimate_window, find_window_motion, score_window, search_twist
 from mqslam.simulator import ConstantDrive, Drive, Scene, corridor_scene, street_scene, yard_scene
 
 ESTIMATOR = Config().estimator
@@ -18,9 +18,9 @@ SPEEDS, YAW_RATES = np.arange(-12.0, 20.1, 0.8), np.linspace(-0.6, 0.6, 13)
 OFF = np.array([1.0, 0.0, 0.05])  # how far off the searches start
 
 
-def window(scene: Scene, motion: Drive, seed: int, beta: float = 0.0, revolutions: int = 3) -> Returns:
-    _, scans = drive(scene, motion, revolutions * TURN_S, seed, beta, max_range=100.0)
-    return joined(scans)
+def window(scene: Scene, motion: Drive, seed: int, beta: float = 0.0, scans: int = 3) -> Returns:
+    _, seen = drive(scene, motion, scans * TURN_S, seed, beta, max_range=100.0)
+    return joined(seen)
 
 
 def estimated(returns: Returns, start: np.ndarray, beta: float = 0.0) -> WindowMotion:
@@ -62,7 +62,7 @@ def test_the_start_shows_in_the_result_by_less_than_its_standard_deviation() -> 
 def test_the_search_lands_in_the_basin_of_the_truth() -> None:
     for place, seed in ((on_street, 1), (in_yard, 2)):
         scene, motion = place(seed)
-        returns = window(scene, motion, seed, revolutions=2)
+        returns = window(scene, motion, seed, scans=2)
         beam = beam_of(ESTIMATOR, 0.0)
         twist, scores = search_twist(returns, 0.0, TURN_S, ESTIMATOR, beam, SPEEDS, YAW_RATES)
         assert scores.shape == (41, 13)
@@ -70,7 +70,7 @@ def test_the_search_lands_in_the_basin_of_the_truth() -> None:
         assert twist[1] == 0.0
         assert abs(twist[2] - motion.omega) <= 0.1 + 1e-9
         at = int(np.abs(SPEEDS - twist[0]).argmin()), int(np.abs(YAW_RATES - twist[2]).argmin())
-        assert scores[at] == scores.min() == window_score(returns, 0.0, TURN_S, ESTIMATOR, beam, twist).psi
+        assert scores[at] == scores.min() == score_window(returns, 0.0, TURN_S, ESTIMATOR, beam, twist).psi
         truth = np.array([motion.v, 0.0, motion.omega])
         np.testing.assert_array_less(np.abs(estimated(returns, twist).theta - truth), [0.2, 0.15, 0.01])
 
@@ -113,7 +113,7 @@ def test_a_window_needs_no_start() -> None:
 
 
 def past_a_fence(spacing: float, v: float, seed: int) -> Returns:
-    """Three revolutions past two endless rows of equal posts, of which those within 40 m are seen."""
+    """Three scans past two endless rows of equal posts, of which those within 40 m are seen."""
     rng, rows = np.random.default_rng(seed), []
     for k in range(3):
         for y in (-7.0, 5.0):

@@ -24,7 +24,7 @@ from mqslam.core.point_map import PointMap
 from mqslam.core.trajectory import Trajectory
 from mqslam.errors import OutputError
 from mqslam.report import Report, WindowScores, write_report
-from mqslam.report.explorers.scene import MOST_POINTS
+from mqslam.report.explorers.scene_data import MOST_POINTS
 from mqslam.report.figures.run_figures import draw_maps
 
 START_US = 1_600_000_000_000_000

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from mqslam.core import se2
-from mqslam.simulator import ConstantDrive, Drive, Scene, loop_drive, with_way_made
+from mqslam.simulator import ConstantDrive, Drive, Scene, clear_way, loop_drive
 
 
 @pytest.mark.parametrize("drive", [ConstantDrive(3.0, -0.4, (1.0, 2.0, 0.5)), loop_drive(60.0)])
@@ -52,7 +52,7 @@ def test_loop_can_start_from_standstill() -> None:
 def test_a_vehicle_that_would_run_into_the_drive_is_put_elsewhere() -> None:
     crossing = [50.0, -100.0, np.pi / 2.0, 300.0, 50.0, 10.0, 4.0, 1.8, 1.0]
     passing = [100.0, 3.5, np.pi, 300.0, 20.0, 10.0, 4.0, 1.8, 1.0]
-    scene = with_way_made(Scene(movers=np.array([crossing, passing])), ConstantDrive(10.0, 0.0), 10.0)
+    scene = clear_way(Scene(movers=np.array([crossing, passing])), ConstantDrive(10.0, 0.0), 10.0)
     assert np.array_equal(scene.movers[1], passing)
     assert np.array_equal(np.delete(scene.movers[0], 4), np.delete(crossing, 4))
     place = -100.0 + (scene.movers[0][4] + 10.0 * 5.0) % 300.0

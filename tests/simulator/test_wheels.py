@@ -12,7 +12,7 @@ PERFECT = OdometryModel(scale=0.0, speed_noise=0.0, bias=0.0, bias_walk=0.0, rat
 
 def test_without_errors_it_integrates_to_the_truth() -> None:
     drive = loop_drive(60.0)
-    path = wheel_odometry(drive, 60.0, 10**15, PERFECT, 1).dead_reckoned()
+    path = wheel_odometry(drive, 60.0, 10**15, PERFECT, 1).dead_reckon()
     truth = drive.poses((path.stamps_us - 10**15) * 1e-6)
     assert path.stamps_us[-1] == 10**15 + 60_000_000
     np.testing.assert_allclose(path.poses, se2.between(truth[0], truth), atol=0.02)
@@ -23,7 +23,7 @@ def test_with_errors_it_drifts_some() -> None:
     truth = drive.poses(np.array([0.0, 60.0]))
     end = se2.between(truth[0], truth[1])
     for seed in range(5):
-        path = wheel_odometry(drive, 60.0, 0, OdometryModel(), seed).dead_reckoned()
+        path = wheel_odometry(drive, 60.0, 0, OdometryModel(), seed).dead_reckon()
         missed = np.hypot(*(path.poses[-1] - end)[:2])
         assert 0.5 < missed < 60.0
 

@@ -13,9 +13,10 @@ from PIL import Image
 from mqslam.core import se2
 from mqslam.errors import ConfigError, OutputError
 from mqslam.formats.tum import read_tum
-from mqslam.simulator import SimulatedRecording, simulate
+from mqslam.simulator import SensorModel, SimulatedRecording, simulate
 
-SMALL: dict[str, Any] = {"duration_s": 1.3, "azimuths": 90, "range_resolution": 0.5, "max_range": 60.0}
+SENSOR = SensorModel(azimuths=90, range_resolution=0.5, max_range=60.0)
+SMALL: dict[str, Any] = {"duration_s": 1.3, "sensor": SENSOR}
 
 
 def everything(folder: Path) -> dict[str, bytes]:
@@ -38,7 +39,7 @@ def test_every_file_of_the_layout_is_there(written: tuple[Path, SimulatedRecordi
     assert list(out.parent.iterdir()) == [out]
 
 
-def test_images_hold_what_the_stream_renders(written: tuple[Path, SimulatedRecording]) -> None:
+def test_images_hold_what_the_recording_renders(written: tuple[Path, SimulatedRecording]) -> None:
     out, recording = written
     for k in (0, 4):
         image = np.array(Image.open(out / "radar" / f"{recording.stamps_us[k]}.png"))
@@ -87,7 +88,7 @@ def test_bytes_depend_on_the_arguments_and_not_on_the_jobs(tmp_path: Path, scene
     assert all(one[name] != other[name] for name in one if name.startswith("radar/"))
 
 
-def test_progress_counts_the_revolutions(tmp_path: Path) -> None:
+def test_progress_counts_the_polar_scans(tmp_path: Path) -> None:
     seen: list[tuple[int, int]] = []
     simulate(tmp_path / "out", **SMALL, progress=lambda done, total: seen.append((done, total)))
     assert seen == [(k, 5) for k in range(1, 6)]

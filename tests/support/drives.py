@@ -10,7 +10,6 @@ import numpy as np
 from mqslam.config import Config
 from mqslam.core.scans import Returns, Scan, Scans
 from mqslam.detection.stage import detect_all
-from mqslam.execution.engine import HERE
 from mqslam.simulator import ConstantDrive, Drive, Scene, SensorModel, SimulatedRecording, simulated_recording
 
 SENSOR = SensorModel(range_resolution=0.0875, max_range=60.0)
@@ -19,7 +18,7 @@ ON_THE_STREET = (-20.0, -37.75, 0.0)  # on the right-hand lane of a street scene
 
 def detected(recording: SimulatedRecording) -> Scans:
     """The scans of a recording under the default settings."""
-    scans, _ = detect_all(recording, Config().detector, HERE, lambda stage, done, total: None)
+    scans, _ = detect_all(recording, Config().detector)
     return scans
 
 
@@ -35,10 +34,10 @@ def drive(
 @lru_cache(maxsize=1)
 def street_drive() -> tuple[SimulatedRecording, Scans]:
     """Ten seconds along a street and into its corner, past moving vehicles."""
-    from mqslam.simulator import loop_drive, street_scene, with_way_made
+    from mqslam.simulator import clear_way, loop_drive, street_scene
 
     motion = loop_drive(10.0, speed=8.0)
-    return drive(with_way_made(street_scene(1, movers=4), motion, 10.0), motion, 10.0)
+    return drive(clear_way(street_scene(1, movers=4), motion, 10.0), motion, 10.0)
 
 
 def constant(v: float, omega: float) -> ConstantDrive:

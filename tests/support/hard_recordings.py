@@ -20,12 +20,11 @@ from mqslam.core.frontend import Context
 from mqslam.core.recording import PolarScan, Recording
 from mqslam.core.scans import Returns, Scan, Scans
 from mqslam.core.trajectory import Trajectory
-from mqslam.execution.engine import HERE
-from mqslam.execution.progress import silent
 from mqslam.formats.recordings.native import write_native
 from mqslam.formats.tum import write_tum
 from mqslam.psi.tracking.doppler import doppler_beta_of
-from mqslam.slam import Slam, Solution
+from mqslam.slam import Slam
+from mqslam.solution import Solution
 
 START_US = 1_700_000_000_000_000
 SPEED = 5.0  # of a drive [m/s]
@@ -201,7 +200,7 @@ def solve(
     together = joined(scans)
     beta = doppler_beta_of(together, config.sensor, config.tracker, config.estimator)
     context = Context(config, together.revolution_s, 0, odometry, beta)
-    return Slam(config, frontend, HERE, silent).solve(together, context)
+    return Slam(config, frontend).solve(together, context)
 
 
 def errors_of(solution: Solution, scans: Sequence[Scan], way: Way = straight_on) -> NDArray[np.float64]:

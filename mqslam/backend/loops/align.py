@@ -13,12 +13,12 @@ from numpy.typing import NDArray
 
 from mqslam.config import EstimatorConfig
 from mqslam.core import se2
-from mqslam.psi.covariance import sandwich
+from mqslam.psi.covariance import estimate_covariance
 from mqslam.psi.estimator import Evaluation
 from mqslam.psi.minimiser import Prior, annealed_scale, final_scale, minimise, score
-from mqslam.psi.neighbours import CellGrid, candidates, cell_grid
-from mqslam.psi.observability import weak_directions
-from mqslam.psi.place import PointSet, turned
+from mqslam.psi.neighbours import CellGrid, find_candidates, sort_into_cells
+from mqslam.psi.observability import find_weak_directions
+from mqslam.psi.place import PointSet, rotate_covariances
 from mqslam.psi.tracking.correlate import PIXEL, SAME, correlation_peaks
 
 ANY_TIME = 0.0  # turns between neighbours: submaps are compared whatever their times
@@ -60,7 +60,7 @@ def align(
         reference, query: submaps in their own frames.
         guess: (3,) pose of the query's frame in the reference's, right to reach_m [m] and reach_rad [rad].
     """
-    grid = cell_grid(reference.points, 1.0)
+    grid = sort_into_cells(reference.points, 1.0)
     free = Prior(guess, np.zeros((3, 3)))
     pixel_m = PIXEL * config.s_start
     found = []
@@ -79,17 +79,17 @@ def align(
     wide = _scored(reference, grid, points, config, wide=True)
     return Alignment(
         pose=best.state,
-        covariance=sandwich(best.evaluation, points.points),
+        covariance=estimate_covariance(best.evaluation, points.points, config.cluster_m),
         matched=float(best.evaluation.matched.mean()),
         psi=best.evaluation.psi / len(query),
         rival=rivals[0].evaluation.psi / len(query) if rivals else np.inf,
-        observed=len(weak_directions(wide, 3)) == 0,
+        observed=len(find_weak_directions(wide, 3, config.observed_share)) == 0,
     )
 
 
 def cross_score(reference: PointSet, query: PointSet, pose: se2.Array, config: EstimatorConfig) -> float:
     """Psi per point of the query laid into the reference at a pose (3,)."""
-    found = _scored(reference, cell_grid(reference.points, 1.0), moved(query, pose), config, wide=False)
+    found = _scored(reference, sort_into_cells(reference.points, 1.0), moved(query, pose), config, wide=False)
     return found.psi / len(query)
 
 
@@ -101,11 +101,11 @@ def moved(points: PointSet, pose: se2.Array) -> PointSet:
     jacobians = np.zeros((len(points), 2, 3))
     jacobians[:, 0, 0] = jacobians[:, 1, 1] = 1.0
     jacobians[:, 0, 2], jacobians[:, 1, 2] = -dy, dx
-    covariances = turned(points.covariances, float(pose[2]))
+    covariances = rotate_covariances(points.covariances, float(pose[2]))
     return PointSet(np.column_stack([pose[0] + dx, pose[1] + dy]), jacobians, covariances, points.times)
 
 
 def _scored(reference: PointSet, grid: CellGrid, points: PointSet, config: EstimatorConfig, *, wide: bool) -> Evaluation:
     scale = annealed_scale(config, 0) if wide else final_scale(config)
-    lists = candidates(grid, points.points, scale.s)
+    lists = find_candidates(grid, points.points, scale.s)
     return score(points, reference, lists, scale, ANY_TIME, config)

@@ -92,4 +92,4 @@ def check_target(out: Path, target: Target, *, force: bool, recording: Path) -> 
         raise OutputError(f"{out}: exists already; {how}")
     if out.resolve() == recording.resolve():
         raise OutputError(f"{out}: is the recording itself; choose another output")
-    check_writable(out, "output")
+    check_writable(out)

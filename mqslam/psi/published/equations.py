@@ -8,23 +8,25 @@
 
 Source: "Motion Estimation from Map Quality with Millimeter Wave Radar". As printed, a point without a selected
 neighbour costs nothing, so maps that do not overlap are the best of all. `unmatched` charges each such point, as a
-separate term, in units of the most a single pair can cost, (2 s / (pi tau))^2; zero gives the score as printed.
+separate term, in units of the most that a single pair can cost, (2 s / (pi tau))^2; zero gives the score as printed.
 
-Nothing transcendental is needed: kappa > xi is q < -ln xi with q = ((s - alpha_s)/beta_s)^2 + ((t - alpha_t)/beta_t)^2,
-and the largest kappa is the least q. Ties go to the smaller distance, then to the first of the points.
+No exponential has to be computed: kappa > xi is the same as q < -ln xi with
+q = ((s - alpha_s)/beta_s)^2 + ((t - alpha_t)/beta_t)^2, and the largest kappa belongs to the least q. Of pairs with the
+same q the one with the smaller distance is taken, then the first of the points.
 The readable twin is `mqslam.psi.published.reference`.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numba as nb
 import numpy as np
 from numpy.typing import NDArray
 
 from mqslam.config import PsiConfig
-from mqslam.psi.neighbours import CandidateLists, candidates, cell_grid
+from mqslam.psi.neighbours import CandidateLists, find_candidates, sort_into_cells
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,10 +35,10 @@ class PsiScore:
 
     Args:
         pairs_psi: sum of S_ij^2 over selected pairs, equation (4).
-        charge: what unmatched points cost together.
+        charge: cost of all unmatched points together.
         pairs: number of ordered pairs that took part.
         matched: (N,) bool, whether point i has a selected neighbour.
-        shares: (N,) each point's part of psi, its charge included.
+        shares: (N,) each point's share of psi, its charge included.
         gradient: (P,) derivative of psi by the motion parameters; empty where no jacobians were given.
     """
 
@@ -61,7 +63,7 @@ def score(
     jacobians: NDArray[np.float64] | None = None,
     lists: CandidateLists | None = None,
 ) -> PsiScore:
-    """Score a rendered window.
+    """Scores a rendered window.
 
     Args:
         points: (N, 2) m, any frame: the score is invariant under rigid motion.
@@ -69,34 +71,31 @@ def score(
         revolution_s: duration of one turn [s], the default of alpha_t.
         config: parameters.
         jacobians: (N, 2, P) derivatives of the points by motion parameters, for the gradient.
-        lists: neighbour candidates that hold all within `config.s`, reused from a nearby motion.
+        lists: neighbour candidates that hold all points within `config.s`, kept from a nearby motion.
 
     Raises:
-        ValueError: points or times that are not finite, or shapes that do not fit.
+        ValueError: points or times are not finite, or their shapes do not fit.
     """
-    checked(points, times)
+    check_points(points, times)
     if lists is None:
-        lists = candidates(cell_grid(points, config.s), points, config.s)
+        lists = find_candidates(sort_into_cells(points, config.s), points, config.s)
     if jacobians is None:
         jacobians = np.empty((len(points), 2, 0))
     alpha_t = revolution_s if config.alpha_t is None else config.alpha_t
-    shares, counts, gradient = _score(
-        points,
-        times,
-        jacobians,
-        lists.offsets,
-        lists.indices,
+    half = 0.5 * config.tau
+    parameters = _Parameters(
         config.s,
         config.alpha_s,
         config.beta_s,
         alpha_t,
         config.beta_t,
-        config.tau,
         config.xi,
-        config.temporal == "plateau",
-        config.numerator == "tau",
-        config.factor == "kappa",
+        latest=0.0 if config.temporal == "plateau" else np.inf,
+        half=half,
+        top=(config.tau if config.numerator == "tau" else half) / np.pi,
+        by_kappa=config.factor == "kappa",
     )
+    shares, counts, gradient = _score(points, times, jacobians, lists, parameters)
     matched = counts > 0
     pairs_psi = float(shares.sum())
     unmatched = ~matched
@@ -104,11 +103,11 @@ def score(
     return PsiScore(pairs_psi, config.charge * int(unmatched.sum()), int(counts.sum()), matched, shares, gradient)
 
 
-def checked(points: NDArray[np.float64], times: NDArray[np.float64]) -> None:
-    """Refuse what has no score.
+def check_points(points: NDArray[np.float64], times: NDArray[np.float64]) -> None:
+    """Raises an error for points and times that have no score.
 
     Raises:
-        ValueError: points that are not (N, 2), times that are not (N,), or values that are not finite.
+        ValueError: the points are not (N, 2), the times are not (N,), or a value is not finite.
     """
     if points.ndim != 2 or points.shape[1] != 2 or times.shape != (len(points),):
         raise ValueError(f"points {points.shape} and times {times.shape} must be (N, 2) and (N,)")
@@ -116,36 +115,45 @@ def checked(points: NDArray[np.float64], times: NDArray[np.float64]) -> None:
         raise ValueError("points and times must be finite")
 
 
+class _Parameters(NamedTuple):
+    """The parameters of the score as kernels take them.
+
+    Args:
+        s, alpha_s, beta_s, alpha_t, beta_t, xi: as in `PsiConfig`.
+        latest: largest ((t - alpha_t)/beta_t) that counts: 0 where the temporal kernel is a plateau.
+        half: tau/2.
+        top: numerator of L, over pi.
+        by_kappa: whether S is L times kappa rather than L times the distance.
+    """
+
+    s: float
+    alpha_s: float
+    beta_s: float
+    alpha_t: float
+    beta_t: float
+    xi: float
+    latest: float
+    half: float
+    top: float
+    by_kappa: bool
+
+
 @nb.njit(cache=True, nogil=True, error_model="numpy")
 def _score(
     points: NDArray[np.float64],
     times: NDArray[np.float64],
     jacobians: NDArray[np.float64],
-    offsets: NDArray[np.int64],
-    indices: NDArray[np.int64],
-    s: float,
-    alpha_s: float,
-    beta_s: float,
-    alpha_t: float,
-    beta_t: float,
-    tau: float,
-    xi: float,
-    plateau: bool,
-    whole_tau: bool,
-    by_kappa: bool,
+    lists: CandidateLists,
+    parameters: _Parameters,
 ) -> tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.float64]]:
-    """Shares (N,) of the pair sum, selected neighbours (N,) per point, gradient (P,)."""
-    n, size = len(points), jacobians.shape[2]
-    shares = np.zeros(n)
-    counts = np.zeros(n, np.int64)
+    """Returns the shares (N,) of the pair sum, the number (N,) of selected neighbours and the gradient (P,)."""
+    s, alpha_s, beta_s, alpha_t, beta_t, xi, latest, half, top, by_kappa = parameters
+    offsets, indices = lists.offsets, lists.indices
+    n, with_gradient = len(points), jacobians.shape[2] > 0
+    shares, counts = np.zeros(n), np.zeros(n, np.int64)
     pull = np.zeros((n, 2))  # derivative of the pair sum by the position of each point
     limit = -np.log(xi)
-    half = 0.5 * tau
-    top = (tau if whole_tau else half) / np.pi
-    latest = 0.0 if plateau else np.inf  # the time term beyond alpha_t
-    longest = 0
-    for i in range(n):
-        longest = max(longest, offsets[i + 1] - offsets[i])
+    longest = _longest_list(offsets)
     chosen = np.empty(longest, np.int64)
     distance = np.empty(longest)
     exponent = np.empty(longest)
@@ -155,11 +163,9 @@ def _score(
         count = 0
         for k in range(offsets[i], offsets[i + 1]):  # no branches: which candidates are chosen is hard to predict
             j = indices[k]
-            dx = x - points[j, 0]
-            dy = y - points[j, 1]
+            dx, dy = x - points[j, 0], y - points[j, 1]
             d = np.sqrt(dx * dx + dy * dy)
-            late = (abs(t - times[j]) - alpha_t) / beta_t
-            late = min(late, latest)
+            late = min((abs(t - times[j]) - alpha_t) / beta_t, latest)
             off = (d - alpha_s) / beta_s
             q = off * off + late * late
             chosen[count] = j
@@ -168,21 +174,13 @@ def _score(
             away[count, 0] = dx
             away[count, 1] = dy
             count += int(q < limit) & int(d < s) & int(j != i)
-        best = 0
-        for k in range(1, count):
-            q, d = exponent[k], distance[k]
-            if q < exponent[best] or (
-                q == exponent[best] and (d < distance[best] or (d == distance[best] and chosen[k] < chosen[best]))
-            ):
-                best = k
         counts[i] = count
         if count == 0:
             continue
+        best = _find_best(chosen, distance, exponent, count)
         centre = distance[best]
-        share = 0.0
-        d_centre = 0.0
-        pull_x = 0.0
-        pull_y = 0.0
+        share, d_centre = 0.0, 0.0
+        pull_x, pull_y = 0.0, 0.0
         for k in range(count):
             apart = distance[k] - centre
             narrow = 1.0 / (apart * apart + half * half)
@@ -190,7 +188,7 @@ def _score(
             weight = np.exp(-exponent[k]) if by_kappa else distance[k]
             cost = lorentz * weight
             share += cost * cost
-            if size:
+            if with_gradient:
                 # derivative of the share by the distance, over the distance; coincident points have no direction
                 bend = -4.0 * cost * cost * apart * narrow
                 d_centre -= bend
@@ -203,15 +201,43 @@ def _score(
                 pull[chosen[k], 0] -= sx
                 pull[chosen[k], 1] -= sy
         shares[i] = share
-        if size:
+        if with_gradient:
             slope = d_centre / centre if centre > 0.0 else 0.0
             sx, sy = slope * away[best, 0], slope * away[best, 1]
             pull[i, 0] += pull_x + sx
             pull[i, 1] += pull_y + sy
             pull[chosen[best], 0] -= sx
             pull[chosen[best], 1] -= sy
-    gradient = np.zeros(size)
-    for i in range(n):
-        for p in range(size):
+    return shares, counts, _sum_gradient(pull, jacobians)
+
+
+@nb.njit(cache=True, nogil=True)
+def _longest_list(offsets: NDArray[np.int64]) -> int:
+    """Returns the largest number of candidates that a point has."""
+    longest = 0
+    for i in range(len(offsets) - 1):
+        longest = max(longest, offsets[i + 1] - offsets[i])
+    return longest
+
+
+@nb.njit(cache=True, nogil=True)
+def _find_best(chosen: NDArray[np.int64], distance: NDArray[np.float64], exponent: NDArray[np.float64], count: int) -> int:
+    """Returns the index of the largest kappa among a point's first `count` pairs."""
+    best = 0
+    for k in range(1, count):
+        q, d = exponent[k], distance[k]
+        if q < exponent[best] or (
+            q == exponent[best] and (d < distance[best] or (d == distance[best] and chosen[k] < chosen[best]))
+        ):
+            best = k
+    return best
+
+
+@nb.njit(cache=True, nogil=True)
+def _sum_gradient(pull: NDArray[np.float64], jacobians: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Returns the gradient (P,) by the motion parameters from the derivative (N, 2) by the points' positions."""
+    gradient = np.zeros(jacobians.shape[2])
+    for i in range(len(pull)):
+        for p in range(len(gradient)):
             gradient[p] += pull[i, 0] * jacobians[i, 0, p] + pull[i, 1] * jacobians[i, 1, p]
-    return shares, counts, gradient
+    return gradient

@@ -1,6 +1,6 @@
-"""Readable twins of `mqslam.psi.published.equations` and `mqslam.psi.estimator`: the equations as they stand.
+"""Readable twins of `mqslam.psi.published.equations` and `mqslam.psi.estimator`, which the tests hold these to.
 
-They are slow, and trusted.
+They compute the equations as they stand, and are slow.
 """
 
 from __future__ import annotations
@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from mqslam.config import PsiConfig
-from mqslam.psi.estimator import Evaluation, Scale
+from mqslam.psi.estimator import Evaluation, Kernel, Scale
 from mqslam.psi.place import PointSet
-from mqslam.psi.published.equations import PsiScore, checked
+from mqslam.psi.published.equations import PsiScore, check_points
 
 
 def score_reference(
@@ -22,8 +22,8 @@ def score_reference(
     config: PsiConfig,
     jacobians: NDArray[np.float64] | None = None,
 ) -> PsiScore:
-    """Score a rendered window; arguments and result as `mqslam.psi.published.equations.score`."""
-    checked(points, times)
+    """Scores a rendered window; arguments and result as `mqslam.psi.published.equations.score`."""
+    check_points(points, times)
     n = len(points)
     size = 0 if jacobians is None else jacobians.shape[2]
     alpha_t = revolution_s if config.alpha_t is None else config.alpha_t
@@ -74,13 +74,11 @@ def evaluate_reference(
     queries: PointSet,
     references: PointSet,
     scale: Scale,
-    revolution_s: float,
-    beta_t: float,
-    xi: float,
-    blur: float,
+    kernel: Kernel,
     moving_references: bool,
 ) -> Evaluation:
-    """Score the query points against the reference points; arguments and result as `mqslam.psi.estimator.evaluate`."""
+    """Scores the query points against the reference points; arguments and result as `mqslam.psi.estimator.evaluate`."""
+    revolution_s, beta_t, xi, blur = kernel
     n, size = len(queries), queries.jacobians.shape[2]
     shares = np.full(n, scale.c**2)  # the limit of L d^2
     matched = np.zeros(n, dtype=bool)
@@ -100,7 +98,7 @@ def evaluate_reference(
         centroid = kappa @ offset
         e = -centroid
         scatter = np.einsum("k,ka,kb->ab", kappa, offset - centroid, offset - centroid)  # S_kappa
-        sigma = _matrix(queries.covariances[i] + kappa @ references.covariances[near]) + blur**2 * np.eye(2)
+        sigma = _make_matrix(queries.covariances[i] + kappa @ references.covariances[near]) + blur**2 * np.eye(2)
         jacobian = queries.jacobians[i]
         if moving_references:
             jacobian = jacobian - np.einsum("k,kap->ap", kappa, references.jacobians[near])
@@ -115,7 +113,7 @@ def evaluate_reference(
     return Evaluation(shares, matched, scores, information, 0.5 * (curvature + curvature.T))
 
 
-def _matrix(terms: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The symmetric (2, 2) matrix of its terms xx, xy, yy."""
+def _make_matrix(terms: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Returns the symmetric (2, 2) matrix with the terms xx, xy, yy."""
     xx, xy, yy = terms
     return np.array([[xx, xy], [xy, yy]])

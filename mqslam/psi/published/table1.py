@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from functools import partial
@@ -14,15 +14,16 @@ from numpy.typing import NDArray
 
 from mqslam.config import PsiConfig
 from mqslam.core import se2
-from mqslam.psi.neighbours import candidates, cell_grid
+from mqslam.execution.progress import Progress, silent
+from mqslam.psi.neighbours import find_candidates, sort_into_cells
 from mqslam.psi.published.equations import score
-from mqslam.psi.published.paper_setting import CASES, PAPER_LARGEST, REVOLUTION_S, PaperWindow, paper_window
+from mqslam.psi.published.paper_setting import CASES, PAPER_LARGEST, REVOLUTION_S, PaperWindow, simulate_window
 
 VARIANTS = {
     "published, as printed": PsiConfig(temporal="gaussian", unmatched=0.0),
     "published, charged": PsiConfig(),
 }
-"""Scores the exhaustive search minimises: equations (8) to (10) and (4) as they stand; our defaults (plateau, charge)."""
+"""Scores that the exhaustive search minimises: equations (8) to (10) and (4) as printed; our defaults (plateau, charge)."""
 OURS = "our estimator"
 METHODS = (*VARIANTS, OURS)
 
@@ -32,8 +33,10 @@ class Search:
     """An exhaustive search in two rounds.
 
     Args:
-        speeds, yaw_rates: (V,) m/s, (W,) rad/s of the first round.
-        fine_speeds, fine_yaw_rates: of the second, about the best of the first.
+        speeds: (V,) m/s that the first round tries.
+        yaw_rates: (W,) rad/s that the first round tries.
+        fine_speeds: (X,) m/s that the second round adds to the best of the first.
+        fine_yaw_rates: (Y,) rad/s that the second round adds to the best of the first.
     """
 
     speeds: NDArray[np.float64]
@@ -45,7 +48,7 @@ class Search:
 SEARCH = Search(
     np.linspace(-0.5, 1.5, 21), np.linspace(-0.6, 0.6, 61), np.linspace(-0.1, 0.1, 21), np.linspace(-0.02, 0.02, 21)
 )
-"""By 0.1 m/s and 0.02 rad/s, then by 0.01 m/s and 0.002 rad/s."""
+"""The search in steps of 0.1 m/s and 0.02 rad/s, then of 0.01 m/s and 0.002 rad/s."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,16 +67,16 @@ class Row:
 
     @property
     def mean(self) -> NDArray[np.float64]:
-        """(2,) over the seeds."""
+        """Mean (2,) over the seeds."""
         return np.asarray(self.obtained.mean(axis=0))
 
     @property
     def rms(self) -> NDArray[np.float64]:
-        """(2,) root mean square error over the seeds."""
+        """Root mean square error (2,) over the seeds."""
         return np.asarray(np.sqrt(((self.obtained - self.case) ** 2).mean(axis=0)))
 
     def tree(self) -> dict[str, object]:
-        """As JSON holds it."""
+        """Returns the row as JSON holds it."""
         return {
             "actual": dict(zip(("v", "omega"), self.case, strict=True)),
             "method": self.method,
@@ -84,26 +87,26 @@ class Row:
         }
 
 
-def table1(
+def compute_table1(
     seeds: int,
-    revolutions: int = 4,
+    scans: int = 4,
     jobs: int = 1,
     cases: Sequence[tuple[float, float]] = CASES,
     search: Search = SEARCH,
-    progress: Callable[[str, int, int], None] = lambda stage, done, total: None,
+    progress: Progress = silent,
 ) -> list[Row]:
-    """Every method in every case.
+    """Computes what every method obtains in every case.
 
     Args:
-        seeds: yards and noise to try: 0 to seeds - 1.
-        revolutions: length of the window.
-        jobs: processes; the result does not depend on it.
+        seeds: number of yards and noises to try, whose seeds are 0 to seeds - 1.
+        scans: length of the window.
+        jobs: number of processes; the result does not depend on it.
         cases: v [m/s], omega [rad/s] to drive.
-        search: motions the exhaustive search looks at.
-        progress: called as cases and seeds are done.
+        search: motions that the exhaustive search tries.
+        progress: called after each trial with (stage, trials done, trials in all).
     """
-    trials = [(case, seed, revolutions) for case, seed in product(cases, range(seeds))]
-    run = partial(trial, search=search)
+    trials = [(case, seed, scans) for case, seed in product(cases, range(seeds))]
+    run = partial(run_trial, search=search)
     obtained: list[NDArray[np.float64]] = []
     if jobs == 1:
         for done, one in enumerate(map(run, trials), 1):
@@ -118,42 +121,42 @@ def table1(
     return [Row(case, method, by_case[i, :, k]) for i, case in enumerate(cases) for k, method in enumerate(METHODS)]
 
 
-def trial(what: tuple[tuple[float, float], int, int], search: Search) -> NDArray[np.float64]:
-    """(methods, 2) motions obtained in one case, seed and number of revolutions."""
-    case, seed, revolutions = what
-    window = paper_window(case, seed, revolutions)
+def run_trial(trial: tuple[tuple[float, float], int, int], search: Search) -> NDArray[np.float64]:
+    """Returns the motions (methods, 2) that are obtained in a trial: a case, a seed and a number of scans."""
+    window = simulate_window(*trial)
     grid = (search.speeds, search.yaw_rates)
-    scores = _scores(window, *grid, list(VARIANTS.values()))
-    found = []
+    scores = _score_grid(window, *grid, list(VARIANTS.values()))
+    motions = []
     for k, variant in enumerate(VARIANTS.values()):
-        v, omega = _lowest(scores[..., k], *grid)
+        v, omega = _find_lowest(scores[..., k], *grid)
         fine = (v + search.fine_speeds, omega + search.fine_yaw_rates)
-        found.append(_lowest(_scores(window, *fine, [variant])[..., 0], *fine))
-    return np.array([*found, window.estimate().theta])
+        motions.append(_find_lowest(_score_grid(window, *fine, [variant])[..., 0], *fine))
+    return np.array([*motions, window.estimate().theta])
 
 
-def _lowest(scores: NDArray[np.float64], speeds: NDArray[np.float64], yaw_rates: NDArray[np.float64]) -> se2.Array:
+def _find_lowest(scores: NDArray[np.float64], speeds: NDArray[np.float64], yaw_rates: NDArray[np.float64]) -> se2.Array:
+    """Returns the v [m/s], omega [rad/s] (2,) of the lowest score on a grid (V, W)."""
     i, k = np.unravel_index(int(np.argmin(scores)), scores.shape)
     return np.array([speeds[i], yaw_rates[k]])
 
 
-def _scores(
+def _score_grid(
     window: PaperWindow, speeds: NDArray[np.float64], yaw_rates: NDArray[np.float64], variants: Sequence[PsiConfig]
 ) -> NDArray[np.float64]:
-    """(V, W, variants) published scores on a grid."""
+    """Returns the published scores (V, W, variants) on a grid of motions."""
     scores = np.empty((len(speeds), len(yaw_rates), len(variants)))
     s = max(variant.s for variant in variants)
     for i, v in enumerate(speeds):
         for k, omega in enumerate(yaw_rates):
-            points = window.points(np.array([v, omega]))
-            lists = candidates(cell_grid(points.points, s), points.points, s)
+            points = window.render(np.array([v, omega]))
+            lists = find_candidates(sort_into_cells(points.points, s), points.points, s)
             for m, variant in enumerate(variants):
                 scores[i, k, m] = score(points.points, points.times, REVOLUTION_S, variant, None, lists).psi
     return scores
 
 
-def table_text(rows: Sequence[Row]) -> str:
-    """The table as a person reads it."""
+def format_table(rows: Sequence[Row]) -> str:
+    """Returns the table as a person reads it."""
     lines = [
         f"{'v':>5}  {'omega':>7}  {'method':<22} {'mean v':>8} {'omega':>8}   {'RMS error v':>11} {'omega':>8}",
         f"{'m/s':>5}  {'rad/s':>7}  {'':<22} {'m/s':>8} {'rad/s':>8}   {'m/s':>11} {'rad/s':>8}",

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from mqslam.config import TrackerConfig
 from mqslam.core import se2
-from mqslam.psi.neighbours import CellGrid, cell_grid
+from mqslam.psi.neighbours import CellGrid, sort_into_cells
 from mqslam.psi.place import PointSet
 
 _GROWN = 8  # keyframes of a map from which on they are as far apart as the settings say
@@ -37,7 +37,7 @@ class LocalMap:
         self._cell = cell_m
         self._keyframes: list[_Keyframe] = []
         self.points = _join([])
-        self.grid: CellGrid = cell_grid(self.points.points, cell_m)
+        self.grid: CellGrid = sort_into_cells(self.points.points, cell_m)
 
     def __len__(self) -> int:
         """Keyframes held."""
@@ -63,7 +63,7 @@ class LocalMap:
         kept = sorted([*self._keyframes, _Keyframe(t0, pose.copy(), placed)], key=lambda keyframe: keyframe.t0)
         self._keyframes = kept[-self._settings.keyframes :]
         self.points = _join([keyframe.placed for keyframe in self._keyframes])
-        self.grid = cell_grid(self.points.points, self._cell)
+        self.grid = sort_into_cells(self.points.points, self._cell)
 
     def _is_far(self, t0: float, pose: se2.Array) -> bool:
         """Whether a scan is far from the keyframe nearest in time."""

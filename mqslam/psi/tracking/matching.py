@@ -12,12 +12,11 @@ from mqslam.core import se2
 from mqslam.core.scans import Scan
 from mqslam.psi.estimator import Evaluation, Scale
 from mqslam.psi.minimiser import Minimum, Prior, minimise, score
-from mqslam.psi.neighbours import candidates
+from mqslam.psi.neighbours import find_candidates
 from mqslam.psi.place import Beam, PointSet, place
 from mqslam.psi.tracking.correlate import PIXEL, SAME, correlation_peaks
 from mqslam.psi.tracking.dynamics import MODEL, POSE, TOLERANCES, State
 from mqslam.psi.tracking.local_map import LocalMap
-from mqslam.psi.window import AS_GOOD
 
 _SEARCH_M, _SEARCH_RAD = 30.0, 0.8  # farthest that a scan is searched around its prediction
 _LEAST_M, _LEAST_RAD = 3.0, 0.05  # and nearest, however sure the prediction claims to be
@@ -58,7 +57,7 @@ class Matcher:
     def evaluate(self, scan: Scan, mean: se2.Array, scale: Scale, into: LocalMap) -> Evaluation:
         """Score a scan under a state (8,) against a map."""
         placed = self.place(scan, mean)
-        lists = candidates(into.grid, placed.points, scale.s)
+        lists = find_candidates(into.grid, placed.points, scale.s)
         return score(placed, into.points, lists, scale, self.revolution_s, self.estimator)
 
     def minimise(self, scan: Scan, start: se2.Array, prior: Prior, into: LocalMap) -> Minimum:
@@ -87,7 +86,7 @@ class Matcher:
         minima.sort(key=lambda minimum: minimum.evaluation.psi)
         best = minima[0]
         elsewhere = [m for m in minima[1:] if np.hypot(*(m.state - best.state)[:2]) > self._resolution_m]
-        rivalled = any(m.evaluation.psi < AS_GOOD * best.evaluation.psi for m in elsewhere)
+        rivalled = any(m.evaluation.psi < self.estimator.rival * best.evaluation.psi for m in elsewhere)
         return Match(best, rivalled)
 
     def _refine_peaks(self, scan: Scan, predicted: State, into: LocalMap) -> list[Minimum]:

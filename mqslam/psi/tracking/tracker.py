@@ -19,11 +19,11 @@ from mqslam.core.measurement import Status
 from mqslam.core.motion import LONGEST_COAST_S
 from mqslam.core.scans import Scan
 from mqslam.errors import FewReturnsError
-from mqslam.psi.covariance import sandwich
+from mqslam.psi.covariance import estimate_covariance
 from mqslam.psi.estimator import Evaluation
 from mqslam.psi.gaussians import fuse, invert_information
 from mqslam.psi.minimiser import Minimum, annealed_scale, final_scale
-from mqslam.psi.observability import loosen, weak_directions
+from mqslam.psi.observability import find_weak_directions, loosen
 from mqslam.psi.place import Beam, PointSet
 from mqslam.psi.tracking.correlate import PIXEL
 from mqslam.psi.tracking.dynamics import (
@@ -324,7 +324,7 @@ class Tracker:
     def _weak_directions(self, scan: Scan, found: Minimum, into: LocalMap | None = None) -> NDArray[np.float64]:
         """Directions (K, 3) of the start pose that the map does not show around a match."""
         wide = self._matcher.evaluate(scan, found.state, annealed_scale(self._estimator, 0), into or self._map)
-        return weak_directions(wide, 3)
+        return find_weak_directions(wide, 3, self._estimator.observed_share)
 
     def _measured(
         self, found: Evaluation, placed: PointSet, predicted: NDArray[np.float64], into: LocalMap, gain: float
@@ -342,7 +342,8 @@ class Tracker:
         known[6, 6] = self._estimator.correlation / self._settings.sigma_ax**2
         known[7, 7] = self._estimator.correlation / self._settings.sigma_alpha**2
         thin = 1.0 + 1.0 / max(len(into), 1)  # the map's points err as the scan's do, and its keyframes average
-        return fuse(gain * thin * sandwich(found, placed.points, known), predicted, TOLERANCES)
+        measured = estimate_covariance(found, placed.points, self._estimator.cluster_m, known)
+        return fuse(gain * thin * measured, predicted, TOLERANCES)
 
     def _posterior(self, found: Evaluation, prior_information: NDArray[np.float64]) -> NDArray[np.float64]:
         """Covariance (8, 8) of the state as the next prediction starts from it."""

@@ -12,7 +12,7 @@ from mqslam.config import PsiConfig
 from mqslam.core import se2
 from mqslam.core.motion import CONSTANT_VELOCITY
 from mqslam.core.scans import Returns
-from mqslam.psi.neighbours import candidates, cell_grid
+from mqslam.psi.neighbours import find_candidates, sort_into_cells
 from mqslam.psi.place import Beam, place
 from mqslam.psi.published.equations import PsiScore, score
 from mqslam.psi.published.reference import score_reference
@@ -115,7 +115,7 @@ def test_psi_does_not_see_where_the_map_lies_nor_when_it_was_made(
 
 
 def window(seed: int, count: int) -> Returns:
-    """Returns of one world seen in three revolutions while standing, rendered under a motion by the test."""
+    """Returns of one world seen in three scans while standing, rendered under a motion by the test."""
     rng = np.random.default_rng(seed)
     world = np.repeat(rng.uniform([3.0, -np.pi], [12.0, np.pi], (count, 2)), 3, axis=0)
     turns = np.tile(np.arange(3), count)
@@ -189,6 +189,6 @@ def test_lists_that_hold_more_than_needed_give_the_same_score(
     found = cloud(seed, count)
     if repeat:
         found = with_duplicates(found, seed)
-    lists = candidates(cell_grid(found.points, 1.0), found.points, config.s + more)
+    lists = find_candidates(sort_into_cells(found.points, 1.0), found.points, config.s + more)
     wide = score(found.points, found.times, TURN_S, config, found.jacobians, lists)
     assert_equal(wide, scored(found, config), rtol=1e-12)

@@ -9,19 +9,19 @@ import pytest
 from PIL import Image
 from support.commands import contents, mqslam
 
-from mqslam.psi.published.paper_figures import figure2, figure3
+from mqslam.psi.published.paper_figures import render_figure2, render_figure3
 from mqslam.psi.published.paper_setting import CASES
 
 
 def test_scores_fall_from_bad_to_better_to_good() -> None:
     for seed in (1, 2):
-        bad, better, good = figure2(seed)
+        bad, better, good = render_figure2(seed)
         assert bad.psi > better.psi > good.psi
-        assert len(bad.points) == len(good.points) and set(good.revolution) == {0, 1, 2, 3}
+        assert len(bad.points) == len(good.points) and set(good.scan) == {0, 1, 2, 3}
 
 
 def test_compensation_lowers_the_score_of_every_case_to_less_than_half() -> None:
-    pairs = figure3()
+    pairs = render_figure3()
     assert len(pairs) == len(CASES)
     for (before, after), case in zip(pairs, CASES, strict=True):
         assert after.psi < 0.5 * before.psi
@@ -41,7 +41,7 @@ def test_the_command_writes_both_figures_and_says_their_scores(tmp_path: Path) -
         with Image.open(out / name) as image:
             assert image.format == "PNG" and min(image.size) > 600
             assert np.asarray(image.convert("L")).std() > 5.0
-    scores = "psi " + " > ".join(f"{shown.psi:.0f}" for shown in figure2())
+    scores = "psi " + " > ".join(f"{shown.psi:.0f}" for shown in render_figure2())
     assert f"{out / 'figure2.png'}: {scores}\n" in shown.out
 
 

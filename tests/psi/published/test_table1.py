@@ -9,8 +9,8 @@ import pytest
 from support.commands import mqslam
 
 from mqslam.psi.published import table1 as module
-from mqslam.psi.published.paper_setting import CASES, paper_window
-from mqslam.psi.published.table1 import METHODS, OURS, Row, Search, table1, table_text
+from mqslam.psi.published.paper_setting import CASES, simulate_window
+from mqslam.psi.published.table1 import METHODS, OURS, Row, Search, compute_table1, format_table
 
 CASE = CASES[2]
 
@@ -19,7 +19,7 @@ FEW = Search(np.linspace(0.5, 1.5, 6), np.linspace(-0.3, -0.1, 6), np.linspace(-
 
 
 def test_our_estimator_finds_the_motion_and_the_published_score_comes_near() -> None:
-    rows = {row.method: row for row in table1(1, cases=[CASE], search=FEW)}
+    rows = {row.method: row for row in compute_table1(1, cases=[CASE], search=FEW)}
     assert tuple(rows) == METHODS
     v, omega = rows[OURS].rms
     assert v < 0.02 and omega < 0.004
@@ -29,13 +29,13 @@ def test_our_estimator_finds_the_motion_and_the_published_score_comes_near() -> 
 
 @pytest.mark.parametrize("case", CASES)
 def test_the_estimator_needs_no_start(case: tuple[float, float]) -> None:
-    v, omega = paper_window(case, 5, 4).estimate().theta - case
+    v, omega = simulate_window(case, 5, 4).estimate().theta - case
     assert abs(v) < 0.02 and abs(omega) < 0.004
 
 
 @pytest.mark.slow
 def test_the_result_does_not_depend_on_the_number_of_processes() -> None:
-    alone, together = (table1(2, revolutions=2, jobs=jobs, cases=[CASE], search=FEW) for jobs in (1, 2))
+    alone, together = (compute_table1(2, scans=2, jobs=jobs, cases=[CASE], search=FEW) for jobs in (1, 2))
     for one, other in zip(alone, together, strict=True):
         assert (one.case, one.method) == (other.case, other.method)
         np.testing.assert_array_equal(one.obtained, other.obtained)
@@ -45,12 +45,12 @@ def test_mean_and_rms_are_over_seeds() -> None:
     row = Row((1.0, -0.2), OURS, np.array([[1.1, -0.2], [1.3, -0.4]]))
     np.testing.assert_allclose(row.mean, [1.2, -0.3])
     np.testing.assert_allclose(row.rms, [np.sqrt((0.01 + 0.09) / 2.0), np.sqrt(0.02)])
-    text = table_text([row])
+    text = format_table([row])
     assert "paper, largest error" in text and "0.0227" in text
 
 
 def test_the_command_prints_every_method_as_json(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(module, "trial", lambda what, search: np.full((len(METHODS), 2), what[1]))
+    monkeypatch.setattr(module, "run_trial", lambda trial, search: np.full((len(METHODS), 2), trial[1]))
     shown = mqslam("paper", "table1", "--seeds", 3, "--jobs", 1, "--json")
     assert (shown.code, shown.err) == (0, "")
     rows = json.loads(shown.out)

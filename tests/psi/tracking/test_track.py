@@ -17,8 +17,6 @@ from mqslam.core.measurement import Measurement, Status
 from mqslam.core.scans import Returns, Scan
 from mqslam.detection.stage import detect_all
 from mqslam.errors import FewReturnsError
-from mqslam.execution.engine import HERE
-from mqslam.execution.progress import silent
 from mqslam.formats.recordings import open_recording
 from mqslam.frontends.psi import PsiFrontEnd
 from mqslam.simulator import SimulatedRecording
@@ -163,7 +161,7 @@ SAMPLES = Path(__file__).parents[4] / "shared" / "data"
 def test_the_gap_in_real_radar_is_bridged() -> None:
     recording = open_recording(SAMPLES / "oxford_gap")
     config = Config(sensor=SensorConfig(doppler_beta=0.049))
-    scans, _ = detect_all(recording, config.detector, HERE, silent)
+    scans, _ = detect_all(recording, config.detector)
     gap, after = list(PsiFrontEnd(Context(config, 0.25, recording.start_us, None, 0.049)).measure(scans))[10:]
     assert recording.ground_truth is not None
     stamps = recording.start_us + np.round(np.array([gap.t0, gap.t1, after.t1]) * 1e6).astype(np.int64)

@@ -1,0 +1,51 @@
+"""Loop closure in rounds: every round searches around the trajectory that the loops of the one before have mended."""
+
+from __future__ import annotations
+
+import logging
+
+from mqslam.backend.loops.search import find_loops, kept_by_map
+from mqslam.backend.loops.submap import Drive
+from mqslam.backend.problem import Problem
+from mqslam.config import EstimatorConfig
+from mqslam.core import se2
+from mqslam.core.measurement import Loop, LoopSearch
+from mqslam.core.scans import Scans
+from mqslam.execution.runner import Runner
+from mqslam.psi.place import Beam
+
+_log = logging.getLogger(__name__)
+
+
+def close_loops(
+    scans: Scans,
+    problem: Problem,
+    poses: se2.Array,
+    estimator: EstimatorConfig,
+    beam: Beam,
+    runner: Runner,
+) -> LoopSearch:
+    """Returns the loops that psi verifies and the map keeps.
+
+    Args:
+        scans: of the recording.
+        problem: the trajectory that the loops join.
+        poses: (N, 3) its optimum without loops [m, m, rad].
+        estimator: of psi.
+        beam: the sensor's errors.
+        runner: where the loops are verified.
+    """
+    settings = problem.loop_settings
+    loops: list[Loop] = []
+    tried: set[tuple[int, int]] = set()
+    drive = Drive.of(scans, poses)
+    before = drive
+    for _ in range(settings.rounds):
+        candidates = find_loops(drive, settings, estimator, beam, tried, runner.engine, runner.progress)
+        if not candidates:
+            break
+        after = problem.poses(loops + candidates)
+        loops = kept_by_map(loops + candidates, before, after, settings, estimator, beam, runner.engine)
+        drive = Drive.of(scans, problem.poses(loops))
+    _log.info("%d of %d pairs of passes are loops that the map keeps", len(loops), len(tried))
+    return LoopSearch(loops, len(tried))

@@ -1,0 +1,33 @@
+"""Odometry as edges of the graph, beside the front end's measurements."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from mqslam.config import GraphConfig
+from mqslam.core import frontend as frontends
+from mqslam.core.frontend import Context
+from mqslam.core.measurement import Measurement
+from mqslam.core.scans import Scans
+from mqslam.factors.odometry_between import odometry_covariance
+
+ODOMETRY = "odometry"
+
+
+def odometry_edges(
+    scans: Scans, context: Context, frontend: str, measurements: list[Measurement], settings: GraphConfig
+) -> list[Measurement]:
+    """Returns odometry's own motions with noise as large as they disagree with the front end's.
+
+    Args:
+        scans: of the recording.
+        context: holds the odometry, or none.
+        frontend: name of the front end; where it is odometry itself there is nothing to add.
+        measurements: the front end's motions.
+        settings: of the graph.
+    """
+    if context.odometry is None or frontend == ODOMETRY or not measurements:
+        return []
+    motions = list(frontends.load(ODOMETRY)(context).measure(scans))
+    noise = odometry_covariance(motions, measurements, settings.odometry_span_s)
+    return [replace(motion, covariance=noise) for motion in motions]

@@ -1,0 +1,55 @@
+"""What the pose graph is made from: measurements and odometry, which stay, and loops, which join later."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from gtsam.symbol_shorthand import X
+
+from mqslam.backend.pose_graph import Optimum, PoseGraph, chain, optimise, pose_graph, poses_of
+from mqslam.config import GraphConfig, LoopConfig
+from mqslam.core import se2
+from mqslam.core.measurement import Loop, Measurement
+from mqslam.factors.loop_between import loop_between
+from mqslam.factors.odometry_between import odometry_between
+from mqslam.factors.psi_between import psi_between
+
+
+@dataclass(frozen=True)
+class Problem:
+    """A trajectory to be optimised.
+
+    Args:
+        measurements: the front end's motions between successive scans.
+        odometry: odometry's motions between the same scans, or none.
+        graph_settings: of the edges between successive scans.
+        loop_settings: of the loops.
+    """
+
+    measurements: Sequence[Measurement]
+    odometry: Sequence[Measurement]
+    graph_settings: GraphConfig
+    loop_settings: LoopConfig
+
+    @property
+    def before(self) -> se2.Array:
+        """Poses (N, 3) before optimisation: odometry, or the measurements where there is none, chained [m, m, rad]."""
+        return chain(m.pose for m in self.odometry or self.measurements)
+
+    def graph(self, loops: Sequence[Loop]) -> PoseGraph:
+        """Returns the graph with some loops; it starts from the measurements chained."""
+        factors = [psi_between(X(k), X(k + 1), m, self.graph_settings) for k, m in enumerate(self.measurements)]
+        factors += [odometry_between(X(k), X(k + 1), m, self.graph_settings) for k, m in enumerate(self.odometry)]
+        factors += [loop_between(X(loop.earlier), X(loop.later), loop, self.loop_settings) for loop in loops]
+        return pose_graph(chain(m.pose for m in self.measurements), factors)
+
+    def optimise(self, loops: Sequence[Loop]) -> tuple[PoseGraph, Optimum]:
+        """Returns the graph with some loops and its optimum."""
+        graph = self.graph(loops)
+        return graph, optimise(graph)
+
+    def poses(self, loops: Sequence[Loop]) -> se2.Array:
+        """Returns the optimised poses (N, 3) with some loops [m, m, rad]."""
+        graph, optimum = self.optimise(loops)
+        return poses_of(optimum.values, graph.size)

@@ -1,0 +1,152 @@
+"""An audit: from a recording or a finished map to a verdict on it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from mqslam.audit import judge
+from mqslam.audit.sources import LIDAR_CONFIG, Source, is_cloud, lidar_source, sweeps_of, sweeps_of_cloud
+from mqslam.audit.sweeps import Sweeps, shared
+from mqslam.commands.opening import choose_settings, open_data
+from mqslam.commands.result import JudgedResult
+from mqslam.commands.work import QUIET, Work
+from mqslam.config import Config, with_doppler_beta
+from mqslam.core.trajectory import Trajectory
+from mqslam.detection.stage import detect_all, scans_of, unread_warnings
+from mqslam.errors import ConfigError, Remedy
+from mqslam.execution.folders import check_free, whole_folder
+from mqslam.execution.runner import Runner
+from mqslam.formats import lidars
+from mqslam.formats.clouds import read_cloud
+from mqslam.formats.trajectories import read_trajectory
+from mqslam.psi.place import beam_of
+from mqslam.psi.tracking.doppler import doppler_beta_of
+from mqslam.report.audit_page import write_audit_pages
+from mqslam.results.audit_results import summarise, write_audit
+from mqslam.results.summary_files import add_warnings
+
+CARRIED = ("recording", "odometry", "ground_truth")  # names of trajectories that a recording may carry
+
+
+def audit(  # noqa: PLR0913 - these are the options of an audit, each with its default
+    data: Path | str,
+    out: Path | str,
+    *,
+    trajectory: Trajectory | Path | str = "recording",
+    times: Path | None = None,
+    topic: str | None = None,
+    heights: tuple[float, float] | None = None,
+    config: Config | Path | str | None = None,
+    format: str | None = None,
+    range_resolution: float | None = None,
+    force: bool = False,
+    work: Work = QUIET,
+) -> JudgedResult:
+    """Judges the map that a recording makes under a trajectory, or a finished map, without ground truth.
+
+    Args:
+        data: a radar or lidar recording, or a cloud of points with times.
+        out: folder for the results; it must not exist yet.
+        trajectory: poses of the sensor, or the path of a file, or the name of a trajectory that the recording carries:
+            `recording`, `odometry` or `ground_truth`.
+        times: stamps of a KITTI trajectory, one per line.
+        topic: topic of the trajectory in a bag.
+        heights: the lowest and highest points of a cloud to use [m]; None takes all.
+        config: settings, or the path of a YAML file, or the name of one that ships; None takes the defaults.
+        format: layout of the recording; None guesses it.
+        range_resolution: length of a range bin [m], where the recording does not say or errs.
+        force: whether what is at `out` is replaced.
+        work: where the work is done, and who is told about it.
+
+    Returns:
+        What the audit has left at `out`.
+
+    Raises:
+        MqslamError: whatever makes the audit impossible; nothing is left then.
+
+    Example:
+        >>> audited = mqslam.audit("drive", "audited", trajectory="theirs.tum")  # doctest: +SKIP
+        >>> print(audited.verdict, audited.reasons)  # doctest: +SKIP
+    """
+    data, out = Path(data), Path(out)
+    check_free(out, force=force, recording=data)
+    given = _read_given(trajectory, times, topic)
+    name = trajectory if isinstance(trajectory, str) else "given" if isinstance(trajectory, Trajectory) else str(trajectory)
+    if is_cloud(data):
+        settings = choose_settings(config, LIDAR_CONFIG)
+        cloud = read_cloud(data, heights)
+        sweeps = sweeps_of_cloud(cloud, given, beam_of(settings.estimator, 0.0))
+        notes, kind = list(cloud.notes), data.suffix.lower()[1:]
+    elif format is None and data.exists() and lidars.recognises(data):
+        settings = choose_settings(config, LIDAR_CONFIG)
+        source = lidar_source(lidars.read_lidar(data))
+        track = given or _pick_carried(data, source.tracks, name)
+        sweeps, notes, kind = *_render_sweeps(source, track, settings), source.format
+    else:
+        settings = choose_settings(config)
+        source, track, settings = _detect_radar(data, given, name, settings, format, range_resolution, work)
+        sweeps, notes, kind = *_render_sweeps(source, track, settings), source.format
+    for note in notes:
+        work.tell(note)
+    sections = settings.audit, settings.estimator, settings.loops, settings.verdict
+    judged = judge.audit(sweeps, *sections, work.engine, work.progress)
+    dataset = {"format": kind, "path": str(data)}
+    summary = summarise(judged, sweeps, settings.audit, settings.verdict, dataset, name, notes)
+    with whole_folder(out) as folder:
+        write_audit(folder, settings, summary)
+        failures = write_audit_pages(folder, data.resolve().name, judged, sweeps, settings, summary)
+        add_warnings(folder / "audit.json", summary, failures)
+    for warning in summary["warnings"][len(notes) :]:
+        work.tell(warning)
+    return JudgedResult(out, summary)
+
+
+def _read_given(trajectory: Trajectory | Path | str, times: Path | None, topic: str | None) -> Trajectory | None:
+    """Returns the trajectory that was given or lies in a file; None where it is one that the recording carries."""
+    if isinstance(trajectory, Trajectory):
+        return trajectory
+    if trajectory in CARRIED:
+        if times is not None or topic is not None:
+            raise ConfigError("stamps and topics belong to a trajectory from a file; give the file of the trajectory")
+        return None
+    return read_trajectory(Path(trajectory), times, topic)
+
+
+def _pick_carried(path: Path, tracks: dict[str, Trajectory], name: str) -> Trajectory:
+    """Returns the trajectory of a name among those that a recording carries.
+
+    Raises:
+        ConfigError: it carries none of that name.
+    """
+    if name not in tracks:
+        has = f"it carries {', '.join(tracks)}" if tracks else "it carries none"
+        raise ConfigError(f"{path}: has no trajectory '{name}' ({has})", Remedy.GIVE_TRAJECTORY)
+    return tracks[name]
+
+
+def _render_sweeps(source: Source, track: Trajectory, settings: Config) -> tuple[Sweeps, list[str]]:
+    """Returns a recording under a trajectory, and what a user should know about it."""
+    sweeps, notes = sweeps_of(source, track, beam_of(settings.estimator, settings.sensor.doppler_beta or 0.0))
+    return sweeps, [*source.notes, *notes]
+
+
+def _detect_radar(
+    data: Path,
+    given: Trajectory | None,
+    name: str,
+    settings: Config,
+    format: str | None,
+    range_resolution: float | None,
+    work: Work,
+) -> tuple[Source, Trajectory, Config]:
+    """Returns a radar recording's scans, the trajectory, and the settings as the result states them."""
+    recording = open_data(data, format, range_resolution, settings)
+    carried = {"odometry": recording.odometry, "ground_truth": recording.ground_truth}
+    tracks = {name: track for name, track in carried.items() if track is not None}
+    track = given or _pick_carried(data, tracks, name)
+    shared(scans_of(recording), track)  # says that they share no time before the recording is read
+    scans, detected = detect_all(recording, settings.detector, Runner(work.engine, work.progress))
+    notes = (*recording.notes, *recording.faults, *unread_warnings(detected.unread))
+    source = Source(recording.path, recording.format, scans, tracks, notes)
+    beta = doppler_beta_of(scans, settings.sensor, settings.tracker, settings.estimator)
+    return source, track, with_doppler_beta(settings, beta)

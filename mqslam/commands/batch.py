@@ -1,0 +1,47 @@
+"""A batch: many recordings, one report over all."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from mqslam.commands.batch_plan import read_plan
+from mqslam.commands.batch_schedule import AGAIN, run_all
+from mqslam.commands.result import Result
+from mqslam.commands.work import QUIET, Work
+from mqslam.errors import ClusterError
+from mqslam.report.batch_page import write_batch_pages
+from mqslam.results.batch_results import check_batch, summarise, write_batch
+from mqslam.results.summary_files import add_warnings
+
+
+def run_batch(plan: Path | str, out: Path | str, *, force: bool = False, work: Work = QUIET) -> Result:
+    """Runs many recordings and reports over all of them; one that fails is named and the others go on.
+
+    Args:
+        plan: the YAML file that lists the runs.
+        out: folder of the results, one in it per run; what is finished there is kept.
+        force: whether results that are there are replaced.
+        work: where the work is done, and who is told about it.
+
+    Returns:
+        What the batch has left at `out`.
+
+    Raises:
+        ConfigError: a mistake in the file.
+        OutputError: a folder that holds other results or cannot be written.
+        ClusterError: the cluster can do no more runs; the same call goes on with them.
+    """
+    plan, out = Path(plan), Path(out)
+    orders, text = read_plan(plan)
+    check_batch(out, force=force)
+    try:
+        outcomes = run_all(orders, out.absolute(), work.engine, work.progress, force=force)
+    except ClusterError as error:
+        raise ClusterError(error.message, *error.remedies, AGAIN) from error
+    except BaseException as error:
+        error.add_note(AGAIN)
+        raise
+    summary = summarise(orders, outcomes)
+    write_batch(out, summary)
+    add_warnings(out / "batch.json", summary, write_batch_pages(out, plan.stem, summary, text))
+    return Result(out, summary)

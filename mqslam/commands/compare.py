@@ -1,0 +1,183 @@
+"""A comparison: several front ends on the same returns with the same back end."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+from mqslam.commands.opening import choose_odometry, choose_settings, open_data
+from mqslam.commands.result import CompareResult
+from mqslam.commands.work import QUIET, Work
+from mqslam.compare.comparison import Comparison
+from mqslam.compare.judgement import agreement, enough_in_common, judge_rows, places, stations
+from mqslam.compare.rows import Row, front_end_rows, given_row
+from mqslam.config import Config, with_doppler_beta
+from mqslam.core import frontend as known_frontends
+from mqslam.core.frontend import Context
+from mqslam.core.trajectory import Trajectory
+from mqslam.detection.stage import detect_all, scans_of, unread_warnings
+from mqslam.errors import ConfigError, EstimationError
+from mqslam.execution.checkpoint import run_key, unfinished
+from mqslam.execution.folders import check_free, whole_folder
+from mqslam.execution.runner import Runner
+from mqslam.formats.trajectories import read_trajectory
+from mqslam.psi.place import beam_of
+from mqslam.psi.tracking.doppler import doppler_beta_of
+from mqslam.report.compare_page import write_compare_pages
+from mqslam.report.compare_report import report_comparison
+from mqslam.results.compare_results import summarise, tabulate, write_compare
+from mqslam.results.summary_files import add_warnings
+
+FRONT_ENDS = ("psi", "kiss_icp", "open3d_icp", "odometry")
+_KISS = "kiss_icp"
+
+
+def compare(  # noqa: PLR0913 - these are the options of a comparison, each with its default
+    data: Path | str,
+    out: Path | str,
+    *,
+    frontends: Sequence[str] = FRONT_ENDS,
+    trajectories: Mapping[str, Trajectory | Path | str | tuple[Path, Path]] | None = None,
+    odometry_only: bool = False,
+    kiss_config: Path | None = None,
+    odometry: str = "auto",
+    config: Config | Path | str | None = None,
+    format: str | None = None,
+    range_resolution: float | None = None,
+    resume: bool = False,
+    force: bool = False,
+    work: Work = QUIET,
+) -> CompareResult:
+    """Runs several front ends on the same returns with the same back end, and judges the maps they make.
+
+    Args:
+        data: the recording.
+        out: folder for the results; it must not exist yet.
+        frontends: names of front ends, each once.
+        trajectories: trajectories to compare with, by the name of their row: poses, the path of a file, or the paths of a
+            KITTI trajectory's poses and times.
+        odometry_only: whether motions are only chained, without graph and loops.
+        kiss_config: KISS-ICP's own YAML file.
+        odometry: `auto` (the recording's own, if it has one), `none`, or the path of a file; it serves the row of that name.
+        config: settings, or the path of a YAML file, or the name of one that ships; None takes the defaults.
+        format: layout of the recording; None guesses it.
+        range_resolution: length of a range bin [m], where the recording does not say or errs.
+        resume: whether an unfinished comparison at `out` is continued.
+        force: whether what is at `out` is replaced.
+        work: where the work is done, and who is told about it.
+
+    Returns:
+        What the comparison has left at `out`.
+
+    Raises:
+        MqslamError: whatever makes the comparison impossible; at most what can be resumed is left then.
+
+    Example:
+        >>> compared = mqslam.compare("drive", "compared", frontends=["psi", "kiss_icp"])  # doctest: +SKIP
+        >>> print(compared.table)  # doctest: +SKIP
+    """
+    data, out = Path(data), Path(out)
+    settings = _with_kiss_config(choose_settings(config), kiss_config)
+    _check_names(frontends)
+    given = _given_rows(trajectories or {}, frontends)
+    check_free(out, force=force, resume=resume, recording=data)
+    recording = open_data(data, format, range_resolution, settings)
+    track, notes = choose_odometry(recording, odometry)
+    for note in recording.notes:
+        work.tell(note)
+    revolution_s, start_us = recording.revolution_s, recording.start_us
+    if kiss_config is not None and _KISS in frontends:  # a file that KISS-ICP refuses is a mistake, not a row that fails
+        known_frontends.load(_KISS)(Context(settings, revolution_s, start_us, None))
+    enough_in_common(given, scans_of(recording), settings.audit.window)  # refuses before the recording is read
+    key = run_key(recording, settings, f"compare {','.join(frontends)} {odometry_only}", track)
+    with unfinished(out, key, resume=resume) as checkpoint:
+        runner = Runner(work.engine, work.progress, checkpoint)
+        scans, detected = detect_all(recording, settings.detector, runner)
+        notes += [*recording.faults, *unread_warnings(detected.unread)]
+        beta = doppler_beta_of(scans, settings.sensor, settings.tracker, settings.estimator)
+        settings = with_doppler_beta(settings, beta)
+        beam = beam_of(settings.estimator, beta)
+        contexts = {
+            name: Context(settings, revolution_s, start_us, track if name == "odometry" else None, beta)
+            for name in frontends
+        }
+        rows = front_end_rows(contexts, scans, work.engine, work.progress, back_end=not odometry_only) + given
+        ran = [row for row in rows if row.trajectory is not None]
+        if not ran:
+            raise EstimationError("; ".join(f"{row.name}: {row.failure}" for row in rows))
+        tracks = [row.trajectory for row in ran if row.trajectory is not None]
+        common = enough_in_common(ran, scans, settings.audit.window)
+        if len(common) < len(scans):
+            notes.append(f"{len(common)} of {len(scans)} scans are in every trajectory: judged on those")
+        where = places(common, tracks, settings.audit.window)
+        along = stations(common, settings.audit.window)
+        rows, judged = judge_rows(
+            rows, common, recording.ground_truth, [*where, *along], settings, beam, work.engine, work.progress
+        )
+        notes += [f"{row.name}: {warning}" for row in rows for warning in row.warnings]
+        failures = [f"{row.name} could not run: {row.failure}" for row in rows if row.failure is not None]
+        comparison = Comparison(
+            recording=recording,
+            settings=settings,
+            doppler_beta=beta,
+            rows=tuple(rows),
+            judged=judged,
+            compared=len(common),
+            places=tuple(where),
+            stations=tuple(along),
+            agreement=tuple(agreement(ran)),
+            warnings=(*failures, *notes),
+        )
+        summary = summarise(comparison)
+        table = tabulate(summary)
+        report = report_comparison(comparison, summary, table)
+        with whole_folder(out) as folder:
+            write_compare(folder, comparison, summary)
+            add_warnings(folder / "compare.json", summary, write_compare_pages(folder, report))
+    for warning in summary["warnings"][len(failures) :]:
+        work.tell(warning)
+    return CompareResult(out, summary, table)
+
+
+def _with_kiss_config(settings: Config, kiss_config: Path | None) -> Config:
+    """Returns the settings with KISS-ICP's own file, if there is one."""
+    if kiss_config is None:
+        return settings
+    if not kiss_config.is_file():
+        raise ConfigError(f"{kiss_config}: does not exist; give KISS-ICP's own YAML file")
+    kiss = settings.kiss_icp.model_copy(update={"config_file": kiss_config})
+    return settings.model_copy(update={"kiss_icp": kiss})
+
+
+def _check_names(frontends: Sequence[str]) -> None:
+    """Raises ConfigError unless every front end exists and is named once."""
+    if not frontends or len(set(frontends)) < len(frontends):
+        raise ConfigError(f"front ends '{','.join(frontends)}': give names, each once, such as psi,kiss_icp")
+    for name in frontends:
+        known_frontends.known(name)
+
+
+def _given_rows(
+    trajectories: Mapping[str, Trajectory | Path | str | tuple[Path, Path]], frontends: Sequence[str]
+) -> list[Row]:
+    """Returns the rows of trajectories that other programs made.
+
+    Raises:
+        ConfigError: a name that cannot be a folder's, or is a front end's.
+        DataError: a file that is no trajectory.
+    """
+    rows = []
+    for name, given in trajectories.items():
+        if not re.fullmatch(r"[\w.-]*\w", name):
+            raise ConfigError(f"trajectory '{name}': give it a name in letters and digits")
+        if name in frontends:
+            raise ConfigError(f"trajectory '{name}': there is a row {name} already; choose another name")
+        if isinstance(given, Trajectory):
+            track = given
+        elif isinstance(given, tuple):
+            track = read_trajectory(*given)
+        else:
+            track = read_trajectory(Path(given))
+        rows.append(given_row(name, track))
+    return rows

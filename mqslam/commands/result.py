@@ -1,0 +1,73 @@
+"""What a command returns: the folder it has written, and the numbers in it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from mqslam.audit.verdict import VerdictStatus
+from mqslam.core.trajectory import Trajectory
+from mqslam.formats.trajectories import read_trajectory
+
+
+@dataclass(frozen=True)
+class Result:
+    """What a command has left on disk.
+
+    Args:
+        folder: holds the result files, as the README lists them.
+        summary: the numbers, as `summary.json`, `audit.json` or `compare.json` holds them.
+    """
+
+    folder: Path
+    summary: dict[str, Any]
+
+    @property
+    def report(self) -> Path:
+        """The report, a page for a browser."""
+        return self.folder / "report.html"
+
+    @property
+    def warnings(self) -> list[str]:
+        """What a reader should know before the numbers."""
+        return list(self.summary["warnings"])
+
+
+@dataclass(frozen=True)
+class JudgedResult(Result):
+    """A result with a verdict on its map."""
+
+    @property
+    def verdict(self) -> VerdictStatus:
+        """The verdict: `pass`, `warn`, `fail` or `not judged`."""
+        return VerdictStatus(self.summary["verdict"]["status"])
+
+    @property
+    def reasons(self) -> list[str]:
+        """Why the verdict is what it is."""
+        return list(self.summary["verdict"]["reasons"])
+
+
+@dataclass(frozen=True)
+class RunResult(JudgedResult):
+    """What a run has left on disk."""
+
+    def read_trajectory(self) -> Trajectory:
+        """Reads the optimised trajectory.
+
+        Raises:
+            DataError: its file cannot be read.
+        """
+        return read_trajectory(self.folder / "trajectory.tum")
+
+
+@dataclass(frozen=True)
+class CompareResult(Result):
+    """What a comparison has left on disk.
+
+    Args:
+        table: the numbers as text: a line of heads, and a line per front end or trajectory.
+    """
+
+    table: list[list[str]]

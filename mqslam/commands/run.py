@@ -1,0 +1,160 @@
+"""A run: from a recording's path to the folder of its results."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from mqslam.commands.opening import choose_odometry, choose_settings, open_data
+from mqslam.commands.result import RunResult
+from mqslam.commands.work import QUIET, Work
+from mqslam.config import Config
+from mqslam.core.recording import Recording
+from mqslam.core.trajectory import Trajectory
+from mqslam.errors import Remedy
+from mqslam.execution.checkpoint import run_key, unfinished
+from mqslam.execution.files import plain
+from mqslam.execution.folders import check_free, whole_folder
+from mqslam.execution.runner import Runner
+from mqslam.report.run_page import write_run_pages
+from mqslam.results.run_results import add_warnings, summarise, write_run
+from mqslam.results.run_verdict import list_warnings
+from mqslam.slam import Slam
+
+
+def run(  # noqa: PLR0913 - these are the options of a run, each with its default
+    data: Path | str,
+    out: Path | str,
+    *,
+    frontend: str = "psi",
+    odometry: str = "auto",
+    config: Config | Path | str | None = None,
+    format: str | None = None,
+    range_resolution: float | None = None,
+    strict: bool = False,
+    resume: bool = False,
+    force: bool = False,
+    work: Work = QUIET,
+) -> RunResult:
+    """Takes a recording through front end, pose graph and map, and writes the results with a report.
+
+    Args:
+        data: the recording.
+        out: folder for the results; it must not exist yet.
+        frontend: name of the front end.
+        odometry: `auto` (the recording's own, if it has one), `none`, or the path of a file.
+        config: settings, or the path of a YAML file, or the name of one that ships; None takes the defaults.
+        format: layout of the recording; None guesses it.
+        range_resolution: length of a range bin [m], where the recording does not say or errs.
+        strict: whether a polar scan that cannot be read is an error, rather than being left out.
+        resume: whether an unfinished run at `out` is continued.
+        force: whether what is at `out` is replaced.
+        work: where the work is done, and who is told about it.
+
+    Returns:
+        What the run has left at `out`.
+
+    Raises:
+        MqslamError: whatever makes the run impossible; at most what can be resumed is left then.
+
+    Example:
+        >>> result = mqslam.run("drive", "result")  # doctest: +SKIP
+        >>> print(result.verdict, result.report)  # doctest: +SKIP
+    """
+    data, out = Path(data), Path(out)
+    settings = choose_settings(config)
+    check_free(out, force=force, resume=resume, recording=data)
+    job = open_job(data, settings, frontend, odometry, format, range_resolution, strict=strict)
+    for note in job.log:
+        work.tell(note)
+    return RunResult(out, execute(job, out, work, resume=resume))
+
+
+@dataclass(frozen=True)
+class Job:
+    """A run that is ready to begin.
+
+    Args:
+        recording: the recording.
+        odometry: the odometry it uses, or None.
+        settings: all settings.
+        frontend: name of the front end.
+        strict: whether a revolution that cannot be read is an error.
+        notes: what a user should know about the choice of odometry.
+    """
+
+    recording: Recording
+    odometry: Trajectory | None
+    settings: Config
+    frontend: str
+    strict: bool
+    notes: tuple[str, ...]
+
+    @property
+    def log(self) -> tuple[str, ...]:
+        """What a user should know before the run begins."""
+        return (*self.recording.notes, *self.notes)
+
+    @property
+    def key(self) -> str:
+        """What the result depends on."""
+        return run_key(self.recording, self.settings, self.frontend, self.odometry)
+
+
+def open_job(
+    data: Path,
+    settings: Config,
+    frontend: str = "psi",
+    odometry: str = "auto",
+    format: str | None = None,
+    range_resolution: float | None = None,
+    *,
+    strict: bool = False,
+) -> Job:
+    """Opens a recording and chooses its odometry; the arguments are those of `run`.
+
+    Raises:
+        ConfigError: a format nobody knows, or a range resolution that is no length.
+        DataError: a recording or an odometry that cannot be used.
+    """
+    recording = open_data(data, format, range_resolution, settings, strict=strict)
+    track, notes = choose_odometry(recording, odometry)
+    return Job(recording, track, settings, frontend, strict, tuple(notes))
+
+
+def execute(job: Job, out: Path, work: Work, *, resume: bool, how: str = Remedy.RESUME) -> dict[str, Any]:
+    """Does a run and writes its results.
+
+    Args:
+        job: the run.
+        out: folder of the results.
+        work: where it is done, and who is told about it.
+        resume: whether to go on where an unfinished run has stopped.
+        how: what an error says about how to go on.
+
+    Returns:
+        The content of summary.json.
+
+    Raises:
+        MqslamError: whatever makes the run impossible; nothing is left then but what can be resumed.
+    """
+    with unfinished(out, job.key, resume=resume, how=how) as checkpoint:
+        runner = Runner(work.engine, work.progress, checkpoint, work.watch)
+        result = Slam(job.settings, job.frontend, runner, strict=job.strict).run(job.recording, job.odometry)
+        warnings = [*list_warnings(result, job.recording), *job.notes]
+        summary: dict[str, Any] = plain({**summarise(result, job.recording), "warnings": warnings, "run_key": job.key})
+        with whole_folder(out) as folder:
+            write_run(folder, result, summary, job.log)
+            add_warnings(folder, summary, job.log, write_run_pages(folder, result, job.recording, summary))
+    return summary
+
+
+def finished(out: Path, key: str) -> dict[str, Any] | None:
+    """Returns the summary of a run that `out` holds, if it is whole and its result depends on the same."""
+    try:
+        summary = json.loads((out / "summary.json").read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return None
+    return summary if isinstance(summary, dict) and summary.get("run_key") == key else None

@@ -1,0 +1,169 @@
+"""The score of a window under a motion: the published psi and its parts, and the estimator's."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from pydantic import ValidationError
+
+from mqslam.commands.opening import choose_settings, open_data
+from mqslam.config import Config, DetectorConfig, EstimatorConfig, PsiConfig
+from mqslam.core import se2
+from mqslam.core.motion import CONSTANT_TWIST, CONSTANT_VELOCITY, MotionModel
+from mqslam.core.recording import Recording
+from mqslam.core.scans import Returns
+from mqslam.detection.stage import detect_stretch
+from mqslam.errors import ConfigError, EstimationError
+from mqslam.psi.minimiser import final_scale, score_itself
+from mqslam.psi.place import Beam, beam_of, place
+from mqslam.psi.published.equations import score as published
+from mqslam.psi.window import WindowMotion, drop_start, estimate_window
+
+
+def score_window(  # noqa: PLR0913 - these are the options of a score, each with its default
+    data: Path | str,
+    start: float,
+    motion: se2.Array,
+    *,
+    scans: int = 3,
+    variant: dict[str, str | float | None] | None = None,
+    minimise: bool = False,
+    config: Config | Path | str | None = None,
+    format: str | None = None,
+    range_resolution: float | None = None,
+) -> dict[str, Any]:
+    """Scores a window of a recording under a motion.
+
+    Args:
+        data: the recording.
+        start: the first scan from here on begins the window [s since the start].
+        motion: (2,) v, omega or (3,) vx, vy, omega [m/s, rad/s].
+        scans: length of the window.
+        variant: values of settings of the published score that replace those of the settings; None keeps one.
+        minimise: whether the motion is estimated too, beginning at the one given.
+        config: settings, or the path of a YAML file, or the name of one that ships; None takes the defaults.
+        format: layout of the recording; None guesses it.
+        range_resolution: length of a range bin [m], where the recording does not say or errs.
+
+    Returns:
+        The scores as a tree: the window, the motion, the published score with its parts, and the estimator's.
+
+    Raises:
+        ConfigError: a value of the variant that is not offered, or a window that the recording does not hold.
+        DataError: a polar scan that cannot be read.
+        EstimationError: the window holds no returns.
+    """
+    settings = choose_settings(config)
+    psi = _change_variant(settings.psi, variant or {})
+    model = CONSTANT_VELOCITY if len(motion) == 2 else CONSTANT_TWIST
+    recording = open_data(Path(data), format, range_resolution, settings)
+    returns, t0 = read_window(recording, settings.detector, start, scans)
+    beta = settings.sensor.doppler_beta or 0.0
+    beam = beam_of(settings.estimator, beta)
+    revolution_s = recording.revolution_s
+    tree: dict[str, Any] = {
+        "window": {"t0": t0, "revolutions": scans, "revolution_s": revolution_s, "points": len(returns)},
+        "doppler_beta": beta,
+        "variant": psi.model_dump(include={"temporal", "numerator", "factor", "unmatched"}),
+        "motion": dict(zip(model.parameters, motion.tolist(), strict=True)),
+        **_score(returns, t0, revolution_s, motion, model, settings.estimator, beam, psi),
+    }
+    if minimise:
+        twist = motion if model.size == 3 else motion[[0, 0, 1]] * [1.0, 0.0, 1.0]
+        best = estimate_window(returns, t0, revolution_s, settings.estimator, beam, twist, model)
+        tree["minimised"] = _describe_estimate(best, model) | _score(
+            returns, t0, revolution_s, best.theta, model, settings.estimator, beam, psi
+        )
+    return tree
+
+
+def _change_variant(settings: PsiConfig, chosen: dict[str, str | float | None]) -> PsiConfig:
+    """The settings of the published score with the given ones changed.
+
+    Raises:
+        ConfigError: a value that is not offered.
+    """
+
+    try:
+        return PsiConfig.model_validate(
+            settings.model_dump() | {name: value for name, value in chosen.items() if value is not None}
+        )
+    except ValidationError as error:
+        fault = error.errors()[0]
+        raise ConfigError(f"{fault['loc'][0]} {fault['input']}: {fault['msg']}") from error
+
+
+def read_window(recording: Recording, detector: DetectorConfig, start: float, scans: int) -> tuple[Returns, float]:
+    """The returns of the revolutions from the first that begins at `start` [s] or later, and when it begins [s].
+
+    No other revolutions are read.
+
+    Raises:
+        ConfigError: the recording does not hold these revolutions.
+        DataError: a revolution that cannot be read.
+        EstimationError: they hold no returns.
+    """
+
+    times = recording.start_times
+    if len(times) < scans:
+        raise ConfigError(f"{recording.path}: holds only {len(times)} scans; give a window of fewer than {scans}")
+    last = times[len(times) - scans]
+    if not -1e-6 <= start <= last + 1e-6:
+        raise ConfigError(
+            f"{recording.path}: no {scans} scans begin at {start:g} s in a recording that is "
+            f"{recording.duration_s:.2f} s long; give a start of 0 to {np.floor(1e3 * last) / 1e3:g}"
+        )
+    first = int(np.searchsorted(times, start - 1e-6))
+    found = detect_stretch(recording, detector, first, first + scans)
+    returns = Returns.concatenate(found.returns)
+    if not len(returns):
+        raise EstimationError(
+            f"{recording.path}: the {scans} scans from {start:g} s on hold no returns; lower detector.threshold"
+        )
+    return returns, float(times[first])
+
+
+def _score(
+    returns: Returns,
+    t0: float,
+    revolution_s: float,
+    theta: se2.Array,
+    model: MotionModel,
+    config: EstimatorConfig,
+    beam: Beam,
+    variant: PsiConfig,
+) -> dict[str, Any]:
+    """The published score of a window under a motion with its parts, and the estimator's at its final widths."""
+
+    points = drop_start(place(returns, t0, np.zeros(3), theta, model, beam))
+    whole = published(points.points, points.times, revolution_s, variant, points.jacobians)
+    own = score_itself(points, final_scale(config), revolution_s, config)
+    return {
+        "published": {
+            "psi": whole.psi,
+            "pair_sum": whole.pairs_psi,
+            "charge": whole.charge,
+            "pairs": whole.pairs,
+            "matched": float(whole.matched.mean()),
+            "psi_per_point": whole.psi / len(returns),
+            "gradient": dict(zip(model.parameters, whole.gradient.tolist(), strict=True)),
+        },
+        "estimator": {
+            "psi": own.psi,
+            "psi_per_point": own.psi / len(returns),
+            "matched": float(own.matched.mean()),
+            "gradient": dict(zip(model.parameters, (2.0 * own.gradient).tolist(), strict=True)),
+        },
+    }
+
+
+def _describe_estimate(best: WindowMotion, model: MotionModel) -> dict[str, Any]:
+    """The estimated motion as a tree."""
+    deviations = best.covariance.diagonal() ** 0.5
+    return {
+        "motion": dict(zip(model.parameters, best.theta.tolist(), strict=True)),
+        "standard_deviation": dict(zip(model.parameters, deviations.tolist(), strict=True)),
+        "status": best.status.value,
+    }

@@ -1,0 +1,36 @@
+"""How a command does its work: where, and who is told about it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from mqslam.execution.engine import HERE, Engine
+from mqslam.execution.progress import Progress, silent
+from mqslam.execution.runner import Watch
+
+Tell = Callable[[str], None]
+
+
+def ignore(note: str) -> None:
+    """Tells nobody."""
+
+
+@dataclass(frozen=True)
+class Work:
+    """Where a command's work is done and who is told about it; the defaults work in this process and tell nobody.
+
+    Args:
+        engine: where the work is done; no result depends on it.
+        progress: called as stages go on.
+        tell: called with what a user should know about the data, as soon as it is known.
+        watch: called by a run with every scan once its motion is measured.
+    """
+
+    engine: Engine = HERE
+    progress: Progress = silent
+    tell: Tell = ignore
+    watch: Watch | None = None
+
+
+QUIET = Work()

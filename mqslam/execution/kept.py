@@ -1,0 +1,105 @@
+"""What a run keeps on disk of its stages, and how each kind becomes named arrays and comes back."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import astuple, dataclass, fields
+from typing import Any, Generic, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mqslam.core.measurement import Loop, LoopSearch, Measured, Measurement, Status
+from mqslam.core.scans import Detected, PeakCounts, Returns
+from mqslam.errors import DataError
+
+R = TypeVar("R")
+Arrays = dict[str, NDArray[Any]]
+
+
+@dataclass(frozen=True)
+class Kept(Generic[R]):
+    """A kind of result that a checkpoint keeps.
+
+    Args:
+        file: name of its file.
+        names: names of the arrays in it.
+        pack: makes the arrays from the result.
+        unpack: makes the result from the arrays.
+    """
+
+    file: str
+    names: Sequence[str]
+    pack: Callable[[R], Arrays]
+    unpack: Callable[[Arrays], R]
+
+
+def kept_stretch(begin: int, end: int) -> Kept[Detected]:
+    """Returns how the returns of the polar scans begin <= k < end are kept."""
+    names = [*_names(Returns), "ends", "unread", "why", "counts"]
+    return Kept(f"returns-{begin:06d}-{end:06d}.npz", names, _pack_detected, _unpack_detected)
+
+
+def _pack_detected(detected: Detected) -> Arrays:
+    arrays = {name: np.concatenate([getattr(r, name) for r in detected.returns]) for name in _names(Returns)}
+    arrays["ends"] = np.cumsum([len(r) for r in detected.returns])
+    arrays["counts"] = np.array(astuple(detected.counts), dtype=np.int64)
+    arrays["unread"] = np.array(list(detected.unread), dtype=np.int64)
+    why = [(str(error.path), error.problem, error.remedy) for error in detected.unread.values()]
+    arrays["why"] = np.array(why, dtype=np.str_).reshape(-1, 3)
+    return arrays
+
+
+def _unpack_detected(arrays: Arrays) -> Detected:
+    columns = [np.split(arrays[name], arrays["ends"][:-1]) for name in _names(Returns)]
+    returns = [Returns(*(np.ascontiguousarray(part) for part in parts)) for parts in zip(*columns, strict=True)]
+    errors = (DataError(*words) for words in arrays["why"].tolist())
+    unread = dict(zip(arrays["unread"].tolist(), errors, strict=True))
+    return Detected(returns, unread, counts=PeakCounts(*arrays["counts"].tolist()))
+
+
+def _pack_measured(measured: Measured) -> Arrays:
+    arrays: Arrays = {"doppler_beta": np.array(measured.doppler_beta)}
+    for name in _names(Measurement):
+        arrays[name] = np.array([getattr(m, name) for m in measured.measurements])
+    return arrays
+
+
+def _unpack_measured(arrays: Arrays) -> Measured:
+    rows = zip(*(arrays[name] for name in _names(Measurement)), strict=True)
+    measurements = [
+        Measurement(
+            float(t0),
+            float(t1),
+            pose,
+            covariance,
+            Status(str(status)),
+            float(psi),
+            float(psi_odometry),
+            int(points),
+            float(matched),
+        )
+        for t0, t1, pose, covariance, status, psi, psi_odometry, points, matched in rows
+    ]
+    return Measured(measurements, float(arrays["doppler_beta"]))
+
+
+def _pack_loops(search: LoopSearch) -> Arrays:
+    arrays: Arrays = {"tried": np.array(search.tried)}
+    for name in _names(Loop):
+        arrays[name] = np.array([getattr(loop, name) for loop in search.loops])
+    return arrays
+
+
+def _unpack_loops(arrays: Arrays) -> LoopSearch:
+    rows = zip(*(arrays[name] for name in _names(Loop)), strict=True)
+    loops = [Loop(int(a), int(b), pose, covariance, float(share), float(psi)) for a, b, pose, covariance, share, psi in rows]
+    return LoopSearch(loops, int(arrays["tried"]))
+
+
+def _names(kind: type) -> list[str]:
+    return [f.name for f in fields(kind)]
+
+
+MEASURED = Kept("measurements.npz", [*_names(Measurement), "doppler_beta"], _pack_measured, _unpack_measured)
+LOOPS = Kept("loops.npz", [*_names(Loop), "tried"], _pack_loops, _unpack_loops)

@@ -1,0 +1,143 @@
+"""The one place that times stages, keeps and finds their results, reports progress and tolerates failures."""
+
+from __future__ import annotations
+
+import logging
+import time
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import AbstractContextManager, contextmanager
+from typing import TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mqslam.core import se2
+from mqslam.core.scans import Scan
+from mqslam.errors import tolerate
+from mqslam.execution.checkpoint import Checkpoint
+from mqslam.execution.engine import HERE, Engine
+from mqslam.execution.kept import Kept
+from mqslam.execution.progress import Progress, silent
+
+S = TypeVar("S")
+T = TypeVar("T")
+R = TypeVar("R")
+Watch = Callable[[Scan, se2.Array, NDArray[np.float64]], None]  # a scan, its pose (3,) and points (N, 2) [m]
+
+_log = logging.getLogger(__name__)
+
+
+def _accept(result: object) -> bool:
+    """Returns that any result that was kept is good enough."""
+    return True
+
+
+class Runner:
+    """What wraps around the stages of one run.
+
+    Args:
+        engine: where work is done; no result depends on it.
+        progress: called as stages go on.
+        checkpoint: where results of stages are kept and looked for; None keeps nothing.
+        watch: called with every scan once its motion is measured, its pose and its points, in the frame of the first scan.
+
+    Attributes:
+        runtime_s: seconds by stage so far.
+        warnings: what could not be done so far, and why.
+    """
+
+    def __init__(
+        self,
+        engine: Engine = HERE,
+        progress: Progress = silent,
+        checkpoint: Checkpoint | None = None,
+        watch: Watch | None = None,
+    ) -> None:
+        self.engine = engine
+        self.progress = progress
+        self.watch = watch
+        self.runtime_s: dict[str, float] = {}
+        self.warnings: list[str] = []
+        self._checkpoint = checkpoint
+
+    @contextmanager
+    def timed(self, stage: str) -> Iterator[None]:
+        """Adds the time that the block takes to that of a stage, unless the block raises."""
+        begin = time.perf_counter()
+        yield
+        spent = time.perf_counter() - begin
+        self.runtime_s[stage] = self.runtime_s.get(stage, 0.0) + spent
+        _log.info("%s took %.2f s", stage, spent)
+
+    def optional(self, what: str) -> AbstractContextManager[None]:
+        """Turns an error of the block into a warning, as `mqslam.errors.tolerate` does."""
+        return tolerate(what, self.warnings)
+
+    def find(self, kept: Kept[R]) -> R | None:
+        """Returns what an earlier run has kept of a stage, or None."""
+        return self._checkpoint.find(kept) if self._checkpoint else None
+
+    def keep(self, kept: Kept[R], result: R) -> None:
+        """Keeps the result of a stage, if there is a checkpoint."""
+        if self._checkpoint:
+            self._checkpoint.keep(kept, result)
+
+    def once(self, kept: Kept[R], make: Callable[[], R]) -> R:
+        """Returns what an earlier run has kept of a stage, or else makes and keeps it."""
+        result = self.find(kept)
+        if result is None:
+            result = make()
+            self.keep(kept, result)
+        return result
+
+    def follow(self, stage: str, items: Iterable[T], total: int, before: int = 0) -> Iterator[T]:
+        """Yields the items of a stage that makes one after the other, and reports each as progress.
+
+        Args:
+            stage: name of the stage.
+            items: what it makes.
+            total: number of steps of the whole stage.
+            before: number of steps that are done when the first item has yet to be made.
+        """
+        for number, item in enumerate(items, before + 1):
+            self.progress(stage, number, total)
+            yield item
+
+    def map(
+        self,
+        stage: str,
+        function: Callable[[S, T], R],
+        shared: S,
+        items: Sequence[T],
+        *,
+        kept: Callable[[T], Kept[R]],
+        accept: Callable[[R], bool] = _accept,
+        steps: Callable[[T], int],
+    ) -> list[R]:
+        """Returns function(shared, item) for each item, in their order: found where it was kept, or made and kept now.
+
+        Args:
+            stage: name of the stage, for progress.
+            function: what is called; it spends its time in Python, so that each worker is a process.
+            shared: its first argument.
+            items: its second arguments.
+            kept: how the result for an item is kept.
+            accept: whether a result that was kept is good enough.
+            steps: number of steps that an item counts for in the progress.
+        """
+        results: dict[int, R] = {}
+        for k, item in enumerate(items):
+            result = self.find(kept(item))
+            if result is not None and accept(result):
+                results[k] = result
+        missing = [k for k in range(len(items)) if k not in results]
+        total = sum(map(steps, items))
+
+        def done(number: int, result: R) -> None:
+            k = missing[number - 1]
+            results[k] = result
+            self.keep(kept(items[k]), result)
+            self.progress(stage, sum(steps(items[i]) for i in results), total)
+
+        self.engine.map(function, shared, [items[k] for k in missing], done, processes=True)
+        return [results[k] for k in range(len(items))]

@@ -1,0 +1,80 @@
+"""What SLAM knows when it is done: the optimised trajectory, its graph, and the maps."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import gtsam
+
+from mqslam.audit.judge import WindowAudit
+from mqslam.backend.odometry_edges import ODOMETRY
+from mqslam.backend.pose_graph import PoseGraph
+from mqslam.config import Config
+from mqslam.core.measurement import Loop, Measurement
+from mqslam.core.point_map import PointMap
+from mqslam.core.trajectory import Trajectory
+from mqslam.errors import DataError
+from mqslam.psi.place import Beam, beam_of
+
+
+@dataclass(frozen=True)
+class Solution:
+    """The trajectory that was estimated from a recording's scans, and what it was estimated with.
+
+    Args:
+        frontend: name of the front end.
+        config: all settings, as they were given.
+        doppler_beta: range shift per closing speed [s], as the settings name it or as it was measured.
+        measurements: relative motions of the front end, one per pair of successive scans.
+        odometry: trajectory before optimisation: the odometry given, or the front end's measurements chained.
+        optimised: trajectory after it.
+        graph: all factors and the values they started from.
+        values: the optimised values.
+        odometry_factors: number of odometry edges in the graph.
+        loops: loop closures in the graph.
+        loops_rejected: candidates that psi, the graph or the map did not keep.
+        unoptimised: why the graph could not be optimised and its starting values were kept, or None.
+        warnings: what could not be done, and why.
+    """
+
+    frontend: str
+    config: Config
+    doppler_beta: float
+    measurements: list[Measurement]
+    odometry: Trajectory
+    optimised: Trajectory
+    graph: PoseGraph
+    values: gtsam.Values
+    odometry_factors: int
+    loops: list[Loop]
+    loops_rejected: int
+    unoptimised: str | None
+    warnings: tuple[str, ...]
+
+    @property
+    def beam(self) -> Beam:
+        """The sensor's errors that the returns were placed with."""
+        return beam_of(self.config.estimator, self.doppler_beta)
+
+    @property
+    def before(self) -> str:
+        """What the trajectory before optimisation is, in words."""
+        return ODOMETRY if self.odometry_factors or self.frontend == ODOMETRY else f"{self.frontend}, chained"
+
+
+@dataclass(frozen=True)
+class Run(Solution):
+    """Everything a finished run knows.
+
+    Args:
+        map_odometry, map_optimised: the recording rendered under both trajectories.
+        checks: windows of the optimised map held against their own best, evenly spread over the run.
+        runtime_s: seconds by stage.
+        unread: why a polar scan could not be read and was left out, by its number.
+    """
+
+    map_odometry: PointMap
+    map_optimised: PointMap
+    checks: list[WindowAudit]
+    runtime_s: dict[str, float]
+    unread: dict[int, DataError]
