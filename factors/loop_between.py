@@ -3,16 +3,21 @@
 from __future__ import annotations
 
 import gtsam
-import numpy as np
 
 from mqslam.config import LoopConfig
-from mqslam.core import se2
 from mqslam.core.measurement import Loop
+from mqslam.factors.noise import gaussian_noise
 
 
 def loop_between(a: int, b: int, loop: Loop, config: LoopConfig) -> gtsam.BetweenFactorPose2:
-    """The pose of key b in the frame of key a; a Cauchy weight keeps a wrong loop from bending the rest."""
-    floor = np.diag([config.floor_m**2, config.floor_m**2, config.floor_rad**2])
-    gaussian = gtsam.noiseModel.Gaussian.Covariance(se2.turned(loop.covariance, -loop.pose[2]) + floor)
+    """Returns the factor of a loop; a Cauchy weight keeps a wrong loop from bending the rest of the graph.
+
+    Args:
+        a: key of the earlier pose.
+        b: key of the later pose.
+        loop: the later pose in the frame of the earlier one, with its covariance.
+        config: settings of loops.
+    """
+    gaussian = gaussian_noise(loop.covariance, loop.pose[2], config.floor_m, config.floor_rad)
     robust = gtsam.noiseModel.Robust.Create(gtsam.noiseModel.mEstimator.Cauchy.Create(config.cauchy), gaussian)
     return gtsam.BetweenFactorPose2(a, b, gtsam.Pose2(*loop.pose), robust)

@@ -4,13 +4,18 @@ from __future__ import annotations
 
 import gtsam
 import numpy as np
-from numpy.typing import NDArray
 
-SIGMA_M = 1e-3
-SIGMA_RAD = 1e-4
+from mqslam.config import GraphConfig
+from mqslam.core import se2
 
 
-def prior(key: int, pose: NDArray[np.float64]) -> gtsam.PriorFactorPose2:
-    """Hold the pose of a key at (3,) x [m], y [m], yaw [rad]."""
-    noise = gtsam.noiseModel.Diagonal.Sigmas(np.array([SIGMA_M, SIGMA_M, SIGMA_RAD]))
+def prior(key: int, pose: se2.Array, config: GraphConfig) -> gtsam.PriorFactorPose2:
+    """Returns the factor that holds the pose of a key where it is.
+
+    Args:
+        key: of the pose.
+        pose: (3,) x [m], y [m], yaw [rad].
+        config: settings of the graph.
+    """
+    noise = gtsam.noiseModel.Diagonal.Sigmas(np.array([config.prior_m, config.prior_m, config.prior_rad]))
     return gtsam.PriorFactorPose2(key, gtsam.Pose2(*pose), noise)

@@ -6,11 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from mqslam.config import ScanMatchingConfig
 from mqslam.core import se2
 
-_NEIGHBOURS = 10  # map points that show how the surface around the nearest one runs
-_FLATTEST = 0.01  # least variance across a surface over that along it
-_LEAST_M = 1e-3  # lengths that nobody measures: residuals are this large at least, and every point has this lever arm [m]
+_LEAST_M = 1e-3  # a length that nobody measures, so that no matrix is singular: least residual and least lever arm [m]
 
 
 class Surface:
@@ -18,32 +17,34 @@ class Surface:
 
     Args:
         points: (M, 2) m, map frame.
+        settings: how its direction is found.
     """
 
-    def __init__(self, points: NDArray[np.float64]) -> None:
+    def __init__(self, points: NDArray[np.float64], settings: ScanMatchingConfig) -> None:
         self._points = points
+        self._settings = settings
         self._tree = cKDTree(points, compact_nodes=False, balanced_tree=False)  # searched too seldom to be worth more
 
-    def matched(self, scan: NDArray[np.float64], pose: se2.Array, reach: float) -> int:
-        """How many points (N, 2) [m] of a scan at a pose (3,) have a map point within reach [m]."""
+    def count_matched(self, scan: NDArray[np.float64], pose: se2.Array, reach: float) -> int:
+        """Returns how many points (N, 2) [m] of a scan at a pose (3,) have a map point within reach [m]."""
         distances, _ = self._tree.query(se2.transform(pose, scan), distance_upper_bound=reach)
         return int(np.isfinite(distances).sum())
 
-    def directions(self, points: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """How the surface runs near points.
+    def find_directions(self, points: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Finds how the surface runs near points.
 
         Args:
             points: (N, 2) m, map frame.
 
         Returns:
-            flatness: (N,) variance of the map's points across the surface over that along it, 0.01 at least.
+            flatness: (N,) variance of the map's points across the surface over that along it, at least `flattest`.
             axes: (N, 2, 2) columns are the unit vectors across and along.
         """
         _, nearest = self._tree.query(points, k=self._ranks())
-        return self._directions(nearest)
+        return self._find_directions(nearest)
 
     def covariance(self, scan: NDArray[np.float64], pose: se2.Array, reach: float, kernel: float) -> NDArray[np.float64]:
-        """Covariance s^2 H^-1 (3, 3) of the pose of a scan matched point to point, in the pose's own frame [m, m, rad].
+        """Returns the covariance s^2 H^-1 (3, 3) of a scan's pose, matched point to point, in its own frame [m, m, rad].
 
         H is the Gauss-Newton Hessian of the residuals over x, y, yaw under Geman-McClure weights, s^2 their weighted mean
         square. Push a wall along itself and its points find others as near as before: along a surface a residual counts
@@ -59,7 +60,7 @@ class Surface:
         near = distances[:, 0] < reach
         scan, distances, nearest = scan[near], distances[near, 0], nearest[near]
         residuals = se2.transform(se2.inverse(pose), self._points[nearest[:, 0]]) - scan
-        flatness, axes = self._directions(nearest)
+        flatness, axes = self._find_directions(nearest)
         c, s = np.cos(pose[2]), np.sin(pose[2])
         axes = np.array([[c, s], [-s, c]]) @ axes
         weights = (kernel / (kernel + distances**2)) ** 2
@@ -74,10 +75,11 @@ class Surface:
         return np.asarray(0.5 * (inverse + inverse.T))
 
     def _ranks(self) -> list[int]:
-        return list(range(1, min(_NEIGHBOURS, len(self._points)) + 1))
+        """Returns which of the nearest map points are asked for: the first, the second and so on."""
+        return list(range(1, min(self._settings.surface_points, len(self._points)) + 1))
 
-    def _directions(self, neighbours: NDArray[np.int64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def _find_directions(self, neighbours: NDArray[np.int64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         around = self._points[neighbours]
         around = around - around.mean(axis=1, keepdims=True)
         variances, axes = np.linalg.eigh(np.swapaxes(around, 1, 2) @ around)
-        return np.maximum(variances[:, 0] / np.maximum(variances[:, 1], 1e-12), _FLATTEST), axes
+        return np.maximum(variances[:, 0] / np.maximum(variances[:, 1], 1e-12), self._settings.flattest), axes

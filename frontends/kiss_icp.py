@@ -18,105 +18,114 @@ from mqslam.core.measurement import Measurement
 from mqslam.core.scans import Scan
 from mqslam.errors import ConfigError
 from mqslam.frontends.icp_covariance import Surface
-from mqslam.frontends.scan_matching import FEWEST, Match, in_space, matrix_of, motions, pose_of
+from mqslam.frontends.scan_matching import match_scans
+from mqslam.frontends.scan_track import Match
+from mqslam.frontends.spatial import from_matrix, lift, to_matrix
 
-INFLATION = 86.0  # variance of a pose over s^2 H^-1; makes mean NEES/3 one on kaist01, and 0.88 on kaist02
-_FAR_M = 1e6  # beyond every range KISS-ICP keeps
+_FAR_M = 1e6  # beyond every range that KISS-ICP keeps
+_REACH = 3.0  # KISS-ICP looks for correspondences within this many of its adaptive thresholds: its definition
 
 
 class KissIcpFrontEnd:
-    """Feeds each revolution to KISS-ICP as a planar scan with per-point times.
+    """Feeds each scan to KISS-ICP, as a planar one with a time per point.
 
-    KISS-ICP begins at rest and predicts by its last motion, so that it loses the first revolutions of a recording that
-    begins on the move. Here it finds its first motion itself, from the first ten revolutions (`scan_matching.motions`):
-    it runs over them forwards and then backwards in time, from several speeds, and starts with the motion whose scans
-    fitted best. Nothing of psi helps it but the radar's Doppler shift, which is taken out of the ranges by its last motion.
+    KISS-ICP begins at rest and predicts by its last motion, so that it loses the first scans of a recording that begins on
+    the move. Here it finds its first motion itself, from the first scans (`scan_matching.match_scans`): it runs over them
+    forwards and then backwards in time, from several speeds, and starts with the motion whose scans fitted best. Nothing of
+    psi helps it but the radar's Doppler shift, which is taken out of the ranges by its last motion.
 
-    It deskews a scan to its end, so that its pose is the sensor's where the next revolution begins.
+    It deskews a scan to its end, so that its pose is the sensor's where the next scan begins.
 
     Raises:
-        ConfigError: a YAML file of KISS-ICP's own that is missing or none.
+        ConfigError: the YAML file of KISS-ICP's own settings is missing or is none.
     """
 
     def __init__(self, context: Context) -> None:
         self._context = context
-        self._config = _kiss_config(context.config.kiss_icp)
+        self._settings = context.config.kiss_icp
+        self._config = _make_config(self._settings)
 
     def measure(self, scans: Iterable[Scan]) -> Iterator[Measurement]:
-        """The motion from the start of each window to the start of the next.
+        """Measures the motion from the start of each scan to the start of the next.
 
         Raises:
-            EstimationError: fewer than two revolutions, or hardly any returns in the first ones.
+            EstimationError: there are fewer than two scans, or hardly any returns in the first ones.
         """
-        return motions(scans, lambda: _KissIcpMatcher(self._config), self._context, INFLATION)
+        return match_scans(scans, lambda: _KissIcpMatcher(self._config, self._settings), self._context, self._settings)
 
 
 class _KissIcpMatcher:
-    """KISS-ICP behind the protocol of `scan_matching`; pose and motion are handed to it with every scan."""
+    """KISS-ICP behind the protocol of `scan_track`; pose and motion are handed to it with every scan."""
 
-    def __init__(self, config: Any) -> None:
+    def __init__(self, config: Any, settings: KissIcpConfig) -> None:
         from kiss_icp.kiss_icp import KissICP
 
         self._kiss = KissICP(config)
+        self._settings = settings
         self.reference = 1.0 if config.data.deskew else 0.5  # a scan that is not deskewed fits best in its middle
 
     def match(
         self, points: NDArray[np.float64], fractions: NDArray[np.float64], before: se2.Array, motion: se2.Array
     ) -> Match | None:
-        kiss = self._kiss
-        kiss.last_pose, kiss.last_delta = matrix_of(before), matrix_of(motion)
+        """Matches a scan, and adds it to the map, as `scan_track.Matcher` has it."""
+        kiss, settings = self._kiss, self._settings
+        kiss.last_pose, kiss.last_delta = to_matrix(before), to_matrix(motion)
         # KISS-ICP takes the first and the last time of a scan for its ends: points too far to be kept mark those
-        frame = in_space(np.vstack([points, [[_FAR_M, 0.0], [_FAR_M, 0.0]]]))
+        frame = lift(np.vstack([points, [[_FAR_M, 0.0], [_FAR_M, 0.0]]]))
         times = np.r_[fractions, 0.0, 1.0]
         source, joining = kiss.voxelize(kiss.preprocessor.preprocess(frame, times, kiss.last_delta))
         scan = source[:, :2]
         predicted = se2.compose(before, motion)
         kernel = kiss.adaptive_threshold.get_threshold()
-        reach = 3.0 * kernel
-        surface = None if kiss.local_map.empty() else Surface(kiss.local_map.point_cloud()[:, :2])
+        reach = _REACH * kernel
+        surface = None if kiss.local_map.empty() else Surface(kiss.local_map.point_cloud()[:, :2], settings)
         # with no more than a few correspondences its linear system is singular, and it aborts the process
-        if surface is None or surface.matched(scan, predicted, reach) < FEWEST:
-            kiss.local_map.update(joining, matrix_of(predicted))
+        if surface is None or surface.count_matched(scan, predicted, reach) < settings.fewest_matched:
+            kiss.local_map.update(joining, to_matrix(predicted))
             return None
         kiss.register_frame(frame, times)
-        pose = pose_of(kiss.last_pose)
-        if surface.matched(scan, pose, reach) < FEWEST:
+        pose = from_matrix(kiss.last_pose)
+        if surface.count_matched(scan, pose, reach) < settings.fewest_matched:
             return None
-        near = surface.matched(scan, pose, kiss.config.mapping.voxel_size) / len(scan)
+        near = surface.count_matched(scan, pose, kiss.config.mapping.voxel_size) / len(scan)
         return Match(pose, surface.covariance(scan, pose, reach, kernel), near)
 
 
-def _kiss_config(settings: KissIcpConfig) -> Any:
-    """The KISSConfig of the settings, or of the file of KISS-ICP's own that they name."""
+def _make_config(settings: KissIcpConfig) -> Any:
+    """Returns the KISSConfig of the settings, or of the file of KISS-ICP's own that they name."""
     from kiss_icp.config import KISSConfig
 
     if settings.config_file is not None:
-        return _loaded(settings.config_file)
+        return _load_config(settings.config_file)
     config = KISSConfig()
     config.mapping.voxel_size = settings.voxel_size_m
     config.data.max_range = settings.max_range_m
     config.data.min_range = 0.0
     config.data.deskew = settings.deskew
-    return _repeatable(config)
+    return _make_repeatable(config)
 
 
-def _repeatable(config: Any) -> Any:
-    """A KISSConfig whose 0 threads, which means any number, are one: many add up in any order.
+def _make_repeatable(config: Any) -> Any:
+    """Turns 0 threads of a KISSConfig, which stands for any number, into one: several add up in any order.
 
-    The first KISS-ICP of a process says how many threads all of them have.
+    The first KISS-ICP of a process decides how many threads all of them have.
     """
     config.registration.max_num_threads = config.registration.max_num_threads or 1
     return config
 
 
-def _loaded(path: Path) -> Any:
-    """A file of KISS-ICP's own, read by its own loader, which ignores settings it does not know within a section."""
+def _load_config(path: Path) -> Any:
+    """Reads a file of KISS-ICP's own by its own loader, which ignores settings that it does not know within a section.
+
+    Raises:
+        ConfigError: the file cannot be read, or it is not one of KISS-ICP's.
+    """
     from kiss_icp.config import KISSConfig, load_config
     from kiss_icp.kiss_icp import KissICP
 
     try:
         tree = yaml.safe_load(path.read_text(encoding="utf-8"))
-        config = _repeatable(load_config(path))
+        config = _make_repeatable(load_config(path))
         KissICP(config)  # refuses what the loader lets pass, such as null for a number
     except (OSError, UnicodeDecodeError, yaml.YAMLError, TypeError) as error:
         raise ConfigError(f"{path}: is not a YAML file of KISS-ICP's settings ({str(error).splitlines()[0]})") from error

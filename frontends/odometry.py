@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
+from itertools import pairwise
 
 import numpy as np
 
@@ -10,41 +11,38 @@ from mqslam.core import se2
 from mqslam.core.frontend import Context
 from mqslam.core.measurement import Measurement
 from mqslam.core.scans import Scan
-from mqslam.errors import EstimationError
-
-# what a wheel odometry of which nothing is known is taken to be worth; the graph estimates better where it can
-SIGMA_TRAVEL = 0.05  # standard deviation of travel, per metre
-SIGMA_REST_M = 0.01  # standard deviation of the position over a window at rest [m]
-SIGMA_YAW_RATE = 0.02  # standard deviation of the yaw rate [rad/s]
+from mqslam.errors import EstimationError, Remedy
 
 
 class OdometryFrontEnd:
-    """Reads motions off the odometry of the context."""
+    """Reads motions off the odometry of the context.
+
+    Raises:
+        EstimationError: there is no odometry.
+    """
 
     def __init__(self, context: Context) -> None:
         if context.odometry is None:
-            raise EstimationError("the odometry front end needs odometry; give --odometry FILE or another --frontend")
+            raise EstimationError("the odometry front end needs odometry", Remedy.GIVE_ODOMETRY)
         self._odometry = context.odometry
         self._start_us = context.start_us
+        self._settings = context.config.odometry
 
     def measure(self, scans: Iterable[Scan]) -> Iterator[Measurement]:
-        """The motion from the start of each window to the start of the next, where the odometry reaches that far.
+        """Measures the motion from the start of each scan to the start of the next.
 
         Raises:
-            EstimationError: the odometry does not cover the windows.
+            EstimationError: the odometry does not cover the scans.
         """
-        before: Scan | None = None
-        for scan in scans:
-            if before is not None:
-                yield self._between(before.t0, scan)
-            before = scan
+        for before, scan in pairwise(scans):
+            yield self._measure_motion(before.t0, scan)
 
-    def _between(self, t0: float, scan: Scan) -> Measurement:
+    def _measure_motion(self, t0: float, scan: Scan) -> Measurement:
         stamps = self._start_us + np.round(np.array([t0, scan.t0]) * 1e6).astype(np.int64)
         if not self._odometry.covers(int(stamps[0]), int(stamps[1])):
             raise EstimationError(f"the odometry does not cover {t0:.2f} s to {scan.t0:.2f} s of the recording")
         first, last = self._odometry.at(stamps)
         pose = se2.between(first, last)
-        along = SIGMA_REST_M + SIGMA_TRAVEL * float(np.hypot(pose[0], pose[1]))
-        yaw = SIGMA_YAW_RATE * (scan.t0 - t0)
+        along = self._settings.sigma_rest_m + self._settings.sigma_travel * float(np.hypot(pose[0], pose[1]))
+        yaw = self._settings.sigma_yaw_rate * (scan.t0 - t0)
         return Measurement(t0, scan.t0, pose, np.diag([along**2, along**2, yaw**2]), points=len(scan.returns))

@@ -13,22 +13,27 @@ from mqslam.core.frontend import Context
 from mqslam.core.measurement import Measurement, Status
 from mqslam.core.scans import Scan
 from mqslam.psi.place import beam_of
+from mqslam.psi.tracking.state import State
 from mqslam.psi.tracking.track import Followed, follow_scans
-from mqslam.psi.tracking.tracker import Tracked, Tracker
+from mqslam.psi.tracking.tracked import Tracked
+from mqslam.psi.tracking.tracker import Tracker
 from mqslam.psi.tracking.unsteadiness import Unsteadiness
 
 
 class PsiFrontEnd:
-    """Odometry by psi over a running map; another odometry serves where psi finds nothing, never as information."""
+    """Odometry by psi over a running map.
+
+    Another odometry serves where psi finds nothing, and never as information.
+    """
 
     def __init__(self, context: Context) -> None:
         self._context = context
 
     def measure(self, scans: Iterable[Scan]) -> Iterator[Measurement]:
-        """The motion from the start of each window to the start of the next.
+        """Measures the motion from the start of each scan to the start of the next.
 
         Raises:
-            EstimationError: fewer than two revolutions, or hardly any returns in all of them.
+            EstimationError: there are fewer than two scans, or hardly any returns in all of them.
         """
         context, config = self._context, self._context.config
         beam = beam_of(config.estimator, context.doppler_beta)
@@ -47,42 +52,47 @@ class PsiFrontEnd:
 
 
 def _steps(scans: Iterator[Followed]) -> Iterator[tuple[list[Measurement], bool]]:
-    """The motions from each scan that was found to the next one that was, and whether the map has only begun."""
-    found = next(scans)
+    """Yields the motions from each matched scan to the next matched one, and whether the map has only begun."""
+    matched = next(scans)
     lost: list[Followed] = []  # scans since then
     for scan in scans:
         lost.append(scan)
         if scan.tracked.status is Status.LOST and not scan.tracked.begins_map:
             continue
-        yield _bridge(found.tracked, lost), scan.young
-        found, lost = scan, []
-    yield _bridge(found.tracked, lost), False
+        yield _bridge(matched.tracked, lost), scan.young
+        matched, lost = scan, []
+    yield _bridge(matched.tracked, lost), False
 
 
-def _bridge(found: Tracked, then: list[Followed]) -> list[Measurement]:
-    """The motions from one scan through those after it.
+def _bridge(begin: Tracked, then: list[Followed]) -> list[Measurement]:
+    """Returns the motions from one scan through those after it.
 
-    Where the track was lost on the way to the last of them, what that one found is shared over the time, as a constant
+    Where the track was lost on the way to the last of them, the motion to that one is shared over the time, as a constant
     twist: the prediction it replaces was followed blindly.
     """
-    steps = [found, *(f.tracked for f in then)]
+    steps = [begin, *(f.tracked for f in then)]
     if then and (steps[-1].status is not Status.LOST or steps[-1].begins_map):
-        times, poses = [found.t0, steps[-1].t0], np.array([found.pose, steps[-1].pose])
-        between = [replace(t, state=np.r_[se2.interpolate(times, poses, [t.t0])[0], t.state[3:]]) for t in steps[1:-1]]
-        steps = [found, *between, steps[-1]]
+        times, poses = [begin.t0, steps[-1].t0], np.array([begin.pose, steps[-1].pose])
+        between = [_move(t, se2.interpolate(times, poses, [t.t0])[0]) for t in steps[1:-1]]
+        steps = [begin, *between, steps[-1]]
     return [_relate(a, b, f.psi_odometry) for a, b, f in zip(steps, steps[1:], then, strict=False)]
 
 
+def _move(tracked: Tracked, pose: se2.Array) -> Tracked:
+    """Returns a tracked scan at another start pose (3,)."""
+    return replace(tracked, state=State.of(pose, tracked.state.motion))
+
+
 def _relate(a: Tracked, b: Tracked, psi_odometry: float) -> Measurement:
-    """The motion between two tracked scans, their errors given the map taken as independent."""
+    """Returns the motion between two tracked scans; their errors given the map are taken as independent."""
     pose = se2.between(a.pose, b.pose)
-    c, s = np.cos(a.pose[2]), np.sin(a.pose[2])
+    c, s = np.cos(a.state.yaw), np.sin(a.state.yaw)
     by_end = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
     by_start = -by_end.copy()
     by_start[0, 2], by_start[1, 2] = pose[1], -pose[0]
-    at_end = b.covariance[:3, :3] + (np.zeros((3, 3)) if b.arrival is None else b.arrival)
+    at_end = b.pose_covariance + (np.zeros((3, 3)) if b.arrival is None else b.arrival)
     covariance: NDArray[np.float64] = (
-        by_start @ a.covariance[:3, :3] @ by_start.T + by_end @ at_end @ by_end.T + _disagreement(a, b, pose)
+        by_start @ a.pose_covariance @ by_start.T + by_end @ at_end @ by_end.T + _compare_measurements(a, b, pose)
     )
     evaluation = b.evaluation
     return Measurement(
@@ -98,8 +108,8 @@ def _relate(a: Tracked, b: Tracked, psi_odometry: float) -> Measurement:
     )
 
 
-def _disagreement(a: Tracked, b: Tracked, pose: se2.Array) -> NDArray[np.float64]:
-    """Covariance (3, 3) of what two measurements of one motion disagree in; zero where there is but one.
+def _compare_measurements(a: Tracked, b: Tracked, pose: se2.Array) -> NDArray[np.float64]:
+    """Returns the covariance (3, 3) that two measurements of one motion show; it is zero where there is only one.
 
     Two measurements with independent errors differ by twice the variance of one.
     """
@@ -112,7 +122,7 @@ def _disagreement(a: Tracked, b: Tracked, pose: se2.Array) -> NDArray[np.float64
 
 
 def _widen(motion: Measurement, unsteadiness: Unsteadiness) -> Measurement:
-    """The motion with the variance that the motion model leaves out; a motion that was lost has more than that."""
+    """Adds the variance that the motion model leaves out; a motion that was lost has more than that already."""
     if motion.status is Status.LOST:
         return motion
     return replace(motion, covariance=motion.covariance + np.diag(unsteadiness.variance))

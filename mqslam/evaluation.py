@@ -1,8 +1,9 @@
-"""How far an estimated trajectory is from ground truth. Nothing here may be used to estimate."""
+"""How far an estimated trajectory is from ground truth. Nothing of this module may be used to estimate."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,9 +11,10 @@ from numpy.typing import NDArray
 from mqslam.core import se2
 from mqslam.core.trajectory import Trajectory
 
-_SEGMENT_LENGTHS_M = np.arange(100.0, 801.0, 100.0)
-_SEGMENT_START_STEP = 4
-_SLACK_US = 2_000
+# definitions of KITTI's drift; a segment begins at every fourth pose, about one second of a radar apart
+_SEGMENT_LENGTHS_M: Final = np.arange(100.0, 801.0, 100.0)
+_SEGMENT_START_STEP: Final = 4
+_SLACK_US: Final = 2_000  # a tolerance [us]: stamps that another program rounded to milliseconds still lie in the span
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,51 +41,55 @@ class Evaluation:
 
 
 def evaluate(estimate: Trajectory, truth: Trajectory) -> Evaluation | None:
-    """Compare an estimate with ground truth at the truth's own stamps, as far as the estimate's span covers them.
+    """Compares an estimate with ground truth at the truth's own stamps, as far as the estimate's span covers them.
+
+    Args:
+        estimate: the trajectory to judge.
+        truth: ground truth.
 
     Returns:
-        The errors, or None where the two share fewer than 3 stamps.
+        the errors, or None where the two share fewer than 3 stamps.
     """
-    shared = _shared(estimate, truth)
+    shared = _share_stamps(estimate, truth)
     if shared is None:
         return None
     stamps_us, estimated, true = shared
-    placed = se2.transform(_alignment(estimated, true), estimated[:, :2])
-    drift = _drift(estimated, true)
+    placed = se2.transform(_fit_rigid_motion(estimated, true), estimated[:, :2])
+    drift = _measure_drift(estimated, true)
     seconds = np.diff(stamps_us) * 1e-6
-    step_error = se2.between(estimated[:-1], estimated[1:]) - se2.between(true[:-1], true[1:])
-    speed_error = step_error[:, 0] / seconds
-    rate_error = se2.wrap(step_error[:, 2]) / seconds
+    step_errors = se2.between(estimated[:-1], estimated[1:]) - se2.between(true[:-1], true[1:])
+    speed_errors = step_errors[:, 0] / seconds
+    rate_errors = se2.wrap(step_errors[:, 2]) / seconds
     return Evaluation(
         ate_rmse_m=_rms(np.hypot(*(placed - true[:, :2]).T)),
         drift_percent=None if drift is None else 100.0 * drift[0],
         drift_deg_per_100m=None if drift is None else 100.0 * float(np.rad2deg(drift[1])),
-        rpe_v_rms=_rms(speed_error),
-        rpe_w_rms=_rms(rate_error),
-        rpe_v_bias=float(speed_error.mean()),
-        rpe_w_bias=float(rate_error.mean()),
+        rpe_v_rms=_rms(speed_errors),
+        rpe_w_rms=_rms(rate_errors),
+        rpe_v_bias=float(speed_errors.mean()),
+        rpe_w_bias=float(rate_errors.mean()),
     )
 
 
-def alignment(estimate: Trajectory, truth: Trajectory) -> se2.Array | None:
-    """The rigid motion (3,) that lays the estimate's positions best on the truth's, or None below 3 shared stamps."""
-    shared = _shared(estimate, truth)
-    return None if shared is None else _alignment(shared[1], shared[2])
+def align_positions(estimate: Trajectory, truth: Trajectory) -> se2.Array | None:
+    """Returns the rigid motion (3,) that lays the estimate's positions best on the truth's; None below 3 shared stamps."""
+    shared = _share_stamps(estimate, truth)
+    return None if shared is None else _fit_rigid_motion(shared[1], shared[2])
 
 
-def _shared(estimate: Trajectory, truth: Trajectory) -> tuple[NDArray[np.int64], se2.Array, se2.Array] | None:
-    """Stamps (M,) of the truth, apart and inside the estimate's span, and the poses (M, 3) of both; None if M < 3."""
+def _share_stamps(estimate: Trajectory, truth: Trajectory) -> tuple[NDArray[np.int64], se2.Array, se2.Array] | None:
+    """Returns the truth's stamps (M,) that lie apart in the estimate's span, and both poses (M, 3); None if M < 3."""
     first, last = estimate.stamps_us[0] - _SLACK_US, estimate.stamps_us[-1] + _SLACK_US
     inside = np.flatnonzero((truth.stamps_us >= first) & (truth.stamps_us <= last))
-    inside = inside[se2.apart(truth.seconds(int(first))[inside])]  # two poses at almost the same time show no speed
+    inside = inside[se2.select_apart(truth.seconds(int(first))[inside])]  # two poses at almost the same time show no speed
     if len(inside) < 3:
         return None
     stamps_us = truth.stamps_us[inside]
     return stamps_us, estimate.at(stamps_us), truth.poses[inside]
 
 
-def _alignment(estimated: se2.Array, true: se2.Array) -> se2.Array:
-    """The rigid motion (3,) with the least sum of squared distances between positions of poses (M, 3)."""
+def _fit_rigid_motion(estimated: se2.Array, true: se2.Array) -> se2.Array:
+    """Returns the rigid motion (3,) with the least sum of squared distances between positions of poses (M, 3)."""
     centre, target = estimated[:, :2].mean(axis=0), true[:, :2].mean(axis=0)
     a, b = estimated[:, :2] - centre, true[:, :2] - target
     yaw = np.arctan2(np.sum(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]), np.sum(a * b))
@@ -91,19 +97,19 @@ def _alignment(estimated: se2.Array, true: se2.Array) -> se2.Array:
     return np.array([*offset, yaw])
 
 
-def _drift(estimated: se2.Array, true: se2.Array) -> tuple[float, float] | None:
-    """Mean translation [m/m] and rotation [rad/m] error over KITTI's segments; None where no segment fits.
+def _measure_drift(estimated: se2.Array, true: se2.Array) -> tuple[float, float] | None:
+    """Returns the mean translation [m/m] and rotation [rad/m] error over KITTI's segments; None where no segment fits.
 
     Source: A. Geiger et al., "Are we ready for autonomous driving? The KITTI vision benchmark suite", 2012.
     """
-    travelled = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(true[:, :2], axis=0).T))])
+    travelled = se2.path_lengths(true)
     begin = np.arange(0, len(true), _SEGMENT_START_STEP)
-    wanted = travelled[begin, None] + _SEGMENT_LENGTHS_M
-    end = np.searchsorted(travelled, wanted)
-    which, length = np.nonzero(end < len(true))
-    if len(which) == 0:
+    targets = travelled[begin, None] + _SEGMENT_LENGTHS_M
+    end = np.searchsorted(travelled, targets)
+    start, length = np.nonzero(end < len(true))
+    if len(start) == 0:
         return None
-    i, j, metres = begin[which], end[which, length], _SEGMENT_LENGTHS_M[length]
+    i, j, metres = begin[start], end[start, length], _SEGMENT_LENGTHS_M[length]
     error = se2.between(se2.between(true[i], true[j]), se2.between(estimated[i], estimated[j]))
     translation = np.hypot(error[:, 0], error[:, 1]) / metres
     rotation = np.abs(se2.wrap(error[:, 2])) / metres
@@ -111,4 +117,5 @@ def _drift(estimated: se2.Array, true: se2.Array) -> tuple[float, float] | None:
 
 
 def _rms(values: se2.Array) -> float:
+    """Returns the root mean square of values."""
     return float(np.sqrt(np.mean(np.square(values))))

@@ -7,10 +7,9 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from mqslam.audit.judge import WindowAudit
-from mqslam.audit.sample import judged_sample
+from mqslam.audit.windows import WindowAudit, audit_sample
 from mqslam.backend.loops.closing import close_loops
-from mqslam.backend.odometry_edges import odometry_edges
+from mqslam.backend.odometry_edges import make_odometry_edges
 from mqslam.backend.pose_graph import poses_of
 from mqslam.backend.problem import Problem
 from mqslam.config import Config
@@ -27,8 +26,8 @@ from mqslam.execution.kept import LOOPS, MEASURED
 from mqslam.execution.runner import Runner
 from mqslam.mapping.live import show_motions
 from mqslam.mapping.render import render
+from mqslam.psi.doppler import choose_doppler_beta
 from mqslam.psi.place import Beam, beam_of
-from mqslam.psi.tracking.doppler import doppler_beta_of
 from mqslam.solution import Run, Solution
 
 
@@ -82,7 +81,7 @@ class Slam:
             checks: list[WindowAudit] = []
             with runner.timed("check"), runner.optional("the check of the map"):
                 track, beam = solution.optimised, solution.beam
-                checks = judged_sample(scans, track, config.audit, config.estimator, beam, runner)
+                checks = audit_sample(scans, track, config.audit, config.estimator, beam, runner)
         return Run(
             **(vars(solution) | {"warnings": tuple(runner.warnings)}),
             map_odometry=before,
@@ -107,7 +106,7 @@ class Slam:
         with runner.timed("windows"):
             measurements = self._measure(scans, context, beam)
         with runner.timed("optimise"):
-            odometry = odometry_edges(scans, context, self._name, measurements, config.graph)
+            odometry = make_odometry_edges(scans, context, self._name, measurements, config.graph)
             problem = Problem(measurements, odometry, config.graph, config.loops)
             poses = problem.poses([])
         search = LoopSearch([], 0)
@@ -137,7 +136,7 @@ class Slam:
         """Returns the Doppler shift [s]: that of kept measurements, that of the settings, or the one psi measures."""
         with self._runner.timed("windows"):
             kept, config = self._runner.find(MEASURED), self._config
-            return kept.doppler_beta if kept else doppler_beta_of(scans, config.sensor, config.tracker, config.estimator)
+            return kept.doppler_beta if kept else choose_doppler_beta(scans, config.sensor, config.tracker, config.estimator)
 
     def _measure(self, scans: Scans, context: Context, beam: Beam) -> list[Measurement]:
         """Returns the front end's measurements, or those that an earlier run has kept; shows them as they come."""

@@ -11,7 +11,7 @@ import pytest
 
 from mqslam.core import se2
 from mqslam.core.trajectory import Trajectory
-from mqslam.evaluation import alignment, evaluate
+from mqslam.evaluation import align_positions, evaluate
 from mqslam.formats.tum import write_tum
 
 JUDGE = Path(__file__).resolve().parents[2] / "shared" / "tools" / "score_run.py"
@@ -50,7 +50,7 @@ def test_alignment_carries_the_estimate_onto_the_truth() -> None:
     truth = drive(winding(20.0))
     motion = np.array([40.0, -9.0, 2.5])
     estimate = Trajectory(truth.stamps_us, se2.compose(se2.inverse(motion), truth.poses))
-    np.testing.assert_allclose(alignment(estimate, truth), motion, atol=1e-9)
+    np.testing.assert_allclose(align_positions(estimate, truth), motion, atol=1e-9)
 
 
 def test_a_speed_error_is_drift_of_the_same_size_with_its_sign() -> None:
@@ -91,7 +91,7 @@ def test_fewer_than_three_shared_stamps_is_no_evaluation() -> None:
     truth = drive(winding(10.0))
     late = Trajectory(truth.stamps_us + (truth.stamps_us[-2] - truth.stamps_us[0]), truth.poses)
     assert evaluate(late, truth) is None
-    assert alignment(late, truth) is None
+    assert align_positions(late, truth) is None
 
 
 def test_the_independent_judge_agrees(tmp_path: Path) -> None:

@@ -32,7 +32,7 @@ from support.layouts import left_turn, write_radiate
 from support.parameters import mostly_slow
 from support.recordings import START_US, TURN_US, bag_path, raw_rows, with_metadata, write_bag, write_oxford, write_png
 
-from mqslam.backend.pose_graph import PoseCovariances, PoseGraph, marginals
+from mqslam.backend.pose_graph import PoseCovariances, PoseGraph, compute_marginals
 from mqslam.cli import main
 from mqslam.config import Config
 from mqslam.core import frontend, se2
@@ -127,11 +127,11 @@ def test_an_image_that_cannot_be_read(drive: Path, tmp_path: Path) -> None:
         cut(image)
     shown = run(drive, tmp_path / "out")
     assert shown.code == 0
-    warning = f"warning: 3 revolutions could not be read and are left out: {broken[0]}: is not a readable PNG"
+    warning = f"warning: 3 polar scans could not be read and are left out: {broken[0]}: is not a readable PNG"
     assert warning in shown.err and str(broken[2]) in shown.err
     found = summary(tmp_path / "out")
     assert found["dataset"]["unread"] == 3 and "3 of 30 revolutions could not be read" in str(found["verdict"])
-    assert "3 revolutions could not be read" in (tmp_path / "out" / "report.html").read_text()
+    assert "3 polar scans could not be read" in (tmp_path / "out" / "report.html").read_text()
     track = read_tum(tmp_path / "out" / "trajectory.tum")
     assert track.stamps_us.tolist() == [int(image.stem) for image in images(drive)]
     assert found["evaluation"]["ate_rmse_m"] < 0.5
@@ -150,7 +150,7 @@ def test_an_unread_revolution_stays_one_when_a_run_is_resumed(drive: Path, tmp_p
         patch.setattr(slam_module, "optimise", interrupted)
         assert run(drive, tmp_path / "out").code == 130
     shown = run(drive, tmp_path / "out", "--resume")
-    assert shown.code == 0 and "1 revolution could not be read and is left out" in shown.err
+    assert shown.code == 0 and "1 polar scan could not be read and is left out" in shown.err
     for name in ("trajectory.tum", "measurements.csv", "map.ply"):
         assert (tmp_path / "out" / name).read_bytes() == (tmp_path / "whole" / name).read_bytes()
 
@@ -175,7 +175,7 @@ def test_over_half_of_the_images_cannot_be_read(drive: Path, tmp_path: Path) -> 
     for image in images(drive)[3:22]:
         cut(image)
     before = contents(tmp_path)
-    refused(run(drive, tmp_path / "out", "--quiet"), "is not a readable PNG", "like 19 of 30 revolutions")
+    refused(run(drive, tmp_path / "out", "--quiet"), "is not a readable PNG", "like 19 of 30 polar scans")
     assert contents(tmp_path).keys() - before.keys() == {"quick.yaml"}
 
 
@@ -201,7 +201,7 @@ def test_azimuths_that_are_missing(drive: Path, tmp_path: Path) -> None:
     recording = open_recording(drive)
     assert recording[9].power.shape[0] == 120 and len(recording) == 30
     shown = run(drive, tmp_path / "out")
-    assert shown.code == 0 and "1 revolution could not be read" in shown.err
+    assert shown.code == 0 and "1 polar scan could not be read" in shown.err
     assert f"{images(drive)[15]}: has 12 azimuths, the first image 200" in shown.err
 
 
@@ -663,10 +663,10 @@ def test_a_tunnel_that_tells_nothing_along_it(
 
     def watched(found: PoseGraph, values: gtsam.Values, indices: list[int]) -> PoseCovariances:
         seen.append((found.factors, values))
-        return marginals(found, values, indices)
+        return compute_marginals(found, values, indices)
 
     monkeypatch.setattr(frontend, "load", lambda name: Tunnel if name == "psi" else load(name))
-    monkeypatch.setattr("mqslam.report.run_page.marginals", watched)
+    monkeypatch.setattr("mqslam.report.run_page.compute_marginals", watched)
     shown = run(drive, tmp_path / "out", "--odometry", wheels if odometry == "wheels" else "none")
     assert shown.code == 0 and "warning: did not observe every direction from 0.0 s to 7.2 s" in shown.err
     assert "could not be made" not in shown.err and "the report shows no ellipses" not in shown.err

@@ -22,8 +22,8 @@ import pytest
 from support.commands import mqslam
 from support.drives import street_drive
 
-from mqslam.backend.pose_graph import chain
 from mqslam.config import Config
+from mqslam.core import se2
 from mqslam.core.frontend import Context
 from mqslam.formats.trajectories import write_kitti
 from mqslam.formats.tum import write_tum
@@ -153,7 +153,7 @@ def test_the_front_end_of_ones_own_is_one() -> None:
     context = Context(Config(), recording.revolution_s, recording.start_us, None)
     motions = list(names["Mine"](context).measure(scans))
     assert len(motions) == len(scans) - 1
-    np.testing.assert_allclose(chain(m.pose for m in motions)[-1], [2.0 * len(motions), 0.0, 0.0])
+    np.testing.assert_allclose(se2.chain(m.pose for m in motions)[-1], [2.0 * len(motions), 0.0, 0.0])
     (entry,) = snippets("toml")
     assert tomllib.loads(entry) == {"project": {"entry-points": {"mqslam.frontends": {"mine": "my_package:Mine"}}}}
 

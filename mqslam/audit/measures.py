@@ -1,23 +1,23 @@
 """The field's measures of a map without ground truth, for comparison with psi: each takes one window's points.
 
-Their values depend on the place as much as on the trajectory, so that none of them judges a map by itself.
+Their values depend on the place as much as on the trajectory, so that none of them can judge a map alone.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Final, NamedTuple
 
 import numba as nb
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from mqslam.config import AuditConfig
 from mqslam.core import se2
 
-_FEWEST = 5  # points a neighbourhood must hold to have a shape
-_LEAST_M2 = 1e-6  # added to variances, so that points on one spot have a finite entropy [m^2]
-_LARGEST = 2e7  # cells of a grid; a window that is spread wider is torn far apart, and its grid says nothing
-_HIT, _MISS, _MOST = 0.85, -0.4, 3.5  # log odds of a cell for a return in it and for a beam through it, and their bound
+_LEAST_M2: Final = 1e-6  # numerical [m^2]: added to variances, so that points on one spot have a finite entropy
+_LARGEST: Final = 2e7  # cells; a size limit: a window that is spread wider is torn far apart, and its grid says nothing
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,38 +39,62 @@ class Measures:
     grid_entropy: float
 
 
-def measures(
-    points: NDArray[np.float64], sweeps: NDArray[np.int64], sensors: NDArray[np.float64], radius_m: float, cell_m: float
+class EvidenceModel(NamedTuple):
+    """What beams make of the cells of an evidence grid, in log odds that a cell is occupied.
+
+    Args:
+        hit: added to the cell of a return.
+        miss: added to each cell that a beam passes through; negative.
+        limit: largest absolute value of a cell.
+    """
+
+    hit: float
+    miss: float
+    limit: float
+
+
+def compute_measures(
+    points: NDArray[np.float64], sweeps: NDArray[np.int64], sensors: NDArray[np.float64], settings: AuditConfig
 ) -> Measures:
-    """All measures of a window.
+    """Computes all measures of a window.
 
     Args:
         points: (N, 2) m.
-        sweeps: (N,) number of the sweep each point is of.
+        sweeps: (N,) number of the sweep that each point is of.
         sensors: (N, 2) m, where the sensor was when it saw each point.
-        radius_m: radius of a neighbourhood [m].
-        cell_m: side of the grid's cells [m].
+        settings: of the audit.
 
     Source: mean map entropy and mean plane variance: Droeschel and Behnke, "Efficient continuous-time SLAM for 3D
     lidar-based online mapping", 2018; joint against separate entropy: Adolfsson et al., "CorAl: Introspection for robust
     radar and lidar perception in diverse environments using differential entropy", 2022; evidence grid: Elfes, 1989.
     """
-    pairs = cKDTree(points).query_pairs(radius_m, output_type="ndarray")
-    joint, least = _shapes(points, pairs)
-    separate, _ = _shapes(points, pairs[sweeps[pairs[:, 0]] == sweeps[pairs[:, 1]]])
+    pairs = cKDTree(points).query_pairs(settings.radius_m, output_type="ndarray")
+    of_one_sweep = pairs[sweeps[pairs[:, 0]] == sweeps[pairs[:, 1]]]
+    joint, least = _measure_shapes(points, pairs, settings.fewest_neighbours)
+    separate, _ = _measure_shapes(points, of_one_sweep, settings.fewest_neighbours)
     both = np.isfinite(joint) & np.isfinite(separate)
+    model = EvidenceModel(settings.hit_log_odds, settings.miss_log_odds, settings.log_odds_limit)
     return Measures(
         map_entropy=_mean(joint),
         plane_variance=_mean(least),
         joint_entropy=_mean(joint[both] - separate[both]),
-        grid_entropy=grid_entropy(points, sensors, cell_m),
+        grid_entropy=compute_grid_entropy(points, sensors, settings.cell_m, model),
     )
 
 
-def grid_entropy(points: NDArray[np.float64], sensors: NDArray[np.float64], cell_m: float) -> float:
-    """Entropy per cell [nat] of the evidence grid of beams from sensors (N, 2) to points (N, 2).
+def compute_grid_entropy(
+    points: NDArray[np.float64], sensors: NDArray[np.float64], cell_m: float, model: EvidenceModel
+) -> float:
+    """Computes the entropy per cell [nat] of the evidence grid of the beams from the sensor to the points.
 
-    It is NaN without points, and where the grid would not fit into a reasonable part of the memory.
+    Args:
+        points: (N, 2) m.
+        sensors: (N, 2) m, where the sensor was when it saw each point.
+        cell_m: side of the grid's cells [m].
+        model: what beams make of the cells.
+
+    Returns:
+        the entropy; NaN without points, and where the grid would not fit into a reasonable part of the memory.
     """
     if len(points) == 0:
         return float("nan")
@@ -79,18 +103,28 @@ def grid_entropy(points: NDArray[np.float64], sensors: NDArray[np.float64], cell
     columns, rows = np.ceil(np.maximum(ends, begins).max(axis=0)) + 1.0
     if columns * rows > _LARGEST:
         return float("nan")
-    odds, seen = evidence(begins, ends, int(columns), int(rows))
+    odds, seen = accumulate_evidence(begins, ends, (int(columns), int(rows)), model)
     p = 1.0 / (1.0 + np.exp(-odds[seen]))
     return float(np.mean(-p * np.log(p) - (1.0 - p) * np.log(1.0 - p)))
 
 
 @nb.njit(cache=True, nogil=True)
-def evidence(
-    begins: NDArray[np.float64], ends: NDArray[np.float64], columns: int, rows: int
+def accumulate_evidence(
+    begins: NDArray[np.float64], ends: NDArray[np.float64], shape: tuple[int, int], model: EvidenceModel
 ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-    """Log odds (columns, rows) that cells are occupied, and which have been seen, from beams in units of a cell."""
-    odds = np.zeros((columns, rows))
-    seen = np.zeros((columns, rows), np.bool_)
+    """Accumulates the log odds that cells are occupied over all beams.
+
+    Args:
+        begins: (N, 2) where the beams begin, in cells.
+        ends: (N, 2) where they end, in cells.
+        shape: columns and rows of the grid.
+        model: what beams make of the cells.
+
+    Returns:
+        log odds (columns, rows), and which cells have been seen.
+    """
+    odds = np.zeros(shape)
+    seen = np.zeros(shape, np.bool_)
     for i in range(len(ends)):
         dx, dy = ends[i, 0] - begins[i, 0], ends[i, 1] - begins[i, 1]
         steps = int(np.ceil(max(abs(dx), abs(dy))))
@@ -98,42 +132,51 @@ def evidence(
             f = k / steps
             x, y = int(begins[i, 0] + f * dx), int(begins[i, 1] + f * dy)
             seen[x, y] = True
-            odds[x, y] = max(odds[x, y] + _MISS, -_MOST)
+            odds[x, y] = max(odds[x, y] + model.miss, -model.limit)
         x, y = int(ends[i, 0]), int(ends[i, 1])
         seen[x, y] = True
-        odds[x, y] = min(odds[x, y] + _HIT, _MOST)
+        odds[x, y] = min(odds[x, y] + model.hit, model.limit)
     return odds, seen
 
 
-def sensors_of(turns: NDArray[np.float64], numbers: NDArray[np.float64], poses: se2.Array) -> NDArray[np.float64]:
-    """Where the sensor was (N, 2) [m] at turns (N,), from its poses (S, 3) at turns (S,)."""
+def locate_sensors(turns: NDArray[np.float64], numbers: NDArray[np.float64], poses: se2.Array) -> NDArray[np.float64]:
+    """Returns where the sensor was (N, 2) [m] at turns (N,), from its poses (S, 3) at the turns `numbers` (S,)."""
     return np.column_stack([np.interp(turns, numbers, poses[:, 0]), np.interp(turns, numbers, poses[:, 1])])
 
 
-def _shapes(points: NDArray[np.float64], pairs: NDArray[np.int64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Entropy [nat] and smallest variance [m^2] of each point's neighbourhood, itself included; NaN where it holds few."""
+def _measure_shapes(
+    points: NDArray[np.float64], pairs: NDArray[np.int64], fewest: int
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Returns the entropy [nat] and the smallest variance [m^2] of each point's neighbourhood, the point included.
+
+    Args:
+        points: (N, 2) m.
+        pairs: (M, 2) indices of points that are neighbours.
+        fewest: both are NaN for a neighbourhood of fewer points.
+    """
     a, b = pairs.T
     offset = points[b] - points[a]
     n = len(points)
 
-    def summed(at_a: NDArray[np.float64], at_b: NDArray[np.float64]) -> NDArray[np.float64]:
+    def add_up(at_a: NDArray[np.float64], at_b: NDArray[np.float64]) -> NDArray[np.float64]:
         return np.asarray(np.bincount(a, at_a, n) + np.bincount(b, at_b, n))
 
     x, y = offset.T
-    count = 1.0 + summed(np.ones(len(a)), np.ones(len(a)))
-    mx, my = summed(x, -x) / count, summed(y, -y) / count
-    xx = summed(x * x, x * x) / count - mx * mx + _LEAST_M2
-    yy = summed(y * y, y * y) / count - my * my + _LEAST_M2
-    xy = summed(x * y, x * y) / count - mx * my
+    count = 1.0 + add_up(np.ones(len(a)), np.ones(len(a)))
+    mx, my = add_up(x, -x) / count, add_up(y, -y) / count
+    xx = add_up(x * x, x * x) / count - mx * mx + _LEAST_M2
+    yy = add_up(y * y, y * y) / count - my * my + _LEAST_M2
+    xy = add_up(x * y, x * y) / count - mx * my
     determinant = np.maximum(xx * yy - xy * xy, _LEAST_M2**2)
     half = 0.5 * (xx + yy)
     least = half - np.sqrt(np.maximum(half * half - determinant, 0.0))
     entropy = np.log(2.0 * np.pi * np.e) + 0.5 * np.log(determinant)
-    few = count < _FEWEST
+    few = count < fewest
     entropy[few], least[few] = np.nan, np.nan
     return entropy, least
 
 
 def _mean(values: NDArray[np.float64]) -> float:
+    """Returns the mean of the finite values; NaN where there are none."""
     known = values[np.isfinite(values)]
     return float(known.mean()) if len(known) else float("nan")

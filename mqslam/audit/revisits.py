@@ -1,4 +1,4 @@
-"""Revisits: where a trajectory comes back to a place, how far the two passes are off each other, by psi."""
+"""Revisits: where a trajectory comes back to a place, and how far psi says that the two passes are off each other."""
 
 from __future__ import annotations
 
@@ -8,11 +8,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mqslam.audit.sweeps import Sweeps
-from mqslam.backend.loops.align import align, cross_score
-from mqslam.backend.loops.passes import pairs_of_passes, reach, unrivalled
-from mqslam.backend.loops.submap import around
+from mqslam.audit.windows import torn_threshold
+from mqslam.backend.loops.align import align, score_at_pose
+from mqslam.backend.loops.passes import find_pass_pairs, is_unrivalled, search_reach
+from mqslam.backend.loops.submap import pick_around
 from mqslam.config import AuditConfig, EstimatorConfig, LoopConfig
 from mqslam.core import se2
+from mqslam.execution.engine import Engine
+from mqslam.execution.progress import Progress
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,10 +26,10 @@ class Revisit:
         earlier, later: the two sweeps.
         offset: (3,) where psi has the later pass against where the trajectory has it, in the frame of the later sweep
             [m, m, rad].
-        covariance: (3, 3) of it.
+        covariance: (3, 3) of the offset.
         inflation: offset^T covariance^-1 offset.
         matched: share of the later pass's points that lie on the earlier one's.
-        psi, psi_best: score per point as the trajectory has it and with the offset mended.
+        psi, psi_best: score per point as the trajectory has it and with the offset corrected.
         sure: whether the maps of the two passes fit nowhere else as well and hold every direction.
     """
 
@@ -46,51 +49,104 @@ class Revisit:
         return float(np.hypot(self.offset[0], self.offset[1]))
 
 
-def revisit_pairs(sweeps: Sweeps, settings: AuditConfig) -> list[tuple[int, int]]:
-    """Pairs (earlier, later) of sweeps that may show one place, every spacing_m of path: the nearest earlier pass."""
-    return pairs_of_passes(sweeps.travelled, sweeps.poses, settings)
+@dataclass(frozen=True, slots=True)
+class RevisitAudit:
+    """The judgement of one revisit.
+
+    Args:
+        revisit: the two passes and their offset.
+        torn: whether they are off each other beyond what the covariance explains and beyond the settings' tolerance.
+    """
+
+    revisit: Revisit
+    torn: bool
 
 
-def revisit(
-    sweeps: Sweeps, earlier: int, later: int, settings: AuditConfig, estimator: EstimatorConfig, loops: LoopConfig
-) -> Revisit | None:
-    """Lay one pass on the other; None where either holds too few points.
+def audit_revisits(
+    sweeps: Sweeps,
+    settings: AuditConfig,
+    estimator: EstimatorConfig,
+    loops: LoopConfig,
+    engine: Engine,
+    progress: Progress,
+) -> list[RevisitAudit]:
+    """Judges the revisits of a map; those of which either pass holds too few points are left out.
 
     Args:
         sweeps: points under the trajectory to judge.
-        earlier, later: the two sweeps.
         settings: of the audit.
         estimator: settings of the score.
-        loops: whose floor holds here too: submaps bend.
+        loops: settings of loops, whose floor holds for revisits too.
+        engine: where the revisits are judged; the result does not depend on it.
+        progress: called as revisits are done.
     """
-    chosen = passes_of(sweeps, earlier, later, settings)
-    reference, query = (sweeps.local(part, sweeps.poses[k]) for part, k in zip(chosen, (earlier, later), strict=True))
+    pairs = find_revisit_pairs(sweeps, settings)
+
+    def report(number: int, revisit: Revisit | None) -> None:
+        progress("revisits", number, len(pairs))
+
+    revisits = engine.map(_measure_pair, (sweeps, settings, estimator, loops), pairs, report)
+    return [RevisitAudit(revisit, is_torn(revisit, settings)) for revisit in revisits if revisit is not None]
+
+
+def find_revisit_pairs(sweeps: Sweeps, settings: AuditConfig) -> list[tuple[int, int]]:
+    """Finds pairs (earlier, later) of sweeps that may show one place: the nearest earlier pass every spacing_m of path."""
+    return find_pass_pairs(sweeps.travelled, sweeps.poses, settings)
+
+
+def _measure_pair(shared: tuple[Sweeps, AuditConfig, EstimatorConfig, LoopConfig], pair: tuple[int, int]) -> Revisit | None:
+    """Lays one pass of a pair on the other."""
+    sweeps, settings, estimator, loops = shared
+    return measure_revisit(sweeps, *pair, settings, estimator, loops)
+
+
+def measure_revisit(
+    sweeps: Sweeps, earlier: int, later: int, settings: AuditConfig, estimator: EstimatorConfig, loops: LoopConfig
+) -> Revisit | None:
+    """Lays one pass on the other; returns None where either holds too few points.
+
+    Args:
+        sweeps: points under the trajectory to judge.
+        earlier: sweep of the earlier pass.
+        later: sweep of the later pass.
+        settings: of the audit.
+        estimator: settings of the score.
+        loops: settings of loops, whose floor holds here too, because submaps bend.
+    """
+    passes = pick_passes(sweeps, earlier, later, settings)
+    reference, query = (sweeps.local(part, sweeps.poses[k]) for part, k in zip(passes, (earlier, later), strict=True))
     if min(len(reference), len(query)) < settings.fewest:
         return None
     guess = se2.between(sweeps.poses[earlier], sweeps.poses[later])
     path_m = float(sweeps.travelled[later] - sweeps.travelled[earlier])
-    found = align(reference, query, guess, *reach(path_m, settings), estimator)
-    offset = se2.between(guess, found.pose)
-    offset[2] = se2.wrap(offset[2])
+    alignment = align(reference, query, guess, search_reach(path_m, settings), settings, estimator)
+    offset = se2.wrapped_between(guess, alignment.pose)
     floor = np.diag([loops.floor_m**2, loops.floor_m**2, loops.floor_rad**2])
-    covariance = se2.turned(found.covariance, -guess[2]) + floor
+    covariance = se2.rotate_covariance(alignment.covariance, -guess[2]) + floor
     return Revisit(
-        earlier,
-        later,
-        offset,
-        covariance,
-        float(offset @ np.linalg.solve(covariance, offset)),
-        found.matched,
-        cross_score(reference, query, guess, estimator),
-        found.psi,
-        unrivalled(found, settings),
+        earlier=earlier,
+        later=later,
+        offset=offset,
+        covariance=covariance,
+        inflation=float(offset @ np.linalg.solve(covariance, offset)),
+        matched=alignment.matched,
+        psi=score_at_pose(reference, query, guess, estimator),
+        psi_best=alignment.psi,
+        sure=is_unrivalled(alignment, settings),
     )
 
 
-def passes_of(sweeps: Sweeps, earlier: int, later: int, settings: AuditConfig) -> tuple[list[int], list[int]]:
-    """The sweeps of the earlier pass, and of the smaller part of the later one that is laid on it."""
+def is_torn(revisit: Revisit, settings: AuditConfig) -> bool:
+    """Returns whether two passes are off each other."""
+    beyond = revisit.inflation > torn_threshold(settings)
+    far = revisit.distance_m > settings.torn_m or abs(revisit.offset[2]) > settings.torn_rad
+    return bool(revisit.sure and beyond and far)
+
+
+def pick_passes(sweeps: Sweeps, earlier: int, later: int, settings: AuditConfig) -> tuple[list[int], list[int]]:
+    """Returns the sweeps of the earlier pass, and of the smaller part of the later one that is laid on it."""
     first, second = (
-        around(sweeps.travelled, k, reach_m, settings.submap_spacing_m).tolist()
-        for k, reach_m in ((earlier, settings.submap_m), (later, 0.5 * settings.submap_m))
+        pick_around(sweeps.travelled, k, reach_m, settings.submap_spacing_m).tolist()
+        for k, reach_m in ((earlier, settings.submap_m), (later, settings.later_share * settings.submap_m))
     )
     return first, second

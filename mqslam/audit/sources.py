@@ -6,11 +6,14 @@ import itertools
 import zipfile
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mqslam.audit.sweeps import Sweeps, path_length, swept
+from mqslam.audit.sweeps import Sweeps, place_sweeps
+from mqslam.config import AuditConfig
+from mqslam.core import se2
 from mqslam.core.lidar import LidarRecording
 from mqslam.core.scans import Scans
 from mqslam.core.timed_cloud import TimedCloud
@@ -18,21 +21,21 @@ from mqslam.core.trajectory import Trajectory
 from mqslam.errors import DataError
 from mqslam.psi.place import Beam
 
-LIDAR_CONFIG = "lidar"  # the shipped settings for everything that is not a radar's
-CLOUDS = (".ply", ".pcd", ".las", ".laz", ".npz")
-_FEW_STAMPS = 20  # points per stamp from which stamps are those of whole scans
-_SCAN_S = 0.1  # sweep of a cloud whose every point has its own time [s]
+LIDAR_CONFIG: Final = "lidar"
+"""Name of the shipped settings for everything that no radar recorded."""
+CLOUDS: Final = (".ply", ".pcd", ".las", ".laz", ".npz")
+"""Endings of the files that hold finished clouds."""
 
 
 @dataclass(frozen=True)
 class Source:
-    """Timed range data to be audited.
+    """A recording to be audited.
 
     Args:
         path: where it came from.
         format: name of its layout.
         scans: its scans, of a radar or a lidar.
-        tracks: trajectories the recording itself carries, by name.
+        tracks: trajectories that the recording itself carries, by name.
         notes: what a user should know about how it was understood.
     """
 
@@ -44,7 +47,7 @@ class Source:
 
 
 def is_cloud(path: Path) -> bool:
-    """Whether a path is a finished cloud; an .npz is one where it holds no radar's power."""
+    """Returns whether a path is a finished cloud; an .npz is one unless it holds a radar's power."""
     if path.suffix.lower() != ".npz":
         return path.is_file() and path.suffix.lower() in CLOUDS
     try:
@@ -55,7 +58,7 @@ def is_cloud(path: Path) -> bool:
 
 
 def lidar_source(lidar: LidarRecording) -> Source:
-    """A lidar recording as a source."""
+    """Returns a lidar recording as a source."""
     tracks = {"recording": lidar.trajectory, "odometry": lidar.odometry}
     return Source(
         path=lidar.path,
@@ -66,31 +69,46 @@ def lidar_source(lidar: LidarRecording) -> Source:
     )
 
 
-def sweeps_of(source: Source, trajectory: Trajectory, beam: Beam) -> tuple[Sweeps, list[str]]:
-    """A recording under a trajectory, and a note where that does not cover it.
+def sweeps_of(source: Source, trajectory: Trajectory, settings: AuditConfig, beam: Beam) -> tuple[Sweeps, list[str]]:
+    """Places a recording under a trajectory.
+
+    Args:
+        source: the recording.
+        trajectory: poses of the sensor.
+        settings: of the audit.
+        beam: the sensor's errors.
+
+    Returns:
+        the sweeps, and a note where the trajectory does not cover the whole recording.
 
     Raises:
         EstimationError: they share no time.
     """
-    sweeps, inside = swept(source.scans, trajectory, beam)
+    sweeps, inside = place_sweeps(source.scans, trajectory, settings, beam)
     missing = len(source.scans) - len(inside)
-    return sweeps, [f"the trajectory does not cover {missing} of {len(source.scans)} sweeps"] if missing else []
+    return sweeps, [f"the trajectory does not cover {missing} of {len(source.scans)} scans"] if missing else []
 
 
-def sweeps_of_cloud(cloud: TimedCloud, trajectory: Trajectory | None, beam: Beam) -> Sweeps:
-    """The sweeps of a finished cloud; without a trajectory the middle of a sweep's points stands for the sensor.
+def sweeps_of_cloud(cloud: TimedCloud, trajectory: Trajectory | None, settings: AuditConfig, beam: Beam) -> Sweeps:
+    """Divides a finished cloud into sweeps; without a trajectory the middle of a sweep's points stands for the sensor.
+
+    Args:
+        cloud: points with the times they were measured at.
+        trajectory: the poses of the sensor that the cloud was made with, or None.
+        settings: of the audit.
+        beam: the sensor's errors.
 
     Raises:
-        DataError: it was measured all at once, or the trajectory does not cover it.
+        DataError: the cloud was measured all at once, or the trajectory does not cover it.
     """
     stamps, of_stamp = np.unique(cloud.stamps_us, return_inverse=True)
     if len(stamps) < 2:
-        raise DataError(cloud.path, "was measured all at once", "an audit needs the time of every scan or point")
-    if len(stamps) * _FEW_STAMPS <= len(cloud):
+        raise DataError(cloud.path, "was measured all at once", "give a cloud with the time of every scan or point")
+    if len(stamps) * settings.few_stamps <= len(cloud):
         numbers, turns = of_stamp, of_stamp.astype(np.float64)
         revolution_s = float(np.median(np.diff(stamps))) * 1e-6
     else:
-        revolution_s = _SCAN_S
+        revolution_s = settings.cloud_sweep_s
         turns = (cloud.stamps_us - stamps[0]) * (1e-6 / revolution_s)
         numbers = np.floor(turns).astype(np.int64)
     present, first = np.unique(numbers, return_index=True)
@@ -111,16 +129,18 @@ def sweeps_of_cloud(cloud: TimedCloud, trajectory: Trajectory | None, beam: Beam
         numbers=present.astype(np.float64),
         times=(begin_us - stamps[0]) * 1e-6,
         poses=poses,
-        travelled=path_length(poses),
+        travelled=se2.path_lengths(poses),
         revolution_s=revolution_s,
     )
 
 
 def _middle(points: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Returns the mean position of points (N, 2) as a pose (3,)."""
     return np.append(points.mean(axis=0), 0.0)
 
 
 def _check_cover(cloud: TimedCloud, trajectory: Trajectory) -> None:
+    """Raises a DataError where a trajectory does not cover a cloud."""
     first, last = int(cloud.stamps_us[0]), int(cloud.stamps_us[-1])
     if not trajectory.covers(first, last):
         raise DataError(

@@ -1,4 +1,4 @@
-"""What an audit judges: timed points where a trajectory puts them, sweep by sweep."""
+"""What an audit judges: timed points where a trajectory puts them, sweep by sweep; a sweep of a recording is a scan."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from mqslam.config import AuditConfig
 from mqslam.core import se2
 from mqslam.core.scans import Returns, Scans
 from mqslam.core.trajectory import Trajectory
@@ -15,12 +16,10 @@ from mqslam.errors import EstimationError
 from mqslam.mapping.render import place_along
 from mqslam.psi.place import Beam, PointSet, rotate_covariances
 
-_LONGEST_SWEEP = 1.5  # usual ones
-
 
 @dataclass(frozen=True, slots=True)
 class Sweeps:
-    """The points of successive revolutions or scans in the world frame.
+    """The points of successive scans, or of the sweeps of a finished cloud, in the world frame.
 
     Args:
         points: (N, 2) m, ordered by time.
@@ -48,11 +47,11 @@ class Sweeps:
         return len(self.times)
 
     def span(self, begin: int, end: int) -> slice:
-        """The points of the sweeps begin <= k < end."""
+        """Returns the slice of the points of the sweeps begin <= k < end."""
         return slice(int(self.begins[begin]), int(self.begins[end]))
 
     def local(self, chosen: Sequence[int], frame: se2.Array) -> PointSet:
-        """The points of some sweeps in a frame (3,), with their turns as times."""
+        """Returns the points of some sweeps in a frame (3,), with their turns as times."""
         parts = [np.arange(self.begins[k], self.begins[k + 1]) for k in chosen]
         picked = np.concatenate(parts) if parts else np.empty(0, dtype=np.int64)
         covariances = rotate_covariances(self.covariances[picked], -frame[2])
@@ -60,52 +59,67 @@ class Sweeps:
         return PointSet(points, np.empty((len(picked), 2, 0)), covariances, self.turns[picked])
 
 
-def swept(scans: Scans, trajectory: Trajectory, beam: Beam) -> tuple[Sweeps, list[int]]:
-    """The returns of a recording under a trajectory.
+def place_sweeps(scans: Scans, trajectory: Trajectory, settings: AuditConfig, beam: Beam) -> tuple[Sweeps, list[int]]:
+    """Places the returns of a recording under a trajectory.
 
     Args:
         scans: of a radar or a lidar.
         trajectory: poses of the sensor.
+        settings: of the audit.
         beam: the sensor's errors.
 
     Returns:
         the sweeps that lie in the trajectory's span, and their indices in `scans`.
 
     Raises:
-        EstimationError: recording and trajectory share no two sweeps, or hold no returns where they do.
+        EstimationError: recording and trajectory share no two scans, or hold no returns where they do.
     """
-    inside = shared(scans, trajectory)
+    inside = require_covered(scans, trajectory, settings)
     kept = scans.take(inside)
-    returns = Returns.concatenate([w.returns for w in kept])
+    returns = Returns.concatenate([scan.returns for scan in kept])
     if not len(returns):
-        raise EstimationError(f"no returns in {len(kept)} sweeps; lower detector.threshold")
+        raise EstimationError(f"no returns in {len(kept)} scans; lower detector.threshold")
     placed = place_along(returns, trajectory.seconds(scans.start_us), trajectory.poses, beam)
-    counts = np.array([len(w.returns) for w in kept])
+    counts = np.array([len(scan.returns) for scan in kept])
     sweep = np.repeat(np.arange(len(kept)), counts)
     times = kept.start_times
     numbers = np.array(inside, dtype=np.float64)
     turns = numbers[sweep] + (returns.times - times[sweep]) / scans.revolution_s
     poses = trajectory.at(kept.stamps_us)
     begins = np.concatenate([[0], np.cumsum(counts)])
-    return Sweeps(
-        placed.points, placed.covariances, turns, begins, numbers, times, poses, path_length(poses), scans.revolution_s
-    ), inside
+    sweeps = Sweeps(
+        points=placed.points,
+        covariances=placed.covariances,
+        turns=turns,
+        begins=begins,
+        numbers=numbers,
+        times=times,
+        poses=poses,
+        travelled=se2.path_lengths(poses),
+        revolution_s=scans.revolution_s,
+    )
+    return sweeps, inside
 
 
-def shared(scans: Scans, trajectory: Trajectory) -> list[int]:
-    """Indices of the scans that a trajectory covers, of which there must be two.
+def require_covered(scans: Scans, trajectory: Trajectory, settings: AuditConfig) -> list[int]:
+    """Returns the indices of the scans that a trajectory covers, of which there must be two.
+
+    Args:
+        scans: of a recording.
+        trajectory: poses of the sensor.
+        settings: of the audit.
 
     Raises:
         EstimationError: there are fewer.
     """
-    inside = covered(scans, trajectory)
+    inside = find_covered(scans, trajectory, settings)
     if len(inside) == 1:
         raise EstimationError(
-            "one sweep alone shows nothing of the trajectory; give a recording of two sweeps at least, "
-            "and a trajectory that covers them"
+            "the trajectory covers one scan only, which shows nothing of it; give a recording of at least two scans and a "
+            "trajectory that covers them"
         )
     if not inside:
-        spans = ((trajectory.stamps_us[0], trajectory.stamps_us[-1]), _spans(scans)[[0, -1], [0, 1]])
+        spans = ((trajectory.stamps_us[0], trajectory.stamps_us[-1]), _stamp_spans(scans)[[0, -1], [0, 1]])
         track, recording = (f"{1e-6 * first:.2f} to {1e-6 * last:.2f} s" for first, last in spans)
         raise EstimationError(
             f"the trajectory ({track}) and the recording ({recording}) share no time; "
@@ -114,18 +128,13 @@ def shared(scans: Scans, trajectory: Trajectory) -> list[int]:
     return inside
 
 
-def covered(scans: Scans, trajectory: Trajectory) -> list[int]:
-    """Indices of the scans that a trajectory covers, give or take a revolution."""
-    slack_us = round(1e6 * _LONGEST_SWEEP * scans.revolution_s)
-    spans = _spans(scans).tolist()
+def find_covered(scans: Scans, trajectory: Trajectory, settings: AuditConfig) -> list[int]:
+    """Returns the indices of the scans that a trajectory covers, give or take the slack that the settings allow."""
+    slack_us = round(1e6 * settings.coverage_slack * scans.revolution_s)
+    spans = _stamp_spans(scans).tolist()
     return [k for k, (t0, t1) in enumerate(spans) if trajectory.covers(t0, t1, slack_us)]
 
 
-def _spans(scans: Scans) -> NDArray[np.int64]:
-    """Stamps (N, 2) [us] of the begins and ends of scans."""
-    return scans.start_us + np.round(np.array([(w.t0, w.t1) for w in scans]) * 1e6).astype(np.int64)
-
-
-def path_length(poses: se2.Array) -> NDArray[np.float64]:
-    """Length (S,) of the path through poses (S, 3) so far [m]."""
-    return np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(poses[:, :2], axis=0).T))])
+def _stamp_spans(scans: Scans) -> NDArray[np.int64]:
+    """Returns the stamps (N, 2) [us] of the begins and ends of scans."""
+    return scans.start_us + np.round(np.array([(scan.t0, scan.t1) for scan in scans]) * 1e6).astype(np.int64)

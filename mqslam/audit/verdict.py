@@ -1,4 +1,4 @@
-"""What a map is called, and the evidence that takes: shares of a few windows are uncertain, and a verdict says so."""
+"""The verdict on a map and the evidence that it takes: a share of a few windows is uncertain, and a verdict says so."""
 
 from __future__ import annotations
 
@@ -21,46 +21,46 @@ class VerdictStatus(StrEnum):
     NOT_JUDGED = "not judged"
 
 
-_ROUNDING: Final = 1e-9  # of the bounds, which are roots found numerically
-_WEIGHT: Final = (VerdictStatus.FAIL, VerdictStatus.WARN, VerdictStatus.NOT_JUDGED, VerdictStatus.PASS)
+_ROUNDING: Final = 1e-9  # numerical: the bounds are roots of a function and as exact as that
+_GRAVEST_FIRST: Final = (VerdictStatus.FAIL, VerdictStatus.WARN, VerdictStatus.NOT_JUDGED, VerdictStatus.PASS)
 
 
 @dataclass(frozen=True, slots=True)
 class Share:
-    """How many of some windows, revisits or scans have a fault.
+    """The share of windows, revisits or scans that have a fault.
 
-    Each is taken as a draw of its own from all that the sensor could have recorded there.
+    Each is taken as an independent draw from all that the sensor could have recorded there.
 
     Args:
-        count: those with the fault.
-        total: all of them.
+        count: number of those with the fault.
+        total: number of all.
     """
 
     count: int
     total: int
 
     def at_least(self, confidence: float) -> float:
-        """The lower bound of the share at a confidence (Clopper and Pearson, 1934), 0 where there is none."""
+        """Returns the lower bound of the share at a confidence (Clopper and Pearson, 1934), 0 where none is faulty."""
         if self.count == 0:
             return 0.0
         return float(betaincinv(self.count, self.total - self.count + 1, 1.0 - confidence))
 
     def at_most(self, confidence: float) -> float:
-        """The upper bound of the share at a confidence (Clopper and Pearson, 1934), 1 where there is none."""
+        """Returns the upper bound of the share at a confidence (Clopper and Pearson, 1934), 1 where all are faulty."""
         if self.count == self.total:
             return 1.0
         return float(betaincinv(self.count + 1, self.total - self.count, confidence))
 
     def is_above(self, bound: float, settings: VerdictConfig) -> bool:
-        """Whether there is evidence that the share is above a bound."""
+        """Returns whether there is evidence that the share is above a bound."""
         return self.at_least(settings.confidence) > bound + _ROUNDING
 
     def is_below(self, bound: float, settings: VerdictConfig) -> bool:
-        """Whether there is evidence that the share is not above a bound."""
+        """Returns whether there is evidence that the share is not above a bound."""
         return self.at_most(settings.power) <= bound + _ROUNDING
 
     def judge(self, warn: float, fail: float, settings: VerdictConfig) -> VerdictStatus:
-        """The verdict that the share alone gives: `not judged` where it may be above the bound of `fail` as well as not."""
+        """Returns the verdict that the share alone gives: `not judged` if it may be above or below the limit of `fail`."""
         if self.is_above(fail, settings):
             return VerdictStatus.FAIL
         if self.is_above(warn, settings):
@@ -68,17 +68,17 @@ class Share:
         return VerdictStatus.PASS if self.is_below(fail, settings) else VerdictStatus.NOT_JUDGED
 
     def range_text(self, settings: VerdictConfig) -> str:
-        """From where to where the share may be, in words."""
+        """Returns the range in which the share lies, in words."""
         low, high = (100.0 * bound(settings.confidence) for bound in (self.at_least, self.at_most))
         return f"anything from {low:.0f} to {high:.0f} %"
 
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """What one test says about a map.
+    """The outcome of one test of a map.
 
     Args:
-        status: the verdict that it alone would give.
+        status: the verdict that the test alone would give.
         reason: why.
     """
 
@@ -87,11 +87,12 @@ class Finding:
 
 
 def verdict_of(findings: Iterable[Finding]) -> tuple[VerdictStatus, list[str]]:
-    """The gravest verdict of all findings, and the reasons for it, the gravest first.
+    """Returns the gravest verdict of all findings, and the reasons for it, the gravest first.
 
-    Evidence of a fault goes before lack of evidence: a map that cannot be judged by its windows but lost track is `warn`.
+    Evidence of a fault counts more than lack of evidence: a map that cannot be judged by its windows but of a run that lost
+    track is `warn`.
     """
-    ranked = sorted(findings, key=lambda finding: _WEIGHT.index(finding.status))
+    ranked = sorted(findings, key=lambda finding: _GRAVEST_FIRST.index(finding.status))
     if not ranked:
         return VerdictStatus.NOT_JUDGED, ["nothing was judged"]
     status = ranked[0].status

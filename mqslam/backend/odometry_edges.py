@@ -9,15 +9,15 @@ from mqslam.core import frontend as frontends
 from mqslam.core.frontend import Context
 from mqslam.core.measurement import Measurement
 from mqslam.core.scans import Scans
-from mqslam.factors.odometry_between import odometry_covariance
+from mqslam.factors.odometry_between import estimate_odometry_covariance
 
 ODOMETRY = "odometry"
 
 
-def odometry_edges(
+def make_odometry_edges(
     scans: Scans, context: Context, frontend: str, measurements: list[Measurement], settings: GraphConfig
 ) -> list[Measurement]:
-    """Returns odometry's own motions with noise as large as they disagree with the front end's.
+    """Returns odometry's own motions with noise as large as their disagreement with the front end's.
 
     Args:
         scans: of the recording.
@@ -29,5 +29,5 @@ def odometry_edges(
     if context.odometry is None or frontend == ODOMETRY or not measurements:
         return []
     motions = list(frontends.load(ODOMETRY)(context).measure(scans))
-    noise = odometry_covariance(motions, measurements, settings.odometry_span_s)
+    noise = estimate_odometry_covariance(motions, measurements, settings)
     return [replace(motion, covariance=noise) for motion in motions]

@@ -1,4 +1,4 @@
-"""What the pose graph is made from: measurements and odometry, which stay, and loops, which join later."""
+"""What the pose graph is built from: measurements and odometry, which stay, and loops, which join later."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from gtsam.symbol_shorthand import X
 
-from mqslam.backend.pose_graph import Optimum, PoseGraph, chain, optimise, pose_graph, poses_of
+from mqslam.backend.pose_graph import Optimum, PoseGraph, build_pose_graph, optimise, poses_of
 from mqslam.config import GraphConfig, LoopConfig
 from mqslam.core import se2
 from mqslam.core.measurement import Loop, Measurement
@@ -35,14 +35,14 @@ class Problem:
     @property
     def before(self) -> se2.Array:
         """Poses (N, 3) before optimisation: odometry, or the measurements where there is none, chained [m, m, rad]."""
-        return chain(m.pose for m in self.odometry or self.measurements)
+        return se2.chain(m.pose for m in self.odometry or self.measurements)
 
     def graph(self, loops: Sequence[Loop]) -> PoseGraph:
         """Returns the graph with some loops; it starts from the measurements chained."""
         factors = [psi_between(X(k), X(k + 1), m, self.graph_settings) for k, m in enumerate(self.measurements)]
         factors += [odometry_between(X(k), X(k + 1), m, self.graph_settings) for k, m in enumerate(self.odometry)]
         factors += [loop_between(X(loop.earlier), X(loop.later), loop, self.loop_settings) for loop in loops]
-        return pose_graph(chain(m.pose for m in self.measurements), factors)
+        return build_pose_graph(se2.chain(m.pose for m in self.measurements), factors, self.graph_settings)
 
     def optimise(self, loops: Sequence[Loop]) -> tuple[PoseGraph, Optimum]:
         """Returns the graph with some loops and its optimum."""

@@ -5,34 +5,45 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from mqslam.check.finding import Finding
-from mqslam.check.motion_checks import check_mirror, check_order, check_scale, check_stamp, follow
+from mqslam.check.following import follow
+from mqslam.check.motion_checks import check_mirror, check_order, check_scale, check_stamp
 from mqslam.check.stretches import read_stretches
-from mqslam.check.sweeping import check_azimuths, check_stamps
-from mqslam.config import Config
+from mqslam.check.turn_checks import check_azimuths, check_stamps
+from mqslam.config import CheckConfig, DetectorConfig, EstimatorConfig, TrackerConfig
 from mqslam.core.recording import Recording
 from mqslam.core.trajectory import Trajectory
-from mqslam.psi.place import beam_of
+from mqslam.psi.place import Beam
 
 
 def check_recording(
-    recording: Recording, odometry: Trajectory | None, config: Config, progress: Callable[[int, int], None]
+    recording: Recording,
+    odometry: Trajectory | None,
+    settings: CheckConfig,
+    detector: DetectorConfig,
+    tracker: TrackerConfig,
+    estimator: EstimatorConfig,
+    beam: Beam,
+    progress: Callable[[int, int], object],
 ) -> list[Finding]:
-    """Whether a recording contradicts what was assumed to read it. Ground truth is not looked at.
+    """Checks whether a recording contradicts what was assumed to read it. Ground truth is not looked at.
 
     Args:
-        recording: the recording; a few short stretches of it are read.
+        recording: the recording, of which a few short stretches are read.
         odometry: of the same clock, or None.
-        config: all settings.
-        progress: called with (revolutions read, revolutions in all).
+        settings: of the check.
+        detector: settings of the detector.
+        tracker: settings of the tracker.
+        estimator: settings of the score.
+        beam: the sensor's errors.
+        progress: called with (polar scans read, polar scans in all).
     """
-    beam = beam_of(config.estimator, config.sensor.doppler_beta or 0.0)
-    stretches = read_stretches(recording, odometry, config.detector, progress)
-    followed = follow(recording, stretches, config.tracker, config.estimator, beam)
+    stretches = read_stretches(recording, odometry, settings, detector, progress)
+    followed = follow(recording, stretches, settings, tracker, estimator, beam)
     return [
-        check_stamps(recording, stretches),
-        check_azimuths(stretches),
-        check_order(followed),
-        check_mirror(recording, followed, odometry),
-        check_stamp(recording, followed, odometry),
-        check_scale(recording, followed, odometry),
+        check_stamps(recording, stretches, settings),
+        check_azimuths(stretches, settings),
+        check_order(followed, settings),
+        check_mirror(recording, followed, odometry, settings),
+        check_stamp(recording, followed, odometry, settings),
+        check_scale(recording, followed, odometry, settings),
     ]

@@ -1,4 +1,4 @@
-"""What a check found."""
+"""The outcome of a check."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from enum import StrEnum
 
 
 class Verdict(StrEnum):
-    """How the recording and the assumption go together."""
+    """Whether the recording and the assumption agree."""
 
     OK = "ok"
     SUSPICIOUS = "suspicious"
@@ -20,9 +20,9 @@ class Finding:
 
     Args:
         name: what was checked.
-        verdict: how it went.
+        verdict: whether the recording agrees with what was assumed.
         text: why, and what to do about it.
-        numbers: that it rests on, by name with unit.
+        numbers: the values that the verdict rests on, by name with unit.
     """
 
     name: str

@@ -7,33 +7,30 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mqslam.config import DetectorConfig
+from mqslam.config import CheckConfig, DetectorConfig
 from mqslam.core.recording import PolarScan, Recording
 from mqslam.core.scans import Returns, Scan, Scans
 from mqslam.core.trajectory import Trajectory
 from mqslam.detection.artefacts import drop_fixed
 from mqslam.detection.detector import detect
-from mqslam.detection.stage import polar_scans_or_errors
+from mqslam.detection.stage import read_polar_scans
 from mqslam.errors import DataError
-
-STRETCHES = 3
-REVOLUTIONS = 12
 
 
 @dataclass(frozen=True, slots=True)
-class Sweep:
-    """How one revolution was swept.
+class Turn:
+    """How one turn of the radar was measured, azimuth by azimuth.
 
     Args:
         azimuths: how many there are.
         unmeasured: how many of them are marked as not measured.
         turned: angle from the first azimuth to one step after the last [rad].
         step: usual step between neighbouring azimuths [rad].
-        widest: widest one [rad].
-        turn_s: how long its turn takes [s].
+        widest: widest step [rad].
+        turn_s: duration of its turn [s].
         span_s: from the first azimuth's time to the last one's [s].
-        late_s: by how much its last azimuth comes after the next revolution's start [s], 0 where it does not.
-        repeated: whether its power is that of the revolution before, byte by byte.
+        late_s: by how much its last azimuth comes after the next polar scan's start [s], 0 where it does not.
+        repeated: whether its power is that of the polar scan before, byte by byte.
     """
 
     azimuths: int
@@ -49,88 +46,94 @@ class Sweep:
 
 @dataclass(frozen=True, slots=True)
 class Stretch:
-    """Successive revolutions without a gap.
+    """Successive polar scans without a gap.
 
     Args:
         scans: their returns.
-        sweeps: how each was swept that could be read.
-        unread: why the others could not be; their windows hold no returns.
+        turns: how each was measured that could be read.
+        unread: why the others could not be read; their scans hold no returns.
     """
 
     scans: Scans
-    sweeps: tuple[Sweep, ...]
+    turns: tuple[Turn, ...]
     unread: tuple[str, ...]
 
 
 def read_stretches(
-    recording: Recording, odometry: Trajectory | None, config: DetectorConfig, progress: Callable[[int, int], None]
+    recording: Recording,
+    odometry: Trajectory | None,
+    settings: CheckConfig,
+    detector: DetectorConfig,
+    progress: Callable[[int, int], object],
 ) -> list[Stretch]:
-    """Read the stretches that tell most: where odometry's yaw rate changes most, or else spread over the recording.
+    """Reads the stretches that tell most: where odometry's yaw rate changes most, or else spread over the recording.
 
     Args:
         recording: the recording.
         odometry: of the same clock, or None.
-        config: settings of the detector.
-        progress: called with (revolutions read, revolutions in all).
+        settings: of the check.
+        detector: settings of the detector.
+        progress: called with (polar scans read, polar scans in all).
     """
-    spans = _spans(recording, odometry)
+    spans = _choose_spans(recording, odometry, settings)
     total = sum(end - begin for begin, end in spans)
     returns: dict[int, Returns] = {}
-    sweeps: dict[int, Sweep] = {}
+    turns: dict[int, Turn] = {}
     unread: dict[int, str] = {}
     for begin, end in spans:
         before: PolarScan | None = None
-        for k, polar_scan in polar_scans_or_errors(recording, begin, end):
+        for k, polar_scan in read_polar_scans(recording, begin, end):
             if isinstance(polar_scan, DataError):
                 returns[k], unread[k], before = Returns.none(), str(polar_scan), None
             else:
-                returns[k] = detect(polar_scan, recording.range_resolution, config)
-                sweeps[k] = _sweep(recording, k, polar_scan, before)
+                returns[k] = detect(polar_scan, recording.range_resolution, detector)
+                turns[k] = _describe_turn(recording, k, polar_scan, before)
                 before = polar_scan
             progress(len(returns), total)
-    kept = dict(zip(returns, drop_fixed(list(returns.values())), strict=True))
+    kept = dict(zip(returns, drop_fixed(list(returns.values()), detector), strict=True))
     begins, ends = recording.start_times.tolist(), recording.end_times.tolist()
     return [
         Stretch(
             Scans(
                 tuple(Scan(begins[k], ends[k], kept[k]) for k in range(*span)), recording.start_us, recording.revolution_s
             ),
-            tuple(sweeps[k] for k in range(*span) if k in sweeps),
+            tuple(turns[k] for k in range(*span) if k in turns),
             tuple(unread[k] for k in range(*span) if k in unread),
         )
         for span in spans
     ]
 
 
-def _spans(recording: Recording, odometry: Trajectory | None) -> list[tuple[int, int]]:
-    """Choose the stretches by their first revolutions and the ones after their last; they share none and hold no gap.
+def _choose_spans(recording: Recording, odometry: Trajectory | None, settings: CheckConfig) -> list[tuple[int, int]]:
+    """Chooses the stretches, each by its first polar scan and the one after its last; they share none and hold no gap.
 
-    Where gaps leave no stretch of the usual size, they are as long as the longest that there is.
+    Where gaps leave no stretch of the usual size, all are as long as the longest that there is.
     """
     gap_after = np.zeros(len(recording), dtype=np.int64)
     gap_after[[k for k, _ in recording.gaps()]] = 1
-    gaps = np.cumsum(gap_after) - gap_after  # before each revolution
-    size = min(REVOLUTIONS, int(np.bincount(gaps).max()))
+    gaps = np.cumsum(gap_after) - gap_after  # number of gaps before each polar scan
+    size = min(settings.stretch_scans, int(np.bincount(gaps).max()))
     begins = np.arange(len(recording) - size + 1)
     begins = begins[gaps[begins] == gaps[begins + size - 1]]
     if odometry is None or size == 1:
-        even = np.linspace(0, len(begins) - 1, 2 * STRETCHES + 1)[1::2]
+        even = np.linspace(0, len(begins) - 1, 2 * settings.stretches + 1)[1::2]
         order = begins[np.round(even).astype(np.int64)]
     else:
         yaw_rates = odometry.mean_twists(recording.stamps_us[:-1], recording.stamps_us[1:])[:, 2]
         order = begins[np.argsort([-np.std(yaw_rates[b : b + size - 1]) for b in begins], kind="stable")]
     chosen: list[int] = []
     for begin in order.tolist():
-        if len(chosen) < STRETCHES and all(abs(begin - other) >= size for other in chosen):
+        if len(chosen) < settings.stretches and all(abs(begin - other) >= size for other in chosen):
             chosen.append(begin)
     return [(begin, begin + size) for begin in sorted(chosen)]
 
 
-def _sweep(recording: Recording, k: int, polar_scan: PolarScan, before: PolarScan | None) -> Sweep:
+def _describe_turn(recording: Recording, k: int, polar_scan: PolarScan, before: PolarScan | None) -> Turn:
+    """Returns how polar scan k was measured; the one before is None where it could not be read."""
     steps = np.abs(np.diff(polar_scan.azimuths))
     usual = float(np.median(steps)) if len(steps) else 0.0
     after = float(recording.start_times[k + 1]) if k + 1 < len(recording) else np.inf
-    return Sweep(
+    return Turn(
         azimuths=len(polar_scan.times),
         unmeasured=int(np.count_nonzero(~polar_scan.valid)),
         turned=float(steps.sum()) + usual,

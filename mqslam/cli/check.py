@@ -19,39 +19,32 @@ def check(
     quiet: Quiet = False,
     verbose: Verbose = False,
 ) -> None:
-    """Say where a recording contradicts what was assumed to read it: stamps, azimuths, rotation, length of a range bin.
+    """Check a recording against what was assumed to read it: stamps, azimuths, rotation, length of a range bin.
 
-    Reads three short stretches. With odometry it also tells a mirrored recording, stamps that mean the other end of the
-    revolution, and a wrong length of a range bin; the map alone shows none of them. Ground truth is not used.
+    The check reads three short stretches. With odometry it can also tell a mirrored recording, stamps that mean the other
+    end of the turn, and a wrong length of a range bin; the map alone shows none of them. Ground truth is not used.
 
     Exit code: 0 where nothing is suspicious, 1 where something is.
 
     Example: mqslam check drive
     """
     from dataclasses import asdict
-    from functools import partial
 
     from rich.console import Console
 
-    from mqslam.check.checks import check_recording
-    from mqslam.check.finding import Verdict
-    from mqslam.cli.progress import print_notes, progress
-    from mqslam.commands.opening import choose_odometry, open_data
-    from mqslam.config import load_config
+    from mqslam.cli.progress import work_of
+    from mqslam.commands.check import check as do
 
-    settings = load_config(config)
-    console = Console(stderr=True, markup=False)
-    recording = open_data(data, format, range_resolution, settings)
-    track, notes = choose_odometry(recording, odometry)
-    with progress(console, quiet or as_json) as show:
-        findings = check_recording(recording, track, settings, partial(show, "detect"))
-    suspicious = any(finding.verdict is Verdict.SUSPICIOUS for finding in findings)
+    silent = quiet or as_json
+    with work_of(Console(stderr=True, markup=False), None, 1, quiet=silent, silent=silent) as work:
+        outcome = do(data, odometry=odometry, config=config, format=format, range_resolution=range_resolution, work=work)
     if as_json:
-        checks = [asdict(finding) for finding in findings]
-        typer.echo(json.dumps({"suspicious": suspicious, "notes": [*recording.notes, *notes], "checks": checks}, indent=1))
+        checks = [asdict(finding) for finding in outcome.findings]
+        typer.echo(json.dumps({"suspicious": outcome.suspicious, "notes": outcome.notes, "checks": checks}, indent=1))
     else:
-        print_notes(console, () if quiet else (*recording.notes, *notes))
-        for finding in findings:
+        for finding in outcome.findings:
             typer.echo(f"{finding.name:<24}{finding.verdict:<18}{finding.text}")
-    if suspicious:
+        if outcome.warning is not None:
+            typer.echo(outcome.warning)
+    if outcome.suspicious:
         raise typer.Exit(1)

@@ -19,9 +19,9 @@ def _configs(incomplete: str) -> list[str]:
 
 def _frontends(incomplete: str) -> list[str]:
     """Names of front ends, for the shell to complete."""
-    from mqslam.core.frontend import names
+    from mqslam.core.frontend import list_front_ends
 
-    return [name for name in names() if name.startswith(incomplete)]
+    return [name for name in list_front_ends() if name.startswith(incomplete)]
 
 
 def _formats(incomplete: str) -> list[str]:

@@ -6,21 +6,21 @@ from pathlib import Path
 
 from mqslam.audit import judge
 from mqslam.audit.sources import LIDAR_CONFIG, Source, is_cloud, lidar_source, sweeps_of, sweeps_of_cloud
-from mqslam.audit.sweeps import Sweeps, shared
+from mqslam.audit.sweeps import Sweeps, require_covered
 from mqslam.commands.opening import choose_settings, open_data
 from mqslam.commands.result import JudgedResult
 from mqslam.commands.work import QUIET, Work
 from mqslam.config import Config, with_doppler_beta
 from mqslam.core.trajectory import Trajectory
-from mqslam.detection.stage import detect_all, scans_of, unread_warnings
+from mqslam.detection.stage import detect_all, make_scans, warn_of_unread
 from mqslam.errors import ConfigError, Remedy
 from mqslam.execution.folders import check_free, whole_folder
 from mqslam.execution.runner import Runner
 from mqslam.formats import lidars
 from mqslam.formats.clouds import read_cloud
 from mqslam.formats.trajectories import read_trajectory
+from mqslam.psi.doppler import choose_doppler_beta
 from mqslam.psi.place import beam_of
-from mqslam.psi.tracking.doppler import doppler_beta_of
 from mqslam.report.audit_page import write_audit_pages
 from mqslam.results.audit_results import summarise, write_audit
 from mqslam.results.summary_files import add_warnings
@@ -75,7 +75,7 @@ def audit(  # noqa: PLR0913 - these are the options of an audit, each with its d
     if is_cloud(data):
         settings = choose_settings(config, LIDAR_CONFIG)
         cloud = read_cloud(data, heights)
-        sweeps = sweeps_of_cloud(cloud, given, beam_of(settings.estimator, 0.0))
+        sweeps = sweeps_of_cloud(cloud, given, settings.audit, beam_of(settings.estimator, 0.0))
         notes, kind = list(cloud.notes), data.suffix.lower()[1:]
     elif format is None and data.exists() and lidars.recognises(data):
         settings = choose_settings(config, LIDAR_CONFIG)
@@ -126,7 +126,9 @@ def _pick_carried(path: Path, tracks: dict[str, Trajectory], name: str) -> Traje
 
 def _render_sweeps(source: Source, track: Trajectory, settings: Config) -> tuple[Sweeps, list[str]]:
     """Returns a recording under a trajectory, and what a user should know about it."""
-    sweeps, notes = sweeps_of(source, track, beam_of(settings.estimator, settings.sensor.doppler_beta or 0.0))
+    sweeps, notes = sweeps_of(
+        source, track, settings.audit, beam_of(settings.estimator, settings.sensor.doppler_beta or 0.0)
+    )
     return sweeps, [*source.notes, *notes]
 
 
@@ -144,9 +146,11 @@ def _detect_radar(
     carried = {"odometry": recording.odometry, "ground_truth": recording.ground_truth}
     tracks = {name: track for name, track in carried.items() if track is not None}
     track = given or _pick_carried(data, tracks, name)
-    shared(scans_of(recording), track)  # says that they share no time before the recording is read
+    require_covered(
+        make_scans(recording), track, settings.audit
+    )  # says that they share no time before the recording is read
     scans, detected = detect_all(recording, settings.detector, Runner(work.engine, work.progress))
-    notes = (*recording.notes, *recording.faults, *unread_warnings(detected.unread))
+    notes = (*recording.notes, *recording.faults, *warn_of_unread(detected.unread))
     source = Source(recording.path, recording.format, scans, tracks, notes)
-    beta = doppler_beta_of(scans, settings.sensor, settings.tracker, settings.estimator)
+    beta = choose_doppler_beta(scans, settings.sensor, settings.tracker, settings.estimator)
     return source, track, with_doppler_beta(settings, beta)

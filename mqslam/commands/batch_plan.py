@@ -61,7 +61,7 @@ def _order(run: PlannedRun, folder: Path, taken: set[str]) -> Order:
         raise ConfigError(f"name {name!r}: is to be the name of a folder; give one of letters and digits")
     if name in taken:
         raise ConfigError(f"name {name}: is that of another run; give one of them another name")
-    frontends.known(run.frontend)
+    frontends.find_entry_point(run.frontend)
     config = run.config if run.config is None or run.config in shipped_names() else folder / run.config
     odometry = run.odometry if run.odometry in ("auto", "none") else str(folder / run.odometry)
     return Order(name, data, run.frontend, odometry, load_config(config))

@@ -10,20 +10,20 @@ from mqslam.commands.opening import choose_odometry, choose_settings, open_data
 from mqslam.commands.result import CompareResult
 from mqslam.commands.work import QUIET, Work
 from mqslam.compare.comparison import Comparison
-from mqslam.compare.judgement import agreement, enough_in_common, judge_rows, places, stations
-from mqslam.compare.rows import Row, front_end_rows, given_row
+from mqslam.compare.judgement import JudgeSettings, compare_pairs, find_places, judge_rows, pick_stations, take_common_scans
+from mqslam.compare.rows import Row, make_given_row, run_front_ends
 from mqslam.config import Config, with_doppler_beta
 from mqslam.core import frontend as known_frontends
 from mqslam.core.frontend import Context
 from mqslam.core.trajectory import Trajectory
-from mqslam.detection.stage import detect_all, scans_of, unread_warnings
+from mqslam.detection.stage import detect_all, make_scans, warn_of_unread
 from mqslam.errors import ConfigError, EstimationError
 from mqslam.execution.checkpoint import run_key, unfinished
 from mqslam.execution.folders import check_free, whole_folder
 from mqslam.execution.runner import Runner
 from mqslam.formats.trajectories import read_trajectory
+from mqslam.psi.doppler import choose_doppler_beta
 from mqslam.psi.place import beam_of
-from mqslam.psi.tracking.doppler import doppler_beta_of
 from mqslam.report.compare_page import write_compare_pages
 from mqslam.report.compare_report import report_comparison
 from mqslam.results.compare_results import summarise, tabulate, write_compare
@@ -89,31 +89,32 @@ def compare(  # noqa: PLR0913 - these are the options of a comparison, each with
     revolution_s, start_us = recording.revolution_s, recording.start_us
     if kiss_config is not None and _KISS in frontends:  # a file that KISS-ICP refuses is a mistake, not a row that fails
         known_frontends.load(_KISS)(Context(settings, revolution_s, start_us, None))
-    enough_in_common(given, scans_of(recording), settings.audit.window)  # refuses before the recording is read
+    take_common_scans(given, make_scans(recording), settings.audit)  # refuses before the recording is read
     key = run_key(recording, settings, f"compare {','.join(frontends)} {odometry_only}", track)
     with unfinished(out, key, resume=resume) as checkpoint:
         runner = Runner(work.engine, work.progress, checkpoint)
         scans, detected = detect_all(recording, settings.detector, runner)
-        notes += [*recording.faults, *unread_warnings(detected.unread)]
-        beta = doppler_beta_of(scans, settings.sensor, settings.tracker, settings.estimator)
+        notes += [*recording.faults, *warn_of_unread(detected.unread)]
+        beta = choose_doppler_beta(scans, settings.sensor, settings.tracker, settings.estimator)
         settings = with_doppler_beta(settings, beta)
         beam = beam_of(settings.estimator, beta)
         contexts = {
             name: Context(settings, revolution_s, start_us, track if name == "odometry" else None, beta)
             for name in frontends
         }
-        rows = front_end_rows(contexts, scans, work.engine, work.progress, back_end=not odometry_only) + given
+        rows = run_front_ends(contexts, scans, work.engine, work.progress, back_end=not odometry_only) + given
         ran = [row for row in rows if row.trajectory is not None]
         if not ran:
             raise EstimationError("; ".join(f"{row.name}: {row.failure}" for row in rows))
         tracks = [row.trajectory for row in ran if row.trajectory is not None]
-        common = enough_in_common(ran, scans, settings.audit.window)
+        common = take_common_scans(ran, scans, settings.audit)
         if len(common) < len(scans):
             notes.append(f"{len(common)} of {len(scans)} scans are in every trajectory: judged on those")
-        where = places(common, tracks, settings.audit.window)
-        along = stations(common, settings.audit.window)
+        where = find_places(common, tracks, settings.audit.window, settings.compare)
+        along = pick_stations(common, settings.audit.window)
+        judges = JudgeSettings(settings.audit, settings.estimator, settings.loops, settings.verdict, settings.map)
         rows, judged = judge_rows(
-            rows, common, recording.ground_truth, [*where, *along], settings, beam, work.engine, work.progress
+            rows, common, recording.ground_truth, [*where, *along], judges, beam, work.engine, work.progress
         )
         notes += [f"{row.name}: {warning}" for row in rows for warning in row.warnings]
         failures = [f"{row.name} could not run: {row.failure}" for row in rows if row.failure is not None]
@@ -126,7 +127,7 @@ def compare(  # noqa: PLR0913 - these are the options of a comparison, each with
             compared=len(common),
             places=tuple(where),
             stations=tuple(along),
-            agreement=tuple(agreement(ran)),
+            agreement=tuple(compare_pairs(ran)),
             warnings=(*failures, *notes),
         )
         summary = summarise(comparison)
@@ -155,7 +156,7 @@ def _check_names(frontends: Sequence[str]) -> None:
     if not frontends or len(set(frontends)) < len(frontends):
         raise ConfigError(f"front ends '{','.join(frontends)}': give names, each once, such as psi,kiss_icp")
     for name in frontends:
-        known_frontends.known(name)
+        known_frontends.find_entry_point(name)
 
 
 def _given_rows(
@@ -179,5 +180,5 @@ def _given_rows(
             track = read_trajectory(*given)
         else:
             track = read_trajectory(Path(given))
-        rows.append(given_row(name, track))
+        rows.append(make_given_row(name, track))
     return rows

@@ -85,7 +85,6 @@ def _change_variant(settings: PsiConfig, chosen: dict[str, str | float | None]) 
     Raises:
         ConfigError: a value that is not offered.
     """
-
     try:
         return PsiConfig.model_validate(
             settings.model_dump() | {name: value for name, value in chosen.items() if value is not None}
@@ -105,7 +104,6 @@ def read_window(recording: Recording, detector: DetectorConfig, start: float, sc
         DataError: a revolution that cannot be read.
         EstimationError: they hold no returns.
     """
-
     times = recording.start_times
     if len(times) < scans:
         raise ConfigError(f"{recording.path}: holds only {len(times)} scans; give a window of fewer than {scans}")
@@ -136,7 +134,6 @@ def _score(
     variant: PsiConfig,
 ) -> dict[str, Any]:
     """The published score of a window under a motion with its parts, and the estimator's at its final widths."""
-
     points = drop_start(place(returns, t0, np.zeros(3), theta, model, beam))
     whole = published(points.points, points.times, revolution_s, variant, points.jacobians)
     own = score_itself(points, final_scale(config), revolution_s, config)

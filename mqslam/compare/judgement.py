@@ -4,20 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mqslam.audit.inflation import middled
+from mqslam.audit.inflation import centre_window
 from mqslam.audit.judge import Audit, audit
-from mqslam.audit.sweeps import Sweeps, covered, swept
+from mqslam.audit.sweeps import Sweeps, find_covered, place_sweeps
 from mqslam.compare.rows import Row
-from mqslam.config import Config
+from mqslam.config import AuditConfig, CompareConfig, EstimatorConfig, LoopConfig, MapConfig, VerdictConfig
 from mqslam.core import se2
 from mqslam.core.evenly import evenly
-from mqslam.core.point_map import PointMap, thinned
+from mqslam.core.point_map import PointMap, pick_thinned
 from mqslam.core.scans import Scans
 from mqslam.core.trajectory import Trajectory
+from mqslam.core.wording import count_of, is_or_are
 from mqslam.errors import EstimationError, tolerate
 from mqslam.evaluation import Evaluation, evaluate
 from mqslam.execution.engine import Engine
@@ -25,11 +27,20 @@ from mqslam.execution.progress import Progress
 from mqslam.mapping.render import render
 from mqslam.psi.place import Beam
 
-STATIONS = 60  # that can be looked at
-PLACES = 6  # that are shown, where the rows differ most
-_LEVER_M = 20.0  # a turn counts as what it moves at this distance [m]
-_MAP_POINTS = 60_000  # of a row's map that are kept to be looked at
-_CROP_M = 60.0  # half side of a crop [m]
+# what the report shows, none of which changes a number
+_STATIONS: Final = 60  # places along the way that can be looked at
+_MAP_POINTS: Final = 60_000  # points of a row's map that are kept to be looked at
+_CROP_M: Final = 60.0  # half side of a crop [m]
+
+
+class JudgeSettings(NamedTuple):
+    """The sections of the settings that the judges take."""
+
+    audit: AuditConfig
+    estimator: EstimatorConfig
+    loops: LoopConfig
+    verdict: VerdictConfig
+    map: MapConfig
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,11 +62,11 @@ class Place:
 
 @dataclass(frozen=True)
 class Judged:
-    """A row and what the judges say.
+    """A row and its judgement.
 
     Args:
         row: the row.
-        psi_per_point: score of its rendered map per point.
+        psi_per_point: score per point of its rendered map.
         matched: share of the map's points that another sweep saw too.
         audit: its windows and revisits judged.
         before, after: errors against ground truth before and after the back end, or None without ground truth.
@@ -73,24 +84,41 @@ class Judged:
     map: PointMap
 
 
-def enough_in_common(rows: Sequence[Row], scans: Scans, fewest: int) -> Scans:
-    """The scans that the trajectory of every row covers.
+def take_common_scans(rows: Sequence[Row], scans: Scans, settings: AuditConfig) -> Scans:
+    """Returns the scans that the trajectory of every row covers.
+
+    Args:
+        rows: those without a trajectory do not count.
+        scans: of the recording.
+        settings: of the audit, whose window is the fewest scans that can be judged.
 
     Raises:
-        EstimationError: they are fewer than `fewest`.
+        EstimationError: they are fewer than a window.
     """
-    by_row = {row.name: covered(scans, row.trajectory) for row in rows if row.trajectory is not None}
+    fewest = settings.window
+    by_row = {row.name: find_covered(scans, row.trajectory, settings) for row in rows if row.trajectory is not None}
     inside = set(range(len(scans))).intersection(*by_row.values())
     if len(scans) < fewest:
-        raise EstimationError(f"{len(scans)} revolutions are too few to compare on; {fewest} at least are needed")
+        too_few = f"{count_of(len(scans), 'scan')} {is_or_are(len(scans))} too few to compare on"
+        raise EstimationError(f"{too_few}; give a recording of at least {fewest}")
     if len(inside) < fewest:
-        said = ", ".join(f"{name} covers {len(its)}" for name, its in by_row.items())
-        raise EstimationError(f"the rows share {len(inside)} of {len(scans)} revolutions ({said}); leave some out")
+        each = ", ".join(f"{name} covers {len(covered)}" for name, covered in by_row.items())
+        raise EstimationError(
+            f"the rows share {len(inside)} of {count_of(len(scans), 'scan')} ({each}), and {fewest} are needed; "
+            "leave out the rows that cover too little"
+        )
     return scans.take(sorted(inside))
 
 
-def places(scans: Scans, tracks: Sequence[Trajectory], size: int) -> list[Place]:
-    """Where the trajectories differ most on the way through a window, the worst first, each well away from the others."""
+def find_places(scans: Scans, tracks: Sequence[Trajectory], size: int, settings: CompareConfig) -> list[Place]:
+    """Finds where the trajectories differ most on the way through a window, the worst place first.
+
+    Args:
+        scans: those that every trajectory covers.
+        tracks: the trajectories.
+        size: number of scans of a window.
+        settings: of the comparison.
+    """
     stamps = scans.stamps_us
     begins = np.arange(0, len(scans) - size + 1, size)
     if len(tracks) < 2 or not len(begins):
@@ -98,28 +126,26 @@ def places(scans: Scans, tracks: Sequence[Trajectory], size: int) -> list[Place]
     through = []
     for track in tracks:
         poses = track.at(stamps)
-        motion = se2.between(poses[begins], poses[begins + size - 1])
-        motion[:, 2] = se2.wrap(motion[:, 2])
-        through.append(motion)
+        through.append(se2.wrapped_between(poses[begins], poses[begins + size - 1]))
     apart = np.zeros(len(begins))
     for i, a in enumerate(through):
         for b in through[i + 1 :]:
             off = a - b
-            apart = np.maximum(apart, np.hypot(np.hypot(off[:, 0], off[:, 1]), _LEVER_M * se2.wrap(off[:, 2])))
+            apart = np.maximum(apart, np.hypot(np.hypot(off[:, 0], off[:, 1]), settings.lever_m * se2.wrap(off[:, 2])))
     chosen: list[int] = []
     for k in np.argsort(-apart, kind="stable").tolist():
-        if all(abs(k - other) > 2 for other in chosen):
+        if all(abs(k - other) > settings.places_apart for other in chosen):
             chosen.append(k)
-        if len(chosen) == PLACES:
+        if len(chosen) == settings.places:
             break
     spans = [(int(begins[k]), int(begins[k]) + size, float(apart[k])) for k in chosen]
     return [Place(a, b, scans[a].t0, scans[b - 1].t1, off) for a, b, off in spans]
 
 
-def stations(scans: Scans, size: int) -> list[Place]:
-    """Places evenly spread along the way, whatever the rows make of them."""
+def pick_stations(scans: Scans, size: int) -> list[Place]:
+    """Returns places evenly spread along the way, each a window of `size` scans, whether the rows differ there or not."""
     begins = np.arange(0, len(scans) - size + 1, size)
-    chosen = begins[evenly(len(begins), STATIONS)]
+    chosen = begins[evenly(len(begins), _STATIONS)]
     return [Place(k, k + size, scans[k].t0, scans[k + size - 1].t1, 0.0) for k in chosen.tolist()]
 
 
@@ -128,15 +154,25 @@ def judge_rows(
     scans: Scans,
     truth: Trajectory | None,
     where: Sequence[Place],
-    config: Config,
+    settings: JudgeSettings,
     beam: Beam,
     engine: Engine,
     progress: Progress,
 ) -> tuple[list[Row], dict[str, Judged]]:
-    """Judge every row that has a trajectory, as `judge` does.
+    """Judges every row that has a trajectory, as `judge` does.
+
+    Args:
+        rows: all rows.
+        scans: those that every row covers.
+        truth: ground truth, or None.
+        where: the places to crop.
+        settings: of the judges.
+        beam: the sensor's errors.
+        engine: where the rows are judged; the result does not depend on it.
+        progress: called as the audits go on.
 
     Returns:
-        the rows, with a failure where the judges could make nothing of one, and what they say of the others by name.
+        the rows, with a failure where one could not be judged, and the judgement of the others by name.
     """
     judged: dict[str, Judged] = {}
     shown = []
@@ -144,7 +180,7 @@ def judge_rows(
         failure: list[str] = []
         if row.trajectory is not None:
             with tolerate("the judgement of its map", failure):
-                judged[row.name] = judge(row, scans, truth, where, config, beam, engine, progress)
+                judged[row.name] = judge(row, scans, truth, where, settings, beam, engine, progress)
         shown.append(replace(row, failure=failure[0]) if failure else row)
     return shown, judged
 
@@ -154,32 +190,32 @@ def judge(
     scans: Scans,
     truth: Trajectory | None,
     where: Sequence[Place],
-    config: Config,
+    settings: JudgeSettings,
     beam: Beam,
     engine: Engine,
     progress: Progress,
 ) -> Judged:
-    """Judge one row.
+    """Judges one row.
 
     Args:
         row: with a trajectory.
         scans: those that every row covers.
         truth: ground truth, or None.
         where: the places to crop.
-        config: all settings.
+        settings: of the judges.
         beam: the sensor's errors.
-        engine: where it is judged; the result does not depend on it.
+        engine: where the row is judged; the result does not depend on it.
         progress: called as the audit goes on.
     """
     assert row.trajectory is not None and row.odometry is not None
-    sweeps, _ = swept(scans, row.trajectory, beam)
-    rendered = render(scans, sweeps.poses, config.map, config.estimator, beam, engine)
+    sweeps, _ = place_sweeps(scans, row.trajectory, settings.audit, beam)
+    rendered = render(scans, sweeps.poses, settings.map, settings.estimator, beam, engine)
     return Judged(
         row=row,
-        map=rendered.take(thinned(rendered.points, _MAP_POINTS)),
+        map=rendered.take(pick_thinned(rendered.points, _MAP_POINTS)),
         psi_per_point=rendered.psi_per_point,
         matched=rendered.matched_share,
-        audit=audit(sweeps, config.audit, config.estimator, config.loops, config.verdict, engine, progress),
+        audit=audit(sweeps, settings.audit, settings.estimator, settings.loops, settings.verdict, engine, progress),
         before=None if truth is None else evaluate(row.odometry, truth),
         after=None if truth is None else evaluate(row.trajectory, truth),
         crops=tuple(_crop(sweeps, place) for place in where),
@@ -187,17 +223,18 @@ def judge(
 
 
 def _crop(sweeps: Sweeps, place: Place) -> NDArray[np.float64]:
-    points = middled(sweeps, place.begin, place.end)[0].points
+    """Returns the points (M, 2) [m] of a place near the sensor, in the frame of the sensor at its middle."""
+    points = centre_window(sweeps, place.begin, place.end)[0].points
     return np.asarray(points[np.abs(points).max(axis=1) <= _CROP_M])
 
 
-def agreement(rows: Sequence[Row]) -> list[tuple[str, str, Evaluation]]:
-    """How far every two rows are apart: the first judged as if the second were the truth."""
-    found = []
+def compare_pairs(rows: Sequence[Row]) -> list[tuple[str, str, Evaluation]]:
+    """Returns how far every two rows are apart: their names and the errors of the first as if the second were the truth."""
+    pairs = []
     for i, a in enumerate(rows):
         for b in rows[i + 1 :]:
             assert a.trajectory is not None and b.trajectory is not None
             errors = evaluate(a.trajectory, b.trajectory)
             if errors is not None:
-                found.append((a.name, b.name, errors))
-    return found
+                pairs.append((a.name, b.name, errors))
+    return pairs

@@ -1,4 +1,4 @@
-"""The rows of a comparison: front ends run on the same returns, each in a process of its own, and trajectories given."""
+"""The rows of a comparison: front ends, each run on the same returns in a process of its own, and given trajectories."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ import time
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from mqslam.backend.pose_graph import chain
 from mqslam.core import frontend as frontends
+from mqslam.core import se2
 from mqslam.core.frontend import Context
 from mqslam.core.measurement import Measurement
 from mqslam.core.scans import Scans
@@ -22,17 +22,17 @@ from mqslam.slam import Slam
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """What one front end made of the recording, or a trajectory of another program.
+    """The result of one front end, or a trajectory that another program made.
 
     Args:
         name: as the table shows it.
-        failure: why there is nothing, or None.
-        odometry: the front end's motions chained; None for a failed row.
-        trajectory: the same after the back end, where there is one; for a given trajectory, that.
+        failure: why there is no result, or None.
+        odometry: the front end's motions, chained without optimisation; None for a failed row.
+        trajectory: the same after the back end, where there is one, or the given trajectory.
         measurements: the front end's relative motions; none for a given trajectory.
         loops, loops_rejected: closures that the back end kept and did not keep.
         measure_s, back_end_s: seconds the front end and the back end took.
-        peak_rss_mb: largest memory of the process it ran in [MB]; a cluster's worker has run others before.
+        peak_rss_mb: largest memory of the process it ran in [MB]; a cluster's worker may have run others before.
         warnings: what could not be done for it, and why.
     """
 
@@ -50,13 +50,13 @@ class Row:
 
 
 @dataclass(frozen=True, slots=True)
-class Returned:
-    """What every front end gets.
+class FrontEndTask:
+    """The task that every front end of a comparison gets.
 
     Args:
         scans: of the recording.
         back_end: whether graph and loops follow.
-        jobs: threads of the back end.
+        jobs: number of threads of the back end.
     """
 
     scans: Scans
@@ -64,7 +64,7 @@ class Returned:
     jobs: int
 
 
-def front_end_rows(
+def run_front_ends(
     contexts: Mapping[str, Context],
     scans: Scans,
     engine: Engine,
@@ -72,32 +72,32 @@ def front_end_rows(
     *,
     back_end: bool,
 ) -> list[Row]:
-    """Run front ends, each in a process of its own; whatever stops one is said in its row.
+    """Runs front ends, each in a process of its own; what stops one is stated in its row.
 
     Args:
-        contexts: what each may know besides, by its name.
+        contexts: what each front end may know besides the scans, by its name.
         scans: of the recording.
         engine: where they run.
         progress: called as rows are done.
         back_end: whether graph and loops follow.
     """
 
-    def done(number: int, row: Row | None) -> None:
+    def report(number: int, row: Row | None) -> None:
         progress("front ends", number, len(contexts))
 
-    returned = Returned(scans, back_end, engine.jobs)
-    rows = engine.apart(run_front_end, returned, list(contexts.items()), done)
+    task = FrontEndTask(scans, back_end, engine.jobs)
+    rows = engine.apart(run_front_end, task, list(contexts.items()), report)
     return [Row(name, failure=DIED) if row is None else row for name, row in zip(contexts, rows, strict=True)]
 
 
-def run_front_end(returned: Returned, named: tuple[str, Context]) -> Row:
-    """Run a front end, given by its name and context, in this process."""
+def run_front_end(task: FrontEndTask, named: tuple[str, Context]) -> Row:
+    """Runs a front end, given by its name and context, in this process."""
     name, context = named
     try:
         begin = time.perf_counter()
-        if not returned.back_end:
-            measurements = list(frontends.load(name)(context).measure(returned.scans))
-            chained = Trajectory(returned.scans.stamps_us, chain(m.pose for m in measurements))
+        if not task.back_end:
+            measurements = list(frontends.load(name)(context).measure(task.scans))
+            chained = Trajectory(task.scans.stamps_us, se2.chain(m.pose for m in measurements))
             return Row(
                 name,
                 None,
@@ -108,30 +108,31 @@ def run_front_end(returned: Returned, named: tuple[str, Context]) -> Row:
                 back_end_s=0.0,
                 peak_rss_mb=_peak_mb(),
             )
-        runner = Runner(LocalEngine(returned.jobs))
-        found = Slam(context.config, name, runner).solve(returned.scans, context)
+        runner = Runner(LocalEngine(task.jobs))
+        solution = Slam(context.config, name, runner).solve(task.scans, context)
         spent = runner.runtime_s
         return Row(
             name,
             None,
-            found.odometry,
-            found.optimised,
-            tuple(found.measurements),
-            len(found.loops),
-            found.loops_rejected,
+            solution.odometry,
+            solution.optimised,
+            tuple(solution.measurements),
+            len(solution.loops),
+            solution.loops_rejected,
             spent["windows"],
             spent["optimise"] + spent["loops"],
             _peak_mb(),
-            found.warnings,
+            solution.warnings,
         )
     except Exception as error:  # a front end may be anyone's code, and the others are to go on
         return Row(name, failure=said(error))
 
 
-def given_row(name: str, trajectory: Trajectory) -> Row:
-    """A row of a trajectory that another program made."""
+def make_given_row(name: str, trajectory: Trajectory) -> Row:
+    """Returns the row of a trajectory that another program made."""
     return Row(name, None, trajectory, trajectory)
 
 
 def _peak_mb() -> float:
+    """Returns the largest memory that this process has used [MB]."""
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0

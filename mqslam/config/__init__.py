@@ -10,13 +10,14 @@ from typing import Any
 import yaml
 from pydantic import BaseModel, ConfigDict
 
-from mqslam.config.audit_config import AuditConfig
+from mqslam.config.audit_config import AuditConfig, CompareConfig
+from mqslam.config.check_config import CheckConfig
 from mqslam.config.detector_config import DetectorConfig
 from mqslam.config.estimator_config import EstimatorConfig
 from mqslam.config.fields import is_expert
-from mqslam.config.frontend_config import KissIcpConfig, Open3dIcpConfig
+from mqslam.config.frontend_config import KissIcpConfig, OdometryConfig, Open3dIcpConfig, ScanMatchingConfig
 from mqslam.config.graph_config import GraphConfig
-from mqslam.config.loop_config import LoopConfig
+from mqslam.config.loop_config import LoopConfig, PassConfig
 from mqslam.config.map_config import MapConfig
 from mqslam.config.psi_config import PsiConfig
 from mqslam.config.reading import parsed
@@ -27,6 +28,8 @@ from mqslam.errors import ConfigError
 
 __all__ = [
     "AuditConfig",
+    "CheckConfig",
+    "CompareConfig",
     "Config",
     "DetectorConfig",
     "EstimatorConfig",
@@ -34,8 +37,11 @@ __all__ = [
     "KissIcpConfig",
     "LoopConfig",
     "MapConfig",
+    "OdometryConfig",
     "Open3dIcpConfig",
+    "PassConfig",
     "PsiConfig",
+    "ScanMatchingConfig",
     "SensorConfig",
     "TrackerConfig",
     "VerdictConfig",
@@ -60,11 +66,14 @@ class Config(BaseModel):
     tracker: TrackerConfig = TrackerConfig()
     kiss_icp: KissIcpConfig = KissIcpConfig()
     open3d_icp: Open3dIcpConfig = Open3dIcpConfig()
+    odometry: OdometryConfig = OdometryConfig()
     graph: GraphConfig = GraphConfig()
     loops: LoopConfig = LoopConfig()
     map: MapConfig = MapConfig()
     audit: AuditConfig = AuditConfig()
     verdict: VerdictConfig = VerdictConfig()
+    compare: CompareConfig = CompareConfig()
+    check: CheckConfig = CheckConfig()
 
 
 def load_config(name: str | Path | None = None) -> Config:

@@ -4,35 +4,111 @@ from __future__ import annotations
 
 from pydantic import BaseModel, ConfigDict, Field
 
+from mqslam.config.fields import expert
+from mqslam.config.loop_config import Drift, DriftRad, GateRad, PassConfig, SearchRad, SpacingM
 
-class AuditConfig(BaseModel):
+
+class AuditConfig(PassConfig):
     """How a map is judged."""
+
+    window: int = Field(6, ge=2, description="Number of scans in a window.")
+    probability: float = Field(
+        0.999,
+        gt=0.5,
+        lt=1.0,
+        description="Probability of the chi-square quantile that the inflation of a torn window or revisit exceeds.",
+    )
+    bend_m: float = Field(
+        0.05, ge=0.0, description="A window whose best correction moves its points by less than this [m] is not torn."
+    )
+    overlap: float = Field(
+        0.5,
+        ge=0.0,
+        lt=1.0,
+        description="A window is torn, too, if even its best map has a smaller matched share of points than this.",
+    )
+    radius_m: float = Field(1.0, gt=0.0, description="Radius [m] of the neighbourhoods of the entropies and plane variance.")
+    cell_m: float = Field(0.5, gt=0.0, description="Side of a cell of the evidence grid [m].")
+    submap_spacing_m: float = Field(5.0, gt=0.0, description="Path [m] between the scans that a submap is rendered from.")
+    torn_m: float = Field(0.5, gt=0.0, description="Two passes are torn if they are farther apart than this [m].")
+    torn_rad: float = Field(
+        0.02, gt=0.0, description="Two passes are torn, too, if one is turned against the other by more than this [rad]."
+    )
+    # an audited trajectory, which anyone may have made, may drift more than our own does before loops are closed
+    spacing_m: SpacingM = 10.0
+    drift: Drift = 0.02
+    drift_rad: DriftRad = 1e-4
+    search_rad: SearchRad = 0.05
+    gate_rad: GateRad = 0.3
+    sampled_windows: int = expert(
+        100, ge=1, description="Number of windows, evenly spread, that a run judges of its own map; an audit judges all."
+    )
+    coverage_slack: float = expert(
+        1.5,
+        ge=0.0,
+        description="A scan may begin before or end after the trajectory by this many turns and still counts as covered.",
+    )
+    few_stamps: int = expert(
+        20, ge=1, description="A cloud with at least this many points per stamp is taken to have one stamp per scan."
+    )
+    cloud_sweep_s: float = expert(
+        0.1, gt=0.0, description="Duration [s] that a sweep of a cloud is taken to have if every point has its own stamp."
+    )
+    narrow_start: float = expert(
+        0.4,
+        gt=0.0,
+        le=1.0,
+        description="The first search for a window's best map begins with this share of the annealing's widths, which finds "
+        "all but large corrections.",
+    )
+    narrow_reach: float = expert(
+        0.5,
+        gt=0.0,
+        description="A correction above this share of the first search's widest neighbourhood is searched for again "
+        "with the annealing's full widths.",
+    )
+    least_overlap_kept: float = expert(
+        0.8,
+        gt=0.0,
+        le=1.0,
+        description="A best map that matches fewer points than this share of what the given map matches is searched for "
+        "again with the annealing's full widths.",
+    )
+    step: float = expert(
+        2e-3,
+        gt=0.0,
+        description="Movement of a window's ends, in units of estimator.beta_s, below which the search for its best map "
+        "ends; no direction is taken to be known better than that.",
+    )
+    difference_step: float = expert(
+        0.06,
+        gt=0.0,
+        description="Movement of a window's ends, in units of estimator.beta_s, over which the differences are taken that "
+        "give the curvature of psi.",
+    )
+    unobserved: float = expert(
+        100.0,
+        gt=0.0,
+        description="Standard deviation of a window's ends, in units of estimator.beta_s, along a direction that the window "
+        "does not observe.",
+    )
+    fewest_neighbours: int = expert(
+        5, ge=3, description="A neighbourhood of fewer points than this has no shape and does not count in the entropies."
+    )
+    hit_log_odds: float = expert(0.85, gt=0.0, description="Log odds that a return adds to its cell of the evidence grid.")
+    miss_log_odds: float = expert(
+        -0.4, lt=0.0, description="Log odds that a beam adds to each cell of the evidence grid that it passes through."
+    )
+    log_odds_limit: float = expert(3.5, gt=0.0, description="Largest absolute log odds of a cell of the evidence grid.")
+
+
+class CompareConfig(BaseModel):
+    """What a comparison of front ends points out."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
-    window: int = Field(6, ge=2, description="revolutions or scans of a window")
-    probability: float = Field(
-        0.999, gt=0.5, lt=1.0, description="a window or revisit is torn beyond this quantile of the chi-square"
+    places: int = expert(6, ge=1, description="Number of places shown at which the trajectories differ most.")
+    places_apart: int = expert(2, ge=0, description="Number of windows that lie at least between two such places.")
+    lever_m: float = expert(
+        20.0, gt=0.0, description="A difference in yaw counts as much as it moves a point at this distance [m]."
     )
-    bend_m: float = Field(0.05, ge=0.0, description="windows that a correction moves by less than this are not torn [m]")
-    overlap: float = Field(
-        0.5, ge=0.0, lt=1.0, description="a window is torn as well where its best map has a smaller matched share than this"
-    )
-    radius_m: float = Field(1.0, gt=0.0, description="neighbourhood of the entropies and of the plane variance [m]")
-    cell_m: float = Field(0.5, gt=0.0, description="cell of the evidence grid [m]")
-    spacing_m: float = Field(10.0, gt=0.0, description="path between the revisits that are measured [m]")
-    submap_spacing_m: float = Field(5.0, gt=0.0, description="path between the sweeps a submap is made of [m]")
-    submap_m: float = Field(15.0, gt=0.0, description="path around a revisit that its submap holds, either way [m]")
-    least_path_m: float = Field(60.0, gt=0.0, description="shorter ways round are no revisits [m]")
-    reach_m: float = Field(12.0, gt=0.0, description="two passes this far apart still see the same things [m]")
-    drift: float = Field(0.02, ge=0.0, description="drift of an audited trajectory to reckon with, per path [m/m]")
-    drift_rad: float = Field(1e-4, ge=0.0, description="the same for yaw [rad/m]")
-    search_m: float = Field(3.0, gt=0.0, description="least half width of a revisit's search [m]")
-    search_rad: float = Field(0.05, gt=0.0, description="the same for yaw [rad]")
-    gate_m: float = Field(40.0, gt=0.0, description="largest half width of the search [m]")
-    gate_rad: float = Field(0.3, gt=0.0, description="the same for yaw [rad]")
-    fewest: int = Field(300, ge=1, description="least returns of a submap")
-    matched: float = Field(0.45, gt=0.0, lt=1.0, description="least share of returns that lie on the other pass")
-    rival: float = Field(1.1, ge=1.0, description="the next best offset must score worse by this factor")
-    torn_m: float = Field(0.5, gt=0.0, description="smaller offsets between two passes are not torn [m]")
-    torn_rad: float = Field(0.02, gt=0.0, description="unless they are turned by more than this [rad]")

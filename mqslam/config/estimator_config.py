@@ -90,3 +90,29 @@ class EstimatorConfig(BaseModel):
     unknown_yaw_rate: float = expert(
         1.0, gt=0.0, description="Standard deviation of a window's yaw rate where psi does not observe it [rad/s]."
     )
+
+    search_pixel: float = expert(
+        0.3,
+        gt=0.0,
+        description="Side of a pixel of the images that the global search of a pose correlates, as a share of s_start: "
+        "what the minimiser surely bridges.",
+    )
+    search_same: float = expert(2.0, gt=0.0, description="Poses that are nearer than this many of those pixels are one.")
+    search_blur: float = expert(1.4, ge=0.0, description="Standard deviation of the images' blur, in those pixels.")
+    search_extent: float = expert(
+        110.0,
+        gt=0.0,
+        description="Points farther from the query's origin than this many pixels take no part in the search: they would "
+        "ask for finer yaws.",
+    )
+    search_peaks: int = expert(3, ge=1, description="Most poses that the global search hands on to the minimiser.")
+
+    @property
+    def search_pixel_m(self) -> float:
+        """Side of a pixel of the global search [m]."""
+        return self.search_pixel * self.s_start
+
+    @property
+    def search_same_m(self) -> float:
+        """Distance below which two poses of the global search are one [m]."""
+        return self.search_same * self.search_pixel_m

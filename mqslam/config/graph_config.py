@@ -4,21 +4,43 @@ from __future__ import annotations
 
 from pydantic import BaseModel, ConfigDict, Field
 
+from mqslam.config.fields import expert
+
 
 class GraphConfig(BaseModel):
     """Settings of the pose graph."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
-    floor_m: float = Field(0.01, gt=0.0, description="least standard deviation of an edge's position [m]")
-    floor_rad: float = Field(0.0003, gt=0.0, description="least standard deviation of an edge's yaw [rad]")
+    floor_m: float = Field(0.01, gt=0.0, description="Standard deviation [m] that the position of every edge has at least.")
+    floor_rad: float = Field(0.0003, gt=0.0, description="Standard deviation [rad] that the yaw of every edge has at least.")
     cancelling: float = Field(
         40.0,
         ge=1.0,
-        description="both ends of an edge are matched to one map, so errors of successive edges cancel: in the graph an "
-        "edge's covariance is divided by this, and the floor says how edges drift together",
+        description="Divisor of the covariance of psi's edges in the graph. Both ends of an edge are matched to one map, so "
+        "that errors of successive edges cancel; the floor says how the edges drift together.",
     )
-    huber: float = Field(1.345, gt=0.0, description="residual beyond which an edge's pull grows only linearly [sigma]")
+    huber: float = Field(
+        1.345, gt=0.0, description="Residual [standard deviations] beyond which the pull of an edge grows only linearly."
+    )
     odometry_span_s: float = Field(
-        10.0, gt=0.0, description="odometry noise is what it disagrees with psi over this span [s]"
+        10.0, gt=0.0, description="Length of the spans [s] over which odometry is compared with psi to find its noise."
+    )
+    odometry_span_share: float = expert(
+        0.5,
+        gt=0.0,
+        le=1.0,
+        description="Share of a span's motions that psi must have found itself, so that the span shows how odometry errs.",
+    )
+    odometry_fewest_spans: int = expert(
+        5,
+        ge=1,
+        description="With fewer spans than this, whose median may be small by chance, odometry is taken to be no better "
+        "than it states.",
+    )
+    prior_m: float = expert(
+        1e-3, gt=0.0, description="Standard deviation [m] of the prior that holds the first pose at the origin."
+    )
+    prior_rad: float = expert(
+        1e-4, gt=0.0, description="Standard deviation [rad] of the prior that holds the first yaw at zero."
     )

@@ -1,33 +1,91 @@
-"""Settings of loop closures."""
+"""Settings of loop closures, and what they share with the revisits of an audit: how two passes of a place are compared."""
 
 from __future__ import annotations
 
+from typing import Annotated
+
 from pydantic import BaseModel, ConfigDict, Field
 
+from mqslam.config.fields import expert
 
-class LoopConfig(BaseModel):
-    """Settings of loop closures."""
+SpacingM = Annotated[
+    float, Field(gt=0.0, description="Path [m] between the scans for which an earlier pass of the same place is looked for.")
+]
+Drift = Annotated[float, Field(ge=0.0, description="Drift of the trajectory to reckon with, per length of path [m/m].")]
+DriftRad = Annotated[float, Field(ge=0.0, description="Drift of the yaw to reckon with, per length of path [rad/m].")]
+SearchRad = Annotated[float, Field(gt=0.0, description="Least half width of the search in yaw [rad].")]
+GateRad = Annotated[float, Field(gt=0.0, description="Largest half width of the search in yaw [rad].")]
+
+
+class PassConfig(BaseModel):
+    """How two passes of one place are found and laid on each other."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
-    enabled: bool = Field(True, description="whether loops are looked for")
-    rounds: int = Field(2, ge=1, description="searches; each starts from the trajectory the one before has mended")
-    passes: int = Field(1, ge=1, description="earlier passes a revolution is tied to, the nearest first")
-    spacing_m: float = Field(5.0, gt=0.0, description="path between revolutions that are tried and rendered [m]")
-    least_path_m: float = Field(60.0, gt=0.0, description="shorter ways round are odometry, not loops [m]")
-    reach_m: float = Field(12.0, gt=0.0, description="two passes this far apart still see the same things [m]")
-    drift: float = Field(0.005, ge=0.0, description="drift of the trajectory to reckon with, per path [m/m]")
-    drift_rad: float = Field(3e-5, ge=0.0, description="the same for yaw [rad/m]")
-    search_m: float = Field(3.0, gt=0.0, description="least half width of the search [m]")
-    search_rad: float = Field(0.03, gt=0.0, description="the same for yaw [rad]")
-    gate_m: float = Field(40.0, gt=0.0, description="largest half width of the search [m]")
-    gate_rad: float = Field(0.15, gt=0.0, description="the same for yaw [rad]")
-    submap_m: float = Field(15.0, gt=0.0, description="path around a revolution that its submap holds, either way [m]")
-    fewest: int = Field(300, ge=1, description="least returns of a submap")
-    matched: float = Field(0.45, gt=0.0, lt=1.0, description="least share of returns that lie on the other pass")
-    rival: float = Field(1.1, ge=1.0, description="the next best pose must score worse by this factor")
-    sure_m: float = Field(0.3, gt=0.0, description="largest standard deviation of a loop's position [m]")
-    kept: float = Field(1.1, ge=1.0, description="a loop stays if psi under the final poses is within this of its own")
-    floor_m: float = Field(0.05, gt=0.0, description="standard deviation of a loop besides its own: submaps bend [m]")
-    floor_rad: float = Field(0.0015, gt=0.0, description="the same for yaw [rad]")
-    cauchy: float = Field(3.0, gt=0.0, description="residual at which a loop's pull begins to fade [sigma]")
+    spacing_m: SpacingM = 5.0
+    least_path_m: float = Field(
+        60.0, gt=0.0, description="Two scans with less path between them [m] are not two passes: odometry ties them already."
+    )
+    reach_m: float = Field(12.0, gt=0.0, description="Distance [m] at which two passes still see the same things.")
+    drift: Drift = 0.005
+    drift_rad: DriftRad = 3e-5
+    search_m: float = Field(3.0, gt=0.0, description="Least half width of the search for the later pass's position [m].")
+    search_rad: SearchRad = 0.03
+    gate_m: float = Field(40.0, gt=0.0, description="Largest half width of the search for the later pass's position [m].")
+    gate_rad: GateRad = 0.15
+    submap_m: float = Field(
+        15.0, gt=0.0, description="Path [m] to either side of a scan whose returns the submap of the earlier pass holds."
+    )
+    fewest: int = Field(300, ge=1, description="A submap with fewer returns than this is not compared.")
+    matched: float = Field(
+        0.45, gt=0.0, lt=1.0, description="Least share of the later pass's returns that must lie on the earlier pass."
+    )
+    rival: float = Field(
+        1.1, ge=1.0, description="The next best pose must score worse than the best one by at least this factor."
+    )
+    later_share: float = expert(
+        0.5,
+        gt=0.0,
+        le=1.0,
+        description="The later pass's submap is this share of the earlier one's length, so that it lies within it.",
+    )
+    tried_factor: float = expert(
+        20.0,
+        ge=1.0,
+        description="A pair of passes stands for all pairs within least_path_m on the earlier pass and within this many "
+        "times less on the later one, which are not tried again.",
+    )
+    beyond_m: float = expert(
+        1.0, ge=0.0, description="An alignment may end this far [m] outside the searched region and still counts."
+    )
+    beyond_rad: float = expert(
+        0.05, ge=0.0, description="An alignment may end this far in yaw [rad] outside the searched region and still counts."
+    )
+
+
+class LoopConfig(PassConfig):
+    """Settings of loop closures."""
+
+    enabled: bool = Field(True, description="Whether loops are looked for.")
+    rounds: int = Field(
+        2,
+        ge=1,
+        description="Number of searches; each starts from the trajectory that the loops found before have corrected.",
+    )
+    passes: int = Field(1, ge=1, description="Number of earlier passes, the nearest first, that a scan is tied to.")
+    sure_m: float = Field(0.3, gt=0.0, description="Largest standard deviation of a loop's position [m].")
+    kept: float = Field(
+        1.1,
+        ge=1.0,
+        description="A loop stays if psi of its two passes in the optimised map is at most this many times as large as with "
+        "the passes laid on each other.",
+    )
+    floor_m: float = Field(
+        0.05,
+        gt=0.0,
+        description="Standard deviation [m] added to a loop's own, because submaps bend, which their score does not show.",
+    )
+    floor_rad: float = Field(0.0015, gt=0.0, description="Standard deviation of yaw [rad] added for the same reason.")
+    cauchy: float = Field(
+        3.0, gt=0.0, description="Residual [standard deviations] from which on the pull of a loop becomes weaker."
+    )

@@ -6,6 +6,8 @@ from typing import Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
+from mqslam.config.fields import expert
+
 
 class SensorConfig(BaseModel):
     """What a recording does not say about its radar."""
@@ -13,20 +15,37 @@ class SensorConfig(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
 
     range_resolution_m: float | None = Field(
-        None, gt=0.0, description="length of a range bin [m]; null takes the recording's or its format's"
+        None, gt=0.0, description="Length of a range bin [m]; null takes the recording's or its format's."
     )
     doppler_beta: float | None = Field(
         None,
-        description="range shift per closing speed [s], signed by the chirp, about 0.049 on the Oxford unit; "
-        "null measures it by psi",
+        description="Range shift per closing speed [s], signed by the chirp, about 0.049 on the Oxford unit; null "
+        "measures it by psi.",
     )
     clockwise: bool | None = Field(
         None,
-        description="whether the radar turns clockwise, seen from above, where azimuths carry no angles; null takes the "
-        "format's default, clockwise in all of them",
+        description="Whether the radar turns clockwise, seen from above, where azimuths carry no angles; null takes the "
+        "format's default, which is clockwise in all of them.",
     )
     stamp: Literal["start", "end"] | None = Field(
         None,
-        description="which instant of a revolution its only stamp is, where azimuths carry no stamps; null takes the "
-        "format's default: end in mulran, radiate and images on a bag's /radar/polar (MulRan's player), start in other bags",
+        description="Which instant of a turn its only stamp is, where azimuths carry no stamps; null takes the format's "
+        "default: end in mulran, radiate and images on a bag's /radar/polar (MulRan's player), start in other bags.",
+    )
+
+    doppler_stretches: int = expert(
+        4, ge=1, description="Number of stretches of a recording on which psi measures the Doppler shift."
+    )
+    doppler_scans: int = expert(12, ge=3, description="Number of scans of each of those stretches.")
+    doppler_step: float = expert(
+        0.05, gt=0.0, description="Step between the Doppler shifts that are tried [s]. Those of Navtech's radars lie within."
+    )
+    doppler_steps: int = expert(2, ge=1, description="Number of those steps to either side of no shift.")
+    doppler_gain: float = expert(
+        0.003, ge=0.0, lt=1.0, description="Share of psi that a Doppler shift must save to be believed."
+    )
+    doppler_least: float = expert(
+        0.01,
+        ge=0.0,
+        description="A smaller Doppler shift counts as none [s]: it moves returns by a tenth of their own error.",
     )

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
+from mqslam.config.fields import expert
+
 
 class TrackerConfig(BaseModel):
     """Settings of odometry by psi over a running map."""
@@ -11,33 +13,159 @@ class TrackerConfig(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
 
     keyframe_m: float = Field(
-        8.0, gt=0.0, description="a revolution joins the map after this much travel [m], sooner while the map is young"
+        8.0,
+        gt=0.0,
+        description="A scan joins the map after this much travel [m]. A map of few keyframes takes scans sooner.",
     )
-    keyframe_rad: float = Field(0.1, gt=0.0, description="or after this much turning [rad]")
-    keyframes: int = Field(40, ge=1, description="revolutions the map holds")
-    sigma_position_m: float = Field(0.01, gt=0.0, description="process noise of the start pose per revolution [m]")
-    sigma_yaw: float = Field(0.0003, gt=0.0, description="process noise of the start yaw per revolution [rad]")
-    sigma_vx: float = Field(0.6, gt=0.0, description="jump of forward speed per 0.25 s besides acceleration [m/s]")
-    sigma_vy: float = Field(0.15, gt=0.0, description="change of sideways speed per 0.25 s [m/s]")
-    sigma_omega: float = Field(0.08, gt=0.0, description="jump of yaw rate per 0.25 s besides acceleration [rad/s]")
-    sigma_ax: float = Field(4.0, gt=0.0, description="change of forward acceleration per 0.25 s [m/s^2]")
-    sigma_alpha: float = Field(0.6, gt=0.0, description="change of yaw acceleration per 0.25 s [rad/s^2]")
-    persistence: float = Field(0.9, ge=0.0, le=1.0, description="part of an acceleration that is left after 0.25 s")
-    speed_min: float = Field(-5.0, description="slowest speed of the cold start's search [m/s]")
-    speed_max: float = Field(40.0, description="fastest speed of the cold start's search [m/s]")
-    omega_max: float = Field(1.0, gt=0.0, description="fastest turn of the cold start's search [rad/s]")
+    keyframe_rad: float = Field(0.1, gt=0.0, description="A scan also joins the map after this much turning [rad].")
+    keyframes: int = Field(40, ge=1, description="Number of scans that the map holds.")
+    sigma_position_m: float = Field(0.01, gt=0.0, description="Process noise of the start pose's position per 0.25 s [m].")
+    sigma_yaw: float = Field(0.0003, gt=0.0, description="Process noise of the start pose's yaw per 0.25 s [rad].")
+    sigma_vx: float = Field(
+        0.6, gt=0.0, description="Change of forward speed per 0.25 s that acceleration does not explain [m/s]."
+    )
+    sigma_vy: float = Field(0.15, gt=0.0, description="Change of sideways speed per 0.25 s [m/s].")
+    sigma_omega: float = Field(
+        0.08, gt=0.0, description="Change of yaw rate per 0.25 s that yaw acceleration does not explain [rad/s]."
+    )
+    sigma_ax: float = Field(4.0, gt=0.0, description="Change of forward acceleration per 0.25 s [m/s^2].")
+    sigma_alpha: float = Field(0.6, gt=0.0, description="Change of yaw acceleration per 0.25 s [rad/s^2].")
+    persistence: float = Field(0.9, ge=0.0, le=1.0, description="Share of an acceleration that is left after 0.25 s.")
+    speed_min: float = Field(-5.0, description="Slowest speed that the cold start tries [m/s]; negative is backwards.")
+    speed_max: float = Field(40.0, description="Fastest speed that the cold start tries [m/s].")
+    omega_max: float = Field(1.0, gt=0.0, description="Fastest yaw rate that the cold start tries, to either side [rad/s].")
     sigma_scale: float = Field(
         0.01,
         ge=0.0,
-        description="standard deviation of a distance across a gap, per distance: what is published of the length of one "
-        "radar's range bins differs by 1.4 %, and a Doppler shift that is ignored costs as much",
+        description="Standard deviation of a distance travelled across a gap, as a share of that distance. Published "
+        "lengths of one radar's range bins differ by 1.4 %, and a Doppler shift that is ignored costs as much.",
     )
     lost_share: float = Field(
-        0.5, gt=0.0, lt=1.0, description="a matched share below this part of the usual one means the track may be lost"
+        0.5,
+        gt=0.0,
+        lt=1.0,
+        description="The track may be lost where a scan's matched share is below this part of the usual one.",
     )
+
+    fewest_returns: int = expert(
+        40, ge=1, description="Fewest returns of a scan that is matched: five for each of the eight numbers of its state."
+    )
+    least_sector: float = expert(
+        0.2,
+        ge=0.0,
+        description="Least sector that the directions of a scan's returns span [rad]. A single direction shows one "
+        "pattern of ranges and no motion across it.",
+    )
+    least_matched: int = expert(
+        16,
+        ge=1,
+        description="Fewest matched returns of a match. Fewer coordinates than these fit the eight numbers by chance.",
+    )
+    least_share: float = expert(
+        0.15, ge=0.0, lt=1.0, description="Least share of matched returns of a match. Below it scan and map do not overlap."
+    )
+    usual_memory: float = expert(
+        0.95,
+        ge=0.0,
+        lt=1.0,
+        description="Share of the usual matched share that is kept from scan to scan when it is updated.",
+    )
+    prediction_gain: float = expert(
+        0.1,
+        gt=0.0,
+        description="Factor on psi's own covariance. The prediction from the previous scan smooths the estimate, so its "
+        "variance is smaller than psi alone would give. BENCHMARKS.md states how it was measured.",
+    )
+
+    start_scans: int = expert(3, ge=2, description="Number of scans from which a track finds its first motion.")
+    start_speeds: float = expert(
+        13.0,
+        gt=0.0,
+        description="The cold start tries speeds in steps of the annealing's widest reach per turn, divided by this: so "
+        "near a speed the minimiser surely finds the minimum.",
+    )
+    start_yaw_step: float = expert(
+        0.025, gt=0.0, description="Turn per scan between the yaw rates that a start tries [rad]."
+    )
+    rest_speed: float = expert(
+        5.0,
+        gt=0.0,
+        description="Spread of forward speeds around rest, in directions that psi does not observe at a start [m/s].",
+    )
+    rest_slip: float = expert(0.5, gt=0.0, description="The same spread for sideways speed [m/s].")
+    rest_omega: float = expert(0.1, gt=0.0, description="The same spread for the yaw rate [rad/s].")
+    unknown_travel: float = expert(
+        0.5,
+        gt=0.0,
+        description="Share of the longest travel in a turn by which a start pose may be off in a direction that psi does "
+        "not observe.",
+    )
+
+    steady_s: float = expert(
+        0.75, gt=0.0, description="Longest time between two scans over which an acceleration is taken to last [s]."
+    )
+    steady_turns: float = expert(
+        1.5, gt=0.0, description="The same in turns, for radars so slow that this many turns take longer than steady_s."
+    )
+    longest_coast_s: float = expert(
+        60.0,
+        gt=0.0,
+        description="A longer gap is a pause or a jump of the clock [s]. No motion is extrapolated across it, because "
+        "that could mean kilometres.",
+    )
+    search_sigmas: float = expert(
+        2.0,
+        gt=0.0,
+        description="Half width of the search for a scan around its prediction, in the prediction's standard deviations.",
+    )
+    search_least_m: float = expert(
+        3.0, gt=0.0, description="Least half width of that search [m], however sure the prediction claims to be."
+    )
+    search_least_rad: float = expert(0.05, gt=0.0, description="The same for yaw [rad].")
+    search_most_m: float = expert(30.0, gt=0.0, description="Largest half width of that search [m].")
+    search_most_rad: float = expert(0.8, gt=0.0, description="The same for yaw [rad].")
+
+    grown_keyframes: int = expert(
+        8, ge=1, description="A map with fewer keyframes than this takes new ones at shorter distances, because it is thin."
+    )
+    young_scans: int = expert(
+        16, ge=2, description="Number of scans of a new track that are measured again together, once they make a map."
+    )
+    young_least: int = expert(
+        6, ge=2, description="Fewest scans that are measured again: fewer make no map better than the first one."
+    )
+    patience: int = expert(
+        8, ge=1, description="Number of lost scans in a row after which the map is given up and a new one is tried."
+    )
+
+    unsteady_scans: int = expert(
+        40, ge=1, description="Number of past scans that show how far the motion is from what the motion model can follow."
+    )
+    unsteady_least: int = expert(
+        8, ge=1, description="With fewer such scans the process noise takes part in what the motion model leaves out."
+    )
+    unsteady_forward: float = expert(
+        1.7,
+        ge=0.0,
+        description="Share of the jumps of forward motion that ends up as its error, measured on the twin and the "
+        "simulator (BENCHMARKS.md).",
+    )
+    unsteady_sideways: float = expert(
+        0.5,
+        ge=0.0,
+        description="Share of the jumps of forward motion that ends up as error of sideways motion. Sideways jumps "
+        "themselves hardly show, because the sideways speed is held.",
+    )
+    unsteady_yaw: float = expert(1.0, ge=0.0, description="Share of the jumps of turning that ends up as its error.")
 
     @model_validator(mode="after")
     def _check_speeds(self) -> TrackerConfig:
         if self.speed_max <= self.speed_min:
             raise ValueError(f"speed_max ({self.speed_max}) must be larger than speed_min ({self.speed_min})")
+        return self
+
+    @model_validator(mode="after")
+    def _check_patience(self) -> TrackerConfig:
+        if self.patience < self.start_scans:
+            raise ValueError(f"patience ({self.patience}) must be at least start_scans ({self.start_scans})")
         return self

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from pydantic import BaseModel, ConfigDict, Field
 
+from mqslam.config.fields import expert
+
 
 class VerdictConfig(BaseModel):
     """When a map is called `warn` or `fail`, and how much evidence a verdict takes."""
@@ -14,34 +16,61 @@ class VerdictConfig(BaseModel):
         0.95,
         gt=0.5,
         lt=1.0,
-        description="a share is called too large only where its exact binomial lower bound (Clopper-Pearson) at this "
-        "confidence is: of maps that are good enough, one in twenty at most is called otherwise by chance",
+        description="Confidence of the exact binomial lower bound (Clopper and Pearson) of a share, which must exceed a "
+        "limit before the share is called too large. At 0.95, at most one in twenty good maps is called bad by chance.",
     )
     power: float = Field(
         0.8,
         gt=0.5,
         lt=1.0,
-        description="a map passes only where one whose share is at the bound of `fail` would have shown more with this "
-        "probability; where no window is torn that takes 8 windows",
+        description="A map passes only if a map whose share is at the limit of `fail` would have shown more faults with "
+        "this probability. Where no window is torn that takes 8 windows.",
     )
-    windows_warn: float = Field(0.05, ge=0.0, lt=1.0, description="a larger share of torn windows is worth a look")
-    windows_fail: float = Field(0.2, ge=0.0, lt=1.0, description="a larger share of torn windows makes a map useless")
+    windows_warn: float = Field(
+        0.05, ge=0.0, lt=1.0, description="A map with a larger share of torn windows than this is worth a look."
+    )
+    windows_fail: float = Field(
+        0.2, ge=0.0, lt=1.0, description="A map with a larger share of torn windows than this is useless."
+    )
     revisits_warn: float = Field(
-        0.02, ge=0.0, lt=1.0, description="the same for revisits: a place that looks like another may seem torn"
+        0.02,
+        ge=0.0,
+        lt=1.0,
+        description="A map with a larger share of torn revisits than this is worth a look; a few may be places that only "
+        "look alike.",
     )
-    revisits_fail: float = Field(0.1, ge=0.0, lt=1.0, description="a larger share of torn revisits shows drift all over")
+    revisits_fail: float = Field(
+        0.1, ge=0.0, lt=1.0, description="A larger share of torn revisits than this shows that the whole map drifts."
+    )
     lost_fail: float = Field(
-        0.2, ge=0.0, lt=1.0, description="a larger share of lost scans leaves a track of predictions; any is worth a look"
+        0.2,
+        ge=0.0,
+        lt=1.0,
+        description="With a larger share of lost scans than this the trajectory is mostly prediction. Any lost scan is "
+        "worth a look.",
     )
     degenerate_warn: float = Field(
-        0.1, ge=0.0, lt=1.0, description="a larger share of scans that do not observe every direction is worth a look"
+        0.1,
+        ge=0.0,
+        lt=1.0,
+        description="A larger share than this of scans that do not observe every direction is worth a look.",
     )
     matched: float = Field(
-        0.15, ge=0.0, lt=1.0, description="a window in which fewer points are seen twice does not overlap, and psi is blind"
+        0.15,
+        ge=0.0,
+        lt=1.0,
+        description="A window in which a smaller share of points than this is seen twice does not overlap, so that psi "
+        "cannot judge it.",
+    )
+    apart_fail: float = expert(
+        0.5,
+        ge=0.0,
+        lt=1.0,
+        description="With a larger share than this of windows that do not overlap, a map is useless as a whole.",
     )
     worse: float = Field(
         1.1,
         ge=1.0,
-        description="psi per point after optimisation over that before which is a fault; passes that loops lay on each "
-        "other cost a little more than alone",
+        description="Ratio of psi per point after optimisation to that before, above which optimisation made the map worse. "
+        "Passes that loops lay on each other cost a little more than each pass alone.",
     )

@@ -1,4 +1,4 @@
-"""A few of many, evenly spread: what is judged or shown of a long run."""
+"""A few of many, spread evenly: what is judged or shown of a long run."""
 
 from __future__ import annotations
 
@@ -7,5 +7,5 @@ from numpy.typing import NDArray
 
 
 def evenly(count: int, most: int) -> NDArray[np.int64]:
-    """At most `most` of the numbers 0..count - 1, the first and the last among them, increasing."""
+    """Returns at most `most` of the numbers 0..count - 1, the first and the last among them, increasing."""
     return np.unique(np.linspace(0, count - 1, min(count, most)).round().astype(np.int64)) if count else np.arange(0)

@@ -1,4 +1,4 @@
-"""The protocol all front ends meet, and how they are found by name."""
+"""The protocol that all front ends meet, and how one is found by its name."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class Context:
 
     Args:
         config: all settings.
-        revolution_s: duration of one turn [s].
+        revolution_s: usual duration of a turn [s].
         start_us: stamp [us] of the recording's time zero.
         odometry: dead-reckoned poses of another source, or None.
         doppler_beta: range shift per closing speed [s], as the settings name it or as it was measured.
@@ -39,7 +39,7 @@ class Context:
     doppler_beta: float = 0.0
 
     def odometry_twist(self, t0: float, t1: float) -> se2.Array | None:
-        """Mean twist (3,) of the odometry between two times [s]; None where there is none."""
+        """Returns the mean twist (3,) of the odometry between two times [s], or None where there is none."""
         if self.odometry is None or t1 <= t0:
             return None
         stamps = self.start_us + np.round(np.array([t0, t1]) * 1e6).astype(np.int64)
@@ -49,39 +49,39 @@ class Context:
 
 
 class FrontEnd(Protocol):
-    """Turns windows of returns into relative motions."""
+    """Turns scans into relative motions."""
 
     def __init__(self, context: Context) -> None: ...
 
     def measure(self, scans: Iterable[Scan]) -> Iterator[Measurement]:
-        """The motion from the start of each window to the start of the next, in order: one fewer than windows.
+        """Measures the motion from the start of each scan to the start of the next, in order: one fewer than scans.
 
         Raises:
-            EstimationError: the windows hold nothing a motion could be estimated from.
+            EstimationError: the scans hold nothing that a motion could be estimated from.
         """
         ...
 
 
-def names() -> list[str]:
-    """The front ends installed here, those of other packages included."""
+def list_front_ends() -> list[str]:
+    """Returns the names of the front ends that are installed here, those of other packages included."""
     return sorted(point.name for point in entry_points(group="mqslam.frontends"))
 
 
 def load(name: str) -> type[FrontEnd]:
-    """The front end of a name.
+    """Loads the front end of a name.
 
     Raises:
         ConfigError: there is none of that name, or it cannot be imported.
     """
     try:
-        found: type[FrontEnd] = known(name).load()
+        front_end: type[FrontEnd] = find_entry_point(name).load()
     except ImportError as error:
         raise ConfigError(f"front end {name}: cannot be imported ({error})") from error
-    return found
+    return front_end
 
 
-def known(name: str) -> EntryPoint:
-    """Where the front end of a name is to be found, without importing it.
+def find_entry_point(name: str) -> EntryPoint:
+    """Finds the entry point of a front end by its name, without importing it.
 
     Raises:
         ConfigError: there is none of that name.
@@ -89,8 +89,8 @@ def known(name: str) -> EntryPoint:
     for point in entry_points(group="mqslam.frontends"):
         if point.name == name:
             return point
-    near = difflib.get_close_matches(name, names(), 1)
-    hint = f"did you mean {near[0]}?" if near else f"choose one of {', '.join(names())}"
+    near = difflib.get_close_matches(name, list_front_ends(), 1)
+    hint = f"did you mean {near[0]}?" if near else f"choose one of {', '.join(list_front_ends())}"
     raise ConfigError(f"front end {name}: unknown; {hint}")
 
 

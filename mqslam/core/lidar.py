@@ -1,4 +1,4 @@
-"""Recordings of a planar lidar: ranges as they are, nothing to detect."""
+"""Recordings of a planar lidar, whose ranges are returns as they are, without a detector."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class LidarRecording:
         format: name of its layout: carmen or laserscan.
         scans: each from the stamp of its first beam to the next scan's; times count from the first scan's stamp [s],
             intensities are 0 where the recording has none.
-        trajectory: poses of the sensor that some SLAM wrote beside the scans, or None.
+        trajectory: poses of the sensor that some SLAM system wrote beside the scans, or None.
         odometry: dead-reckoned poses of the sensor that the recording carries, or None.
         notes: what a user should know about how the recording was understood.
     """
@@ -35,14 +35,14 @@ class LidarRecording:
     notes: tuple[str, ...]
 
 
-def scans_of(stamps_us: NDArray[np.int64], returns: Sequence[Returns]) -> Scans:
-    """Scans that end where the next one begins; the last ends a median step after its stamp.
+def stamp_scans(stamps_us: NDArray[np.int64], returns: Sequence[Returns]) -> Scans:
+    """Returns scans that end where the next one begins; the last ends a median step after its stamp.
 
     Args:
-        stamps_us: (N,) [us], strictly increasing, two at least.
-        returns: of N scans.
+        stamps_us: (N,) [us], strictly increasing, at least two.
+        returns: of each of the N scans.
     """
     starts = (stamps_us - stamps_us[0]) * 1e-6
     edges = np.append(starts, starts[-1] + np.median(np.diff(starts))).tolist()
-    scans = tuple(Scan(t0, t1, found) for t0, t1, found in zip(edges[:-1], edges[1:], returns, strict=True))
+    scans = tuple(Scan(t0, t1, seen) for t0, t1, seen in zip(edges[:-1], edges[1:], returns, strict=True))
     return Scans(scans, int(stamps_us[0]), float(np.median(np.diff(stamps_us))) * 1e-6)

@@ -1,4 +1,4 @@
-"""A measurement of relative motion: what every front end hands on."""
+"""Measurements of relative motion: what every front end returns, and loop closures."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ class Status(StrEnum):
 
     CONVERGED = "converged"
     DEGENERATE = "degenerate"  # a direction is not observed: the covariance is large along it
-    AMBIGUOUS = "ambiguous"  # two motions explain the window about equally well
-    LOST = "lost"  # too little of the window fits the map; the motion is the prediction
+    AMBIGUOUS = "ambiguous"  # two motions explain the scan about equally well
+    LOST = "lost"  # too little of the scan fits the map; the motion is a prediction
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,8 +29,8 @@ class Measurement:
         pose: (3,) x [m], y [m], yaw [rad] of the pose at t1 in the frame of the pose at t0.
         covariance: (3, 3) of x, y, yaw, in the frame of the pose at t0 [m, m, rad].
         status: how far it can be trusted.
-        psi: the window's score at its minimum; NaN where the front end has none.
-        psi_odometry: the window's score under the odometry's motion; NaN without odometry.
+        psi: the scan's score at its minimum; NaN where the front end has none.
+        psi_odometry: the scan's score under the odometry's motion; NaN without odometry.
         points: number of returns used.
         matched: share of them that found a neighbour in the map; NaN where the front end does not say.
     """
@@ -51,9 +51,9 @@ class Loop:
     """A place passed twice.
 
     Args:
-        earlier, later: indices of the two revolutions.
+        earlier, later: indices of the two scans.
         pose: (3,) of the later one in the frame of the earlier.
-        covariance: (3, 3) of it [m, m, rad].
+        covariance: (3, 3) of the pose [m, m, rad].
         matched: share of the later pass's returns that lie on the earlier one's.
         psi: score per point of the two passes laid on each other.
     """

@@ -4,7 +4,7 @@ Every model states the body twist as a polynomial in time, linear in its paramet
 
     yaw(t) = int_0^t omega,    (x, y)(t) = int_0^t R(yaw(u)) (vx, vy)(u) du
 
-with Gauss-Legendre quadrature, which is exact to rounding for turns below a radian per window.
+by Gauss-Legendre quadrature, which is exact to rounding for turns below a radian per window.
 """
 
 from __future__ import annotations
@@ -18,10 +18,8 @@ from numpy.typing import NDArray
 from mqslam.core import se2
 
 VX, VY, OMEGA = 0, 1, 2
-LONGEST_COAST_S = 60.0
-"""A longer gap [s] is a pause or a jump of the clock: motion is not extrapolated across it, which could mean kilometres."""
-_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(6)
-_NODES = 0.5 * (_NODES + 1.0)
+_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(6)  # exact to rounding for turns below a radian
+_NODES = 0.5 * (_NODES + 1.0)  # between 0 and 1
 _WEIGHTS = 0.5 * _WEIGHTS
 
 
@@ -30,6 +28,12 @@ class MotionModel:
     """A body twist that is a polynomial in time.
 
     Parameter p adds theta[p] * t**powers[p] to twist component components[p] (0 vx [m/s], 1 vy [m/s], 2 omega [rad/s]).
+
+    Args:
+        name: of the model.
+        parameters: (P,) their names.
+        components: (P,) the twist component that each adds to.
+        powers: (P,) the power of time that each is multiplied with.
     """
 
     name: str
@@ -43,17 +47,17 @@ class MotionModel:
         return len(self.parameters)
 
     def pose(self, theta: se2.Array, t: float) -> tuple[se2.Array, se2.Array]:
-        """Pose (3,) after t [s], in the frame at t = 0, and its Jacobian (3, P) by the parameters."""
+        """Returns the pose (3,) after t [s], in the frame at t = 0, and its Jacobian (3, P) by the parameters."""
         poses, jacobians, _ = integrate(np.asarray(theta, dtype=np.float64), *self.arrays, np.array([t]))
         return poses[0], jacobians[0]
 
     @property
     def arrays(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-        """Components and powers (P,) as the kernels take them."""
+        """The components and the powers (P,) as the kernels take them."""
         return np.array(self.components, dtype=np.int64), np.array(self.powers, dtype=np.int64)
 
     def from_twist(self, twist: se2.Array) -> se2.Array:
-        """Parameters (P,) of a constant twist (vx, vy, omega); what the model cannot hold is dropped."""
+        """Returns the parameters (P,) of a constant twist (vx, vy, omega); what the model cannot hold is dropped."""
         theta = np.zeros(self.size)
         for p, (component, power) in enumerate(zip(self.components, self.powers, strict=True)):
             if power == 0:
@@ -76,7 +80,17 @@ def integrate(
     powers: NDArray[np.int64],
     times: NDArray[np.float64],
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Poses (N, 3), their Jacobians (N, 3, P), and twists (N, 3) at times (N,) [s] since the window's start."""
+    """Integrates a body twist over time.
+
+    Args:
+        theta: (P,) parameters of a motion model.
+        components: (P,) twist component of each parameter.
+        powers: (P,) power of time of each parameter.
+        times: (N,) [s] since the window's start.
+
+    Returns:
+        poses (N, 3), their Jacobians (N, 3, P) by the parameters, and twists (N, 3) at the times.
+    """
     n, size = len(times), len(theta)
     poses = np.zeros((n, 3))
     jacobians = np.zeros((n, 3, size))

@@ -1,11 +1,16 @@
-"""Maps: every return of a run placed in the world by a trajectory, and the cells that hold some."""
+"""Maps: every return of a run placed in the world by a trajectory, and the cells in which there are returns."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
+
+# numerical limits of the search for a raster, which is only for looking at a map
+_SMALLEST_CELL_M: Final = 1e-3
+_CELL_RATIO: Final = 1.05
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,47 +36,52 @@ class PointMap:
 
     @property
     def psi_per_point(self) -> float | None:
-        """Score per point, charges for unmatched points included; None without points."""
+        """Score per point with the charges for unmatched points; None without points."""
         return float(self.psi.mean()) if len(self) else None
 
     @property
     def matched_share(self) -> float | None:
-        """Share of points with a neighbour from another revolution; None without points."""
+        """Share of points with a neighbour from another scan; None without points."""
         return float(self.matched.mean()) if len(self) else None
 
     @classmethod
     def empty(cls) -> PointMap:
-        """A map without points."""
+        """Returns a map without points."""
         return cls(np.empty((0, 2)), np.empty(0), np.empty(0), np.empty(0), np.empty(0, dtype=np.bool_))
 
     def take(self, chosen: NDArray[np.int64]) -> PointMap:
-        """The points of indices (M,)."""
+        """Returns the points of indices (M,)."""
         return PointMap(
             self.points[chosen], self.times[chosen], self.intensities[chosen], self.psi[chosen], self.matched[chosen]
         )
 
 
-def thinned(points: NDArray[np.float64], most: int) -> NDArray[np.int64]:
-    """Indices of at most `most` of the points (N, 2): all, or one of each cell of the finest raster that leaves so few."""
+def pick_thinned(points: NDArray[np.float64], most: int) -> NDArray[np.int64]:
+    """Returns the indices of points that show a map with less: all, or one of each cell of the finest raster that does.
+
+    Args:
+        points: (N, 2) m.
+        most: largest number of points to pick.
+    """
     if len(points) <= most:
         return np.arange(len(points))
-    order = np.random.default_rng(0).permutation(len(points))  # of a cell any point may stay, whatever its time
+    order = np.random.default_rng(0).permutation(len(points))  # any point of a cell may stay, whatever its time
 
-    def taken(cell: float) -> NDArray[np.int64]:
+    def pick(cell: float) -> NDArray[np.int64]:
         column, row = np.floor((points[order] - points.min(axis=0)) / cell).astype(np.int64).T
         _, first = np.unique(column * (int(row.max()) + 1) + row, return_index=True)
         return np.sort(order[first])
 
-    low, high = 1e-3, float(np.ptp(points, axis=0).max()) + 1e-3
-    while high > 1.05 * low:
+    low, high = _SMALLEST_CELL_M, float(np.ptp(points, axis=0).max()) + _SMALLEST_CELL_M
+    while high > _CELL_RATIO * low:
         middle = float(np.sqrt(low * high))
-        low, high = (middle, high) if len(taken(middle)) > most else (low, middle)
-    return taken(high)
+        low, high = (middle, high) if len(pick(middle)) > most else (low, middle)
+    return pick(high)
 
 
 @dataclass(frozen=True, slots=True)
 class OccupancyGrid:
-    """Cells in which the radar saw something.
+    """Cells in which the sensor saw something.
 
     Args:
         occupied: (H, W) bool, row 0 at the lowest y, column 0 at the lowest x.

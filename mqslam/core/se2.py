@@ -2,21 +2,23 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 Array = NDArray[np.float64]
 
-_CLOSE = 0.1  # share of the usual step between poses below which two of them show no velocity
+_CLOSE = 0.1  # poses nearer in time than this share of the usual step are duplicates: they show noise, not a velocity
 
 
 def wrap(angle: ArrayLike) -> Array:
-    """The angle [rad] brought into [-pi, pi)."""
+    """Returns the angle [rad] brought into [-pi, pi)."""
     return np.asarray((np.asarray(angle, dtype=np.float64) + np.pi) % (2.0 * np.pi) - np.pi)
 
 
 def compose(a: ArrayLike, b: ArrayLike) -> Array:
-    """Pose b, given in the frame of pose a, in the frame a is given in."""
+    """Returns pose b, which is given in the frame of pose a, in the frame that a is given in."""
     a, b = np.asarray(a, dtype=np.float64), np.asarray(b, dtype=np.float64)
     c, s = np.cos(a[..., 2]), np.sin(a[..., 2])
     return np.stack(
@@ -30,33 +32,76 @@ def compose(a: ArrayLike, b: ArrayLike) -> Array:
 
 
 def inverse(a: ArrayLike) -> Array:
-    """The motion that undoes a."""
+    """Returns the motion that undoes a."""
     a = np.asarray(a, dtype=np.float64)
     c, s = np.cos(a[..., 2]), np.sin(a[..., 2])
     return np.stack([-c * a[..., 0] - s * a[..., 1], s * a[..., 0] - c * a[..., 1], -a[..., 2]], axis=-1)
 
 
 def between(a: ArrayLike, b: ArrayLike) -> Array:
-    """Pose b in the frame of pose a."""
+    """Returns pose b in the frame of pose a."""
     return compose(inverse(a), b)
 
 
+def wrapped_between(a: ArrayLike, b: ArrayLike) -> Array:
+    """Returns pose b in the frame of pose a, with its yaw in [-pi, pi)."""
+    pose = between(a, b)
+    pose[..., 2] = wrap(pose[..., 2])
+    return pose
+
+
+def chain(motions: Iterable[Array], start: Array | None = None) -> Array:
+    """Returns the poses (N + 1, 3) that N relative motions (3,) lead through, each made from where the one before ends.
+
+    Args:
+        motions: each in the frame of the pose that it starts at.
+        start: (3,) the first pose; None stands for the origin.
+    """
+    poses = [np.zeros(3) if start is None else start]
+    for motion in motions:
+        poses.append(compose(poses[-1], motion))
+    return np.array(poses)
+
+
+def integrate_steps(steps: Array) -> Array:
+    """Returns the poses (N + 1, 3) that steps (N, 3) lead through from the origin, as `chain` does but all at once.
+
+    Odometry has many more steps than a radar has scans. The order of the sums differs from `chain`'s, and so may the last
+    digits of the result.
+    """
+    yaw = np.concatenate([[0.0], np.cumsum(steps[:, 2])])
+    c, s = np.cos(yaw[:-1]), np.sin(yaw[:-1])
+    x = np.cumsum(c * steps[:, 0] - s * steps[:, 1])
+    y = np.cumsum(s * steps[:, 0] + c * steps[:, 1])
+    return np.column_stack([np.concatenate([[0.0], x]), np.concatenate([[0.0], y]), yaw])
+
+
+def step_lengths(poses: Array) -> Array:
+    """Returns the distances (N - 1,) [m] between successive poses (N, 3)."""
+    return np.asarray(np.hypot(*np.diff(poses[:, :2], axis=0).T))
+
+
+def path_lengths(poses: Array) -> Array:
+    """Returns the length (N,) [m] of the path through poses (N, 3) up to each of them."""
+    return np.concatenate([[0.0], np.cumsum(step_lengths(poses))])
+
+
 def transform(pose: ArrayLike, points: ArrayLike) -> Array:
-    """Points (N, 2) [m] of the pose's frame in the frame the pose is given in."""
+    """Returns points (N, 2) [m], given in the pose's frame, in the frame that the pose is given in."""
     pose, points = np.asarray(pose, dtype=np.float64), np.asarray(points, dtype=np.float64)
     c, s = np.cos(pose[2]), np.sin(pose[2])
     return np.asarray(points @ np.array([[c, s], [-s, c]]) + pose[:2])
 
 
 def exp(twist: ArrayLike, duration: ArrayLike = 1.0) -> Array:
-    """The motion made by a constant body twist (vx [m/s], vy [m/s], omega [rad/s]) in a duration [s]."""
+    """Returns the motion that a constant body twist (vx [m/s], vy [m/s], omega [rad/s]) makes in a duration [s]."""
     d = np.asarray(twist, dtype=np.float64) * np.asarray(duration, dtype=np.float64)[..., None]
     a, b = _arc(d[..., 2])
     return np.stack([a * d[..., 0] - b * d[..., 1], b * d[..., 0] + a * d[..., 1], d[..., 2]], axis=-1)
 
 
 def log(pose: ArrayLike) -> Array:
-    """The constant body twist that makes this motion in unit time; inverse of `exp` for |yaw| < 2 pi."""
+    """Returns the constant body twist that makes a motion in unit time; the inverse of `exp` for |yaw| < 2 pi."""
     p = np.asarray(pose, dtype=np.float64)
     a, b = _arc(p[..., 2])
     n = a * a + b * b
@@ -64,76 +109,78 @@ def log(pose: ArrayLike) -> Array:
 
 
 def _arc(w: Array) -> tuple[Array, Array]:
-    """sin(w)/w and (1 - cos(w))/w, continued through w = 0."""
+    """Returns sin(w)/w and (1 - cos(w))/w, continued through w = 0."""
     a = np.sinc(w / np.pi)
     half = np.sinc(w / (2.0 * np.pi))
     return np.asarray(a), np.asarray(0.5 * w * half * half)
 
 
 def adjoint(pose: ArrayLike) -> Array:
-    """The (3, 3) matrix that carries a perturbation in the pose's own frame to the frame the pose is given in."""
+    """Returns the (3, 3) matrix that carries a perturbation in a pose's own frame to the frame it is given in."""
     x, y, yaw = np.asarray(pose, dtype=np.float64)
     c, s = np.cos(yaw), np.sin(yaw)
     return np.array([[c, -s, y], [s, c, -x], [0.0, 0.0, 1.0]])
 
 
-def turned(covariance: Array, yaw: float) -> Array:
-    """A covariance (3, 3) given in a frame that is turned by yaw [rad], in the frame that is not."""
+def rotate_covariance(covariance: Array, yaw: float) -> Array:
+    """Returns a covariance (3, 3), given in a frame that is rotated by yaw [rad], in the frame that is not."""
     turn = adjoint([0.0, 0.0, yaw])
     outside = turn @ covariance @ turn.T
     return np.asarray(0.5 * (outside + outside.T))
 
 
 def interpolate(times: ArrayLike, poses: ArrayLike, at: ArrayLike) -> Array:
-    """Poses (M, 3) at times `at` (M,) on the constant-twist arcs through poses (N, 3) at increasing times (N,).
+    """Returns poses (M, 3) at times `at` (M,) on the constant-twist arcs through poses (N, 3) at increasing times (N,).
 
-    Outside the times the first or last arc between poses that lie `apart` is continued.
+    Outside the times the first or last arc between poses that lie `apart` in time is continued.
     """
     t, p, q = np.asarray(times, dtype=np.float64), np.asarray(poses, dtype=np.float64), np.asarray(at, dtype=np.float64)
     if len(t) == 1:
         return np.repeat(p, len(q), axis=0)
-    found = _on_arcs(t, p, q)
+    result = _on_arcs(t, p, q)
     outside = (q < t[0]) | (q > t[-1])
     if outside.any():
-        knots = apart(t)
-        found[outside] = _on_arcs(t[knots], p[knots], q[outside])
-    return found
+        knots = select_apart(t)
+        result[outside] = _on_arcs(t[knots], p[knots], q[outside])
+    return result
 
 
 def _on_arcs(t: Array, p: Array, q: Array) -> Array:
-    """Poses at times q on the arcs through poses p at times t, two at least."""
+    """Returns the poses at times q on the arcs through at least two poses p at times t."""
     i = np.clip(np.searchsorted(t, q, side="right") - 1, 0, len(t) - 2)
-    step = between(p[i], p[i + 1])
-    step[..., 2] = wrap(step[..., 2])
+    step = wrapped_between(p[i], p[i + 1])
     fraction = (q - t[i]) / (t[i + 1] - t[i])
     return compose(p[i], exp(log(step), fraction))
 
 
 def smooth(times: ArrayLike, poses: ArrayLike, at: ArrayLike) -> Array:
-    """Poses (M, 3) at times `at` (M,) on the smooth curve through poses (N, 3) at increasing times (N,).
+    """Returns poses (M, 3) at times `at` (M,) on the smooth curve through poses (N, 3) at increasing times (N,).
 
     Between poses the curve is cubic with the velocities that the neighbouring poses show, so that a turn begins and ends
-    within a step as it does on the road; outside the times the first or last arc is continued. Only poses that lie `apart`
-    are taken: the others would show a velocity that is the noise of two poses over hardly any time.
+    within a step as it does on the road; outside the times the first or last arc is continued. Only poses that
+    lie `apart` in time are taken: the others would show a velocity that is the noise of two poses over hardly any time.
     """
     from scipy.interpolate import CubicHermiteSpline  # loads half of SciPy, and every command needs this module
 
     t, p, q = np.asarray(times, dtype=np.float64), np.asarray(poses, dtype=np.float64), np.asarray(at, dtype=np.float64)
     if len(t) < 3:
         return interpolate(t, p, q)
-    knots = apart(t)
+    knots = select_apart(t)
     t, p = t[knots], p[knots]
     unwrapped = np.column_stack([p[:, :2], np.unwrap(p[:, 2])])
     curve = CubicHermiteSpline(t, unwrapped, np.gradient(unwrapped, t, axis=0))
-    found = np.asarray(curve(np.clip(q, t[0], t[-1])))
+    result = np.asarray(curve(np.clip(q, t[0], t[-1])))
     outside = (q < t[0]) | (q > t[-1])
     if outside.any():
-        found[outside] = interpolate(t, unwrapped, q[outside])
-    return found
+        result[outside] = interpolate(t, unwrapped, q[outside])
+    return result
 
 
-def apart(times: Array) -> NDArray[np.int64]:
-    """Indices of the increasing times (N,) that lie apart: not within a small part of the usual step behind another one."""
+def select_apart(times: Array) -> NDArray[np.int64]:
+    """Returns the indices of those of the increasing times (N,) that are no duplicates of an earlier one.
+
+    A duplicate follows another time within a small part of the usual step.
+    """
     steps = np.diff(times)
     least = _CLOSE * float(np.median(steps)) if len(steps) else 0.0
     if np.all(steps >= least):

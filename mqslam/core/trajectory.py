@@ -28,7 +28,7 @@ class Trajectory:
     @property
     def length_m(self) -> float:
         """Length of the path [m]."""
-        return float(np.hypot(*np.diff(self.poses[:, :2], axis=0).T).sum())
+        return float(se2.step_lengths(self.poses).sum())
 
     def seconds(self, start_us: int) -> NDArray[np.float64]:
         """(N,) stamps [s] since another one [us]."""
@@ -41,8 +41,7 @@ class Trajectory:
 
     def mean_twists(self, begins_us: NDArray[np.int64], ends_us: NDArray[np.int64]) -> se2.Array:
         """Mean twists (N, 3) [m/s, m/s, rad/s] from stamps (N,) to later ones (N,) [us]."""
-        moves = se2.between(self.at(begins_us), self.at(ends_us))
-        moves[:, 2] = se2.wrap(moves[:, 2])
+        moves = se2.wrapped_between(self.at(begins_us), self.at(ends_us))
         return np.asarray(se2.log(moves) / ((ends_us - begins_us) * 1e-6)[:, None])
 
     def covers(self, start_us: int, end_us: int, slack_us: int = 500_000) -> bool:

@@ -1,4 +1,4 @@
-"""Detector: the power rows of one revolution to its returns.
+"""The detector: from the power of a polar scan to its returns.
 
 Per azimuth the strongest local maxima of the smoothed power are kept, with sub-bin range. A target is wider than one
 azimuth, so peaks of neighbouring azimuths at nearly the same range are one target: the strongest of them stays, at the
@@ -23,18 +23,16 @@ from mqslam.config import DetectorConfig
 from mqslam.core.recording import PolarScan
 from mqslam.core.scans import PeakCounts, Returns
 
-_JOIN_BINS = 1.5  # a peak's range is known to half a bin on either side, so neighbours of one target differ by up to a bin
-_AROUND_CELLS = 9  # cells whose median share is the usual one around a ring
-_STANDS_OUT = 2.0  # a ring's share over the usual one
+_SPREAD = (10.0, 50.0)  # the percentiles between which the spread of the noise lies: the definition of detector.contrast
 
 
 def detect(polar_scan: PolarScan, range_resolution: float, config: DetectorConfig) -> Returns:
-    """The returns of one revolution, as `detect_and_count` finds them."""
+    """Finds the returns of a polar scan, as `detect_and_count` does."""
     return detect_and_count(polar_scan, range_resolution, config)[0]
 
 
 def detect_and_count(polar_scan: PolarScan, range_resolution: float, config: DetectorConfig) -> tuple[Returns, PeakCounts]:
-    """The returns of one revolution, and what was dropped on the way to them.
+    """Finds the returns of a polar scan, and counts what was dropped on the way to them.
 
     Args:
         polar_scan: times (A,) s, azimuths (A,) rad, power (A, B), valid (A,).
@@ -49,18 +47,18 @@ def detect_and_count(polar_scan: PolarScan, range_resolution: float, config: Det
     first = max(1, math.floor(config.min_range_m / range_resolution))
     last = min(bins - 1, math.ceil(config.max_range_m / range_resolution))
     half = min(round(config.smoothing_m / range_resolution), max(0, (bins - 3) // 2))
-    usable = polar_scan.valid & ~_saturated(power, config.saturation)
-    threshold = min(config.threshold, _above_noise(power[usable, first:last], half, config.contrast))
+    usable = polar_scan.valid & ~_find_saturated(power, config)
+    threshold = min(config.threshold, _threshold_above_noise(power[usable, first:last], half, config))
 
     def find_peaks(begin: int, end: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        found: tuple[NDArray[np.float64], NDArray[np.float64]] = _peaks(
+        peaks: tuple[NDArray[np.float64], NDArray[np.float64]] = _find_peaks(
             power, usable, begin, end, (half + 1) // 2, half // 2, config.strongest, threshold
         )
-        return found
+        return peaks
 
     ranges, values = find_peaks(first, last)
     peaks = np.count_nonzero(values)
-    _drop_rings(ranges, values, 2.0 * max(half, 1), config.ring_share)
+    _drop_rings(ranges, values, 2.0 * max(half, 1), config)
     out_of_range = 0
     if peaks < len(power):
         beside = [find_peaks(begin, end)[1] for begin, end in ((1, first), (last, bins - 1)) if begin < end]
@@ -73,29 +71,29 @@ def detect_and_count(polar_scan: PolarScan, range_resolution: float, config: Det
         peaks_out_of_range=out_of_range,
     )
     ranges *= range_resolution
-    join = max(config.join_m, _JOIN_BINS * range_resolution)
-    rows = _targets(ranges, values, polar_scan.azimuths, polar_scan.times, join)
+    join_m = max(config.join_m, config.join_bins * range_resolution)
+    rows = _join_peaks(ranges, values, polar_scan.azimuths, polar_scan.times, join_m)
     rows = rows[np.argsort(rows[:, 2], kind="stable")]
     return Returns(*(np.ascontiguousarray(rows[:, column]) for column in range(4))), counts
 
 
-def _saturated(power: NDArray[np.uint8], margin: float) -> NDArray[np.bool_]:
-    """(A,) azimuths whose whole row is lifted above the rest of the revolution."""
-    floor = np.median(power[:, ::4], axis=1)
-    return np.asarray(floor > np.median(floor) + margin)
+def _find_saturated(power: NDArray[np.uint8], config: DetectorConfig) -> NDArray[np.bool_]:
+    """Returns which azimuths (A,) have their whole row of power lifted above the rest of the polar scan."""
+    floor = np.median(power[:, :: config.saturation_bins], axis=1)
+    return np.asarray(floor > np.median(floor) + config.saturation)
 
 
-def _above_noise(power: NDArray[np.uint8], half: int, contrast: float) -> float:
-    """Smoothed power that stands out of the noise, whose spread is taken from below its median: targets lie above."""
+def _threshold_above_noise(power: NDArray[np.uint8], half: int, config: DetectorConfig) -> float:
+    """Returns the smoothed power that stands out of the noise, whose spread is taken below its median: targets lie above."""
     if power.size == 0:
         return 0.0
-    smooth = uniform_filter1d(power[::8].astype(np.float32), 2 * half + 1, axis=1)
-    low, middle = np.percentile(smooth[:, :: 2 * half + 1], [10.0, 50.0])
-    return float(middle + contrast * (middle - low))
+    smooth = uniform_filter1d(power[:: config.noise_azimuths].astype(np.float32), 2 * half + 1, axis=1)
+    low, middle = np.percentile(smooth[:, :: 2 * half + 1], _SPREAD)
+    return float(middle + config.contrast * (middle - low))
 
 
 @nb.njit(cache=True, nogil=True)
-def _peaks(
+def _find_peaks(
     power: NDArray[np.uint8],
     usable: NDArray[np.bool_],
     first: int,
@@ -105,7 +103,7 @@ def _peaks(
     strongest: int,
     threshold: float,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Ranges [bins] and smoothed powers (A, strongest) of the strongest peaks per azimuth; power 0 where there is none."""
+    """Returns ranges [bins] and smoothed powers (A, strongest) of the strongest peaks per azimuth; power 0 where none is."""
     azimuths, bins = power.shape
     ranges = np.zeros((azimuths, strongest))
     values = np.zeros((azimuths, strongest))
@@ -117,8 +115,8 @@ def _peaks(
             continue
         for b in range(bins):
             row[b] = power[a, b]
-        _sums(row, half, box)
-        _sums(box, second_half, smooth)
+        _sum_around(row, half, box)
+        _sum_around(box, second_half, smooth)
         for b in range(bins):
             smooth[b] /= (2 * half + 1) * (2 * second_half + 1)
         count = 0
@@ -141,8 +139,11 @@ def _peaks(
 
 
 @nb.njit(cache=True, nogil=True)
-def _sums(values: NDArray[np.float64], half: int, out: NDArray[np.float64]) -> None:
-    """Running sums over 2 half + 1 bins; 0 where the window leaves the row. Two of them make a window without a flat top."""
+def _sum_around(values: NDArray[np.float64], half: int, out: NDArray[np.float64]) -> None:
+    """Writes running sums over 2 half + 1 bins, or 0 where they leave the row.
+
+    Two of them, one after the other, smooth with weights that have no flat top.
+    """
     width = 2 * half + 1
     out[:] = 0.0
     total = 0.0
@@ -154,40 +155,42 @@ def _sums(values: NDArray[np.float64], half: int, out: NDArray[np.float64]) -> N
             total += values[b + half + 1] - values[b - half]
 
 
-def _drop_rings(ranges: NDArray[np.float64], values: NDArray[np.float64], width: float, share: float) -> None:
-    """Set the power of peaks to 0 at ranges where many azimuths peak at once.
+def _drop_rings(ranges: NDArray[np.float64], values: NDArray[np.float64], width: float, config: DetectorConfig) -> None:
+    """Sets the power of peaks to 0 at ranges where many azimuths peak at once.
+
+    Where peaks are dense, as they are in long range bins, many may peak at any range: in a ring they are more than at the
+    ranges around it.
 
     Args:
         ranges: (A, K) of the peaks [bins].
         values: (A, K) their power, 0 where there is no peak.
         width: width of a ring [bins].
-        share: least share of the azimuths that peak in a ring. Where peaks are dense, as they are in long range bins, so
-            many may peak at any range: in a ring they are at least twice as many as at the ranges around it.
+        config: settings.
     """
-    found = values > 0.0
-    if not found.any():
+    is_peak = values > 0.0
+    if not is_peak.any():
         return
     cells = np.floor(ranges / width).astype(np.int64)
     azimuth = np.broadcast_to(np.arange(len(ranges))[:, None], ranges.shape)
     size = int(cells.max()) + 3
-    seen = np.zeros((size, len(ranges)), dtype=bool)
-    seen[cells[found], azimuth[found]] = True
-    seen[cells[found] + 1, azimuth[found]] = True  # half of a ring may lie in the next cell
-    shares = seen.mean(axis=1)
-    around = median_filter(shares, _AROUND_CELLS, mode="nearest")
-    ring = (shares > share) & (shares > _STANDS_OUT * around)
-    values[found & (ring[cells] | ring[cells + 1])] = 0.0
+    peaking = np.zeros((size, len(ranges)), dtype=bool)
+    peaking[cells[is_peak], azimuth[is_peak]] = True
+    peaking[cells[is_peak] + 1, azimuth[is_peak]] = True  # half of a ring may lie in the next cell
+    shares = peaking.mean(axis=1)
+    around = median_filter(shares, config.ring_cells, mode="nearest")
+    ring = (shares > config.ring_share) & (shares > config.ring_contrast * around)
+    values[is_peak & (ring[cells] | ring[cells + 1])] = 0.0
 
 
 @nb.njit(cache=True, nogil=True)
-def _targets(
+def _join_peaks(
     ranges: NDArray[np.float64],
     values: NDArray[np.float64],
     azimuths: NDArray[np.float64],
     times: NDArray[np.float64],
     join: float,
 ) -> NDArray[np.float64]:
-    """(N, 4) range [m], azimuth [rad], time [s], power of the peaks that no neighbouring azimuth sees stronger."""
+    """Returns range [m], azimuth [rad], time [s], power (N, 4) of the peaks that no neighbouring azimuth sees stronger."""
     out = np.empty((ranges.size, 4))
     count = 0
     for a in range(ranges.shape[0]):

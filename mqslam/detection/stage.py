@@ -1,4 +1,4 @@
-"""The first stage of a run: every revolution read, detected and released."""
+"""The first stage of a run: every polar scan is read, its returns are detected, and its power is released."""
 
 from __future__ import annotations
 
@@ -19,51 +19,51 @@ from mqslam.execution.runner import Runner
 _log = logging.getLogger(__name__)
 
 
-_CHUNK = 40  # revolutions a worker takes at a time
-_MOST_UNREAD = 0.5  # share of revolutions above which there is nothing to go on with
-_LISTED = 3  # files that a report on unread revolutions names
+_CHUNK = 40  # polar scans that a worker takes at a time: no result depends on it
+_LISTED = 3  # files that a warning of unread polar scans names
 
 
 def detect_stretch(recording: Recording, config: DetectorConfig, start: int, stop: int, *, strict: bool = True) -> Detected:
-    """Read and detect the revolutions start <= k < stop.
+    """Reads the polar scans start <= k < stop and detects their returns.
 
     Args:
         recording: the recording.
         config: settings.
-        start, stop: the stretch.
-        strict: whether a revolution that cannot be read is an error, rather than one without returns.
+        start: number of the first polar scan.
+        stop: number of the first polar scan after the stretch.
+        strict: whether a polar scan that cannot be read is an error, rather than one without returns.
 
     Raises:
-        DataError: a revolution that cannot be read, if strict, or the whole recording.
+        DataError: a polar scan cannot be read, if strict, or the whole recording cannot.
     """
-    found: list[Returns] = []
+    scans: list[Returns] = []
     unread: dict[int, DataError] = {}
     counts = PeakCounts()
     read_s, detect_s = 0.0, 0.0
     mark = time.perf_counter()
-    for k, polar_scan in polar_scans_or_errors(recording, start, stop):
+    for k, polar_scan in read_polar_scans(recording, start, stop):
         read = time.perf_counter()
         if not isinstance(polar_scan, DataError):
             returns, counted = detect_and_count(polar_scan, recording.range_resolution, config)
-            found.append(returns)
+            scans.append(returns)
             counts += counted
         elif strict:
             raise polar_scan
-        elif not recording.path.exists():  # not one that is damaged: all of them are out of reach, of this worker at least
+        elif not recording.path.exists():  # all of them are out of reach of this worker
             raise DataError(recording.path, f"is not there on {gethostname()}", "it must be, on every machine that reads it")
         else:
             unread[k] = polar_scan.with_traceback(None)
-            found.append(Returns.none())
+            scans.append(Returns.none())
         done = time.perf_counter()
         read_s, detect_s, mark = read_s + read - mark, detect_s + done - read, done
-    return Detected(found, unread, read_s, detect_s, counts)
+    return Detected(scans, unread, read_s, detect_s, counts)
 
 
-def polar_scans_or_errors(recording: Recording, start: int, stop: int) -> Iterator[tuple[int, PolarScan | DataError]]:
-    """The revolutions start <= k < stop, each with its number, or why it cannot be read."""
+def read_polar_scans(recording: Recording, start: int, stop: int) -> Iterator[tuple[int, PolarScan | DataError]]:
+    """Yields the polar scans start <= k < stop, each with its number, or why it cannot be read."""
     k = start
     while k < stop:
-        try:  # reading ends with the first error: after one it begins again behind it
+        try:  # reading ends with the first error, and begins again after it
             for polar_scan in recording.polar_scans(k, stop):
                 yield k, polar_scan
                 k += 1
@@ -89,47 +89,47 @@ def detect_all(
     total = len(recording)
     parts = (runner or Runner()).map(
         "detect",
-        _stretch,
+        _detect_span,
         (recording, config, strict),
         [(k, min(k + _CHUNK, total)) for k in range(0, total, _CHUNK)],
         kept=lambda span: kept_stretch(*span),
         accept=lambda part: not (strict and part.unread),
         steps=lambda span: span[1] - span[0],
     )
-    returns = drop_fixed([r for part in parts for r in part.returns])
+    returns = drop_fixed([r for part in parts for r in part.returns], config)
     unread = {k: error for part in parts for k, error in part.unread.items()}
-    if len(unread) > _MOST_UNREAD * total:
+    if len(unread) > config.most_unread * total:
         first = next(iter(unread.values()))
-        raise DataError(first.path, f"{first.problem}, like {len(unread)} of {total} revolutions", first.remedy)
-    _log.info("%d returns in %d revolutions, %d of them unread", sum(map(len, returns)), total, len(unread))
+        raise DataError(first.path, f"{first.problem}, like {len(unread)} of {total} polar scans", first.remedy)
+    _log.info("%d returns in %d polar scans, %d of them unread", sum(map(len, returns)), total, len(unread))
     read_s, detect_s = sum(part.read_s for part in parts), sum(part.detect_s for part in parts)
     counts = sum((part.counts for part in parts), PeakCounts())
-    return scans_of(recording, returns), Detected(returns, unread, read_s, detect_s, counts)
+    return make_scans(recording, returns), Detected(returns, unread, read_s, detect_s, counts)
 
 
-def _stretch(shared: tuple[Recording, DetectorConfig, bool], span: tuple[int, int]) -> Detected:
+def _detect_span(shared: tuple[Recording, DetectorConfig, bool], span: tuple[int, int]) -> Detected:
     recording, config, strict = shared
     return detect_stretch(recording, config, *span, strict=strict)
 
 
-def unread_warnings(unread: dict[int, DataError]) -> list[str]:
-    """What to tell about revolutions that could not be read, by number: one line, or none."""
+def warn_of_unread(unread: dict[int, DataError]) -> list[str]:
+    """Returns a warning of the polar scans that could not be read, by number: one line, or none."""
     if not unread:
         return []
-    several = "1 revolution" if len(unread) == 1 else f"{len(unread)} revolutions"
+    several = "1 polar scan" if len(unread) == 1 else f"{len(unread)} polar scans"
     named = [f"{error.path}: {error.problem}" for error in list(unread.values())[:_LISTED]]
     others = [f"and {len(unread) - _LISTED} more"] if len(unread) > _LISTED else []
     return [f"{several} could not be read and {'is' if len(unread) == 1 else 'are'} left out: {', '.join(named + others)}"]
 
 
-def scans_of(recording: Recording, returns: list[Returns] | None = None) -> Scans:
-    """A scan per revolution: from its start to the next one's, or one turn long before a gap and at the end.
+def make_scans(recording: Recording, returns: list[Returns] | None = None) -> Scans:
+    """Returns a scan per polar scan: from its start to the next one's, or one turn long before a gap and at the end.
 
     Args:
         recording: the recording.
-        returns: of each revolution; None leaves the scans empty.
+        returns: of each polar scan; None leaves the scans empty.
     """
     returns = [Returns.none()] * len(recording) if returns is None else returns
     spans = zip(recording.start_times.tolist(), recording.end_times.tolist(), returns, strict=True)
-    scans = (Scan(begin, end, found) for begin, end, found in spans)
+    scans = (Scan(begin, end, seen) for begin, end, seen in spans)
     return Scans(tuple(scans), recording.start_us, recording.revolution_s)

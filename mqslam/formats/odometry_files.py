@@ -54,15 +54,6 @@ def read_beside(read: Callable[[], _Read]) -> tuple[_Read | None, list[str]]:
         return None, [f"{error.path} {error.problem}: left out"]
 
 
-def chained(steps: se2.Array) -> se2.Array:
-    """Poses (N + 1, 3) from the origin on, of motions (N, 3) each given in the frame the one before ends in."""
-    yaw = np.concatenate([[0.0], np.cumsum(steps[:, 2])])
-    c, s = np.cos(yaw[:-1]), np.sin(yaw[:-1])
-    x = np.cumsum(c * steps[:, 0] - s * steps[:, 1])
-    y = np.cumsum(s * steps[:, 0] + c * steps[:, 1])
-    return np.column_stack([np.concatenate([[0.0], x]), np.concatenate([[0.0], y]), yaw])
-
-
 def read_numbers(path: Path, columns: list[int]) -> NDArray[np.float64]:
     """The given columns (N, len(columns)) of a CSV whose first line is a header.
 
@@ -127,4 +118,4 @@ def _read_twists(path: Path, header: str) -> Trajectory:
     lateral = table[:, 3] if "vy" in names else np.zeros(len(table))
     twists = np.column_stack([table[:, 1], lateral, table[:, 2]])
     steps = se2.exp(twists[:-1], np.diff(stamps) * 1e-6) if len(stamps) > 1 else np.empty((0, 3))
-    return checked(path, stamps, chained(steps)[: len(stamps)])
+    return checked(path, stamps, se2.integrate_steps(steps)[: len(stamps)])

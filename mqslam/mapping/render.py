@@ -81,10 +81,9 @@ def place_along(returns: Returns, times: NDArray[np.float64], poses: se2.Array, 
     ranges = returns.ranges
     beta = beam.doppler_beta
     if beta != 0.0 and len(times) > 1:
-        knots = se2.apart(times)
+        knots = se2.select_apart(times)
         i = np.clip(np.searchsorted(times[knots], returns.times, side="right") - 1, 0, len(knots) - 2)
-        steps = se2.between(poses[knots[:-1]], poses[knots[1:]])
-        steps[:, 2] = se2.wrap(steps[:, 2])
+        steps = se2.wrapped_between(poses[knots[:-1]], poses[knots[1:]])
         twists = se2.log(steps) / np.diff(times[knots])[:, None]
         closing = twists[i, 0] * np.cos(returns.azimuths) + twists[i, 1] * np.sin(returns.azimuths)
         ranges = ranges + beta * closing

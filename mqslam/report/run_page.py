@@ -10,13 +10,13 @@ from typing import Any, Final
 
 import numpy as np
 
-from mqslam.backend.pose_graph import marginals
+from mqslam.backend.pose_graph import compute_marginals
 from mqslam.core import se2
 from mqslam.core.evenly import evenly
 from mqslam.core.recording import Recording
 from mqslam.core.trajectory import Trajectory
 from mqslam.errors import tolerate
-from mqslam.evaluation import alignment
+from mqslam.evaluation import align_positions
 from mqslam.report.content import Figure, Frame, Numbers, Part, Row, Section, Table, Tile, Values
 from mqslam.report.explorers.run_explorer import explore_run
 from mqslam.report.explorers.scene_data import Scene, make_scene
@@ -78,7 +78,7 @@ def write_run_pages(folder: Path, run: Run, recording: Recording, summary: Mappi
     """
     failures: list[str] = []
     with tolerate("report.html", failures):
-        covariances = marginals(run.graph, run.values, evenly(run.graph.size, _ELLIPSES).tolist())
+        covariances = compute_marginals(run.graph, run.values, evenly(run.graph.size, _ELLIPSES).tolist())
         if covariances.failure is not None:
             failures.append(
                 f"the covariances of the poses are not known ({covariances.failure}): the report shows no ellipses"
@@ -205,7 +205,7 @@ def _align_truth(report: Report) -> Trajectory | None:
     """Returns the ground truth in the frame of the optimised trajectory, or None where the two cannot be aligned."""
     if report.ground_truth is None:
         return None
-    motion = alignment(report.optimised, report.ground_truth)
+    motion = align_positions(report.optimised, report.ground_truth)
     if motion is None:
         return None
     return Trajectory(report.ground_truth.stamps_us, se2.compose(se2.inverse(motion), report.ground_truth.poses))

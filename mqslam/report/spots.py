@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from mqslam.audit.judge import Audit, RevisitAudit, WindowAudit
+from mqslam.audit.judge import Audit
+from mqslam.audit.revisits import RevisitAudit
 from mqslam.audit.sweeps import Sweeps
+from mqslam.audit.windows import WindowAudit
 from mqslam.core import se2
 from mqslam.report.wording import describe_motion, format_length, format_three_digits
 

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 import mqslam
-from mqslam.audit.judge import WindowAudit, torn_threshold
 from mqslam.audit.verdict import Share, VerdictStatus
+from mqslam.audit.windows import WindowAudit, torn_threshold
 from mqslam.compare.comparison import Comparison
 from mqslam.compare.judgement import Judged
 from mqslam.compare.rows import Row

@@ -8,12 +8,11 @@ from typing import Final
 
 import numpy as np
 
-from mqslam.audit.judge import judge_windows
+from mqslam.audit.findings import judge_windows
 from mqslam.audit.verdict import Finding, Share, VerdictStatus, verdict_of
 from mqslam.core.measurement import Measurement, Status
-from mqslam.core.motion import LONGEST_COAST_S
 from mqslam.core.recording import Recording
-from mqslam.detection.stage import unread_warnings
+from mqslam.detection.stage import warn_of_unread
 from mqslam.mapping.render import select_moving
 from mqslam.solution import Run
 
@@ -35,8 +34,8 @@ def judge_run(run: Run) -> tuple[VerdictStatus, list[str]]:
 
 def list_warnings(run: Run, recording: Recording) -> list[str]:
     """Returns what happened during a run that its reader should know first."""
-    warnings = [*recording.faults, *unread_warnings(run.unread), *run.warnings]
-    warnings += _warn_of_gaps(recording.gaps())
+    warnings = [*recording.faults, *warn_of_unread(run.unread), *run.warnings]
+    warnings += _warn_of_gaps(recording.gaps(), run.config.tracker.longest_coast_s)
     for status, what in ((Status.LOST, "lost track"), (Status.DEGENERATE, "did not observe every direction")):
         spans = find_stretches(run.measurements, status)
         warnings += [f"{what} from {begin:.1f} s to {end:.1f} s" for begin, end in spans]
@@ -110,21 +109,22 @@ def _count_status(measurements: Sequence[Measurement], status: Status) -> Share:
     return Share(sum(m.status is status for m in measurements), len(measurements))
 
 
-def _warn_of_gaps(gaps: list[tuple[int, float]]) -> list[str]:
+def _warn_of_gaps(gaps: list[tuple[int, float]], longest_coast_s: float) -> list[str]:
     """Returns warnings of the first gaps, and what is missing in all where there are many.
 
     Args:
         gaps: number of the scan before each gap, and what is missing [s].
+        longest_coast_s: longest gap that the tracker bridges [s].
     """
-    warnings = [_describe_gap(scan, missing_s) for scan, missing_s in gaps[:_LISTED]]
+    warnings = [_describe_gap(scan, missing_s, longest_coast_s) for scan, missing_s in gaps[:_LISTED]]
     if len(gaps) > _LISTED:
         missing_s = sum(missing for _, missing in gaps)
         warnings.append(f"{len(gaps) - _LISTED} more radar gaps; {missing_s:.2f} s are missing in all")
     return warnings
 
 
-def _describe_gap(scan: int, missing_s: float) -> str:
+def _describe_gap(scan: int, missing_s: float, longest_coast_s: float) -> str:
     where = f"of {missing_s:.2f} s after scan {scan}"
-    if missing_s < LONGEST_COAST_S:
+    if missing_s < longest_coast_s:
         return f"radar gap {where}"
     return f"jump of the clock or pause {where}: the poses beyond it are a guess unless a loop closure ties them"

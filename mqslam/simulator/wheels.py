@@ -55,11 +55,7 @@ class WheelOdometry:
         """Integrates the rows to a trajectory that begins at the origin with the first row."""
         steps = np.diff(self.stamps_us) * 1e-6
         moves = se2.exp(np.c_[self.v, np.zeros_like(self.v), self.omega][:-1], steps)
-        yaw = np.concatenate([[0.0], np.cumsum(moves[:, 2])])
-        c, s = np.cos(yaw[:-1]), np.sin(yaw[:-1])
-        x = np.cumsum(c * moves[:, 0] - s * moves[:, 1])
-        y = np.cumsum(s * moves[:, 0] + c * moves[:, 1])
-        return Trajectory(self.stamps_us, np.c_[np.concatenate([[0.0], x]), np.concatenate([[0.0], y]), yaw])
+        return Trajectory(self.stamps_us, se2.integrate_steps(moves))
 
 
 def wheel_odometry(drive: Drive, duration_s: float, start_us: int, model: OdometryModel, seed: int) -> WheelOdometry:

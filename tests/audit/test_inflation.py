@@ -9,9 +9,8 @@ import pytest
 from scipy.stats import chi2
 from support.drives import ON_THE_STREET, street_drive
 
-from mqslam.audit.inflation import Bend, bend, middled, twisted
-from mqslam.audit.sweeps import Sweeps, swept
-from mqslam.backend.pose_graph import chain
+from mqslam.audit.inflation import Bend, centre_window, fit_bend, twist_points
+from mqslam.audit.sweeps import Sweeps, place_sweeps
 from mqslam.config import Config
 from mqslam.core import se2
 from mqslam.core.trajectory import Trajectory
@@ -29,14 +28,16 @@ def bent(truth: Trajectory, twist: tuple[float, float, float]) -> Trajectory:
     seconds = np.diff(truth.stamps_us) * 1e-6
     steps = se2.between(truth.poses[:-1], truth.poses[1:])
     erring = (se2.compose(step, se2.exp(twist, dt)) for step, dt in zip(steps, seconds, strict=True))
-    return Trajectory(truth.stamps_us, chain(erring, np.array(ON_THE_STREET)))
+    return Trajectory(truth.stamps_us, se2.chain(erring, np.array(ON_THE_STREET)))
 
 
 @lru_cache
 def under(twist: tuple[float, float, float]) -> tuple[Sweeps, list[Bend]]:
     recording, scans = street_drive()
-    sweeps, _ = swept(scans, bent(recording.ground_truth, twist), BEAM)
-    return sweeps, [bend(sweeps, k, k + SIZE, CONFIG.estimator) for k in range(0, len(sweeps) - SIZE + 1, SIZE)]
+    sweeps, _ = place_sweeps(scans, bent(recording.ground_truth, twist), CONFIG.audit, BEAM)
+    return sweeps, [
+        fit_bend(sweeps, k, k + SIZE, CONFIG.audit, CONFIG.estimator) for k in range(0, len(sweeps) - SIZE + 1, SIZE)
+    ]
 
 
 TRUE = (0.0, 0.0, 0.0)
@@ -73,20 +74,22 @@ def test_judging_does_not_depend_on_where_in_the_world_a_window_lies() -> None:
     recording, scans = street_drive()
     elsewhere = np.array([4000.0, -700.0, 2.5])
     moved = Trajectory(recording.ground_truth.stamps_us, se2.compose(elsewhere, recording.ground_truth.poses))
-    sweeps, _ = swept(scans, moved, BEAM)
-    here, there = under(TRUE)[1][1], bend(sweeps, SIZE, 2 * SIZE, CONFIG.estimator)
+    sweeps, _ = place_sweeps(scans, moved, CONFIG.audit, BEAM)
+    here, there = under(TRUE)[1][1], fit_bend(sweeps, SIZE, 2 * SIZE, CONFIG.audit, CONFIG.estimator)
     np.testing.assert_allclose(there.correction, here.correction, atol=2e-4)
     assert there.inflation == pytest.approx(here.inflation, rel=0.02)
 
 
 def test_derivatives_of_twisted_points_are_those_of_the_points() -> None:
     sweeps, _ = under(TRUE)
-    points, into = middled(sweeps, 0, SIZE)
+    points, into = centre_window(sweeps, 0, SIZE)
     twist, step = np.array([0.02, -0.01, 0.003]), 1e-6
-    found = twisted(points, into, twist)
+    found = twist_points(points, into, twist)
     for k in range(3):
         aside = np.eye(3)[k] * step
-        numeric = (twisted(points, into, twist + aside).points - twisted(points, into, twist - aside).points) / (2 * step)
+        numeric = (twist_points(points, into, twist + aside).points - twist_points(points, into, twist - aside).points) / (
+            2 * step
+        )
         np.testing.assert_allclose(found.jacobians[:, :, k], numeric, atol=1e-5)
     assert np.abs(into).max() <= 0.5 * SIZE + 1e-6
 
@@ -101,9 +104,9 @@ def test_sweeps_outside_the_trajectory_are_left_out_and_none_is_an_error() -> No
     recording, scans = street_drive()
     truth = recording.ground_truth
     part = Trajectory(truth.stamps_us[10:30], truth.poses[10:30])
-    sweeps, inside = swept(scans, part, BEAM)
+    sweeps, inside = place_sweeps(scans, part, CONFIG.audit, BEAM)
     assert len(sweeps) == len(inside) < len(scans)
     assert 8 <= inside[0] <= 10 and 28 <= inside[-1] <= 31
     later = Trajectory(truth.stamps_us + 10**9, truth.poses)
     with pytest.raises(EstimationError, match="share no time"):
-        swept(scans, later, BEAM)
+        place_sweeps(scans, later, CONFIG.audit, BEAM)

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from mqslam.audit.judge import Audit, audit
-from mqslam.audit.revisits import revisit_pairs
-from mqslam.audit.sweeps import Sweeps, swept
+from mqslam.audit.revisits import find_revisit_pairs
+from mqslam.audit.sweeps import Sweeps, place_sweeps
 from mqslam.audit.verdict import VerdictStatus
 from mqslam.config import Config
 from mqslam.core import se2
@@ -45,7 +45,7 @@ def judged(shift_m: float, jobs: int = 1) -> Audit:
     along = np.linspace(0.0, 1.0, len(truth))
     poses = truth.poses.copy()
     poses[:, 1] += shift_m * np.clip(4.0 * along - 1.0, 0.0, 1.0)
-    sweeps, _ = swept(scans, Trajectory(truth.stamps_us, poses), BEAM)
+    sweeps, _ = place_sweeps(scans, Trajectory(truth.stamps_us, poses), CONFIG.audit, BEAM)
     return audit(sweeps, *SETTINGS, LocalEngine(jobs), silent)
 
 
@@ -83,7 +83,7 @@ def test_a_trajectory_that_has_nothing_to_do_with_the_recording_fails(wrong: str
         "spinning": times * [0.0, 0.0, 0.5],
         "mirrored": truth.poses * [1.0, -1.0, -1.0],
     }[wrong]
-    sweeps, _ = swept(scans, Trajectory(truth.stamps_us, poses), BEAM)
+    sweeps, _ = place_sweeps(scans, Trajectory(truth.stamps_us, poses), CONFIG.audit, BEAM)
     found = audit(sweeps, *SETTINGS, LocalEngine(2), silent)
     assert found.status == "fail", found.reasons
 
@@ -96,9 +96,9 @@ def test_the_verdict_does_not_depend_on_the_number_of_threads() -> None:
 
 def test_revisits_are_looked_for_where_the_path_comes_back_only() -> None:
     recording, scans = lap()
-    sweeps, _ = swept(scans, recording.ground_truth, BEAM)
+    sweeps, _ = place_sweeps(scans, recording.ground_truth, CONFIG.audit, BEAM)
     settings = CONFIG.audit
-    pairs = revisit_pairs(sweeps, settings)
+    pairs = find_revisit_pairs(sweeps, settings)
     assert pairs
     for a, b in pairs:
         path = sweeps.travelled[b] - sweeps.travelled[a]
@@ -148,4 +148,4 @@ def sparse(kinds: list[str], rng: np.random.Generator, speed: float) -> Sweeps:
         scans.append(Scan(0.25 * k, 0.25 * (k + 1), Returns(ranges, azimuths, times, np.full(len(points), 80.0))))
     numbers = np.arange(len(kinds))
     track = Trajectory(250_000 * numbers, np.column_stack([0.25 * speed * numbers, 0.0 * numbers, 0.0 * numbers]))
-    return swept(Scans(tuple(scans), 0, 0.25), track, BEAM)[0]
+    return place_sweeps(Scans(tuple(scans), 0, 0.25), track, CONFIG.audit, BEAM)[0]

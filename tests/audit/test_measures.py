@@ -5,12 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mqslam.audit.measures import evidence, grid_entropy, measures, sensors_of
+from mqslam.audit.measures import EvidenceModel, accumulate_evidence, compute_grid_entropy, compute_measures, locate_sensors
+from mqslam.config import AuditConfig
 
 RNG = np.random.default_rng(3)
 POINTS = RNG.uniform(-4.0, 4.0, (300, 2)) * [1.0, 0.2]
 SWEEPS = np.repeat(np.arange(3), 100)
 SENSORS = np.zeros((300, 2))
+MODEL = EvidenceModel(hit=0.85, miss=-0.4, limit=3.5)
 
 
 def neighbourhoods(points: np.ndarray, radius: float) -> list[np.ndarray]:
@@ -23,7 +25,7 @@ def entropy(points: np.ndarray) -> float:
 
 
 def test_mean_map_entropy_and_plane_variance_are_those_of_numpy() -> None:
-    found = measures(POINTS, SWEEPS, SENSORS, 1.0, 0.5)
+    found = compute_measures(POINTS, SWEEPS, SENSORS, AuditConfig(radius_m=1.0, cell_m=0.5))
     filled = [n for n in neighbourhoods(POINTS, 1.0) if len(n) >= 5]
     assert found.map_entropy == pytest.approx(np.mean([entropy(n) for n in filled]), abs=1e-9)
     least = [np.linalg.eigvalsh(np.cov(n.T, bias=True) + 1e-6 * np.eye(2))[0] for n in filled]
@@ -31,7 +33,7 @@ def test_mean_map_entropy_and_plane_variance_are_those_of_numpy() -> None:
 
 
 def test_joint_entropy_is_that_of_all_sweeps_less_that_of_each_points_own() -> None:
-    found = measures(POINTS, SWEEPS, SENSORS, 1.5, 0.5)
+    found = compute_measures(POINTS, SWEEPS, SENSORS, AuditConfig(radius_m=1.5, cell_m=0.5))
     differences = []
     for point, sweep in zip(POINTS, SWEEPS, strict=True):
         near = np.hypot(*(POINTS - point).T) <= 1.5
@@ -46,7 +48,7 @@ def test_a_doubled_wall_is_worse_by_every_entropy_than_a_single_one() -> None:
     y = 5.0 + 0.01 * RNG.normal(size=400)
     twice = np.c_[x, y + np.repeat([0.0, 0.4], 200)]
     sweeps, sensors = np.repeat([0, 1], 200), np.zeros((400, 2))
-    good, bad = (measures(p, sweeps, sensors, 0.5, 0.2) for p in (np.c_[x, y], twice))
+    good, bad = (compute_measures(p, sweeps, sensors, AuditConfig(radius_m=0.5, cell_m=0.2)) for p in (np.c_[x, y], twice))
     assert bad.map_entropy > good.map_entropy + 1.0
     assert bad.plane_variance > 10.0 * good.plane_variance
     assert bad.joint_entropy > good.joint_entropy + 1.0
@@ -54,7 +56,7 @@ def test_a_doubled_wall_is_worse_by_every_entropy_than_a_single_one() -> None:
 
 
 def test_evidence_of_one_beam_is_free_on_the_way_and_occupied_at_its_end() -> None:
-    odds, seen = evidence(np.array([[0.5, 0.5]]), np.array([[5.5, 0.5]]), 7, 2)
+    odds, seen = accumulate_evidence(np.array([[0.5, 0.5]]), np.array([[5.5, 0.5]]), (7, 2), MODEL)
     assert seen[:, 0].tolist() == [True] * 6 + [False] and not seen[:, 1].any()
     assert np.all(odds[:5, 0] < 0.0) and odds[5, 0] > 0.0
 
@@ -70,18 +72,18 @@ def test_evidence_is_that_of_a_walk_in_numpy() -> None:
         x, y = np.floor(b).astype(int)
         visited[x, y] = True
         expected[x, y] = min(expected[x, y] + 0.85, 3.5)
-    odds, seen = evidence(begins, ends, 21, 21)
+    odds, seen = accumulate_evidence(begins, ends, (21, 21), MODEL)
     np.testing.assert_array_equal(seen, visited)
     np.testing.assert_allclose(odds, expected, atol=1e-12)
 
 
 def test_nothing_has_no_measure() -> None:
     empty = np.empty((0, 2))
-    found = measures(empty, np.empty(0, dtype=np.int64), empty, 1.0, 0.5)
+    found = compute_measures(empty, np.empty(0, dtype=np.int64), empty, AuditConfig())
     assert np.isnan([found.map_entropy, found.plane_variance, found.joint_entropy, found.grid_entropy]).all()
-    assert np.isnan(grid_entropy(empty, empty, 0.5))
+    assert np.isnan(compute_grid_entropy(empty, empty, 0.5, MODEL))
 
 
 def test_the_sensor_is_between_its_poses() -> None:
     poses = np.array([[0.0, 0.0, 0.0], [2.0, 4.0, 1.0]])
-    np.testing.assert_allclose(sensors_of(np.array([3.0, 3.5]), np.array([3.0, 4.0]), poses), [[0.0, 0.0], [1.0, 2.0]])
+    np.testing.assert_allclose(locate_sensors(np.array([3.0, 3.5]), np.array([3.0, 4.0]), poses), [[0.0, 0.0], [1.0, 2.0]])

@@ -7,8 +7,10 @@ import pytest
 from scipy.stats import binomtest
 from support.reported import judged_revisit, judged_window, swept_walls
 
-from mqslam.audit.judge import RevisitAudit, WindowAudit, verdict
+from mqslam.audit.findings import judge_map
+from mqslam.audit.revisits import RevisitAudit
 from mqslam.audit.verdict import Finding, Share, VerdictStatus, verdict_of
+from mqslam.audit.windows import WindowAudit
 from mqslam.config import VerdictConfig
 
 PASS, WARN, FAIL, NOT_JUDGED = VerdictStatus
@@ -85,18 +87,18 @@ def revisits(torn: tuple[int, ...], total: int) -> list[RevisitAudit]:
 
 @pytest.mark.parametrize("scans", [1, 2, 5])
 def test_a_map_of_fewer_scans_than_a_window_is_not_judged_and_the_verdict_says_why(scans: int) -> None:
-    status, reasons = verdict([], [], scans, WINDOW, SETTINGS)
+    status, reasons = judge_map([], [], scans, WINDOW, SETTINGS)
     assert status is NOT_JUDGED
     assert reasons[0] == f"{scans} {'scan is' if scans == 1 else 'scans are'} too few to judge a map by: a window takes 6"
 
 
 def test_a_map_of_which_no_window_could_be_checked_is_not_judged() -> None:
-    status, reasons = verdict([], [], 400, WINDOW, SETTINGS)
+    status, reasons = judge_map([], [], 400, WINDOW, SETTINGS)
     assert status is NOT_JUDGED and reasons[0].startswith("no window of 6 scans could be checked")
 
 
 def test_one_torn_window_of_three_is_too_little_evidence() -> None:
-    status, reasons = verdict(scans(1, 3), [], 18, WINDOW, SETTINGS)
+    status, reasons = judge_map(scans(1, 3), [], 18, WINDOW, SETTINGS)
     assert status is NOT_JUDGED
     assert reasons[0] == (
         "1 of 3 windows is torn, too few to judge the map by: the share of torn ones may be anything from 2 to 86 %"
@@ -104,9 +106,9 @@ def test_one_torn_window_of_three_is_too_little_evidence() -> None:
 
 
 def test_points_that_are_seen_once_fail_where_enough_windows_say_so() -> None:
-    status, reasons = verdict(scans(0, 10), [], 60, WINDOW, VerdictConfig(matched=0.9))
+    status, reasons = judge_map(scans(0, 10), [], 60, WINDOW, VerdictConfig(matched=0.9))
     assert status is FAIL and reasons == ["only 80% of the points are seen twice: nothing overlaps"]
-    assert verdict(scans(0, 4), [], 24, WINDOW, VerdictConfig(matched=0.9))[0] is NOT_JUDGED
+    assert judge_map(scans(0, 4), [], 24, WINDOW, VerdictConfig(matched=0.9))[0] is NOT_JUDGED
 
 
 @pytest.mark.parametrize(
@@ -120,14 +122,14 @@ def test_points_that_are_seen_once_fail_where_enough_windows_say_so() -> None:
     ],
 )
 def test_torn_revisits_need_evidence_too(torn: tuple[int, ...], total: int, status: VerdictStatus) -> None:
-    found, reasons = verdict(scans(0, 40), revisits(torn, total), 240, WINDOW, SETTINGS)
+    found, reasons = judge_map(scans(0, 40), revisits(torn, total), 240, WINDOW, SETTINGS)
     assert found is status
     assert any(f"{len(torn)} of {total} revisit" in reason for reason in reasons)
 
 
 def test_what_cannot_be_sure_is_no_revisit() -> None:
     unsure = [judged_revisit(k, k + 30, (9.0, 0.0, 0.0), False, sure=False) for k in range(3)]
-    assert verdict(scans(0, 40), unsure, 240, WINDOW, SETTINGS) == (
+    assert judge_map(scans(0, 40), unsure, 240, WINDOW, SETTINGS) == (
         PASS,
         ["0 of 40 windows are torn", "none of 3 revisits is sure enough to show its drift"],
     )

@@ -5,11 +5,10 @@ import numpy as np
 import pytest
 from gtsam.symbol_shorthand import X
 
-from mqslam.backend.pose_graph import PoseGraph, chain, marginals, optimise, pose_graph, poses_of
+from mqslam.backend.pose_graph import PoseGraph, build_pose_graph, compute_marginals, optimise, poses_of
 from mqslam.config import GraphConfig
 from mqslam.core import se2
 from mqslam.core.measurement import Measurement
-from mqslam.factors.prior import SIGMA_M, SIGMA_RAD
 from mqslam.factors.psi_between import psi_between
 
 FLAT = GraphConfig(floor_m=1e-6, floor_rad=1e-6, cancelling=1.0)
@@ -19,22 +18,15 @@ TURNS = np.tile([2.0, 0.1, 0.3], (30, 1))  # more than a full turn in all
 
 def graph_of(motions: np.ndarray, initial: np.ndarray, loops: dict[tuple[int, int], np.ndarray] | None = None) -> PoseGraph:
     edges = {(k, k + 1): motion for k, motion in enumerate(motions)} | (loops or {})
-    return pose_graph(
+    return build_pose_graph(
         initial,
         [psi_between(X(a), X(b), Measurement(a, b, motion, COVARIANCE), FLAT) for (a, b), motion in edges.items()],
+        FLAT,
     )
 
 
-def test_a_chain_makes_one_motion_after_the_other() -> None:
-    poses = chain(TURNS, np.array([5.0, -1.0, 0.2]))
-    assert poses.shape == (31, 3)
-    np.testing.assert_array_equal(poses[0], [5.0, -1.0, 0.2])
-    np.testing.assert_allclose(se2.between(poses[:-1], poses[1:]), TURNS, atol=1e-12)
-    np.testing.assert_array_equal(chain([]), np.zeros((1, 3)))
-
-
 def test_without_loops_the_optimum_is_the_chain_wherever_it_starts() -> None:
-    truth = chain(TURNS)
+    truth = se2.chain(TURNS)
     rng = np.random.default_rng(2)
     start = truth + rng.normal(0.0, [0.3, 0.3, 0.03], truth.shape)
     start[0] = truth[0]
@@ -45,14 +37,14 @@ def test_without_loops_the_optimum_is_the_chain_wherever_it_starts() -> None:
 
 
 def test_yaw_is_continued_past_a_turn() -> None:
-    truth = chain(TURNS)
+    truth = se2.chain(TURNS)
     found = poses_of(graph_of(TURNS, truth).initial, len(truth))
     assert found[-1, 2] == pytest.approx(9.0)
     assert np.abs(np.diff(found[:, 2])).max() < np.pi
 
 
 def test_the_first_pose_is_held_where_the_graph_starts() -> None:
-    start = chain(TURNS, np.array([5.0, -1.0, 0.2]))
+    start = se2.chain(TURNS, np.array([5.0, -1.0, 0.2]))
     graph = graph_of(TURNS, start)
     np.testing.assert_allclose(poses_of(optimise(graph).values, graph.size)[0], start[0], atol=1e-6)
 
@@ -60,7 +52,7 @@ def test_the_first_pose_is_held_where_the_graph_starts() -> None:
 def test_a_loop_shares_the_drift_along_the_way() -> None:
     square = np.tile([[5.0, 0.0, 0.0]] * 4 + [[5.0, 0.0, np.pi / 2.0]], (4, 1))
     drifting = square + np.array([0.02, 0.0, 0.004])
-    start, truth = chain(drifting), chain(square)
+    start, truth = se2.chain(drifting), se2.chain(square)
     loop = {(0, 20): se2.between(truth[0], truth[20])}
     graph = graph_of(drifting, start, loop)
     values = optimise(graph).values
@@ -72,19 +64,21 @@ def test_a_loop_shares_the_drift_along_the_way() -> None:
 
 
 def test_marginals_are_covariances_that_grow_away_from_the_held_pose() -> None:
-    graph = graph_of(TURNS, chain(TURNS))
-    found = marginals(graph, optimise(graph).values, [0, 1, 10, 30])
+    graph = graph_of(TURNS, se2.chain(TURNS))
+    found = compute_marginals(graph, optimise(graph).values, [0, 1, 10, 30])
     assert found.failure is None
     np.testing.assert_array_equal(found.indices, [0, 1, 10, 30])
     np.testing.assert_array_equal(found.covariances, found.covariances.transpose(0, 2, 1))
     np.testing.assert_array_less(0.0, np.linalg.eigvalsh(found.covariances))
-    np.testing.assert_allclose(np.sqrt(np.diag(found.covariances[0])), [SIGMA_M, SIGMA_M, SIGMA_RAD], rtol=1e-6)
+    np.testing.assert_allclose(
+        np.sqrt(np.diag(found.covariances[0])), [FLAT.prior_m, FLAT.prior_m, FLAT.prior_rad], rtol=1e-6
+    )
     assert np.all(np.diff(np.linalg.det(found.covariances)) > 0.0)
 
 
 def test_the_marginal_of_the_first_edge_is_its_covariance_in_the_frame_it_ends_in() -> None:
-    graph = graph_of(TURNS[:1], chain(TURNS[:1]))
-    (found,) = marginals(graph, optimise(graph).values, [1]).covariances
+    graph = graph_of(TURNS[:1], se2.chain(TURNS[:1]))
+    (found,) = compute_marginals(graph, optimise(graph).values, [1]).covariances
     c, s = np.cos(0.3), np.sin(0.3)
     to_end = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
     np.testing.assert_allclose(found, to_end @ COVARIANCE @ to_end.T, atol=2e-6)
@@ -94,7 +88,7 @@ def unequal(count: int, lowest: float, highest: float, loops: int = 0, seed: int
     """A chain whose edges know some directions and not others: variances 10^lowest to 10^highest along any axes."""
     rng = np.random.default_rng(seed)
     motions = np.column_stack([rng.uniform(-1.0, 3.0, count), rng.normal(0.0, 0.1, count), rng.normal(0.0, 0.05, count)])
-    poses = chain(motions)
+    poses = se2.chain(motions)
 
     def edge(a: int, b: int) -> gtsam.BetweenFactorPose2:
         axes, _ = np.linalg.qr(rng.normal(size=(3, 3)))
@@ -103,7 +97,9 @@ def unequal(count: int, lowest: float, highest: float, loops: int = 0, seed: int
         return gtsam.BetweenFactorPose2(X(a), X(b), gtsam.Pose2(*se2.between(poses[a], poses[b])), noise)
 
     edges = [edge(k, k + 1) for k in range(count)]
-    return pose_graph(poses, edges + [edge(*sorted(rng.choice(count + 1, 2, replace=False))) for _ in range(loops)])
+    return build_pose_graph(
+        poses, edges + [edge(*sorted(rng.choice(count + 1, 2, replace=False))) for _ in range(loops)], FLAT
+    )
 
 
 def dense_marginals(graph: PoseGraph) -> np.ndarray:
@@ -121,7 +117,7 @@ def test_marginals_are_those_of_a_dense_computation_however_unequal_the_edges(
 ) -> None:
     graph = unequal(20, lowest, highest, loops)
     expected = dense_marginals(graph)
-    found = marginals(graph, graph.initial, range(graph.size)).covariances
+    found = compute_marginals(graph, graph.initial, range(graph.size)).covariances
     sigmas = np.sqrt(np.einsum("kii->ki", expected))
     np.testing.assert_allclose(
         found / (sigmas[:, :, None] * sigmas[:, None, :]), expected / (sigmas[:, :, None] * sigmas[:, None, :]), atol=1e-6
@@ -132,7 +128,7 @@ def test_a_long_chain_without_a_known_direction_has_marginals_where_gtsam_has_no
     graph = unequal(300, -10.0, 6.0)
     with pytest.raises(RuntimeError, match="Indeterminate linear system"):
         gtsam.Marginals(graph.factors, graph.initial)
-    found = marginals(graph, graph.initial, [1, 150, 300])
+    found = compute_marginals(graph, graph.initial, [1, 150, 300])
     assert found.failure is None
     assert np.linalg.eigvalsh(found.covariances).min() > 0.0
 
@@ -140,17 +136,17 @@ def test_a_long_chain_without_a_known_direction_has_marginals_where_gtsam_has_no
 @pytest.mark.parametrize(("lowest", "highest"), [(-20.0, 20.0), (-300.0, 300.0)])
 def test_marginals_beyond_all_precision_are_said_to_be_unknown(lowest: float, highest: float) -> None:
     graph = unequal(30, lowest, highest)
-    found = marginals(graph, graph.initial, [0, 15, 30])
+    found = compute_marginals(graph, graph.initial, [0, 15, 30])
     assert found.failure
     assert found.covariances.shape == (0, 3, 3)
     assert len(found.indices) == 0
 
 
 def test_marginals_of_a_pose_that_nothing_ties_are_said_to_be_unknown() -> None:
-    tied = graph_of(TURNS[:2], chain(TURNS[:2]))
+    tied = graph_of(TURNS[:2], se2.chain(TURNS[:2]))
     tied.initial.insert(X(3), gtsam.Pose2())
     loose = PoseGraph(tied.factors, tied.initial, 4)
-    assert marginals(loose, loose.initial, [3]).failure == "the graph leaves a direction open"
+    assert compute_marginals(loose, loose.initial, [3]).failure == "the graph leaves a direction open"
 
 
 def test_the_optimum_is_found_however_unequal_the_edges() -> None:
@@ -158,7 +154,7 @@ def test_the_optimum_is_found_however_unequal_the_edges() -> None:
     truth = poses_of(graph.initial, graph.size)
     start = truth + np.random.default_rng(5).normal(0.0, [0.3, 0.3, 0.02], truth.shape)
     start[0] = truth[0]
-    moved = pose_graph(start, [graph.factors.at(k) for k in range(1, graph.factors.size())])
+    moved = build_pose_graph(start, [graph.factors.at(k) for k in range(1, graph.factors.size())], FLAT)
     optimum = optimise(moved)
     assert optimum.failure is None
     assert moved.factors.error(optimum.values) < 1e-3  # of some 1e13 where it starts; by Cholesky's method over 1 is left
@@ -166,11 +162,11 @@ def test_the_optimum_is_found_however_unequal_the_edges() -> None:
 
 @pytest.mark.parametrize("broken", ["a factor of a pose that is not there", "beyond numbers"])
 def test_a_graph_that_cannot_be_optimised_keeps_its_starting_values(broken: str) -> None:
-    graph = graph_of(TURNS, chain(TURNS))
+    graph = graph_of(TURNS, se2.chain(TURNS))
     if broken == "a factor of a pose that is not there":
-        graph.factors.push_back(graph_of(np.tile(TURNS, (2, 1)), chain(np.tile(TURNS, (2, 1)))).factors.at(40))
+        graph.factors.push_back(graph_of(np.tile(TURNS, (2, 1)), se2.chain(np.tile(TURNS, (2, 1)))).factors.at(40))
     else:
-        far = chain(TURNS)
+        far = se2.chain(TURNS)
         far[20, 0] = np.inf
         graph = graph_of(TURNS, far)
     optimum = optimise(graph)

@@ -10,10 +10,10 @@ from pathlib import Path
 import numpy as np
 from common import SHARED, Claim, shared, table, twin
 
-from mqslam.audit.judge import audit, audit_windows
+from mqslam.audit.judge import audit
 from mqslam.audit.sources import LIDAR_CONFIG, lidar_source, sweeps_of
-from mqslam.audit.sweeps import swept
-from mqslam.backend.pose_graph import chain
+from mqslam.audit.sweeps import place_sweeps
+from mqslam.audit.windows import audit_windows
 from mqslam.config import load_config
 from mqslam.core import se2
 from mqslam.core.frontend import Context
@@ -24,8 +24,8 @@ from mqslam.execution.runner import Runner
 from mqslam.formats.lidars import carmen
 from mqslam.formats.recordings import open_recording
 from mqslam.frontends.kiss_icp import KissIcpFrontEnd
+from mqslam.psi.doppler import choose_doppler_beta
 from mqslam.psi.place import beam_of
-from mqslam.psi.tracking.doppler import doppler_beta_of
 
 _ENGINE = LocalEngine(2)
 _PLACES = 100
@@ -55,14 +55,14 @@ def _bends() -> list[Claim]:
     recording = open_recording(twin("kaist01", 1))
     config = load_config()
     scans, _ = detect_all(recording, config.detector, Runner(_ENGINE))
-    beta = doppler_beta_of(scans, config.sensor, config.tracker, config.estimator)
+    beta = choose_doppler_beta(scans, config.sensor, config.tracker, config.estimator)
     beam = beam_of(config.estimator, beta)
     truth = recording.ground_truth
     chosen = None
     values = {}
     for name, twist in (("true", (0, 0, 0)), *((name, twist) for name, twist, _ in _BENDS)):
         bent = _bent(truth, np.array(twist, dtype=float))
-        sweeps, _ = swept(scans, bent, beam)
+        sweeps, _ = place_sweeps(scans, bent, config.audit, beam)
         found = audit_windows(sweeps, config.audit, config.estimator, _ENGINE, _silent)
         if chosen is None:
             chosen = np.sort(np.random.default_rng(0).choice(len(found), min(_PLACES, len(found)), replace=False))
@@ -82,7 +82,7 @@ def _bent(truth: Trajectory, twist: np.ndarray) -> Trajectory:
     seconds = np.diff(truth.stamps_us) * 1e-6
     steps = se2.between(truth.poses[:-1], truth.poses[1:])
     erring = (se2.compose(step, se2.exp(twist, dt)) for step, dt in zip(steps, seconds, strict=True))
-    return Trajectory(truth.stamps_us, chain(erring))
+    return Trajectory(truth.stamps_us, se2.chain(erring))
 
 
 def _trajectories(out: Path) -> list[Claim]:
@@ -90,13 +90,13 @@ def _trajectories(out: Path) -> list[Claim]:
     recording = open_recording(twin("kaist01", 1, frames=None))
     config = load_config()
     scans, _ = detect_all(recording, config.detector, Runner(_ENGINE))
-    beta = doppler_beta_of(scans, config.sensor, config.tracker, config.estimator)
+    beta = choose_doppler_beta(scans, config.sensor, config.tracker, config.estimator)
     beam = beam_of(config.estimator, beta)
-    sweeps, _ = swept(scans, recording.ground_truth, beam)
+    sweeps, _ = place_sweeps(scans, recording.ground_truth, config.audit, beam)
     true = audit(sweeps, config.audit, config.estimator, config.loops, config.verdict, _ENGINE, _silent)
     context = Context(config, recording.revolution_s, recording.start_us, None, beta)
-    kiss = Trajectory(recording.stamps_us, chain(m.pose for m in KissIcpFrontEnd(context).measure(scans)))
-    sweeps, _ = swept(scans, kiss, beam)
+    kiss = Trajectory(recording.stamps_us, se2.chain(m.pose for m in KissIcpFrontEnd(context).measure(scans)))
+    sweeps, _ = place_sweeps(scans, kiss, config.audit, beam)
     rival = audit(sweeps, config.audit, config.estimator, config.loops, config.verdict, _ENGINE, _silent)
     poses = recording.ground_truth.at(recording.stamps_us)
     off, torn = [], []
@@ -164,7 +164,7 @@ def _carmen() -> list[Claim]:
     for name in ("intel", "aces"):
         source = lidar_source(carmen.read_lidar(shared(SHARED / "data" / "carmen" / f"{name}-corrected.log.gz")))
         for track, wanted in (("recording", "pass"), ("odometry", "fail")):
-            sweeps, _ = sweeps_of(source, source.tracks[track], beam_of(config.estimator, 0.0))
+            sweeps, _ = sweeps_of(source, source.tracks[track], config.audit, beam_of(config.estimator, 0.0))
             found = audit(sweeps, config.audit, config.estimator, config.loops, config.verdict, _ENGINE, _silent)
             sure = [r for r in found.revisits if r.revisit.sure]
             rows.append(

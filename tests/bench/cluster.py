@@ -13,8 +13,8 @@ from common import Claim, table, twin
 from common import run as mqslam_run
 
 from mqslam.backend.loops.submap import Drive
-from mqslam.backend.pose_graph import chain
 from mqslam.config import Config, load_config
+from mqslam.core import se2
 from mqslam.core.frontend import Context
 from mqslam.core.recording import Recording
 from mqslam.detection.stage import detect_all
@@ -55,7 +55,7 @@ def _travels(data: Path, out: Path) -> None:
     scans, found = detect_all(recording, config.detector)
     motions = list(PsiFrontEnd(Context(config, recording.revolution_s, recording.start_us, None)).measure(scans))
     images = sum(path.stat().st_size for path in (data / "radar").iterdir())
-    drive = Drive.of(scans, chain(motion.pose for motion in motions))
+    drive = Drive.of(scans, se2.chain(motion.pose for motion in motions))
     sizes = {
         "image, decoded (stays on the worker)": recording[0].power.nbytes * len(recording),
         "image, packed (stays on the worker)": images,

@@ -28,7 +28,7 @@ from mqslam.evaluation import Evaluation, evaluate
 from mqslam.execution.engine import LocalEngine
 from mqslam.execution.runner import Runner
 from mqslam.formats.recordings import open_recording
-from mqslam.frontends.scan_matching import pose_of
+from mqslam.frontends.spatial import from_matrix
 
 _WORKER = Path(__file__).with_name("kiss_slam_worker.py")
 _LIMIT_S = 600
@@ -155,7 +155,7 @@ def _truth(recording: Recording) -> Trajectory:
 
 def _planar(matrices: NDArray[np.float64]) -> se2.Array:
     """The planar parts (N, 3) of (N, 4, 4) matrices."""
-    return np.array([pose_of(matrix) for matrix in matrices])
+    return np.array([from_matrix(matrix) for matrix in matrices])
 
 
 if __name__ == "__main__":

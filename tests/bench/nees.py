@@ -21,7 +21,7 @@ from mqslam.execution.engine import LocalEngine
 from mqslam.execution.runner import Runner
 from mqslam.formats.recordings import open_recording
 from mqslam.frontends.psi import PsiFrontEnd
-from mqslam.psi.tracking.doppler import doppler_beta_of
+from mqslam.psi.doppler import choose_doppler_beta
 
 _STREETS = (11, 12)  # seeds nothing was tuned on
 _STREET_S = 45.0  # 179 windows each
@@ -80,7 +80,7 @@ def _errors(data: Path) -> Errors:
     assert truth is not None
     config = Config()
     scans, _ = detect_all(recording, config.detector, Runner(LocalEngine(os.cpu_count() or 1)))
-    beta = doppler_beta_of(scans, config.sensor, config.tracker, config.estimator)
+    beta = choose_doppler_beta(scans, config.sensor, config.tracker, config.estimator)
     context = Context(config, recording.revolution_s, recording.start_us, None, beta)
     nees, axes = [], []
     for motion in PsiFrontEnd(context).measure(scans):

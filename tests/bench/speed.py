@@ -15,7 +15,7 @@ from mqslam.core.frontend import Context
 from mqslam.core.motion import CONSTANT_VELOCITY
 from mqslam.core.recording import PolarScan
 from mqslam.core.scans import Returns
-from mqslam.detection.stage import detect_stretch, scans_of
+from mqslam.detection.stage import detect_stretch, make_scans
 from mqslam.formats.recordings import open_recording
 from mqslam.frontends.psi import PsiFrontEnd
 from mqslam.psi.neighbours import CandidateLists, find_candidates, sort_into_cells
@@ -102,12 +102,12 @@ def _real_time() -> Claim:
     parts = {name: getattr(plain, name) for name in plain.__dataclass_fields__}
     recording = _InMemory(**parts, rendered=tuple(plain.polar_scans()))
     context = Context(config, recording.revolution_s, recording.start_us, None)
-    warm = scans_of(recording, detect_stretch(recording, config.detector, 0, len(recording)).returns)
+    warm = make_scans(recording, detect_stretch(recording, config.detector, 0, len(recording)).returns)
     list(PsiFrontEnd(context).measure(warm[:6]))  # compiles
     wall, core = time.perf_counter(), time.process_time()
     detected = detect_stretch(recording, config.detector, 0, len(recording))
     after_detection = time.process_time()
-    scans = scans_of(recording, detected.returns)
+    scans = make_scans(recording, detected.returns)
     list(PsiFrontEnd(context).measure(scans))
     wall, end = time.perf_counter() - wall, time.process_time()
     per_window = [1e3 * s / len(recording) for s in (after_detection - core, end - after_detection, end - core)]

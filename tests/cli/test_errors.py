@@ -90,7 +90,7 @@ CASES: dict[str, tuple[Callable[[Path], Arguments], str]] = {
     "empty folder": (empty_folder, "empty: is an empty folder"),
     "truncated image": (truncated_image, f"{START_US + 4 * TURN_US}.png: is not a readable PNG"),
     "no returns": (no_returns, "lower detector.threshold"),
-    "one revolution": (one_polar_scan, "two at least"),
+    "one revolution": (one_polar_scan, "at least two"),
     **{f"{kind} without radar": (bag_without_radar(kind), "has no radar (topics: /camera") for kind in KINDS},
     "unknown setting": (config("psi: {bta_s: 1.0}"), "unknown setting psi.bta_s; did you mean beta_s?"),
     "unknown section": (config("detecter: {}"), "unknown setting detecter; did you mean detector?"),

@@ -85,7 +85,7 @@ def test_a_map_its_check_and_loops_that_fail_cost_no_trajectory(
     drive: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("mqslam.slam.render", failing(MemoryError("Unable to allocate 40 GiB")))
-    monkeypatch.setattr("mqslam.slam.judged_sample", failing(np.linalg.LinAlgError("Singular matrix")))
+    monkeypatch.setattr("mqslam.slam.audit_sample", failing(np.linalg.LinAlgError("Singular matrix")))
     monkeypatch.setattr("mqslam.slam.close_loops", failing(ValueError("by nothing")))
     out = tmp_path / "out"
     shown = run(drive, out)

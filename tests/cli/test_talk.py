@@ -19,7 +19,7 @@ def test_verbose_says_what_each_stage_found_and_took(street: Path, tmp_path: Pat
     shown = mqslam("run", street, "--out", tmp_path / "loud", "-v", *quick)
     silent = mqslam("run", street, "--out", tmp_path / "silent", "-q", *quick)
     assert (shown.code, silent.code) == (0, 0)
-    assert "mqslam.detection.stage: " in shown.err and "returns in 48 revolutions, 0 of them unread" in shown.err
+    assert "mqslam.detection.stage: " in shown.err and "returns in 48 polar scans, 0 of them unread" in shown.err
     assert "mqslam.execution.runner: render took " in shown.err
     assert silent.err == "" and silent.out == ""
 

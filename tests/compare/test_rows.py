@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from support.drives import street_drive
 
-from mqslam.backend.pose_graph import chain
-from mqslam.compare.judgement import agreement, enough_in_common, judge, places
-from mqslam.compare.rows import Returned, Row, front_end_rows, given_row, run_front_end
-from mqslam.config import Config, SensorConfig
+from mqslam.compare.judgement import JudgeSettings, compare_pairs, find_places, judge, take_common_scans
+from mqslam.compare.rows import FrontEndTask, Row, make_given_row, run_front_end, run_front_ends
+from mqslam.config import AuditConfig, Config, SensorConfig
+from mqslam.core import se2
 from mqslam.core.frontend import Context
 from mqslam.core.trajectory import Trajectory
 from mqslam.errors import EstimationError
@@ -21,6 +21,7 @@ from mqslam.psi.place import beam_of
 
 CONFIG = Config(sensor=SensorConfig(doppler_beta=0.0))
 BEAM = beam_of(CONFIG.estimator, 0.0)
+JUDGES = JudgeSettings(CONFIG.audit, CONFIG.estimator, CONFIG.loops, CONFIG.verdict, CONFIG.map)
 
 
 def context(odometry: Trajectory | None = None) -> Context:
@@ -31,14 +32,14 @@ def context(odometry: Trajectory | None = None) -> Context:
 @lru_cache
 def row(name: str, back_end: bool) -> Row:
     _, scans = street_drive()
-    return run_front_end(Returned(scans, back_end, 1), (name, context()))
+    return run_front_end(FrontEndTask(scans, back_end, 1), (name, context()))
 
 
 @pytest.mark.parametrize("name", ["psi", "kiss_icp"])
 def test_a_row_holds_the_front_ends_own_motions_chained(name: str) -> None:
     found = row(name, False)
     assert found.failure is None and found.odometry is not None
-    np.testing.assert_array_equal(found.odometry.poses, chain(m.pose for m in found.measurements))
+    np.testing.assert_array_equal(found.odometry.poses, se2.chain(m.pose for m in found.measurements))
     assert found.trajectory is found.odometry
     assert found.measure_s is not None and found.measure_s > 0.0
 
@@ -53,7 +54,7 @@ def test_the_back_end_follows_where_it_is_asked_for() -> None:
 def test_a_process_of_its_own_gives_the_same_row() -> None:
     _, scans = street_drive()
     contexts = {"kiss_icp": context()}
-    (found,) = front_end_rows(contexts, scans, HERE, lambda *_: None, back_end=False)
+    (found,) = run_front_ends(contexts, scans, HERE, lambda *_: None, back_end=False)
     np.testing.assert_allclose(found.odometry.poses, row("kiss_icp", False).odometry.poses, atol=1e-9)
     assert found.peak_rss_mb is not None and found.peak_rss_mb > 50.0
 
@@ -75,7 +76,7 @@ def test_a_front_end_of_somebody_that_raises_anything_is_a_row_too(monkeypatch: 
 
     monkeypatch.setattr(frontend, "load", lambda name: Broken)
     _, scans = street_drive()
-    found = run_front_end(Returned(scans, False, 1), ("broken", context()))
+    found = run_front_end(FrontEndTask(scans, False, 1), ("broken", context()))
     assert found.failure == "ZeroDivisionError: by nothing"
 
 
@@ -84,20 +85,20 @@ def test_rows_are_judged_by_truth_and_without_it() -> None:
     truth = recording.ground_truth
     bad = truth.poses.copy()
     bad[:, 2] += 0.03 * np.sin(np.arange(len(bad)))
-    rows = [row("psi", False), given_row("truth", truth), given_row("shaken", Trajectory(truth.stamps_us, bad))]
+    rows = [row("psi", False), make_given_row("truth", truth), make_given_row("shaken", Trajectory(truth.stamps_us, bad))]
     tracks = [r.trajectory for r in rows]
-    common = enough_in_common(rows, scans, 6)
+    common = take_common_scans(rows, scans, CONFIG.audit)
     assert len(common) == len(scans)
-    where = places(common, tracks, 6)
+    where = find_places(common, tracks, 6, CONFIG.compare)
     assert where and all(a.apart_m >= b.apart_m for a, b in itertools.pairwise(where))
-    found = [judge(r, common, truth, where, CONFIG, BEAM, HERE, lambda *_: None) for r in rows]
+    found = [judge(r, common, truth, where, JUDGES, BEAM, HERE, lambda *_: None) for r in rows]
     psi, best, shaken = found
     inflation = [np.median([w.bend.inflation for w in f.audit.windows]) for f in found]
     assert inflation[2] > 3.0 * inflation[1]
     assert psi.psi_per_point < shaken.psi_per_point and best.psi_per_point < shaken.psi_per_point
     assert best.after.ate_rmse_m < 1e-6 and psi.after.ate_rmse_m < 0.1
     assert all(len(f.crops) == len(where) for f in found)
-    pairs = {(a, b): errors for a, b, errors in agreement(rows)}
+    pairs = {(a, b): errors for a, b, errors in compare_pairs(rows)}
     assert set(pairs) == {("psi", "truth"), ("psi", "shaken"), ("truth", "shaken")}
     assert pairs["psi", "truth"].ate_rmse_m == pytest.approx(psi.after.ate_rmse_m, rel=1e-6)
 
@@ -106,8 +107,8 @@ def test_only_what_every_trajectory_covers_is_compared() -> None:
     recording, scans = street_drive()
     truth = recording.ground_truth
     part = Trajectory(truth.stamps_us[10:30], truth.poses[10:30])
-    rows = [given_row("truth", truth), given_row("part", part)]
-    common = enough_in_common(rows, scans, 6)
+    rows = [make_given_row("truth", truth), make_given_row("part", part)]
+    common = take_common_scans(rows, scans, CONFIG.audit)
     assert 18 <= len(common) <= 22 and common[0].t0 >= scans[9].t0
-    with pytest.raises(EstimationError, match=f"the rows share {len(common)} of {len(scans)} revolutions .*part covers"):
-        enough_in_common(rows, scans, 30)
+    with pytest.raises(EstimationError, match=f"the rows share {len(common)} of {len(scans)} scans .*part covers"):
+        take_common_scans(rows, scans, AuditConfig(window=30))

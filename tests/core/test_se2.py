@@ -118,3 +118,31 @@ def test_two_poses_that_are_stamped_almost_alike_bend_no_curve(apart_s: float, a
     at = np.linspace(-0.25, 4.0, 500)
     np.testing.assert_allclose(se2.smooth(times, poses, at)[:, 0], 5.0 * at, atol=0.015)
     np.testing.assert_allclose(se2.interpolate(times, poses, at)[:, 0], 5.0 * at, atol=0.015)
+
+
+def test_a_chain_makes_one_motion_after_the_other() -> None:
+    motions = np.tile([2.0, 0.1, 0.3], (30, 1))  # more than a full turn in all
+    poses = se2.chain(motions, np.array([5.0, -1.0, 0.2]))
+    assert poses.shape == (31, 3)
+    np.testing.assert_array_equal(poses[0], [5.0, -1.0, 0.2])
+    np.testing.assert_allclose(se2.between(poses[:-1], poses[1:]), motions, atol=1e-12)
+    np.testing.assert_array_equal(se2.chain([]), np.zeros((1, 3)))
+
+
+def test_steps_lead_where_their_chain_does() -> None:
+    steps = np.random.default_rng(5).normal(0.0, [1.0, 0.2, 0.4], (200, 3))
+    np.testing.assert_allclose(se2.integrate_steps(steps), se2.chain(steps), atol=1e-9)
+
+
+def test_a_wrapped_relative_pose_turns_the_short_way() -> None:
+    a, b = np.array([[1.0, 2.0, 3.0], [0.0, 0.0, -3.0]]), np.array([[2.0, 2.0, -3.0], [1.0, 0.0, 9.5]])
+    relative = se2.wrapped_between(a, b)
+    np.testing.assert_allclose(relative[:, :2], se2.between(a, b)[:, :2])
+    np.testing.assert_allclose(relative[:, 2], [2.0 * np.pi - 6.0, 12.5 - 4.0 * np.pi])
+    np.testing.assert_array_equal(se2.wrapped_between(a[0], b[0]), relative[0])
+
+
+def test_the_path_is_as_long_as_its_steps() -> None:
+    poses = np.array([[0.0, 0.0, 0.0], [3.0, 4.0, 1.0], [3.0, 4.0, 2.0], [3.0, 16.0, 0.0]])
+    np.testing.assert_array_equal(se2.step_lengths(poses), [5.0, 0.0, 12.0])
+    np.testing.assert_array_equal(se2.path_lengths(poses), [0.0, 5.0, 5.0, 17.0])

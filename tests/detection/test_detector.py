@@ -11,7 +11,7 @@ from support.detector_reference import peaks_reference, targets_reference
 from mqslam.config import DetectorConfig
 from mqslam.core.recording import PolarScan
 from mqslam.core.scans import PeakCounts, Returns
-from mqslam.detection.detector import _peaks, _targets, detect, detect_and_count
+from mqslam.detection.detector import _find_peaks, _join_peaks, detect, detect_and_count
 
 BIN_M = 0.1
 AZIMUTHS, BINS = 60, 600
@@ -37,7 +37,7 @@ def add(power: NDArray[np.uint8], azimuth: int, range_m: float, level: float = 1
         power[a % len(power)] = np.maximum(power[a % len(power)], np.round(level * part * shape)).astype(np.uint8)
 
 
-def found(power: NDArray[np.uint8], config: DetectorConfig = SETTINGS, invalid: tuple[int, ...] = ()) -> Returns:
+def detect_in(power: NDArray[np.uint8], config: DetectorConfig = SETTINGS, invalid: tuple[int, ...] = ()) -> Returns:
     return detect(polar_scan(power, invalid), BIN_M, config)
 
 
@@ -64,14 +64,14 @@ def test_the_peaks_are_those_of_the_reference(
 ) -> None:
     usable = np.random.default_rng(seed).random(len(power)) < 0.8
     first, last = 1 + seed % 3, power.shape[1] - 1 - seed % 2
-    ranges, values = _peaks(power, usable, first, last, half, half // 2, strongest, threshold)
+    ranges, values = _find_peaks(power, usable, first, last, half, half // 2, strongest, threshold)
     expected = peaks_reference(power, usable, first, last, (half, half // 2), threshold)
     for a, peaks in enumerate(expected):
-        found = values[a] > 0.0
-        np.testing.assert_allclose(np.sort(values[a][found])[::-1], peaks[:strongest, 1], rtol=1e-12)
-        for at in zip(ranges[a][found], values[a][found], strict=True):  # which of equally strong ones stays is open
+        is_peak = values[a] > 0.0
+        np.testing.assert_allclose(np.sort(values[a][is_peak])[::-1], peaks[:strongest, 1], rtol=1e-12)
+        for at in zip(ranges[a][is_peak], values[a][is_peak], strict=True):  # which of equally strong ones stays is open
             assert np.isclose(peaks, at, rtol=1e-12).all(axis=1).sum() == 1
-        assert len(np.unique(ranges[a][found])) == found.sum()
+        assert len(np.unique(ranges[a][is_peak])) == is_peak.sum()
 
 
 @given(
@@ -87,14 +87,14 @@ def test_the_targets_are_those_of_the_reference(seed: int, shape: tuple[int, int
     values = rng.integers(0, 4, shape) * 40.0 if ties else rng.uniform(-60.0, 200.0, shape).clip(0.0)
     azimuths, times = -0.1 * np.arange(shape[0]), 5.0 + 0.01 * np.arange(shape[0])
     expected = targets_reference(ranges, values, azimuths, times, join)
-    np.testing.assert_allclose(_targets(ranges, values, azimuths, times, join), expected, rtol=1e-12, atol=1e-12)
+    np.testing.assert_allclose(_join_peaks(ranges, values, azimuths, times, join), expected, rtol=1e-12, atol=1e-12)
 
 
 @pytest.mark.parametrize("range_m", [5.0, 20.03, 33.333, 41.07])
 def test_a_target_is_one_return_at_its_range_to_a_fraction_of_a_bin(range_m: float) -> None:
     power = quiet()
     add(power, 17, range_m)
-    returns = found(power)
+    returns = detect_in(power)
     assert len(returns) == 1
     assert returns.ranges[0] == pytest.approx(range_m, abs=0.2 * BIN_M)
     assert returns.azimuths[0] == pytest.approx(-2.0 * np.pi * 17 / AZIMUTHS, abs=0.01)
@@ -106,7 +106,7 @@ def test_returns_come_in_the_order_of_their_times() -> None:
     power = quiet()
     for azimuth, range_m in ((40, 10.0), (8, 50.0), (8, 20.0), (25, 30.0)):
         add(power, azimuth, range_m)
-    returns = found(power)
+    returns = detect_in(power)
     assert len(returns) == 4
     assert np.all(np.diff(returns.times) >= 0.0)
 
@@ -115,15 +115,15 @@ def test_targets_of_neighbouring_azimuths_apart_in_range_stay_apart() -> None:
     power = quiet()
     add(power, 17, 20.0)
     add(power, 18, 22.0)
-    assert sorted(np.round(found(power).ranges, 1)) == [20.0, 22.0]
+    assert sorted(np.round(detect_in(power).ranges, 1)) == [20.0, 22.0]
 
 
 def test_noise_and_what_is_too_near_or_too_far_give_no_returns() -> None:
     power = quiet()
-    assert len(found(power)) == 0
+    assert len(detect_in(power)) == 0
     add(power, 17, 1.5)
     add(power, 30, 55.0)
-    assert len(found(power, SETTINGS.model_copy(update={"max_range_m": 50.0}))) == 0
+    assert len(detect_in(power, SETTINGS.model_copy(update={"max_range_m": 50.0}))) == 0
 
 
 def test_only_the_strongest_of_an_azimuth_are_kept() -> None:
@@ -131,7 +131,7 @@ def test_only_the_strongest_of_an_azimuth_are_kept() -> None:
     levels = {5.0 * k: 100.0 + 10.0 * k for k in range(1, 9)}
     for range_m, level in levels.items():
         add(power, 17, range_m, level)
-    returns = found(power, SETTINGS.model_copy(update={"strongest": 3}))
+    returns = detect_in(power, SETTINGS.model_copy(update={"strongest": 3}))
     assert sorted(np.round(returns.ranges)) == [30.0, 35.0, 40.0]
 
 
@@ -139,7 +139,7 @@ def test_azimuths_marked_invalid_give_no_returns() -> None:
     power = quiet()
     add(power, 17, 20.0)
     add(power, 40, 30.0)
-    assert np.round(found(power, invalid=(16, 17, 18)).ranges) == pytest.approx([30.0])
+    assert np.round(detect_in(power, invalid=(16, 17, 18)).ranges) == pytest.approx([30.0])
 
 
 def test_saturated_azimuths_give_no_returns() -> None:
@@ -147,7 +147,7 @@ def test_saturated_azimuths_give_no_returns() -> None:
     add(power, 40, 30.0)
     rng = np.random.default_rng(2)
     power[17] = rng.integers(30, 200, BINS)
-    assert np.round(found(power).ranges) == pytest.approx([30.0])
+    assert np.round(detect_in(power).ranges) == pytest.approx([30.0])
 
 
 def test_a_ring_is_dropped_and_what_stands_beside_it_stays() -> None:
@@ -156,27 +156,27 @@ def test_a_ring_is_dropped_and_what_stands_beside_it_stays() -> None:
     for azimuth in range(0, AZIMUTHS, 2):
         add(power, azimuth, 12.0 + rng.uniform(-0.05, 0.05), rng.uniform(100.0, 200.0))
     add(power, 40, 30.0)
-    assert np.round(found(power).ranges) == pytest.approx([30.0])
+    assert np.round(detect_in(power).ranges) == pytest.approx([30.0])
 
 
 def test_a_wall_around_a_part_of_the_turn_is_no_ring() -> None:
     power = quiet()
     for azimuth in range(2, AZIMUTHS // 4, 3):
         add(power, azimuth, 12.0)
-    assert len(found(power)) == 5
+    assert len(detect_in(power)) == 5
 
 
 def test_the_power_is_left_as_it_was() -> None:
     power = quiet()
     add(power, 17, 20.0)
     before = power.copy()
-    found(power)
+    detect_in(power)
     np.testing.assert_array_equal(power, before)
 
 
 @pytest.mark.parametrize("bins", [3, 8])
 def test_an_image_shorter_than_the_nearest_range_has_no_returns(bins: int) -> None:
-    assert len(found(np.full((AZIMUTHS, bins), 200, np.uint8))) == 0
+    assert len(detect_in(np.full((AZIMUTHS, bins), 200, np.uint8))) == 0
 
 
 def test_dense_peaks_in_long_bins_are_no_rings() -> None:

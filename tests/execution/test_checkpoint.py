@@ -22,7 +22,7 @@ from mqslam.errors import DataError, OutputError
 from mqslam.execution.checkpoint import FOLDER, Checkpoint, run_key, unfinished
 from mqslam.execution.kept import LOOPS, MEASURED, kept_stretch
 from mqslam.execution.runner import Runner
-from mqslam.psi.tracking import doppler as doppler_module
+from mqslam.psi import doppler as doppler_module
 from mqslam.simulator import SensorModel, SimulatedRecording, simulated_recording, street_scene
 from mqslam.slam import Slam
 

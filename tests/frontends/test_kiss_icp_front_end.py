@@ -61,7 +61,7 @@ def test_a_missing_file_is_named(tmp_path: Path) -> None:
         front_end(KissIcpConfig(config_file=tmp_path / "nowhere.yaml"))
 
 
-def test_without_deskewing_a_pose_is_of_the_middle_of_its_revolution() -> None:
+def test_without_deskewing_a_pose_is_of_the_middle_of_its_scan() -> None:
     recording, scans = street_drive()
     truth = recording.drive.poses(np.array([scan.t0 for scan in scans]))
     off = se2.between(se2.between(truth[:-1], truth[1:]), poses(KissIcpConfig(deskew=False), len(scans)))

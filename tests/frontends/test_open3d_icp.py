@@ -22,9 +22,9 @@ def test_generalized_icp_stays_in_the_plane() -> None:
     pytest.importorskip("open3d", exc_type=ImportError)
     recording, scans = street_drive()
     config = Config(open3d_icp=Open3dIcpConfig(method="generalized"))
-    found = np.array([motion.pose for motion in Open3dIcpFrontEnd(context(config)).measure(scans[:12])])
+    poses = np.array([motion.pose for motion in Open3dIcpFrontEnd(context(config)).measure(scans[:12])])
     truth = recording.drive.poses(np.array([scan.t0 for scan in scans[:12]]))
-    off = se2.between(se2.between(truth[:-1], truth[1:]), found)
+    off = se2.between(se2.between(truth[:-1], truth[1:]), poses)
     np.testing.assert_array_less(np.sqrt(np.mean(off**2, axis=0)), [0.15, 0.08, 0.01])
 
 

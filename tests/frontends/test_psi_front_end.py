@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from support.drives import drive, noise, street_drive
 
-from mqslam.backend.pose_graph import chain
 from mqslam.config import Config, SensorConfig
 from mqslam.core import se2
 from mqslam.core.frontend import Context
@@ -29,9 +28,9 @@ def measured(recording: SimulatedRecording, scans: Sequence[Scan], odometry: Tra
 def errors(recording: SimulatedRecording, motions: list[Measurement]) -> se2.Array:
     stamps = [recording.start_us + np.round(np.array([m.t0, m.t1]) * 1e6).astype(np.int64) for m in motions]
     truth = np.array([se2.between(*recording.drive.poses((s - recording.start_us) * 1e-6)) for s in stamps])
-    found = se2.between(truth, np.array([m.pose for m in motions]))
-    found[:, 2] = se2.wrap(found[:, 2])
-    return found
+    off = se2.between(truth, np.array([m.pose for m in motions]))
+    off[:, 2] = se2.wrap(off[:, 2])
+    return off
 
 
 def test_the_motions_are_those_driven_and_their_covariances_say_how_well() -> None:
@@ -51,7 +50,7 @@ def wrong_odometry(recording: SimulatedRecording) -> Trajectory:
     assert recording.odometry is not None
     twists = se2.log(se2.between(recording.odometry.poses[:-1], recording.odometry.poses[1:]))
     moves = se2.exp(twists * [1.1, 1.0, 1.0] + [0.0, 0.0, 0.02 * 0.05])
-    return replace(recording.odometry, poses=chain(moves))
+    return replace(recording.odometry, poses=se2.chain(moves))
 
 
 def test_a_measurement_says_what_it_rests_on() -> None:
@@ -72,7 +71,7 @@ def test_odometry_is_a_start_and_never_information() -> None:
         np.testing.assert_allclose(a.pose, b.pose, atol=5e-3)
 
 
-def test_the_same_windows_give_the_same_motions() -> None:
+def test_the_same_scans_give_the_same_motions() -> None:
     recording, scans = street_drive()
     for a, b in zip(measured(recording, scans[:15]), measured(recording, scans[:15]), strict=True):
         np.testing.assert_array_equal(a.pose, b.pose)
@@ -80,7 +79,7 @@ def test_the_same_windows_give_the_same_motions() -> None:
         assert a.psi == b.psi
 
 
-def test_revolutions_of_noise_are_lost_and_the_run_goes_on() -> None:
+def test_scans_of_noise_are_lost_and_the_run_goes_on() -> None:
     recording, scans = street_drive()
     broken = list(scans)
     for k in (15, 16, 17):
@@ -95,7 +94,7 @@ def test_revolutions_of_noise_are_lost_and_the_run_goes_on() -> None:
     assert np.diag(motions[15].covariance)[0] > 10.0 * np.diag(motions[30].covariance)[0]
 
 
-def test_empty_revolutions_are_lost_and_the_run_goes_on() -> None:
+def test_empty_scans_are_lost_and_the_run_goes_on() -> None:
     recording, scans = street_drive()
     broken = list(scans[:25])
     nothing = np.zeros(len(scans[15].returns), dtype=bool)
@@ -129,13 +128,13 @@ def test_a_corridor_is_called_degenerate_with_the_covariance_large_along_it() ->
 
 
 @pytest.mark.parametrize("count", [0, 1])
-def test_fewer_than_two_revolutions_hold_no_motion(count: int) -> None:
+def test_fewer_than_two_scans_hold_no_motion(count: int) -> None:
     recording, scans = street_drive()
-    with pytest.raises(EstimationError, match="two at least"):
+    with pytest.raises(EstimationError, match="at least two"):
         measured(recording, scans[:count])
 
 
-def test_two_revolutions_are_enough() -> None:
+def test_two_scans_are_enough() -> None:
     recording, scans = street_drive()
     (motion,) = measured(recording, scans[:2])
     np.testing.assert_array_less(np.abs(errors(recording, [motion])[0]), [0.06, 0.03, 0.005])

@@ -12,8 +12,7 @@ import pytest
 from numpy.typing import NDArray
 from support.drives import drive, street_drive
 
-from mqslam.backend.pose_graph import chain
-from mqslam.config import Config
+from mqslam.config import Config, ScanMatchingConfig
 from mqslam.core import frontend, se2
 from mqslam.core.frontend import Context
 from mqslam.core.measurement import Measurement, Status
@@ -22,7 +21,8 @@ from mqslam.core.trajectory import Trajectory
 from mqslam.detection.stage import detect_all
 from mqslam.errors import EstimationError
 from mqslam.formats.recordings import open_recording
-from mqslam.frontends.scan_matching import Match, motions
+from mqslam.frontends.scan_matching import match_scans
+from mqslam.frontends.scan_track import Match
 from mqslam.simulator import ConstantDrive, SimulatedRecording, corridor_scene, street_scene
 
 Measure = Callable[..., list[Measurement]]
@@ -30,7 +30,7 @@ Measure = Callable[..., list[Measurement]]
 
 @pytest.fixture(params=["kiss_icp", "open3d_icp"])
 def measured(request: pytest.FixtureRequest) -> Measure:
-    """The motions of a stream's windows by either front end."""
+    """The motions between scans by either front end."""
     if request.param == "open3d_icp":
         pytest.importorskip("open3d", exc_type=ImportError)
 
@@ -41,21 +41,21 @@ def measured(request: pytest.FixtureRequest) -> Measure:
     return measure
 
 
-def errors(recording: SimulatedRecording, found: list[Measurement]) -> se2.Array:
-    truth = [se2.between(*recording.drive.poses(np.array([m.t0, m.t1]))) for m in found]
-    off = se2.between(truth, np.array([m.pose for m in found]))
+def errors(recording: SimulatedRecording, motions: list[Measurement]) -> se2.Array:
+    truth = [se2.between(*recording.drive.poses(np.array([m.t0, m.t1]))) for m in motions]
+    off = se2.between(truth, np.array([m.pose for m in motions]))
     off[:, 2] = se2.wrap(off[:, 2])
     return off
 
 
 def test_the_motions_are_those_driven_through_a_corner(measured: Measure) -> None:
     recording, scans = street_drive()
-    found = measured(recording, scans)
-    assert [(m.t0, m.t1) for m in found] == [(a.t0, b.t0) for a, b in pairwise(scans)]
-    off = errors(recording, found)
+    motions = measured(recording, scans)
+    assert [(m.t0, m.t1) for m in motions] == [(a.t0, b.t0) for a, b in pairwise(scans)]
+    off = errors(recording, motions)
     np.testing.assert_array_less(np.sqrt(np.mean(off**2, axis=0)), [0.15, 0.06, 0.009])
-    np.testing.assert_array_less(np.abs(off.sum(axis=0)), [0.4, 0.2, 0.03])  # what is off by a revolution adds up
-    for motion, scan in zip(found, scans, strict=False):
+    np.testing.assert_array_less(np.abs(off.sum(axis=0)), [0.4, 0.2, 0.03])  # what is off by a scan adds up
+    for motion, scan in zip(motions, scans, strict=False):
         assert motion.points == len(scan.returns)
         assert motion.matched > 0.8
 
@@ -68,16 +68,16 @@ def test_a_recording_that_begins_on_the_move_is_followed_from_its_first_pair(mea
     np.testing.assert_array_less(np.abs(off).max(axis=0), [0.4, 0.15, 0.02])
 
 
-def test_two_revolutions_are_enough(measured: Measure) -> None:
+def test_two_scans_are_enough(measured: Measure) -> None:
     recording, scans = street_drive()
     (motion,) = measured(recording, scans[:2])
     np.testing.assert_array_less(np.abs(errors(recording, [motion])[0]), [0.4, 0.2, 0.02])
 
 
 @pytest.mark.parametrize("count", [0, 1])
-def test_fewer_than_two_revolutions_hold_no_motion(measured: Measure, count: int) -> None:
+def test_fewer_than_two_scans_hold_no_motion(measured: Measure, count: int) -> None:
     recording, scans = street_drive()
-    with pytest.raises(EstimationError, match="two at least"):
+    with pytest.raises(EstimationError, match="at least two"):
         measured(recording, scans[:count])
 
 
@@ -91,28 +91,28 @@ def test_odometry_serves_the_start_and_nothing_else(measured: Measure) -> None:
     recording, scans = street_drive()
     assert recording.odometry is not None
     twists = se2.log(se2.between(recording.odometry.poses[:-1], recording.odometry.poses[1:]))
-    wrong = replace(recording.odometry, poses=chain(se2.exp(twists * [1.1, 1.0, 1.0] + [0.0, 0.0, 0.001])))
+    wrong = replace(recording.odometry, poses=se2.chain(se2.exp(twists * [1.1, 1.0, 1.0] + [0.0, 0.0, 0.001])))
     for a, b in zip(measured(recording, scans[:8], wrong), measured(recording, scans[:8]), strict=True):
         np.testing.assert_allclose(a.pose, b.pose, atol=0.1)
 
 
-def test_an_empty_revolution_is_lost_and_the_run_goes_on(measured: Measure) -> None:
+def test_an_empty_scan_is_lost_and_the_run_goes_on(measured: Measure) -> None:
     recording, scans = street_drive()
     broken = [*scans[:15], emptied(scans[15]), *scans[16:20]]
-    found = measured(recording, broken)
-    assert [m.status is Status.LOST for m in found] == [k == 15 for k in range(len(found))]
-    assert (found[15].points, found[15].matched) == (0, 0.0)
-    np.testing.assert_array_less(np.abs(errors(recording, found)).max(axis=0), [0.4, 0.15, 0.02])
+    motions = measured(recording, broken)
+    assert [m.status is Status.LOST for m in motions] == [k == 15 for k in range(len(motions))]
+    assert (motions[15].points, motions[15].matched) == (0, 0.0)
+    np.testing.assert_array_less(np.abs(errors(recording, motions)).max(axis=0), [0.4, 0.15, 0.02])
     for k in (15, 16):  # what the prediction missed is in the next motion
-        assert found[k].covariance[0, 0] > 3.0 * found[14].covariance[0, 0]
+        assert motions[k].covariance[0, 0] > 3.0 * motions[14].covariance[0, 0]
 
 
 def test_a_gap_of_a_second_is_bridged(measured: Measure) -> None:
     recording, scans = street_drive()
-    found = measured(recording, [*scans[:15], *scans[19:24]])
-    assert found[14].t1 - found[14].t0 == pytest.approx(1.25)
-    np.testing.assert_array_less(np.abs(errors(recording, found)).max(axis=0), [0.45, 0.15, 0.025])
-    assert found[14].covariance[0, 0] > 10.0 * found[13].covariance[0, 0]
+    motions = measured(recording, [*scans[:15], *scans[19:24]])
+    assert motions[14].t1 - motions[14].t0 == pytest.approx(1.25)
+    np.testing.assert_array_less(np.abs(errors(recording, motions)).max(axis=0), [0.45, 0.15, 0.025])
+    assert motions[14].covariance[0, 0] > 10.0 * motions[13].covariance[0, 0]
 
 
 def test_a_covariance_is_one_and_large_along_a_corridor(measured: Measure) -> None:
@@ -123,7 +123,7 @@ def test_a_covariance_is_one_and_large_along_a_corridor(measured: Measure) -> No
         assert motion.covariance[0, 0] > 10.0 * motion.covariance[1, 1]
 
 
-def test_the_same_windows_give_the_same_motions(measured: Measure) -> None:
+def test_the_same_scans_give_the_same_motions(measured: Measure) -> None:
     recording, scans = street_drive()
     for a, b in zip(measured(recording, scans[:5]), measured(recording, scans[:5]), strict=True):
         np.testing.assert_array_equal(a.pose, b.pose)
@@ -138,10 +138,10 @@ def test_the_real_sample_is_followed_from_its_first_pair(name: str, oxford_tiny:
     assert recording.ground_truth is not None
     scans, _ = detect_all(recording, Config().detector)
     context = Context(Config(), recording.revolution_s, recording.start_us, None)
-    found = list(frontend.load(name)(context).measure(scans))
-    stamps = [recording.start_us + np.round(np.array([m.t0, m.t1]) * 1e6).astype(np.int64) for m in found]
+    motions = list(frontend.load(name)(context).measure(scans))
+    stamps = [recording.start_us + np.round(np.array([m.t0, m.t1]) * 1e6).astype(np.int64) for m in motions]
     truth = np.array([se2.between(*recording.ground_truth.at(s)) for s in stamps])
-    off = (np.array([m.pose for m in found]) - truth) / recording.revolution_s
+    off = (np.array([m.pose for m in motions]) - truth) / recording.revolution_s
     np.testing.assert_array_less(np.sqrt(np.mean(off**2, axis=0)), [0.5, 0.3, 0.02])
 
 
@@ -160,7 +160,7 @@ class Recorder:
 
 
 def through_recorder(doppler_beta: float = 0.0) -> tuple[Recorder, Scans, list[Measurement]]:
-    """Three revolutions through a recorder that starts with odometry of 8 m/s in a bend."""
+    """Three scans through a recorder that starts with odometry of 8 m/s in a bend."""
     recording, scans = street_drive()
     stamps = recording.start_us + np.array([0, 10_000_000])
     odometry = Trajectory(stamps, np.array([np.zeros(3), se2.exp([8.0, 0.0, 0.1], 10.0)]))
@@ -171,8 +171,8 @@ def through_recorder(doppler_beta: float = 0.0) -> tuple[Recorder, Scans, list[M
         return recorders[-1]
 
     context = Context(Config(), recording.revolution_s, recording.start_us, odometry, doppler_beta)
-    found = list(motions(scans[:3], new, context, 2.0))
-    return recorders[-1], scans[:3], found
+    motions = list(match_scans(scans[:3], new, context, ScanMatchingConfig(inflation=2.0)))
+    return recorders[-1], scans[:3], motions
 
 
 def test_ranges_are_freed_of_the_doppler_shift_of_the_last_motion() -> None:
@@ -185,20 +185,20 @@ def test_ranges_are_freed_of_the_doppler_shift_of_the_last_motion() -> None:
 
 
 def test_a_scan_is_handed_on_with_its_times_and_the_last_motion() -> None:
-    recorder, scans, found = through_recorder()
+    recorder, scans, motions = through_recorder()
     step = se2.exp([8.0, 0.0, 0.1], 0.25)
     for (_, fractions, _, motion), scan in zip(recorder.given, scans, strict=True):
         np.testing.assert_allclose(fractions, (scan.returns.times - scan.t0) / 0.25, atol=1e-6)
         np.testing.assert_allclose(motion, step, atol=1e-9)
-    for motion in found:
+    for motion in motions:
         np.testing.assert_allclose(motion.pose, step, atol=1e-9)
 
 
 def test_covariances_are_inflated_and_turned_into_the_frame_the_motion_starts_in() -> None:
-    _, _, found = through_recorder()
+    _, _, motions = through_recorder()
     yaw = 0.1 * 0.25
     turn = se2.adjoint([0.0, 0.0, yaw])
-    for motion in found:
+    for motion in motions:
         np.testing.assert_allclose(motion.covariance, turn @ np.diag([2e-4, 8e-4, 2e-6]) @ turn.T, atol=1e-9)
 
 

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from support.hard_recordings import assert_sound, joined, solve, stamps_of
 
 from mqslam.audit.judge import audit
-from mqslam.audit.sweeps import swept
+from mqslam.audit.sweeps import place_sweeps
 from mqslam.backend.loops.align import align
 from mqslam.config import Config
 from mqslam.core import se2
@@ -90,7 +90,7 @@ def test_any_returns_are_rendered_and_audited_under_any_trajectory(data: st.Data
     track = Trajectory(stamps_of(scans), poses)
     try:
         pointmap = render(joined(scans), poses, CONFIG.map, CONFIG.estimator, BEAM)
-        sweeps, _ = swept(joined(scans), track, BEAM)
+        sweeps, _ = place_sweeps(joined(scans), track, CONFIG.audit, BEAM)
     except EstimationError as error:
         assert "returns in" in str(error)
         return
@@ -108,7 +108,7 @@ def test_any_two_submaps_are_aligned(reference: Scan, query: Scan) -> None:
     if not len(reference.returns) or not len(query.returns):
         return
     one, other = (place_along(w.returns, np.zeros(1), np.zeros((1, 3)), BEAM) for w in (reference, query))
-    found = align(one, other, np.zeros(3), 3.0, 0.05, CONFIG.estimator)
+    found = align(one, other, np.zeros(3), (3.0, 0.05), CONFIG.loops, CONFIG.estimator)
     assert np.isfinite(found.pose).all()
     assert np.isfinite(found.covariance).all()
     assert found.observed in (True, False)

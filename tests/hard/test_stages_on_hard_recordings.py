@@ -21,8 +21,8 @@ from support.hard_recordings import (
 )
 
 from mqslam.audit.judge import Audit, audit
-from mqslam.audit.sample import judged_sample
-from mqslam.audit.sweeps import swept
+from mqslam.audit.sweeps import place_sweeps
+from mqslam.audit.windows import audit_sample
 from mqslam.backend.loops.search import find_loops
 from mqslam.backend.loops.submap import Drive
 from mqslam.config import Config
@@ -47,7 +47,7 @@ def poses_of(name: str, scans: Sequence[Scan]) -> se2.Array:
 
 
 def audited(scans: Sequence[Scan], poses: se2.Array) -> Audit:
-    sweeps, _ = swept(joined(scans), Trajectory(stamps_of(scans), poses), BEAM)
+    sweeps, _ = place_sweeps(joined(scans), Trajectory(stamps_of(scans), poses), CONFIG.audit, BEAM)
     return audit(sweeps, CONFIG.audit, CONFIG.estimator, CONFIG.loops, CONFIG.verdict, HERE, silent)
 
 
@@ -85,7 +85,7 @@ def test_a_hard_recording_is_rendered_and_checked(name: str) -> None:
     assert np.isfinite(found.points).all()
     assert np.isfinite(found.psi).all()
     track = Trajectory(stamps_of(scans), poses)
-    checks = judged_sample(joined(scans), track, CONFIG.audit, CONFIG.estimator, BEAM, Runner())
+    checks = audit_sample(joined(scans), track, CONFIG.audit, CONFIG.estimator, BEAM, Runner())
     assert all(check.bend.points and np.isfinite(check.bend.inflation) for check in checks)
     assert find_loops(Drive.of(scans, poses), CONFIG.loops, CONFIG.estimator, BEAM, set(), HERE, silent) == []
 
@@ -105,8 +105,8 @@ def test_a_sensor_at_rest_whose_first_scan_is_empty_has_a_map() -> None:
 
 def test_one_scan_alone_is_not_said_to_lie_outside_of_the_trajectory() -> None:
     scans = drive(1)
-    with pytest.raises(EstimationError, match="one sweep"):
-        swept(joined(scans), Trajectory(np.array([-1_000_000, 1_000_000]), np.zeros((2, 3))), BEAM)
+    with pytest.raises(EstimationError, match="covers one scan only"):
+        place_sweeps(joined(scans), Trajectory(np.array([-1_000_000, 1_000_000]), np.zeros((2, 3))), CONFIG.audit, BEAM)
 
 
 @pytest.mark.parametrize("off_m", [1e5, 1e9, 1e13])

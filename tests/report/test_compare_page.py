@@ -12,7 +12,7 @@ from PIL import Image
 from selenium.webdriver.support.ui import WebDriverWait
 from support.reported import PATIENCE_S, assert_alone, chromium, click_curve, judged_walls, opened, page_of, swept_walls
 
-from mqslam.compare.judgement import Judged, Place, agreement
+from mqslam.compare.judgement import Judged, Place, compare_pairs
 from mqslam.compare.rows import Row
 from mqslam.core import se2
 from mqslam.core.point_map import PointMap
@@ -50,7 +50,7 @@ def a_report(truth: Trajectory | None) -> CompareReport:
         places=(Place(6, 12, 1.5, 3.0, 1.25), Place(30, 36, 7.5, 9.0, 0.04)),
         stations=(),
         start_us=START_US,
-        agreement=tuple(agreement([row.row for row in rows])),
+        agreement=tuple(compare_pairs([row.row for row in rows])),
         ground_truth=truth,
         table=(
             ("", "drift [%]", "inflation"),

@@ -22,7 +22,7 @@ from mqslam.core.scans import Returns, Scan, Scans
 from mqslam.core.trajectory import Trajectory
 from mqslam.formats.recordings.native import write_native
 from mqslam.formats.tum import write_tum
-from mqslam.psi.tracking.doppler import doppler_beta_of
+from mqslam.psi.doppler import choose_doppler_beta
 from mqslam.slam import Slam
 from mqslam.solution import Solution
 
@@ -198,7 +198,7 @@ def solve(
     """The trajectory that a front end and the graph find; with None psi measures the Doppler shift itself."""
     config = (config or Config()).model_copy(update={"sensor": SensorConfig(doppler_beta=doppler_beta)})
     together = joined(scans)
-    beta = doppler_beta_of(together, config.sensor, config.tracker, config.estimator)
+    beta = choose_doppler_beta(together, config.sensor, config.tracker, config.estimator)
     context = Context(config, together.revolution_s, 0, odometry, beta)
     return Slam(config, frontend).solve(together, context)
 

@@ -20,12 +20,15 @@ from selenium.webdriver.chrome.webdriver import WebDriver
 from selenium.webdriver.common.actions.action_builder import ActionBuilder
 from selenium.webdriver.support.ui import WebDriverWait
 
+from mqslam.audit.findings import judge_map
 from mqslam.audit.inflation import Bend
-from mqslam.audit.judge import Audit, RevisitAudit, WindowAudit, verdict
+from mqslam.audit.judge import Audit
 from mqslam.audit.measures import Measures
-from mqslam.audit.revisits import Revisit
-from mqslam.audit.sweeps import Sweeps, path_length
+from mqslam.audit.revisits import Revisit, RevisitAudit
+from mqslam.audit.sweeps import Sweeps
+from mqslam.audit.windows import WindowAudit
 from mqslam.config import VerdictConfig
+from mqslam.core import se2
 
 WINDOW = 6
 PATIENCE_S = 600.0  # for a browser on a busy machine; it only ends what hangs
@@ -148,7 +151,7 @@ def swept_walls(count: int = 60, per_sweep: int = 40) -> Sweeps:
         numbers=np.arange(count, dtype=np.float64),
         times=0.25 * np.arange(count),
         poses=poses,
-        travelled=path_length(poses),
+        travelled=se2.path_lengths(poses),
         revolution_s=0.25,
     )
 
@@ -178,4 +181,4 @@ def judged_walls(sweeps: Sweeps) -> Audit:
         judged_revisit(9, 50, (-1.25, 0.5, -0.02), True),
         judged_revisit(5, 54, (6.0, 0.0, 0.0), False, sure=False),
     ]
-    return Audit(windows, revisits, *verdict(windows, revisits, len(sweeps), WINDOW, VerdictConfig()))
+    return Audit(windows, revisits, *judge_map(windows, revisits, len(sweeps), WINDOW, VerdictConfig()))

@@ -1,10 +1,10 @@
-"""Loop closure in rounds: every round searches around the trajectory that the loops of the one before have mended."""
+"""Loop closure in rounds: every round searches around the trajectory that the loops found before have corrected."""
 
 from __future__ import annotations
 
 import logging
 
-from mqslam.backend.loops.search import find_loops, kept_by_map
+from mqslam.backend.loops.search import confirm_by_map, find_loops
 from mqslam.backend.loops.submap import Drive
 from mqslam.backend.problem import Problem
 from mqslam.config import EstimatorConfig
@@ -45,7 +45,7 @@ def close_loops(
         if not candidates:
             break
         after = problem.poses(loops + candidates)
-        loops = kept_by_map(loops + candidates, before, after, settings, estimator, beam, runner.engine)
+        loops = confirm_by_map(loops + candidates, before, after, settings, estimator, beam, runner.engine)
         drive = Drive.of(scans, problem.poses(loops))
     _log.info("%d of %d pairs of passes are loops that the map keeps", len(loops), len(tried))
     return LoopSearch(loops, len(tried))

@@ -6,9 +6,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from mqslam.backend.loops.align import align, cross_score
-from mqslam.backend.loops.passes import pairs_of_passes, reach, unrivalled
-from mqslam.backend.loops.submap import Drive, submap
+from mqslam.backend.loops.align import align, score_at_pose
+from mqslam.backend.loops.passes import find_pass_pairs, is_unrivalled, search_reach
+from mqslam.backend.loops.submap import Drive, render_submap
 from mqslam.config import EstimatorConfig, LoopConfig
 from mqslam.core import se2
 from mqslam.core.measurement import Loop
@@ -26,7 +26,7 @@ def find_loops(
     engine: Engine,
     progress: Progress,
 ) -> list[Loop]:
-    """Loops of a drive, each verified by psi on its own.
+    """Finds the loops of a drive, each verified by psi on its own.
 
     Args:
         drive: scans under the best trajectory so far.
@@ -37,41 +37,38 @@ def find_loops(
         engine: where they are verified; the result does not depend on it.
         progress: called as candidates are verified.
     """
-    pairs = candidate_pairs(drive, settings, tried)
+    pairs = find_candidate_pairs(drive, settings, tried)
     tried.update(pairs)
 
-    def done(number: int, loop: Loop | None) -> None:
+    def report(number: int, loop: Loop | None) -> None:
         progress("loops", number, len(pairs))
 
-    verified = engine.map(_verified, (drive, settings, estimator, beam), pairs, done)
-    return [loop for loop in verified if loop is not None]
+    loops = engine.map(_verify, (drive, settings, estimator, beam), pairs, report)
+    return [loop for loop in loops if loop is not None]
 
 
-def candidate_pairs(drive: Drive, settings: LoopConfig, tried: set[tuple[int, int]]) -> list[tuple[int, int]]:
-    """Pairs (earlier, later) of revolutions that may show one place, as `passes.pairs_of_passes` finds them."""
-    return pairs_of_passes(drive.travelled, drive.poses, settings, settings.passes, tried)
+def find_candidate_pairs(drive: Drive, settings: LoopConfig, tried: set[tuple[int, int]]) -> list[tuple[int, int]]:
+    """Finds pairs (earlier, later) of scans that may show one place, as `find_pass_pairs` does."""
+    return find_pass_pairs(drive.travelled, drive.poses, settings, settings.passes, tried)
 
 
-def gate(drive: Drive, earlier: int, later: int, settings: LoopConfig) -> tuple[float, float]:
-    """How far two revolutions' relative pose may be off [m], [rad]."""
-    return reach(float(drive.travelled[later] - drive.travelled[earlier]), settings)
-
-
-def _verified(shared: tuple[Drive, LoopConfig, EstimatorConfig, Beam], pair: tuple[int, int]) -> Loop | None:
+def _verify(shared: tuple[Drive, LoopConfig, EstimatorConfig, Beam], pair: tuple[int, int]) -> Loop | None:
+    """Returns the loop of a pair of scans, or None where psi does not confirm it."""
     drive, settings, estimator, beam = shared
     earlier, later = pair
-    reference, query = _submaps(drive, earlier, later, settings, beam)
+    reference, query = _render_submaps(drive, earlier, later, settings, beam)
     if len(reference) < settings.fewest or len(query) < settings.fewest:
         return None
     guess = se2.between(drive.poses[earlier], drive.poses[later])
-    found = align(reference, query, guess, *gate(drive, earlier, later, settings), estimator)
-    sure = np.sqrt(np.diag(found.covariance))
-    if not unrivalled(found, settings) or max(sure[0], sure[1]) > settings.sure_m:
+    reach = search_reach(float(drive.travelled[later] - drive.travelled[earlier]), settings)
+    alignment = align(reference, query, guess, reach, settings, estimator)
+    sigmas = np.sqrt(np.diag(alignment.covariance))
+    if not is_unrivalled(alignment, settings) or max(sigmas[0], sigmas[1]) > settings.sure_m:
         return None
-    return Loop(earlier, later, found.pose, found.covariance, found.matched, found.psi)
+    return Loop(earlier, later, alignment.pose, alignment.covariance, alignment.matched, alignment.psi)
 
 
-def kept_by_map(
+def confirm_by_map(
     loops: Sequence[Loop],
     drive: Drive,
     after: se2.Array,
@@ -80,9 +77,10 @@ def kept_by_map(
     beam: Beam,
     engine: Engine,
 ) -> list[Loop]:
-    """The loops with which the map of their own two passes is better than without.
+    """Returns the loops with which the map of their own two passes is better than without them.
 
     Args:
+        loops: all loops in the graph.
         drive: scans under the trajectory before the loops.
         after: (N, 3) poses with the loops.
         settings: of loops.
@@ -95,17 +93,20 @@ def kept_by_map(
 
 
 def _improves(shared: tuple[Drive, se2.Array, LoopConfig, EstimatorConfig, Beam], loop: Loop) -> bool:
-    """Whether psi of the two passes is lower than before, or about as low as it was and as it can be."""
+    """Returns whether psi of the two passes is lower than before, or about as low as it was and as it can be."""
     drive, after, settings, estimator, beam = shared
-    reference, query = _submaps(drive, loop.earlier, loop.later, settings, beam)
+    reference, query = _render_submaps(drive, loop.earlier, loop.later, settings, beam)
     before_psi, after_psi = (
-        cross_score(reference, query, se2.between(poses[loop.earlier], poses[loop.later]), estimator)
+        score_at_pose(reference, query, se2.between(poses[loop.earlier], poses[loop.later]), estimator)
         for poses in (drive.poses, after)
     )
     return after_psi < before_psi or after_psi <= settings.kept * min(before_psi, loop.psi)
 
 
-def _submaps(drive: Drive, earlier: int, later: int, settings: LoopConfig, beam: Beam) -> tuple[PointSet, PointSet]:
-    """The earlier pass, and the smaller part of the later one that is laid into it."""
-    reach, spacing = settings.submap_m, settings.spacing_m
-    return submap(drive, earlier, reach, spacing, beam), submap(drive, later, 0.5 * reach, spacing, beam)
+def _render_submaps(drive: Drive, earlier: int, later: int, settings: LoopConfig, beam: Beam) -> tuple[PointSet, PointSet]:
+    """Renders the earlier pass, and the smaller part of the later one that is laid into it."""
+    reach_m, spacing_m = settings.submap_m, settings.spacing_m
+    return (
+        render_submap(drive, earlier, reach_m, spacing_m, beam),
+        render_submap(drive, later, settings.later_share * reach_m, spacing_m, beam),
+    )

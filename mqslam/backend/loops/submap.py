@@ -1,4 +1,4 @@
-"""Submaps: the returns of a few revolutions around one, rendered rigidly in its frame."""
+"""Submaps: the returns of a few scans around one, rendered rigidly in its frame."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ class Drive:
     """A run as loops are looked for in it.
 
     Args:
-        scans: one per revolution.
+        scans: of the recording.
         times: (N,) start of each [s].
         poses: (N, 3) at these times.
         travelled: (N,) length of the path so far [m].
@@ -32,36 +32,46 @@ class Drive:
 
     @classmethod
     def of(cls, scans: Sequence[Scan], poses: se2.Array) -> Drive:
-        """The drive of windows under poses (N, 3)."""
-        steps = np.hypot(*np.diff(poses[:, :2], axis=0).T)
-        return cls(scans, np.array([w.t0 for w in scans]), poses, np.concatenate([[0.0], np.cumsum(steps)]))
-
-    def spaced(self, spacing_m: float) -> NDArray[np.int64]:
-        """Indices of revolutions about spacing_m [m] of path apart."""
-        return spaced(self.travelled, spacing_m)
+        """Returns the drive of N scans under poses (N, 3)."""
+        return cls(scans, np.array([scan.t0 for scan in scans]), poses, se2.path_lengths(poses))
 
 
-def spaced(travelled: NDArray[np.float64], spacing_m: float) -> NDArray[np.int64]:
-    """Indices about spacing_m [m] apart on a path whose length so far is travelled (N,) [m]: the first past every mark."""
-    marks = np.floor(travelled / spacing_m)  # passed so far, the one at the beginning aside
+def pick_spaced(travelled: NDArray[np.float64], spacing_m: float) -> NDArray[np.int64]:
+    """Returns indices about spacing_m [m] apart on a path: the first one past every mark along it.
+
+    Args:
+        travelled: (N,) length of the path so far [m].
+        spacing_m: distance between marks [m].
+    """
+    marks = np.floor(travelled / spacing_m)  # number of marks passed so far, besides the one at the beginning
     return np.flatnonzero(np.diff(marks, prepend=-1.0) > 0.0)
 
 
-def around(travelled: NDArray[np.float64], centre: int, reach_m: float, spacing_m: float) -> NDArray[np.int64]:
-    """Indices within about reach_m [m] of one on such a path, about spacing_m [m] apart."""
-    marks = travelled[centre] + np.arange(-reach_m, reach_m + 1e-9, spacing_m)
+def pick_around(travelled: NDArray[np.float64], centre: int, reach_m: float, spacing_m: float) -> NDArray[np.int64]:
+    """Returns indices within about reach_m [m] of one on a path, about spacing_m [m] apart.
+
+    Args:
+        travelled: (N,) length of the path so far [m].
+        centre: index of the middle.
+        reach_m: length of path to either side [m].
+        spacing_m: distance between the indices [m].
+    """
+    marks = travelled[centre] + np.arange(-reach_m, reach_m + 1e-9, spacing_m)  # the last mark, too, in spite of rounding
     chosen = np.unique(np.clip(np.searchsorted(travelled, marks), 0, len(travelled) - 1))
     return np.asarray(chosen[np.abs(travelled[chosen] - travelled[centre]) <= reach_m + spacing_m])
 
 
-def submap(drive: Drive, centre: int, reach_m: float, spacing_m: float, beam: Beam) -> PointSet:
-    """Returns of the revolutions within reach_m of path around one, about spacing_m apart, in its frame.
+def render_submap(drive: Drive, centre: int, reach_m: float, spacing_m: float, beam: Beam) -> PointSet:
+    """Renders the returns of the scans around one, in its frame.
 
     Args:
-        centre: index of the revolution whose start pose is the frame.
+        drive: scans under a trajectory.
+        centre: index of the scan whose start pose is the frame.
+        reach_m: length of path to either side from which scans are taken [m].
+        spacing_m: path between these scans [m].
         beam: the sensor's errors.
     """
-    chosen = around(drive.travelled, centre, reach_m, spacing_m)
+    chosen = pick_around(drive.travelled, centre, reach_m, spacing_m)
     returns = Returns.concatenate([drive.scans[k].returns for k in chosen])
     first, last = max(int(chosen[0]) - 1, 0), min(int(chosen[-1]) + 2, len(drive.times))
     local = se2.between(drive.poses[centre], drive.poses[first:last])

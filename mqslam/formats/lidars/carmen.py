@@ -14,12 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mqslam.core import se2
-from mqslam.core.lidar import LidarRecording, scans_of
+from mqslam.core.lidar import LidarRecording, stamp_scans
 from mqslam.core.scans import Returns
 from mqslam.core.trajectory import Trajectory
 from mqslam.errors import DataError
 from mqslam.formats.lidars.carmen_lines import CarmenLog, OdometryLine, ScanLine, read_log
-from mqslam.formats.odometry_files import chained
 from mqslam.formats.shared.stamps import in_order, microseconds
 
 _ENDINGS = (".log", ".log.gz", ".clf", ".clf.gz")
@@ -62,7 +61,7 @@ def read_lidar(path: Path) -> LidarRecording:
         notes.append(f"the lidar's pose on the robot is {mount[0]:.3g} m, {mount[1]:.3g} m, {mount[2]:.3g} rad")
     if odometry is not None and _same_motion(trajectory, odometry):
         notes.append("the poses beside the scans are the odometry's: no SLAM corrected them")
-    return LidarRecording(path, "carmen", scans_of(stamps, returns), trajectory, odometry, tuple(notes))
+    return LidarRecording(path, "carmen", stamp_scans(stamps, returns), trajectory, odometry, tuple(notes))
 
 
 def _scans(path: Path, log: CarmenLog, kind: str) -> tuple[NDArray[np.int64], list[ScanLine], list[str]]:
@@ -128,8 +127,7 @@ def _mount(sensor: se2.Array, robot: se2.Array, parameters: dict[str, float]) ->
     """
     offset = parameters.get("robot_frontlaser_offset", 0.0)
     named = np.array([offset if abs(offset) <= 2.0 else offset / 100.0, 0.0, 0.0])
-    apart = se2.between(robot, sensor)
-    apart[:, 2] = se2.wrap(apart[:, 2])
+    apart = se2.wrapped_between(robot, sensor)
     shown = np.median(apart, axis=0)
     off = np.abs(apart - shown)
     rigid = bool(off[:, :2].max() < _SAME_M and off[:, 2].max() < _SAME_RAD)
@@ -147,10 +145,9 @@ def _odometry(path: Path, lines: list[OdometryLine], scans: list[ScanLine]) -> t
     anchored = np.array([line.anchored for line in lines])
     notes = []
     if anchored.any():
-        steps = se2.between(poses[:-1], poses[1:])
-        steps[:, 2] = se2.wrap(steps[:, 2])
+        steps = se2.wrapped_between(poses[:-1], poses[1:])
         steps[anchored[1:]] = 0.0
-        poses = se2.compose(poses[0], chained(steps))
+        poses = se2.compose(poses[0], se2.integrate_steps(steps))
         notes.append(f"the odometry starts anew from {anchored.sum()} corrected poses: its steps are chained instead")
     measured = np.flatnonzero(~anchored)
     stamps = np.zeros(len(lines), dtype=np.int64)
@@ -181,6 +178,5 @@ def _beside_scans(stamps: NDArray[np.int64], lines: list[OdometryLine], scans: l
 def _same_motion(a: Trajectory, b: Trajectory) -> bool:
     """Whether two trajectories are one but for the frame they start in, within centimetres, at the stamps of the first."""
     one, other = a.poses, b.at(a.stamps_us)
-    apart = se2.between(se2.between(one[0], one), se2.between(other[0], other))
-    apart[:, 2] = se2.wrap(apart[:, 2])
+    apart = se2.wrapped_between(se2.between(one[0], one), se2.between(other[0], other))
     return bool(np.all(np.abs(apart) < [5 * _SAME_M, 5 * _SAME_M, 2 * _SAME_RAD]))

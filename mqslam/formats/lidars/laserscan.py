@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mqslam.core import se2
-from mqslam.core.lidar import LidarRecording, scans_of
+from mqslam.core.lidar import LidarRecording, stamp_scans
 from mqslam.core.scans import Returns
 from mqslam.core.trajectory import Trajectory
 from mqslam.errors import DataError
@@ -90,7 +90,7 @@ def read_lidar(path: Path) -> LidarRecording:
             how = "carried to the lidar by /tf_static" if mount else "taken as that of the lidar itself"
             notes.append(f"{what} from {name}, {how}")
             carried[what] = Trajectory(poses.stamps_us, se2.compose(poses.poses, mount.pose)) if mount else poses
-    timed = scans_of(stamps, scans)
+    timed = stamp_scans(stamps, scans)
     return LidarRecording(path, "laserscan", timed, carried.get("trajectory"), carried.get("odometry"), tuple(notes))
 
 

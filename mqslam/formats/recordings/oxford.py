@@ -9,9 +9,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from mqslam.core import se2
 from mqslam.core.trajectory import Trajectory
 from mqslam.errors import DataError
-from mqslam.formats.odometry_files import chained, read_beside, read_numbers, read_odometry
+from mqslam.formats.odometry_files import read_beside, read_numbers, read_odometry
 from mqslam.formats.shared.images import stamped_names
 from mqslam.formats.shared.poses import checked
 from mqslam.formats.shared.row_images import RowImageRecording, index_rows
@@ -129,4 +130,4 @@ def _ground_truth(root: Path, start_us: int, end_us: int) -> tuple[Trajectory | 
     longest = max(pieces, key=len)
     notes = [f"{csv.name} has {len(breaks)} breaks: the longest stretch is the ground truth"] if len(breaks) else []
     steps = table[longest][:, 2:] * [1.0, -1.0, -1.0]
-    return checked(csv, np.append(earlier[longest[0]], later[longest]), chained(steps)), notes
+    return checked(csv, np.append(earlier[longest[0]], later[longest]), se2.integrate_steps(steps)), notes

@@ -1,9 +1,4 @@
-"""The tracker's state and how it moves on from one scan to the next.
-
-A state has eight numbers: the start pose x [m], y [m], yaw [rad] of a scan in the tracker's frame; the twist at its start
-vx [m/s], vy [m/s], omega [rad/s] in the body frame; the accelerations ax [m/s^2] and alpha [rad/s^2], which are constant
-while the scan lasts.
-"""
+"""How the tracker's state moves on from one scan to the next, and what is known of it then."""
 
 from __future__ import annotations
 
@@ -14,122 +9,131 @@ from numpy.typing import NDArray
 
 from mqslam.config import TrackerConfig
 from mqslam.core import se2
-from mqslam.core.motion import ACCELERATED_TWIST
+from mqslam.core.scans import Scan
 from mqslam.psi.gaussians import invert, symmetric
 from mqslam.psi.minimiser import Prior
+from mqslam.psi.tracking.state import (
+    ACCELERATION,
+    ALPHA,
+    AX,
+    MODEL,
+    MOTION,
+    OMEGA,
+    POSE,
+    SIZE,
+    TOLERANCES,
+    TWIST,
+    VX,
+    YAW,
+    Belief,
+    State,
+)
 
-MODEL = ACCELERATED_TWIST
-SIZE = 3 + MODEL.size
-TOLERANCES = np.array([1e-3, 1e-3, 2e-5, 5e-3, 5e-3, 1e-4, 2e-2, 1e-3])  # steps that end a search, by state variable
-POSE, TWIST, MOTION, ACCELERATION = slice(0, 3), slice(3, 6), slice(3, SIZE), slice(6, SIZE)
-_NOISE_PERIOD_S = 0.25  # process noise is stated per scan of this length
-_STEADY_S = 0.75  # an acceleration lasts that long
+_NOISE_PERIOD_S = 0.25  # the settings state process noise and persistence per this time: a definition
 
 
 @dataclass(frozen=True, slots=True)
-class State:
-    """What is known of the sensor's motion at the start of a scan.
+class LastMatch:
+    """The last scan that was matched, from which the next ones are predicted.
 
     Args:
-        mean: (8,) start pose, twist and accelerations, see the module.
-        covariance: (8, 8) of them.
+        t0: its start [s].
+        turn_s: its duration [s]; the radar may be told to turn at another rate.
+        belief: what is known of its state.
+        smooths: whether a prediction from it rests on a match, and so smooths the next one.
     """
 
-    mean: se2.Array
-    covariance: NDArray[np.float64]
+    t0: float
+    turn_s: float
+    belief: Belief
+    smooths: bool
 
     @property
     def pose(self) -> se2.Array:
-        """(3,) start pose [m, m, rad]."""
-        return self.mean[POSE]
+        """(3,) its start pose."""
+        return self.belief.pose
 
-    @property
-    def information(self) -> NDArray[np.float64]:
-        """(8, 8) inverse of the covariance."""
-        return invert(self.covariance, TOLERANCES)
+    def is_before(self, scan: Scan, settings: TrackerConfig) -> bool:
+        """Returns whether a scan follows so soon that the acceleration lasts."""
+        return scan.t0 - self.t0 <= limit_step(self.turn_s, settings)
 
-    @property
-    def prior(self) -> Prior:
-        """The state as the prior of a minimisation."""
-        return Prior(self.mean, self.information)
+    def predict(self, scan: Scan, settings: TrackerConfig) -> Belief:
+        """Predicts the state of a later scan."""
+        dt, longest, belief = scan.t0 - self.t0, settings.longest_coast_s, self.belief
+        if self.is_before(scan, settings):
+            return predict(belief, dt, settings)
+        if dt > longest:
+            belief = Belief(State.at_constant_twist(belief.pose, np.zeros(3)), belief.covariance)
+        return coast(belief, min(dt, longest), self.turn_s, settings)
 
 
-def initial_state(motion: se2.Array, covariance: NDArray[np.float64], settings: TrackerConfig) -> State:
-    """A state whose pose defines the frame and whose motion was found without a map.
+def predict(belief: Belief, dt: float, settings: TrackerConfig) -> Belief:
+    """Predicts the state at constant acceleration.
 
     Args:
-        motion: (5,) twist and accelerations.
-        covariance: (5, 5) of them, as far as they were measured.
-        settings: process noise, which the motion may have changed by since it was measured.
+        belief: what is known at the start.
+        dt: how much later [s], or earlier where it is negative.
+        settings: process noise.
     """
-    spread = np.zeros((SIZE, SIZE))
-    spread[POSE, POSE] = np.diag([1e-8, 1e-8, 1e-12])
-    spread[MOTION, MOTION] = np.diag(motion_noise(settings) ** 2) + covariance
-    return State(np.r_[np.zeros(3), motion], spread)
-
-
-def predict(state: State, dt: float, settings: TrackerConfig) -> State:
-    """The state a time dt [s] later, or earlier where dt is negative, at constant acceleration."""
-    theta = state.mean[MOTION]
-    step, by_theta = MODEL.pose(theta, dt)
-    pose = se2.compose(state.pose, step)
-    c, s = np.cos(state.mean[2]), np.sin(state.mean[2])
+    before = belief.mean
+    vx, vy, omega, ax, alpha = before.motion
+    step, by_motion = MODEL.pose(before.motion, dt)
+    pose = se2.compose(before.pose, step)
     persistence = settings.persistence ** (abs(dt) / _NOISE_PERIOD_S)
     transition = np.eye(SIZE)
-    transition[POSE, MOTION] = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]) @ by_theta
-    transition[:2, 2] = state.mean[1] - pose[1], pose[0] - state.mean[0]
-    transition[3, 6] = transition[5, 7] = dt
-    transition[6, 6] = transition[7, 7] = persistence
-    after = np.r_[pose, theta[0] + dt * theta[3], theta[1], theta[2] + dt * theta[4], persistence * theta[3:]]
+    transition[POSE, MOTION] = _rotation(before.yaw) @ by_motion
+    transition[:YAW, YAW] = before.pose[1] - pose[1], pose[0] - before.pose[0]
+    transition[VX, AX] = transition[OMEGA, ALPHA] = dt
+    transition[AX, AX] = transition[ALPHA, ALPHA] = persistence
+    motion = np.array([vx + dt * ax, vy, omega + dt * alpha, persistence * ax, persistence * alpha])
     pose_noise = [settings.sigma_position_m, settings.sigma_position_m, settings.sigma_yaw]
-    noise = np.square(np.r_[pose_noise, motion_noise(settings)]) * (abs(dt) / _NOISE_PERIOD_S)
-    return State(after, symmetric(transition @ state.covariance @ transition.T + np.diag(noise)))
+    noise = np.square(np.r_[pose_noise, list_motion_noise(settings)]) * (abs(dt) / _NOISE_PERIOD_S)
+    return Belief(State.of(pose, motion), symmetric(transition @ belief.covariance @ transition.T + np.diag(noise)))
 
 
-def coast(state: State, dt: float, turn_s: float, settings: TrackerConfig) -> State:
-    """The state a long time dt [s] later: the twist is followed, and its changes add up turn by turn.
+def coast(belief: Belief, dt: float, turn_s: float, settings: TrackerConfig) -> Belief:
+    """Predicts the state a long time later: the twist is followed, and its changes add up turn by turn.
 
     Nobody brakes for long, so the acceleration is forgotten: it is as unknown at the end as at the start of a recording.
 
     Args:
-        state: at the start.
-        dt: how much later, more than a turn.
+        belief: what is known at the start.
+        dt: how much later [s], more than a turn.
         turn_s: duration of a turn [s], the step in which changes of the twist are added.
         settings: process noise.
     """
     steps = max(1, round(dt / turn_s))
-    state = _forget_acceleration(state, np.zeros(2))
+    belief = _forget_acceleration(belief, np.zeros(2))
     for _ in range(steps):
-        state = _forget_acceleration(predict(state, dt / steps, settings), np.zeros(2))
-    return _forget_acceleration(state, np.square(motion_noise(settings)[3:]))
+        belief = _forget_acceleration(predict(belief, dt / steps, settings), np.zeros(2))
+    return _forget_acceleration(belief, np.square(list_motion_noise(settings)[3:]))
 
 
-def know_motion(state: State, motion: se2.Array, covariance: NDArray[np.float64]) -> State:
-    """The state once its twist and accelerations (5,) were measured with a covariance (5, 5)."""
-    gain = state.covariance[:, MOTION] @ invert(state.covariance[MOTION, MOTION] + covariance, TOLERANCES[MOTION])
+def correct_motion(belief: Belief, motion: se2.Array, covariance: NDArray[np.float64]) -> Belief:
+    """Corrects a belief by a measurement of twist and accelerations (5,) with a covariance (5, 5)."""
+    gain = belief.covariance[:, MOTION] @ invert(belief.covariance[MOTION, MOTION] + covariance, TOLERANCES[MOTION])
     kept = np.eye(SIZE)
     kept[:, MOTION] -= gain
-    spread = kept @ state.covariance @ kept.T + gain @ covariance @ gain.T
-    return State(state.mean + gain @ (motion - state.mean[MOTION]), symmetric(spread))
+    joint = kept @ belief.covariance @ kept.T + gain @ covariance @ gain.T
+    return Belief(State(belief.mean.vector + gain @ (motion - belief.mean.motion)), symmetric(joint))
 
 
-def take_motion(state: State, motion: se2.Array, covariance: NDArray[np.float64]) -> State:
-    """The state with twist and accelerations (5,) of a covariance (5, 5) that say nothing of its pose."""
-    spread = np.zeros((SIZE, SIZE))
-    spread[POSE, POSE] = state.covariance[POSE, POSE]
-    spread[MOTION, MOTION] = covariance
-    return State(np.r_[state.pose, motion], spread)
+def replace_motion(belief: Belief, motion: se2.Array, covariance: NDArray[np.float64]) -> Belief:
+    """Replaces twist and accelerations by others (5,) of a covariance (5, 5), which do not depend on the pose."""
+    joint = np.zeros((SIZE, SIZE))
+    joint[POSE, POSE] = belief.covariance[POSE, POSE]
+    joint[MOTION, MOTION] = covariance
+    return Belief(State.of(belief.pose, motion), joint)
 
 
-def longest_step(turn_s: float) -> float:
-    """Longest time [s] between the starts of scans that follow each other: a scan may be missing, but not many."""
-    return max(_STEADY_S, 1.5 * turn_s)
+def limit_step(turn_s: float, settings: TrackerConfig) -> float:
+    """Returns the longest time [s] between the starts of scans that follow each other: one may be missing, not many."""
+    return max(settings.steady_s, settings.steady_turns * turn_s)
 
 
 def hold_directions(prior: Prior, weak: NDArray[np.float64]) -> Prior:
-    """The prior made stiff along directions (K, 3) that psi does not observe: for pose, twist and acceleration."""
-    c, s = np.cos(prior.mean[2]), np.sin(prior.mean[2])
-    to_body = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
+    """Makes a prior stiff along directions (K, 3) that psi does not observe: for pose, twist and acceleration."""
+    to_body = _rotation(-prior.mean[YAW])
     information = prior.information.copy()
     for direction in weak:
         body = to_body @ direction
@@ -142,21 +146,26 @@ def hold_directions(prior: Prior, weak: NDArray[np.float64]) -> Prior:
     return Prior(prior.mean, information)
 
 
-def spans(settings: TrackerConfig, revolution_s: float) -> NDArray[np.float64]:
-    """(3,) how far a start pose may be off when nothing is known of it [m, m, rad]."""
-    travel = 0.5 * max(settings.speed_max, -settings.speed_min) * revolution_s
+def bound_pose(settings: TrackerConfig, revolution_s: float) -> NDArray[np.float64]:
+    """Returns how far a start pose (3,) may be off when nothing is known of it [m, m, rad]."""
+    travel = settings.unknown_travel * max(settings.speed_max, -settings.speed_min) * revolution_s
     return np.array([travel, travel, settings.omega_max * revolution_s])
 
 
-def motion_noise(settings: TrackerConfig) -> NDArray[np.float64]:
-    """(5,) standard deviations by which twist and accelerations change per scan."""
+def list_motion_noise(settings: TrackerConfig) -> NDArray[np.float64]:
+    """Returns the standard deviations (5,) by which twist and accelerations change per scan."""
     return np.array([settings.sigma_vx, settings.sigma_vy, settings.sigma_omega, settings.sigma_ax, settings.sigma_alpha])
 
 
-def _forget_acceleration(state: State, variances: NDArray[np.float64]) -> State:
-    """The state with accelerations of zero that have these variances (2,)."""
-    mean, covariance = state.mean.copy(), state.covariance.copy()
-    mean[ACCELERATION] = 0.0
+def _rotation(yaw: float) -> NDArray[np.float64]:
+    """Returns the matrix (3, 3) that carries a twist from a frame that is rotated by yaw [rad] to the frame that is not."""
+    c, s = np.cos(yaw), np.sin(yaw)
+    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+
+
+def _forget_acceleration(belief: Belief, variances: NDArray[np.float64]) -> Belief:
+    """Returns the belief with accelerations of zero that have these variances (2,)."""
+    covariance = belief.covariance.copy()
     covariance[ACCELERATION, :] = covariance[:, ACCELERATION] = 0.0
     covariance[ACCELERATION, ACCELERATION] = np.diag(variances)
-    return State(mean, covariance)
+    return Belief(State.at_constant_twist(belief.pose, belief.mean.twist), covariance)

@@ -12,7 +12,7 @@ from mqslam.core import se2
 from mqslam.psi.neighbours import CellGrid, sort_into_cells
 from mqslam.psi.place import PointSet
 
-_GROWN = 8  # keyframes of a map from which on they are as far apart as the settings say
+_CELL_M = 1.0  # side of the cells in which neighbours are looked up [m]: it changes how long that takes, not what is found
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,22 +29,20 @@ class LocalMap:
 
     Args:
         settings: how many keyframes it holds, and how far they are apart.
-        cell_m: side of the cells neighbours are looked up in [m].
     """
 
-    def __init__(self, settings: TrackerConfig, cell_m: float = 1.0) -> None:
+    def __init__(self, settings: TrackerConfig) -> None:
         self._settings = settings
-        self._cell = cell_m
         self._keyframes: list[_Keyframe] = []
         self.points = _join([])
-        self.grid: CellGrid = sort_into_cells(self.points.points, cell_m)
+        self.grid: CellGrid = sort_into_cells(self.points.points, _CELL_M)
 
     def __len__(self) -> int:
-        """Keyframes held."""
+        """Number of keyframes that it holds."""
         return len(self._keyframes)
 
     def offer(self, t0: float, pose: se2.Array, placed: PointSet) -> None:
-        """Keep a rendered scan that is far from the keyframe nearest in time.
+        """Keeps a rendered scan if it is far from the keyframe nearest in time.
 
         Args:
             t0: start of the scan [s], earlier or later than all keyframes.
@@ -55,29 +53,33 @@ class LocalMap:
             self.add(t0, pose, placed)
 
     def add(self, t0: float, pose: se2.Array, placed: PointSet) -> None:
-        """Keep a rendered scan wherever it lies; the oldest one leaves when the map is full.
+        """Keeps a rendered scan wherever it lies; the oldest one leaves when the map is full.
 
         Args:
-            t0, pose, placed: as for `offer`.
+            t0: start of the scan [s].
+            pose: (3,) its start pose.
+            placed: its points.
         """
         kept = sorted([*self._keyframes, _Keyframe(t0, pose.copy(), placed)], key=lambda keyframe: keyframe.t0)
         self._keyframes = kept[-self._settings.keyframes :]
         self.points = _join([keyframe.placed for keyframe in self._keyframes])
-        self.grid = sort_into_cells(self.points.points, self._cell)
+        self.grid = sort_into_cells(self.points.points, _CELL_M)
 
     def _is_far(self, t0: float, pose: se2.Array) -> bool:
-        """Whether a scan is far from the keyframe nearest in time."""
+        """Returns whether a scan is far from the keyframe nearest in time."""
         if not self._keyframes:
             return True
         nearest = min(self._keyframes, key=lambda keyframe: abs(keyframe.t0 - t0))
         moved = se2.between(nearest.pose, pose)
-        young = min(1.0, len(self._keyframes) / _GROWN)  # a young map is thin: it takes keyframes sooner
+        young = min(
+            1.0, len(self._keyframes) / self._settings.grown_keyframes
+        )  # a young map is thin: it takes keyframes sooner
         far = np.hypot(moved[0], moved[1]) > young * self._settings.keyframe_m
         return bool(far or abs(moved[2]) > self._settings.keyframe_rad)
 
 
 def _join(parts: list[PointSet]) -> PointSet:
-    """All points of several sets, without their jacobians: a map does not move."""
+    """Joins several point sets, without their jacobians: a map does not move."""
 
     def column(arrays: list[NDArray[np.float64]], *shape: int) -> NDArray[np.float64]:
         return np.concatenate([np.empty((0, *shape)), *arrays])

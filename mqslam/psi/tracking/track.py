@@ -1,7 +1,7 @@
-"""The track of a recording by psi: every scan matched, across gaps and losses, and young maps measured again.
+"""The track of a recording by psi: every scan is matched, across gaps and losses, and young maps are measured again.
 
-A track begins with scans whose motion is found from themselves. Behind a gap, and after a loss, it begins anew in the same
-way, so that what lies beyond never rests on a prediction alone.
+A track begins with scans whose motion is found from themselves. After a gap or a loss it begins anew in the same way, so
+that what follows never rests on a prediction alone.
 """
 
 from __future__ import annotations
@@ -11,17 +11,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from mqslam.config import TrackerConfig
 from mqslam.core import se2
 from mqslam.core.measurement import Status
 from mqslam.core.scans import Scan
 from mqslam.errors import EstimationError, FewReturnsError
-from mqslam.psi.tracking.dynamics import longest_step
-from mqslam.psi.tracking.start import START_SCANS
-from mqslam.psi.tracking.tracker import FEWEST, Tracked, Tracker, is_usable
-
-YOUNG = 16  # scans of a new track that are measured again together
-_LEAST_YOUNG = 6  # fewer do not make a map that is better than the first one
-_PATIENCE = 8  # lost scans in a row before the map is given up and a new one begun
+from mqslam.psi.tracking.dynamics import limit_step
+from mqslam.psi.tracking.plausibility import is_usable
+from mqslam.psi.tracking.tracked import Tracked
+from mqslam.psi.tracking.tracker import Tracker
 
 OdometryTwist = Callable[[float, float], se2.Array | None]  # mean twist (3,) between two times [s], or None
 
@@ -32,7 +30,7 @@ class Followed:
 
     Args:
         tracked: where psi found it.
-        psi_odometry: its score where odometry puts it; NaN without odometry.
+        psi_odometry: psi where odometry puts it; NaN without odometry.
         young: whether its map had only begun, so that little is known yet of what its covariance leaves out.
     """
 
@@ -42,12 +40,12 @@ class Followed:
 
 
 def follow_scans(scans: Sequence[Scan], tracker: Tracker, odometry: OdometryTwist) -> Iterator[Followed]:
-    """Track a recording, scan by scan in its order.
+    """Tracks a recording, scan by scan in its order.
 
     Args:
         scans: all of them.
         tracker: a new one.
-        odometry: mean twist between two times; it serves where psi alone does not find or observe the motion.
+        odometry: gives the mean twist between two times; it serves where psi alone does not find or observe the motion.
 
     Raises:
         EstimationError: fewer than two scans.
@@ -62,35 +60,37 @@ class _Track:
     def __init__(self, scans: Sequence[Scan], tracker: Tracker, odometry: OdometryTwist) -> None:
         self._scans = scans
         self._tracker = tracker
+        self._settings = tracker.settings
         self._odometry = odometry
-        self._found: dict[int, Followed] = {}  # what is known of scans that are not handed on yet
+        self._followed: dict[int, Followed] = {}  # scans that are not handed on yet
         self._young: list[int] = []  # scans of a track that has only begun
-        self._matched = 0  # the last scan that was matched,
-        self._pose = np.zeros(3)  # and where
-        self._lost: list[int] = []  # scans since then that were not
-        self._patience = _PATIENCE
+        self._matched = 0  # the last scan that was matched
+        self._pose = np.zeros(3)  # its pose
+        self._lost: list[int] = []  # scans since then, which were not matched
+        self._patience = self._settings.patience  # number of lost scans at which a new map is tried
 
     def follow(self) -> Iterator[Followed]:
-        first = _find_start(self._scans)
+        """Yields the scans in their order, each as soon as it will not change any more."""
+        first = _find_start(self._scans, self._settings)
         self._start(first)
         k = first + 1
         handed_on = 0
         while k < len(self._scans):
             k = self._step(k)
-            while handed_on in self._found and handed_on < self._settled(k):
-                yield self._found.pop(handed_on)
+            while handed_on in self._followed and handed_on < self._count_settled(k):
+                yield self._followed.pop(handed_on)
                 handed_on += 1
         self._measure_again()
         for n in range(handed_on, len(self._scans)):
-            yield self._found.pop(n)
+            yield self._followed.pop(n)
 
-    def _settled(self, k: int) -> int:
-        """Scans before this one will not change any more, once the scans before k were followed."""
+    def _count_settled(self, k: int) -> int:
+        """Returns how many of the first k scans, which were followed, will not change any more."""
         return min([k, *self._young[:1], *self._lost[:1]])
 
     def _start(self, first: int) -> None:
-        """Begin the track with the first scans that hold enough returns, and place those before them."""
-        head = _take_head(self._scans, first)
+        """Begins the track with the first scans that hold enough returns, and places those before them."""
+        head = _take_head(self._scans, first, self._settings)
         tracked = self._tracker.start(head, odometry=self._odometry(head[0].t0, head[-1].t1))
         self._young, self._matched = [first], first
         self._keep(first, tracked, float("nan"))
@@ -98,7 +98,7 @@ class _Track:
             self._keep(n, self._tracker.look_back(self._scans[n]), float("nan"))
 
     def _step(self, k: int) -> int:
-        """Follow the scan k, or all of a new beginning at it, and return the next scan to follow."""
+        """Follows the scan k, or begins anew at it, and returns the next scan to follow."""
         scan = self._scans[k]
         if not self._lost and self._tracker.loses(scan):
             self._measure_again()
@@ -115,8 +115,8 @@ class _Track:
         return self._begin_again(k) if len(self._lost) == self._patience else k + 1
 
     def _begin_again(self, k: int) -> int:
-        """Give the map up where the last lost scans agree on a motion of their own."""
-        first = self._lost[-START_SCANS]
+        """Gives the map up where the last lost scans agree on a motion of their own; returns the next scan to follow."""
+        first = self._lost[-self._settings.start_scans]
         before, self._lost = self._lost, []
         if self._resume(first):
             return first + 1
@@ -124,10 +124,10 @@ class _Track:
         return k + 1
 
     def _resume(self, k: int) -> bool:
-        """Track a scan from both sides of what lies before it, and return whether the track goes on from it."""
+        """Tracks a scan from both sides of what lies before it, and returns whether the track goes on from it."""
         scan = self._scans[k]
         psi_odometry = self._score_odometry(scan)
-        tracked = self._tracker.resume(_take_head(self._scans, k), self._twist_to(scan))
+        tracked = self._tracker.resume(_take_head(self._scans, k, self._settings), self._twist_to(scan))
         self._keep(k, tracked, psi_odometry)
         if tracked.status is Status.LOST and not tracked.begins_map:
             self._lost.append(k)
@@ -138,28 +138,28 @@ class _Track:
         return True
 
     def _take_as_matched(self, k: int) -> None:
-        self._matched, self._pose = k, self._found[k].tracked.pose
-        self._lost, self._patience = [], _PATIENCE
+        self._matched, self._pose = k, self._followed[k].tracked.pose
+        self._lost, self._patience = [], self._settings.patience
         if self._young:
             self._young.append(k)
-            if len(self._young) == YOUNG:
+            if len(self._young) == self._settings.young_scans:
                 self._measure_again()
 
     def _measure_again(self) -> None:
-        """Measure the scans of a track that has only begun once more, as far as there are enough of them."""
+        """Measures the scans of a track that has only begun once more, if there are enough of them."""
         young, self._young = self._young, []
-        if len(young) < _LEAST_YOUNG:
+        if len(young) < self._settings.young_least:
             return
-        scans, before = [self._scans[n] for n in young], [self._found[n] for n in young]
+        scans, before = [self._scans[n] for n in young], [self._followed[n] for n in young]
         again = self._tracker.remeasure(scans, [f.tracked for f in before])
         for n, tracked, f in zip(young, again, before, strict=True):
-            self._found[n] = Followed(tracked, f.psi_odometry, young=True)
+            self._followed[n] = Followed(tracked, f.psi_odometry, young=True)
 
     def _keep(self, k: int, tracked: Tracked, psi_odometry: float) -> None:
-        self._found[k] = Followed(tracked, psi_odometry, young=bool(self._young))
+        self._followed[k] = Followed(tracked, psi_odometry, young=bool(self._young))
 
     def _score_odometry(self, scan: Scan) -> float:
-        """Psi of a scan where odometry puts it from the last match; NaN without odometry."""
+        """Returns psi of a scan where odometry puts it from the last match; NaN without odometry."""
         twist, now = self._twist_to(scan), self._odometry(scan.t0, scan.t1)
         if twist is None or now is None:
             return float("nan")
@@ -167,34 +167,35 @@ class _Track:
         return self._tracker.score(scan, pose, now)
 
     def _twist_to(self, scan: Scan) -> se2.Array | None:
-        """Odometry's mean twist since the last scan that was matched."""
+        """Returns odometry's mean twist since the last scan that was matched."""
         return self._odometry(self._scans[self._matched].t0, scan.t0)
 
 
-def _find_start(scans: Sequence[Scan]) -> int:
-    """The first of two scans in a row that hold enough returns.
+def _find_start(scans: Sequence[Scan], settings: TrackerConfig) -> int:
+    """Returns the first of two scans in a row that hold enough returns.
 
     Raises:
         EstimationError: there are fewer than two scans.
         FewReturnsError: there are no such scans.
     """
     if len(scans) < 2:
-        raise EstimationError(f"{len(scans)} revolutions hold no motion; two at least are needed")
+        raise EstimationError(f"a recording of {len(scans)} scans shows no motion; at least two are needed")
     for k in range(len(scans) - 1):
-        if len(_take_head(scans, k)) > 1:
+        if len(_take_head(scans, k, settings)) > 1:
             return k
     most = max(len(scan.returns) for scan in scans)
+    fewest = settings.fewest_returns
     raise FewReturnsError(
-        f"no two scans in a row hold {FEWEST} returns in more than one direction; the most returns in a scan are {most}"
+        f"no two scans in a row hold {fewest} returns in more than one direction; the most returns in a scan are {most}"
     )
 
 
-def _take_head(scans: Sequence[Scan], first: int) -> list[Scan]:
-    """Up to three scans from the first one on that hold enough returns and have no gap between them."""
+def _take_head(scans: Sequence[Scan], first: int, settings: TrackerConfig) -> list[Scan]:
+    """Returns the scan `first` and those after it, a few, that hold enough returns and have no gap between them."""
     head: list[Scan] = []
-    for scan in scans[first : first + START_SCANS]:
-        gap = bool(head) and scan.t0 - head[-1].t0 > longest_step(head[-1].t1 - head[-1].t0)
-        if gap or not is_usable(scan):
+    for scan in scans[first : first + settings.start_scans]:
+        gap = bool(head) and scan.t0 - head[-1].t0 > limit_step(head[-1].t1 - head[-1].t0, settings)
+        if gap or not is_usable(scan, settings):
             break
         head.append(scan)
     return head or [scans[first]]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial import cKDTree
 
-from mqslam.audit.judge import WindowAudit, torn_threshold
+from mqslam.audit.windows import WindowAudit, torn_threshold
 from mqslam.config import AuditConfig
 from mqslam.core import se2
 from mqslam.core.point_map import PointMap
@@ -73,7 +73,7 @@ def _draw_ellipses(report: Report) -> tuple[Lines, str]:
     circle = np.column_stack([np.cos(round_trip), np.sin(round_trip)])
     shapes, largest = [], 0.0
     for pose, covariance in zip(poses, sure.covariances, strict=True):
-        values, vectors = np.linalg.eigh(se2.turned(covariance, float(pose[2]))[:2, :2])
+        values, vectors = np.linalg.eigh(se2.rotate_covariance(covariance, float(pose[2]))[:2, :2])
         axes = 3.0 * np.sqrt(np.maximum(values, 0.0))
         largest = max(largest, float(axes.max()))
         shapes.append((circle * axes) @ vectors.T)

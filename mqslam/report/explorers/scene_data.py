@@ -13,7 +13,7 @@ from markupsafe import Markup
 from numpy.typing import ArrayLike, NDArray
 
 from mqslam.core.evenly import evenly
-from mqslam.core.point_map import thinned
+from mqslam.core.point_map import pick_thinned
 from mqslam.report.explorers.explorer import Curve, Explorer, Layer, Place, Points, Values
 from mqslam.report.figures.canvas import BLUE, MAP_SHAPE, OUTERMOST, RED, find_common_view
 
@@ -46,7 +46,7 @@ def make_scene(explorer: Explorer) -> Scene | None:
     if not any(len(layer.points) for layer in layers):
         return None
     most = MOST_POINTS // len(layers)
-    kept = [thinned(layer.points, most) for layer in layers]
+    kept = [pick_thinned(layer.points, most) for layer in layers]
     colours = {name: title for name, title in _TITLES.items() if all(name in layer.values for layer in layers)}
     encoded = _encode(explorer, kept, list(colours))
     data = htmlsafe_json_dumps(encoded, separators=(",", ":"), allow_nan=False)

@@ -12,7 +12,7 @@ from scipy.ndimage import median_filter
 from mqslam.compare.judgement import Judged, Place
 from mqslam.core import se2
 from mqslam.core.trajectory import Trajectory
-from mqslam.evaluation import alignment
+from mqslam.evaluation import align_positions
 from mqslam.report.figures.audit_figures import EXPECTED
 from mqslam.report.figures.canvas import (
     INK,
@@ -151,7 +151,7 @@ def find_common_frame(
         they cover; None where there is no truth on which all of them can be laid.
     """
     if truth is not None:
-        motions = [motion for track in tracks if (motion := alignment(track, truth)) is not None]
+        motions = [motion for track in tracks if (motion := align_positions(track, truth)) is not None]
         if tracks and len(motions) == len(tracks):
             first, last = min(t.stamps_us[0] for t in tracks), max(t.stamps_us[-1] for t in tracks)
             covered = (truth.stamps_us >= first) & (truth.stamps_us <= last)

@@ -10,10 +10,11 @@ from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter
 from scipy.spatial import cKDTree
 
-from mqslam.audit.inflation import middled, twisted
-from mqslam.audit.judge import Audit, WindowAudit
-from mqslam.audit.revisits import Revisit, passes_of
+from mqslam.audit.inflation import centre_window, twist_points
+from mqslam.audit.judge import Audit
+from mqslam.audit.revisits import Revisit, pick_passes
 from mqslam.audit.sweeps import Sweeps
+from mqslam.audit.windows import WindowAudit
 from mqslam.config import AuditConfig
 from mqslam.core import se2
 from mqslam.report.figures.canvas import BLUE, ORANGE, View, encode_png, find_common_view, make_square
@@ -127,15 +128,15 @@ def measure_distances(points: Points, others: Points, most: float) -> NDArray[np
 
 def _correct_window(sweeps: Sweeps, window: WindowAudit) -> tuple[list[Points], list[Points]]:
     """Returns a window's points (M, 2), sweep by sweep, as they are and corrected."""
-    points, into = middled(sweeps, window.begin, window.end)
-    mended = twisted(points, into, window.bend.correction / (window.end - window.begin)).points
+    points, into = centre_window(sweeps, window.begin, window.end)
+    mended = twist_points(points, into, window.bend.correction / (window.end - window.begin)).points
     cuts = sweeps.begins[window.begin + 1 : window.end] - sweeps.begins[window.begin]
     return np.split(points.points, cuts), np.split(mended, cuts)
 
 
 def _correct_revisit(sweeps: Sweeps, revisit: Revisit, settings: AuditConfig) -> tuple[list[Points], list[Points]]:
     """Returns the points (M, 2) of two passes in the frame of the later one, as they are and with the later one moved."""
-    passes = passes_of(sweeps, revisit.earlier, revisit.later, settings)
+    passes = pick_passes(sweeps, revisit.earlier, revisit.later, settings)
     earlier, later = (sweeps.local(part, sweeps.poses[revisit.later]).points for part in passes)
     return [earlier, later], [earlier, se2.transform(revisit.offset, later)]
 

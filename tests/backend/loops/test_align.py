@@ -6,27 +6,27 @@ import numpy as np
 import pytest
 from support.passes import BEAM, CONFIG, LANE_Y, MIDDLE, OTHER_LANE_Y, corridor_pass, street_pass
 
-from mqslam.backend.loops.align import Alignment, align, cross_score, moved
-from mqslam.backend.loops.submap import Drive, submap
+from mqslam.backend.loops.align import Alignment, align, move_rigidly, score_at_pose
+from mqslam.backend.loops.submap import Drive, render_submap
 from mqslam.core import se2
 from mqslam.psi.place import PointSet
 
-REACH_M, REACH_RAD = 4.0, 0.06
+REACH = REACH_M, REACH_RAD = 4.0, 0.06
 WRONG_GUESSES = [(2.5, -1.5, 0.05), (-1.0, 3.0, -0.05), (0.0, 0.0, 0.0)]
 
 
 def submaps(reference: Drive, query: Drive, a: int = MIDDLE, b: int = MIDDLE) -> tuple[PointSet, PointSet]:
     settings = CONFIG.loops
     return (
-        submap(reference, a, settings.submap_m, settings.spacing_m, BEAM),
-        submap(query, b, 0.5 * settings.submap_m, settings.spacing_m, BEAM),
+        render_submap(reference, a, settings.submap_m, settings.spacing_m, BEAM),
+        render_submap(query, b, 0.5 * settings.submap_m, settings.spacing_m, BEAM),
     )
 
 
 def aligned(reference: Drive, query: Drive, wrong: tuple[float, float, float]) -> tuple[Alignment, se2.Array]:
     """The alignment from a wrong guess, and the true pose."""
     truth = se2.between(reference.poses[MIDDLE], query.poses[MIDDLE])
-    found = align(*submaps(reference, query), truth + np.array(wrong), REACH_M, REACH_RAD, CONFIG.estimator)
+    found = align(*submaps(reference, query), truth + np.array(wrong), REACH, CONFIG.loops, CONFIG.estimator)
     return found, truth
 
 
@@ -64,7 +64,7 @@ def test_places_that_have_nothing_in_common_are_poorly_matched_or_have_a_rival()
     """Another street of the same city, guessed to be the first one."""
     reference = street_pass(-25.0, LANE_Y, 0.0, 1)
     for other in (street_pass(-25.0, 37.75, 0.0, 3), street_pass(-51.75, -18.0, -np.pi / 2.0, 3)):
-        found = align(*submaps(reference, other), np.zeros(3), REACH_M, REACH_RAD, CONFIG.estimator)
+        found = align(*submaps(reference, other), np.zeros(3), REACH, CONFIG.loops, CONFIG.estimator)
         assert found.matched < CONFIG.loops.matched or found.psi * CONFIG.loops.rival > found.rival
         right, _ = aligned(reference, street_pass(-22.0, LANE_Y, 0.0, 2), (0.0, 0.0, 0.0))
         assert found.matched < 0.8 * right.matched and found.psi > 2.0 * right.psi
@@ -80,7 +80,7 @@ def test_a_truth_outside_the_gate_is_not_found() -> None:
     reference, query = street_pass(-25.0, LANE_Y, 0.0, 1), street_pass(-22.0, LANE_Y, 0.0, 2)
     truth = se2.between(reference.poses[MIDDLE], query.poses[MIDDLE])
     guess = truth + np.array([0.0, 12.0, 0.0])
-    found = align(*submaps(reference, query), guess, REACH_M, REACH_RAD, CONFIG.estimator)
+    found = align(*submaps(reference, query), guess, REACH, CONFIG.loops, CONFIG.estimator)
     off = found.pose - guess
     assert np.hypot(off[0], off[1]) <= REACH_M + 1.0 and abs(off[2]) <= REACH_RAD + 0.05
     assert found.matched < CONFIG.loops.matched
@@ -90,11 +90,11 @@ def test_the_joint_score_is_least_where_the_passes_belong() -> None:
     reference, query = street_pass(-25.0, LANE_Y, 0.0, 1), street_pass(-22.0, LANE_Y, 0.0, 2)
     truth = se2.between(reference.poses[MIDDLE], query.poses[MIDDLE])
     maps = submaps(reference, query)
-    right = cross_score(*maps, truth, CONFIG.estimator)
+    right = score_at_pose(*maps, truth, CONFIG.estimator)
     found, _ = aligned(reference, query, (0.0, 0.0, 0.0))
-    assert found.psi == pytest.approx(cross_score(*maps, found.pose, CONFIG.estimator), rel=1e-6)
+    assert found.psi == pytest.approx(score_at_pose(*maps, found.pose, CONFIG.estimator), rel=1e-6)
     for offset in ([0.3, 0.0, 0.0], [0.0, -0.3, 0.0], [0.0, 0.0, 0.02]):
-        assert cross_score(*maps, truth + offset, CONFIG.estimator) > 1.3 * right
+        assert score_at_pose(*maps, truth + offset, CONFIG.estimator) > 1.3 * right
 
 
 def scattered(seed: int = 1, count: int = 40) -> PointSet:
@@ -108,18 +108,18 @@ def scattered(seed: int = 1, count: int = 40) -> PointSet:
 @pytest.mark.parametrize("pose", [(0.0, 0.0, 0.0), (3.0, -1.0, 0.7), (-2.0, 5.0, -2.9)])
 def test_jacobians_of_a_moved_submap_are_its_differences(pose: tuple[float, float, float]) -> None:
     points, at, step = scattered(), np.array(pose), 1e-6
-    found = moved(points, at)
+    found = move_rigidly(points, at)
     np.testing.assert_allclose(found.points, se2.transform(at, points.points), atol=1e-12)
     for axis in range(3):
         nudge = step * np.eye(3)[axis]
-        numeric = (moved(points, at + nudge).points - moved(points, at - nudge).points) / (2.0 * step)
+        numeric = (move_rigidly(points, at + nudge).points - move_rigidly(points, at - nudge).points) / (2.0 * step)
         np.testing.assert_allclose(found.jacobians[:, :, axis], numeric, atol=1e-7)
 
 
 def test_covariances_of_a_moved_submap_turn_with_it() -> None:
     points, yaw = scattered(), 0.7
     turn = np.array([[np.cos(yaw), -np.sin(yaw)], [np.sin(yaw), np.cos(yaw)]])
-    found = moved(points, np.array([3.0, -1.0, yaw]))
+    found = move_rigidly(points, np.array([3.0, -1.0, yaw]))
     for before, after in zip(points.covariances, found.covariances, strict=True):
         expected = turn @ before[[[0, 1], [1, 2]]] @ turn.T
         np.testing.assert_allclose(after[[[0, 1], [1, 2]]], expected, atol=1e-12)

@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 from support.passes import BEAM, CONFIG, LANE_Y, MIDDLE, OTHER_LANE_Y, joined, path, street_pass
 
-from mqslam.backend.loops.align import align, cross_score
-from mqslam.backend.loops.search import candidate_pairs, find_loops, gate, kept_by_map
-from mqslam.backend.loops.submap import Drive, submap
+from mqslam.backend.loops.align import align, score_at_pose
+from mqslam.backend.loops.passes import search_reach
+from mqslam.backend.loops.search import confirm_by_map, find_candidate_pairs, find_loops
+from mqslam.backend.loops.submap import Drive, pick_spaced, render_submap
 from mqslam.config import LoopConfig
 from mqslam.core import se2
 from mqslam.core.measurement import Loop
@@ -42,8 +43,8 @@ def apart_m(drive: Drive, pairs: list[tuple[int, int]]) -> np.ndarray:
 
 def test_every_place_of_a_second_lap_is_a_candidate_with_the_first() -> None:
     drive = laps(2.0)
-    pairs = candidate_pairs(drive, CONFIG.loops, set())
-    later = [k for k in drive.spaced(CONFIG.loops.spacing_m) if drive.travelled[k] > LAP_M + 1.0]
+    pairs = find_candidate_pairs(drive, CONFIG.loops, set())
+    later = [k for k in pick_spaced(drive.travelled, CONFIG.loops.spacing_m) if drive.travelled[k] > LAP_M + 1.0]
     again = {b: a for a, b in pairs}
     assert all(k in again for k in later)
     full = [(again[k], int(k)) for k in later]
@@ -55,62 +56,65 @@ def test_every_place_of_a_second_lap_is_a_candidate_with_the_first() -> None:
 
 def test_of_each_earlier_pass_one_revolution_is_taken_and_of_so_many_passes_as_are_asked_for() -> None:
     drive = laps(3.0)
-    pairs = candidate_pairs(drive, LoopConfig(passes=2), set())
-    last = [k for k in drive.spaced(CONFIG.loops.spacing_m) if 2.0 < (drive.travelled[k] - 1.0) / LAP_M < 2.9]
+    pairs = find_candidate_pairs(drive, LoopConfig(passes=2), set())
+    last = [
+        k for k in pick_spaced(drive.travelled, CONFIG.loops.spacing_m) if 2.0 < (drive.travelled[k] - 1.0) / LAP_M < 2.9
+    ]
     for k in last:
         found = sorted(between_m(drive, [pair for pair in pairs if pair[1] == k]) / LAP_M)
         np.testing.assert_allclose(found, [1.0, 2.0], atol=0.03)
-    assert len({b for _, b in candidate_pairs(drive, LoopConfig(passes=1), set())}) == len({b for _, b in pairs})
-    assert len(candidate_pairs(drive, LoopConfig(passes=1), set())) < len(pairs)
+    assert len({b for _, b in find_candidate_pairs(drive, LoopConfig(passes=1), set())}) == len({b for _, b in pairs})
+    assert len(find_candidate_pairs(drive, LoopConfig(passes=1), set())) < len(pairs)
 
 
 @pytest.mark.parametrize("least_path_m", [30.0, 60.0, 90.0])
 def test_a_short_way_round_is_no_loop(least_path_m: float) -> None:
     drive = there_and_back(100.0, 6.0)
-    pairs = candidate_pairs(drive, LoopConfig(least_path_m=least_path_m), set())
+    pairs = find_candidate_pairs(drive, LoopConfig(least_path_m=least_path_m), set())
     assert least_path_m < between_m(drive, pairs).min() < least_path_m + 10.0
 
 
 def test_an_open_path_has_no_candidates() -> None:
-    assert candidate_pairs(laps(0.8), CONFIG.loops, set()) == []
-    assert candidate_pairs(path(np.column_stack([np.arange(0.0, 500.0, 2.0), np.zeros(250)])), CONFIG.loops, set()) == []
+    assert find_candidate_pairs(laps(0.8), CONFIG.loops, set()) == []
+    assert (
+        find_candidate_pairs(path(np.column_stack([np.arange(0.0, 500.0, 2.0), np.zeros(250)])), CONFIG.loops, set()) == []
+    )
 
 
 def test_a_drive_that_never_moved_has_no_candidates() -> None:
-    assert candidate_pairs(path(np.zeros((50, 2))), CONFIG.loops, set()) == []
+    assert find_candidate_pairs(path(np.zeros((50, 2))), CONFIG.loops, set()) == []
 
 
 def test_tried_pairs_are_not_tried_again() -> None:
     drive = laps(2.0)
-    pairs = candidate_pairs(drive, CONFIG.loops, set())
-    assert candidate_pairs(drive, CONFIG.loops, set(pairs)) == []
-    assert candidate_pairs(drive, CONFIG.loops, set(pairs[::2])) == pairs[1::2]
+    pairs = find_candidate_pairs(drive, CONFIG.loops, set())
+    assert find_candidate_pairs(drive, CONFIG.loops, set(pairs)) == []
+    assert find_candidate_pairs(drive, CONFIG.loops, set(pairs[::2])) == pairs[1::2]
 
 
 def test_a_tried_pair_covers_its_neighbours() -> None:
     drive = laps(2.0)
-    pairs = candidate_pairs(drive, CONFIG.loops, set())
+    pairs = find_candidate_pairs(drive, CONFIG.loops, set())
     a, b = pairs[len(pairs) // 2]
     others = [pair for pair in pairs if pair != (a, b)]
-    assert candidate_pairs(drive, CONFIG.loops, {(a - 10, b)}) == others  # 20 m back on the earlier pass
-    assert candidate_pairs(drive, CONFIG.loops, {(a - 35, b)}) == pairs  # 70 m back: another place
-    left = candidate_pairs(drive, CONFIG.loops, {(a, b - 1)})  # 2 m back on the later pass
+    assert find_candidate_pairs(drive, CONFIG.loops, {(a - 10, b)}) == others  # 20 m back on the earlier pass
+    assert find_candidate_pairs(drive, CONFIG.loops, {(a - 35, b)}) == pairs  # 70 m back: another place
+    left = find_candidate_pairs(drive, CONFIG.loops, {(a, b - 1)})  # 2 m back on the later pass
     assert (a, b) not in left and {pair for pair in pairs if abs(pair[1] - b) > 3} <= set(left)
 
 
 def test_drift_widens_the_reach_along_the_path() -> None:
     drive = there_and_back(500.0, 16.0)
-    pairs = candidate_pairs(drive, LoopConfig(reach_m=12.0, drift=0.005), set())
+    pairs = find_candidate_pairs(drive, LoopConfig(reach_m=12.0, drift=0.005), set())
     assert 800.0 <= between_m(drive, pairs).min() < 820.0  # 16 m - 12 m at 5 mm per metre
-    assert candidate_pairs(drive, LoopConfig(reach_m=12.0, drift=0.0), set()) == []
-    assert candidate_pairs(drive, LoopConfig(reach_m=12.0, drift=1.0, gate_m=15.0), set()) == []
+    assert find_candidate_pairs(drive, LoopConfig(reach_m=12.0, drift=0.0), set()) == []
+    assert find_candidate_pairs(drive, LoopConfig(reach_m=12.0, drift=1.0, gate_m=15.0), set()) == []
 
 
 def test_the_gate_grows_with_the_path_up_to_its_largest() -> None:
-    drive = there_and_back(500.0, 6.0)
     config = LoopConfig(search_m=3.0, search_rad=0.03, drift=0.005, drift_rad=3e-5, gate_m=7.0, gate_rad=0.05)
-    assert gate(drive, 10, 60, config) == pytest.approx((3.5, 0.033))
-    assert gate(drive, 0, len(drive.times) - 1, config) == (7.0, 0.05)
+    assert search_reach(100.0, config) == pytest.approx((3.5, 0.033))
+    assert search_reach(1000.0, config) == (7.0, 0.05)
 
 
 def two_passes(later: tuple[float, float, float], wrong: tuple[float, float, float]) -> tuple[Drive, se2.Array]:
@@ -158,9 +162,9 @@ def test_places_that_only_seem_near_are_no_loops() -> None:
 def loop_at(drive: Drive, earlier: int, later: int, pose: se2.Array) -> Loop:
     """A loop at a pose (3,), with the score it has there."""
     settings = CONFIG.loops
-    reference = submap(drive, earlier, settings.submap_m, settings.spacing_m, BEAM)
-    query = submap(drive, later, 0.5 * settings.submap_m, settings.spacing_m, BEAM)
-    psi = cross_score(reference, query, pose, CONFIG.estimator)
+    reference = render_submap(drive, earlier, settings.submap_m, settings.spacing_m, BEAM)
+    query = render_submap(drive, later, 0.5 * settings.submap_m, settings.spacing_m, BEAM)
+    psi = score_at_pose(reference, query, pose, CONFIG.estimator)
     return Loop(earlier, later, pose, 1e-4 * np.eye(3), 0.8, psi)
 
 
@@ -168,14 +172,14 @@ def test_the_map_keeps_a_right_loop_and_drops_one_that_makes_it_worse() -> None:
     drive, truth = two_passes(SAME, (0.4, -0.3, 0.01))
     a, b = MIDDLE, len(street_pass(-25.0, LANE_Y, 0.0, 1).times) + MIDDLE
     right = loop_at(drive, a, b, se2.between(truth[a], truth[b]))
-    assert kept_by_map([right], drive, truth, *KEEP, HERE) == [right]
+    assert confirm_by_map([right], drive, truth, *KEEP, HERE) == [right]
 
     wrong = loop_at(drive, a, b, right.pose + np.array([0.0, 3.0, 0.0]))
     follows = truth.copy()
     follows[len(truth) - len(truth) // 2 :, 1] += 3.0  # the later pass is drawn to where the loop has it
     before = Drive.of(drive.scans, truth)
-    assert kept_by_map([wrong], before, follows, *KEEP, HERE) == []
-    assert kept_by_map([right], before, follows, *KEEP, HERE) == []  # right, but the graph did not heed it
+    assert confirm_by_map([wrong], before, follows, *KEEP, HERE) == []
+    assert confirm_by_map([right], before, follows, *KEEP, HERE) == []  # right, but the graph did not heed it
 
 
 def test_a_loop_that_the_graph_heeds_by_half_stays_for_the_map_is_better_with_it() -> None:
@@ -183,16 +187,16 @@ def test_a_loop_that_the_graph_heeds_by_half_stays_for_the_map_is_better_with_it
     a, b = MIDDLE, len(street_pass(-25.0, LANE_Y, 0.0, 1).times) + MIDDLE
     right = loop_at(drive, a, b, se2.between(truth[a], truth[b]))
     half = 0.5 * (drive.poses + truth)
-    assert kept_by_map([right], drive, half, *KEEP, HERE) == [right]
-    assert kept_by_map([right], Drive.of(drive.scans, half), drive.poses, *KEEP, HERE) == []
+    assert confirm_by_map([right], drive, half, *KEEP, HERE) == [right]
+    assert confirm_by_map([right], Drive.of(drive.scans, half), drive.poses, *KEEP, HERE) == []
 
 
 def test_the_map_judges_each_loop_by_its_own_place() -> None:
     drive, truth = two_passes(SAME, (0.4, -0.3, 0.01))
     a, b = MIDDLE, len(street_pass(-25.0, LANE_Y, 0.0, 1).times) + MIDDLE
     right = [loop_at(drive, a + k, b + k, se2.between(truth[a + k], truth[b + k])) for k in (-4, 0, 4)]
-    assert kept_by_map(right, drive, truth, *KEEP, LocalEngine(2)) == right
-    assert kept_by_map(right, Drive.of(drive.scans, truth), drive.poses, *KEEP, LocalEngine(2)) == []
+    assert confirm_by_map(right, drive, truth, *KEEP, LocalEngine(2)) == right
+    assert confirm_by_map(right, Drive.of(drive.scans, truth), drive.poses, *KEEP, LocalEngine(2)) == []
 
 
 def test_a_loop_that_only_confirms_a_good_map_stays() -> None:
@@ -200,11 +204,11 @@ def test_a_loop_that_only_confirms_a_good_map_stays() -> None:
     drive = two_passes(SAME, (0.0, 0.0, 0.0))[0]
     a, b = MIDDLE, len(street_pass(-25.0, LANE_Y, 0.0, 1).times) + MIDDLE
     settings = CONFIG.loops
-    reference = submap(drive, a, settings.submap_m, settings.spacing_m, BEAM)
-    query = submap(drive, b, 0.5 * settings.submap_m, settings.spacing_m, BEAM)
+    reference = render_submap(drive, a, settings.submap_m, settings.spacing_m, BEAM)
+    query = render_submap(drive, b, 0.5 * settings.submap_m, settings.spacing_m, BEAM)
     pose = se2.between(truth[a], truth[b])
-    found = align(reference, query, pose, 3.0, 0.03, CONFIG.estimator)
+    found = align(reference, query, pose, (3.0, 0.03), CONFIG.loops, CONFIG.estimator)
     loop = Loop(a, b, found.pose, found.covariance, found.matched, found.psi)
     nudged = truth.copy()
     nudged[len(truth) // 2 :, 0] += 0.02  # within what the graph may weigh it against
-    assert kept_by_map([loop], drive, nudged, *KEEP, HERE) == [loop]
+    assert confirm_by_map([loop], drive, nudged, *KEEP, HERE) == [loop]

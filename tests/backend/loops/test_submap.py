@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from support.passes import path
 
-from mqslam.backend.loops.submap import Drive, submap
+from mqslam.backend.loops.submap import Drive, pick_spaced, render_submap
 from mqslam.config import Config
 from mqslam.core import se2
 from mqslam.core.scans import Returns, Scan
@@ -35,7 +35,7 @@ def drive() -> Drive:
 
 def chosen_by(drive: Drive, centre: int, reach_m: float, spacing_m: float) -> np.ndarray:
     """Indices of the revolutions whose returns a submap holds."""
-    times = submap(drive, centre, reach_m, spacing_m, BEAM).times
+    times = render_submap(drive, centre, reach_m, spacing_m, BEAM).times
     return np.unique(np.searchsorted(drive.times, times))
 
 
@@ -75,20 +75,20 @@ def test_another_pass_over_the_place_is_not_in_the_submap() -> None:
 
 def test_the_frame_is_the_centres_pose(drive: Drive) -> None:
     for centre in (3, 40, 70):
-        points = submap(drive, centre, 15.0, 5.0, BEAM).points
+        points = render_submap(drive, centre, 15.0, 5.0, BEAM).points
         expected = se2.transform(se2.inverse(drive.poses[centre]), LANDMARKS)
         np.testing.assert_allclose(points, np.tile(expected, (len(points) // len(LANDMARKS), 1)), atol=1e-9)
 
 
 def test_a_submap_is_the_same_whichever_frame_the_drive_is_in(drive: Drive) -> None:
     elsewhere = Drive.of(drive.scans, se2.compose(np.array([1000.0, -400.0, 2.5]), drive.poses))
-    ours, theirs = (submap(d, 40, 15.0, 5.0, BEAM) for d in (drive, elsewhere))
+    ours, theirs = (render_submap(d, 40, 15.0, 5.0, BEAM) for d in (drive, elsewhere))
     np.testing.assert_allclose(ours.points, theirs.points, atol=1e-9)
     np.testing.assert_allclose(ours.covariances, theirs.covariances, atol=1e-12)
 
 
 def test_spaced_revolutions_are_that_far_apart(drive: Drive) -> None:
-    nodes = drive.spaced(5.0)
+    nodes = pick_spaced(drive.travelled, 5.0)
     step = float(np.diff(drive.travelled).max())
     np.testing.assert_allclose(np.diff(drive.travelled[nodes]), 5.0, atol=step)
     assert nodes[0] == 0 and drive.travelled[-1] - drive.travelled[nodes[-1]] < 5.0

@@ -14,7 +14,7 @@ from support.conversions import STAMPED, Turns, angles_of, convert, spinning, st
 from support.recordings import START_US
 
 from mqslam.core.recording import PolarScan, Recording
-from mqslam.detection.stage import scans_of
+from mqslam.detection.stage import make_scans
 from mqslam.formats.recordings import open_recording
 from mqslam.formats.shared.sensing import Stamp
 from mqslam.formats.shared.turns import find_usual_turns, measure_turn, place_turns
@@ -74,7 +74,7 @@ def test_a_gap_after_the_first_of_three_revolutions_is_no_turn(tmp_path: Path, l
     assert recording.revolution_s == pytest.approx(turn_us * 1e-6, rel=0.05)
     ((after, missing),) = recording.gaps()
     assert after == 0 and missing == pytest.approx(8 * turn_us * 1e-6, rel=0.05)
-    first, second, _ = scans_of(recording)
+    first, second, _ = make_scans(recording)
     assert first.t1 == pytest.approx(turn_us * 1e-6, rel=0.05)
     assert second.t0 - first.t1 == pytest.approx(missing)
 
@@ -164,7 +164,7 @@ def test_real_recordings_with_a_gap_turn_at_4_hz(name: str, gap: int, missing: f
     recording = open_recording(DATA / name)
     assert 1.0 / recording.revolution_s == pytest.approx(4.0, abs=0.03)
     assert recording.gaps() == [(gap, pytest.approx(missing, abs=0.005))]
-    after = scans_of(recording)[gap + 1]
+    after = make_scans(recording)[gap + 1]
     assert after.t1 - after.t0 == pytest.approx(0.25, abs=0.005)
 
 

@@ -47,7 +47,7 @@ def across_two_seconds() -> Errors:
     return measure([*before, *scans[19:21]])
 
 
-def test_the_step_behind_a_gap_is_found_from_the_scans_behind_it() -> None:
+def test_the_step_after_a_gap_is_found_from_the_scans_after_it() -> None:
     motions, errors = across_two_seconds()
     assert motions[11].status is Status.CONVERGED
     np.testing.assert_array_less(np.abs(errors[11]), [0.15, 0.1, 0.02])

@@ -14,10 +14,11 @@ from support.layouts import left_turn
 from support.recordings import START_US, TURN_US, oxford_rows, with_metadata, write_oxford, write_png
 
 from mqslam.check.finding import Finding, Verdict
-from mqslam.check.motion_checks import Followed, Steps, check_order, follow
-from mqslam.check.stretches import REVOLUTIONS, STRETCHES, read_stretches
-from mqslam.check.sweeping import check_azimuths, check_stamps
-from mqslam.config import Config, DetectorConfig
+from mqslam.check.following import Followed, Steps, follow
+from mqslam.check.motion_checks import check_order
+from mqslam.check.stretches import read_stretches
+from mqslam.check.turn_checks import check_azimuths, check_stamps
+from mqslam.config import CheckConfig, Config, DetectorConfig
 from mqslam.core.recording import PolarScan, Recording
 from mqslam.core.trajectory import Trajectory
 from mqslam.formats.recordings import open_recording
@@ -29,8 +30,8 @@ BEAM = beam_of(CONFIG.estimator, 0.0)
 
 
 def findings(recording: Recording) -> tuple[Finding, Finding]:
-    stretches = read_stretches(recording, None, DetectorConfig(), lambda done, total: None)
-    return check_stamps(recording, stretches), check_azimuths(stretches)
+    stretches = read_stretches(recording, None, CONFIG.check, DetectorConfig(), lambda done, total: None)
+    return check_stamps(recording, stretches, CONFIG.check), check_azimuths(stretches, CONFIG.check)
 
 
 class Holed(SimulatedRecording):
@@ -67,7 +68,7 @@ def test_gaps_are_counted(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("begins", "turn_us", "problem"),
     [
-        ([*range(0, 2_000_000, TURN_US), 1_850_000], TURN_US, "begun within half a turn of the one before: 1"),
+        ([*range(0, 2_000_000, TURN_US), 1_850_000], TURN_US, "begun too soon after the one before: 1"),
         ([0, 250_000, 500_000, 790_000, 1_000_000, 1_290_000, 1_500_000], 200_000, "a turn varies by 3"),
         (list(range(0, 2_000_000, TURN_US)), 2 * TURN_US, "running on into the next: 7"),
         (list(range(0, 2_000_000, TURN_US)), TURN_US // 10, "with azimuth times that span less than the turn: 8"),
@@ -100,7 +101,7 @@ def test_revolutions_that_cannot_be_read_are_named_and_the_others_looked_at(oxfo
     image.write_bytes(image.read_bytes()[:2000])
     stamps, azimuths = findings(open_recording(oxford))
     assert stamps.verdict is Verdict.SUSPICIOUS
-    assert f"a revolution cannot be read: {image}: is not a readable PNG" in stamps.text
+    assert f"a polar scan cannot be read: {image}: is not a readable PNG" in stamps.text
     assert azimuths.verdict is Verdict.OK
 
 
@@ -123,13 +124,19 @@ def test_azimuths_that_were_not_measured_are_counted(tmp_path: Path) -> None:
 
 def test_stretches_are_short_few_and_apart_and_lie_where_odometry_turns(tmp_path: Path) -> None:
     recording = open_recording(write_oxford(tmp_path / "d", revolutions=80, skip=(60,)))
-    spans = [[w.t0 for w in s.scans] for s in read_stretches(recording, None, DetectorConfig(), lambda done, total: None)]
-    assert len(spans) == STRETCHES and all(len(span) == REVOLUTIONS for span in spans)
+    spans = [
+        [w.t0 for w in s.scans]
+        for s in read_stretches(recording, None, CONFIG.check, DetectorConfig(), lambda done, total: None)
+    ]
+    assert len(spans) == 3 and all(len(span) == 12 for span in spans)
     assert all(np.allclose(np.diff(span), 0.25) for span in spans)
     assert all(one[-1] < other[0] for one, other in itertools.pairwise(spans))
     turn = np.cumsum(np.where(np.arange(80) == 30, 0.5, 0.0))
     track = Trajectory(START_US + TURN_US * np.arange(80), np.column_stack([2.0 * np.arange(80), np.zeros(80), turn]))
-    spans = [[w.t0 for w in s.scans] for s in read_stretches(recording, track, DetectorConfig(), lambda done, total: None)]
+    spans = [
+        [w.t0 for w in s.scans]
+        for s in read_stretches(recording, track, CONFIG.check, DetectorConfig(), lambda done, total: None)
+    ]
     assert any(span[0] < 29 * 0.25 < span[-1] for span in spans)
 
 
@@ -140,8 +147,8 @@ def test_where_gaps_leave_no_long_stretch_the_longest_is_looked_at(tmp_path: Pat
         ("all", tuple(range(1, 16, 2)), [range(k, k + 1) for k in (2, 8, 12)]),
     ):
         recording = open_recording(write_oxford(tmp_path / name, revolutions=16, skip=skip))
-        stretches = read_stretches(recording, None, DetectorConfig(), lambda done, total: None)
-        assert all(len(stretch.sweeps) == len(stretch.scans) == len(expected[0]) for stretch in stretches)
+        stretches = read_stretches(recording, None, CONFIG.check, DetectorConfig(), lambda done, total: None)
+        assert all(len(stretch.turns) == len(stretch.scans) == len(expected[0]) for stretch in stretches)
         if len(expected) == 1:
             assert [w.t0 / 0.25 for w in stretches[0].scans] == pytest.approx(list(expected[0]))
         stamps, azimuths = findings(recording)
@@ -153,20 +160,20 @@ def test_where_gaps_leave_no_long_stretch_the_longest_is_looked_at(tmp_path: Pat
 def test_one_and_two_revolutions_say_what_they_cannot_tell(tmp_path: Path, skip: tuple[int, ...]) -> None:
     for revolutions in (1, 5 if skip else 2):
         recording = open_recording(write_oxford(tmp_path / f"{revolutions}", revolutions=revolutions, skip=skip))
-        stretches = read_stretches(recording, None, DetectorConfig(), lambda done, total: None)
+        stretches = read_stretches(recording, None, CONFIG.check, DetectorConfig(), lambda done, total: None)
         stamps, azimuths = findings(recording)
         assert azimuths.verdict is Verdict.OK
-        assert "too few to tell how steady they are" in stamps.text or recording.gaps()
-        order = check_order(follow(recording, stretches, CONFIG.tracker, CONFIG.estimator, BEAM))
+        assert "too few to tell how steady turns are" in stamps.text or recording.gaps()
+        order = check_order(follow(recording, stretches, CONFIG.check, CONFIG.tracker, CONFIG.estimator, BEAM), CONFIG.check)
         longest = 1 if skip else min(revolutions, 2)
         assert order.verdict is Verdict.UNTOLD
-        assert order.text == f"it takes 7 revolutions without a gap to tell, and there are no more than {longest}"
+        assert order.text == f"it takes 7 polar scans without a gap to tell, and there are no more than {longest}"
 
 
 def test_revolutions_that_are_swept_alike_in_both_orders_cannot_tell_the_order() -> None:
     same = np.full(9, 1.5)
     none = np.zeros(0, dtype=np.int64)
-    finding = check_order(Followed(Steps(none, none, np.zeros((0, 3))), same, same, longest=9))
+    finding = check_order(Followed(Steps(none, none, np.zeros((0, 3))), same, same, shortage=""), CONFIG.check)
     assert finding.verdict is Verdict.UNTOLD and all(np.isfinite(value) for value in finding.numbers.values())
 
 
@@ -176,3 +183,11 @@ def test_a_radar_that_turns_faster_from_some_moment_on_is_only_called_unsteady(t
     back = open_recording(convert(recording, tmp_path, "oxford")[0])
     stamps, _ = findings(back)
     assert stamps.text == "the duration of a turn varies by 150%"
+
+
+def test_the_settings_say_what_is_suspicious(tmp_path: Path) -> None:
+    recording = open_recording(write_oxford(tmp_path / "d", revolutions=20))
+    strict = CheckConfig(stretches=2, stretch_scans=5, fewest_turns=30)
+    stretches = read_stretches(recording, None, strict, DetectorConfig(), lambda done, total: None)
+    assert [len(stretch.scans) for stretch in stretches] == [5, 5]
+    assert "too few to tell how steady turns are" in check_stamps(recording, stretches, strict).text

@@ -1,0 +1,81 @@
+"""Checks of stamps and azimuths: whether the radar kept turning and measured whole turns. They need no estimate."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from mqslam.check.finding import Finding, Verdict
+from mqslam.check.stretches import Stretch
+from mqslam.config import CheckConfig
+from mqslam.core.recording import Recording
+from mqslam.core.wording import count_of
+from mqslam.formats.shared.turns import find_usual_turns
+
+
+def check_stamps(recording: Recording, stretches: Sequence[Stretch], settings: CheckConfig) -> Finding:
+    """Checks whether polar scans follow one another: none doubled, backward, missing or of another duration.
+
+    Args:
+        recording: the recording.
+        stretches: those parts of it that were read.
+        settings: of the check.
+    """
+    turn_s = recording.revolution_s
+    steps = np.diff(recording.stamps_us)
+    durations = steps[recording.ends_us[:-1] == recording.stamps_us[1:]] * 1e-6
+    close = int(np.count_nonzero(steps < settings.doubled * find_usual_turns(recording.stamps_us)))
+    shown = len(durations) >= settings.fewest_turns
+    unsteady = float(np.ptp(np.percentile(durations, [5.0, 95.0]))) / turn_s if shown else 0.0
+    gaps = recording.gaps()
+    missing = sum(seconds for _, seconds in gaps)
+    turns = [turn for stretch in stretches for turn in stretch.turns]
+    counted = {
+        f"followed by a gap, {missing:.2f} s in all": len(gaps),
+        "begun too soon after the one before": close,
+        "equal to the one before, byte by byte": sum(turn.repeated for turn in turns),
+        "running on into the next": sum(turn.late_s > settings.late_share * turn.turn_s for turn in turns),
+        "with azimuth times that span less than the turn": sum(
+            turn.span_s < settings.span_share * turn.turn_s for turn in turns
+        ),
+    }
+    faults = [f"polar scans {text}: {count}" for text, count in counted.items() if count]
+    if unsteady > settings.unsteady:
+        faults.append(f"the duration of a turn varies by {unsteady:.0%}")
+    unread = [error for stretch in stretches for error in stretch.unread]
+    faults += [*recording.faults, *(f"a polar scan cannot be read: {error}" for error in unread)]
+    numbers = {"gaps": len(gaps), "missing_s": missing, "turn_s": turn_s, "unsteady": unsteady}
+    if faults:
+        return Finding("stamps", Verdict.SUSPICIOUS, "; ".join(faults), numbers)
+    steady = f"nine tenths of them within {unsteady:.1%}" if shown else "too few to tell how steady turns are"
+    return Finding("stamps", Verdict.OK, f"{count_of(len(recording), 'turn')} of {turn_s:.4f} s, {steady}, no gaps", numbers)
+
+
+def check_azimuths(stretches: Sequence[Stretch], settings: CheckConfig) -> Finding:
+    """Checks whether every polar scan is a whole turn of azimuths that were measured.
+
+    Args:
+        stretches: those parts of the recording that were read.
+        settings: of the check.
+    """
+    turns = [turn for stretch in stretches for turn in stretch.turns]
+    if not turns:
+        return Finding("azimuths", Verdict.UNTOLD, "no polar scan could be read")
+    counts = sorted({turn.azimuths for turn in turns})
+    share = sum(turn.unmeasured for turn in turns) / sum(turn.azimuths for turn in turns)
+    step = float(np.median([turn.step for turn in turns]))
+    off = max(abs(turn.turned - 2.0 * np.pi) for turn in turns)
+    widest = max(turn.widest for turn in turns)
+    faults = []
+    if share > settings.unmeasured_share:
+        faults.append(f"{share:.0%} of the azimuths were not measured")
+    if widest > settings.hole_steps * step:
+        faults.append(f"holes of up to {np.rad2deg(widest):.1f} deg between azimuths")
+    if off > settings.hole_steps * step:
+        faults.append(f"polar scans are up to {np.rad2deg(off):.1f} deg off a whole turn")
+    numbers = {"fewest": counts[0], "most": counts[-1], "unmeasured": share, "off_turn_rad": off}
+    if faults:
+        return Finding("azimuths", Verdict.SUSPICIOUS, "; ".join(faults), numbers)
+    many = f"{counts[0]} to {counts[-1]}" if len(counts) > 1 else f"{counts[0]}"
+    return Finding("azimuths", Verdict.OK, f"{many} in every turn, {share:.1%} of them not measured", numbers)

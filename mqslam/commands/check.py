@@ -1,0 +1,83 @@
+"""A check of a recording, from its path to what the checks say."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+from mqslam.check.checks import check_recording
+from mqslam.check.finding import Finding, Verdict
+from mqslam.commands.opening import choose_odometry, choose_settings, open_data
+from mqslam.commands.work import QUIET, Work
+from mqslam.config import Config
+from mqslam.psi.place import beam_of
+
+
+@dataclass(frozen=True)
+class Check:
+    """The outcome of a check.
+
+    Args:
+        findings: one per check.
+        notes: what a user should know about how the recording was understood.
+    """
+
+    findings: tuple[Finding, ...]
+    notes: tuple[str, ...]
+
+    @property
+    def suspicious(self) -> bool:
+        """Whether anything contradicts what was assumed."""
+        return any(finding.verdict is Verdict.SUSPICIOUS for finding in self.findings)
+
+    @property
+    def warning(self) -> str | None:
+        """A sentence for the user where most of the checks cannot be told; None where most can."""
+        untold = sum(finding.verdict is Verdict.UNTOLD for finding in self.findings)
+        if 2 * untold <= len(self.findings):
+            return None
+        missed = f"{untold} of {len(self.findings)} checks cannot be told, so that most mistakes would go unnoticed here"
+        return f"{missed}; odometry and a longer drive with turns would tell more"
+
+
+def check(
+    data: Path | str,
+    *,
+    odometry: str = "auto",
+    config: Config | Path | str | None = None,
+    format: str | None = None,
+    range_resolution: float | None = None,
+    work: Work = QUIET,
+) -> Check:
+    """Checks whether a recording contradicts what was assumed to read it.
+
+    Args:
+        data: the recording, of which a few short stretches are read.
+        odometry: `auto` (the recording's own, if it has one), `none`, or the path of a file.
+        config: settings, or the path of a YAML file, or the name of one that ships; None takes the defaults.
+        format: layout of the recording; None guesses it.
+        range_resolution: length of a range bin [m], where the recording does not say or errs.
+        work: who is told about the work, which is done in this process.
+
+    Raises:
+        ConfigError: a format nobody knows, or a range resolution that is no length.
+        DataError: a recording or an odometry file that cannot be used.
+    """
+    settings = choose_settings(config)
+    recording = open_data(Path(data), format, range_resolution, settings)
+    track, notes = choose_odometry(recording, odometry)
+    notes = [*recording.notes, *notes]
+    for note in notes:
+        work.tell(note)
+    findings = check_recording(
+        recording,
+        track,
+        settings.check,
+        settings.detector,
+        settings.tracker,
+        settings.estimator,
+        beam_of(settings.estimator, settings.sensor.doppler_beta or 0.0),
+        partial(work.progress, "detect"),
+    )
+    return Check(tuple(findings), tuple(notes))

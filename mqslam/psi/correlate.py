@@ -1,0 +1,83 @@
+"""A global search for the pose of one point set in another: their images, one of them blurred, correlated at several yaws.
+
+It is the widest and cheapest form of the score. Its peaks are starts for psi, which has the last word.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.fft import irfft2, next_fast_len, rfft2
+from scipy.ndimage import gaussian_filter, maximum_filter
+
+from mqslam.config import EstimatorConfig
+from mqslam.core import se2
+
+_NEIGHBOURS = 5  # a peak is the largest of so many pixels in a square: the definition of a local maximum
+
+
+def find_correlation_peaks(
+    reference: NDArray[np.float64],
+    query: NDArray[np.float64],
+    guess: se2.Array,
+    reach_m: float,
+    reach_rad: float,
+    config: EstimatorConfig,
+) -> list[se2.Array]:
+    """Finds the most likely poses of one point set in another.
+
+    Args:
+        reference: (M, 2) m.
+        query: (N, 2) m, in its own frame.
+        guess: (3,) pose of the query's frame in the reference's.
+        reach_m: how far the guess may be off [m].
+        reach_rad: how far its yaw may be off [rad].
+        config: settings of the search.
+
+    Returns:
+        poses (3,), the best first.
+    """
+    pixel_m = config.search_pixel_m
+    query = query[np.abs(query).max(axis=1, initial=0.0) < config.search_extent * pixel_m]
+    if len(reference) == 0 or len(query) == 0:
+        return []
+    extent = float(np.abs(query).max()) + 1.5 * pixel_m
+    step = pixel_m / (0.5 * extent)  # turns the middle of the query by a pixel
+    count = int(np.ceil(reach_rad / step))
+    lowest = guess[:2] - extent - reach_m
+    side = next_fast_len(int(np.ceil(2.0 * (extent + reach_m) / pixel_m)) + 1, real=True)
+    spectrum = rfft2(gaussian_filter(_draw(reference, lowest, side, pixel_m), config.search_blur))
+    cells = int(np.ceil(reach_m / pixel_m))
+    span = np.arange(-cells, cells + 1)
+    inside = np.hypot(*np.meshgrid(span, span, indexing="ij")) <= cells + 0.5
+    peaks: list[tuple[float, se2.Array]] = []
+    for yaw in guess[2] + np.linspace(-count, count, 2 * count + 1) * step:
+        rotated = se2.transform(np.array([guess[0], guess[1], yaw]), query)
+        correlation = irfft2(spectrum * np.conj(rfft2(_draw(rotated, lowest, side, pixel_m))), s=(side, side))
+        local = np.where(inside, correlation[np.ix_(span, span)], -np.inf)
+        tops = np.argwhere((maximum_filter(local, size=_NEIGHBOURS) == local) & inside)
+        for i, k in tops[np.argsort(-local[tops[:, 0], tops[:, 1]], kind="stable")][: config.search_peaks]:
+            at = guess[:2] + np.array([span[i], span[k]]) * pixel_m
+            peaks.append((float(local[i, k]), np.array([at[0], at[1], yaw])))
+    peaks.sort(key=lambda peak: -peak[0])
+    return _choose_different([pose for _, pose in peaks], 2.0 * config.search_same_m, config.search_peaks)
+
+
+def _choose_different(poses: list[se2.Array], least_m: float, most: int) -> list[se2.Array]:
+    """Returns the first poses (3,), at most so many, that lie farther than a distance [m] from those before them."""
+    chosen: list[se2.Array] = []
+    for pose in poses:
+        if all(np.hypot(*(pose - other)[:2]) > least_m for other in chosen):
+            chosen.append(pose)
+        if len(chosen) == most:
+            break
+    return chosen
+
+
+def _draw(points: NDArray[np.float64], lowest: NDArray[np.float64], side: int, pixel_m: float) -> NDArray[np.float64]:
+    """Draws points as a square image; a pixel counts once however many points it holds."""
+    cells = np.floor((points - lowest) / pixel_m).astype(np.int64)
+    cells = cells[((cells >= 0) & (cells < side)).all(axis=1)]
+    image = np.zeros((side, side))
+    image[cells[:, 0], cells[:, 1]] = 1.0
+    return image

@@ -1,0 +1,57 @@
+"""How sure the state of a matched scan is: as a measurement, and as what the next prediction starts from."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mqslam.psi.covariance import estimate_covariance
+from mqslam.psi.estimator import Evaluation
+from mqslam.psi.gaussians import fuse, invert_information
+from mqslam.psi.place import PointSet
+from mqslam.psi.tracking.local_map import LocalMap
+from mqslam.psi.tracking.setup import Setup
+from mqslam.psi.tracking.state import ALPHA, AX, SIZE, TOLERANCES, VY, Belief, State
+
+
+def measure_covariance(
+    evaluation: Evaluation, placed: PointSet, predicted: Belief, into: LocalMap, setup: Setup, *, smoothed: bool
+) -> NDArray[np.float64]:
+    """Returns the covariance (8, 8) of a match by psi's curvature; what psi does not observe is as sure as the prediction.
+
+    Args:
+        evaluation: psi at the match.
+        placed: the scan's points there.
+        predicted: the prediction that the match began with.
+        into: the map.
+        setup: settings of the tracker and of the score.
+        smoothed: whether the prediction rests on a match, and so smooths this one.
+    """
+    settings, correlation = setup.settings, setup.estimator.correlation
+    known = np.zeros((SIZE, SIZE))  # a vehicle hardly slides: without this, vy would seem as free as vx
+    known[VY, VY] = correlation / settings.sigma_vy**2
+    known[AX, AX] = correlation / settings.sigma_ax**2
+    known[ALPHA, ALPHA] = correlation / settings.sigma_alpha**2
+    gain = settings.prediction_gain if smoothed else 1.0
+    thin = 1.0 + 1.0 / max(len(into), 1)  # the map's points err as the scan's do, and its keyframes average
+    measured = estimate_covariance(evaluation, placed.points, setup.estimator.cluster_m, known)
+    return fuse(gain * thin * measured, predicted.covariance, TOLERANCES)
+
+
+def update_belief(
+    vector: NDArray[np.float64], evaluation: Evaluation, prior_information: NDArray[np.float64], setup: Setup
+) -> Belief:
+    """Returns what is known of a state after a match, as the next prediction starts from it.
+
+    Args:
+        vector: (8,) the state at the match.
+        evaluation: psi there.
+        prior_information: (8, 8) of the prediction.
+        setup: settings of the score.
+    """
+    config = setup.estimator
+    information = (evaluation.curvature + config.stabiliser * evaluation.information) / config.correlation
+    units = TOLERANCES[:, None] * TOLERANCES[None, :]
+    values, vectors = np.linalg.eigh(information * units)
+    safe = (vectors * np.maximum(values, 0.0)) @ vectors.T / units
+    return Belief(State(vector), invert_information(safe + prior_information, TOLERANCES))

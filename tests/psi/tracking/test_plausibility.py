@@ -1,0 +1,49 @@
+"""Which scans can be matched, and which matches can be believed, as the settings say."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from mqslam.config import TrackerConfig
+from mqslam.core.scans import Returns, Scan
+from mqslam.psi.estimator import Evaluation
+from mqslam.psi.minimiser import Minimum
+from mqslam.psi.tracking.plausibility import is_usable, measure_overlap, overlaps
+
+SETTINGS = TrackerConfig()
+
+
+def scan(count: int, sector: float) -> Scan:
+    times = np.linspace(0.0, 0.2, count)
+    azimuths = np.linspace(3.0, 3.0 + sector, count)  # across the seam at pi
+    return Scan(0.0, 0.25, Returns(np.full(count, 20.0), azimuths, times, np.full(count, 90.0)))
+
+
+def minimum(matched: int, count: int) -> Minimum:
+    mask = np.arange(count) < matched
+    nothing = np.zeros((8, 8))
+    return Minimum(np.zeros(8), Evaluation(np.zeros(count), mask, np.zeros((count, 8)), nothing, nothing), converged=True)
+
+
+@pytest.mark.parametrize(("count", "sector", "usable"), [(39, 3.0, False), (40, 3.0, True), (40, 0.19, False)])
+def test_a_scan_is_usable_with_enough_returns_in_more_than_one_direction(count: int, sector: float, usable: bool) -> None:
+    assert is_usable(scan(count, sector), SETTINGS) is usable
+
+
+def test_the_settings_say_how_many_returns_are_enough() -> None:
+    assert is_usable(scan(20, 3.0), TrackerConfig(fewest_returns=20))
+    assert is_usable(scan(40, 0.19), TrackerConfig(least_sector=0.1))
+
+
+@pytest.mark.parametrize(
+    ("matched", "count", "expected"), [(15, 40, False), (16, 40, True), (16, 200, False), (0, 0, False)]
+)
+def test_a_match_needs_enough_returns_on_the_map_and_a_share_of_them(matched: int, count: int, expected: bool) -> None:
+    assert overlaps(minimum(matched, count), SETTINGS) is expected
+    assert measure_overlap(minimum(matched, count)) == pytest.approx(matched / max(count, 1))
+
+
+def test_a_track_is_given_up_after_no_fewer_scans_than_begin_a_new_one() -> None:
+    with pytest.raises(ValueError, match="patience"):
+        TrackerConfig(patience=2)
