@@ -14,8 +14,8 @@ from mqslam.errors import tolerate
 from mqslam.formats.tum import read_tum
 from mqslam.report.content import Frame, Part, Row, Section, Table, Thumbnail, Tile
 from mqslam.report.figures.canvas import BLUE, INK, encode_png, find_common_view, make_square
+from mqslam.report.formatting import format_matched, format_value
 from mqslam.report.page import collect, version_in, write_page
-from mqslam.report.wording import format_matched, format_value
 
 _HEAD: Final = (
     "run",

@@ -26,8 +26,8 @@ from mqslam.report.content import (
 from mqslam.report.explorers.compare_explorer import explore_comparison
 from mqslam.report.explorers.scene_data import Scene, make_scene
 from mqslam.report.figures.compare_figures import draw_inflation, draw_overlay, draw_place, draw_revisits
+from mqslam.report.formatting import ABSENT, format_length
 from mqslam.report.page import collect, name_values, section_of, version_in, write_page
-from mqslam.report.wording import ABSENT, format_length
 
 
 @dataclass(frozen=True, slots=True)

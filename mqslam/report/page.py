@@ -17,7 +17,7 @@ from mqslam.audit.verdict import VerdictStatus
 from mqslam.errors import tolerate
 from mqslam.execution.files import write_text
 from mqslam.report.content import Content, Frame, Part, Values, Verdict
-from mqslam.report.wording import ABSENT, format_value
+from mqslam.report.formatting import ABSENT, format_value
 
 _PACKAGES: Final = ("numpy", "scipy", "numba", "gtsam", "open3d", "kiss-icp", "matplotlib")
 _UNITS: Final = {"m": " m", "s": " s", "mb": " MB", "percent": " %"}

@@ -22,9 +22,9 @@ from mqslam.report.explorers.run_explorer import explore_run
 from mqslam.report.explorers.scene_data import Scene, make_scene
 from mqslam.report.figures import run_figures
 from mqslam.report.figures.canvas import OUTERMOST
+from mqslam.report.formatting import ABSENT, NOT_JUDGED, format_change, format_matched, format_share, format_value
 from mqslam.report.page import collect, section_of, verdict_in, version_in, write_page
 from mqslam.report.run_report import Report, report_run
-from mqslam.report.wording import ABSENT, NOT_JUDGED, format_change, format_matched, format_share, format_value
 from mqslam.solution import Run
 
 _ELLIPSES: Final = 150  # poses whose covariance the page shows, so that a long path is not covered by them

@@ -9,7 +9,7 @@ from mqslam.audit.revisits import RevisitAudit
 from mqslam.audit.sweeps import Sweeps
 from mqslam.audit.windows import WindowAudit
 from mqslam.core import se2
-from mqslam.report.wording import describe_motion, format_length, format_three_digits
+from mqslam.report.formatting import describe_motion, format_length, format_three_digits
 
 WORST = 10  # places that a page shows
 _SPREAD_M = 50.0  # path between two places of one kind on a page, so that one bad stretch does not fill it

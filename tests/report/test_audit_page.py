@@ -30,8 +30,8 @@ from mqslam.report.audit_page import write_audit_report
 from mqslam.report.audit_report import AuditReport
 from mqslam.report.figures.audit_figures import draw_heat_map
 from mqslam.report.figures.crops import Crop, make_crops
+from mqslam.report.formatting import describe_motion
 from mqslam.report.spots import find_worst_spots
-from mqslam.report.wording import describe_motion
 
 
 def a_report() -> AuditReport:

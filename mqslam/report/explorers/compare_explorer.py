@@ -13,7 +13,7 @@ from mqslam.core.trajectory import Trajectory
 from mqslam.report.explorers.explorer import Explorer, Layer, Lines, Place, Points, View
 from mqslam.report.explorers.run_explorer import chart_inflation
 from mqslam.report.figures.compare_figures import TRUTH_COLOUR, find_common_frame, style_of
-from mqslam.report.wording import format_length
+from mqslam.report.formatting import format_length
 
 _HALF_SIDE_M = 30.0  # half the side of what is shown of a place
 

@@ -13,8 +13,8 @@ from mqslam.core.trajectory import Trajectory
 from mqslam.report.explorers.explorer import Chart, Curve, Explorer, Layer, Lines, Place, View, join_lines
 from mqslam.report.figures.audit_figures import EXPECTED
 from mqslam.report.figures.canvas import BLUE, GREEN, INK, ORANGE, RED
+from mqslam.report.formatting import describe_motion, format_length, format_three_digits
 from mqslam.report.run_report import Report
-from mqslam.report.wording import describe_motion, format_length, format_three_digits
 
 # the looks of the page; no result depends on them
 _HALF_SIDE_M = 30.0  # half the side of what is shown of a place

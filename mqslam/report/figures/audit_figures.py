@@ -30,7 +30,7 @@ from mqslam.report.figures.canvas import (
     put_legend_strip,
     use_plain_log,
 )
-from mqslam.report.wording import format_length
+from mqslam.report.formatting import format_length
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
