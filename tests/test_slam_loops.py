@@ -14,7 +14,7 @@ from mqslam.execution.checkpoint import FOLDER, Checkpoint
 from mqslam.execution.engine import LocalEngine
 from mqslam.execution.runner import Runner
 from mqslam.formats.g2o import format_g2o
-from mqslam.results.summary import summarise
+from mqslam.results.run_results import summarise
 from mqslam.simulator import SensorModel, SimulatedRecording, loop_drive, simulated_recording, street_scene
 from mqslam.slam import Slam
 from mqslam.solution import Run

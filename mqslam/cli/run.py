@@ -128,9 +128,9 @@ def open_watch(live: str | None, *, force: bool) -> Iterator[Watch | None]:
         raise ConfigError(f"--live {live}: give viewer, or a file that ends in .rrd")
     if live != _VIEWER and Path(live).exists() and not force:
         raise OutputError(f"{live}: exists already; choose another --live or give --force to replace it")
-    from mqslam.viewer.rerun_log import recorded, streamed
+    from mqslam.viewer.rerun_log import record, stream
 
-    with streamed() if live == _VIEWER else recorded(Path(live)) as log:
+    with stream() if live == _VIEWER else record(Path(live)) as log:
         yield log.watch
 
 

@@ -44,11 +44,11 @@ def view(
         show(scene, colour.value)
         return
     from mqslam.viewer.display import has_display
-    from mqslam.viewer.rerun_log import open_viewer, recorded
+    from mqslam.viewer.rerun_log import open_viewer, record
 
     path = out / "map.rrd"
-    with recorded(path) as log:
-        log.scene(scene, colour.value)
+    with record(path) as log:
+        log.add_scene(scene, colour.value)
     outcome = "written; there is no display here, so open it elsewhere with: rerun map.rrd"
     if has_display():
         open_viewer(path)

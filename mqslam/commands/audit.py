@@ -22,7 +22,8 @@ from mqslam.formats.trajectories import read_trajectory
 from mqslam.psi.doppler import choose_doppler_beta
 from mqslam.psi.place import beam_of
 from mqslam.report.audit_page import write_audit_pages
-from mqslam.results.audit_results import add_warnings, summarise, write_audit
+from mqslam.results.audit_results import summarise, write_audit
+from mqslam.results.summary_files import add_warnings
 
 CARRIED = ("recording", "odometry", "ground_truth")  # the names of trajectories that a recording may carry
 
@@ -93,7 +94,8 @@ def audit(  # noqa: PLR0913 - these are the options of an audit, each with its d
     summary = summarise(judged, sweeps, settings.audit, settings.verdict, dataset, name, notes)
     with write_folder_aside(out) as folder:
         write_audit(folder, settings, summary)
-        add_warnings(folder, summary, write_audit_pages(folder, data.resolve().name, judged, sweeps, settings, summary))
+        failures = write_audit_pages(folder, data.resolve().name, judged, sweeps, settings, summary)
+        add_warnings(folder / "audit.json", summary, failures)
     for warning in summary["warnings"][len(notes) :]:
         work.tell(warning)
     return JudgedResult(out, summary)

@@ -10,7 +10,8 @@ from mqslam.commands.result import Result
 from mqslam.commands.work import QUIET, Work
 from mqslam.errors import ClusterError
 from mqslam.report.batch_page import write_batch_pages
-from mqslam.results.batch_results import add_warnings, check_batch, summarise, write_batch
+from mqslam.results.batch_results import check_batch, summarise, write_batch
+from mqslam.results.summary_files import add_warnings
 
 
 def run_batch(plan: Path | str, out: Path | str, *, force: bool = False, work: Work = QUIET) -> Result:
@@ -42,5 +43,5 @@ def run_batch(plan: Path | str, out: Path | str, *, force: bool = False, work: W
         raise
     summary = summarise(orders, outcomes)
     write_batch(out, summary)
-    add_warnings(out, summary, write_batch_pages(out, plan.stem, summary, text))
+    add_warnings(out / "batch.json", summary, write_batch_pages(out, plan.stem, summary, text))
     return Result(out, summary)

@@ -9,9 +9,10 @@ from pathlib import Path
 from mqslam.commands.opening import choose_odometry, choose_settings, open_data
 from mqslam.commands.result import CompareResult
 from mqslam.commands.work import QUIET, Work
+from mqslam.compare.comparison import Comparison
 from mqslam.compare.judgement import JudgeSettings, compare_pairs, find_places, judge_rows, pick_stations, take_common_scans
 from mqslam.compare.rows import Row, make_given_row, run_front_ends
-from mqslam.config import Config, dump_yaml, set_doppler_beta
+from mqslam.config import Config, set_doppler_beta
 from mqslam.core import frontend as known_frontends
 from mqslam.core.frontend import Context
 from mqslam.core.trajectory import Trajectory
@@ -23,8 +24,10 @@ from mqslam.execution.runner import Runner
 from mqslam.formats.trajectories import read_trajectory
 from mqslam.psi.doppler import choose_doppler_beta
 from mqslam.psi.place import beam_of
-from mqslam.report.compare_page import CompareReport, write_compare_pages
-from mqslam.results.compare_results import add_warnings, summarise, table, write_compare
+from mqslam.report.compare_page import write_compare_pages
+from mqslam.report.compare_report import report_comparison
+from mqslam.results.compare_results import summarise, tabulate, write_compare
+from mqslam.results.summary_files import add_warnings
 
 FRONT_ENDS = ("psi", "kiss_icp", "open3d_icp", "odometry")
 _KISS = "kiss_icp"
@@ -113,41 +116,29 @@ def compare(  # noqa: PLR0913 - these are the options of a comparison, each with
         rows, judged = judge_rows(
             rows, common, recording.ground_truth, [*where, *along], judges, beam, work.engine, work.progress
         )
-        pairs = compare_pairs(ran)
         notes += [f"{row.name}: {warning}" for row in rows for warning in row.warnings]
         failures = [f"{row.name} could not run: {row.failure}" for row in rows if row.failure is not None]
-        summary = summarise(
-            recording,
-            beta,
-            settings.audit,
-            settings.verdict,
-            rows,
-            judged,
-            where,
-            pairs,
-            len(common),
-            [*failures, *notes],
-        )
-        report = CompareReport(
-            title=recording.path.resolve().name,
-            summary=summary,
-            rows=tuple(judged.values()),
-            failed=tuple(row for row in rows if row.failure is not None),
+        comparison = Comparison(
+            recording=recording,
+            settings=settings,
+            doppler_beta=beta,
+            rows=tuple(rows),
+            judged=judged,
+            compared=len(common),
             places=tuple(where),
             stations=tuple(along),
-            start_us=recording.start_us,
-            agreement=tuple(pairs),
-            ground_truth=recording.ground_truth,
-            table=tuple(tuple(line) for line in table(summary)),
-            warnings=tuple(summary["warnings"]),
-            settings_yaml=dump_yaml(settings),
+            agreement=tuple(compare_pairs(ran)),
+            warnings=(*failures, *notes),
         )
+        summary = summarise(comparison)
+        table = tabulate(summary)
+        report = report_comparison(comparison, summary, table)
         with write_folder_aside(out) as folder:
-            write_compare(folder, settings, summary, rows)
-            add_warnings(folder, summary, write_compare_pages(folder, report))
+            write_compare(folder, comparison, summary)
+            add_warnings(folder / "compare.json", summary, write_compare_pages(folder, report))
     for warning in summary["warnings"][len(failures) :]:
         work.tell(warning)
-    return CompareResult(out, summary, table(summary))
+    return CompareResult(out, summary, table)
 
 
 def _set_kiss_config(settings: Config, kiss_config: Path | None) -> Config:

@@ -19,8 +19,8 @@ from mqslam.execution.files import to_json_values
 from mqslam.execution.folders import check_free, write_folder_aside
 from mqslam.execution.runner import Runner
 from mqslam.report.run_page import write_run_pages
-from mqslam.results.run_results import add_warnings, write_run
-from mqslam.results.summary import run_warnings, summarise
+from mqslam.results.run_results import add_warnings, summarise, write_run
+from mqslam.results.run_verdict import list_warnings
 from mqslam.slam import Slam
 
 
@@ -143,7 +143,7 @@ def execute(job: Job, out: Path, work: Work, *, resume: bool, how: str = Remedy.
     with keep_checkpoint(out, job.key, resume=resume, how=how) as checkpoint:
         runner = Runner(work.engine, work.progress, checkpoint, work.watch)
         result = Slam(job.settings, job.frontend, runner, strict=job.strict).run(job.recording, job.odometry)
-        warnings = [*run_warnings(result, job.recording), *job.notes]
+        warnings = [*list_warnings(result, job.recording), *job.notes]
         summary: dict[str, Any] = to_json_values(
             {**summarise(result, job.recording), "warnings": warnings, "run_key": job.key}
         )

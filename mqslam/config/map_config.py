@@ -26,3 +26,6 @@ class MapConfig(BaseModel):
         description="Percentile of the numbers of returns per cell that stands for a well-seen cell of the nav2 map. A cell "
         "counts as occupied from the square root of that number on, so that the threshold follows the speed of the drive.",
     )
+    stop_s: float = expert(
+        10.0, gt=0.0, description="Shortest stop that a warning names [s]; shorter ones are usual in traffic."
+    )

@@ -1,19 +1,19 @@
-"""The reports of runs, audits and comparisons: one self-contained HTML page each."""
+"""The pages of runs, audits, comparisons and batches: one self-contained HTML file each."""
 
 from __future__ import annotations
 
-from mqslam.report.audit_page import AuditReport, heat_map, write_audit_report
-from mqslam.report.compare_page import CompareReport, overlay, write_compare_report
-from mqslam.report.content import Report, WindowScores
+from mqslam.report.audit_page import write_audit_report
+from mqslam.report.audit_report import AuditReport
+from mqslam.report.compare_page import write_compare_report
+from mqslam.report.compare_report import CompareReport
 from mqslam.report.run_page import write_report
+from mqslam.report.run_report import Report, WindowScores
 
 __all__ = [
     "AuditReport",
     "CompareReport",
     "Report",
     "WindowScores",
-    "heat_map",
-    "overlay",
     "write_audit_report",
     "write_compare_report",
     "write_report",

@@ -1,4 +1,4 @@
-"""The report of an audit."""
+"""The page of an audit."""
 
 from __future__ import annotations
 
@@ -13,32 +13,31 @@ from mqslam.audit.judge import Audit
 from mqslam.audit.measures import Measures
 from mqslam.audit.sweeps import Sweeps
 from mqslam.audit.verdict import Share
+from mqslam.audit.windows import torn_threshold
 from mqslam.config import Config, dump_yaml
 from mqslam.errors import tolerate
-from mqslam.execution.files import write_bytes, write_text
-from mqslam.report.audit_figures import EXPECTED, heat_map, inflation_figure, revisit_figure, threshold
-from mqslam.report.crops import Crop, crop_pictures, crops
-from mqslam.report.explorers.audit_explorer import audit_explorer
-from mqslam.report.explorers.explorer import explorer
-from mqslam.report.page import (
-    ABSENT,
-    captioned,
-    draw,
-    grid,
-    named_card,
-    note,
-    number,
-    page,
-    picture,
-    section,
-    tiles,
-    titled_card,
-    verdict_badge,
-    warning_box,
+from mqslam.execution.files import write_bytes
+from mqslam.report.audit_report import AuditReport
+from mqslam.report.content import (
+    Figure,
+    Frame,
+    Gallery,
+    Numbers,
+    Part,
+    Row,
+    Section,
+    Table,
+    Thumbnail,
+    ThumbnailCard,
+    Tile,
 )
-from mqslam.report.spots import direction, length, of_window, rank, three, worst_spots
-
-__all__ = ["AuditReport", "Crop", "crops", "heat_map", "write_audit_pages", "write_audit_report"]
+from mqslam.report.explorers.audit_explorer import explore_audit
+from mqslam.report.explorers.scene_data import Scene, make_scene
+from mqslam.report.figures.audit_figures import EXPECTED, draw_heat_map, draw_inflation, draw_revisits
+from mqslam.report.figures.crops import draw_crop, make_crops
+from mqslam.report.formatting import ABSENT, describe_motion, format_length, format_three_digits, format_value
+from mqslam.report.page import collect, name_values, section_of, verdict_in, version_in, write_page
+from mqslam.report.spots import find_worst_spots, rank_spot, spot_of_window
 
 _MEASURES: Final = {
     "map_entropy": ("mean map entropy", " nat"),
@@ -49,32 +48,29 @@ _MEASURES: Final = {
 
 
 @dataclass(frozen=True, slots=True)
-class AuditReport:
-    """An audit as its report shows it.
+class AuditParts:
+    """The parts of the page, as audit.html shows them."""
 
-    Args:
-        title: heading of the page.
-        summary: content of audit.json; a key that is absent or None is shown as not available.
-        sweeps: what was judged.
-        audit: what came of it.
-        config: all settings.
-        warnings: what the reader has to know before the numbers.
-        settings_yaml: every setting used, as in config.yaml.
-    """
-
-    title: str
-    summary: Mapping[str, Any]
-    sweeps: Sweeps
-    audit: Audit
-    config: Config
-    warnings: tuple[str, ...]
-    settings_yaml: str
+    tiles: Part[tuple[Tile, ...]]
+    map: Part[Section]
+    explorer: Part[Scene]
+    worst: Part[Section]
+    crops: Part[Gallery]
+    numbers: Part[Numbers]
 
 
 def write_audit_pages(
-    folder: Path, title: str, found: Audit, sweeps: Sweeps, config: Config, summary: Mapping[str, Any]
+    folder: Path, title: str, audit: Audit, sweeps: Sweeps, config: Config, summary: Mapping[str, Any]
 ) -> list[str]:
-    """Write an audit's heat map and its report into an existing folder.
+    """Writes an audit's heat map and its page into an existing folder.
+
+    Args:
+        folder: the folder.
+        title: heading of the page.
+        audit: the windows and revisits, judged.
+        sweeps: what was judged.
+        config: all settings.
+        summary: content of audit.json.
 
     Returns:
         what could not be made, and why.
@@ -84,173 +80,188 @@ def write_audit_pages(
     """
     failures: list[str] = []
     with tolerate("heatmap.png", failures):
-        write_bytes(folder / "heatmap.png", heat_map(sweeps, found, config.audit))
+        write_bytes(folder / "heatmap.png", draw_heat_map(sweeps, audit, config.audit))
     with tolerate("report.html", failures):
         warnings = (*summary["warnings"], *failures)
-        report = AuditReport(title, summary, sweeps, found, config, warnings, dump_yaml(config))
+        report = AuditReport(title, summary, sweeps, audit, config, warnings, dump_yaml(config))
         failures += write_audit_report(folder / "report.html", report)
     return failures
 
 
 def write_audit_report(path: Path, report: AuditReport) -> list[str]:
-    """Write an audit's report as one HTML file that opens without a network.
+    """Writes an audit's page as one HTML file that opens without a network.
+
+    Args:
+        path: the file.
+        report: the audit as the page shows it.
 
     Returns:
-        what of it could not be drawn, and why; the report says it too.
+        the parts that could not be drawn, and why; the page says it too.
 
     Raises:
         OutputError: the file cannot be written.
     """
     failures: list[str] = []
-    settings = report.config.audit
-    still = draw("the pictures of the map", lambda: _map(report), failures)
-    parts = (
-        draw("the first numbers", lambda: _tiles(report), failures),
-        draw(
-            "the map to move in",
-            lambda: explorer(audit_explorer(report.sweeps, report.audit, settings), still),
-            failures,
-            still,
-        ),
-        draw("the worst places", lambda: _worst(report), failures),
-        draw("the pictures of the worst places", lambda: _crops(crops(report.sweeps, report.audit, settings)), failures),
-        draw("the tables", lambda: _tables(report), failures),
+    sweeps, audit, settings = report.sweeps, report.audit, report.config.audit
+    parts = AuditParts(
+        map=collect("the pictures of the map", lambda: _show_map(report), failures),
+        tiles=collect("the first numbers", lambda: _make_tiles(report), failures),
+        explorer=collect("the map to move in", lambda: make_scene(explore_audit(sweeps, audit, settings)), failures),
+        worst=collect("the worst places", lambda: _list_worst(report), failures),
+        crops=collect("the pictures of the worst places", lambda: _show_crops(report), failures),
+        numbers=collect("the tables", lambda: _list_numbers(report), failures),
     )
-    head = (warning_box([*report.warnings, *failures]), verdict_badge(section(report.summary, "verdict")))
-    write_text(path, page(report.title, head, parts, report.settings_yaml, report.summary))
+    frame = Frame(
+        title=report.title,
+        settings_yaml=report.settings_yaml,
+        version=version_in(report.summary),
+        warnings=(*report.warnings, *failures),
+        verdict=verdict_in(report.summary),
+    )
+    write_page(path, "audit.html", frame, parts)
     return failures
 
 
-def _tiles(report: AuditReport) -> str:
-    audit, settings = report.audit, report.config.verdict
-    windows = audit.windows
-    sure = [r for r in audit.revisits if r.revisit.sure]
+def _make_tiles(report: AuditReport) -> tuple[Tile, ...]:
+    return (*_make_window_tiles(report), *_make_revisit_tiles(report))
+
+
+def _make_window_tiles(report: AuditReport) -> tuple[Tile, ...]:
+    windows = report.audit.windows
+    if not windows:
+        return ()
     torn = Share(sum(w.torn for w in windows), len(windows))
-    values = []
-    if windows:
-        middle = float(np.median([w.bend.inflation for w in windows]))
-        worst = max(map(of_window, windows), key=rank).off_m
-        values += [
-            (
-                f"{100.0 * torn.count / torn.total:.1f} %",
-                f"of windows torn: {torn.count:,} of {torn.total:,}, so that the true share may be "
-                f"{torn.range_text(settings)}",
-            ),
-            (three(middle), f"median inflation of a window, {EXPECTED:.2f} expected of a map that is right"),
-            (length(worst), "worst window: how far its correction moves its points (RMS)"),
-        ]
-    off = [r for r in sure if r.torn]
-    if not sure:
-        said = "it comes back to no place that would show its drift"
-        if audit.revisits:
-            said = f"of {len(audit.revisits):,} places passed twice none is sure enough to judge"
-        return tiles([*values, (ABSENT, f"revisits torn: {said}")])
-    values += [
-        (
-            f"{len(off):,} of {len(sure):,}",
-            "revisits torn, of those that are sure, so that the true share may be "
-            f"{Share(len(off), len(sure)).range_text(settings)}",
+    median = float(np.median([w.bend.inflation for w in windows]))
+    worst = max(map(spot_of_window, windows), key=rank_spot).off_m
+    return (
+        Tile(
+            f"{100.0 * torn.count / torn.total:.1f} %",
+            f"of windows torn: {torn.count:,} of {torn.total:,}, so that the true share may be "
+            f"{torn.range_text(report.config.verdict)}",
         ),
-        (length(float(np.median([r.revisit.distance_m for r in sure]))), "median offset of two passes"),
-    ]
-    return tiles(values)
+        Tile(
+            format_three_digits(median),
+            f"median inflation of a window, {EXPECTED:.2f} expected of a map that is right",
+        ),
+        Tile(format_length(worst), "worst window: how far its correction moves its points (RMS)"),
+    )
 
 
-def _map(report: AuditReport) -> str:
+def _make_revisit_tiles(report: AuditReport) -> tuple[Tile, ...]:
+    revisits = report.audit.revisits
+    sure = [r for r in revisits if r.revisit.sure]
+    if not sure:
+        reason = "it comes back to no place that would show its drift"
+        if revisits:
+            reason = f"of {len(revisits):,} places passed twice none is sure enough to judge"
+        return (Tile(ABSENT, f"revisits torn: {reason}"),)
+    torn = Share(sum(r.torn for r in sure), len(sure))
+    return (
+        Tile(
+            f"{torn.count:,} of {torn.total:,}",
+            f"revisits torn, of those that are sure, so that the true share may be {torn.range_text(report.config.verdict)}",
+        ),
+        Tile(format_length(float(np.median([r.revisit.distance_m for r in sure]))), "median offset of two passes"),
+    )
+
+
+def _show_map(report: AuditReport) -> Section:
     settings, audit = report.config.audit, report.audit
     caption = (
         "the map in grey, the path in the colour of its windows' inflation: blue up to the threshold "
-        f"{threshold(settings):.1f}, orange beyond it; red where two passes of a place are off each other"
+        f"{torn_threshold(settings):.1f}, orange beyond it; red where two passes of a place are off each other"
     )
-    pictures = picture(heat_map(report.sweeps, audit, settings, opaque=False), "Heat map", caption)
-    charts = ""
+    heat_map = Figure(draw_heat_map(report.sweeps, audit, settings, opaque=False), "Heat map", caption)
+    charts = []
     if audit.windows:
-        said = f"torn are windows beyond the threshold that a correction moves by more than {length(settings.bend_m)}"
-        charts += picture(inflation_figure(audit, settings), "Inflation of the windows", said)
+        bend = format_length(settings.bend_m)
+        caption = f"torn are windows beyond the threshold that a correction moves by more than {bend}"
+        charts.append(Figure(draw_inflation(audit, settings), "Inflation of the windows", caption))
     if audit.revisits:
-        said = f"torn beyond the tolerance, or turned by more than {np.rad2deg(settings.torn_rad):.2g}°, where sure"
-        charts += picture(revisit_figure(report.sweeps, audit, settings), "Offset of the revisits", said)
-    stacked = f'<div class="stack">{charts}</div>' if charts else ""
-    explained = note(
-        f"Every {settings.window} sweeps are held against the best map that the same returns can make: inflation is the "
-        "correction that takes, squared, in units of its own covariance. No ground truth takes part."
+        caption = f"torn beyond the tolerance, or turned by more than {np.rad2deg(settings.torn_rad):.2g}°, where sure"
+        charts.append(Figure(draw_revisits(report.sweeps, audit, settings), "Offset of the revisits", caption))
+    note = (
+        f"Every {settings.window} sweeps are compared with the best map that the same returns can make. Inflation is the "
+        "correction that leads there, squared, in units of its own covariance. No ground truth takes part."
     )
-    return f'<h2>Map</h2>{explained}<div class="pair">{pictures}{stacked}</div>'
+    return Section("Map", (note,), (heat_map,), tuple(charts))
 
 
-def _worst(report: AuditReport) -> str:
-    rows = [
-        (
+def _list_worst(report: AuditReport) -> Section | None:
+    spots = find_worst_spots(report.sweeps, report.audit)
+    if not spots:
+        return None
+    rows = tuple(
+        Row(
             f"{k}",
-            spot.kind,
-            spot.time,
-            spot.place,
-            length(spot.off_m),
-            direction(spot.correction),
-            three(spot.inflation),
-            "yes" if spot.torn else "no",
+            (
+                spot.kind,
+                spot.time,
+                spot.place,
+                format_length(spot.off_m),
+                describe_motion(spot.correction),
+                format_three_digits(spot.inflation),
+                "yes" if spot.torn else "no",
+            ),
         )
-        for k, spot in enumerate(worst_spots(report.sweeps, report.audit), 1)
-    ]
-    if not rows:
-        return ""
+        for k, spot in enumerate(spots, 1)
+    )
+    note = (
+        "Torn places come first, by how far they are off, then the windows of the largest inflation; all are well apart. "
+        "A correction, as seen from the sensor, moves a window's end against its begin, or the later pass of a revisit."
+    )
     head = ("", "what", "time", "place", "off by", "correction", "inflation", "torn")
-    explained = note(
-        "Torn places by how far they are off, then the windows of the largest inflation; well apart from each other. "
-        "Corrections are given as the sensor would say them: of a window's end against its begin, of a revisit's later pass."
-    )
-    return f'<h2>Worst places</h2>{explained}<section class="card">{grid(head, rows)}</section>'
+    return Section("Worst places", (note,), table=Table(head, rows))
 
 
-def _crops(shown: tuple[Crop, ...]) -> str:
-    if not shown:
-        return ""
+def _show_crops(report: AuditReport) -> Gallery | None:
     cards = []
-    for k, crop in enumerate(shown, 1):
-        before, after = crop_pictures(crop)
+    for k, crop in enumerate(make_crops(report.sweeps, report.audit, report.config.audit), 1):
+        before, after = draw_crop(crop)
         title = f"{k}. {crop.title}"
-        pictures = captioned(before, "as it is", f"{title}, before") + captioned(after, "corrected", f"{title}, after")
-        cards.append(titled_card(title, note(crop.text) + f'<div class="beside">{pictures}</div>'))
-    explained = note(
+        thumbnails = (
+            Thumbnail(before, "as it is", f"{title}, before"),
+            Thumbnail(after, "corrected", f"{title}, after"),
+        )
+        cards.append(ThumbnailCard(title, thumbnails, crop.text))
+    note = (
         "The points where the correction shows the most, seen from the sensor, ahead to the right. Blue is the earlier "
-        "pass or the window's first sweep, orange the later pass or its last sweep: a wall of two colours is doubled."
+        "pass or the window's first sweep, orange the later pass or its last sweep: a wall in two colours is doubled."
     )
-    return f'<h2>Before and after</h2>{explained}<div class="halves">{"".join(cards)}</div>'
+    return Gallery("Before and after", note, tuple(cards)) if cards else None
 
 
-def _tables(report: AuditReport) -> str:
+def _list_numbers(report: AuditReport) -> Numbers:
     summary = report.summary
-    dataset = dict(section(summary, "dataset"))
+    dataset = dict(section_of(summary, "dataset"))
     if isinstance(summary.get("trajectory"), str):
         dataset["trajectory"] = summary["trajectory"]
-    cards = [
-        _measures(report.audit),
-        named_card("Recording", dataset),
-        named_card("Windows", section(summary, "windows")),
-        named_card("Revisits", section(summary, "revisits")),
-    ]
-    return f'<h2>Numbers</h2><div class="tables">{"".join(cards)}</div>'
+    cards = (
+        name_values("Recording", dataset),
+        name_values("Windows", section_of(summary, "windows")),
+        name_values("Revisits", section_of(summary, "revisits")),
+    )
+    note = "The usual measures of a map depend on the place as much as on the trajectory: none judges a map by itself."
+    return Numbers("Measures", _tabulate_measures(report.audit), note, cards)
 
 
-def _measures(audit: Audit) -> str:
+def _tabulate_measures(audit: Audit) -> Table | None:
     windows = audit.windows
     if not windows:
-        return ""
+        return None
     rows = [
-        ("ψ per point", *_quantiles([w.bend.psi for w in windows], "")),
-        ("ψ per point at its best", *_quantiles([w.bend.psi_best for w in windows], "")),
-        ("points matched", *_quantiles([100.0 * w.bend.matched for w in windows], " %")),
+        Row("ψ per point", _list_quantiles([w.bend.psi for w in windows], "")),
+        Row("ψ per point at its best", _list_quantiles([w.bend.psi_best for w in windows], "")),
+        Row("points matched", _list_quantiles([100.0 * w.bend.matched for w in windows], " %")),
     ]
     for field in fields(Measures):
         label, unit = _MEASURES[field.name]
-        rows.append((label, *_quantiles([getattr(w.measures, field.name) for w in windows], unit)))
-    table = grid(("of the windows", "5 %", "median", "95 %"), rows)
-    said = "The field's measures depend on the place as much as on the trajectory: none of them judges a map by itself."
-    return titled_card("Measures", table + note(said), wide=True)
+        rows.append(Row(label, _list_quantiles([getattr(w.measures, field.name) for w in windows], unit)))
+    return Table(("of the windows", "5 %", "median", "95 %"), tuple(rows))
 
 
-def _quantiles(values: list[float], unit: str) -> tuple[str, str, str]:
-    """The 5 % quantile, median and 95 % quantile as text."""
+def _list_quantiles(values: list[float], unit: str) -> tuple[str, ...]:
+    """Returns the 5 % quantile, median and 95 % quantile of the values that are known, as text."""
     known = [v for v in values if np.isfinite(v)]
-    low, middle, high = np.quantile(known, [0.05, 0.5, 0.95]).tolist() if known else (None, None, None)
-    return number(low, unit), number(middle, unit), number(high, unit)
+    quantiles = np.quantile(known, [0.05, 0.5, 0.95]).tolist() if known else [None] * 3
+    return tuple(format_value(quantile, unit) for quantile in quantiles)

@@ -1,25 +1,26 @@
-"""The report over all runs of a batch."""
+"""The page over all runs of a batch."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from html import escape
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 from urllib.parse import quote
 
 from mqslam.audit.verdict import VerdictStatus
 from mqslam.core.trajectory import Trajectory
 from mqslam.errors import tolerate
-from mqslam.execution.files import write_text
 from mqslam.formats.tum import read_tum
-from mqslam.report.canvas import BLUE, INK, common_view, png, square
-from mqslam.report.page import badge, captioned, draw, note, number, page, share, tiles, warning_box
+from mqslam.report.content import Frame, Part, Row, Section, Table, Thumbnail, Tile
+from mqslam.report.figures.canvas import BLUE, INK, encode_png, find_common_view, make_square
+from mqslam.report.formatting import format_matched, format_value
+from mqslam.report.page import collect, version_in, write_page
 
-_HEAD = (
+_HEAD: Final = (
     "run",
     "verdict",
-    "revolutions",
+    "scans",
     "duration",
     "path",
     "ψ per point, odometry",
@@ -31,12 +32,21 @@ _HEAD = (
 )
 
 
+@dataclass(frozen=True, slots=True)
+class BatchParts:
+    """The parts of the page, as batch.html shows them."""
+
+    tiles: Part[tuple[Tile, ...]]
+    runs: Part[Section]
+    trajectories: Part[tuple[Thumbnail, ...]]
+
+
 def write_batch_pages(out: Path, title: str, summary: Mapping[str, Any], plan: str) -> list[str]:
-    """Write a batch's report into its folder, where the runs' own folders are.
+    """Writes a batch's page into its folder, where the runs' own folders are.
 
     Args:
         out: the folder.
-        title: heading of the report.
+        title: heading of the page.
         summary: content of batch.json.
         plan: text of RUNS.yaml.
 
@@ -65,7 +75,7 @@ def write_batch_report(
     warnings: Sequence[str],
     plan: str,
 ) -> list[str]:
-    """Write a batch's report as one HTML file that opens without a network; it links to the reports of its runs.
+    """Writes a batch's page as one HTML file that opens without a network; it links to the pages of its runs.
 
     Args:
         path: the file, beside the runs' folders.
@@ -76,83 +86,77 @@ def write_batch_report(
         plan: text of RUNS.yaml.
 
     Returns:
-        what of it could not be drawn, and why; the report says it too.
+        the parts that could not be drawn, and why; the page says it too.
 
     Raises:
         OutputError: the file cannot be written.
     """
     failures: list[str] = []
     failed = [f"{run['name']} failed: {run['failure']}" for run in summary["runs"] if run["failure"]]
-    parts = (
-        draw("the first numbers", lambda: _tiles(summary), failures),
-        draw("the table of the runs", lambda: _table(summary), failures),
-        draw("the pictures of the trajectories", lambda: _trajectories(summary, tracks), failures),
+    parts = BatchParts(
+        tiles=collect("the first numbers", lambda: _make_tiles(summary), failures),
+        runs=collect("the table of the runs", lambda: _tabulate_runs(summary), failures),
+        trajectories=collect("the pictures of the trajectories", lambda: _show_trajectories(summary, tracks), failures),
     )
-    write_text(path, page(title, (warning_box([*failed, *warnings, *failures]),), parts, plan, summary))
+    frame = Frame(title, plan, version_in(summary), (*failed, *warnings, *failures))
+    write_page(path, "batch.html", frame, parts)
     return failures
 
 
-def _tiles(summary: Mapping[str, Any]) -> str:
+def _make_tiles(summary: Mapping[str, Any]) -> tuple[Tile, ...]:
     counts = summary["counts"]
-    return tiles(
-        [
-            (" · ".join(str(counts[status]) for status in VerdictStatus), f"runs with verdict {' · '.join(VerdictStatus)}"),
-            (number(counts["failed"]), "runs that failed"),
-            (_duration(summary["duration_s"]), "of radar"),
-            (f"{summary['length_m'] / 1000.0:.2f} km", "driven"),
-        ]
+    return (
+        Tile(" · ".join(str(counts[status]) for status in VerdictStatus), f"runs with verdict {' · '.join(VerdictStatus)}"),
+        Tile(format_value(counts["failed"]), "runs that failed"),
+        Tile(_format_duration(summary["duration_s"]), "of radar"),
+        Tile(f"{summary['length_m'] / 1000.0:.2f} km", "driven"),
     )
 
 
-def _duration(seconds: float) -> str:
+def _format_duration(seconds: float) -> str:
     hours, minutes = int(seconds // 3600), int(seconds // 60 % 60)
     return f"{hours} h {minutes:02} min" if hours else f"{minutes} min {seconds % 60:.0f} s"
 
 
-def _table(summary: Mapping[str, Any]) -> str:
-    head = "".join(f"<th>{escape(name)}</th>" for name in _HEAD)
-    rows = "".join(f"<tr>{_row(run)}</tr>" for run in summary["runs"])
-    table = f'<table class="numbers"><thead><tr>{head}</tr></thead><tbody>{rows}</tbody></table>'
-    explained = note("ψ per point compares two maps of one run, never two runs. A name leads to the report of its run.")
-    return f'<h2>Runs</h2>{explained}<section class="card">{table}</section>'
+def _tabulate_runs(summary: Mapping[str, Any]) -> Section:
+    note = "ψ per point compares two maps of one run, never two runs. A name leads to the report of its run."
+    return Section("Runs", (note,), table=Table(_HEAD, tuple(_make_row(run) for run in summary["runs"])))
 
 
-def _row(run: Mapping[str, Any]) -> str:
-    name = f"<th>{_linked(run, escape(run['name']))}</th>"
+def _make_row(run: Mapping[str, Any]) -> Row:
     if run["failure"]:
-        return f'{name}<td class="across" colspan="{len(_HEAD) - 1}">failed: {escape(run["failure"])}</td>'
-    verdict = f"<td>{badge(run['verdict'])}</td>"
+        return Row(run["name"], (f"failed: {run['failure']}", *[""] * (len(_HEAD) - 2)), _link_to(run))
     values = (
-        number(run["revolutions"]),
-        number(run["duration_s"], " s"),
-        number(run["length_m"], " m"),
-        number(run["psi_per_point_odometry"]),
-        number(run["psi_per_point"]),
-        share(run["matched"]),
-        number(run["loops"]),
-        number(run["ate_rmse_m"], " m"),
-        number(run["drift_percent"], " %"),
+        VerdictStatus(run["verdict"]),
+        format_value(run["revolutions"]),
+        format_value(run["duration_s"], " s"),
+        format_value(run["length_m"], " m"),
+        format_value(run["psi_per_point_odometry"]),
+        format_value(run["psi_per_point"]),
+        format_matched(run["matched"]),
+        format_value(run["loops"]),
+        format_value(run["ate_rmse_m"], " m"),
+        format_value(run["drift_percent"], " %"),
     )
-    return name + verdict + "".join(f"<td>{escape(value)}</td>" for value in values)
+    return Row(run["name"], values, _link_to(run))
 
 
-def _trajectories(summary: Mapping[str, Any], tracks: Mapping[str, Trajectory]) -> str:
-    """A small picture per run that is finished, each on its own scale."""
-    drawn = [run for run in summary["runs"] if run["name"] in tracks]
-    if not drawn:
-        return ""
-    pictures = "".join(
-        _linked(run, captioned(_picture(tracks[run["name"]]), run["name"], f"trajectory of {run['name']}")) for run in drawn
+def _show_trajectories(summary: Mapping[str, Any], tracks: Mapping[str, Trajectory]) -> tuple[Thumbnail, ...]:
+    """Returns a small picture per run that is finished, each on its own scale."""
+    return tuple(
+        Thumbnail(_draw_track(tracks[run["name"]]), run["name"], f"trajectory of {run['name']}", _link_to(run))
+        for run in summary["runs"]
+        if run["name"] in tracks
     )
-    return f'<h2>Trajectories</h2><section class="card"><div class="row">{pictures}</div></section>'
 
 
-def _picture(track: Trajectory) -> bytes:
-    figure, axes = square(common_view([track.poses[:, :2]], (1.0, 1.0)))
+def _draw_track(track: Trajectory) -> bytes:
+    figure, axes = make_square(find_common_view([track.poses[:, :2]], (1.0, 1.0)))
     axes.plot(track.poses[:, 0], track.poses[:, 1], color=BLUE, linewidth=1.4)
     axes.plot(track.poses[0, 0], track.poses[0, 1], "o", color=INK, markersize=5)
-    return png(figure)
+    return encode_png(figure)
 
 
-def _linked(run: Mapping[str, Any], content: str) -> str:
-    return content if run["report"] is None else f'<a href="{quote(run["report"])}">{content}</a>'
+def _link_to(run: Mapping[str, Any]) -> str | None:
+    """Returns the address of a run's page, beside that of the batch; None where the run has none."""
+    return None if run["report"] is None else quote(run["report"])

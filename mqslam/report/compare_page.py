@@ -1,76 +1,52 @@
-"""The report of a comparison."""
+"""The page of a comparison."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
-from mqslam.compare.judgement import Judged, Place
-from mqslam.compare.rows import Row
-from mqslam.core.trajectory import Trajectory
+from mqslam.audit.windows import torn_threshold
+from mqslam.config import AuditConfig
 from mqslam.errors import tolerate
-from mqslam.evaluation import Evaluation
-from mqslam.execution.files import write_bytes, write_text
-from mqslam.report.audit_figures import threshold
-from mqslam.report.compare_figures import inflation_chart, overlay, place_pictures, revisit_chart
-from mqslam.report.explorers.compare_explorer import compare_explorer
-from mqslam.report.explorers.explorer import Explorer, explorer
-from mqslam.report.page import (
-    ABSENT,
-    captioned,
-    draw,
-    grid,
-    named_card,
-    note,
-    page,
-    pairs_card,
-    picture,
-    section,
-    titled_card,
-    warning_box,
+from mqslam.execution.files import write_bytes
+from mqslam.report.compare_report import CompareReport
+from mqslam.report.content import (
+    Figure,
+    Frame,
+    Gallery,
+    Numbers,
+    Part,
+    Row,
+    Section,
+    Table,
+    Thumbnail,
+    ThumbnailCard,
+    Values,
 )
-from mqslam.report.spots import length
-
-__all__ = ["CompareReport", "overlay", "write_compare_pages", "write_compare_report"]
+from mqslam.report.explorers.compare_explorer import explore_comparison
+from mqslam.report.explorers.scene_data import Scene, make_scene
+from mqslam.report.figures.compare_figures import draw_inflation, draw_overlay, draw_place, draw_revisits
+from mqslam.report.formatting import ABSENT, format_length
+from mqslam.report.page import collect, name_values, section_of, version_in, write_page
 
 
 @dataclass(frozen=True, slots=True)
-class CompareReport:
-    """A comparison as its report shows it.
+class CompareParts:
+    """The parts of the page, as compare.html shows them."""
 
-    Args:
-        title: heading of the page.
-        summary: content of compare.json.
-        rows: those that ran.
-        failed: those that did not.
-        places: where the rows differ most; the rows' crops begin with these.
-        stations: places all along the way, whose crops follow.
-        start_us: stamp of the recording's start, from which places count their time [us].
-        agreement: how far every two rows are apart.
-        ground_truth: for comparison only, in any fixed frame, or None.
-        table: head and rows as the terminal shows them.
-        warnings: what the reader has to know before the numbers.
-        settings_yaml: every setting used, as in config.yaml.
-    """
-
-    title: str
-    summary: Mapping[str, Any]
-    rows: tuple[Judged, ...]
-    failed: tuple[Row, ...]
-    places: tuple[Place, ...]
-    stations: tuple[Place, ...]
-    start_us: int
-    agreement: tuple[tuple[str, str, Evaluation], ...]
-    ground_truth: Trajectory | None
-    table: tuple[tuple[str, ...], ...]
-    warnings: tuple[str, ...]
-    settings_yaml: str
+    rows: Part[Section]
+    trajectories: Part[Section]
+    explorer: Part[Scene]
+    places: Part[Gallery]
+    numbers: Part[Numbers]
 
 
 def write_compare_pages(folder: Path, report: CompareReport) -> list[str]:
-    """Write a comparison's picture of all trajectories and its report into an existing folder.
+    """Writes a comparison's picture of all trajectories and its page into an existing folder.
+
+    Args:
+        folder: the folder.
+        report: the comparison as the page shows it.
 
     Returns:
         what could not be made, and why.
@@ -80,7 +56,7 @@ def write_compare_pages(folder: Path, report: CompareReport) -> list[str]:
     """
     failures: list[str] = []
     with tolerate("overlay.png", failures):
-        write_bytes(folder / "overlay.png", overlay(report.rows, report.ground_truth))
+        write_bytes(folder / "overlay.png", draw_overlay(report.rows, report.ground_truth))
     with tolerate("report.html", failures):
         shown = replace(report, warnings=(*report.warnings, *failures))
         failures += write_compare_report(folder / "report.html", shown)
@@ -88,101 +64,108 @@ def write_compare_pages(folder: Path, report: CompareReport) -> list[str]:
 
 
 def write_compare_report(path: Path, report: CompareReport) -> list[str]:
-    """Write a comparison's report as one HTML file that opens without a network.
+    """Writes a comparison's page as one HTML file that opens without a network.
+
+    Args:
+        path: the file.
+        report: the comparison as the page shows it.
 
     Returns:
-        what of it could not be drawn, and why; the report says it too.
+        the parts that could not be drawn, and why; the page says it too.
 
     Raises:
         OutputError: the file cannot be written.
     """
     failures: list[str] = []
-    limit = report.summary.get("threshold") or threshold(None)
-    still = draw("the pictures of the trajectories", lambda: _trajectories(report, limit), failures)
-    parts = (
-        draw("the table", lambda: _table(report), failures),
-        draw("the map to move in", lambda: explorer(_explored(report, limit), still), failures, still),
-        draw("where the rows differ", lambda: _places(report), failures),
-        draw("the numbers", lambda: _numbers(report), failures),
+    threshold = report.summary.get("threshold") or torn_threshold(AuditConfig())
+    parts = CompareParts(
+        trajectories=collect("the pictures of the trajectories", lambda: _show_trajectories(report, threshold), failures),
+        rows=collect("the table", lambda: _tabulate_rows(report), failures),
+        explorer=collect("the map to move in", lambda: _make_scene(report, threshold), failures),
+        places=collect("where the rows differ", lambda: _show_places(report), failures),
+        numbers=collect("the numbers", lambda: _list_numbers(report), failures),
     )
-    head = (warning_box([*report.warnings, *failures]),)
-    write_text(path, page(report.title, head, parts, report.settings_yaml, report.summary))
+    frame = Frame(
+        title=report.title,
+        settings_yaml=report.settings_yaml,
+        version=version_in(report.summary),
+        warnings=(*report.warnings, *failures),
+        notes=report.notes,
+    )
+    write_page(path, "compare.html", frame, parts)
     return failures
 
 
-def _explored(report: CompareReport, limit: float) -> Explorer:
-    """The interactive part."""
-    spots = (*report.places, *report.stations)
-    return compare_explorer(report.rows, spots, report.ground_truth, report.start_us, limit)
+def _make_scene(report: CompareReport, threshold: float) -> Scene | None:
+    places = (*report.places, *report.stations)
+    return make_scene(explore_comparison(report.rows, places, report.ground_truth, report.start_us, threshold))
 
 
-def _table(report: CompareReport) -> str:
+def _tabulate_rows(report: CompareReport) -> Section | None:
     if not report.table:
-        return ""
+        return None
     head, *rows = report.table
-    judged = "against ground truth and without it" if report.ground_truth is not None else "without ground truth"
-    explained = note(f"The same returns and the same judges for every row, {judged}.")
-    return f'<h2>Rows</h2>{explained}<section class="card">{grid(head, rows)}</section>'
+    judges = "against ground truth and without it" if report.ground_truth is not None else "without ground truth"
+    note = f"The same returns and the same judges for every row, {judges}."
+    return Section("Rows", (note,), table=Table(head, tuple(Row(name, tuple(values)) for name, *values in rows)))
 
 
-def _trajectories(report: CompareReport, limit: float) -> str:
+def _show_trajectories(report: CompareReport, threshold: float) -> Section | None:
     if not report.rows:
-        return ""
+        return None
+    caption = "all starting from one pose, as far as they have one start in common"
     if report.ground_truth is not None:
         caption = "each laid on the ground truth by the best rigid motion"
-    else:
-        caption = "all starting from one pose, as far as they have one start in common"
-    pictures = picture(overlay(report.rows, report.ground_truth, opaque=False), "Trajectories", caption)
-    said = "a dot a window, the line their running median; how far a window's map is from its own best"
-    charts = picture(inflation_chart(report.rows, limit), "Inflation of the windows", said)
+    trajectories = Figure(draw_overlay(report.rows, report.ground_truth, opaque=False), "Trajectories", caption)
+    caption = "a dot per window and their running median: how far a window's map is from its own best"
+    charts = [Figure(draw_inflation(report.rows, threshold), "Inflation of the windows", caption)]
     if any(r.revisit.sure for row in report.rows for r in row.audit.revisits):
-        said = "share of the revisits whose two passes are off each other by less, how many there are in brackets"
-        charts += picture(revisit_chart(report.rows), "Offset of the revisits", said)
-    return f'<h2>Trajectories</h2><div class="pair">{pictures}<div class="stack">{charts}</div></div>'
+        caption = "share of the revisits whose two passes are off each other by less, with their number in brackets"
+        charts.append(Figure(draw_revisits(report.rows), "Offset of the revisits", caption))
+    return Section("Trajectories", (), (trajectories,), tuple(charts))
 
 
-def _places(report: CompareReport) -> str:
-    """A line of small pictures per place, one per row."""
+def _show_places(report: CompareReport) -> Gallery | None:
+    """Returns a line of small pictures per place, one per row."""
     cards = []
     for k, place in enumerate(report.places):
-        title = f"{k + 1}. {place.t0:.1f} s to {place.t1:.1f} s, up to {length(place.apart_m)} apart"
-        pictures = "".join(
-            captioned(png, row.row.name, f"{title}, {row.row.name}")
-            for row, png in zip(report.rows, place_pictures(report.rows, k, place), strict=True)
+        title = f"{k + 1}. {place.t0:.1f} s to {place.t1:.1f} s, up to {format_length(place.apart_m)} apart"
+        thumbnails = tuple(
+            Thumbnail(png, row.row.name, f"{title}, {row.row.name}")
+            for row, png in zip(report.rows, draw_place(report.rows, k, place), strict=True)
         )
-        cards.append(titled_card(title, f'<div class="row">{pictures}</div>'))
-    if not cards:
-        return ""
-    explained = note(
+        cards.append(ThumbnailCard(title, thumbnails))
+    note = (
         "The points of one window under every row, seen from the sensor at its middle, ahead to the right; "
         "the same square for all of them, where they differ the most. The crisper map has the better motion."
     )
-    return f'<h2>Where the rows differ</h2>{explained}<div class="stack">{"".join(cards)}</div>'
+    return Gallery("Where the rows differ", note, tuple(cards)) if cards else None
 
 
-def _numbers(report: CompareReport) -> str:
-    cards = [_agreement(report), named_card("Recording", section(report.summary, "dataset"))]
-    cards.append(pairs_card("Could not run", [(row.name, row.failure or "") for row in report.failed]))
-    return f'<h2>Numbers</h2><div class="tables">{"".join(cards)}</div>'
+def _list_numbers(report: CompareReport) -> Numbers:
+    cards = (
+        name_values("Recording", section_of(report.summary, "dataset")),
+        Values("Could not run", tuple((row.name, row.failure or "") for row in report.failed)),
+    )
+    note = "The first of each pair is judged as if the second were the truth. That two rows agree makes neither right."
+    return Numbers("Agreement", _tabulate_agreement(report), note, cards)
 
 
-def _agreement(report: CompareReport) -> str:
-    if not report.agreement:
-        return ""
-    head = ("of each other", "RMSE", "drift", "rotation", "speed, RMS")
-    rows = [
-        (
+def _tabulate_agreement(report: CompareReport) -> Table | None:
+    rows = tuple(
+        Row(
             f"{a} – {b}",
-            f"{e.ate_rmse_m:.3f} m",
-            _known(e.drift_percent, " %"),
-            _known(e.drift_deg_per_100m, " °/100 m"),
-            f"{e.rpe_v_rms:.3f} m/s",
+            (
+                f"{e.ate_rmse_m:.3f} m",
+                _format_known(e.drift_percent, " %"),
+                _format_known(e.drift_deg_per_100m, " °/100 m"),
+                f"{e.rpe_v_rms:.3f} m/s",
+            ),
         )
         for a, b, e in report.agreement
-    ]
-    explained = note("The first of each pair judged as if the second were the truth; that two agree makes neither right.")
-    return titled_card("Agreement", grid(head, rows) + explained, wide=True)
+    )
+    return Table(("of each other", "RMSE", "drift", "rotation", "speed, RMS"), rows) if rows else None
 
 
-def _known(value: float | None, unit: str) -> str:
+def _format_known(value: float | None, unit: str) -> str:
     return ABSENT if value is None else f"{value:.3f}{unit}"

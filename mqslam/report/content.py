@@ -1,128 +1,174 @@
-"""What a report is made of."""
+"""What all pages are made of: the page modules collect the content as these types, and the templates alone know HTML."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Generic, TypeVar
 
-import numpy as np
-from numpy.typing import NDArray
-
-from mqslam.audit.windows import WindowAudit
-from mqslam.backend.pose_graph import PoseCovariances
-from mqslam.config import AuditConfig, dump_yaml, set_doppler_beta
-from mqslam.core.measurement import Measurement
-from mqslam.core.point_map import PointMap
-from mqslam.core.recording import Recording
-from mqslam.core.trajectory import Trajectory
-from mqslam.solution import Run
+Content = TypeVar("Content")
 
 
 @dataclass(frozen=True, slots=True)
-class WindowScores:
-    """The score of every window, as measurements.csv lists it.
+class Part(Generic[Content]):
+    """A part of a page.
 
     Args:
-        t0: (W,) start of the window [s] since the recording's start.
-        t1: (W,) its end [s].
-        psi_minimum: (W,) psi of the window's map under the motion found.
-        psi_odometry: (W,) psi of the same returns under odometry, NaN where there is none.
-        points: (W,) number of returns.
-        matched: (W,) share of the returns with a neighbour that takes part in the score, 0..1.
-        status: W times "converged", or why the window gave no full measurement.
+        content: what it shows; None where there is nothing to show.
+        failure: why it could not be made; empty otherwise.
     """
 
-    t0: NDArray[np.float64]
-    t1: NDArray[np.float64]
-    psi_minimum: NDArray[np.float64]
-    psi_odometry: NDArray[np.float64]
-    points: NDArray[np.int64]
-    matched: NDArray[np.float64]
-    status: tuple[str, ...]
-
-    def __len__(self) -> int:
-        return len(self.t0)
+    content: Content | None
+    failure: str = ""
 
 
 @dataclass(frozen=True, slots=True)
-class Report:
-    """A finished run as the report shows it.
+class Verdict:
+    """The verdict on a map, with its reasons."""
+
+    status: str
+    reasons: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Frame:
+    """What surrounds the parts of a page.
 
     Args:
-        title: heading of the page, usually the name of the recording.
-        summary: content of summary.json; a key that is absent or None is shown as not available.
-        odometry: trajectory before optimisation.
-        optimised: trajectory after it.
-        ground_truth: for comparison only, in any fixed frame, or None.
-        map_odometry: map rendered under `odometry`.
-        map_optimised: map rendered under `optimised`.
-        windows: the score of every window.
-        before: what the trajectory before optimisation is.
-        checks: windows of the optimised map held against their own best.
-        settings: by which they are judged.
-        loops: (L, 2) the two revolutions of every loop closure.
-        sure: covariances of some poses, or why there are none.
+        title: heading of the page.
+        settings_yaml: every setting used, or the plan of a batch, as text.
+        version: version of mqslam that made the results.
         warnings: what the reader has to know before the numbers.
-        settings_yaml: every setting used, as in config.yaml.
+        notes: what the reader should know about how the recording was understood.
+        verdict: the verdict; None on a page that gives none.
     """
 
     title: str
-    summary: Mapping[str, Any]
-    odometry: Trajectory
-    optimised: Trajectory
-    ground_truth: Trajectory | None
-    map_odometry: PointMap
-    map_optimised: PointMap
-    windows: WindowScores
-    before: str
-    checks: tuple[WindowAudit, ...]
-    settings: AuditConfig
-    loops: NDArray[np.int64]
-    sure: PoseCovariances
-    warnings: tuple[str, ...]
     settings_yaml: str
+    version: str
+    warnings: tuple[str, ...]
+    notes: tuple[str, ...] = ()
+    verdict: Verdict | None = None
 
 
-def window_scores(measurements: Sequence[Measurement]) -> WindowScores:
-    """The measurements as the report plots them."""
-    return WindowScores(
-        t0=np.array([m.t0 for m in measurements]),
-        t1=np.array([m.t1 for m in measurements]),
-        psi_minimum=np.array([m.psi for m in measurements]),
-        psi_odometry=np.array([m.psi_odometry for m in measurements]),
-        points=np.array([m.points for m in measurements], dtype=np.int64),
-        matched=np.array([m.matched for m in measurements]),
-        status=tuple(m.status.value for m in measurements),
-    )
+@dataclass(frozen=True, slots=True)
+class Tile:
+    """A number to see first, and what it is."""
+
+    value: str
+    label: str
 
 
-def report_of(
-    run: Run, recording: Recording, summary: Mapping[str, Any], sure: PoseCovariances, warnings: Sequence[str]
-) -> Report:
-    """A run as its report shows it.
+@dataclass(frozen=True, slots=True)
+class Figure:
+    """A picture as a PNG file with its heading and, where needed, a line about it."""
+
+    png: bytes
+    heading: str
+    caption: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Thumbnail:
+    """A small picture.
 
     Args:
-        run: what came of it.
-        recording: what it was made from.
-        summary: content of summary.json.
-        sure: covariances of some poses, or why there are none.
-        warnings: what the reader has to know before the numbers.
+        png: the picture as a PNG file.
+        caption: the line below it.
+        description: text that is read to those who do not see it.
+        link: address that a click on it leads to; None without one.
     """
-    return Report(
-        title=recording.path.resolve().name,
-        summary=summary,
-        odometry=run.odometry,
-        optimised=run.optimised,
-        ground_truth=recording.ground_truth,
-        map_odometry=run.map_odometry,
-        map_optimised=run.map_optimised,
-        windows=window_scores(run.measurements),
-        before=run.before,
-        checks=tuple(run.checks),
-        settings=run.config.audit,
-        loops=np.array([(loop.earlier, loop.later) for loop in run.loops], dtype=np.int64).reshape(-1, 2),
-        sure=sure,
-        warnings=tuple(warnings),
-        settings_yaml=dump_yaml(set_doppler_beta(run.config, run.doppler_beta)),
-    )
+
+    png: bytes
+    caption: str
+    description: str
+    link: str | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """A row of a table.
+
+    Args:
+        label: its first cell, which names it.
+        values: its other cells; a verdict is shown in its colour.
+        link: address that the label leads to; None without one.
+    """
+
+    label: str
+    values: tuple[str, ...]
+    link: str | None = None
+
+    @property
+    def is_across(self) -> bool:
+        """Whether its only value goes across all columns."""
+        return len(self.values) > 1 and bool(self.values[0]) and not any(self.values[1:])
+
+
+@dataclass(frozen=True, slots=True)
+class Table:
+    """A table with a head; the first column names the rows."""
+
+    head: tuple[str, ...]
+    rows: tuple[Row, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Section:
+    """Pictures or a table under a heading.
+
+    Args:
+        heading: the heading.
+        notes: lines of explanation below it.
+        figures: pictures side by side.
+        stacked: pictures one below the other, beside the others.
+        table: a table; None without one.
+    """
+
+    heading: str
+    notes: tuple[str, ...] = ()
+    figures: tuple[Figure, ...] = ()
+    stacked: tuple[Figure, ...] = ()
+    table: Table | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class ThumbnailCard:
+    """Small pictures of one place under a heading, with a line about them where needed."""
+
+    heading: str
+    thumbnails: tuple[Thumbnail, ...]
+    text: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Gallery:
+    """Cards of small pictures under a heading with a line of explanation."""
+
+    heading: str
+    note: str
+    cards: tuple[ThumbnailCard, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Values:
+    """A card of names and values."""
+
+    heading: str
+    rows: tuple[tuple[str, str], ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Numbers:
+    """The numbers at the end of a page.
+
+    Args:
+        heading: heading of the table.
+        table: the table that comes first; None without one.
+        note: a line of explanation below the table.
+        cards: cards of names and values; empty ones are left out.
+    """
+
+    heading: str
+    table: Table | None
+    note: str
+    cards: tuple[Values, ...]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
@@ -16,33 +17,19 @@ from mqslam.core.recording import Recording
 from mqslam.core.trajectory import Trajectory
 from mqslam.errors import tolerate
 from mqslam.evaluation import align_positions
-from mqslam.execution.files import write_text
-from mqslam.report import run_figures
-from mqslam.report.canvas import OUTERMOST
-from mqslam.report.content import Report, WindowScores, report_of
-from mqslam.report.explorers.explorer import explorer
-from mqslam.report.explorers.run_explorer import run_explorer
-from mqslam.report.page import (
-    ABSENT,
-    draw,
-    grid,
-    note,
-    number,
-    page,
-    pairs_card,
-    picture,
-    section,
-    share,
-    tiles,
-    titled_card,
-    verdict_badge,
-    warning_box,
-)
+from mqslam.report.content import Figure, Frame, Numbers, Part, Row, Section, Table, Tile, Values
+from mqslam.report.explorers.run_explorer import explore_run
+from mqslam.report.explorers.scene_data import Scene, make_scene
+from mqslam.report.figures import run_figures
+from mqslam.report.figures.canvas import OUTERMOST
+from mqslam.report.formatting import ABSENT, NOT_JUDGED, format_change, format_matched, format_share, format_value
+from mqslam.report.page import collect, section_of, verdict_in, version_in, write_page
+from mqslam.report.run_report import Report, report_run
 from mqslam.solution import Run
 
-_ELLIPSES: Final = 150  # poses whose covariance the report shows
-_SAME_PATH_M: Final = 1e-3
-_GROUPS: Final = {
+_ELLIPSES: Final = 150  # poses whose covariance the page shows, so that a long path is not covered by them
+_SAME_PATH_M: Final = 1e-3  # positions nearer than this are the same in print
+_CARDS: Final = {
     "dataset": "Recording",
     "factors": "Graph factors",
     "evaluation": "Against ground truth",
@@ -63,8 +50,25 @@ _LABELS: Final = {
 }
 
 
+@dataclass(frozen=True, slots=True)
+class RunParts:
+    """The parts of the page, as run.html shows them."""
+
+    tiles: Part[tuple[Tile, ...]]
+    maps: Part[Section]
+    trajectories: Part[Section]
+    explorer: Part[Scene]
+    numbers: Part[Numbers]
+
+
 def write_run_pages(folder: Path, run: Run, recording: Recording, summary: Mapping[str, Any]) -> list[str]:
-    """Write a run's report into an existing folder.
+    """Writes a run's page into an existing folder.
+
+    Args:
+        folder: the folder.
+        run: the finished run.
+        recording: the recording it was made from.
+        summary: content of summary.json.
 
     Returns:
         what could not be made, and why.
@@ -74,97 +78,131 @@ def write_run_pages(folder: Path, run: Run, recording: Recording, summary: Mappi
     """
     failures: list[str] = []
     with tolerate("report.html", failures):
-        sure = compute_marginals(run.graph, run.values, evenly(run.graph.size, _ELLIPSES).tolist())
-        if sure.failure is not None:
-            failures.append(f"the covariances of the poses are not known ({sure.failure}): the report shows no ellipses")
-        report = report_of(run, recording, summary, sure, (*summary["warnings"], *failures))
+        covariances = compute_marginals(run.graph, run.values, evenly(run.graph.size, _ELLIPSES).tolist())
+        if covariances.failure is not None:
+            failures.append(
+                f"the covariances of the poses are not known ({covariances.failure}): the report shows no ellipses"
+            )
+        report = report_run(run, recording, summary, covariances, (*summary["warnings"], *failures))
         failures += write_report(folder / "report.html", report)
     return failures
 
 
 def write_report(path: Path, report: Report) -> list[str]:
-    """Write a run's report as one HTML file that opens without a network.
+    """Writes a run's page as one HTML file that opens without a network.
+
+    Args:
+        path: the file.
+        report: the run as the page shows it.
 
     Returns:
-        what of it could not be drawn, and why; the report says it too.
+        the parts that could not be drawn, and why; the page says it too.
 
     Raises:
         OutputError: the file cannot be written.
     """
     failures: list[str] = []
-    truth = _placed_truth(report)
-    still = draw("the pictures of the maps", lambda: _maps(report), failures)
-    still += draw("the pictures of the trajectory", lambda: _trajectory_and_windows(report, truth), failures)
-    parts = (
-        draw("the first numbers", lambda: _tiles(report), failures),
-        draw("the map to move in", lambda: explorer(run_explorer(report, truth), still), failures, still),
-        draw("the tables", lambda: _tables(report), failures),
+    truth = _align_truth(report)
+    parts = RunParts(
+        maps=collect("the pictures of the maps", lambda: _show_maps(report), failures),
+        trajectories=collect("the pictures of the trajectory", lambda: _show_trajectories(report, truth), failures),
+        tiles=collect("the first numbers", lambda: _make_tiles(report), failures),
+        explorer=collect("the map to move in", lambda: make_scene(explore_run(report, truth)), failures),
+        numbers=collect("the tables", lambda: _list_numbers(report), failures),
     )
-    head = (warning_box([*report.warnings, *failures]), verdict_badge(section(report.summary, "verdict")))
-    write_text(path, page(report.title, head, parts, report.settings_yaml, report.summary))
+    frame = Frame(
+        title=report.title,
+        settings_yaml=report.settings_yaml,
+        version=version_in(report.summary),
+        warnings=(*report.warnings, *failures),
+        notes=report.notes,
+        verdict=verdict_in(report.summary),
+    )
+    write_page(path, "run.html", frame, parts)
     return failures
 
 
-def _tiles(report: Report) -> str:
-    psi, dataset = section(report.summary, "psi"), section(report.summary, "dataset")
-    evaluation = section(report.summary, "evaluation")
+def _make_tiles(report: Report) -> tuple[Tile, ...]:
+    psi, dataset = section_of(report.summary, "psi"), section_of(report.summary, "dataset")
+    evaluation = section_of(report.summary, "evaluation")
     before, after = psi.get("per_point_odometry"), psi.get("per_point_optimised")
-    values = [
-        (number(after), "ψ per point of the optimised map"),
-        (_change(before, after), f"change of ψ per point from {report.before}"),
-        (share(psi.get("matched_optimised")), "of its points matched"),
-        (number(dataset.get("length_m"), " m"), f"driven in {number(dataset.get('duration_s'), ' s')}"),
+    quality = [
+        Tile(format_value(after), "ψ per point of the optimised map"),
+        Tile(format_change(before, after), f"change of ψ per point from {report.before}"),
+        Tile(format_share(psi.get("matched_optimised")), "of its points matched"),
     ]
-    if evaluation:
-        values.append((number(evaluation.get("ate_rmse_m"), " m"), "absolute error against ground truth (RMSE)"))
-        values.append((number(evaluation.get("drift_percent"), " %"), "drift against ground truth"))
-    return tiles(values)
+    if report.stood_still:
+        quality = [Tile(NOT_JUDGED, "ψ and matched points: the radar stood still, so the map holds one scan only")]
+    tiles = (
+        *quality,
+        Tile(format_value(dataset.get("length_m"), " m"), f"driven in {format_value(dataset.get('duration_s'), ' s')}"),
+    )
+    if not evaluation:
+        return tiles
+    return (
+        *tiles,
+        Tile(format_value(evaluation.get("ate_rmse_m"), " m"), "absolute error against ground truth (RMSE)"),
+        Tile(format_value(evaluation.get("drift_percent"), " %"), "drift against ground truth"),
+    )
 
 
-def _maps(report: Report) -> str:
-    before, after = run_figures.map_figures(
+def _show_maps(report: Report) -> Section:
+    before, after = run_figures.draw_maps(
         (report.map_odometry, report.map_optimised),
         (report.odometry, report.optimised),
         (run_figures.ODOMETRY_COLOUR, run_figures.OPTIMISED_COLOUR),
     )
-    psi = section(report.summary, "psi")
-    notes = note(
-        "Every return of the run, stronger where more fell, on one extent and one scale; "
+    psi = section_of(report.summary, "psi")
+    notes = [
+        "Every return of the run, darker where more of them lie; both maps have the same extent and scale, and "
         f"up to {100.0 * OUTERMOST:g} % of the points may lie beyond each edge."
-    )
-    if _same_path(report.odometry, report.optimised):
-        notes += note(
+    ]
+    if report.stood_still:
+        notes = [
+            "The radar stood still, so the optimised map holds the returns of one scan only. No other scan can match them, "
+            "and ψ, which charges every point without a match, is not judged."
+        ]
+    if _is_same_path(report.odometry, report.optimised):
+        notes.append(
             "Optimisation left the trajectory as it was, so both maps are the same: "
             f"nothing in the graph contradicted {report.before}."
         )
-    pictures = picture(
-        before,
-        f"Under {report.before}",
-        f"ψ per point {number(psi.get('per_point_odometry'))}, {len(report.map_odometry):,} points",
-    ) + picture(
-        after,
-        "Optimised",
-        f"ψ per point {number(psi.get('per_point_optimised'))}, {len(report.map_optimised):,} points",
+    figures = (
+        Figure(
+            before,
+            f"Under {report.before}",
+            f"ψ per point {format_value(psi.get('per_point_odometry'))}, {len(report.map_odometry):,} points",
+        ),
+        Figure(
+            after,
+            "Optimised",
+            f"ψ per point {format_value(psi.get('per_point_optimised'))}, {len(report.map_optimised):,} points",
+        ),
     )
-    return f'<h2>Map</h2>{notes}<div class="pair">{pictures}</div>'
+    return Section("Map", tuple(notes), figures)
 
 
-def _trajectory_and_windows(report: Report, truth: Trajectory | None) -> str:
-    drawn = run_figures.trajectory_figure(report.odometry, report.optimised, truth, report.before)
+def _show_trajectories(report: Report, truth: Trajectory | None) -> Section:
+    drawn = run_figures.draw_trajectories(report.odometry, report.optimised, truth, report.before)
     caption = "ground truth laid on the optimised trajectory by the best rigid motion" if truth is not None else ""
-    trajectory = picture(drawn, "Trajectory", caption)
+    trajectory = Figure(drawn, "Trajectory", caption)
     if len(report.windows) == 0:
-        return f'<h2>Trajectory</h2><div class="pair">{trajectory}</div>'
-    scores = picture(run_figures.psi_figure(report.windows), "ψ per window", _statuses(report.windows))
-    matched = picture(
-        run_figures.matched_figure(report.windows), "Matched share", "points with a neighbour that takes part in the score"
+        return Section("Trajectory", figures=(trajectory,))
+    counts = Counter(report.windows.status).most_common()
+    statuses = f"{len(report.windows):,} windows: " + ", ".join(f"{n:,} {status}" for status, n in counts)
+    charts = (
+        Figure(run_figures.draw_psi(report.windows), "ψ per window", statuses),
+        Figure(
+            run_figures.draw_matched(report.windows),
+            "Matched share",
+            "points with a neighbour that takes part in the score",
+        ),
     )
-    stacked = f'<div class="stack">{scores}{matched}</div>'
-    return f'<h2>Trajectory and windows</h2><div class="pair">{trajectory}{stacked}</div>'
+    return Section("Trajectory and windows", figures=(trajectory,), stacked=charts)
 
 
-def _placed_truth(report: Report) -> Trajectory | None:
-    """The ground truth in the frame of the optimised trajectory, or None where the two cannot be aligned."""
+def _align_truth(report: Report) -> Trajectory | None:
+    """Returns the ground truth in the frame of the optimised trajectory, or None where the two cannot be aligned."""
     if report.ground_truth is None:
         return None
     motion = align_positions(report.optimised, report.ground_truth)
@@ -173,49 +211,41 @@ def _placed_truth(report: Report) -> Trajectory | None:
     return Trajectory(report.ground_truth.stamps_us, se2.compose(se2.inverse(motion), report.ground_truth.poses))
 
 
-def _statuses(windows: WindowScores) -> str:
-    counts = Counter(windows.status)
-    return f"{len(windows):,} windows: " + ", ".join(f"{n:,} {status}" for status, n in counts.most_common())
-
-
-def _tables(report: Report) -> str:
-    cards = [_psi_table(report)]
-    for group, heading in _GROUPS.items():
-        values = section(report.summary, group)
+def _list_numbers(report: Report) -> Numbers:
+    cards = []
+    for group, heading in _CARDS.items():
         unit = " s" if group == "runtime_s" else ""
-        rows = [_row(group, key, value, unit) for key, value in values.items()]
+        rows = [_label(group, key, value, unit) for key, value in section_of(report.summary, group).items()]
         if group == "runtime_s" and report.summary.get("peak_rss_mb") is not None:
-            rows.append(("peak memory", number(report.summary["peak_rss_mb"], " MB")))
-        cards.append(pairs_card(heading, rows))
-    return f'<h2>Numbers</h2><div class="tables">{"".join(cards)}</div>'
+            rows.append(("peak memory", format_value(report.summary["peak_rss_mb"], " MB")))
+        cards.append(Values(heading, tuple(rows)))
+    return Numbers("Map quality", _tabulate_quality(report), "", tuple(cards))
 
 
-def _psi_table(report: Report) -> str:
-    psi = section(report.summary, "psi")
+def _tabulate_quality(report: Report) -> Table:
+    psi = section_of(report.summary, "psi")
     matched = [psi.get("matched_odometry"), psi.get("matched_optimised")]
     per_point = [psi.get("per_point_odometry"), psi.get("per_point_optimised")]
     total = [psi.get("odometry"), psi.get("optimised")]
-    rows = [
-        ("ψ", number(total[0]), number(total[1]), _change(*total)),
-        ("ψ per point", number(per_point[0]), number(per_point[1]), _change(*per_point)),
-        ("points matched", share(matched[0]), share(matched[1]), _change(*matched)),
-        ("points", f"{len(report.map_odometry):,}", f"{len(report.map_optimised):,}", ""),
-        ("path", number(report.odometry.length_m, " m"), number(report.optimised.length_m, " m"), ""),
-    ]
-    table = grid(("", report.before, "optimised", "change"), rows)
-    return titled_card("Map quality", table, wide=True)
+    changes = [format_change(*pair) if all(matched) else ABSENT for pair in (total, per_point, matched)]
+    lengths = (format_value(report.odometry.length_m, " m"), format_value(report.optimised.length_m, " m"))
+    rows = (
+        Row("ψ", (format_value(total[0]), format_value(total[1]), changes[0])),
+        Row("ψ per point", (format_value(per_point[0]), format_value(per_point[1]), changes[1])),
+        Row("points matched", (format_matched(matched[0]), format_matched(matched[1]), changes[2])),
+        Row("points", (f"{len(report.map_odometry):,}", f"{len(report.map_optimised):,}", "")),
+        Row("path", (*lengths, "")),
+    )
+    return Table(("", report.before, "optimised", "change"), rows)
 
 
-def _row(group: str, key: str, value: Any, unit: str) -> tuple[str, str]:
+def _label(group: str, key: str, value: Any, unit: str) -> tuple[str, str]:
+    """Returns a value of the summary under the name that a reader knows it by."""
     label, own_unit = _LABELS.get(f"{group}.{key}", (key.replace("_", " "), unit))
-    return label, number(value, own_unit)
+    return label, format_value(value, own_unit)
 
 
-def _change(before: Any, after: Any) -> str:
-    if not isinstance(before, int | float) or not isinstance(after, int | float) or before == 0:
-        return ABSENT
-    return f"{100.0 * (after - before) / abs(before):+.1f} %".replace("-", "−")
-
-
-def _same_path(a: Trajectory, b: Trajectory) -> bool:
-    return np.array_equal(a.stamps_us, b.stamps_us) and bool(np.all(np.abs(a.poses[:, :2] - b.poses[:, :2]) < _SAME_PATH_M))
+def _is_same_path(a: Trajectory, b: Trajectory) -> bool:
+    if not np.array_equal(a.stamps_us, b.stamps_us):
+        return False
+    return bool(np.all(np.abs(a.poses[:, :2] - b.poses[:, :2]) < _SAME_PATH_M))

@@ -1,1 +1,1 @@
-"""What run, audit, compare and batch leave on disk."""
+"""What a run, an audit, a comparison and a batch leave on disk: one module each."""

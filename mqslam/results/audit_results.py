@@ -1,16 +1,13 @@
-"""What an audit leaves: its numbers as JSON and CSV, a heat map and a report."""
+"""What an audit leaves: its numbers as JSON and CSV."""
 
 from __future__ import annotations
 
-import csv
-import io
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-import mqslam
 from mqslam.audit.judge import Audit
 from mqslam.audit.revisits import RevisitAudit
 from mqslam.audit.sweeps import Sweeps
@@ -18,10 +15,12 @@ from mqslam.audit.verdict import Share
 from mqslam.audit.windows import WindowAudit, torn_threshold
 from mqslam.config import AuditConfig, Config, VerdictConfig, dump_yaml
 from mqslam.execution.files import write_json, write_text
+from mqslam.results.summary_files import csv_text
+from mqslam.version import __version__
 
 
 def summarise(
-    found: Audit,
+    audit: Audit,
     sweeps: Sweeps,
     settings: AuditConfig,
     bounds: VerdictConfig,
@@ -29,24 +28,24 @@ def summarise(
     trajectory: str,
     warnings: Sequence[str] = (),
 ) -> dict[str, Any]:
-    """The content of audit.json.
+    """Returns the content of audit.json.
 
     Args:
-        found: what came of the audit.
+        audit: the windows and revisits, judged.
         sweeps: what was judged.
-        settings: of the audit.
+        settings: settings of the audit.
         bounds: settings of the verdict.
         dataset: format and path of what was audited.
         trajectory: where the trajectory came from.
         warnings: what a reader has to know before the numbers.
     """
-    sure = [r for r in found.revisits if r.revisit.sure]
-    torn = Share(sum(w.torn for w in found.windows), len(found.windows))
+    sure = [r for r in audit.revisits if r.revisit.sure]
+    torn = Share(sum(w.torn for w in audit.windows), len(audit.windows))
     off = Share(sum(r.torn for r in sure), len(sure))
     confidence = bounds.confidence
-    inflation = [w.bend.inflation for w in found.windows]
+    inflation = [w.bend.inflation for w in audit.windows]
     return {
-        "mqslam_version": mqslam.__version__,
+        "mqslam_version": __version__,
         "dataset": {
             **dataset,
             "sweeps": len(sweeps),
@@ -55,7 +54,7 @@ def summarise(
             "points": len(sweeps.points),
         },
         "trajectory": trajectory,
-        "verdict": {"status": found.status, "reasons": found.reasons},
+        "verdict": {"status": audit.status, "reasons": audit.reasons},
         "threshold": torn_threshold(settings),
         "bend_m": settings.bend_m,
         "windows": {
@@ -64,11 +63,11 @@ def summarise(
             "torn_share_at_least": torn.at_least(confidence),
             "torn_share_at_most": torn.at_most(confidence),
             "inflation_median": float(np.median(inflation)) if inflation else None,
-            "psi_per_point": _mean([w.bend.psi for w in found.windows]),
-            "matched": _mean([w.bend.matched for w in found.windows]),
+            "psi_per_point": _mean([w.bend.psi for w in audit.windows]),
+            "matched": _mean([w.bend.matched for w in audit.windows]),
         },
         "revisits": {
-            "count": len(found.revisits),
+            "count": len(audit.revisits),
             "sure": off.total,
             "torn": off.count,
             "torn_share_at_least": off.at_least(confidence),
@@ -77,8 +76,8 @@ def summarise(
             "worst_m": max((r.revisit.distance_m for r in sure if r.torn), default=None),
         },
         "warnings": list(warnings),
-        "per_window": [_window(w) for w in found.windows],
-        "per_revisit": [_revisit(r, sweeps) for r in found.revisits],
+        "per_window": [_list_window(w) for w in audit.windows],
+        "per_revisit": [_list_revisit(r, sweeps) for r in audit.revisits],
     }
 
 
@@ -86,7 +85,7 @@ def _mean(values: Sequence[float]) -> float | None:
     return float(np.mean(values)) if values else None
 
 
-def _window(window: WindowAudit) -> dict[str, Any]:
+def _list_window(window: WindowAudit) -> dict[str, Any]:
     bend, beside = window.bend, window.measures
     span = window.t1 - window.t0
     sigma = np.sqrt(np.diag(bend.covariance))
@@ -119,8 +118,8 @@ def _window(window: WindowAudit) -> dict[str, Any]:
     }
 
 
-def _revisit(found: RevisitAudit, sweeps: Sweeps) -> dict[str, Any]:
-    revisit = found.revisit
+def _list_revisit(judged: RevisitAudit, sweeps: Sweeps) -> dict[str, Any]:
+    revisit = judged.revisit
     pose, sigma = sweeps.poses[revisit.later], np.sqrt(np.diag(revisit.covariance))
     return {
         "t_earlier": float(sweeps.times[revisit.earlier]),
@@ -128,7 +127,7 @@ def _revisit(found: RevisitAudit, sweeps: Sweeps) -> dict[str, Any]:
         "x": float(pose[0]),
         "y": float(pose[1]),
         "yaw": float(pose[2]),
-        "torn": found.torn,
+        "torn": judged.torn,
         "sure": revisit.sure,
         "dx": float(revisit.offset[0]),
         "dy": float(revisit.offset[1]),
@@ -144,31 +143,22 @@ def _revisit(found: RevisitAudit, sweeps: Sweeps) -> dict[str, Any]:
 
 
 def write_audit(folder: Path, config: Config, summary: Mapping[str, Any]) -> None:
-    """Write every result file of an audit but its pictures and its report into an existing folder.
+    """Writes every result file of an audit but its pictures and its page into an existing folder.
+
+    Args:
+        folder: the folder.
+        config: all settings.
+        summary: content of audit.json.
 
     Raises:
         OutputError: a file cannot be written.
     """
     write_text(folder / "config.yaml", dump_yaml(config))
-    write_text(folder / "audit.csv", _csv(summary["per_window"]))
-    write_text(folder / "revisits.csv", _csv(summary["per_revisit"]))
+    write_text(folder / "audit.csv", _format_csv(summary["per_window"]))
+    write_text(folder / "revisits.csv", _format_csv(summary["per_revisit"]))
     write_json(folder / "audit.json", summary)
 
 
-def add_warnings(folder: Path, summary: dict[str, Any], warnings: Sequence[str]) -> None:
-    """Add to a summary that is written what could not be written after it."""
-    if warnings:
-        summary["warnings"] += warnings
-        write_json(folder / "audit.json", summary)
-
-
-def _csv(rows: Sequence[Mapping[str, Any]]) -> str:
-    """Rows of numbers under their names; empty without any."""
-    if not rows:
-        return ""
-    text = io.StringIO()
-    writer = csv.DictWriter(text, list(rows[0]), lineterminator="\n")
-    writer.writeheader()
-    for row in rows:
-        writer.writerow({key: f"{value:.9g}" if isinstance(value, float) else value for key, value in row.items()})
-    return text.getvalue()
+def _format_csv(rows: Sequence[Mapping[str, Any]]) -> str:
+    """Returns rows of numbers under their names; empty without any."""
+    return csv_text([{key: f"{v:.9g}" if isinstance(v, float) else v for key, v in row.items()} for row in rows])

@@ -1,27 +1,26 @@
-"""What a batch leaves besides its runs: their numbers in three forms."""
+"""What a batch leaves besides its runs: their numbers as JSON and CSV."""
 
 from __future__ import annotations
 
-import csv
-import io
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import mqslam
 from mqslam.audit.verdict import VerdictStatus
 from mqslam.config import Config
-from mqslam.errors import OutputError
+from mqslam.errors import OutputError, Remedy
 from mqslam.execution.files import write_json, write_text
+from mqslam.results.summary_files import csv_text
+from mqslam.version import __version__
 
 
 @dataclass(frozen=True, slots=True)
 class Order:
-    """A run to be done.
+    """A run that a batch is to do.
 
     Args:
-        name: folder of its results, in the batch's.
+        name: name of its folder of results in the batch's folder.
         data: the recording, as an absolute path.
         frontend: name of the front end.
         odometry: `auto`, `none` or the absolute path of a file.
@@ -37,12 +36,12 @@ class Order:
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """What became of a run.
+    """The result of a run.
 
     Args:
         summary: content of its summary.json, or None.
-        failure: why there is none, or None.
-        kept: whether it was finished before.
+        failure: why there is no summary, or None.
+        kept: whether the run was finished before this batch.
     """
 
     summary: dict[str, Any] | None = None
@@ -51,26 +50,30 @@ class Outcome:
 
 
 def check_batch(out: Path, *, force: bool) -> None:
-    """Make the folder of a batch, or see that it is one, before hours are spent on it.
+    """Makes the folder of a batch, or checks that it is one, before hours are spent on it.
+
+    Args:
+        out: the folder.
+        force: whether it may hold the results of another command.
 
     Raises:
         OutputError: it holds the results of another command, is a file or cannot be made.
     """
     others = (out / "report.html").exists() and not (out / "batch.json").exists()
     if others and not force:
-        raise OutputError(f"{out}: holds other results; choose another --out or give --force to write into it")
+        raise OutputError(f"{out}: holds other results", Remedy.CHOOSE_OR_WRITE_OUTPUT)
     try:
         out.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise OutputError(f"{out}: cannot be made ({error.strerror}); choose another --out") from error
+        raise OutputError(f"{out}: cannot be made ({error.strerror})", Remedy.CHOOSE_OUTPUT) from error
 
 
 def summarise(orders: Sequence[Order], outcomes: Sequence[Outcome]) -> dict[str, Any]:
-    """The content of batch.json."""
-    runs = [_row(order, outcome) for order, outcome in zip(orders, outcomes, strict=True)]
+    """Returns the content of batch.json."""
+    runs = [_list_run(order, outcome) for order, outcome in zip(orders, outcomes, strict=True)]
     states = [run["verdict"] or "failed" for run in runs]
     return {
-        "mqslam_version": mqslam.__version__,
+        "mqslam_version": __version__,
         "counts": {state: states.count(state) for state in (*VerdictStatus, "failed")},
         "kept": sum(outcome.kept for outcome in outcomes),
         "duration_s": sum(run["duration_s"] or 0.0 for run in runs),
@@ -81,11 +84,11 @@ def summarise(orders: Sequence[Order], outcomes: Sequence[Outcome]) -> dict[str,
     }
 
 
-def _row(order: Order, outcome: Outcome) -> dict[str, Any]:
-    """A run's numbers; None for all that a failed one has not."""
-    found = outcome.summary or {}
-    dataset, psi, factors = found.get("dataset", {}), found.get("psi", {}), found.get("factors", {})
-    verdict, evaluation = found.get("verdict", {}), found.get("evaluation") or {}
+def _list_run(order: Order, outcome: Outcome) -> dict[str, Any]:
+    """Returns a run's numbers; None for all that a failed run lacks."""
+    summary = outcome.summary or {}
+    dataset, psi, factors = summary.get("dataset", {}), summary.get("psi", {}), summary.get("factors", {})
+    verdict, evaluation = summary.get("verdict", {}), summary.get("evaluation") or {}
     return {
         "name": order.name,
         "data": str(order.data),
@@ -104,14 +107,14 @@ def _row(order: Order, outcome: Outcome) -> dict[str, Any]:
         "ate_rmse_m": evaluation.get("ate_rmse_m"),
         "drift_percent": evaluation.get("drift_percent"),
         "drift_deg_per_100m": evaluation.get("drift_deg_per_100m"),
-        "runtime_s": found.get("runtime_s", {}).get("total"),
+        "runtime_s": summary.get("runtime_s", {}).get("total"),
         "trajectory": f"{order.name}/trajectory.tum" if outcome.summary else None,
         "report": f"{order.name}/report.html" if outcome.summary else None,
     }
 
 
 def write_batch(out: Path, summary: Mapping[str, Any]) -> None:
-    """Write the numbers of all runs into the batch's folder, where the runs' own folders are.
+    """Writes the numbers of all runs into the batch's folder, where the runs' own folders are.
 
     Args:
         out: the folder.
@@ -120,17 +123,5 @@ def write_batch(out: Path, summary: Mapping[str, Any]) -> None:
     Raises:
         OutputError: a file cannot be written.
     """
-    rows: list[dict[str, Any]] = summary["runs"]
-    text = io.StringIO()
-    writer = csv.DictWriter(text, list(rows[0]), lineterminator="\n", restval="")
-    writer.writeheader()
-    writer.writerows(rows)
-    write_text(out / "batch.csv", text.getvalue())
+    write_text(out / "batch.csv", csv_text(summary["runs"]))
     write_json(out / "batch.json", summary)
-
-
-def add_warnings(out: Path, summary: dict[str, Any], warnings: Sequence[str]) -> None:
-    """Add to a summary that is written what could not be written after it."""
-    if warnings:
-        summary["warnings"] += warnings
-        write_json(out / "batch.json", summary)

@@ -1,27 +1,35 @@
-"""What a run leaves in its folder."""
+"""What a run leaves: its numbers as JSON and CSV, its trajectories, its map, its graph and its log."""
 
 from __future__ import annotations
 
 import csv
 import io
+import resource
 from collections.abc import Sequence
+from dataclasses import asdict
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 
+from mqslam.audit.verdict import Share
 from mqslam.config import dump_yaml, set_doppler_beta
 from mqslam.core.measurement import Measurement
+from mqslam.core.recording import Recording
+from mqslam.core.trajectory import Trajectory
 from mqslam.errors import tolerate
+from mqslam.evaluation import evaluate
 from mqslam.execution.files import write_json, write_text
 from mqslam.formats.g2o import format_g2o
 from mqslam.formats.nav2_map import write_nav2_map
 from mqslam.formats.ply import write_ply
 from mqslam.formats.tum import write_tum
 from mqslam.mapping.occupancy_grid import occupancy_grid
+from mqslam.results.run_verdict import judge_run
 from mqslam.solution import Run
+from mqslam.version import __version__
 
-_COLUMNS = [
+_COLUMNS: Final = [
     "t0",
     "t1",
     "dx",
@@ -41,15 +49,67 @@ _COLUMNS = [
 ]
 
 
-def write_run(folder: Path, run: Run, summary: dict[str, Any], notes: Sequence[str]) -> None:
-    """Write every result file of a run but its report into an existing folder, those first that are worth the most.
+def summarise(run: Run, recording: Recording) -> dict[str, Any]:
+    """Returns the content of summary.json, but for the run's key and its warnings."""
+    before, after = run.map_odometry, run.map_optimised
+    torn = Share(sum(w.torn for w in run.checks), len(run.checks))
+    confidence = run.config.verdict.confidence
+    truth = recording.ground_truth
+    status, reasons = judge_run(run)
+    return {
+        "mqslam_version": __version__,
+        "frontend": run.frontend,
+        "before": run.before,
+        "doppler_beta": run.doppler_beta,
+        "dataset": {
+            "format": recording.format,
+            "path": str(recording.path),
+            "revolutions": len(recording),
+            "unread": len(run.unread),
+            "duration_s": recording.duration_s,
+            "length_m": run.optimised.length_m,
+        },
+        "psi": {
+            "odometry": float(before.psi.sum()),
+            "optimised": float(after.psi.sum()),
+            "per_point_odometry": before.psi_per_point,
+            "per_point_optimised": after.psi_per_point,
+            "matched_odometry": before.matched_share,
+            "matched_optimised": after.matched_share,
+        },
+        "inflation": {
+            "windows": torn.total,
+            "torn": torn.count,
+            "torn_share_at_least": torn.at_least(confidence),
+            "torn_share_at_most": torn.at_most(confidence),
+            "median": float(np.median([w.bend.inflation for w in run.checks])) if run.checks else None,
+        },
+        "verdict": {"status": status, "reasons": reasons},
+        "factors": {
+            "odometry": run.odometry_factors,
+            "psi": len(run.measurements),
+            "loop": len(run.loops),
+            "loop_rejected": run.loops_rejected,
+        },
+        "evaluation": _list_errors(run.optimised, truth),
+        "evaluation_odometry": _list_errors(run.odometry, truth),
+        "runtime_s": {
+            name: run.runtime_s.get(name, 0.0)
+            for name in ("read", "detect", "windows", "loops", "optimise", "render", "check", "total")
+        },
+        "peak_rss_mb": _measure_peak_memory(),
+    }
 
-    Map and graph may fail, by a fault of theirs or of a library or for want of memory: that is a warning then, and all
-    others are written. The warning is added to those of the summary.
+
+def write_run(folder: Path, run: Run, summary: dict[str, Any], notes: Sequence[str]) -> None:
+    """Writes every result file of a run but its page into an existing folder, the most valuable ones first.
+
+    Map and graph may fail, by a fault of theirs or of a library or for want of memory. That is a warning, which is added
+    to those of the summary, and all other files are written.
 
     Args:
-        folder: where to.
-        run: what there is to write.
+        folder: the folder.
+        run: the finished run.
         summary: content of summary.json, with its warnings.
         notes: what a user should know about how the recording was understood, for run.log.
 
@@ -72,31 +132,24 @@ def write_run(folder: Path, run: Run, summary: dict[str, Any], notes: Sequence[s
 
 
 def add_warnings(folder: Path, summary: dict[str, Any], notes: Sequence[str], warnings: Sequence[str]) -> None:
-    """Add to a summary that is written what could not be written after it."""
+    """Adds to a summary and a log that are written already what could not be written after them.
+
+    Args:
+        folder: the folder of the results.
+        summary: content of summary.json, to which the warnings are added.
+        notes: what a user should know about how the recording was understood.
+        warnings: what could not be written, and why.
+
+    Raises:
+        OutputError: a file cannot be written.
+    """
     if warnings:
         summary["warnings"] += warnings
         _write_numbers(folder, summary, notes)
 
 
-def _write_numbers(folder: Path, summary: dict[str, Any], notes: Sequence[str]) -> None:
-    """Write the files that hold the warnings."""
-    write_text(folder / "run.log", log_text(summary, notes))
-    write_json(folder / "summary.json", summary)
-
-
-def log_text(summary: dict[str, Any], notes: Sequence[str]) -> str:
-    """The lines of run.log."""
-    dataset = summary["dataset"]
-    lines = [f"mqslam {summary['mqslam_version']} on {dataset['path']} ({dataset['format']})"]
-    lines += [f"note: {note}" for note in notes] + [f"warning: {warning}" for warning in summary["warnings"]]
-    lines.append(f"Doppler shift: {summary['doppler_beta']:.4f} s of range per closing speed")
-    lines += [f"{stage}: {seconds:.2f} s" for stage, seconds in summary["runtime_s"].items()]
-    lines.append(f"verdict: {summary['verdict']['status']}: {'; '.join(summary['verdict']['reasons'])}")
-    return "\n".join(lines) + "\n"
-
-
 def measurements_csv(measurements: Sequence[Measurement]) -> str:
-    """One row per measurement; covariance of dx [m], dy [m], dyaw [rad] in the frame of the pose at t0."""
+    """Returns a row per measurement, with the covariance of dx [m], dy [m], dyaw [rad] in the frame of the pose at t0."""
     text = io.StringIO()
     rows = csv.writer(text, lineterminator="\n")
     rows.writerow(_COLUMNS)
@@ -107,3 +160,32 @@ def measurements_csv(measurements: Sequence[Measurement]) -> str:
             [f"{m.t0:.6f}", f"{m.t1:.6f}", *(f"{n:.9g}" for n in numbers), m.points, f"{m.matched:.4f}", m.status.value]
         )
     return text.getvalue()
+
+
+def _write_numbers(folder: Path, summary: dict[str, Any], notes: Sequence[str]) -> None:
+    """Writes the files that hold the warnings."""
+    write_text(folder / "run.log", _log_text(summary, notes))
+    write_json(folder / "summary.json", summary)
+
+
+def _log_text(summary: dict[str, Any], notes: Sequence[str]) -> str:
+    dataset = summary["dataset"]
+    lines = [f"mqslam {summary['mqslam_version']} on {dataset['path']} ({dataset['format']})"]
+    lines += [f"note: {note}" for note in notes] + [f"warning: {warning}" for warning in summary["warnings"]]
+    lines.append(f"Doppler shift: {summary['doppler_beta']:.4f} s of range per closing speed")
+    lines += [f"{stage}: {seconds:.2f} s" for stage, seconds in summary["runtime_s"].items()]
+    lines.append(f"verdict: {summary['verdict']['status']}: {'; '.join(summary['verdict']['reasons'])}")
+    return "\n".join(lines) + "\n"
+
+
+def _list_errors(trajectory: Trajectory, truth: Trajectory | None) -> dict[str, Any] | None:
+    """Returns the errors of a trajectory against ground truth; None where they cannot be had."""
+    errors = None if truth is None else evaluate(trajectory, truth)
+    return None if errors is None else asdict(errors)
+
+
+def _measure_peak_memory() -> float:
+    """Returns the largest memory that any process of this run has held [MB]."""
+    own = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    workers = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss
+    return max(own, workers) / 1024.0

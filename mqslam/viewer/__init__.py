@@ -1,1 +1,1 @@
-"""A look at a map: what is to be shown, in an Open3D window or in Rerun's viewer."""
+"""A look at the map of a run, in a window of Open3D or in Rerun's viewer."""

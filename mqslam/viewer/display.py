@@ -1,4 +1,4 @@
-"""Whether a window can be opened here."""
+"""The screen, if there is one."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import sys
 
 
 def has_display() -> bool:
-    """Whether there is a screen: libraries that find none draw into a window that nobody sees."""
+    """Returns whether there is a screen; libraries that find none would draw into a window that nobody sees."""
     if sys.platform != "linux" or "WAYLAND_DISPLAY" in os.environ:
         return True
     try:
@@ -17,7 +17,7 @@ def has_display() -> bool:
         return False
     x11.XOpenDisplay.restype = ctypes.c_void_p
     x11.XCloseDisplay.argtypes = [ctypes.c_void_p]
-    display = x11.XOpenDisplay(None)  # of the variable DISPLAY, which may name one that is gone
+    display = x11.XOpenDisplay(None)  # the variable DISPLAY may name a display that is gone
     if display is None:
         return False
     x11.XCloseDisplay(display)

@@ -1,4 +1,4 @@
-"""What is to be shown of a finished run."""
+"""A finished run as the viewers show it."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ _REMEDY = "give the folder of a finished run"
 
 @dataclass(frozen=True, slots=True)
 class Scene:
-    """A map, the way through it and the places that were tied to each other.
+    """A map, the trajectory through it and its loop closures.
 
     Args:
-        name: of the run.
+        name: name of the run.
         points: (N, 2) [m], world frame, ordered by time.
-        values: (N,) of each point by name: psi, intensity 0..255, time [s] since the recording's start.
-        trajectory: pose of the sensor at the start of every revolution, world frame.
-        loops: (L, 2) revolutions that a loop closure ties.
+        values: (N,) each, by name: psi, intensity 0..255, time [s] since the recording's start.
+        trajectory: pose of the sensor at the start of every scan, world frame.
+        loops: (L, 2) numbers of the two scans of every loop closure.
     """
 
     name: str
@@ -37,15 +37,18 @@ class Scene:
 
     @property
     def start_times(self) -> NDArray[np.float64]:
-        """(K,) start of every revolution [s] since the recording's start."""
+        """(K,) start of every scan [s] since the recording's start."""
         return self.trajectory.seconds(int(self.trajectory.stamps_us[0]))
 
 
 def read_scene(run: Path) -> Scene:
-    """The scene of a run from its map.ply, trajectory.tum and graph.g2o.
+    """Reads the map, trajectory and loop closures of a run from its map.ply, trajectory.tum and graph.g2o.
+
+    Args:
+        run: folder of the run's results.
 
     Raises:
-        DataError: not the folder of a finished run, or a file in it that is damaged.
+        DataError: it is not the folder of a finished run, or a file in it is damaged.
     """
     if not (run / "map.ply").is_file():
         raise DataError(run, "holds no map.ply", _REMEDY)
@@ -56,13 +59,13 @@ def read_scene(run: Path) -> Scene:
         points=np.column_stack([columns.pop("x"), columns.pop("y")]),
         values=columns,
         trajectory=trajectory,
-        loops=_loops(run / "graph.g2o", len(trajectory)),
+        loops=_read_loops(run / "graph.g2o", len(trajectory)),
     )
 
 
-def _loops(path: Path, revolutions: int) -> NDArray[np.int64]:
-    """The edges (L, 2) of a pose graph that do not join successive revolutions."""
+def _read_loops(path: Path, scans: int) -> NDArray[np.int64]:
+    """Reads the edges (L, 2) of a pose graph that do not join successive scans."""
     edges = read_edges(path)
-    if any(not 0 <= k < revolutions for edge in edges for k in edge):
-        raise DataError(path, f"has edges beyond the {revolutions} poses of trajectory.tum", "run the recording anew")
+    if any(not 0 <= k < scans for edge in edges for k in edge):
+        raise DataError(path, f"has edges beyond the {scans} poses of trajectory.tum", "run the recording anew")
     return np.array([edge for edge in edges if abs(edge[1] - edge[0]) > 1], dtype=np.int64).reshape(-1, 2)

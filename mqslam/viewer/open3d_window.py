@@ -1,4 +1,4 @@
-"""A scene in a window of Open3D: the map from above, keys P, I and T for its colours."""
+"""A window of Open3D with the map from above; the keys P, I and T choose its colours."""
 
 from __future__ import annotations
 
@@ -9,48 +9,56 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mqslam.errors import ViewerError
-from mqslam.viewer.colours import GROUND, LOOPS, TRAJECTORY, spread
+from mqslam.errors import Remedy, ViewerError
+from mqslam.viewer.colours import GROUND, LOOPS, TRAJECTORY, colour_over_span
 from mqslam.viewer.display import has_display
 from mqslam.viewer.finished_run import Scene
 
 KEYS = {"psi": "P", "intensity": "I", "time": "T"}
-_FRAME_S = 0.02
-_ABOVE_M = 0.05  # lines lie above the points
+_FRAME_S = 0.02  # time between two frames
+_ABOVE_M = 0.05  # height of lines above the points, which would hide them otherwise
 
 
 def show(scene: Scene, colour: str) -> None:
-    """Show a scene until its window is closed.
+    """Shows a scene until its window is closed.
 
     Args:
-        scene: it.
+        scene: the scene.
         colour: what the points are coloured by at first, one of KEYS.
 
     Raises:
         ViewerError: there is no display.
     """
-    shown = window(scene, colour)
-    while shown.poll_events():  # not Open3D's own loop, which hears no Ctrl-C
+    shown = open_window(scene, colour)
+    while shown.poll_events():  # Open3D's own loop would not react to Ctrl-C
         shown.update_renderer()
         time.sleep(_FRAME_S)
     shown.destroy_window()
 
 
-def window(scene: Scene, colour: str) -> Any:
-    """An Open3D visualizer that shows a scene from above; the keys are registered."""
+def open_window(scene: Scene, colour: str) -> Any:
+    """Opens an Open3D visualizer that shows a scene from above and reacts to the keys.
+
+    Args:
+        scene: the scene.
+        colour: what the points are coloured by at first, one of KEYS.
+
+    Raises:
+        ViewerError: there is no display, or Open3D cannot use it.
+    """
     if not has_display():
-        raise ViewerError("no display to open a window on; look at report.html, or give --rerun and open map.rrd elsewhere")
+        raise ViewerError("there is no display to open a window on", Remedy.OPEN_MAP_ELSEWHERE)
     import open3d as o3d
 
     shown = o3d.visualization.VisualizerWithKeyCallback()
     if not shown.create_window(f"mqslam {scene.name}", 1280, 900):
-        raise ViewerError("Open3D cannot open a window on this display; look at report.html, or give --rerun")
-    cloud = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(_flat(scene.points, 0.0)))
-    for geometry in (*_lines(scene), cloud):  # the view is fitted to the last one
+        raise ViewerError("Open3D cannot open a window on this display", Remedy.OPEN_MAP_ELSEWHERE)
+    cloud = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(_lift(scene.points, 0.0)))
+    for geometry in (*_make_lines(scene), cloud):  # the view is fitted to the last one
         shown.add_geometry(geometry)
 
     def colour_by(name: str, _: Any = None) -> bool:
-        cloud.colors = o3d.utility.Vector3dVector(spread(scene.values[name]) / 255.0)
+        cloud.colors = o3d.utility.Vector3dVector(colour_over_span(scene.values[name]) / 255.0)
         return bool(shown.update_geometry(cloud))
 
     for name, key in KEYS.items():
@@ -65,21 +73,21 @@ def window(scene: Scene, colour: str) -> Any:
     return shown
 
 
-def _lines(scene: Scene) -> list[Any]:
-    """The trajectory and the loops."""
+def _make_lines(scene: Scene) -> list[Any]:
+    """Returns the trajectory and the loop closures as lines."""
     import open3d as o3d
 
-    poses = o3d.utility.Vector3dVector(_flat(scene.trajectory.poses[:, :2], _ABOVE_M))
+    poses = o3d.utility.Vector3dVector(_lift(scene.trajectory.poses[:, :2], _ABOVE_M))
     steps = np.arange(len(scene.trajectory) - 1)
-    found = []
+    shown = []
     for ends, colour in ((np.column_stack([steps, steps + 1]), TRAJECTORY), (scene.loops, LOOPS)):
         if len(ends):
             lines = o3d.geometry.LineSet(poses, o3d.utility.Vector2iVector(ends))
             lines.paint_uniform_color(np.array(colour) / 255.0)
-            found.append(lines)
-    return found
+            shown.append(lines)
+    return shown
 
 
-def _flat(points: NDArray[np.float64], z: float) -> NDArray[np.float64]:
-    """Points (N, 3) of points (N, 2) [m]."""
+def _lift(points: NDArray[np.float64], z: float) -> NDArray[np.float64]:
+    """Returns points (N, 3) at height z [m] of points (N, 2) [m]."""
     return np.column_stack([points, np.full(len(points), z)])

@@ -1,4 +1,4 @@
-"""A map for Rerun's viewer, revolution by revolution: into a file, or into a viewer while it is measured."""
+"""A map for Rerun's viewer, scan by scan: in a file, or in a viewer while it is measured."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 
 from mqslam.core import se2
 from mqslam.core.scans import Scan
-from mqslam.errors import ViewerError
+from mqslam.errors import Remedy, ViewerError
 from mqslam.execution.files import write_aside
-from mqslam.viewer.colours import GROUND, LOOPS, TRAJECTORY, rgb, spread
+from mqslam.viewer.colours import GROUND, LOOPS, TRAJECTORY, colour_between, colour_over_span
 from mqslam.viewer.display import has_display
 from mqslam.viewer.finished_run import Scene
 
@@ -41,14 +41,14 @@ class RerunLog:
         recording.log("/", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
         recording.log("radar/heading", rr.Arrows3D(vectors=[[_HEADING_M, 0.0, 0.0]], colors=[TRAJECTORY]), static=True)
 
-    def revolution(self, t: float, pose: se2.Array, points: NDArray[np.float64], colours: NDArray[np.uint8]) -> None:
-        """Add a revolution: its points, the sensor's pose at its start, and the way there from the one before.
+    def add_scan(self, t: float, pose: se2.Array, points: NDArray[np.float64], colours: NDArray[np.uint8]) -> None:
+        """Adds a scan: its points, the sensor's pose at its start, and a line to it from the pose before.
 
         Args:
-            t: its start [s] since the recording's start.
-            pose: (3,) world frame.
+            t: start of the scan [s] since the recording's start.
+            pose: (3,) pose of the sensor at that time, world frame.
             points: (N, 2) [m] world frame.
-            colours: (N, 3) of the points.
+            colours: (N, 3) colours of the points.
         """
         import rerun as rr
 
@@ -57,38 +57,55 @@ class RerunLog:
         self._recording.set_time(TIMELINE, duration=t)
         self._recording.log("radar", rr.Transform3D(translation=at, rotation=turn))
         if self._last is not None:
-            self._recording.log("trajectory", _lines(np.array([[self._last[:2], pose[:2]]]), TRAJECTORY))
+            self._recording.log("trajectory", _make_lines(np.array([[self._last[:2], pose[:2]]]), TRAJECTORY))
         if len(points):
-            self._recording.log("map", rr.Points3D(_flat(points), colors=colours, radii=_POINT_M))
+            self._recording.log("map", rr.Points3D(_lift(points), colors=colours, radii=_POINT_M))
         self._last = pose
 
-    def scene(self, scene: Scene, colour: str) -> None:
-        """Add a finished map, coloured by one of its values: every revolution at its time, and the loops."""
-        times, colours = scene.start_times, spread(scene.values[colour])
+    def add_scene(self, scene: Scene, colour: str) -> None:
+        """Adds a finished map, scan by scan, and its loop closures.
+
+        Args:
+            scene: the scene.
+            colour: name of the values that the points are coloured by.
+        """
+        times, colours = scene.start_times, colour_over_span(scene.values[colour])
         ends = np.append(np.searchsorted(scene.values["time"], times[1:]), len(scene.points))
         begin = 0
         for t, pose, end in zip(times.tolist(), scene.trajectory.poses, ends.tolist(), strict=True):
-            self.revolution(t, pose, scene.points[begin:end], colours[begin:end])
+            self.add_scan(t, pose, scene.points[begin:end], colours[begin:end])
             begin = end
         if len(scene.loops):
-            self._recording.log("loops", _lines(scene.trajectory.poses[scene.loops, :2], LOOPS), static=True)
+            self._recording.log("loops", _make_lines(scene.trajectory.poses[scene.loops, :2], LOOPS), static=True)
 
     def watch(self, scan: Scan, pose: se2.Array, points: NDArray[np.float64]) -> None:
-        """Add a revolution as it is measured; its points are coloured by intensity."""
-        self.revolution(scan.t0, pose, points, rgb(scan.returns.intensities, 0.0, 255.0))
+        """Adds a scan as it is measured, with its points coloured by intensity.
+
+        Args:
+            scan: the scan.
+            pose: (3,) pose of the sensor at its start, world frame.
+            points: (N, 2) [m] its returns in the world frame.
+        """
+        self.add_scan(scan.t0, pose, points, colour_between(scan.returns.intensities, 0.0, 255.0))
 
 
 @contextmanager
-def recorded(path: Path) -> Iterator[RerunLog]:
-    """A log that becomes an .rrd file when the block ends without an error.
+def record(path: Path) -> Iterator[RerunLog]:
+    """Opens a log that becomes an .rrd file when the block ends without an error.
+
+    Args:
+        path: the file.
+
+    Yields:
+        the log.
 
     Raises:
         ViewerError: Rerun is not installed.
         OutputError: the file cannot be written.
     """
-    recording = _recording()
+    recording = _open_recording()
     with write_aside(path) as aside:
-        recording.save(aside, default_blueprint=_blueprint())
+        recording.save(aside, default_blueprint=_make_blueprint())
         try:
             yield RerunLog(recording)
         finally:
@@ -96,17 +113,20 @@ def recorded(path: Path) -> Iterator[RerunLog]:
 
 
 @contextmanager
-def streamed() -> Iterator[RerunLog]:
-    """A log that a viewer shows as it grows; the viewer outlives the block.
+def stream() -> Iterator[RerunLog]:
+    """Opens a log that a viewer shows as it grows; the viewer stays open after the block.
+
+    Yields:
+        the log.
 
     Raises:
         ViewerError: Rerun is not installed, or there is no display.
     """
-    recording = _recording()
+    recording = _open_recording()
     if not has_display():
-        raise ViewerError("no display to open Rerun's viewer on; give --live FILE.rrd and open the file elsewhere")
+        raise ViewerError("there is no display to open Rerun's viewer on", Remedy.RECORD_LIVE_VIEW)
     open_viewer()
-    recording.connect_grpc(default_blueprint=_blueprint())  # waits for the viewer to listen
+    recording.connect_grpc(default_blueprint=_make_blueprint())  # waits for the viewer to listen
     try:
         yield RerunLog(recording)
     finally:
@@ -114,12 +134,16 @@ def streamed() -> Iterator[RerunLog]:
 
 
 def open_viewer(*files: Path) -> None:
-    """Open Rerun's viewer on .rrd files, or to wait for what is streamed to it; it outlives this process."""
-    command = [sys.executable, "-m", "rerun", *map(str, files)]  # not by its name, which may not be on the PATH
+    """Opens Rerun's viewer, which stays open after this process.
+
+    Args:
+        files: .rrd files to show; without any, the viewer waits for what is streamed to it.
+    """
+    command = [sys.executable, "-m", "rerun", *map(str, files)]  # its name may not be on the PATH
     subprocess.Popen(command, start_new_session=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
 
 
-def _recording() -> Any:
+def _open_recording() -> Any:
     try:
         import rerun as rr
     except ImportError as error:
@@ -127,8 +151,8 @@ def _recording() -> Any:
     return rr.RecordingStream("mqslam")
 
 
-def _blueprint() -> Any:
-    """One view, which shows everything from the beginning up to the time line's cursor."""
+def _make_blueprint() -> Any:
+    """Returns one view, which shows everything from the beginning up to the time line's cursor."""
     import rerun.blueprint as rrb
 
     so_far = rrb.VisibleTimeRange(
@@ -137,13 +161,13 @@ def _blueprint() -> Any:
     return rrb.Blueprint(rrb.Spatial3DView(name="map", origin="/", background=GROUND, time_ranges=[so_far]))
 
 
-def _lines(segments: NDArray[np.float64], colour: tuple[int, int, int]) -> Any:
-    """Lines of segments (L, 2, 2) [m]."""
+def _make_lines(segments: NDArray[np.float64], colour: tuple[int, int, int]) -> Any:
+    """Returns lines of segments (L, 2, 2) [m]."""
     import rerun as rr
 
-    return rr.LineStrips3D([_flat(segment) for segment in segments], colors=[colour], radii=_LINE_M)
+    return rr.LineStrips3D([_lift(segment) for segment in segments], colors=[colour], radii=_LINE_M)
 
 
-def _flat(points: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Points (N, 3) of points (N, 2) [m]."""
+def _lift(points: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Returns points (N, 3) at height zero of points (N, 2) [m]."""
     return np.column_stack([points, np.zeros(len(points))])

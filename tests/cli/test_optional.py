@@ -24,7 +24,8 @@ from mqslam.execution.checkpoint import FOLDER, hash_run
 from mqslam.formats.recordings import open_recording
 from mqslam.formats.tum import write_tum
 from mqslam.report.batch_page import write_batch_pages
-from mqslam.results.batch_results import Order, Outcome, add_warnings, summarise, write_batch
+from mqslam.results.batch_results import Order, Outcome, summarise, write_batch
+from mqslam.results.summary_files import add_warnings
 from mqslam.simulator import SensorModel, simulate
 
 ESSENTIAL = {"trajectory.tum", "odometry.tum", "measurements.csv", "config.yaml", "summary.json", "run.log"}
@@ -118,7 +119,7 @@ def test_covariances_that_cannot_be_had_are_a_warning(drive: Path, tmp_path: Pat
     monkeypatch.setattr("mqslam.backend.pose_graph.splu", failing(RuntimeError("Factor is exactly singular")))
 
     def write_indices(path: Path, report: Any) -> list[str]:
-        path.write_text(str(report.sure))
+        path.write_text(str(report.covariances))
         return []
 
     monkeypatch.setattr("mqslam.report.run_page.write_report", write_indices)
@@ -222,7 +223,7 @@ def test_one_scan_has_a_pose_and_no_verdict(drive: Path, tmp_path: Path, monkeyp
 def test_an_audit_keeps_its_numbers_without_pictures_and_report(
     drive: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    for name in ("heat_map", "write_audit_report"):
+    for name in ("draw_heat_map", "write_audit_report"):
         monkeypatch.setattr(f"mqslam.report.audit_page.{name}", failing(ValueError("by nothing")))
     shown = mqslam("audit", drive, "--trajectory", "ground_truth", "--out", tmp_path / "out", "--fail-on", "fail")
     assert shown.code == 3 and shown.out.startswith("verdict       not judged: 0 of 4 windows are torn, too few to judge")
@@ -265,7 +266,7 @@ def test_a_comparison_keeps_what_does_not_fail(drive: Path, tmp_path: Path, monk
         return evaluate(*arguments) if len(calls) > 1 else failing(np.linalg.LinAlgError("Singular matrix"))()
 
     monkeypatch.setattr(judge, "audit", once)
-    for name in ("overlay", "write_compare_report"):
+    for name in ("draw_overlay", "write_compare_report"):
         monkeypatch.setattr(f"mqslam.report.compare_page.{name}", failing(ValueError("by nothing")))
     given = ("--frontends", "odometry", "--odometry-only", "--trajectory", f"first={drive / 'gt' / 'poses_tum.txt'}")
     shown = mqslam("compare", drive, "--out", tmp_path / "out", *given)
@@ -296,7 +297,7 @@ def test_a_batch_keeps_its_numbers_where_a_finished_run_lost_a_file(tmp_path: Pa
     track = Trajectory(np.arange(5), np.arange(15.0).reshape(5, 3))
     write_tum(tmp_path / "kept" / "trajectory.tum", track)
     write_batch(tmp_path, summary)
-    add_warnings(tmp_path, summary, write_batch_pages(tmp_path, "runs", summary, "runs: []"))
+    add_warnings(tmp_path / "batch.json", summary, write_batch_pages(tmp_path, "runs", summary, "runs: []"))
     written = summary_of(tmp_path, "batch.json")
     assert written["counts"] == {"pass": 0, "warn": 0, "fail": 0, "not judged": 2, "failed": 0}
     assert written["runs"][0]["psi_per_point"] is None
@@ -305,6 +306,6 @@ def test_a_batch_keeps_its_numbers_where_a_finished_run_lost_a_file(tmp_path: Pa
     assert page.count('<span class="badge none">not judged</span>') == 2 and page.count("data:image/png") == 1
     assert "0 · 0 · 0 · 2" in page and "pass · warn · fail · not judged" in page
     monkeypatch.setattr("mqslam.report.batch_page.write_batch_report", failing(ValueError("by nothing")))
-    add_warnings(tmp_path, summary, write_batch_pages(tmp_path, "runs", summary, "runs: []"))
+    add_warnings(tmp_path / "batch.json", summary, write_batch_pages(tmp_path, "runs", summary, "runs: []"))
     said = "report.html could not be made (ValueError: by nothing); the other results are whole"
     assert summary_of(tmp_path, "batch.json")["warnings"][-1] == said

@@ -26,9 +26,12 @@ from support.reported import (
 from mqslam.audit.judge import Audit
 from mqslam.audit.verdict import VerdictStatus
 from mqslam.config import Config
-from mqslam.report.audit_page import AuditReport, heat_map, write_audit_report
-from mqslam.report.crops import Crop, crops
-from mqslam.report.spots import direction, worst_spots
+from mqslam.report.audit_page import write_audit_report
+from mqslam.report.audit_report import AuditReport
+from mqslam.report.figures.audit_figures import draw_heat_map
+from mqslam.report.figures.crops import Crop, make_crops
+from mqslam.report.formatting import describe_motion
+from mqslam.report.spots import find_worst_spots
 
 
 def a_report() -> AuditReport:
@@ -54,7 +57,7 @@ def a_report() -> AuditReport:
 
 
 def crops_of(report: AuditReport) -> tuple[Crop, ...]:
-    return crops(report.sweeps, report.audit, report.config.audit)
+    return make_crops(report.sweeps, report.audit, report.config.audit)
 
 
 @pytest.fixture(scope="module")
@@ -132,7 +135,7 @@ def test_the_worst_places_keep_apart_and_fill_up_with_the_largest_inflation() ->
     sweeps = swept_walls(120)
     windows = [judged_window(sweeps, 6 * k, float(k), (0.5, 0.0, 0.0), k in (2, 3)) for k in range(20)]
     revisits = [judged_revisit(9, later, (0.1 * later, 0.0, 0.0), True) for later in (100, 102, 104)]
-    spots = worst_spots(sweeps, Audit(windows, revisits, "warn", []), 5)
+    spots = find_worst_spots(sweeps, Audit(windows, revisits, "warn", []), 5)
     assert [(s.kind, s.sweep) for s in spots[:2]] == [("revisit", 104), ("window", 15)]
     assert [s.torn for s in spots] == [True, True, False, False, False]
     begins = [s.sweep for s in spots if s.kind == "window"]
@@ -141,8 +144,8 @@ def test_the_worst_places_keep_apart_and_fill_up_with_the_largest_inflation() ->
 
 
 def test_directions_are_said_as_a_driver_would() -> None:
-    assert direction((1.5, -0.02, 0.01)) == "1.50 m ahead, 20 mm right, turned 0.57° left"
-    assert direction((0.0, 0.0, 0.0)) == "nowhere"
+    assert describe_motion((1.5, -0.02, 0.01)) == "1.50 m ahead, 20 mm right, turned 0.57° left"
+    assert describe_motion((0.0, 0.0, 0.0)) == "nowhere"
 
 
 def test_the_heat_map_tells_windows_beyond_the_threshold_from_the_others() -> None:
@@ -150,7 +153,7 @@ def test_the_heat_map_tells_windows_beyond_the_threshold_from_the_others() -> No
 
     def blue_over_red(inflation: float) -> NDArray[np.int64]:
         windows = [judged_window(sweeps, 6 * k, inflation, (0.0, 0.0, 0.0), False) for k in range(10)]
-        image = Image.open(io.BytesIO(heat_map(sweeps, Audit(windows, [], VerdictStatus.PASS, [])))).convert("RGB")
+        image = Image.open(io.BytesIO(draw_heat_map(sweeps, Audit(windows, [], VerdictStatus.PASS, [])))).convert("RGB")
         pixels = np.asarray(image).astype(np.int64)[200:]  # below the strip of all colours
         return pixels[..., 2] - pixels[..., 0]
 
@@ -161,7 +164,7 @@ def test_the_heat_map_tells_windows_beyond_the_threshold_from_the_others() -> No
 
 def test_the_heat_map_is_opaque_by_itself_and_transparent_in_a_page(report: AuditReport) -> None:
     corners = [
-        np.asarray(Image.open(io.BytesIO(heat_map(report.sweeps, report.audit, opaque=opaque))).convert("RGBA"))[2, 2]
+        np.asarray(Image.open(io.BytesIO(draw_heat_map(report.sweeps, report.audit, opaque=opaque))).convert("RGBA"))[2, 2]
         for opaque in (True, False)
     ]
     assert corners[0].tolist() == [255, 255, 255, 255]
@@ -181,8 +184,8 @@ def test_an_audit_with_nothing_in_it_still_has_a_report(report: AuditReport, tmp
 def test_a_part_that_cannot_be_drawn_costs_no_other_part(
     report: AuditReport, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("mqslam.report.audit_page.heat_map", lambda *_, **__: 1 / 0)
-    monkeypatch.setattr("mqslam.report.audit_page.crops", lambda *_: 1 / 0)
+    monkeypatch.setattr("mqslam.report.audit_page.draw_heat_map", lambda *_, **__: 1 / 0)
+    monkeypatch.setattr("mqslam.report.audit_page.make_crops", lambda *_: 1 / 0)
     failures = write_audit_report(tmp_path / "partial.html", report)
     why = "could not be made (ZeroDivisionError: division by zero); the other results are whole"
     assert failures == [f"the pictures of the map {why}", f"the pictures of the worst places {why}"]

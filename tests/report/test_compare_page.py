@@ -17,7 +17,9 @@ from mqslam.compare.rows import Row
 from mqslam.core import se2
 from mqslam.core.point_map import PointMap
 from mqslam.core.trajectory import Trajectory
-from mqslam.report.compare_page import CompareReport, overlay, write_compare_report
+from mqslam.report.compare_page import write_compare_report
+from mqslam.report.compare_report import CompareReport
+from mqslam.report.figures.compare_figures import draw_overlay
 
 START_US = 1_600_000_000_000_000
 
@@ -103,18 +105,19 @@ def test_agreement_and_failures_are_listed(written: Path) -> None:
 def test_trajectories_of_other_frames_are_laid_on_the_truth() -> None:
     truth = bow(0.01, (500.0, 300.0, 2.0))
     rows = [judged("alone", bow(0.01, (0.0, 0.0, -1.0)))]
-    assert overlay(rows, truth) == overlay([judged("alone", bow(0.01, (40.0, 0.0, 0.5)))], truth)
+    assert draw_overlay(rows, truth) == draw_overlay([judged("alone", bow(0.01, (40.0, 0.0, 0.5)))], truth)
 
 
 def test_without_truth_all_start_from_one_pose() -> None:
     rows = [judged("one", bow(0.01)), judged("two", bow(0.01, (40.0, 10.0, 0.5)))]
     moved = [judged("one", bow(0.01)), judged("two", bow(0.01))]
-    assert overlay(rows, None) == overlay(moved, None)
+    assert draw_overlay(rows, None) == draw_overlay(moved, None)
 
 
 def test_the_overlay_is_opaque_by_itself_and_transparent_in_a_page() -> None:
+    one = [judged("one", bow(0.01))]
     corners = [
-        np.asarray(Image.open(io.BytesIO(overlay([judged("one", bow(0.01))], None, opaque=opaque))).convert("RGBA"))[2, 2]
+        np.asarray(Image.open(io.BytesIO(draw_overlay(one, None, opaque=opaque))).convert("RGBA"))[2, 2]
         for opaque in (True, False)
     ]
     assert corners[0].tolist() == [255, 255, 255, 255]
@@ -122,7 +125,7 @@ def test_the_overlay_is_opaque_by_itself_and_transparent_in_a_page() -> None:
 
 
 def test_a_part_that_cannot_be_drawn_costs_no_other_part(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("mqslam.report.compare_page.place_pictures", lambda *_: 1 / 0)
+    monkeypatch.setattr("mqslam.report.compare_page.draw_place", lambda *_: 1 / 0)
     failures = write_compare_report(tmp_path / "partial.html", a_report(None))
     assert len(failures) == 1 and failures[0].startswith("where the rows differ could not be made (ZeroDivisionError")
     page = page_of(tmp_path / "partial.html")
@@ -143,7 +146,7 @@ def test_many_rows_with_long_names_are_all_in_the_legend(tmp_path: Path) -> None
     report = a_report(None)
     rows = tuple(judged(f"a front end with a long name, number {k}", bow(0.001 * k)) for k in range(8))
     write_compare_report(tmp_path / "many.html", replace(report, rows=rows))
-    few, many = (Image.open(io.BytesIO(overlay(r, None))).size for r in (rows[:2], rows))
+    few, many = (Image.open(io.BytesIO(draw_overlay(r, None))).size for r in (rows[:2], rows))
     assert many[0] == few[0]
     assert many[1] > few[1]
 

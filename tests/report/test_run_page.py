@@ -24,16 +24,16 @@ from mqslam.core.point_map import PointMap
 from mqslam.core.trajectory import Trajectory
 from mqslam.errors import OutputError
 from mqslam.report import Report, WindowScores, write_report
-from mqslam.report.explorers.explorer import MOST_POINTS
-from mqslam.report.run_figures import map_figures
+from mqslam.report.explorers.scene_data import MOST_POINTS
+from mqslam.report.figures.run_figures import draw_maps
 
 START_US = 1_600_000_000_000_000
 
 
-def circle(radius: float, revolutions: int = 60) -> Trajectory:
-    angle = np.linspace(0.0, 2.0 * np.pi, revolutions)
+def circle(radius: float, scans: int = 60) -> Trajectory:
+    angle = np.linspace(0.0, 2.0 * np.pi, scans)
     poses = np.c_[radius * np.sin(angle), radius * (1.0 - np.cos(angle)), angle]
-    return Trajectory(START_US + 500_000 * np.arange(revolutions), poses)
+    return Trajectory(START_US + 500_000 * np.arange(scans), poses)
 
 
 def walls(offset: float, count: int = 4000) -> PointMap:
@@ -100,7 +100,7 @@ def a_report() -> Report:
         checks=tuple(judged_walls(swept_walls()).windows),
         settings=AuditConfig(),
         loops=np.array([[0, 59]]),
-        sure=PoseCovariances(np.array([0, 30, 59]), np.diag([0.04, 0.09, 1e-4]) * np.arange(1, 4)[:, None, None]),
+        covariances=PoseCovariances(np.array([0, 30, 59]), np.diag([0.04, 0.09, 1e-4]) * np.arange(1, 4)[:, None, None]),
         warnings=("revolution 7 <img src=x> is truncated", "odometry ends & the run goes on"),
         settings_yaml="detector:\n  k_strongest: 12  # <per azimuth>\n",
     )
@@ -137,6 +137,25 @@ def test_warnings_stand_before_the_verdict_and_are_escaped(written: Path) -> Non
     first = text.index("revolution 7 <img src=x> is truncated")
     assert first < text.index("warn\n") < text.index("torn near t = 31 s & 40 s") < text.index("Map quality")
     assert "<img src=x>" not in written.read_text(encoding="utf-8")
+
+
+def test_notes_on_the_recording_stand_below_the_warnings(written: Path, tmp_path: Path) -> None:
+    note = "range resolution 0.0438 m is <assumed>"
+    write_report(tmp_path / "noted.html", replace(a_report(), notes=(note,)))
+    text = page_of(tmp_path / "noted.html").text
+    assert text.index("odometry ends & the run goes on") < text.index(note) < text.index("warn\n")
+    assert "Notes" not in page_of(written).text
+
+
+def test_the_map_of_a_radar_that_stood_still_is_not_judged(tmp_path: Path) -> None:
+    report = a_report()
+    psi = report.summary["psi"] | {"matched_optimised": 0.0, "per_point_optimised": 2.25}
+    still = replace(report, summary={**report.summary, "psi": psi}, stood_still=True)
+    write_report(tmp_path / "still.html", still)
+    text = re.sub(r"\n+", "\n", page_of(tmp_path / "still.html").text)
+    assert "not judged\nψ and matched points: the radar stood still" in text
+    assert "points matched\n71 %\nnot judged\n–" in text and "%\nof its points matched" not in text
+    assert "the optimised map holds the returns of one scan only" in text
 
 
 def test_numbers_of_the_summary_are_shown_with_units(written: Path) -> None:
@@ -194,7 +213,7 @@ def test_a_run_with_almost_nothing_in_it_still_has_a_report(tmp_path: Path) -> N
 
 
 def test_a_part_that_cannot_be_drawn_costs_no_other_part(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("mqslam.report.run_page.run_explorer", lambda *_: 1 / 0)
+    monkeypatch.setattr("mqslam.report.run_page.explore_run", lambda *_: 1 / 0)
     failures = write_report(tmp_path / "partial.html", a_report())
     assert failures == [
         "the map to move in could not be made (ZeroDivisionError: division by zero); the other results are whole"
@@ -208,14 +227,14 @@ def test_a_full_disk_is_no_part_that_cannot_be_drawn(tmp_path: Path, monkeypatch
     def full(*_: object) -> str:
         raise OutputError("no space left")
 
-    monkeypatch.setattr("mqslam.report.run_page.run_explorer", full)
+    monkeypatch.setattr("mqslam.report.run_page.explore_run", full)
     with pytest.raises(OutputError, match="no space left"):
         write_report(tmp_path / "partial.html", a_report())
 
 
 def test_covariances_that_are_not_known_are_said_and_not_drawn(written: Path, tmp_path: Path) -> None:
     unknown = PoseCovariances.unknown("the graph leaves a direction open")
-    write_report(tmp_path / "unsure.html", replace(a_report(), sure=unknown))
+    write_report(tmp_path / "unsure.html", replace(a_report(), covariances=unknown))
     said = "the covariances of the poses are not known (the graph leaves a direction open)"
     assert said in page_of(tmp_path / "unsure.html").text and said not in page_of(written).text
     assert "3σ ellipses" not in scene_of(tmp_path / "unsure.html") and "3σ ellipses" in scene_of(written)
@@ -239,7 +258,7 @@ def test_maps_share_scale_and_shade() -> None:
     corners = np.array([[-1.0, -1.0], [1.0, -1.0], [-1.0, 1.0], [1.0, 1.0]])
     dense = replace(walls(0.0, 400), points=np.repeat(20.0 * corners, 100, axis=0))
     sparse = replace(walls(0.0, 4), points=40.0 * corners)
-    images = map_figures((dense, sparse), (path, path), ("#ff0000", "#ff0000"))
+    images = draw_maps((dense, sparse), (path, path), ("#ff0000", "#ff0000"))
     inks = [inside_axes(png) for png in images]
     spans = [np.ptp(np.nonzero(ink)[0]) for ink in inks]
     assert spans[1] == pytest.approx(2 * spans[0], abs=4)

@@ -19,7 +19,7 @@ from mqslam.formats.tum import write_tum
 
 @pytest.fixture
 def finished(tmp_path: Path) -> Path:
-    """Five revolutions along a square, four points each but for the fourth, with a loop from the last to the first."""
+    """Five scans along a square, four points each but for the fourth, with a loop from the last to the first."""
     out = tmp_path / "result"
     out.mkdir()
     poses = np.array([[0, 0, 0], [10, 0, 1.5], [10, 10, 3], [0, 10, 4.5], [0.5, 1, 6]], dtype=np.float64)

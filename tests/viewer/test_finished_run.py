@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from mqslam.errors import DataError
-from mqslam.viewer.colours import rgb, spread
+from mqslam.viewer.colours import colour_between, colour_over_span
 from mqslam.viewer.finished_run import read_scene
 
 
@@ -19,7 +19,7 @@ def test_a_scene_holds_points_with_their_values_poses_and_loops(finished: Path) 
     assert {name: values[0] for name, values in scene.values.items()} == {"psi": 2.0, "intensity": 40.0, "time": 0.0}
     assert scene.start_times.tolist() == [0.0, 0.25, 0.5, 0.75, 1.0]
     assert scene.trajectory.poses[2, :2].tolist() == [10.0, 10.0]
-    assert scene.loops.tolist() == [[4, 0]]  # and none of the edges between successive revolutions
+    assert scene.loops.tolist() == [[4, 0]]  # and none of the edges between successive scans
 
 
 def test_a_folder_without_a_map_is_refused(tmp_path: Path) -> None:
@@ -45,11 +45,11 @@ def test_a_damaged_file_is_named(finished: Path, name: str, content: str, said: 
 
 
 def test_colours_grow_brighter_with_the_value_and_stand_out_from_the_ground() -> None:
-    brightness = rgb(np.linspace(0.0, 1.0, 50), 0.0, 1.0) @ np.array([0.2126, 0.7152, 0.0722])
+    brightness = colour_between(np.linspace(0.0, 1.0, 50), 0.0, 1.0) @ np.array([0.2126, 0.7152, 0.0722])
     assert np.all(np.diff(brightness) > 0.0) and brightness[0] > 60.0
 
 
 def test_a_few_extreme_values_do_not_take_the_colours_from_the_rest() -> None:
     values = np.append(np.linspace(0.0, 1.0, 999), 1e6)
-    assert np.array_equal(spread(values)[500], rgb(np.array([0.5]), 0.0, 1.0)[0])
-    assert spread(np.empty(0)).shape == (0, 3)
+    assert np.array_equal(colour_over_span(values)[500], colour_between(np.array([0.5]), 0.0, 1.0)[0])
+    assert colour_over_span(np.empty(0)).shape == (0, 3)

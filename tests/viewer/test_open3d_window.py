@@ -17,8 +17,8 @@ import json, sys
 from pathlib import Path
 import numpy as np
 import open3d as o3d
-from mqslam.viewer.colours import LOOPS, TRAJECTORY, spread
-from mqslam.viewer.open3d_window import window
+from mqslam.viewer.colours import LOOPS, TRAJECTORY, colour_over_span
+from mqslam.viewer.open3d_window import open_window
 from mqslam.viewer.finished_run import read_scene
 
 pressed = {}
@@ -28,13 +28,13 @@ def register(self, key, call):
 
 o3d.visualization.VisualizerWithKeyCallback.register_key_callback = register
 scene = read_scene(Path(sys.argv[1]))
-shown = window(scene, "psi")
+shown = open_window(scene, "psi")
 
 def seen():
     shown.poll_events()
     shown.update_renderer()
     picture = np.round(255.0 * np.asarray(shown.capture_screen_float_buffer(True))).astype(int)
-    wanted = {"trajectory": [TRAJECTORY], "loops": [LOOPS], **{n: spread(v) for n, v in scene.values.items()}}
+    wanted = {"trajectory": [TRAJECTORY], "loops": [LOOPS], **{n: colour_over_span(v) for n, v in scene.values.items()}}
     return {
         name: sum(bool((np.abs(picture - np.asarray(c, dtype=int)).max(axis=2) <= 1).any()) for c in colours) / len(colours)
         for name, colours in wanted.items()

@@ -11,9 +11,9 @@ from support.commands import mqslam
 
 from mqslam.errors import ViewerError
 from mqslam.formats.tum import read_tum
-from mqslam.viewer.colours import spread
+from mqslam.viewer.colours import colour_over_span
 from mqslam.viewer.finished_run import read_scene
-from mqslam.viewer.rerun_log import recorded, streamed
+from mqslam.viewer.rerun_log import record, stream
 
 chunks = pytest.importorskip("rerun.chunk", reason="Rerun is not installed: pip install 'mqslam[view]'")
 
@@ -21,7 +21,8 @@ chunks = pytest.importorskip("rerun.chunk", reason="Rerun is not installed: pip 
 def logged(path: Path, entity: str, component: str) -> list[tuple[float | None, Any]]:
     """What an .rrd file holds of an entity, in the order of time [s]; None is the time of what always is."""
     rows: list[tuple[float | None, Any]] = []
-    for chunk in chunks.RrdReader(path).recording():
+    reader = chunks.RrdReader(path)
+    for chunk in reader.stream() if hasattr(reader, "stream") else reader.recording():
         if chunk.entity_path == entity:
             batch = chunk.to_record_batch()
             times = [None] * len(batch) if chunk.is_static else batch["time"].cast("int64").to_pylist()
@@ -30,16 +31,16 @@ def logged(path: Path, entity: str, component: str) -> list[tuple[float | None, 
     return sorted(rows, key=lambda row: row[0] or 0.0)
 
 
-def test_a_finished_run_is_replayed_revolution_by_revolution(finished: Path, no_screen: None) -> None:
+def test_a_finished_run_is_replayed_scan_by_scan(finished: Path, no_screen: None) -> None:
     shown = mqslam("view", finished, "--rerun", "--colour", "time")
     path = finished / "map.rrd"
     assert (shown.code, shown.err) == (0, "") and str(path) in shown.out and "no display" in shown.out
     scene = read_scene(finished)
     points = logged(path, "/map", "Points3D:positions")
-    assert [t for t, _ in points] == pytest.approx([0.0, 0.25, 0.5, 1.0])  # the fourth revolution has none
+    assert [t for t, _ in points] == pytest.approx([0.0, 0.25, 0.5, 1.0])  # the fourth scan has none
     assert np.allclose(np.concatenate([p for _, p in points])[:, :2], scene.points)
     colours = np.concatenate([c for _, c in logged(path, "/map", "Points3D:colors")])
-    assert np.array_equal(colours >> 24, spread(scene.values["time"])[:, 0])
+    assert np.array_equal(colours >> 24, colour_over_span(scene.values["time"])[:, 0])
     poses = logged(path, "/radar", "Transform3D:translation")
     assert [t for t, _ in poses] == pytest.approx(scene.start_times.tolist())
     assert np.allclose([p[0][:2] for _, p in poses], scene.trajectory.poses[:, :2])
@@ -49,7 +50,7 @@ def test_a_finished_run_is_replayed_revolution_by_revolution(finished: Path, no_
     assert np.allclose(np.array(loops)[:, :, :2], [scene.trajectory.poses[[4, 0], :2]])
 
 
-def test_a_live_run_is_recorded_revolution_by_revolution(street: Path, tmp_path: Path) -> None:
+def test_a_live_run_is_recorded_scan_by_scan(street: Path, tmp_path: Path) -> None:
     path = tmp_path / "live.rrd"
     run = ["run", street, "--frontend", "odometry", "--quiet", "--live", path]
     assert mqslam(*run, "--out", tmp_path / "first").code == 0
@@ -63,11 +64,11 @@ def test_a_live_run_is_recorded_revolution_by_revolution(street: Path, tmp_path:
 
 
 def test_a_log_that_ends_with_an_error_leaves_no_file(tmp_path: Path) -> None:
-    with pytest.raises(RuntimeError), recorded(tmp_path / "live.rrd"):
+    with pytest.raises(RuntimeError), record(tmp_path / "live.rrd"):
         raise RuntimeError
     assert list(tmp_path.iterdir()) == []
 
 
 def test_a_viewer_needs_a_display(no_screen: None) -> None:
-    with pytest.raises(ViewerError, match=r"give --live FILE\.rrd"), streamed():
+    with pytest.raises(ViewerError, match="record the live view into a file"), stream():
         pass

@@ -1,1 +1,1 @@
-"""The map to move in, on every page of the report."""
+"""The interactive part of the pages: a map that pans and zooms, curves over time, and the place that was clicked."""

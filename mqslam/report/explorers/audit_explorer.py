@@ -1,4 +1,4 @@
-"""What the interactive part of an audit's report shows."""
+"""What the interactive part of an audit's page shows."""
 
 from __future__ import annotations
 
@@ -9,69 +9,72 @@ from mqslam.audit.sweeps import Sweeps
 from mqslam.audit.windows import WindowAudit, torn_threshold
 from mqslam.config import AuditConfig
 from mqslam.core.evenly import evenly
-from mqslam.report.canvas import BLUE, RED
-from mqslam.report.crops import crop_of
-from mqslam.report.explorers.explorer import Chart, Curve, Explorer, Layer, Lines, Place, View, parted, shades
-from mqslam.report.explorers.run_explorer import inflation_chart, torn_means
-from mqslam.report.spots import Spot, of_revisit, of_window, rank
+from mqslam.report.explorers.explorer import Chart, Curve, Explorer, Layer, Lines, Place, View, join_lines, mix_shades
+from mqslam.report.explorers.run_explorer import chart_inflation, explain_torn
+from mqslam.report.figures.canvas import BLUE, RED
+from mqslam.report.figures.crops import make_crop
+from mqslam.report.spots import Spot, rank_spot, spot_of_revisit, spot_of_window
 
-_MOST_WINDOWS, _MOST_REVISITS = 120, 40  # that can be clicked
+# limits of the page's size
+_MOST_WINDOWS, _MOST_REVISITS = 120, 40  # windows and revisits that can be clicked
+_LEAST_M = 1e-3  # smaller offsets are drawn as this on a logarithmic axis
 
 
-def audit_explorer(sweeps: Sweeps, audit: Audit, settings: AuditConfig) -> Explorer:
-    """The map, its windows' inflation and its revisits over time, and crops before and after their corrections.
+def explore_audit(sweeps: Sweeps, audit: Audit, settings: AuditConfig) -> Explorer:
+    """Returns the map, its windows' inflation and its revisits over time, and crops before and after their corrections.
 
     Args:
         sweeps: what was judged.
-        audit: what came of it.
-        settings: it was judged by.
+        audit: the windows and revisits, judged.
+        settings: settings of the audit.
     """
     times = sweeps.times[0] + (sweeps.turns - sweeps.numbers[0]) * sweeps.revolution_s
     layer = Layer("trajectory", BLUE, sweeps.times, sweeps.poses[:, :2], sweeps.points, {"time": times})
-    spots = _spots(sweeps, audit)
+    spots = _choose_spots(sweeps, audit)
     torn = [sweeps.poses[[r.revisit.earlier, r.revisit.later], :2] for r in audit.revisits if r.torn]
-    lines = (Lines(f"torn revisits ({len(torn)})", RED, parted(torn), 2.0),) if torn else ()
-    worst = max(range(len(spots)), key=lambda k: rank(spots[k]), default=0)
+    lines = (Lines(f"torn revisits ({len(torn)})", RED, join_lines(torn), 2.0),) if torn else ()
+    worst = max(range(len(spots)), key=lambda k: rank_spot(spots[k]), default=0)
     return Explorer(
         layers=(layer,),
-        charts=_charts(sweeps, audit, settings),
-        places=tuple(_place(sweeps, spot, settings) for spot in spots),
+        charts=_make_charts(sweeps, audit, settings),
+        places=tuple(_show_spot(sweeps, spot, settings) for spot in spots),
         lines=lines,
         first=worst,
-        explained=torn_means(settings) + "A click on a dot shows the place as it is and corrected, the first sweep or pass "
-        "blue, the last orange.",
+        explained=f"{explain_torn(settings)}A click on a dot shows the place as it is and corrected, "
+        "the first sweep or pass blue, the last orange.",
     )
 
 
-def _spots(sweeps: Sweeps, audit: Audit) -> list[Spot]:
-    """Windows, the torn ones first and then evenly spread, and revisits that are torn, in the order of time."""
+def _choose_spots(sweeps: Sweeps, audit: Audit) -> list[Spot]:
+    """Returns windows, all torn ones and others evenly spread, and revisits that are torn, in the order of time."""
     torn = [w for w in audit.windows if w.torn][:_MOST_WINDOWS]
     fine = [w for w in audit.windows if not w.torn]
     fine = [fine[k] for k in evenly(len(fine), _MOST_WINDOWS - len(torn))]
     off = [r for r in audit.revisits if r.torn]
     off = [off[k] for k in evenly(len(off), _MOST_REVISITS)]
-    spots = [of_window(w) for w in [*torn, *fine]] + [of_revisit(sweeps, r) for r in off]
+    spots = [spot_of_window(w) for w in [*torn, *fine]] + [spot_of_revisit(sweeps, r) for r in off]
     return sorted(spots, key=lambda spot: spot.t1)
 
 
-def _place(sweeps: Sweeps, spot: Spot, settings: AuditConfig) -> Place:
-    crop = crop_of(sweeps, spot, settings)
-    colours = shades(len(crop.before))
+def _show_spot(sweeps: Sweeps, spot: Spot, settings: AuditConfig) -> Place:
+    """Returns what is shown of a spot when it is clicked."""
+    crop = make_crop(sweeps, spot, settings)
+    colours = mix_shades(len(crop.before))
     views = (View("as it is", crop.before, colours), View("corrected", crop.after, colours))
-    t0 = spot.t0 if isinstance(spot.found, WindowAudit) else spot.t1 - sweeps.revolution_s
+    t0 = spot.t0 if isinstance(spot.judged, WindowAudit) else spot.t1 - sweeps.revolution_s
     return Place(t0, spot.t1, crop.title, crop.text, spot.torn, views)
 
 
-def _charts(sweeps: Sweeps, audit: Audit, settings: AuditConfig) -> tuple[Chart, ...]:
+def _make_charts(sweeps: Sweeps, audit: Audit, settings: AuditConfig) -> tuple[Chart, ...]:
     charts = []
     if audit.windows:
-        charts.append(inflation_chart([("inflation", tuple(audit.windows), BLUE)], torn_threshold(settings)))
+        charts.append(chart_inflation([("inflation", tuple(audit.windows), BLUE)], torn_threshold(settings)))
     curves = []
     for torn, colour, name in ((False, BLUE, "revisits"), (True, RED, "revisits: torn")):
         shown = [r.revisit for r in audit.revisits if r.revisit.sure and r.torn is torn]
         if shown:
             times = np.array([sweeps.times[r.later] for r in shown])
-            curves.append(Curve(name, colour, times, np.maximum([r.distance_m for r in shown], 1e-3), dots=True))
+            curves.append(Curve(name, colour, times, np.maximum([r.distance_m for r in shown], _LEAST_M), dots=True))
     if curves:
         level = (f"tolerance {settings.torn_m:g} m", settings.torn_m, RED)
         charts.append(Chart("revisits apart [m]", tuple(curves), (level,), log=True))

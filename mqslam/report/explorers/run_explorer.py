@@ -1,74 +1,75 @@
-"""What the interactive part of a run's report shows."""
+"""What the interactive part of a run's page shows."""
 
 from __future__ import annotations
 
-import itertools
-
 import numpy as np
-from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
 from mqslam.audit.windows import WindowAudit, torn_threshold
 from mqslam.config import AuditConfig
 from mqslam.core import se2
 from mqslam.core.point_map import PointMap
 from mqslam.core.trajectory import Trajectory
-from mqslam.report.audit_figures import EXPECTED
-from mqslam.report.canvas import BLUE, GREEN, INK, ORANGE, RED
-from mqslam.report.content import Report
-from mqslam.report.explorers.explorer import Chart, Curve, Explorer, Layer, Lines, Place, Points, View, parted
-from mqslam.report.spots import direction, length, three
+from mqslam.report.explorers.explorer import Chart, Curve, Explorer, Layer, Lines, Place, View, join_lines
+from mqslam.report.figures.audit_figures import EXPECTED
+from mqslam.report.figures.canvas import BLUE, GREEN, INK, ORANGE, RED
+from mqslam.report.formatting import describe_motion, format_length, format_three_digits
+from mqslam.report.run_report import Report
 
-_HALF_SIDE_M = 30.0  # of what is shown of a place
-_TILE_M = 40.0
-_SAME_PASS_S = 15.0  # points seen sooner or later are another pass's
+# the looks of the page; no result depends on them
+_HALF_SIDE_M = 30.0  # half the side of what is shown of a place
+_REACH_M = 43.0  # a circle of this radius holds all of it, whatever its heading
+_SAME_PASS_S = 15.0  # points that were seen earlier or later than this are drawn as those of another pass
 _COVERING = 0.2  # ellipses that reach farther, per side of the map, would cover it and are not shown at first
 _LARGEST = 0.015  # largest ellipse per side of the map
-_ROUND = 24  # corners of an ellipse
+_CORNERS = 24  # corners of an ellipse
+_LEAST_INFLATION = 1e-2  # smaller values are drawn as this on a logarithmic axis
+_ELLIPSE_COLOUR = "#a8327e"
 
 
-def run_explorer(report: Report, truth: Trajectory | None) -> Explorer:
-    """The maps before and after optimisation, psi and inflation over time, and crops of both maps.
+def explore_run(report: Report, truth: Trajectory | None) -> Explorer:
+    """Returns the maps before and after optimisation, psi and inflation over time, and crops of both maps.
 
     Args:
         report: the run.
         truth: ground truth in the frame of the optimised trajectory, or None.
     """
-    before = _layer(report.before, ORANGE, report.odometry, report.map_odometry, shown=False)
-    after = _layer("optimised", BLUE, report.optimised, report.map_optimised, shown=True)
-    ellipses, said = _ellipses(report)
-    lines = [ellipses, _loops(report)]
+    before = _make_layer(report.before, ORANGE, report.odometry, report.map_odometry, shown=False)
+    after = _make_layer("optimised", BLUE, report.optimised, report.map_optimised, shown=True)
+    ellipses, explained = _draw_ellipses(report)
+    lines = [ellipses, _draw_loops(report)]
     if truth is not None:
         lines.append(Lines("ground truth", GREEN, truth.poses[:, :2], 4.0, shown=False))
     worst = max(range(len(report.checks)), key=lambda k: report.checks[k].bend.inflation, default=0)
     return Explorer(
         layers=(before, after),
-        charts=_charts(report),
-        places=_places(report),
+        charts=_make_charts(report),
+        places=_show_windows(report),
         lines=tuple(one for one in lines if len(one.points)),
         groups=("this pass", "other passes"),
         first=worst,
-        explained=said + torn_means(report.settings) + "A click on a dot or a curve shows that place in both maps, as the "
-        "sensor sees it, ahead to the right.",
+        explained=f"{explained}{explain_torn(report.settings)}"
+        "A click on a dot or a curve shows that place in both maps, as the sensor sees it, ahead to the right.",
     )
 
 
-def _layer(name: str, colour: str, track: Trajectory, pointmap: PointMap, *, shown: bool) -> Layer:
+def _make_layer(name: str, colour: str, track: Trajectory, pointmap: PointMap, *, shown: bool) -> Layer:
     values = {"time": pointmap.times, "psi": pointmap.psi, "intensity": pointmap.intensities}
     ink = None if shown else colour
     seconds = track.seconds(int(track.stamps_us[0]))
     return Layer(name, colour, seconds, track.poses[:, :2], pointmap.points, values, shown, ink)
 
 
-def _loops(report: Report) -> Lines:
+def _draw_loops(report: Report) -> Lines:
     ends = report.optimised.poses[report.loops, :2]
-    return Lines(f"loop closures ({len(ends)})", GREEN, parted(list(ends)), 2.0)
+    return Lines(f"loop closures ({len(ends)})", GREEN, join_lines(list(ends)), 2.0)
 
 
-def _ellipses(report: Report) -> tuple[Lines, str]:
-    """3-sigma ellipses of the positions, drawn larger where they would not be seen, and what to say of that."""
-    sure = report.sure
+def _draw_ellipses(report: Report) -> tuple[Lines, str]:
+    """Returns 3-sigma ellipses of the positions, enlarged where they would not be seen, and what to tell the reader."""
+    sure = report.covariances
     poses = report.optimised.poses[sure.indices]
-    round_trip = np.linspace(0.0, 2.0 * np.pi, _ROUND + 1)
+    round_trip = np.linspace(0.0, 2.0 * np.pi, _CORNERS + 1)
     circle = np.column_stack([np.cos(round_trip), np.sin(round_trip)])
     shapes, largest = [], 0.0
     for pose, covariance in zip(poses, sure.covariances, strict=True):
@@ -77,22 +78,27 @@ def _ellipses(report: Report) -> tuple[Lines, str]:
         largest = max(largest, float(axes.max()))
         shapes.append((circle * axes) @ vectors.T)
     side = float(np.ptp(report.optimised.poses[:, :2], axis=0).max())
-    factor = _rounded(_LARGEST * side / largest) if largest > 0.0 else 1.0
-    drawn = parted([pose[:2] + factor * shape for pose, shape in zip(poses, shapes, strict=True)])
+    factor = _round_down(_LARGEST * side / largest) if largest > 0.0 else 1.0
+    drawn = join_lines([pose[:2] + factor * shape for pose, shape in zip(poses, shapes, strict=True)])
     name = "3σ ellipses" if factor == 1.0 else f"3σ ellipses, {factor:g} times"
-    said = f"No ellipses are shown: the covariances of the poses are not known ({sure.failure}). " if sure.failure else ""
+    explained = ""
+    if sure.failure:
+        explained = f"No ellipses are shown: the covariances of the poses are not known ({sure.failure}). "
     if shapes:
-        said = f"The largest 3σ ellipse reaches {length(largest)} from its middle, the first pose held. "
-    return Lines(name, "#a8327e", drawn, 1.2, shown=len(shapes) > 0 and largest <= max(_COVERING * side, 1.0)), said
+        explained = (
+            f"The largest 3σ ellipse reaches {format_length(largest)} from its middle, with the first pose held fixed. "
+        )
+    shown = len(shapes) > 0 and largest <= max(_COVERING * side, 1.0)
+    return Lines(name, _ELLIPSE_COLOUR, drawn, 1.2, shown), explained
 
 
-def _rounded(factor: float) -> float:
-    """The largest of 1, 2, 5, 10, 20, ... that is no more than a factor; 1 at least."""
+def _round_down(factor: float) -> float:
+    """Returns the largest of 1, 2, 5, 10, 20, ... that is no more than a factor; 1 at least."""
     steps = (n * 10.0**k for k in range(6) for n in (1, 2, 5))
     return max((step for step in steps if step <= factor), default=1.0)
 
 
-def _charts(report: Report) -> tuple[Chart, ...]:
+def _make_charts(report: Report) -> tuple[Chart, ...]:
     windows, checks = report.windows, report.checks
     times = 0.5 * (windows.t0 + windows.t1)
     points = np.maximum(windows.points, 1)
@@ -102,81 +108,68 @@ def _charts(report: Report) -> tuple[Chart, ...]:
     curves.append(Curve("ψ at its minimum", BLUE, times, windows.psi_minimum / points))
     charts = [Chart("ψ per point of a window", tuple(curves))]
     if checks:
-        charts.append(inflation_chart([("inflation", checks, BLUE)], torn_threshold(report.settings)))
+        charts.append(chart_inflation([("inflation", checks, BLUE)], torn_threshold(report.settings)))
     return tuple(charts)
 
 
-def inflation_chart(rows: list[tuple[str, tuple[WindowAudit, ...], str]], threshold: float) -> Chart:
-    """Inflation of the windows of every row (name, windows, colour) over time; of one row alone the torn ones are red."""
+def chart_inflation(rows: list[tuple[str, tuple[WindowAudit, ...], str]], threshold: float) -> Chart:
+    """Returns the inflation of windows over time.
+
+    Args:
+        rows: name, windows and colour of each row; the torn windows of a single row are red.
+        threshold: inflation beyond which a window is torn.
+    """
     curves = []
     for name, windows, colour in rows:
         alone = len(rows) == 1
         fine, torn = [w for w in windows if not (alone and w.torn)], [w for w in windows if alone and w.torn]
-        for shown, shade, said in ((fine, colour, name), (torn, RED, f"{name}: torn")):
+        for shown, shade, title in ((fine, colour, name), (torn, RED, f"{name}: torn")):
             if shown:
                 times = np.array([0.5 * (w.t0 + w.t1) for w in shown])
-                values = np.maximum([w.bend.inflation for w in shown], 1e-2)
-                curves.append(Curve(said, shade, times, values, dots=True))
+                values = np.maximum([w.bend.inflation for w in shown], _LEAST_INFLATION)
+                curves.append(Curve(title, shade, times, values, dots=True))
     levels = ((f"threshold {threshold:.1f}", threshold, RED), (f"expected median {EXPECTED:.2f}", EXPECTED, INK))
     return Chart("inflation", tuple(curves), levels, log=True)
 
 
-def torn_means(settings: AuditConfig) -> str:
-    """When a window is torn, for those who see dots beyond the threshold."""
+def explain_torn(settings: AuditConfig) -> str:
+    """Explains when a window is torn, for those who see dots beyond the threshold."""
     return (
         f"A window is torn where its inflation is above {torn_threshold(settings):.1f} and its correction moves its "
-        f"points by more than {length(settings.bend_m)}. "
+        f"points by more than {format_length(settings.bend_m)}. "
     )
 
 
-def window_text(window: WindowAudit) -> tuple[str, str]:
-    """Title and text of a window."""
+def _describe_window(window: WindowAudit) -> tuple[str, str]:
+    """Returns title and text of a window."""
     torn = "torn: " if window.torn else "not torn: "
     return (
-        f"{window.t0:.1f} s to {window.t1:.1f} s, inflation {three(window.bend.inflation)}",
-        f"{torn}best with its end moved {direction(window.bend.correction)}, which moves its points by "
-        f"{length(window.bend.size_m)}; {100.0 * window.bend.matched:.0f} % of them are seen twice",
+        f"{window.t0:.1f} s to {window.t1:.1f} s, inflation {format_three_digits(window.bend.inflation)}",
+        f"{torn}best with its end moved {describe_motion(window.bend.correction)}, which moves its points by "
+        f"{format_length(window.bend.size_m)}; {100.0 * window.bend.matched:.0f} % of them are seen twice",
     )
 
 
-def _places(report: Report) -> tuple[Place, ...]:
+def _show_windows(report: Report) -> tuple[Place, ...]:
+    """Returns what is shown of every window when it is clicked."""
     if not report.checks:
         return ()
     maps = [
-        (report.before, report.map_odometry, report.odometry, _Tiles(report.map_odometry.points)),
-        ("optimised", report.map_optimised, report.optimised, _Tiles(report.map_optimised.points)),
+        (report.before, report.map_odometry, report.odometry, cKDTree(report.map_odometry.points)),
+        ("optimised", report.map_optimised, report.optimised, cKDTree(report.map_optimised.points)),
     ]
     places = []
     for window in report.checks:
-        views = tuple(_view(name, pointmap, track, tiles, window) for name, pointmap, track, tiles in maps)
-        places.append(Place(window.t0, window.t1, *window_text(window), window.torn, views))
+        views = tuple(_view_window(name, pointmap, track, tree, window) for name, pointmap, track, tree in maps)
+        places.append(Place(window.t0, window.t1, *_describe_window(window), window.torn, views))
     return tuple(places)
 
 
-def _view(name: str, pointmap: PointMap, track: Trajectory, tiles: _Tiles, window: WindowAudit) -> View:
-    """The map around a window, seen from the sensor at its middle: this pass and the others."""
+def _view_window(name: str, pointmap: PointMap, track: Trajectory, tree: cKDTree, window: WindowAudit) -> View:
+    """Returns the map around a window, seen from the sensor at its middle: this pass and the others."""
     pose = track.poses[min((window.begin + window.end) // 2, len(track) - 1)]
-    near = tiles.near(pose[:2])
+    near = np.array(tree.query_ball_point(pose[:2], _REACH_M, return_sorted=True), dtype=np.int64)
     seen = se2.transform(se2.inverse(pose), pointmap.points[near])
     inside = np.abs(seen).max(axis=1) <= _HALF_SIDE_M
     own = np.abs(pointmap.times[near] - 0.5 * (window.t0 + window.t1)) <= _SAME_PASS_S
     return View(name, (seen[inside & own], seen[inside & ~own]), (BLUE, ORANGE))
-
-
-class _Tiles:
-    """Points (N, 2) by the tile they lie on, so that those near a place are found without looking at all."""
-
-    def __init__(self, points: Points) -> None:
-        self._low = np.floor(points.min(axis=0) / _TILE_M).astype(np.int64) - 1 if len(points) else np.zeros(2, np.int64)
-        tile = np.floor(points / _TILE_M).astype(np.int64) - self._low
-        self._rows = int(tile[:, 1].max(initial=0)) + 2
-        numbers = tile[:, 0] * self._rows + tile[:, 1]
-        self._order = np.argsort(numbers, kind="stable")
-        self._sorted = numbers[self._order]
-
-    def near(self, position: NDArray[np.float64]) -> NDArray[np.int64]:
-        """Indices of all points within a tile's side of a position (2,), and of some beyond."""
-        column, row = np.floor(np.asarray(position) / _TILE_M).astype(np.int64) - self._low
-        tiles = [(column + i) * self._rows + row + k for i, k in itertools.product((-1, 0, 1), repeat=2) if row + k >= 0]
-        begins, ends = np.searchsorted(self._sorted, tiles), np.searchsorted(self._sorted, tiles, side="right")
-        return np.sort(np.concatenate([self._order[a:b] for a, b in zip(begins, ends, strict=True)]))

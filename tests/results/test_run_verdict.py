@@ -1,4 +1,4 @@
-"""What a run's summary says happened."""
+"""The verdict on a run, and its warnings."""
 
 from types import SimpleNamespace
 
@@ -10,7 +10,7 @@ from mqslam.audit.verdict import VerdictStatus
 from mqslam.config import Config
 from mqslam.core.measurement import Measurement, Status
 from mqslam.core.point_map import PointMap
-from mqslam.results.summary import _gaps, parked, verdict
+from mqslam.results.run_verdict import _warn_of_gaps, find_stops, judge_run
 
 PASS, WARN, FAIL, NOT_JUDGED = VerdictStatus
 
@@ -23,7 +23,7 @@ def test_a_long_stop_is_named_and_a_short_one_is_not(standing_s, said):
     times = 0.25 * np.arange(len(x))
     run = SimpleNamespace(optimised=SimpleNamespace(poses=np.c_[x, np.zeros((len(x), 2))]), config=Config())
     recording = SimpleNamespace(start_times=times, duration_s=times[-1] + 0.25)
-    found = parked(run, recording)
+    found = find_stops(run, recording)
     assert len(found) == len(said)
     for span, expected in zip(found, said, strict=True):
         assert span == pytest.approx(expected, abs=0.6)
@@ -35,7 +35,7 @@ def pointmap(psi, matched=0.9, count=100):
     return PointMap(np.zeros((count, 2)), zeros, zeros, np.full(count, psi), np.arange(count) < matched * count)
 
 
-def run(scans, *, lost=0, degenerate=0, torn=0, before=0.5, after=0.4, odometry_factors=1, unoptimised=None, unread=0):
+def run(scans, *, lost=0, degenerate=0, torn=0, before=0.5, after=0.4, **others):
     """What the verdict looks at of a run of so many scans."""
     statuses = [Status.LOST] * lost + [Status.DEGENERATE] * degenerate + [Status.CONVERGED] * (scans - 1 - lost - degenerate)
     sweeps = swept_walls()
@@ -47,10 +47,8 @@ def run(scans, *, lost=0, degenerate=0, torn=0, before=0.5, after=0.4, odometry_
         checks=[judged_window(sweeps, 0, 90.0, (0.2, 0.0, 0.0), k < torn) for k in range(scans // 6)],
         map_odometry=before if isinstance(before, PointMap) else pointmap(before),
         map_optimised=after if isinstance(after, PointMap) else pointmap(after),
-        odometry_factors=odometry_factors,
         loops=[],
-        unoptimised=unoptimised,
-        unread=dict.fromkeys(range(unread)),
+        **{"odometry_factors": 1, "unoptimised": None, "unread": {}, **others},
     )
 
 
@@ -63,29 +61,30 @@ def run(scans, *, lost=0, degenerate=0, torn=0, before=0.5, after=0.4, odometry_
         (run(240, lost=100), FAIL, "100 of 239 scans lost track and follow the prediction"),
         (run(240, degenerate=60), WARN, "60 of 239 scans do not observe every direction of motion"),
         (run(240, degenerate=10), PASS, "no scan lost track"),
-        (run(240, unread=2), WARN, "2 of 240 revolutions could not be read"),
+        (run(240, unread={7: None, 8: None}), WARN, "2 of 240 polar scans could not be read"),
         (run(240, after=0.6), FAIL, "psi per point is 1.20 times that of the map before optimisation"),
         (run(240, after=0.6, odometry_factors=0), PASS, "no scan lost track"),  # nothing pulled the graph anywhere
         (run(240, unoptimised="no luck"), FAIL, "the pose graph could not be optimised: the trajectory is psi's motions"),
         (run(240, before=0.0, after=0.0), PASS, "no scan lost track"),
+        (run(240, after=pointmap(2.25, matched=0.0)), PASS, "no scan lost track"),  # the radar stood still
         (run(240, before=PointMap.empty(), after=PointMap.empty()), PASS, "no scan lost track"),
         (run(18, torn=1), NOT_JUDGED, "1 of 3 windows is torn, too few to judge the map by"),
         (run(18, lost=1), WARN, "1 of 17 scans lost track and follow the prediction"),
         (run(18, lost=1), WARN, "0 of 3 windows are torn, too few to judge the map by"),
         (run(2), NOT_JUDGED, "2 scans are too few to judge a map by: a window takes 6"),
         (run(2, lost=1), NOT_JUDGED, "1 of 1 scans lost track and follow the prediction"),
-        (run(3, lost=1, unread=1), NOT_JUDGED, "3 scans are too few to judge a map by: a window takes 6"),
+        (run(3, lost=1, unread={1: None}), NOT_JUDGED, "3 scans are too few to judge a map by: a window takes 6"),
         (run(1), NOT_JUDGED, "1 scan is too few to judge a map by: a window takes 6"),
     ],
 )
 def test_the_verdict_of_a_run_needs_evidence(found, status, reason):
-    verdict_status, reasons = verdict(found)
+    verdict_status, reasons = judge_run(found)
     assert verdict_status is status, reasons
     assert any(said.startswith(reason) for said in reasons), reasons
 
 
 def test_of_many_gaps_the_first_are_named_and_the_others_counted() -> None:
-    named = _gaps([(k, 0.25) for k in range(12)], 60.0)
+    named = _warn_of_gaps([(k, 0.25) for k in range(12)], 60.0)
     assert len(named) == 6
     assert named[0] == "radar gap of 0.25 s after scan 0 (counted from 0)"
     assert named[-1] == "7 more radar gaps; 3.00 s are missing in all"

@@ -1,4 +1,4 @@
-"""Figures of an audit's report."""
+"""Figures of an audit's page."""
 
 from __future__ import annotations
 
@@ -13,58 +13,61 @@ from mqslam.audit.revisits import RevisitAudit
 from mqslam.audit.sweeps import Sweeps
 from mqslam.audit.windows import WindowAudit, torn_threshold
 from mqslam.config import AuditConfig
-from mqslam.report.canvas import (
+from mqslam.report.figures.canvas import (
     BLUE,
     INK,
     MAP_SHAPE,
     OUTERMOST,
     RED,
     View,
-    chart,
-    common_view,
-    densities,
-    halo,
+    count_points,
+    encode_png,
+    find_common_view,
     lay_ink,
-    legend_strip,
-    plain_log,
-    png,
-    world,
+    make_chart,
+    make_halo,
+    make_world,
+    put_legend_strip,
+    use_plain_log,
 )
-from mqslam.report.spots import length
+from mqslam.report.formatting import format_length
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.cm import ScalarMappable
     from matplotlib.figure import Figure
 
-EXPECTED: Final = float(chi2.median(3))  # inflation of the middle window of a trajectory that is right
+EXPECTED: Final = float(chi2.median(3))  # median inflation where the trajectory is right: three parameters are corrected
+# the looks of the figures; no result depends on them
 _GROUND_INK = "#7b8594"
-_DECADES = 2.0  # of inflation that the colours show below the threshold, and above it
+_DECADES = 2.0  # powers of ten of inflation that the colours show below the threshold, and above it
 _FINE = ("#123f86", "#6db3ea")  # colours up to the threshold
-_TORN = ("#f6bd3c", "#b8640a", "#432104")  # and beyond it
+_TORN = ("#f6bd3c", "#b8640a", "#432104")  # colours beyond it
 _LABELS = 6  # torn revisits whose offset is written beside them
-_LABELS_APART = 0.17  # distance between two of these, per width of the picture
+_LABELS_APART = 0.17  # least distance between two such offsets, per width of the picture
 _STRIP_IN = 0.62  # height of the strip above the map
+_LEAST_INFLATION, _LEAST_M = 1e-2, 1e-3  # smaller values are drawn as these on a logarithmic axis
 
 
-def heat_map(sweeps: Sweeps, audit: Audit, settings: AuditConfig | None = None, *, opaque: bool = True) -> bytes:
-    """The map in grey, the trajectory in the colours of its windows' inflation, torn revisits as red links.
+def draw_heat_map(sweeps: Sweeps, audit: Audit, settings: AuditConfig | None = None, *, opaque: bool = True) -> bytes:
+    """Draws the map in grey, the trajectory in the colours of its windows' inflation, and torn revisits as red links.
 
     Args:
         sweeps: what was judged.
-        audit: what came of it.
-        settings: it was judged by; the usual ones if not given.
-        opaque: on white, to be looked at by itself; otherwise on a transparent ground, for a page.
+        audit: the windows and revisits, judged.
+        settings: settings of the audit; the usual ones if None.
+        opaque: whether it is drawn on white, to be looked at by itself, rather than on a transparent ground, for a page.
     """
-    view = common_view([sweeps.points, sweeps.poses[:, :2]], MAP_SHAPE, OUTERMOST)
-    figure, axes = world(view, _STRIP_IN)
-    (counts,), well_seen = densities(axes, view, [sweeps.points])
+    view = find_common_view([sweeps.points, sweeps.poses[:, :2]], MAP_SHAPE, OUTERMOST)
+    figure, axes = make_world(view, _STRIP_IN)
+    (counts,), well_seen = count_points(axes, view, [sweeps.points])
     lay_ink(axes, view, counts, well_seen, _GROUND_INK)
     axes.plot(*sweeps.poses[:, :2].T, color="white", linewidth=4.5, solid_joinstyle="round")
     axes.plot(*sweeps.poses[:, :2].T, color=_GROUND_INK, linewidth=1.0)
-    colours = _colours(threshold(settings))
-    windows = sorted(audit.windows, key=_inflation)  # the worst on top where the path crosses itself
-    for window, colour in zip(windows, colours.to_rgba(np.array([_inflation(w) for w in windows])), strict=True):
+    threshold = torn_threshold(settings or AuditConfig())
+    colours = _make_colours(threshold)
+    windows = sorted(audit.windows, key=_inflation_of)  # the worst on top where the path crosses itself
+    for window, colour in zip(windows, colours.to_rgba(np.array([_inflation_of(w) for w in windows])), strict=True):
         axes.plot(
             *sweeps.poses[window.begin : window.end + 1, :2].T,
             color=colour,
@@ -72,48 +75,44 @@ def heat_map(sweeps: Sweeps, audit: Audit, settings: AuditConfig | None = None, 
             solid_capstyle="butt",
         )
     torn = [r for r in audit.revisits if r.torn]
-    _links(axes, sweeps, torn, view)
-    _colour_strip(figure, axes, colours, threshold(settings), len(torn))
-    return png(figure, opaque)
+    _draw_links(axes, sweeps, torn, view)
+    _draw_colour_strip(figure, axes, colours, threshold, len(torn))
+    return encode_png(figure, opaque)
 
 
-def inflation_figure(audit: Audit, settings: AuditConfig) -> bytes:
-    """Inflation of every window over time."""
-    figure, axes = chart("inflation", above_in=0.28)
+def draw_inflation(audit: Audit, settings: AuditConfig) -> bytes:
+    """Draws the inflation of every window over time."""
+    figure, axes = make_chart("inflation", above_in=0.28)
     time = np.array([0.5 * (w.t0 + w.t1) for w in audit.windows])
-    inflation = np.array([_inflation(w) for w in audit.windows])
+    inflation = np.array([_inflation_of(w) for w in audit.windows])
     torn = np.array([w.torn for w in audit.windows])
-    plain_log(axes, "y")
-    _marked(axes, time, np.maximum(inflation, 1e-2), torn, "window")
-    axes.axhline(threshold(settings), color=RED, linewidth=1.2, label=f"threshold {threshold(settings):.1f}")
+    use_plain_log(axes, "y")
+    _draw_marks(axes, time, np.maximum(inflation, _LEAST_INFLATION), torn, "window")
+    threshold = torn_threshold(settings)
+    axes.axhline(threshold, color=RED, linewidth=1.2, label=f"threshold {threshold:.1f}")
     axes.axhline(EXPECTED, color=INK, linewidth=1.2, linestyle="--", label=f"expected median {EXPECTED:.2f}")
-    legend_strip(axes, 4)
-    return png(figure)
+    put_legend_strip(axes, 4)
+    return encode_png(figure)
 
 
-def revisit_figure(sweeps: Sweeps, audit: Audit, settings: AuditConfig) -> bytes:
-    """How far the two passes of every revisit are apart, over the path."""
-    figure, axes = chart("offset [m]", "path [m]", above_in=0.28)
+def draw_revisits(sweeps: Sweeps, audit: Audit, settings: AuditConfig) -> bytes:
+    """Draws how far the two passes of every revisit are apart, over the path."""
+    figure, axes = make_chart("offset [m]", "path [m]", above_in=0.28)
     sure = [r for r in audit.revisits if r.revisit.sure]
     unsure = [r for r in audit.revisits if not r.revisit.sure]
-    plain_log(axes, "y")
-    x, y = _over_path(sweeps, unsure)
+    use_plain_log(axes, "y")
+    x, y = _offsets_over_path(sweeps, unsure)
     if len(x):
         axes.plot(x, y, "o", color=_GROUND_INK, markersize=4, fillstyle="none", label=f"not sure ({len(x)})")
-    _marked(axes, *_over_path(sweeps, sure), np.array([r.torn for r in sure], dtype=np.bool_), "revisit")
+    _draw_marks(axes, *_offsets_over_path(sweeps, sure), np.array([r.torn for r in sure], dtype=np.bool_), "revisit")
     axes.axhline(settings.torn_m, color=RED, linewidth=1.2, label=f"tolerance {settings.torn_m:g} m")
     axes.set_xlim(0.0, float(sweeps.travelled[-1]))
-    legend_strip(axes, 4)
-    return png(figure)
+    put_legend_strip(axes, 4)
+    return encode_png(figure)
 
 
-def threshold(settings: AuditConfig | None) -> float:
-    """Inflation beyond which a window or a revisit is torn."""
-    return torn_threshold(settings or AuditConfig())
-
-
-def _colours(limit: float) -> ScalarMappable:
-    """Logarithmic colours of inflation: blue up to the limit, orange to brown beyond it, lighter towards it."""
+def _make_colours(limit: float) -> ScalarMappable:
+    """Returns logarithmic colours of inflation: blue up to the limit, orange to brown beyond it, lighter towards it."""
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import LinearSegmentedColormap, LogNorm
 
@@ -122,8 +121,8 @@ def _colours(limit: float) -> ScalarMappable:
     return ScalarMappable(LogNorm(limit / reach, limit * reach), LinearSegmentedColormap.from_list("inflation", stops, 512))
 
 
-def _links(axes: Axes, sweeps: Sweeps, torn: list[RevisitAudit], view: View) -> None:
-    """Torn revisits: a line between the two passes, and beside the worst of them how far they are off."""
+def _draw_links(axes: Axes, sweeps: Sweeps, torn: list[RevisitAudit], view: View) -> None:
+    """Draws a line between the two passes of torn revisits, and beside the worst of them how far they are off."""
     ends = [sweeps.poses[[r.revisit.earlier, r.revisit.later], :2] for r in torn]
     for line in ends:
         axes.plot(*line.T, "-o", color=RED, linewidth=1.0, markersize=2.5, markeredgewidth=0)
@@ -135,7 +134,7 @@ def _links(axes: Axes, sweeps: Sweeps, torn: list[RevisitAudit], view: View) -> 
             written.append(at)
             leftward = at[0] > view.x1 - apart_m
             text = axes.annotate(
-                length(torn[k].revisit.distance_m),
+                format_length(torn[k].revisit.distance_m),
                 at,
                 (-7 if leftward else 7, 7),
                 textcoords="offset points",
@@ -145,11 +144,11 @@ def _links(axes: Axes, sweeps: Sweeps, torn: list[RevisitAudit], view: View) -> 
                 fontweight="bold",
                 zorder=6,
             )
-            text.set_path_effects(halo())
+            text.set_path_effects(make_halo())
 
 
-def _colour_strip(figure: Figure, axes: Axes, colours: ScalarMappable, limit: float, torn: int) -> None:
-    """What the colours and the links mean, above the map."""
+def _draw_colour_strip(figure: Figure, axes: Axes, colours: ScalarMappable, limit: float, torn: int) -> None:
+    """Draws the key of the colours and the links above the map."""
     box, height = axes.get_position(), figure.get_figheight()
     strip = figure.add_axes((box.x0, box.y1 + 0.22 / height, 0.56 * box.width, 0.14 / height))
     bar = figure.colorbar(colours, cax=strip, orientation="horizontal", extend="both")
@@ -172,20 +171,21 @@ def _colour_strip(figure: Figure, axes: Axes, colours: ScalarMappable, limit: fl
     beside = box.x0 + 0.6 * box.width
     figure.text(beside, box.y1 + 0.29 / height, "inflation of the windows", fontsize=9, color=INK, va="center")
     if torn:
-        said = f"●–● torn revisits ({torn}), how far off"
-        figure.text(beside, box.y1 + 0.12 / height, said, fontsize=9, color=RED, va="center")
+        meaning = f"●–● torn revisits ({torn}), how far off"
+        figure.text(beside, box.y1 + 0.12 / height, meaning, fontsize=9, color=RED, va="center")
 
 
-def _over_path(sweeps: Sweeps, revisits: list[RevisitAudit]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _offsets_over_path(sweeps: Sweeps, revisits: list[RevisitAudit]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Returns the path [m] up to the later pass of every revisit, and the revisit's offset [m]."""
     path = np.array([sweeps.travelled[r.revisit.later] for r in revisits])
-    return path, np.maximum([r.revisit.distance_m for r in revisits], 1e-3)
+    return path, np.maximum([r.revisit.distance_m for r in revisits], _LEAST_M)
 
 
-def _marked(axes: Axes, x: NDArray[np.float64], y: NDArray[np.float64], torn: NDArray[np.bool_], what: str) -> None:
+def _draw_marks(axes: Axes, x: NDArray[np.float64], y: NDArray[np.float64], torn: NDArray[np.bool_], what: str) -> None:
     axes.plot(x[~torn], y[~torn], "o", color=BLUE, markersize=3.5, markeredgewidth=0, label=f"{what}s ({np.sum(~torn)})")
     if torn.any():
         axes.plot(x[torn], y[torn], "^", color=RED, markersize=4.5, markeredgewidth=0, label=f"torn ({np.sum(torn)})")
 
 
-def _inflation(window: WindowAudit) -> float:
+def _inflation_of(window: WindowAudit) -> float:
     return window.bend.inflation

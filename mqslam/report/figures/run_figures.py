@@ -1,4 +1,4 @@
-"""Figures of a run's report."""
+"""Figures of a run's page."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import numpy as np
 
 from mqslam.core.point_map import PointMap
 from mqslam.core.trajectory import Trajectory
-from mqslam.report.canvas import (
+from mqslam.report.figures.canvas import (
     BLUE,
     GREEN,
     INK,
@@ -15,52 +15,65 @@ from mqslam.report.canvas import (
     OUTERMOST,
     PATH_SHAPE,
     RED,
-    chart,
-    common_view,
-    densities,
+    count_points,
+    encode_png,
+    find_common_view,
     lay_ink,
-    legend_above,
-    png,
-    world,
+    make_chart,
+    make_world,
+    put_legend_above,
 )
-from mqslam.report.content import WindowScores
+from mqslam.report.run_report import WindowScores
 
 ODOMETRY_COLOUR, OPTIMISED_COLOUR, TRUTH_COLOUR = ORANGE, BLUE, GREEN
 
 
-def map_figures(
+def draw_maps(
     maps: tuple[PointMap, PointMap], paths: tuple[Trajectory, Trajectory], colours: tuple[str, str]
 ) -> tuple[bytes, bytes]:
-    """Two maps as images of the density of their points, on one extent, one scale and one shade of ink per count."""
-    view = common_view([*(m.points for m in maps), *(p.poses[:, :2] for p in paths)], MAP_SHAPE, OUTERMOST)
-    counts, well_seen = densities(world(view)[1], view, [m.points for m in maps])
+    """Draws two maps by the density of their points, on one extent, one scale and one shade of ink per count.
+
+    Args:
+        maps: the maps.
+        paths: the trajectories they were rendered under.
+        colours: colours of the trajectories.
+    """
+    view = find_common_view([*(m.points for m in maps), *(p.poses[:, :2] for p in paths)], MAP_SHAPE, OUTERMOST)
+    counts, well_seen = count_points(make_world(view)[1], view, [m.points for m in maps])
     images = []
     for count, path, colour in zip(counts, paths, colours, strict=True):
-        figure, axes = world(view)
+        figure, axes = make_world(view)
         lay_ink(axes, view, count, well_seen)
         axes.plot(path.poses[:, 0], path.poses[:, 1], color=colour, linewidth=1.4)
         axes.plot(path.poses[0, 0], path.poses[0, 1], "o", color=colour, markersize=5)
-        images.append(png(figure))
+        images.append(encode_png(figure))
     return images[0], images[1]
 
 
-def trajectory_figure(odometry: Trajectory, optimised: Trajectory, truth: Trajectory | None, before: str) -> bytes:
-    """The trajectories from above, the first called `before`; the truth must already be in their frame."""
+def draw_trajectories(odometry: Trajectory, optimised: Trajectory, truth: Trajectory | None, before: str) -> bytes:
+    """Draws the trajectories from above.
+
+    Args:
+        odometry: trajectory before optimisation.
+        optimised: trajectory after it.
+        truth: ground truth in their frame, or None.
+        before: name of the trajectory before optimisation.
+    """
     drawn = [p for p in (odometry, optimised, truth) if p is not None]
-    view = common_view([p.poses[:, :2] for p in drawn], PATH_SHAPE)
-    figure, axes = world(view)
+    view = find_common_view([p.poses[:, :2] for p in drawn], PATH_SHAPE)
+    figure, axes = make_world(view)
     if truth is not None:
         axes.plot(truth.poses[:, 0], truth.poses[:, 1], color=TRUTH_COLOUR, linewidth=4, alpha=0.4, label="ground truth")
     axes.plot(odometry.poses[:, 0], odometry.poses[:, 1], color=ODOMETRY_COLOUR, linewidth=1.4, label=before)
     axes.plot(optimised.poses[:, 0], optimised.poses[:, 1], color=OPTIMISED_COLOUR, linewidth=1.4, label="optimised")
     axes.plot(optimised.poses[0, 0], optimised.poses[0, 1], "o", color=INK, markersize=5, label="start")
     axes.legend(frameon=False, loc="best")
-    return png(figure)
+    return encode_png(figure)
 
 
-def psi_figure(windows: WindowScores) -> bytes:
-    """Psi per point of every window over time, at its minimum and under odometry."""
-    figure, axes = chart("ψ per point")
+def draw_psi(windows: WindowScores) -> bytes:
+    """Draws psi per point of every window over time, at its minimum and under odometry."""
+    figure, axes = make_chart("ψ per point")
     time = 0.5 * (windows.t0 + windows.t1)
     points = np.maximum(windows.points, 1)
     if np.isfinite(windows.psi_odometry).any():
@@ -72,15 +85,15 @@ def psi_figure(windows: WindowScores) -> bytes:
         label = f"no measurement ({len(unused)})"
         axes.plot(unused, height, "|", color=RED, markersize=9, transform=axes.get_xaxis_transform(), label=label)
     axes.set_ylim(bottom=0.0)
-    legend_above(axes)
-    return png(figure)
+    put_legend_above(axes)
+    return encode_png(figure)
 
 
-def matched_figure(windows: WindowScores) -> bytes:
-    """Share of every window's points that found a neighbour, over time."""
-    figure, axes = chart("matched points [%]")
+def draw_matched(windows: WindowScores) -> bytes:
+    """Draws the share of every window's points that have a neighbour, over time."""
+    figure, axes = make_chart("matched points [%]")
     time = 0.5 * (windows.t0 + windows.t1)
     axes.fill_between(time, 100.0 * windows.matched, color=OPTIMISED_COLOUR, alpha=0.15, linewidth=0)
     axes.plot(time, 100.0 * windows.matched, color=OPTIMISED_COLOUR, linewidth=1.2)
     axes.set_ylim(0.0, 100.0)
-    return png(figure)
+    return encode_png(figure)

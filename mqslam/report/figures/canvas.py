@@ -1,4 +1,4 @@
-"""What the reports' figures are drawn on: dark ink on a transparent ground, the same bytes for the same data."""
+"""The canvas of all figures: dark ink on a transparent ground, the same bytes for the same data."""
 
 from __future__ import annotations
 
@@ -14,16 +14,17 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from matplotlib.patheffects import AbstractPathEffect
 
+# the looks of the figures; no result depends on them
 INK = "#1c2430"
 BLUE, ORANGE, GREEN, RED = "#1d5fd1", "#d9620d", "#16803c", "#c81e1e"
 OUTERMOST = 0.005  # share of a map's points that may lie beyond each edge of its picture
-MAP_SHAPE = (0.5, 1.3)
-PATH_SHAPE = (1.0, 1.2)
-DPI = 200
+MAP_SHAPE = (0.5, 1.3)  # least and greatest height of a map's picture, per width
+PATH_SHAPE = (1.0, 1.2)  # the same for a picture of trajectories
+DPI = 200  # pixels per inch
 _SOFT = "#8a94a3"
-_WIDTH_IN = 6.4
-_LEFT_IN, _RIGHT_IN, _BOTTOM_IN, _TOP_IN = 0.78, 0.12, 0.48, 0.12
-_FAINTEST = 0.35
+_WIDTH_IN = 6.4  # width of a figure
+_LEFT_IN, _RIGHT_IN, _BOTTOM_IN, _TOP_IN = 0.78, 0.12, 0.48, 0.12  # margins around the axes
+_FAINTEST = 0.35  # opacity of a pixel with a single point
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,12 +37,12 @@ class View:
     y1: float
 
 
-def common_view(positions: list[NDArray[np.float64]], shape: tuple[float, float], left_out: float = 0.0) -> View:
-    """The rectangle around all positions.
+def find_common_view(positions: list[NDArray[np.float64]], shape: tuple[float, float], left_out: float = 0.0) -> View:
+    """Returns the rectangle around all positions.
 
     Args:
         positions: arrays (N, 2) [m], one of them not empty.
-        shape: least and greatest height of the rectangle as a multiple of its width; it is widened to meet them.
+        shape: least and greatest height of the rectangle per width; it is enlarged to meet them.
         left_out: share of the positions that may lie beyond each side, so that a few stray ones do not shrink the rest.
     """
     filled = [p for p in positions if len(p)]
@@ -58,29 +59,36 @@ def common_view(positions: list[NDArray[np.float64]], shape: tuple[float, float]
     )
 
 
-def world(view: View, above_in: float = 0.0) -> tuple[Figure, Axes]:
-    """An empty figure of the world from above, x to the right, one metre as long along x as along y.
+def make_world(view: View, above_in: float = 0.0) -> tuple[Figure, Axes]:
+    """Returns an empty figure of the world from above, x to the right, one metre as long along x as along y.
 
     Args:
-        view: what it shows.
+        view: the part of the world it shows.
         above_in: room left above the axes [inch].
     """
     inner = _WIDTH_IN - _LEFT_IN - _RIGHT_IN
     height = inner * (view.y1 - view.y0) / (view.x1 - view.x0)
-    figure, axes = _empty(height + _BOTTOM_IN + _TOP_IN + above_in, above_in)
+    figure, axes = _make_axes(height + _BOTTOM_IN + _TOP_IN + above_in, above_in)
     axes.set(xlabel="x [m]", ylabel="y [m]", xlim=(view.x0, view.x1), ylim=(view.y0, view.y1))
     return figure, axes
 
 
-def chart(ylabel: str, xlabel: str = "time [s]", height_in: float = 3.0, above_in: float = 0.0) -> tuple[Figure, Axes]:
-    """An empty figure with time, or what xlabel says, along x."""
-    figure, axes = _empty(height_in + above_in, above_in)
+def make_chart(ylabel: str, xlabel: str = "time [s]", height_in: float = 3.0, above_in: float = 0.0) -> tuple[Figure, Axes]:
+    """Returns an empty figure with time, or what xlabel says, along x.
+
+    Args:
+        ylabel: what the y axis shows, with its unit.
+        xlabel: what the x axis shows, with its unit.
+        height_in: height of the figure [inch].
+        above_in: room left above the axes [inch].
+    """
+    figure, axes = _make_axes(height_in + above_in, above_in)
     axes.set(xlabel=xlabel, ylabel=ylabel)
     return figure, axes
 
 
-def square(view: View, side_in: float = 2.6) -> tuple[Figure, Axes]:
-    """A small figure of a square of the world, without ticks so that it fills the picture, with a bar for scale."""
+def make_square(view: View, side_in: float = 2.6) -> tuple[Figure, Axes]:
+    """Returns a small figure of a square of the world with a bar for scale; without ticks the square fills the picture."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(side_in, side_in), dpi=DPI)
@@ -92,18 +100,19 @@ def square(view: View, side_in: float = 2.6) -> tuple[Figure, Axes]:
     x, y = view.x0 + 0.04 * side, view.y0 + 0.05 * side
     axes.plot([x, x + length], [y, y], color=INK, linewidth=2.5, solid_capstyle="butt", zorder=5)
     text = axes.text(x, y + 0.015 * side, f"{length:g} m", color=INK, fontsize=10, va="bottom", zorder=5)
-    text.set_path_effects(halo())
+    text.set_path_effects(make_halo())
     return figure, axes
 
 
-def halo(width: float = 2.5) -> list[AbstractPathEffect]:
-    """White around text or lines, so that they stand out from what they lie on."""
+def make_halo(width: float = 2.5) -> list[AbstractPathEffect]:
+    """Returns a white edge for text or lines, so that they stand out from what they lie on."""
     from matplotlib.patheffects import withStroke
 
     return [withStroke(linewidth=width, foreground="white")]
 
 
-def _empty(height_in: float, above_in: float) -> tuple[Figure, Axes]:
+def _make_axes(height_in: float, above_in: float) -> tuple[Figure, Axes]:
+    """Returns an empty figure with axes and a grid."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(_WIDTH_IN, height_in), dpi=DPI)
@@ -119,18 +128,35 @@ def _empty(height_in: float, above_in: float) -> tuple[Figure, Axes]:
     return figure, axes
 
 
-def densities(axes: Axes, view: View, points: list[NDArray[np.float64]]) -> tuple[list[NDArray[np.int64]], float]:
-    """Points (N, 2) [m] per pixel of the axes for several maps, and the count that all of them show in full ink."""
+def count_points(axes: Axes, view: View, points: list[NDArray[np.float64]]) -> tuple[list[NDArray[np.int64]], float]:
+    """Counts the points per pixel for several maps.
+
+    Args:
+        axes: axes the maps will be drawn on.
+        view: the part of the world they show.
+        points: (N, 2) [m] of each map.
+
+    Returns:
+        the counts (H, W) of each map, row 0 at the lowest y, and the count that all maps show in full ink.
+    """
     figure = axes.get_figure(root=True)
     assert figure is not None
     columns = round(axes.get_position().width * figure.get_figwidth() * DPI)
-    counts = [_counts(p, view, columns) for p in points]
+    counts = [_count_pixels(p, view, columns) for p in points]
     seen = np.concatenate([c[c > 0] for c in counts])
     return counts, float(np.percentile(seen, 99.5)) if len(seen) else 1.0
 
 
 def lay_ink(axes: Axes, view: View, counts: NDArray[np.int64], well_seen: float, colour: str = INK) -> None:
-    """Draw counts (H, W) as ink: opacity grows with the logarithm, one point is visible, well_seen is full."""
+    """Draws counts as ink: opacity grows with their logarithm, and a single point is visible.
+
+    Args:
+        axes: axes to draw on.
+        view: the part of the world they show.
+        counts: (H, W) points per pixel, row 0 at the lowest y.
+        well_seen: count that is drawn in full ink.
+        colour: colour of the ink.
+    """
     from matplotlib.colors import to_rgb
 
     share = np.log1p(counts) / np.log1p(max(well_seen, 2.0))
@@ -141,8 +167,8 @@ def lay_ink(axes: Axes, view: View, counts: NDArray[np.int64], well_seen: float,
     axes.imshow(image, extent=extent, origin="lower", interpolation="nearest", aspect="auto")
 
 
-def _counts(points: NDArray[np.float64], view: View, columns: int) -> NDArray[np.int64]:
-    """Points (N, 2) [m] per pixel, (rows, columns) of square pixels, row 0 at the lowest y."""
+def _count_pixels(points: NDArray[np.float64], view: View, columns: int) -> NDArray[np.int64]:
+    """Counts points (N, 2) [m] per square pixel: (rows, columns), row 0 at the lowest y."""
     side = (view.x1 - view.x0) / columns
     rows = max(round((view.y1 - view.y0) / side), 1)
     column, row = np.floor((points - [view.x0, view.y0]) / side).astype(np.int64).T
@@ -151,15 +177,15 @@ def _counts(points: NDArray[np.float64], view: View, columns: int) -> NDArray[np
     return flat.reshape(rows, columns)
 
 
-def legend_above(axes: Axes) -> None:
-    """Put the legend above the plot, where it covers no data."""
+def put_legend_above(axes: Axes) -> None:
+    """Puts the legend above the plot, where it covers no data."""
     box = axes.get_position()
     axes.set_position((box.x0, box.y0, box.width, box.height - 0.08))
     axes.legend(frameon=False, loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=3, borderaxespad=0.2)
 
 
-def legend_strip(axes: Axes, columns: int) -> None:
-    """A tight legend in the room left above the axes."""
+def put_legend_strip(axes: Axes, columns: int) -> None:
+    """Puts a tight legend into the room left above the axes."""
     axes.legend(
         frameon=False,
         loc="lower left",
@@ -173,8 +199,8 @@ def legend_strip(axes: Axes, columns: int) -> None:
     )
 
 
-def plain_log(axes: Axes, which: Literal["x", "y"]) -> None:
-    """Make an axis logarithmic, with plain numbers at 1, 2 and 5, or at powers of ten where the span is wide."""
+def use_plain_log(axes: Axes, which: Literal["x", "y"]) -> None:
+    """Makes an axis logarithmic, with plain numbers at 1, 2 and 5, or at powers of ten where the span is wide."""
     from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
     (axes.set_xscale if which == "x" else axes.set_yscale)("log")
@@ -190,8 +216,8 @@ def plain_log(axes: Axes, which: Literal["x", "y"]) -> None:
     axis.set_minor_formatter(NullFormatter())
 
 
-def png(figure: Figure, opaque: bool = False) -> bytes:
-    """The figure as a PNG file: transparent for a page, on white to be looked at by itself."""
+def encode_png(figure: Figure, opaque: bool = False) -> bytes:
+    """Returns a figure as a PNG file: transparent for a page, or on white to be looked at by itself."""
     file = io.BytesIO()
     ground = "white" if opaque else "none"
     figure.savefig(file, format="png", dpi=DPI, transparent=not opaque, facecolor=ground, metadata={"Software": None})

@@ -1,0 +1,34 @@
+"""An audit as its page shows it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from mqslam.audit.judge import Audit
+from mqslam.audit.sweeps import Sweeps
+from mqslam.config import Config
+
+
+@dataclass(frozen=True, slots=True)
+class AuditReport:
+    """An audit as its page shows it.
+
+    Args:
+        title: heading of the page.
+        summary: content of audit.json; a key that is absent or None is shown as not available.
+        sweeps: what was judged.
+        audit: the windows and revisits, judged.
+        config: all settings.
+        warnings: what the reader has to know before the numbers.
+        settings_yaml: every setting used, as in config.yaml.
+    """
+
+    title: str
+    summary: Mapping[str, Any]
+    sweeps: Sweeps
+    audit: Audit
+    config: Config
+    warnings: tuple[str, ...]
+    settings_yaml: str

@@ -1,0 +1,75 @@
+"""A comparison as its page shows it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from mqslam.compare.comparison import Comparison
+from mqslam.compare.judgement import Judged, Place
+from mqslam.compare.rows import Row
+from mqslam.config import dump_yaml
+from mqslam.core.trajectory import Trajectory
+from mqslam.evaluation import Evaluation
+
+
+@dataclass(frozen=True, slots=True)
+class CompareReport:
+    """A comparison as its page shows it.
+
+    Args:
+        title: heading of the page.
+        summary: content of compare.json.
+        rows: the rows that ran.
+        failed: the rows that did not.
+        places: where the rows differ most; the rows' crops begin with these.
+        stations: places all along the path, whose crops follow.
+        start_us: stamp of the recording's start, from which places count their time [us].
+        agreement: how far every two rows are apart.
+        ground_truth: for comparison only, in any fixed frame, or None.
+        table: head and rows as the terminal shows them.
+        warnings: what the reader has to know before the numbers.
+        settings_yaml: every setting used, as in config.yaml.
+        notes: what the reader should know about how the recording was understood.
+    """
+
+    title: str
+    summary: Mapping[str, Any]
+    rows: tuple[Judged, ...]
+    failed: tuple[Row, ...]
+    places: tuple[Place, ...]
+    stations: tuple[Place, ...]
+    start_us: int
+    agreement: tuple[tuple[str, str, Evaluation], ...]
+    ground_truth: Trajectory | None
+    table: tuple[tuple[str, ...], ...]
+    warnings: tuple[str, ...]
+    settings_yaml: str
+    notes: tuple[str, ...] = ()
+
+
+def report_comparison(comparison: Comparison, summary: Mapping[str, Any], table: Sequence[Sequence[str]]) -> CompareReport:
+    """Returns a comparison as its page shows it.
+
+    Args:
+        comparison: the finished comparison.
+        summary: content of compare.json.
+        table: head and rows as the terminal shows them.
+    """
+    recording = comparison.recording
+    return CompareReport(
+        title=recording.path.resolve().name,
+        summary=summary,
+        rows=tuple(comparison.judged.values()),
+        failed=tuple(row for row in comparison.rows if row.failure is not None),
+        places=comparison.places,
+        stations=comparison.stations,
+        start_us=recording.start_us,
+        agreement=comparison.agreement,
+        ground_truth=recording.ground_truth,
+        table=tuple(tuple(line) for line in table),
+        warnings=tuple(summary["warnings"]),
+        settings_yaml=dump_yaml(comparison.settings),
+        notes=recording.notes,
+    )

@@ -1,0 +1,1 @@
+"""The figures of all pages, and what they are drawn on."""

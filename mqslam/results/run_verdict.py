@@ -1,0 +1,130 @@
+"""The verdict on a run, and what its reader should know first."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Final
+
+import numpy as np
+
+from mqslam.audit.findings import judge_windows
+from mqslam.audit.verdict import Finding, Share, VerdictStatus, verdict_of
+from mqslam.core.measurement import Measurement, Status
+from mqslam.core.recording import Recording
+from mqslam.detection.stage import warn_of_unread
+from mqslam.mapping.render import select_moving
+from mqslam.solution import Run
+
+_LISTED: Final = 5  # gaps that are named one by one, so that the warnings stay readable
+
+
+def judge_run(run: Run) -> tuple[VerdictStatus, list[str]]:
+    """Returns the verdict on a run's map, with its reasons, from the run alone.
+
+    Only windows show the map. Without any, the map is not judged, and all other findings are reasons.
+    """
+    settings, scans = run.config.verdict, len(run.optimised)
+    windows = judge_windows(run.checks, scans, run.config.audit.window, settings)
+    others = [*_judge_track(run), *_judge_optimisation(run)]
+    if not run.checks:
+        others = [replace(f, status=VerdictStatus.NOT_JUDGED) if f.status is VerdictStatus.WARN else f for f in others]
+    return verdict_of([*windows, *others])
+
+
+def list_warnings(run: Run, recording: Recording) -> list[str]:
+    """Returns what happened during a run that its reader should know first."""
+    warnings = [*recording.faults, *warn_of_unread(run.unread), *run.warnings]
+    warnings += _warn_of_gaps(recording.gaps(), run.config.tracker.longest_coast_s)
+    for status, what in ((Status.LOST, "lost track"), (Status.DEGENERATE, "did not observe every direction")):
+        spans = find_stretches(run.measurements, status)
+        warnings += [f"{what} from {begin:.1f} s to {end:.1f} s" for begin, end in spans]
+    stops = find_stops(run, recording)
+    warnings += [
+        f"stood still from {begin:.1f} s to {end:.1f} s: the map holds the first scan of that time only"
+        for begin, end in stops
+    ]
+    return warnings
+
+
+def find_stops(run: Run, recording: Recording) -> list[tuple[float, float]]:
+    """Returns long spans [s] in which no scan moved on, so that the map holds only the first of them."""
+    settings = run.config.map
+    moved = recording.start_times[select_moving(run.optimised.poses, settings)]
+    ends = np.append(moved[1:], recording.duration_s)
+    return [(float(a), float(b)) for a, b in zip(moved, ends, strict=True) if b - a >= settings.stop_s]
+
+
+def find_stretches(measurements: Sequence[Measurement], status: Status) -> list[tuple[float, float]]:
+    """Returns spans [s] of successive measurements that share a status."""
+    spans: list[tuple[float, float]] = []
+    for measurement in measurements:
+        if measurement.status is not status:
+            continue
+        if spans and spans[-1][1] == measurement.t0:
+            spans[-1] = (spans[-1][0], measurement.t1)
+        else:
+            spans.append((measurement.t0, measurement.t1))
+    return spans
+
+
+def _judge_track(run: Run) -> list[Finding]:
+    """Returns what the scans that were read and tracked say about the map."""
+    settings, measurements = run.config.verdict, run.measurements
+    lost, degenerate = _count_status(measurements, Status.LOST), _count_status(measurements, Status.DEGENERATE)
+    findings = [Finding(VerdictStatus.PASS, "no scan lost track")]
+    if lost.count:
+        grave = lost.is_above(settings.lost_fail, settings)
+        reason = f"{lost.count} of {lost.total} scans lost track and follow the prediction"
+        findings = [Finding(VerdictStatus.FAIL if grave else VerdictStatus.WARN, reason)]
+    if run.unread:
+        reason = f"{len(run.unread)} of {len(run.optimised)} polar scans could not be read"
+        findings.append(Finding(VerdictStatus.WARN, reason))
+    if degenerate.is_above(settings.degenerate_warn, settings):
+        reason = f"{degenerate.count} of {degenerate.total} scans do not observe every direction of motion"
+        findings.append(Finding(VerdictStatus.WARN, reason))
+    return findings
+
+
+def _judge_optimisation(run: Run) -> list[Finding]:
+    """Returns what optimisation made of the map; nothing where it had nothing to do or psi cannot tell.
+
+    A radar that stood still leaves a map of one scan: none of its points is matched, and its psi is nothing but the charges.
+    """
+    if run.unoptimised is not None:
+        reason = f"the pose graph could not be optimised: the trajectory is {run.frontend}'s motions, chained"
+        return [Finding(VerdictStatus.FAIL, reason)]
+    before, after = run.map_odometry.psi_per_point, run.map_optimised.psi_per_point
+    if not (run.odometry_factors or run.loops) or not run.checks or not run.map_optimised.matched.any():
+        return []
+    if before is None or after is None or before <= 0.0:
+        return []
+    ratio = after / before
+    worse = VerdictStatus.FAIL if ratio > run.config.verdict.worse else VerdictStatus.PASS
+    return [Finding(worse, f"psi per point is {ratio:.2f} times that of the map before optimisation")]
+
+
+def _count_status(measurements: Sequence[Measurement], status: Status) -> Share:
+    """Returns how many of the measurements have a status."""
+    return Share(sum(m.status is status for m in measurements), len(measurements))
+
+
+def _warn_of_gaps(gaps: list[tuple[int, float]], longest_coast_s: float) -> list[str]:
+    """Returns warnings of the first gaps, and what is missing in all where there are many.
+
+    Args:
+        gaps: number of the scan before each gap, and what is missing [s].
+        longest_coast_s: longest gap that the tracker bridges [s].
+    """
+    warnings = [_describe_gap(scan, missing_s, longest_coast_s) for scan, missing_s in gaps[:_LISTED]]
+    if len(gaps) > _LISTED:
+        missing_s = sum(missing for _, missing in gaps)
+        warnings.append(f"{len(gaps) - _LISTED} more radar gaps; {missing_s:.2f} s are missing in all")
+    return warnings
+
+
+def _describe_gap(scan: int, missing_s: float, longest_coast_s: float) -> str:
+    where = f"of {missing_s:.2f} s after scan {scan} (counted from 0)"
+    if missing_s < longest_coast_s:
+        return f"radar gap {where}"
+    return f"jump of the clock or pause {where}: the poses beyond it are a guess unless a loop closure ties them"
