@@ -7,8 +7,7 @@ from pathlib import Path
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from mqslam.config import load_config, shipped_names
-from mqslam.config.yaml_file import parse_yaml
+from mqslam.config import load_config, parse_yaml, shipped_names
 from mqslam.core import frontend as frontends
 from mqslam.errors import ConfigError
 from mqslam.results.batch_results import Order

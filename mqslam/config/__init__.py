@@ -5,10 +5,10 @@ from __future__ import annotations
 import textwrap
 from importlib import resources
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar, get_args
 
 import yaml
-from pydantic import BaseModel, ConfigDict
+from pydantic import BaseModel, ConfigDict, ValidationError
 
 from mqslam.config.audit_config import AuditConfig, CompareConfig
 from mqslam.config.check_config import CheckConfig
@@ -24,7 +24,6 @@ from mqslam.config.reading_config import ReadingConfig
 from mqslam.config.sensor_config import SensorConfig
 from mqslam.config.tracker_config import TrackerConfig
 from mqslam.config.verdict_config import VerdictConfig
-from mqslam.config.yaml_file import parse_yaml
 from mqslam.errors import ConfigError, suggest
 
 __all__ = [
@@ -51,9 +50,13 @@ __all__ = [
     "dump_yaml",
     "explained_yaml",
     "load_config",
+    "parse_yaml",
     "shipped_names",
     "with_doppler_beta",
 ]
+
+
+M = TypeVar("M", bound=BaseModel)
 
 
 class Config(BaseModel):
@@ -99,6 +102,32 @@ def load_config(name: str | Path | None = None) -> Config:
     except (OSError, ValueError) as error:
         raise ConfigError(f"{name}: cannot be read ({error})") from error
     return parse_yaml(Config, name, content)
+
+
+def parse_yaml(model: type[M], name: str | Path, text: str | bytes) -> M:
+    """Parses a YAML text as settings.
+
+    Args:
+        model: the kind of settings.
+        name: of the file, for errors.
+        text: its content, UTF-8 if bytes.
+
+    Raises:
+        ConfigError: the text is not YAML, or a setting is unknown or out of range.
+    """
+    try:
+        tree = yaml.safe_load(text if isinstance(text, str) else text.decode("utf-8"))
+    except Exception as error:  # PyYAML also raises what Python's own conversions to numbers, dates and keys raise
+        first = (str(error) or type(error).__name__).splitlines()[0]
+        raise ConfigError(f"{name}: is not a readable YAML file ({first})") from error
+    if tree is None:
+        tree = {}
+    if not isinstance(tree, dict):
+        raise ConfigError(f"{name}: must hold settings as 'section: {{key: value}}'")
+    try:
+        return model.model_validate(tree)
+    except ValidationError as error:
+        raise ConfigError(f"{name}: {_explain(error, model)}") from error
 
 
 def shipped_names() -> list[str]:
@@ -152,3 +181,22 @@ def changes(before: Config, after: Config) -> list[tuple[str, Any, Any]]:
         old, new = section.model_dump(mode="json"), getattr(after, name).model_dump(mode="json")
         found += [(f"{name}.{key}", old[key], new[key]) for key in old if old[key] != new[key]]
     return found
+
+
+def _explain(error: ValidationError, model: type[BaseModel]) -> str:
+    """Describes the first fault of a settings tree in one line, with the nearest known name for an unknown one."""
+    faults = error.errors()
+    # an unknown name comes first, since it may be the misspelt name of a setting that is reported as missing
+    fault = next((f for f in faults if f["type"] == "extra_forbidden"), faults[0])
+    where = ".".join(str(part) for part in fault["loc"])
+    if fault["type"] != "extra_forbidden":
+        return f"{where}: {fault['msg']}"
+    return f"unknown setting {where}; {suggest(str(fault['loc'][-1]), _list_keys(model, fault['loc'][:-1]))}"
+
+
+def _list_keys(model: type[BaseModel], parents: tuple[int | str, ...]) -> list[str]:
+    """Lists the names of the settings below some parents; a number among them is a place in a list."""
+    node: Any = model
+    for parent in parents:
+        node = get_args(node)[0] if isinstance(parent, int) else node.model_fields[parent].annotation
+    return list(node.model_fields)
