@@ -85,7 +85,7 @@ def test_the_number_of_jobs_changes_no_loop_and_no_pose(run: Run, lap: Simulated
 
 
 def test_loops_can_be_left_out(run: Run, lap: SimulatedRecording, out: Path) -> None:
-    found = slam(lap, CONFIG.model_copy(update={"loops": LoopConfig(enabled=False)}), 1, out, resume=True)
-    assert found.loops == [] and summarise(found, lap)["factors"]["loop"] == 0 == found.loops_rejected
-    np.testing.assert_array_equal(found.odometry.poses, run.odometry.poses)
-    assert not np.allclose(found.optimised.poses, run.optimised.poses, atol=0.02)
+    without = slam(lap, CONFIG.model_copy(update={"loops": LoopConfig(enabled=False)}), 1, out, resume=True)
+    assert without.loops == [] and summarise(without, lap)["factors"]["loop"] == 0 == without.loops_rejected
+    np.testing.assert_array_equal(without.odometry.poses, run.odometry.poses)
+    assert not np.allclose(without.optimised.poses, run.optimised.poses, atol=0.02)

@@ -1,4 +1,4 @@
-"""`mqslam info`: what a recording contains."""
+"""`mqslam info`: shows what a recording contains."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ def info(
     quiet: Quiet = False,
     verbose: Verbose = False,
 ) -> None:
-    """Show what a recording contains: format, revolutions, duration, turn rate, bins, odometry, ground truth, gaps.
+    """Show what a recording contains: format, scans, duration, turn rate, range bins, odometry, ground truth and gaps.
 
     Example: mqslam info drive
     """
-    from mqslam.commands.info import describe, describe_lidar
+    from mqslam.commands.info import describe_lidar, describe_radar
     from mqslam.commands.opening import open_data
     from mqslam.config import load_config
     from mqslam.formats import lidars
@@ -35,7 +35,7 @@ def info(
         facts = describe_lidar(lidars.read_lidar(data, settings.reading))
         rows = _list_lidar_rows(facts)
     else:
-        facts = describe(open_data(data, format, range_resolution, settings))
+        facts = describe_radar(open_data(data, format, range_resolution, settings))
         rows = _list_radar_rows(facts)
     if as_json:
         typer.echo(json.dumps(facts, indent=1))
@@ -44,47 +44,49 @@ def info(
 
 
 def _list_radar_rows(facts: dict[str, Any]) -> list[tuple[str, str]]:
-    """Lists the facts about a radar's recording for a person to read: name and value of each."""
+    """Returns the facts about a radar's recording as a person reads them: name and value of each."""
     return [
         ("format", facts["format"]),
         ("path", facts["path"]),
-        ("revolutions", f"{facts['revolutions']}"),
+        ("scans", f"{facts['revolutions']}"),
         ("duration", f"{facts['duration_s']:.2f} s"),
         ("turn rate", f"{facts['turn_rate_hz']:.3f} Hz"),
-        ("azimuths", f"{facts['azimuths']} per revolution"),
+        ("azimuths", f"{facts['azimuths']} per scan"),
         ("range", f"{facts['bins']} bins of {facts['range_resolution_m']:.4g} m: {facts['max_range_m']:.1f} m"),
-        ("odometry", _format_extent(facts["odometry"])),
-        ("ground truth", _format_extent(facts["ground_truth"])),
-        ("gaps", _format_gaps(facts["gaps"])),
+        ("odometry", _describe_extent(facts["odometry"])),
+        ("ground truth", _describe_extent(facts["ground_truth"])),
+        ("gaps", _describe_gaps(facts["gaps"])),
         *(("note", note) for note in facts["notes"]),
         *(("fault", fault) for fault in facts["faults"]),
     ]
 
 
-def _format_gaps(gaps: list[dict[str, Any]]) -> str:
-    """Formats the gaps of a recording in a line: the first ones, and the time missing in all where there are many."""
-    first = ", ".join(f"{gap['missing_s']:.2f} s after revolution {gap['after_revolution']}" for gap in gaps[:_LISTED])
+def _describe_gaps(gaps: list[dict[str, Any]]) -> str:
+    """Returns the gaps of a recording in a line: the first ones, and how much is missing in total where there are many."""
+    if not gaps:
+        return "none"
+    first = ", ".join(f"{gap['missing_s']:.2f} s after scan {gap['after_revolution']}" for gap in gaps[:_LISTED])
     if len(gaps) <= _LISTED:
-        return first or "none"
+        return f"{first} (scans are counted from 0)"
     missing = sum(gap["missing_s"] for gap in gaps)
-    return f"{first} and {len(gaps) - _LISTED} more; {missing:.2f} s are missing in all"
+    return f"{first} (scans are counted from 0) and {len(gaps) - _LISTED} more; {missing:.2f} s are missing in total"
 
 
 def _list_lidar_rows(facts: dict[str, Any]) -> list[tuple[str, str]]:
-    """Lists the facts about a lidar's recording likewise."""
+    """Returns the facts about a lidar's recording as a person reads them: name and value of each."""
     return [
-        ("format", f"{facts['format']}, a lidar's: mqslam audit judges its map"),
+        ("format", f"{facts['format']}, recorded by a lidar: mqslam audit judges its map"),
         ("path", facts["path"]),
         ("scans", f"{facts['scans']}"),
         ("duration", f"{facts['duration_s']:.2f} s"),
         ("scan rate", f"{facts['scan_rate_hz']:.3f} Hz"),
         ("returns", f"{facts['returns']:.0f} per scan, up to {facts['max_range_m']:.1f} m away"),
-        ("odometry", _format_extent(facts["odometry"])),
-        ("poses", _format_extent(facts["recording"])),
+        ("odometry", _describe_extent(facts["odometry"])),
+        ("poses", _describe_extent(facts["recording"])),
         *(("note", note) for note in facts["notes"]),
     ]
 
 
-def _format_extent(track: dict[str, Any] | None) -> str:
-    """Formats the number of poses and the length of a trajectory."""
+def _describe_extent(track: dict[str, Any] | None) -> str:
+    """Returns the size of a trajectory in words."""
     return "none" if track is None else f"{track['poses']} poses, {track['length_m']:.1f} m"

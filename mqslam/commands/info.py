@@ -1,4 +1,4 @@
-"""The content of a recording in plain values."""
+"""The description of a recording in values that JSON can hold."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from mqslam.core.recording import Recording
 from mqslam.core.trajectory import Trajectory
 
 
-def describe(recording: Recording) -> dict[str, Any]:
-    """Describes a recording in numbers and strings that JSON can hold; one polar scan is read.
+def describe_radar(recording: Recording) -> dict[str, Any]:
+    """Describes a radar recording in numbers and strings that JSON can hold; only its first polar scan is read.
 
     Returns:
         format, path, revolutions, duration_s [s], turn_rate_hz [1/s], azimuths and bins of the first polar scan,
         range_resolution_m and max_range_m [m], odometry and ground_truth (None, or poses and length_m [m]), gaps
-        (after_revolution, missing_s [s]), notes and faults.
+        (after_revolution, counted from 0, and missing_s [s]), notes and faults.
 
     Raises:
         DataError: the first polar scan cannot be read.
@@ -42,7 +42,7 @@ def describe(recording: Recording) -> dict[str, Any]:
 
 
 def describe_lidar(lidar: LidarRecording) -> dict[str, Any]:
-    """Describes a lidar's recording likewise.
+    """Describes a lidar's recording in numbers and strings that JSON can hold.
 
     Returns:
         format, path, scans, duration_s [s], scan_rate_hz [1/s], returns per scan, max_range_m [m] among them, odometry and
@@ -64,5 +64,5 @@ def describe_lidar(lidar: LidarRecording) -> dict[str, Any]:
 
 
 def _describe_extent(trajectory: Trajectory | None) -> dict[str, Any] | None:
-    """Describes how many poses a trajectory has and how long it is [m]."""
+    """Returns the number of poses and the length [m] of a trajectory, or None."""
     return None if trajectory is None else {"poses": len(trajectory), "length_m": trajectory.length_m}

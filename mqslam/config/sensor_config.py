@@ -21,8 +21,10 @@ class SensorConfig(BaseModel):
     )
     doppler_beta: float | None = Field(
         None,
-        description="Range shift per closing speed [s], whose sign is that of the chirp; about 0.049 on Oxford's radar. "
-        "null measures it by psi.",
+        ge=-1.0,
+        le=1.0,
+        description="Range shift per closing speed [s], signed by the chirp, about 0.049 on the Oxford unit. Known radars "
+        "are within 0.1 s: a value beyond 1 s is a mistake of the unit. Null measures it by psi.",
     )
     clockwise: bool | None = Field(
         None,

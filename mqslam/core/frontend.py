@@ -109,7 +109,7 @@ def measure_motions(name: str, context: Context, scans: Scans) -> Iterator[Measu
         yield motion
     if count != len(scans) - 1:
         raise EstimationError(
-            f"front end {name}: gave {count} motions for {len(scans)} scans; it is to give one for every two successive scans"
+            f"front end {name}: gave {count} motions for {len(scans)} scans; it must give one for every two successive scans"
         )
 
 

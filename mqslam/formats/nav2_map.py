@@ -13,7 +13,7 @@ from PIL import Image
 from mqslam.core import se2
 from mqslam.core.point_map import OccupancyGrid
 from mqslam.errors import DataError
-from mqslam.execution.files import write_text, written_whole
+from mqslam.execution.files import write_aside, write_text
 
 _OCCUPIED = 0
 _UNKNOWN = 205
@@ -52,7 +52,7 @@ def write_nav2_map(folder: Path, grid: OccupancyGrid) -> None:
         OutputError: a file cannot be written.
     """
     image = Image.fromarray(np.where(grid.occupied[::-1], np.uint8(_OCCUPIED), np.uint8(_UNKNOWN)))
-    with written_whole(folder / "map.pgm") as aside:
+    with write_aside(folder / "map.pgm") as aside:
         image.save(aside, format="PPM")  # Pillow's name for PGM too
     settings = {
         "image": "map.pgm",

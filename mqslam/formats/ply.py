@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from mqslam.core.point_map import PointMap
 from mqslam.errors import DataError
-from mqslam.execution.files import written_whole
+from mqslam.execution.files import write_aside
 
 _VERTEX = [("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("intensity", "<f4"), ("time", "<f8"), ("psi", "<f4")]
 
@@ -30,7 +30,7 @@ def write_ply(path: Path, pointmap: PointMap) -> None:
     vertices["intensity"] = pointmap.intensities
     vertices["time"] = pointmap.times
     vertices["psi"] = pointmap.psi
-    with written_whole(path) as aside:
+    with write_aside(path) as aside:
         PlyData([PlyElement.describe(vertices, "vertex")], byte_order="<").write(str(aside))
 
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from mqslam.audit.windows import WindowAudit
 from mqslam.backend.pose_graph import PoseCovariances
-from mqslam.config import AuditConfig, dump_yaml, with_doppler_beta
+from mqslam.config import AuditConfig, dump_yaml, set_doppler_beta
 from mqslam.core.measurement import Measurement
 from mqslam.core.point_map import PointMap
 from mqslam.core.recording import Recording
@@ -124,5 +124,5 @@ def report_of(
         loops=np.array([(loop.earlier, loop.later) for loop in run.loops], dtype=np.int64).reshape(-1, 2),
         sure=sure,
         warnings=tuple(warnings),
-        settings_yaml=dump_yaml(with_doppler_beta(run.config, run.doppler_beta)),
+        settings_yaml=dump_yaml(set_doppler_beta(run.config, run.doppler_beta)),
     )

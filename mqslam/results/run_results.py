@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from mqslam.config import dump_yaml, with_doppler_beta
+from mqslam.config import dump_yaml, set_doppler_beta
 from mqslam.core.measurement import Measurement
 from mqslam.errors import tolerate
 from mqslam.execution.files import write_json, write_text
@@ -59,7 +59,7 @@ def write_run(folder: Path, run: Run, summary: dict[str, Any], notes: Sequence[s
     write_tum(folder / "trajectory.tum", run.optimised)
     write_tum(folder / "odometry.tum", run.odometry)
     write_text(folder / "measurements.csv", measurements_csv(run.measurements))
-    write_text(folder / "config.yaml", dump_yaml(with_doppler_beta(run.config, run.doppler_beta)))
+    write_text(folder / "config.yaml", dump_yaml(set_doppler_beta(run.config, run.doppler_beta)))
     _write_numbers(folder, summary, notes)
     failures: list[str] = []
     with tolerate("graph.g2o", failures):

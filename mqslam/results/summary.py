@@ -151,9 +151,9 @@ def _gaps(gaps: list[tuple[int, float]], longest_coast_s: float) -> list[str]:
     return found
 
 
-def _gap(revolution: int, missing_s: float, longest_coast_s: float) -> str:
-    """A warning of a gap after a revolution."""
-    where = f"of {missing_s:.2f} s after revolution {revolution}"
+def _gap(scan: int, missing_s: float, longest_coast_s: float) -> str:
+    """Returns the warning of a gap after a scan."""
+    where = f"of {missing_s:.2f} s after scan {scan} (counted from 0)"
     if missing_s < longest_coast_s:
         return f"radar gap {where}"
     return f"jump of the clock or pause {where}: what lies beyond it is placed by a guess unless a loop ties it"

@@ -16,7 +16,7 @@ import numpy as np
 
 from mqslam.errors import ConfigError, OutputError, Remedy
 from mqslam.execution.files import write_text
-from mqslam.execution.folders import new_folder
+from mqslam.execution.folders import make_folder
 from mqslam.formats.odometry_files import write_twists
 from mqslam.formats.recordings import oxford
 from mqslam.simulator.drive import ConstantDrive, Drive, clear_way, loop_drive
@@ -136,7 +136,7 @@ def _write_folder_whole(out: Path) -> Iterator[Path]:
     """Makes a folder beside `out` that becomes `out` when the block ends without an error, and is removed otherwise."""
     out = out.absolute()
     existed = out.exists()
-    new_folder(out)
+    make_folder(out)
     try:
         aside = Path(tempfile.mkdtemp(prefix=f".{out.name}.", dir=out.parent))
         try:

@@ -16,7 +16,7 @@ from mqslam.core import se2
 from mqslam.core.recording import Recording
 from mqslam.core.trajectory import Trajectory
 from mqslam.execution.files import write_text
-from mqslam.execution.folders import whole_folder
+from mqslam.execution.folders import write_folder_aside
 from mqslam.formats.odometry_files import read_beside, read_stamped
 from mqslam.formats.recordings import oxford
 from mqslam.formats.shared.azimuth_rows import azimuth_stamps, make_rows
@@ -95,7 +95,7 @@ def write(out: Path, recording: Recording) -> list[str]:
         OutputError: the folder cannot be written.
     """
     middles = np.empty(len(recording), dtype=np.int64)
-    with whole_folder(out) as folder:
+    with write_folder_aside(out) as folder:
         for name in ("radar", "applanix"):
             (folder / name).mkdir()
         for k, polar_scan in enumerate(recording.polar_scans()):

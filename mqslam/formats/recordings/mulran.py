@@ -21,7 +21,7 @@ from mqslam.core.recording import Recording
 from mqslam.core.trajectory import Trajectory
 from mqslam.errors import DataError
 from mqslam.execution.files import write_text
-from mqslam.execution.folders import whole_folder
+from mqslam.execution.folders import write_folder_aside
 from mqslam.formats.odometry_files import read_beside, read_stamped
 from mqslam.formats.shared.azimuth_rows import FIRST_NS, Azimuths, azimuth_stamps, make_rows, stamps_in_us
 from mqslam.formats.shared.column_images import ColumnImages, open_columns, write_columns
@@ -98,7 +98,7 @@ def write(out: Path, recording: Recording) -> list[str]:
         DataError: a polar scan cannot be read, or polar images cannot hold it.
         OutputError: the folder cannot be written.
     """
-    with whole_folder(out) as folder:
+    with write_folder_aside(out) as folder:
         images = _prepare_folder(folder, recording, _COLUMNS)
         return write_columns(images, recording, [f"{end}000" for end in recording.ends_us.tolist()])
 
@@ -113,7 +113,7 @@ def write_rows(out: Path, recording: Recording) -> list[str]:
         DataError: a polar scan cannot be read, or turns counter-clockwise.
         OutputError: the folder cannot be written.
     """
-    with whole_folder(out) as folder:
+    with write_folder_aside(out) as folder:
         images = _prepare_folder(folder, recording, _ROWS)
         for k, polar_scan in enumerate(recording.polar_scans()):
             rows = make_rows(recording, k, polar_scan, per_us=1000)

@@ -15,7 +15,7 @@ from mqslam.config.reading_config import ReadingConfig
 from mqslam.core.recording import PolarScan, Recording
 from mqslam.core.trajectory import Trajectory
 from mqslam.errors import DataError
-from mqslam.execution.files import written_whole
+from mqslam.execution.files import write_aside
 from mqslam.formats.shared import npz
 from mqslam.formats.shared.poses import make_trajectory
 from mqslam.formats.shared.sensing import Sensing, is_bin_length
@@ -52,7 +52,7 @@ def write(path: Path, recording: Recording) -> list[str]:
         DataError: the recording cannot be read.
         OutputError: the file cannot be written.
     """
-    with written_whole(path) as aside, zipfile.ZipFile(aside, "w", zipfile.ZIP_STORED) as archive:
+    with write_aside(path) as aside, zipfile.ZipFile(aside, "w", zipfile.ZIP_STORED) as archive:
         _write_member(archive, "stamps_us", recording.stamps_us)
         _write_member(archive, "turns_us", recording.turns_us)
         _write_member(archive, "range_resolution", np.float64(recording.range_resolution))

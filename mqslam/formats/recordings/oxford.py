@@ -19,7 +19,7 @@ from mqslam.core.recording import PolarScan, Recording
 from mqslam.core.trajectory import Trajectory
 from mqslam.errors import DataError, Remedy
 from mqslam.execution.files import write_text
-from mqslam.execution.folders import whole_folder
+from mqslam.execution.folders import write_folder_aside
 from mqslam.formats.odometry_files import read_beside, read_numbers, read_odometry, write_twists
 from mqslam.formats.shared.azimuth_rows import azimuth_stamps, make_rows
 from mqslam.formats.shared.images import list_stamps, write_png
@@ -161,7 +161,7 @@ def write(out: Path, recording: Recording) -> list[str]:
         DataError: a polar scan cannot be read, or turns counter-clockwise.
         OutputError: the folder cannot be written.
     """
-    with whole_folder(out) as folder:
+    with write_folder_aside(out) as folder:
         write_ground_truth(folder, recording)
         if recording.range_resolution != RANGE_RESOLUTION_M:
             write_text(folder / _RECORDING, json.dumps({"range_resolution_m": recording.range_resolution}) + "\n")

@@ -16,7 +16,7 @@ from mqslam.config.reading_config import ReadingConfig
 from mqslam.core.recording import Recording
 from mqslam.errors import DataError
 from mqslam.execution.files import write_text
-from mqslam.execution.folders import whole_folder
+from mqslam.execution.folders import write_folder_aside
 from mqslam.formats.shared.column_images import ColumnImageRecording, ColumnImages, open_columns, write_columns
 from mqslam.formats.shared.images import list_numbers
 from mqslam.formats.shared.sensing import Sensing
@@ -117,7 +117,7 @@ def write(out: Path, recording: Recording) -> list[str]:
         f"Frame: {name} Time: {end // 1_000_000}.{end % 1_000_000:06d}000\n"
         for name, end in zip(names, recording.ends_us.tolist(), strict=True)
     ]
-    with whole_folder(out) as folder:
+    with write_folder_aside(out) as folder:
         write_text(folder / "Navtech_Polar.txt", "".join(lines))
         images = folder / "Navtech_Polar"
         images.mkdir()

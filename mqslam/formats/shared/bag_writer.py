@@ -15,8 +15,8 @@ import numpy as np
 
 from mqslam.core import se2
 from mqslam.errors import OutputError
-from mqslam.execution.files import written_whole
-from mqslam.execution.folders import whole_folder
+from mqslam.execution.files import write_aside
+from mqslam.execution.folders import write_folder_aside
 from mqslam.formats.shared.bags import B_SCAN_DEFINITION, B_SCAN_TYPE
 
 if TYPE_CHECKING:
@@ -104,7 +104,7 @@ def write_bag(out: Path, kind: str) -> Iterator[Bag]:
 
 @contextlib.contextmanager
 def _write_file(out: Path, kind: str) -> Iterator[Bag]:
-    with written_whole(out) as aside, tempfile.TemporaryDirectory(prefix=f".{out.name}.", dir=out.parent) as folder:
+    with write_aside(out) as aside, tempfile.TemporaryDirectory(prefix=f".{out.name}.", dir=out.parent) as folder:
         path = Path(folder) / out.name
         with _start_bag(path, kind) as bag:
             yield bag
@@ -115,7 +115,7 @@ def _write_file(out: Path, kind: str) -> Iterator[Bag]:
 def _write_folder(out: Path, kind: str) -> Iterator[Bag]:
     if kind == "rosbag2" and set("?#%") & set(str(out)):
         raise OutputError(f"{out}: sqlite takes ?, # and % in a path for something else; choose another output")
-    with whole_folder(out) as aside:
+    with write_folder_aside(out) as aside:
         inside = aside / out.name  # ROS 2 names the files in a bag after its folder
         with _start_bag(inside, kind) as bag:
             yield bag
