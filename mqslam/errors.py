@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import difflib
 import logging
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from contextlib import contextmanager
 from enum import StrEnum
 from pathlib import Path
@@ -93,6 +94,12 @@ def describe_error(error: Exception) -> str:
     if isinstance(error, MqslamError):
         return str(error)
     return f"{type(error).__name__}: {str(error).splitlines()[0] if str(error) else ''}".rstrip(": ")
+
+
+def suggest(name: str, known: Collection[str]) -> str:
+    """Returns what to write in place of an unknown name: the nearest known one, or all of them where none is near."""
+    near = difflib.get_close_matches(name.lower(), known, 1)
+    return f"did you mean {near[0]}?" if near else f"choose one of {', '.join(known)}"
 
 
 def _shorten(message: str) -> str:

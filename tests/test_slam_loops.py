@@ -13,7 +13,7 @@ from mqslam.evaluation import evaluate
 from mqslam.execution.checkpoint import FOLDER, Checkpoint
 from mqslam.execution.engine import LocalEngine
 from mqslam.execution.runner import Runner
-from mqslam.formats.g2o import g2o
+from mqslam.formats.g2o import format_g2o
 from mqslam.results.summary import summarise
 from mqslam.simulator import SensorModel, SimulatedRecording, loop_drive, simulated_recording, street_scene
 from mqslam.slam import Slam
@@ -71,7 +71,7 @@ def test_loops_bring_the_trajectory_closer_to_truth(run: Run, lap: SimulatedReco
 
 
 def test_loops_are_edges_of_the_graph_as_written(run: Run) -> None:
-    text = g2o(run.graph.factors, run.values, run.graph.size)
+    text = format_g2o(run.graph.factors, run.values, run.graph.size)
     edges = [line.split()[1:3] for line in text.splitlines() if line.startswith("EDGE_SE2")]
     far = {(int(a), int(b)) for a, b in edges if int(b) - int(a) > 1}
     assert far == {(loop.earlier, loop.later) for loop in run.loops}

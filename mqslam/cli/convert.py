@@ -61,12 +61,11 @@ def convert(
     from mqslam.commands.opening import open_data
     from mqslam.config import load_config
     from mqslam.errors import ConfigError
-    from mqslam.formats.writing.recordings import write_recording
-    from mqslam.formats.writing.result_bags import is_run, write_results
-    from mqslam.formats.writing.targets import check_target, target_of
+    from mqslam.formats.conversion import check_target, find_target, write_recording
+    from mqslam.formats.result_bags import is_run, write_results
 
     console = Console(stderr=True, markup=False)
-    target = target_of(out, to)
+    target = find_target(out, to, message.value)
     check_target(out, target, force=force, recording=data)
     notes: list[str] = []
     if is_run(data):
@@ -78,7 +77,7 @@ def convert(
     else:
         recording = open_data(data, format, range_resolution, load_config(config))
         with show_progress(console, quiet) as show:
-            notes = write_recording(recording, out, target, message.value, partial(show, "converting"))
+            notes = write_recording(recording, out, target, partial(show, "converting"))
         notes = [*recording.notes, *recording.faults, *notes]
     if not quiet:
         print_notes(console, notes)

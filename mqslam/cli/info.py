@@ -30,11 +30,12 @@ def info(
     from mqslam.config import load_config
     from mqslam.formats import lidars
 
+    settings = load_config(config)
     if format is None and data.exists() and lidars.recognises(data):
-        facts = describe_lidar(lidars.read_lidar(data))
+        facts = describe_lidar(lidars.read_lidar(data, settings.reading))
         rows = _list_lidar_rows(facts)
     else:
-        facts = describe_radar(open_data(data, format, range_resolution, load_config(config)))
+        facts = describe_radar(open_data(data, format, range_resolution, settings))
         rows = _list_radar_rows(facts)
     if as_json:
         typer.echo(json.dumps(facts, indent=1))

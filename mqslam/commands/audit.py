@@ -74,11 +74,11 @@ def audit(  # noqa: PLR0913 - these are the options of an audit, each with its d
     if is_cloud(data):
         settings = choose_settings(config, LIDAR_CONFIG)
         cloud = read_cloud(data, heights)
-        sweeps = sweeps_of_cloud(cloud, given, settings.audit, beam_of(settings.estimator, 0.0))
+        sweeps = sweeps_of_cloud(cloud, given, settings.audit, beam_of(settings.estimator, 0.0), settings.reading)
         notes, kind = list(cloud.notes), data.suffix.lower()[1:]
     elif format is None and data.exists() and lidars.recognises(data):
         settings = choose_settings(config, LIDAR_CONFIG)
-        source = lidar_source(lidars.read_lidar(data))
+        source = lidar_source(lidars.read_lidar(data, settings.reading))
         track = given or _pick_carried(data, source.tracks, name)
         sweeps, notes, kind = *_render_sweeps(source, track, settings), source.format
     else:

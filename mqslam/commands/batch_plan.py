@@ -8,7 +8,7 @@ from pathlib import Path
 from pydantic import BaseModel, ConfigDict, Field
 
 from mqslam.config import list_shipped, load_config
-from mqslam.config.reading import parse_yaml
+from mqslam.config.yaml_file import parse_yaml
 from mqslam.core import frontend as frontends
 from mqslam.errors import ConfigError
 from mqslam.results.batch_results import Order

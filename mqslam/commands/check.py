@@ -66,7 +66,7 @@ def check(
     """
     settings = choose_settings(config)
     recording = open_data(Path(data), format, range_resolution, settings)
-    track, notes = choose_odometry(recording, odometry)
+    track, notes = choose_odometry(recording, odometry, settings.reading)
     notes = [*recording.notes, *notes]
     for note in notes:
         work.tell(note)

@@ -80,7 +80,7 @@ def compare(  # noqa: PLR0913 - these are the options of a comparison, each with
     given = _make_given_rows(trajectories or {}, frontends)
     check_free(out, force=force, resume=resume, recording=data)
     recording = open_data(data, format, range_resolution, settings)
-    track, notes = choose_odometry(recording, odometry)
+    track, notes = choose_odometry(recording, odometry, settings.reading)
     for note in recording.notes:
         work.tell(note)
     revolution_s, start_us = recording.revolution_s, recording.start_us

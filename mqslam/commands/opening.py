@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from mqslam.config import Config, load_config
+from mqslam.config import Config, ReadingConfig, load_config
 from mqslam.core.recording import Recording
 from mqslam.core.trajectory import Trajectory
 from mqslam.errors import DataError, Remedy
@@ -42,18 +42,21 @@ def open_data(
     """
     sensor = settings.sensor
     resolution = range_resolution or sensor.range_resolution_m
-    recording = open_recording(data, format, resolution, clockwise=sensor.clockwise, stamp=sensor.stamp)
+    recording = open_recording(
+        data, format, resolution, clockwise=sensor.clockwise, stamp=sensor.stamp, settings=settings.reading
+    )
     if strict and recording.faults:
         raise DataError(data, recording.faults[0], Remedy.LEAVE_STRICT_OUT)
     return recording
 
 
-def choose_odometry(recording: Recording, choice: str) -> tuple[Trajectory | None, list[str]]:
+def choose_odometry(recording: Recording, choice: str, reading: ReadingConfig) -> tuple[Trajectory | None, list[str]]:
     """Returns the odometry that a run uses, and what the user should know about the choice.
 
     Args:
         recording: the recording.
         choice: `auto` (the recording's own, if it has one), `none`, or the path of a file.
+        reading: how recordings are understood.
 
     Raises:
         DataError: the file cannot be read or does not cover the recording.
@@ -63,13 +66,13 @@ def choose_odometry(recording: Recording, choice: str) -> tuple[Trajectory | Non
     last = int(recording.stamps_us[-1])
     if choice != "auto":
         track = read_odometry(Path(choice))
-        if not track.covers(recording.start_us, last):
+        if not track.covers(recording.start_us, last, reading.track_slack_us):
             raise DataError(
                 choice,
                 "does not cover the recording",
                 f"give one that spans {recording.start_us} to {last} us in the radar's clock",
             )
         return track, []
-    if recording.odometry is not None and not recording.odometry.covers(recording.start_us, last):
+    if recording.odometry is not None and not recording.odometry.covers(recording.start_us, last, reading.track_slack_us):
         return None, ["the recording's odometry does not cover the whole recording and is not used"]
     return recording.odometry, []

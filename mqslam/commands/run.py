@@ -120,7 +120,7 @@ def open_job(
         DataError: the recording or the odometry cannot be used.
     """
     recording = open_data(data, format, range_resolution, settings, strict=strict)
-    track, notes = choose_odometry(recording, odometry)
+    track, notes = choose_odometry(recording, odometry, settings.reading)
     return Job(recording, track, settings, frontend, strict, tuple(notes))
 
 

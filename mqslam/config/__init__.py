@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import textwrap
 from importlib import resources
 from pathlib import Path
@@ -11,7 +10,7 @@ from typing import Any
 import yaml
 from pydantic import BaseModel, ConfigDict
 
-from mqslam.config.audit_config import AuditConfig, CompareConfig
+from mqslam.config.audit_config import AuditConfig, CompareConfig, VerdictConfig
 from mqslam.config.check_config import CheckConfig
 from mqslam.config.detector_config import DetectorConfig
 from mqslam.config.estimator_config import EstimatorConfig
@@ -21,11 +20,11 @@ from mqslam.config.graph_config import GraphConfig
 from mqslam.config.loop_config import LoopConfig, PassConfig
 from mqslam.config.map_config import MapConfig
 from mqslam.config.psi_config import PsiConfig
-from mqslam.config.reading import parse_yaml
+from mqslam.config.reading_config import ReadingConfig
 from mqslam.config.sensor_config import SensorConfig
 from mqslam.config.tracker_config import TrackerConfig
-from mqslam.config.verdict_config import VerdictConfig
-from mqslam.errors import ConfigError
+from mqslam.config.yaml_file import parse_yaml
+from mqslam.errors import ConfigError, suggest
 
 __all__ = [
     "AuditConfig",
@@ -42,6 +41,7 @@ __all__ = [
     "Open3dIcpConfig",
     "PassConfig",
     "PsiConfig",
+    "ReadingConfig",
     "ScanMatchingConfig",
     "SensorConfig",
     "TrackerConfig",
@@ -60,6 +60,7 @@ class Config(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
+    reading: ReadingConfig = ReadingConfig()
     sensor: SensorConfig = SensorConfig()
     detector: DetectorConfig = DetectorConfig()
     psi: PsiConfig = PsiConfig()
@@ -96,18 +97,10 @@ def load_config(name: str | Path | None = None) -> Config:
         elif shipped.is_file():
             content = shipped.read_bytes()
         else:
-            raise ConfigError(_describe_missing(str(name)))
+            raise ConfigError(f"{name}: no such configuration; {suggest(path.stem, list_shipped())}")
     except (OSError, ValueError) as error:
         raise ConfigError(f"{name}: cannot be read ({error})") from error
     return parse_yaml(Config, name, content)
-
-
-def _describe_missing(name: str) -> str:
-    """Returns the message for a configuration that does not exist, with the nearest name that ships."""
-    shipped = list_shipped()
-    near = difflib.get_close_matches(name, shipped, 1)
-    remedy = f"did you mean {near[0]}?" if near else f"give a YAML file or one of {', '.join(shipped)}"
-    return f"{name}: no such configuration; {remedy}"
 
 
 def list_shipped() -> list[str]:

@@ -16,7 +16,7 @@ _VERTEX = [("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("intensity", "<f4"), ("tim
 
 
 def write_ply(path: Path, pointmap: PointMap) -> None:
-    """Write a binary little-endian PLY with the vertex properties x, y, z, intensity, time and psi; z is 0.
+    """Writes a binary little-endian PLY with the vertex properties x, y, z, intensity, time and psi; z is 0.
 
     Open3D's tensor reader (`open3d.t.io.read_point_cloud`) keeps all of them; time is a double, the rest are floats.
 
@@ -35,10 +35,10 @@ def write_ply(path: Path, pointmap: PointMap) -> None:
 
 
 def read_ply(path: Path, names: Sequence[str]) -> dict[str, NDArray[np.float64]]:
-    """Vertex properties (N,) of a run's PLY by name.
+    """Reads vertex properties (N,) of a run's PLY by name.
 
     Raises:
-        DataError: unreadable, or without one of them.
+        DataError: the file cannot be read, or lacks one of them.
     """
     from plyfile import PlyData, PlyParseError
 

@@ -14,7 +14,7 @@ from mqslam.config import dump_yaml, set_doppler_beta
 from mqslam.core.measurement import Measurement
 from mqslam.errors import tolerate
 from mqslam.execution.files import write_json, write_text
-from mqslam.formats.g2o import g2o
+from mqslam.formats.g2o import format_g2o
 from mqslam.formats.nav2_map import write_nav2_map
 from mqslam.formats.ply import write_ply
 from mqslam.formats.tum import write_tum
@@ -63,7 +63,7 @@ def write_run(folder: Path, run: Run, summary: dict[str, Any], notes: Sequence[s
     _write_numbers(folder, summary, notes)
     failures: list[str] = []
     with tolerate("graph.g2o", failures):
-        write_text(folder / "graph.g2o", g2o(run.graph.factors, run.values, run.graph.size))
+        write_text(folder / "graph.g2o", format_g2o(run.graph.factors, run.values, run.graph.size))
     with tolerate("map.ply", failures):
         write_ply(folder / "map.ply", run.map_optimised)
     with tolerate("map.pgm", failures):

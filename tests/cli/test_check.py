@@ -15,7 +15,7 @@ from support.commands import mqslam, read_contents
 from support.layouts import write_mulran_columns, write_radiate
 
 from mqslam.formats.recordings import open_recording
-from mqslam.formats.recordings.native import write_native
+from mqslam.formats.recordings.native import write as write_native
 from mqslam.formats.tum import write_tum
 from mqslam.simulator import (
     ConstantDrive,

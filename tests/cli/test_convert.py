@@ -16,9 +16,8 @@ from support.conversions import EVEN, STAMPED
 from support.layouts import assert_alike, left_turn, write_radiate
 from support.recordings import START_US, TURN_US, assert_same, write_oxford
 
-from mqslam.formats.recordings import open_recording
+from mqslam.formats.recordings import list_targets, open_recording
 from mqslam.formats.tum import read_tum
-from mqslam.formats.writing.targets import TARGETS
 
 FOLDERS = ("oxford", "boreas", "mulran", "mulran_oxford", "radiate", "rosbag2", "rosbag2_mcap")
 FORMATS = {"mulran_oxford": "mulran", "rosbag2": "rosbag", "rosbag2_mcap": "rosbag"}
@@ -87,7 +86,7 @@ def test_bags_hold_rows_odometry_and_ground_truth_in_the_order_of_time(street: P
 def test_help_names_every_layout_and_shows_examples(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("COLUMNS", "240")
     shown = mqslam("convert", "--help").out
-    assert all(name in shown for name in TARGETS)
+    assert all(target.name in shown for target in list_targets())
     for example in ("drive drive.mcap", "drive.bag drive_boreas --to boreas", "result result.bag"):
         assert f"Example: mqslam convert {example}" in shown
 
@@ -124,10 +123,10 @@ CASES = {
     "no recording": (no_recording, "notes: is no recording in a known layout"),
     "broken": (broken, f"{START_US + 3 * TURN_US}.png: is not a readable PNG"),
     "unknown suffix": (onto("out.png"), "out.png: '.png' is the suffix of no layout; end it in .bag, .mcap or .npz"),
-    "unknown layout": (onto("out", "--to", "borea"), "--to 'borea': is unknown; did you mean 'boreas'?"),
+    "unknown layout": (onto("out", "--to", "borea"), "layout 'borea': is unknown; did you mean boreas?"),
     "other suffix": (onto("out.bag", "--to", "mcap"), "out.bag: mcap is a file that ends in .mcap"),
     "no suffix": (onto("out", "--to", "native"), "out: native is a file that ends in .npz"),
-    "file there": (onto("kept.bag"), "kept.bag: exists already; choose another output or give --force"),
+    "file there": (onto("kept.bag"), "kept.bag: exists already; choose another --out or give --force"),
     "folder there": (onto("kept"), "kept: exists already"),
     "folder for a file": (onto("kept", "--to", "rosbag2"), "kept: exists already"),
     "below a file": (onto("kept.bag/out.npz"), "kept.bag/out.npz: cannot be made"),

@@ -99,7 +99,7 @@ CASES: dict[str, tuple[Callable[[Path], Arguments], str]] = {
     "settings that are a list": (config("- 1\n"), "must hold settings"),
     "missing settings": (option("--config", "nothing.yaml"), "nothing.yaml: no such configuration"),
     "unknown front end": (option("--frontend", "kiss_ipc"), "front end kiss_ipc: unknown; did you mean kiss_icp?"),
-    "unknown format": (option("--format", "oxfrod"), "did you mean 'oxford'?"),
+    "unknown format": (option("--format", "oxfrod"), "did you mean oxford?"),
     "range resolution": (option("--range-resolution", "-1"), "is no length"),
     "missing odometry": (option("--odometry", "nothing.csv"), "nothing.csv: does not exist"),
     "odometry that starts late": (

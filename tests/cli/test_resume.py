@@ -1,6 +1,6 @@
 """A run that is killed is continued by --resume and ends with the same bytes as one that was not.
 
-At one moment in `tests/test_faults.py`; at every moment here, which is slow.
+At one moment in `tests/faults`; at every moment here, which is slow.
 """
 
 from __future__ import annotations

@@ -81,7 +81,7 @@ def test_what_is_written_is_read_back_equal(tmp_path: Path, name: str) -> None:
     [
         ("psi: {bta_s: 1}", "unknown setting psi.bta_s; did you mean beta_s?"),
         ("trackr: {}", "unknown setting trackr; did you mean tracker?"),
-        ("map: {zzzz: 1}", "unknown setting map.zzzz; known are cell_m, travel_m, travel_rad"),
+        ("map: {zzzz: 1}", "unknown setting map.zzzz; choose one of cell_m, travel_m, travel_rad"),
         ("map: {cell_m: -1}", "map.cell_m: Input should be greater than 0"),
         ("map: {cell_m: wide}", "map.cell_m: Input should be a valid number"),
         ("map: 3", "map: Input should be"),
@@ -106,7 +106,7 @@ def test_a_file_that_is_no_text_is_refused(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("name", "remedy"),
-    [("oxfrd", r"did you mean oxford\?$"), ("mine", "give a YAML file or one of boreas, default, .*oxford")],
+    [("oxfrd", r"did you mean oxford\?$"), ("mine", "choose one of boreas, default, .*oxford")],
 )
 def test_an_unknown_name_is_answered_with_the_nearest_or_all_that_ship(name: str, remedy: str) -> None:
     with pytest.raises(ConfigError, match=f"^{name}: no such configuration; {remedy}"):
