@@ -1,7 +1,9 @@
-# make demo      set up .venv, simulate a drive, run it, say where the report is
-# make test      set up .venv, check style and types, run all tests but the slow ones
+# make demo      set up .venv, simulate a drive, run it and say where the report is
+# make test      check style, types and layers, and run all tests but the slow ones
 # make test-all  run the slow tests, which make test leaves out: whole commands of the README, notebooks, clusters, browsers
-# make bench     the measurements of BENCHMARKS.md that take minutes
+# make lint      check style, types and layers only
+# make bench     make the measurements of BENCHMARKS.md, which takes over half an hour
+# make clean     remove .venv and everything that is built or generated
 
 PYTHON ?= python3
 VENV := .venv
@@ -10,7 +12,7 @@ READY := $(VENV)/.ready
 TYPED := build/typed
 KERNELS := $(VENV)/.kernels
 
-# A file's tests stay in one process, so that what they share is made once; more processes would each make their own.
+# The tests of a file stay in one process, so that what they share is made once. More than four processes would only make it more often.
 PYTEST := $(BIN)/python -m pytest --numprocesses auto --maxprocesses 4 --dist loadfile
 
 .PHONY: demo test test-all lint types bench clean

@@ -1,0 +1,1 @@
+"""The settings that ship with mqslam, one YAML file per radar."""

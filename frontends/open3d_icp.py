@@ -93,7 +93,7 @@ class _Open3dMatcher:
         registration = self._open3d.pipelines.registration
         criteria = registration.ICPConvergenceCriteria(max_iteration=self._settings.iterations)
         if self._settings.method == "generalized":
-            estimation = registration.TransformationEstimationForGeneralizedICP(registration.GMLoss(1.0))
+            estimation = registration.TransformationEstimationForGeneralizedICP(registration.GMLoss(self._settings.loss))
             register = registration.registration_generalized_icp
         else:
             estimation = registration.TransformationEstimationPointToPoint()

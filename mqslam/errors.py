@@ -1,19 +1,20 @@
-"""Errors a user is meant to read: one line that names the file, what is wrong and what to do."""
+"""Errors that a user is meant to read: one line that names the file, what is wrong and what to do."""
 
 from __future__ import annotations
 
+import difflib
 import logging
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from contextlib import contextmanager
 from enum import StrEnum
 from pathlib import Path
 
 _log = logging.getLogger(__name__)
-_LONGEST = 800  # characters of a message: what it quotes of a damaged file may be anything
+_LONGEST = 800  # characters of a message; what it quotes from a damaged file may be of any length
 
 
 class Remedy(StrEnum):
-    """What a user can do about an error, in plain words; the command line words each with its own options."""
+    """The remedies that a user has for errors, in plain words; the command line names its options instead."""
 
     CHOOSE_OUTPUT = "choose another output"
     CHOOSE_OR_REMOVE_OUTPUT = "choose another output or remove this one"
@@ -24,7 +25,7 @@ class Remedy(StrEnum):
     GIVE_ODOMETRY = "give odometry or choose another front end"
     GIVE_RANGE_RESOLUTION = "state the length of a range bin"
     GIVE_TRAJECTORY = "give the file of a trajectory"
-    LEAVE_STRICT_OUT = "mend it, or let what cannot be read be left out"
+    LEAVE_STRICT_OUT = "mend it, or run without strict to leave out what cannot be read"
     OPEN_MAP_ELSEWHERE = "look at report.html, or write the map for Rerun's viewer and open it elsewhere"
     RECORD_LIVE_VIEW = "record the live view into a file and open it elsewhere"
     REPLACE_UNFINISHED_OUTPUT = "choose another output, or replace the unfinished run instead of resuming it"
@@ -32,11 +33,11 @@ class Remedy(StrEnum):
 
 
 class MqslamError(Exception):
-    """Base of every error mqslam raises on purpose; the command line prints it, in one line, and exits with 2.
+    """The base of every error that mqslam raises on purpose; the command line prints it in one line and exits with 2.
 
     Args:
         message: what happened, and to which file or value.
-        remedies: what the user can do about it, where the message does not say so already.
+        remedies: what the user can do about it, unless the message says so already.
     """
 
     def __init__(self, message: str, *remedies: str) -> None:
@@ -91,11 +92,17 @@ class ViewerError(MqslamError):
     """Nothing to show a map with: no display, or a viewer that is not installed."""
 
 
-def said(error: Exception) -> str:
-    """Any error in one line: what ours say, the type and first line of others."""
+def describe_error(error: Exception) -> str:
+    """Returns an error in one line: the message of one of mqslam's, or the type and first line of any other."""
     if isinstance(error, MqslamError):
         return str(error)
     return f"{type(error).__name__}: {str(error).splitlines()[0] if str(error) else ''}".rstrip(": ")
+
+
+def suggest(name: str, known: Collection[str]) -> str:
+    """Returns what to write in place of an unknown name: the nearest known one, or all of them where none is near."""
+    near = difflib.get_close_matches(name.lower(), known, 1)
+    return f"did you mean {near[0]}?" if near else f"choose one of {', '.join(known)}"
 
 
 def _shorten(message: str) -> str:
@@ -106,14 +113,14 @@ def _shorten(message: str) -> str:
 
 @contextmanager
 def tolerate(what: str, warnings: list[str]) -> Iterator[None]:
-    """Turn an error of the block into a warning, where the results are worth more than what the block makes.
+    """Turns an error of the block into a warning, because the other results are worth more than what the block makes.
 
     Args:
-        what: the block makes, for the warning.
-        warnings: where the warning is added.
+        what: names what the block makes, for the warning.
+        warnings: the list that the warning is added to.
 
     Raises:
-        OutputError: nothing can be written any more, such as on a full disk.
+        OutputError: nothing can be written any more, for example because the disk is full.
         ClusterError: the cluster that does the work is lost; the run can be resumed.
     """
     try:
@@ -122,4 +129,4 @@ def tolerate(what: str, warnings: list[str]) -> Iterator[None]:
         raise
     except Exception as error:  # a figure, a library or a check of the map may fail in any way
         _log.info("%s could not be made", what, exc_info=error)
-        warnings.append(f"{what} could not be made ({said(error)}); the other results are whole")
+        warnings.append(f"{what} could not be made ({describe_error(error)}); the other results are whole")

@@ -32,12 +32,12 @@ from mqslam.solution import Run, Solution
 
 
 class Slam:
-    """Takes a recording through front end, graph and map; a Slam runs once.
+    """The method: it takes a recording through front end, pose graph and map. A `Slam` runs once.
 
     Args:
         config: all settings; None takes the defaults.
         frontend: name of the front end.
-        runner: does the work, times it, keeps it and shows it; None works here, silently, and keeps nothing.
+        runner: does the work, times it, keeps it and shows it; None works in this process, silently, and keeps nothing.
         strict: whether a polar scan that cannot be read stops the run, rather than being left out.
 
     Raises:
@@ -61,25 +61,25 @@ class Slam:
             odometry: dead-reckoned poses that cover the recording, or None.
 
         Raises:
-            DataError: over half of the polar scans cannot be read, or one if strict.
-            EstimationError: data that holds no motion.
+            DataError: more than half of the polar scans cannot be read, or any of them if strict.
+            EstimationError: no motion can be estimated from the data.
         """
         config, runner = self._config, self._runner
-        with runner.timed("total"):
+        with runner.time_stage("total"):
             context = Context(config, recording.revolution_s, recording.start_us, odometry)
-            self._frontend(context)  # says what it lacks before the recording is read
+            self._frontend(context)  # raises before the recording is read, if it lacks anything
             scans, detected = detect_all(recording, config.detector, runner, strict=self._strict)
             runner.runtime_s |= {"read": detected.read_s, "detect": detected.detect_s}
             try:
                 solution = self.solve(scans, replace(context, doppler_beta=self._measure_doppler(scans)))
             except FewReturnsError as error:
                 raise EstimationError(f"{error}: {detected.counts.remedy}") from error
-            with runner.timed("render"):
+            with runner.time_stage("render"):
                 tracks = {"the map before optimisation": solution.odometry, "the map": solution.optimised}
                 maps = [self._render(what, scans, track, solution.beam) for what, track in tracks.items()]
                 before, after = runner.follow("render", maps, len(maps))
             checks: list[WindowAudit] = []
-            with runner.timed("check"), runner.optional("the check of the map"):
+            with runner.time_stage("check"), runner.tolerate("the check of the map"):
                 track, beam = solution.optimised, solution.beam
                 checks = audit_sample(scans, track, config.audit, config.estimator, beam, runner)
         return Run(
@@ -95,25 +95,25 @@ class Slam:
         """Takes scans to the optimised trajectory.
 
         Args:
-            scans: of the recording.
-            context: what the front end may know besides; its Doppler shift serves all stages.
+            scans: scans of the recording.
+            context: what the front end may know besides the scans; its Doppler shift serves all stages.
 
         Raises:
-            EstimationError: data that holds no motion.
+            EstimationError: no motion can be estimated from the data.
         """
         config, runner = self._config, self._runner
         beam = beam_of(config.estimator, context.doppler_beta)
-        with runner.timed("windows"):
+        with runner.time_stage("windows"):
             measurements = self._measure(scans, context, beam)
-        with runner.timed("optimise"):
+        with runner.time_stage("optimise"):
             odometry = make_odometry_edges(scans, context, self._name, measurements, config.graph)
             problem = Problem(measurements, odometry, config.graph, config.loops)
-            poses = problem.poses([])
+            poses = problem.solve_poses([])
         search = LoopSearch([], 0)
         if config.loops.enabled:
-            with runner.timed("loops"), runner.optional("the search for loops"):
-                search = runner.once(LOOPS, lambda: close_loops(scans, problem, poses, config.estimator, beam, runner))
-        with runner.timed("optimise"):
+            with runner.time_stage("loops"), runner.tolerate("the search for loops"):
+                search = runner.make_once(LOOPS, lambda: close_loops(scans, problem, poses, config.estimator, beam, runner))
+        with runner.time_stage("optimise"):
             graph, optimum = problem.optimise(search.loops)
         runner.warnings += optimum.warnings
         return Solution(
@@ -133,13 +133,13 @@ class Slam:
         )
 
     def _measure_doppler(self, scans: Scans) -> float:
-        """Returns the Doppler shift [s]: that of kept measurements, that of the settings, or the one psi measures."""
-        with self._runner.timed("windows"):
+        """Returns the Doppler shift [s] of kept measurements, or of the settings, or else as psi measures it."""
+        with self._runner.time_stage("windows"):
             kept, config = self._runner.find(MEASURED), self._config
             return kept.doppler_beta if kept else choose_doppler_beta(scans, config.sensor, config.tracker, config.estimator)
 
     def _measure(self, scans: Scans, context: Context, beam: Beam) -> list[Measurement]:
-        """Returns the front end's measurements, or those that an earlier run has kept; shows them as they come."""
+        """Returns the front end's measurements, or those that an earlier run has kept, and shows them as they come."""
         runner = self._runner
         kept = runner.find(MEASURED)
         if kept is not None:
@@ -150,8 +150,8 @@ class Slam:
         return measurements
 
     def _render(self, what: str, scans: Scans, track: Trajectory, beam: Beam) -> PointMap:
-        """Returns the map under a trajectory; an empty one where it cannot be made: the trajectory is worth more."""
+        """Returns the map under a trajectory, or an empty one with a warning: the trajectory is worth more than its map."""
         rendered, config = PointMap.empty(), self._config
-        with self._runner.optional(what):
+        with self._runner.tolerate(what):
             rendered = render(scans, track.poses, config.map, config.estimator, beam, self._runner.engine)
         return rendered

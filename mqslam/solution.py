@@ -1,4 +1,4 @@
-"""What SLAM knows when it is done: the optimised trajectory, its graph, and the maps."""
+"""The results of SLAM: the optimised trajectory, its pose graph, and the maps."""
 
 from __future__ import annotations
 
@@ -24,15 +24,15 @@ class Solution:
     Args:
         frontend: name of the front end.
         config: all settings, as they were given.
-        doppler_beta: range shift per closing speed [s], as the settings name it or as it was measured.
-        measurements: relative motions of the front end, one per pair of successive scans.
+        doppler_beta: range shift per closing speed [s], as the settings state it or as it was measured.
+        measurements: the front end's relative motions, one per pair of successive scans.
         odometry: trajectory before optimisation: the odometry given, or the front end's measurements chained.
-        optimised: trajectory after it.
-        graph: all factors and the values they started from.
+        optimised: trajectory after optimisation.
+        graph: all factors, and the values that the optimisation started from.
         values: the optimised values.
         odometry_factors: number of odometry edges in the graph.
         loops: loop closures in the graph.
-        loops_rejected: candidates that psi, the graph or the map did not keep.
+        loops_rejected: number of loop candidates that psi, the graph or the map did not keep.
         unoptimised: why the graph could not be optimised and its starting values were kept, or None.
         warnings: what could not be done, and why.
     """
@@ -53,24 +53,24 @@ class Solution:
 
     @property
     def beam(self) -> Beam:
-        """The sensor's errors that the returns were placed with."""
+        """The sensor model that the returns were placed with."""
         return beam_of(self.config.estimator, self.doppler_beta)
 
     @property
     def before(self) -> str:
-        """What the trajectory before optimisation is, in words."""
+        """The trajectory before optimisation in words."""
         return ODOMETRY if self.odometry_factors or self.frontend == ODOMETRY else f"{self.frontend}, chained"
 
 
 @dataclass(frozen=True)
 class Run(Solution):
-    """Everything a finished run knows.
+    """The result of a finished run: the trajectory, its maps, and the check of the map.
 
     Args:
         map_odometry, map_optimised: the recording rendered under both trajectories.
-        checks: windows of the optimised map held against their own best, evenly spread over the run.
-        runtime_s: seconds by stage.
-        unread: why a polar scan could not be read and was left out, by its number.
+        checks: windows of the optimised map, each compared with its own best, evenly spread over the run.
+        runtime_s: runtime of each stage [s].
+        unread: the error for each polar scan that could not be read and was left out, by its number.
     """
 
     map_odometry: PointMap

@@ -1,4 +1,4 @@
-"""Makes the README's picture: python notebooks/readme_picture.py (simulates two minutes of driving, takes two minutes)."""
+"""Makes the README's picture: `python notebooks/readme_picture.py` simulates two minutes of driving and takes as long."""
 
 from __future__ import annotations
 
@@ -7,27 +7,25 @@ from pathlib import Path
 
 import matplotlib.pyplot as plt
 
+import mqslam
 from mqslam.core.point_map import PointMap
-from mqslam.core.trajectory import Trajectory
-from mqslam.execution.engine import LocalEngine
-from mqslam.execution.runner import Runner
-from mqslam.formats.recordings import open_recording
 from mqslam.simulator import simulate
-from mqslam.slam import Slam
 
 
-def draw(axes: plt.Axes, title: str, pointmap: PointMap, track: Trajectory, colour: str) -> None:
+def draw(axes: plt.Axes, title: str, pointmap: PointMap, track: mqslam.Trajectory, colour: str) -> None:
+    """Draws a map with the trajectory that it was rendered under."""
     axes.plot(*pointmap.points.T, ",", color="#1c2430", alpha=0.25, rasterized=True)
     axes.plot(*track.poses[:, :2].T, color=colour, linewidth=1.6)
     axes.set(title=title, aspect="equal", xlabel="x [m]", xlim=(-60, 130), ylim=(-60, 130))
 
 
 def main() -> None:
+    """Simulates a drive, runs it and draws its map before and after."""
     with tempfile.TemporaryDirectory() as folder:
         drive = Path(folder) / "drive"
         simulate(drive, scene="street", duration_s=120.0, seed=1, movers=6, jobs=2)
-        recording = open_recording(drive)
-        run = Slam(runner=Runner(LocalEngine(2))).run(recording, recording.odometry)
+        recording = mqslam.open_recording(drive)
+        run = mqslam.Slam(runner=mqslam.Runner(mqslam.LocalEngine(2))).run(recording, recording.odometry)
     figure, (left, right) = plt.subplots(1, 2, figsize=(11, 5.4), sharey=True, layout="constrained")
     psi = [pointmap.psi.mean() for pointmap in (run.map_odometry, run.map_optimised)]
     draw(left, f"wheel odometry: ψ per point {psi[0]:.2f}", run.map_odometry, run.odometry, "#d9620d")

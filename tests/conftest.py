@@ -30,7 +30,7 @@ REPORTS = Path(__file__).parent / "report"
 
 @pytest.fixture(scope="module", autouse=True)
 def coarse_figures(request: pytest.FixtureRequest) -> Iterator[None]:
-    """Let reports draw small pictures, which takes a fifth of a short run less, but for the tests of the reports."""
+    """Lets reports draw small pictures, which makes a short run a fifth shorter; tests of the reports draw large ones."""
     with pytest.MonkeyPatch.context() as patch:
         if not request.path.is_relative_to(REPORTS):
             patch.setattr(canvas, "DPI", 40)
@@ -45,7 +45,7 @@ def oxford(tmp_path: Path) -> Path:
 
 @pytest.fixture
 def crew(tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPatch) -> Iterator[Cluster]:
-    """A scheduler and two workers; stretches so short that both have work for a while, and no patience."""
+    """A scheduler and two workers; stretches are so short that both have work for a while, and waits are short."""
     monkeypatch.setattr(detection, "_CHUNK", 4)
     monkeypatch.setattr("mqslam.execution.cluster._LOOK_S", 1.0)
     with cluster(tmp_path_factory.mktemp("crew") / "dask") as found:
@@ -54,7 +54,7 @@ def crew(tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPat
 
 @pytest.fixture(scope="session")
 def oxford_tiny() -> Path:
-    """The eleven real revolutions, which the project does not ship."""
+    """The eleven real polar scans, which the project does not ship."""
     folder = Path(__file__).parents[2] / "shared" / "data" / "oxford_tiny"
     if not folder.is_dir():
         pytest.skip(f"the real sample is not at {folder}")

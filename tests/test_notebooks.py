@@ -11,10 +11,10 @@ from nbclient import NotebookClient
 NOTEBOOKS = sorted((Path(__file__).parents[1] / "notebooks").glob("*.ipynb"))
 FINDINGS = {
     "01_psi_by_hand": """
-        assert abs(found.theta - truth).max() < 0.03 and found.status == "converged"
+        assert abs(minimum.theta - truth).max() < 0.03 and minimum.status == "converged"
         assert abs(lowest["as printed"] - truth)[1] > 0.5
         assert (abs(lowest["unmatched points charged"] - truth) < [0.5, 0.05]).all()
-        assert np.hypot(*whitened(found)) < 3.0
+        assert np.hypot(*whiten(minimum)) < 3.0
         assert 1.4 < np.mean((errors**2).sum(axis=1)) < 3.0
         """,
     "02_full_run": """

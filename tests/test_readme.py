@@ -35,14 +35,15 @@ BINARY = ".venv/bin/mqslam "
 
 
 def commands() -> list[str]:
-    """The lines of the README that a user would type, without their comments."""
+    """Lists the lines of the README that a user would type, without their comments."""
     typed = [line.split("  #")[0].strip() for line in README.splitlines() if line.startswith("    ")]
     inline = [text for text in re.findall(r"`([^`\n]+)`", README) if text.startswith(BINARY)]
-    return [line for line in [*typed, *inline] if line.startswith((".venv/", "make "))]
+    lines = dict.fromkeys([*typed, *inline])  # each once: the first screen shows some of those that follow
+    return [line for line in lines if line.startswith((".venv/", "make "))]
 
 
 def snippets(language: str) -> list[str]:
-    """Fenced blocks of a language."""
+    """Lists the fenced blocks of a language."""
     return re.findall(rf"```{language}\n(.*?)```", README, re.DOTALL)
 
 
@@ -82,8 +83,8 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     os.chdir(before)
 
 
-def prepared(words: list[str]) -> None:
-    """Room for what a command writes, and a finished run where it reads one."""
+def prepare(words: list[str]) -> None:
+    """Makes room for what a command writes, and copies a finished run to where it reads one."""
     for name in [w for w in words if w in ("OUT", "RESULT.mcap", "OUT.mcap", "figures", "drive", "results")]:
         if Path(name).is_dir():
             shutil.rmtree(name)
@@ -93,7 +94,7 @@ def prepared(words: list[str]) -> None:
 
 
 def words_of(line: str) -> list[str]:
-    """The words of a command, without its name and without where its output goes."""
+    """Splits a command into words, without its name and without where its output goes."""
     words = shlex.split(line)[1:]
     return words[: words.index(">")] if ">" in words else words
 
@@ -108,7 +109,7 @@ def test_a_command_and_its_options_exist(line: str) -> None:
 @pytest.mark.parametrize("line", [line for line in commands() if line.startswith(BINARY)])
 def test_a_command_works_as_printed(place: Path, line: str) -> None:
     words = words_of(line)
-    prepared(words)
+    prepare(words)
     if words[0] == "view" or "--live" in words:
         pytest.skip("needs a display or Rerun: tests/viewer runs it with both")
     if "--cluster" in words:
@@ -138,11 +139,11 @@ def test_make_demo_ends_with_a_report(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_the_program_in_python_runs_as_printed(place: Path) -> None:
-    (program,) = [text for text in snippets("python") if "open_recording" in text]
-    assert len(program.strip().splitlines()) <= 20
+    (program,) = [text for text in snippets("python") if "import mqslam\n" in text]
+    assert len(program.strip().splitlines()) == 5
     done = subprocess.run([sys.executable, "-c", program], cwd=place, capture_output=True, text=True, timeout=1800)
     assert done.returncode == 0, done.stderr
-    assert (place / "trajectory.tum").is_file() and done.stdout
+    assert (place / "demo" / "again" / "trajectory.tum").is_file() and done.stdout
 
 
 def test_the_front_end_of_ones_own_is_one() -> None:
@@ -165,15 +166,23 @@ def test_files_it_names_are_there() -> None:
         assert (ROOT / name).exists(), name
 
 
+def test_the_table_of_parts_is_the_tree() -> None:
+    table = README.split("\n| part | holds |\n")[1].split("\n\n")[0]
+    named = {name.rstrip("/") for line in table.splitlines() for name in re.findall(r"`([^`]+)`", line.split("|")[1])}
+    parts = {path for path in (ROOT / "mqslam").iterdir() if path.suffix == ".py" or (path / "__init__.py").is_file()}
+    inside = {f"mqslam/{path.name}" for path in parts if path.name != "__init__.py"}
+    assert named == inside | {"frontends", "factors", "configs", "notebooks", "tests"}
+
+
 def examples() -> list[str]:
-    """What the help of the commands gives as examples, but for those that the README has."""
-    found = [
+    """Lists the examples in the help of the commands, but for those that the README has."""
+    lines = [
         line.split("Example: ")[1].strip()
         for file in sorted((ROOT / "mqslam" / "cli").glob("*.py"))
         for line in file.read_text(encoding="utf-8").splitlines()
         if "Example: mqslam " in line
     ]
-    return sorted({line for line in found if line.replace("mqslam ", BINARY, 1) not in commands()})
+    return sorted({line for line in lines if line.replace("mqslam ", BINARY, 1) not in commands()})
 
 
 @pytest.mark.parametrize("line", examples())

@@ -13,7 +13,7 @@ from mqslam.evaluation import evaluate
 from mqslam.execution.checkpoint import FOLDER, Checkpoint
 from mqslam.execution.engine import LocalEngine
 from mqslam.execution.runner import Runner
-from mqslam.formats.g2o import g2o
+from mqslam.formats.g2o import format_g2o
 from mqslam.results.run_results import summarise
 from mqslam.simulator import SensorModel, SimulatedRecording, loop_drive, simulated_recording, street_scene
 from mqslam.slam import Slam
@@ -71,7 +71,7 @@ def test_loops_bring_the_trajectory_closer_to_truth(run: Run, lap: SimulatedReco
 
 
 def test_loops_are_edges_of_the_graph_as_written(run: Run) -> None:
-    text = g2o(run.graph.factors, run.values, run.graph.size)
+    text = format_g2o(run.graph.factors, run.values, run.graph.size)
     edges = [line.split()[1:3] for line in text.splitlines() if line.startswith("EDGE_SE2")]
     far = {(int(a), int(b)) for a, b in edges if int(b) - int(a) > 1}
     assert far == {(loop.earlier, loop.later) for loop in run.loops}
@@ -85,7 +85,7 @@ def test_the_number_of_jobs_changes_no_loop_and_no_pose(run: Run, lap: Simulated
 
 
 def test_loops_can_be_left_out(run: Run, lap: SimulatedRecording, out: Path) -> None:
-    found = slam(lap, CONFIG.model_copy(update={"loops": LoopConfig(enabled=False)}), 1, out, resume=True)
-    assert found.loops == [] and summarise(found, lap)["factors"]["loop"] == 0 == found.loops_rejected
-    np.testing.assert_array_equal(found.odometry.poses, run.odometry.poses)
-    assert not np.allclose(found.optimised.poses, run.optimised.poses, atol=0.02)
+    without = slam(lap, CONFIG.model_copy(update={"loops": LoopConfig(enabled=False)}), 1, out, resume=True)
+    assert without.loops == [] and summarise(without, lap)["factors"]["loop"] == 0 == without.loops_rejected
+    np.testing.assert_array_equal(without.odometry.poses, run.odometry.poses)
+    assert not np.allclose(without.optimised.poses, run.optimised.poses, atol=0.02)

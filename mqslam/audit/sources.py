@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from mqslam.audit.sweeps import Sweeps, place_sweeps
 from mqslam.config import AuditConfig
+from mqslam.config.reading_config import USUAL_READING, ReadingConfig
 from mqslam.core import se2
 from mqslam.core.lidar import LidarRecording
 from mqslam.core.scans import Scans
@@ -89,7 +90,13 @@ def sweeps_of(source: Source, trajectory: Trajectory, settings: AuditConfig, bea
     return sweeps, [f"the trajectory does not cover {missing} of {len(source.scans)} scans"] if missing else []
 
 
-def sweeps_of_cloud(cloud: TimedCloud, trajectory: Trajectory | None, settings: AuditConfig, beam: Beam) -> Sweeps:
+def sweeps_of_cloud(
+    cloud: TimedCloud,
+    trajectory: Trajectory | None,
+    settings: AuditConfig,
+    beam: Beam,
+    reading: ReadingConfig = USUAL_READING,
+) -> Sweeps:
     """Divides a finished cloud into sweeps; without a trajectory the middle of a sweep's points stands for the sensor.
 
     Args:
@@ -97,6 +104,7 @@ def sweeps_of_cloud(cloud: TimedCloud, trajectory: Trajectory | None, settings: 
         trajectory: the poses of the sensor that the cloud was made with, or None.
         settings: of the audit.
         beam: the sensor's errors.
+        reading: how files are understood.
 
     Raises:
         DataError: the cloud was measured all at once, or the trajectory does not cover it.
@@ -117,7 +125,7 @@ def sweeps_of_cloud(cloud: TimedCloud, trajectory: Trajectory | None, settings: 
     if trajectory is None:
         poses = np.array([_middle(cloud.points[a:b]) for a, b in itertools.pairwise(begins)])
     else:
-        _check_cover(cloud, trajectory)
+        _check_cover(cloud, trajectory, reading)
         poses = trajectory.at(begin_us)
     covariances = np.zeros((len(cloud), 3))
     covariances[:, [0, 2]] = beam.sigma_range**2
@@ -139,10 +147,10 @@ def _middle(points: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.append(points.mean(axis=0), 0.0)
 
 
-def _check_cover(cloud: TimedCloud, trajectory: Trajectory) -> None:
+def _check_cover(cloud: TimedCloud, trajectory: Trajectory, reading: ReadingConfig) -> None:
     """Raises a DataError where a trajectory does not cover a cloud."""
     first, last = int(cloud.stamps_us[0]), int(cloud.stamps_us[-1])
-    if not trajectory.covers(first, last):
+    if not trajectory.covers(first, last, reading.track_slack_us):
         raise DataError(
             cloud.path, f"spans {first} to {last} us, which the trajectory does not", "give the trajectory it was made with"
         )

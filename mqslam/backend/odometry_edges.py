@@ -1,4 +1,4 @@
-"""Odometry as edges of the graph, beside the front end's measurements."""
+"""Odometry as edges of the pose graph, beside the front end's measurements."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ def make_odometry_edges(
     """Returns odometry's own motions with noise as large as their disagreement with the front end's.
 
     Args:
-        scans: of the recording.
-        context: holds the odometry, or none.
-        frontend: name of the front end; where it is odometry itself there is nothing to add.
-        measurements: the front end's motions.
-        settings: of the graph.
+        scans: scans of the recording.
+        context: holds the odometry, if there is one.
+        frontend: name of the front end; if it is the odometry itself there is nothing to add.
+        measurements: the front end's motions between successive scans.
+        settings: settings of the graph.
     """
     if context.odometry is None or frontend == ODOMETRY or not measurements:
         return []

@@ -15,7 +15,7 @@ from scipy.sparse.linalg import splu
 
 from mqslam.config import GraphConfig
 from mqslam.core import se2
-from mqslam.errors import EstimationError, said
+from mqslam.errors import EstimationError, describe_error
 from mqslam.factors.prior import prior
 
 # numerical limits, none of which changes a result that is exact
@@ -112,7 +112,7 @@ def optimise(graph: PoseGraph) -> Optimum:
         if not np.isfinite(poses_of(values, graph.size)).all():
             return Optimum(graph.initial, "its poses grew beyond what numbers can hold")
     except Exception as error:  # whatever GTSAM throws, the initial values are a result
-        return Optimum(graph.initial, said(error))
+        return Optimum(graph.initial, describe_error(error))
     return Optimum(values)
 
 
@@ -144,7 +144,7 @@ def compute_marginals(graph: PoseGraph, values: gtsam.Values, indices: Sequence[
     try:
         blocks = _inverse_blocks(_jacobian(graph, values), indices)
     except Exception as error:  # a singular system, or one that does not fit into memory
-        return PoseCovariances.unknown(said(error))
+        return PoseCovariances.unknown(describe_error(error))
     sigmas = np.sqrt(np.maximum(np.einsum("kii->ki", blocks), 0.0))
     if not np.isfinite(blocks).all() or not np.all(sigmas > 0.0):
         return PoseCovariances.unknown("the graph leaves a direction open")

@@ -18,13 +18,13 @@ from mqslam.factors.psi_between import psi_between
 
 @dataclass(frozen=True)
 class Problem:
-    """A trajectory to be optimised.
+    """A trajectory that is to be optimised.
 
     Args:
         measurements: the front end's motions between successive scans.
-        odometry: odometry's motions between the same scans, or none.
-        graph_settings: of the edges between successive scans.
-        loop_settings: of the loops.
+        odometry: the odometry's motions between the same scans, or none.
+        graph_settings: settings of the edges between successive scans.
+        loop_settings: settings of the loops.
     """
 
     measurements: Sequence[Measurement]
@@ -37,19 +37,19 @@ class Problem:
         """Poses (N, 3) before optimisation: odometry, or the measurements where there is none, chained [m, m, rad]."""
         return se2.chain(m.pose for m in self.odometry or self.measurements)
 
-    def graph(self, loops: Sequence[Loop]) -> PoseGraph:
-        """Returns the graph with some loops; it starts from the measurements chained."""
+    def build_graph(self, loops: Sequence[Loop]) -> PoseGraph:
+        """Returns the graph with the given loops; it starts from the chained measurements."""
         factors = [psi_between(X(k), X(k + 1), m, self.graph_settings) for k, m in enumerate(self.measurements)]
         factors += [odometry_between(X(k), X(k + 1), m, self.graph_settings) for k, m in enumerate(self.odometry)]
         factors += [loop_between(X(loop.earlier), X(loop.later), loop, self.loop_settings) for loop in loops]
         return build_pose_graph(se2.chain(m.pose for m in self.measurements), factors, self.graph_settings)
 
     def optimise(self, loops: Sequence[Loop]) -> tuple[PoseGraph, Optimum]:
-        """Returns the graph with some loops and its optimum."""
-        graph = self.graph(loops)
+        """Returns the graph with the given loops, and its optimum."""
+        graph = self.build_graph(loops)
         return graph, optimise(graph)
 
-    def poses(self, loops: Sequence[Loop]) -> se2.Array:
-        """Returns the optimised poses (N, 3) with some loops [m, m, rad]."""
+    def solve_poses(self, loops: Sequence[Loop]) -> se2.Array:
+        """Returns the optimised poses (N, 3) with the given loops [m, m, rad]."""
         graph, optimum = self.optimise(loops)
         return poses_of(optimum.values, graph.size)

@@ -21,12 +21,13 @@ from mqslam.cli.score import score
 from mqslam.cli.simulate import simulate
 from mqslam.cli.view import view
 from mqslam.errors import MqslamError
-from mqslam.execution.interrupts import Interrupted, interruptible
+from mqslam.execution.interrupts import Interrupted, raise_interrupts
 
 app = typer.Typer(
     name="mqslam",
     no_args_is_help=True,
     pretty_exceptions_enable=False,
+    rich_markup_mode="markdown",  # joins the lines of a paragraph
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 app.command()(run)
@@ -43,7 +44,8 @@ app.add_typer(config, name="config")
 app.add_typer(paper, name="paper")
 
 
-def _version(asked: bool) -> None:
+def _print_version(asked: bool) -> None:
+    """Prints the version, if it was asked for, and ends the command."""
     if asked:
         typer.echo(f"mqslam {mqslam.__version__}")
         raise typer.Exit
@@ -51,21 +53,26 @@ def _version(asked: bool) -> None:
 
 @app.callback()
 def _top(
-    version: bool = typer.Option(False, "--version", callback=_version, is_eager=True, help="Print the version."),
+    version: bool = typer.Option(False, "--version", callback=_print_version, is_eager=True, help="Print the version."),
 ) -> None:
     """Offline radar SLAM in which the measurement is map quality.
 
-    Exit codes: 0 done; 1 something is suspicious (check) or the verdict is as bad as --fail-on (audit); 2 a mistake in the
-    command or its input, said in one line; 3 the map could not be judged (audit --fail-on); 130 and 143 interrupted.
+    Exit codes: 0 done; 1 check found something suspicious, the verdict of audit is as bad as --fail-on or worse, or a run of
+    batch failed; 2 a mistake in the command or its input, described in one line; 3 audit --fail-on could not judge the map;
+    130 and 143 interrupted.
 
     Example: mqslam run drive --out result
     """
 
 
 def main() -> None:
-    """Entry point: a mistake a user can mend is one line on stderr and exit code 2, an interrupt 128 + its signal."""
+    """Runs the command line.
+
+    A mistake that the user can mend is one line on stderr and exit code 2. After an interrupt the code is 128 plus the
+    number of its signal.
+    """
     try:
-        with interruptible():
+        with raise_interrupts():
             app(prog_name="mqslam")
     except MqslamError as error:
         print(f"mqslam: error: {name_options(str(error))}", file=sys.stderr)

@@ -1,4 +1,4 @@
-"""`mqslam audit`: how good a map is, where it is torn, and how sure that is."""
+"""`mqslam audit`: judges how good a map is and where it is torn, and says how sure that is."""
 
 from __future__ import annotations
 
@@ -14,24 +14,28 @@ if TYPE_CHECKING:
 
 
 def audit(
-    data: Annotated[Path, typer.Argument(help="A radar or lidar recording, or a cloud with times (PLY, PCD, LAS, NPZ).")],
-    out: Annotated[Path, typer.Option("--out", "-o", help="Folder for the results; must not exist yet.")],
+    data: Annotated[
+        Path,
+        typer.Argument(metavar="DATA", help="A radar or lidar recording, or a point cloud with times (PLY, PCD, LAS, NPZ)."),
+    ],
+    out: Annotated[Path, typer.Option("--out", "-o", help="Folder for the results; it must not exist yet.")],
     trajectory: Annotated[
         str | None,
         typer.Option(
             "--trajectory",
             "-t",
-            help="A file (TUM, CSV, KITTI with --times, a bag); or odometry, ground_truth or recording: what DATA carries.",
+            help="A file (TUM, CSV, KITTI with --times, a bag), or one that DATA has: odometry, ground_truth or recording.",
         ),
     ] = None,
-    times: Annotated[Path | None, typer.Option(help="Stamps of a KITTI trajectory, one per line.")] = None,
-    topic: Annotated[str | None, typer.Option(help="Topic of the trajectory in a bag.")] = None,
+    times: Annotated[Path | None, typer.Option(help="File with the stamps of a KITTI trajectory, one per line.")] = None,
+    topic: Annotated[str | None, typer.Option(help="Topic of the trajectory, if it is in a bag.")] = None,
     z_range: Annotated[
-        str | None, typer.Option(metavar="LOW,HIGH", help=r"Part of a cloud's heights to use \[m]; all by default.")
+        str | None,
+        typer.Option(metavar="LOW,HIGH", help=r"Lowest and highest points of a cloud to use \[m]; all by default."),
     ] = None,
     fail_on: Annotated[
         Literal["warn", "fail"] | None,
-        typer.Option(help="Exit with 1 on this verdict or a worse one, and with 3 where the map could not be judged."),
+        typer.Option(help="Exit with 1 if the verdict is this or worse, and with 3 if the map could not be judged."),
     ] = None,
     config: ConfigOption = None,
     format: Format = None,
@@ -45,23 +49,24 @@ def audit(
 ) -> None:
     """Judge the map that a recording makes under a trajectory, without ground truth.
 
-    Every window is compared with its own best: inflation is the correction that psi would make, in units of its
-    covariance, a chi-square with 3 degrees of freedom where the map is right. Places passed twice are laid on each other.
+    Each window, several consecutive scans, is compared with its own best map. Its inflation is the correction that psi would
+    make, in units of that correction's covariance: a chi-square with 3 degrees of freedom where the map is right. Where the
+    sensor passes a place twice, the two passes are laid on each other.
 
     Example: mqslam audit drive --trajectory result/trajectory.tum --out audited --fail-on fail
     """
     from rich.console import Console
 
-    from mqslam.cli.progress import work_of
+    from mqslam.cli.progress import set_up_work
     from mqslam.commands.audit import audit as do
     from mqslam.errors import ConfigError
-    from mqslam.execution.files import json_text
+    from mqslam.execution.files import to_json
 
     if trajectory is None and (times is not None or topic is not None):
-        raise ConfigError("--times and --topic: belong to a trajectory from a file; give --trajectory FILE")
+        raise ConfigError("--times and --topic belong to a trajectory from a file; give --trajectory FILE")
     heights = _parse_heights(z_range)
     console = Console(stderr=True, markup=False)
-    with work_of(console, cluster, jobs, quiet=quiet, silent=quiet or as_json) as work:
+    with set_up_work(console, cluster, jobs, quiet=quiet, silent=quiet or as_json) as work:
         result = do(
             data,
             out,
@@ -76,16 +81,16 @@ def audit(
             work=work,
         )
     if as_json:
-        typer.echo(json_text(result.summary))
+        typer.echo(to_json(result.summary))
     elif not quiet:
-        typer.echo("\n".join(_lines(result.summary)))
+        typer.echo("\n".join(_format_lines(result.summary)))
         typer.echo(f"results in {out}; open {result.report} in a browser")
     if fail_on is not None:
-        raise typer.Exit(exit_code(result.verdict, fail_on))
+        raise typer.Exit(choose_exit_code(result.verdict, fail_on))
 
 
-def exit_code(status: VerdictStatus, fail_on: Literal["warn", "fail"]) -> int:
-    """The exit code of --fail-on: a map that could not be judged is neither good nor bad, and has its own."""
+def choose_exit_code(status: VerdictStatus, fail_on: Literal["warn", "fail"]) -> int:
+    """Returns the exit code of --fail-on; a map that could not be judged has a code of its own."""
     from mqslam.audit.verdict import VerdictStatus
 
     if status is VerdictStatus.NOT_JUDGED:
@@ -94,10 +99,10 @@ def exit_code(status: VerdictStatus, fail_on: Literal["warn", "fail"]) -> int:
 
 
 def _parse_heights(text: str | None) -> tuple[float, float] | None:
-    """Returns the lowest and highest height [m] of LOW,HIGH.
+    """Returns the lowest and the highest height [m] of a text LOW,HIGH.
 
     Raises:
-        ConfigError: another form.
+        ConfigError: the text has another form.
     """
     from mqslam.errors import ConfigError
 
@@ -110,14 +115,14 @@ def _parse_heights(text: str | None) -> tuple[float, float] | None:
     return low, high
 
 
-def _lines(summary: dict[str, Any]) -> list[str]:
-    """What a person asks for first."""
+def _format_lines(summary: dict[str, Any]) -> list[str]:
+    """Returns the lines that a person reads first: the verdict, and what is torn worst."""
     windows, revisits, verdict = summary["windows"], summary["revisits"], summary["verdict"]
     inflation = "no windows"
     if windows["count"]:
         median = windows["inflation_median"]
         tolerance = f"{summary['threshold']:.3g} and off by {summary['bend_m']:g} m"
-        inflation = f"median {median:.3g}, 2.37 where a map is right; torn above {tolerance}"
+        inflation = f"median {median:.3g} (2.37 where a map is right); torn above {tolerance}"
     rows = [
         ("verdict", f"{verdict['status']}: {'; '.join(verdict['reasons'])}"),
         ("windows", f"{windows['torn']} of {windows['count']} torn"),

@@ -1,4 +1,4 @@
-"""`mqslam batch`: many recordings, one report over all."""
+"""`mqslam batch`: runs many recordings and reports over all of them."""
 
 from __future__ import annotations
 
@@ -15,8 +15,10 @@ if TYPE_CHECKING:
 
 
 def batch(
-    runs: Annotated[Path, typer.Argument(metavar="RUNS.yaml", help="The recordings, as the README shows them.")],
-    out: Annotated[Path, typer.Option("--out", "-o", help="Folder of the results, one in it per run.")],
+    runs: Annotated[
+        Path, typer.Argument(metavar="RUNS.yaml", help="The YAML file that lists the runs; the README shows one.")
+    ],
+    out: Annotated[Path, typer.Option("--out", "-o", help="Folder for the results; each run gets a folder in it.")],
     jobs: Jobs = CORES,
     cluster: Cluster = None,
     force: Force = False,
@@ -26,27 +28,27 @@ def batch(
 ) -> None:
     """Run many recordings and report over all of them.
 
-    Without a cluster they run one after the other, on a cluster as many at a time as it has workers. One that fails is said
-    and the others go on. Called again, what is finished is kept and what is not goes on where it stopped.
+    They run one after the other, or on a cluster as many at a time as it has workers. If a run fails, its error is shown and
+    the others go on. The same command called again keeps the runs that are finished and continues those that are not.
 
-    Exit code: 0 where every run is finished, 1 where one failed.
+    Exit code: 0 if every run is finished, 1 if one failed.
 
     Example: mqslam batch runs.yaml --out results
     """
     from rich.console import Console
 
-    from mqslam.cli.progress import work_of
+    from mqslam.cli.progress import set_up_work
     from mqslam.commands.batch import run_batch
-    from mqslam.execution.files import json_text
+    from mqslam.execution.files import to_json
 
     console = Console(stderr=True, markup=False)
-    with work_of(console, cluster, jobs, quiet=quiet, silent=quiet or as_json) as work:
+    with set_up_work(console, cluster, jobs, quiet=quiet, silent=quiet or as_json) as work:
         result = run_batch(runs, out, force=force, work=work)
     summary = result.summary
     if as_json:
-        typer.echo(json_text(summary))
+        typer.echo(to_json(summary))
     elif not quiet:
-        Console(soft_wrap=True).print(_table(summary))
+        Console(soft_wrap=True).print(_tabulate(summary))
         typer.echo(f"report: {result.report}")
         for warning in summary["warnings"]:
             console.print(f"warning: {warning}", style="yellow", highlight=False, soft_wrap=True)
@@ -57,12 +59,12 @@ def batch(
         raise typer.Exit(1)
 
 
-def _table(summary: dict[str, Any]) -> Table:
-    """A row per run."""
+def _tabulate(summary: dict[str, Any]) -> Table:
+    """Returns a table with a row per run."""
     from rich.table import Table
 
     table = Table(show_edge=False, pad_edge=False)
-    for head in ("", "verdict", "revolutions", "path [m]", "psi per point", "loops", "ATE [m]"):
+    for head in ("", "verdict", "scans", "path [m]", "psi per point", "loops", "ATE [m]"):
         table.add_column(head.replace("[", r"\["), justify="left" if head in ("", "verdict") else "right")
     forms = {"revolutions": "{}", "length_m": "{:.1f}", "psi_per_point": "{:.4f}", "loops": "{}", "ate_rmse_m": "{:.4g}"}
     for run in summary["runs"]:

@@ -1,4 +1,4 @@
-"""`mqslam check`: whether a recording contradicts what was assumed to read it."""
+"""`mqslam check`: shows whether a recording contradicts what was assumed to read it."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def check(
     The check reads three short stretches. With odometry it can also tell a mirrored recording, stamps that mean the other
     end of the turn, and a wrong length of a range bin; the map alone shows none of them. Ground truth is not used.
 
-    Exit code: 0 where nothing is suspicious, 1 where something is.
+    Exit code: 0 if nothing is suspicious, 1 if something is.
 
     Example: mqslam check drive
     """
@@ -32,11 +32,11 @@ def check(
 
     from rich.console import Console
 
-    from mqslam.cli.progress import work_of
+    from mqslam.cli.progress import set_up_work
     from mqslam.commands.check import check as do
 
     silent = quiet or as_json
-    with work_of(Console(stderr=True, markup=False), None, 1, quiet=silent, silent=silent) as work:
+    with set_up_work(Console(stderr=True, markup=False), None, 1, quiet=silent, silent=silent) as work:
         outcome = do(data, odometry=odometry, config=config, format=format, range_resolution=range_resolution, work=work)
     if as_json:
         checks = [asdict(finding) for finding in outcome.findings]

@@ -1,4 +1,4 @@
-"""`mqslam compare`: several front ends on one recording, side by side."""
+"""`mqslam compare`: runs several front ends on one recording and judges their maps side by side."""
 
 from __future__ import annotations
 
@@ -25,23 +25,32 @@ from mqslam.cli.options import (
 
 def compare(
     data: Data,
-    out: Annotated[Path, typer.Option("--out", "-o", help="Folder for the results; must not exist yet.")],
+    out: Annotated[Path, typer.Option("--out", "-o", help="Folder for the results; it must not exist yet.")],
     frontends: Annotated[
-        str, typer.Option(help="Front ends, separated by commas; those of other packages too.")
+        str, typer.Option(help="Front ends, separated by commas; those of other installed packages work too.")
     ] = "psi,kiss_icp,open3d_icp,odometry",
     trajectory: Annotated[
         list[str] | None,
-        typer.Option(metavar="NAME=FILE", help="A trajectory to compare with: TUM, CSV, a bag, or KITTI as POSES,TIMES."),
+        typer.Option(
+            metavar="NAME=FILE",
+            help="A trajectory to compare with, which may be given several times: TUM, CSV, a bag, or KITTI as POSES,TIMES.",
+        ),
     ] = None,
-    odometry_only: Annotated[bool, typer.Option("--odometry-only", help="Chain the motions, no graph, no loops.")] = False,
-    kiss_config: Annotated[Path | None, typer.Option("--kiss-config", help="KISS-ICP's own YAML file.")] = None,
+    odometry_only: Annotated[
+        bool, typer.Option("--odometry-only", help="Only chain the front ends' motions, without pose graph and loops.")
+    ] = False,
+    kiss_config: Annotated[
+        Path | None, typer.Option("--kiss-config", help="YAML file with KISS-ICP's own settings.")
+    ] = None,
     config: ConfigOption = None,
     odometry: Odometry = "auto",
     format: Format = None,
     range_resolution: RangeResolution = None,
     jobs: Jobs = CORES,
     cluster: Cluster = None,
-    resume: Annotated[bool, typer.Option("--resume", help="Continue an unfinished comparison: read nothing twice.")] = False,
+    resume: Annotated[
+        bool, typer.Option("--resume", help="Continue the unfinished comparison at --out, if there is one.")
+    ] = False,
     force: Force = False,
     as_json: Json = False,
     quiet: Quiet = False,
@@ -49,20 +58,20 @@ def compare(
 ) -> None:
     """Run several front ends on the same returns with the same back end, and judge the maps they make.
 
-    Odometry serves the row of that name only. Without ground truth the rows are judged by psi of their maps, by inflation
-    (2.37 is the median of a right trajectory) and by how far passes of one place lie apart.
+    Odometry is used by the row of that name only. Without ground truth the rows are judged by psi of their maps, by
+    inflation (its median is 2.37 for a right trajectory) and by how far apart the passes of one place lie.
 
     Example: mqslam compare drive --out compared --frontends psi,kiss_icp
     """
     from rich.console import Console
 
-    from mqslam.cli.progress import work_of
+    from mqslam.cli.progress import set_up_work
     from mqslam.commands.compare import compare as do
-    from mqslam.execution.files import json_text
+    from mqslam.execution.files import to_json
 
     console = Console(stderr=True, markup=False)
     given = _parse_trajectories(trajectory or [])
-    with work_of(console, cluster, jobs, quiet=quiet, silent=quiet or as_json) as work:
+    with set_up_work(console, cluster, jobs, quiet=quiet, silent=quiet or as_json) as work:
         result = do(
             data,
             out,
@@ -79,9 +88,9 @@ def compare(
             work=work,
         )
     if as_json:
-        typer.echo(json_text(result.summary))
+        typer.echo(to_json(result.summary))
     elif not quiet:
-        _print(result.table)
+        _print_table(result.table)
         typer.echo(f"results in {out}; open {result.report} in a browser")
 
 
@@ -89,7 +98,7 @@ def _parse_trajectories(texts: list[str]) -> dict[str, Path | tuple[Path, Path]]
     """Returns the files of trajectories given as NAME=FILE or NAME=POSES,TIMES, by name.
 
     Raises:
-        ConfigError: another form, or a name twice.
+        ConfigError: a text has another form, or a name occurs twice.
     """
     from mqslam.errors import ConfigError
 
@@ -105,8 +114,8 @@ def _parse_trajectories(texts: list[str]) -> dict[str, Path | tuple[Path, Path]]
     return files
 
 
-def _print(cells: list[list[str]]) -> None:
-    """The table turned on its side: a column per row of the comparison fits any terminal."""
+def _print_table(cells: list[list[str]]) -> None:
+    """Prints the table turned on its side: a column per row of the comparison fits any terminal."""
     from rich.console import Console
     from rich.table import Table
 

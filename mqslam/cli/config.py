@@ -1,4 +1,4 @@
-"""`mqslam config`: the settings, with unit and reason."""
+"""`mqslam config`: shows the settings, with unit and reason."""
 
 from __future__ import annotations
 
@@ -9,53 +9,62 @@ import typer
 
 from mqslam.cli.options import ConfigName, Json
 
-config = typer.Typer(help="The settings: all of them, what a file changes, and their schema.", no_args_is_help=True)
+config = typer.Typer(help="Show the settings, what a file changes, and their schema.", no_args_is_help=True)
 
 
 @config.command()
 def show(
     name: ConfigName = None,
-    everything: Annotated[bool, typer.Option("--all", help="Show also what only an expert would touch.")] = False,
+    everything: Annotated[
+        bool, typer.Option("--all", help="Also show the settings that only an expert would touch.")
+    ] = False,
     as_json: Json = False,
 ) -> None:
-    """Print the settings of a file, or the defaults, as YAML that --config reads, each with its unit and reason.
+    """Show the settings of a file, or the defaults, as YAML that --config reads, each with its unit and reason.
 
-    Settings that only an expert would touch are shown with --all, in JSON, and where a file changes them.
+    Settings that only an expert would touch are shown with --all, with --json, and where the file changes them.
 
     Example: mqslam config show oxford > mine.yaml
     """
-    from mqslam.config import explained_yaml, load_config
+    from mqslam.config import explain_yaml, load_config
 
     settings = load_config(name)
     if as_json:
         typer.echo(json.dumps(settings.model_dump(mode="json"), indent=1))
     else:
-        typer.echo(explained_yaml(settings, everything=everything), nl=False)
+        typer.echo(explain_yaml(settings, everything=everything), nl=False)
 
 
 @config.command()
 def diff(
-    name: Annotated[str, typer.Argument(help="A YAML file, such as a run's config.yaml, or the name of one that ships.")],
-    other: Annotated[str | None, typer.Argument(help="What it is held against; the defaults if not given.")] = None,
+    name: Annotated[
+        str,
+        typer.Argument(
+            metavar="NAME", help="A YAML file, such as a run's config.yaml, or the name of one that ships with mqslam."
+        ),
+    ],
+    other: Annotated[
+        str | None, typer.Argument(metavar="OTHER", help="The settings to compare it with; the defaults if not given.")
+    ] = None,
     as_json: Json = False,
 ) -> None:
-    """Print what a file of settings changes.
+    """Show which settings a file changes.
 
     Example: mqslam config diff result/config.yaml
     """
-    from mqslam.config import changes, load_config
+    from mqslam.config import list_changes, load_config
 
-    found = changes(load_config(other), load_config(name))
+    changes = list_changes(load_config(other), load_config(name))
     if as_json:
-        typer.echo(json.dumps({key: {"from": before, "to": after} for key, before, after in found}, indent=1))
+        typer.echo(json.dumps({key: {"from": before, "to": after} for key, before, after in changes}, indent=1))
         return
-    for key, before, after in found:
+    for key, before, after in changes:
         typer.echo(f"{key}: {json.dumps(before)} -> {json.dumps(after)}")
 
 
 @config.command()
 def schema() -> None:
-    """Print the JSON schema of the settings, with which editors complete and check a YAML file.
+    """Print the JSON schema of the settings, which editors use to complete and check a YAML file.
 
     Example: mqslam config schema > mqslam.schema.json
     """

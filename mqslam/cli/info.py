@@ -1,4 +1,4 @@
-"""`mqslam info`: what is in a recording."""
+"""`mqslam info`: shows what a recording contains."""
 
 from __future__ import annotations
 
@@ -21,67 +21,72 @@ def info(
     quiet: Quiet = False,
     verbose: Verbose = False,
 ) -> None:
-    """Say what is in a recording: format, revolutions, duration, turn rate, bins, odometry, ground truth, gaps.
+    """Show what a recording contains: format, scans, duration, turn rate, range bins, odometry, ground truth and gaps.
 
     Example: mqslam info drive
     """
-    from mqslam.commands.info import describe, describe_lidar
+    from mqslam.commands.info import describe_lidar, describe_radar
     from mqslam.commands.opening import open_data
     from mqslam.config import load_config
     from mqslam.formats import lidars
 
+    settings = load_config(config)
     if format is None and data.exists() and lidars.recognises(data):
-        found = describe_lidar(lidars.read_lidar(data))
-        rows = _lidar_rows(found)
+        facts = describe_lidar(lidars.read_lidar(data, settings.reading))
+        rows = _list_lidar_rows(facts)
     else:
-        found = describe(open_data(data, format, range_resolution, load_config(config)))
-        rows = _radar_rows(found)
+        facts = describe_radar(open_data(data, format, range_resolution, settings))
+        rows = _list_radar_rows(facts)
     if as_json:
-        typer.echo(json.dumps(found, indent=1))
+        typer.echo(json.dumps(facts, indent=1))
     elif not quiet:
         typer.echo("\n".join(f"{name:<14}{value}" for name, value in rows))
 
 
-def _radar_rows(found: dict[str, Any]) -> list[tuple[str, str]]:
-    """A line per fact for a person to read: its name and value."""
+def _list_radar_rows(facts: dict[str, Any]) -> list[tuple[str, str]]:
+    """Returns the facts about a radar's recording as a person reads them: name and value of each."""
     return [
-        ("format", found["format"]),
-        ("path", found["path"]),
-        ("revolutions", f"{found['revolutions']}"),
-        ("duration", f"{found['duration_s']:.2f} s"),
-        ("turn rate", f"{found['turn_rate_hz']:.3f} Hz"),
-        ("azimuths", f"{found['azimuths']} per revolution"),
-        ("range", f"{found['bins']} bins of {found['range_resolution_m']:.4g} m: {found['max_range_m']:.1f} m"),
-        ("odometry", _extent(found["odometry"])),
-        ("ground truth", _extent(found["ground_truth"])),
-        ("gaps", _gaps(found["gaps"])),
-        *(("note", note) for note in found["notes"]),
-        *(("fault", fault) for fault in found["faults"]),
+        ("format", facts["format"]),
+        ("path", facts["path"]),
+        ("scans", f"{facts['revolutions']}"),
+        ("duration", f"{facts['duration_s']:.2f} s"),
+        ("turn rate", f"{facts['turn_rate_hz']:.3f} Hz"),
+        ("azimuths", f"{facts['azimuths']} per scan"),
+        ("range", f"{facts['bins']} bins of {facts['range_resolution_m']:.4g} m: {facts['max_range_m']:.1f} m"),
+        ("odometry", _describe_extent(facts["odometry"])),
+        ("ground truth", _describe_extent(facts["ground_truth"])),
+        ("gaps", _describe_gaps(facts["gaps"])),
+        *(("note", note) for note in facts["notes"]),
+        *(("fault", fault) for fault in facts["faults"]),
     ]
 
 
-def _gaps(gaps: list[dict[str, Any]]) -> str:
-    """The gaps of a recording in a line: the first ones, and what is missing in all where there are many."""
-    first = ", ".join(f"{gap['missing_s']:.2f} s after revolution {gap['after_revolution']}" for gap in gaps[:_LISTED])
+def _describe_gaps(gaps: list[dict[str, Any]]) -> str:
+    """Returns the gaps of a recording in a line: the first ones, and how much is missing in total where there are many."""
+    if not gaps:
+        return "none"
+    first = ", ".join(f"{gap['missing_s']:.2f} s after scan {gap['after_revolution']}" for gap in gaps[:_LISTED])
     if len(gaps) <= _LISTED:
-        return first or "none"
+        return f"{first} (scans are counted from 0)"
     missing = sum(gap["missing_s"] for gap in gaps)
-    return f"{first} and {len(gaps) - _LISTED} more; {missing:.2f} s are missing in all"
+    return f"{first} (scans are counted from 0) and {len(gaps) - _LISTED} more; {missing:.2f} s are missing in total"
 
 
-def _lidar_rows(found: dict[str, Any]) -> list[tuple[str, str]]:
+def _list_lidar_rows(facts: dict[str, Any]) -> list[tuple[str, str]]:
+    """Returns the facts about a lidar's recording as a person reads them: name and value of each."""
     return [
-        ("format", f"{found['format']}, a lidar's: mqslam audit judges its map"),
-        ("path", found["path"]),
-        ("scans", f"{found['scans']}"),
-        ("duration", f"{found['duration_s']:.2f} s"),
-        ("scan rate", f"{found['scan_rate_hz']:.3f} Hz"),
-        ("returns", f"{found['returns']:.0f} per scan, up to {found['max_range_m']:.1f} m away"),
-        ("odometry", _extent(found["odometry"])),
-        ("poses", _extent(found["recording"])),
-        *(("note", note) for note in found["notes"]),
+        ("format", f"{facts['format']}, recorded by a lidar: mqslam audit judges its map"),
+        ("path", facts["path"]),
+        ("scans", f"{facts['scans']}"),
+        ("duration", f"{facts['duration_s']:.2f} s"),
+        ("scan rate", f"{facts['scan_rate_hz']:.3f} Hz"),
+        ("returns", f"{facts['returns']:.0f} per scan, up to {facts['max_range_m']:.1f} m away"),
+        ("odometry", _describe_extent(facts["odometry"])),
+        ("poses", _describe_extent(facts["recording"])),
+        *(("note", note) for note in facts["notes"]),
     ]
 
 
-def _extent(track: dict[str, Any] | None) -> str:
+def _describe_extent(track: dict[str, Any] | None) -> str:
+    """Returns the size of a trajectory in words."""
     return "none" if track is None else f"{track['poses']} poses, {track['length_m']:.1f} m"

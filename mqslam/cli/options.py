@@ -10,29 +10,29 @@ from typing import Annotated
 import typer
 
 
-def _configs(incomplete: str) -> list[str]:
-    """Names of shipped settings, for the shell to complete."""
-    from mqslam.config import shipped_names
+def _complete_config(incomplete: str) -> list[str]:
+    """Returns the names of shipped settings that begin like this, for the shell to complete."""
+    from mqslam.config import list_shipped
 
-    return [name for name in shipped_names() if name.startswith(incomplete)]
+    return [name for name in list_shipped() if name.startswith(incomplete)]
 
 
-def _frontends(incomplete: str) -> list[str]:
-    """Names of front ends, for the shell to complete."""
+def _complete_frontend(incomplete: str) -> list[str]:
+    """Returns the names of front ends that begin like this, for the shell to complete."""
     from mqslam.core.frontend import list_front_ends
 
     return [name for name in list_front_ends() if name.startswith(incomplete)]
 
 
-def _formats(incomplete: str) -> list[str]:
-    """Names of layouts, for the shell to complete."""
+def _complete_format(incomplete: str) -> list[str]:
+    """Returns the names of layouts that begin like this, for the shell to complete."""
     from mqslam.formats.recordings import FORMATS
 
     return [name for name in FORMATS if name.startswith(incomplete)]
 
 
-def _speak(verbose: bool) -> bool:
-    """Let the package's log lines through to stderr, or keep them back."""
+def _set_verbosity(verbose: bool) -> bool:
+    """Sends the package's log lines to stderr, or keeps them back, and returns which of the two."""
     log = logging.getLogger("mqslam")
     for handler in [h for h in log.handlers if isinstance(h, logging.StreamHandler)]:
         log.removeHandler(handler)
@@ -44,33 +44,58 @@ def _speak(verbose: bool) -> bool:
     return verbose
 
 
-Data = Annotated[Path, typer.Argument(help="A recording: an Oxford-style folder, a rosbag (.bag, folder, .mcap), a .npz.")]
+Data = Annotated[
+    Path,
+    typer.Argument(
+        metavar="DATA", help="The recording: a folder in a known layout, a ROS bag (.bag, .mcap or folder), or an .npz file."
+    ),
+]
 Format = Annotated[
     str | None,
-    typer.Option("--format", help="Layout of DATA; guessed from the path by default.", autocompletion=_formats),
+    typer.Option(
+        "--format", help="Layout of DATA; it is guessed from the path by default.", autocompletion=_complete_format
+    ),
 ]
 RangeResolution = Annotated[
-    float | None, typer.Option("--range-resolution", help=r"Length of a range bin \[m], where DATA does not say or errs.")
+    float | None,
+    typer.Option("--range-resolution", help=r"Length of a range bin \[m], if DATA does not state it or is wrong."),
 ]
 ConfigOption = Annotated[
     str | None,
-    typer.Option("--config", "-c", help="Settings: a YAML file, or the name of one that ships.", autocompletion=_configs),
+    typer.Option(
+        "--config",
+        "-c",
+        help="Settings: a YAML file, or the name of one that ships with mqslam.",
+        autocompletion=_complete_config,
+    ),
 ]
 Odometry = Annotated[
-    str, typer.Option(help=r"auto: the recording's own if it has one; none; or a file (TUM, or CSV t\[us],v,omega).")
+    str, typer.Option(help=r"auto (the recording's own, if it has one), none, or a file (TUM, or CSV with t\[us],v,omega).")
 ]
 ConfigName = Annotated[
-    str | None, typer.Argument(help="A YAML file, or the name of one that ships.", autocompletion=_configs)
+    str | None,
+    typer.Argument(
+        metavar="NAME", help="A YAML file, or the name of one that ships with mqslam.", autocompletion=_complete_config
+    ),
 ]
 Frontend = Annotated[
-    str, typer.Option(help="psi, kiss_icp, open3d_icp, odometry, or one of yours.", autocompletion=_frontends)
+    str,
+    typer.Option(
+        help="Front end: psi, kiss_icp, open3d_icp, odometry, or one that you have installed.",
+        autocompletion=_complete_frontend,
+    ),
 ]
-Json = Annotated[bool, typer.Option("--json", help="Print the numbers as JSON.")]
+Json = Annotated[bool, typer.Option("--json", help="Print the results as JSON.")]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print errors only.")]
 Verbose = Annotated[
-    bool, typer.Option("--verbose", "-v", callback=_speak, help="Say on stderr what each stage found and took.")
+    bool,
+    typer.Option(
+        "--verbose", "-v", callback=_set_verbosity, help="Log on stderr what each stage found and how long it took."
+    ),
 ]
-Jobs = Annotated[int, typer.Option("--jobs", "-j", min=1, help="Processes to use; the result does not depend on it.")]
+Jobs = Annotated[
+    int, typer.Option("--jobs", "-j", min=1, help="Number of processes to use; the result does not depend on it.")
+]
 Cluster = Annotated[
     str | None,
     typer.Option(
@@ -79,6 +104,6 @@ Cluster = Annotated[
         help="Work on a Dask cluster instead: tcp://host:port, or local:N for N workers on this machine.",
     ),
 ]
-Force = Annotated[bool, typer.Option("--force", help="Replace what is at --out.")]
+Force = Annotated[bool, typer.Option("--force", help="Replace whatever is at --out.")]
 
 CORES = os.cpu_count() or 1

@@ -30,20 +30,20 @@ _TITLES = {
 }
 _LINE_EVERY_S = 10.0
 
-Progress = Callable[[str, int, int], object]
+Progress = Callable[[str, int, int], None]  # stage, steps done, their total
 
 
 def print_notes(console: Console, notes: Iterable[str]) -> None:
-    """Prints what a user should know, a line each, for programs to read as well."""
+    """Prints what a user should know, one unwrapped line per note, so that programs can read it too."""
     for note in notes:
         console.print(f"note: {note}", highlight=False, soft_wrap=True)
 
 
 @contextmanager
-def work_of(
+def set_up_work(
     console: Console, cluster: str | None, jobs: int, *, quiet: bool, silent: bool, watch: Watch | None = None
 ) -> Iterator[Work]:
-    """Yields where a command's work is done, and what it tells a terminal.
+    """Yields where a command's work is done, and what reports about it on a terminal.
 
     Args:
         console: the terminal.
@@ -57,18 +57,18 @@ def work_of(
         ClusterError: the cluster cannot be used.
     """
     from mqslam.commands.work import Work, ignore
-    from mqslam.execution.workers import chosen
+    from mqslam.execution.workers import choose_engine
 
     def tell(note: str) -> None:
         print_notes(console, [note])
 
-    with chosen(cluster, jobs) as engine, progress(console, silent) as show:
+    with choose_engine(cluster, jobs) as engine, show_progress(console, silent) as show:
         yield Work(engine, show, ignore if quiet else tell, watch)
 
 
 @contextmanager
-def progress(console: Console, quiet: bool) -> Iterator[Progress]:
-    """Yields a callable (stage, done, total) that shows how far a stage has come."""
+def show_progress(console: Console, quiet: bool) -> Iterator[Progress]:
+    """Yields a callable (stage, done, total) that shows how far a stage has come, or does nothing if quiet."""
     if quiet:
         yield lambda stage, done, total: None
         return
@@ -84,7 +84,12 @@ def _bars(console: Console) -> Iterator[Progress]:
 
     columns = TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TextColumn("{task.fields[rate]}")
     with Bars(*columns, TimeRemainingColumn(), console=console) as bars:
-        yield _Stages(bars)
+        stages = _Stages(bars)
+
+        def show(stage: str, done: int, total: int) -> None:
+            stages.update(stage, done, total)
+
+        yield show
 
 
 @contextmanager
@@ -97,7 +102,7 @@ def _lines(console: Console) -> Iterator[Progress]:
 
     def show(stage: str, done: int, total: int) -> None:
         nonlocal printed
-        task = stages(stage, done, total)
+        task = stages.update(stage, done, total)
         now = time.monotonic()
         if done < total and now - printed < _LINE_EVERY_S:
             return
@@ -120,7 +125,8 @@ class _Stages:
         self._bars = bars
         self._tasks: dict[str, Task] = {}
 
-    def __call__(self, stage: str, done: int, total: int) -> Task:
+    def update(self, stage: str, done: int, total: int) -> Task:
+        """Sets how far a stage has come, and returns its task with the rate measured so far."""
         if stage not in self._tasks:
             number = self._bars.add_task(_TITLES.get(stage, stage), total=total, rate="")
             self._tasks[stage] = self._bars.tasks[self._bars.task_ids.index(number)]

@@ -1,4 +1,4 @@
-"""Remedies of errors in the words of the command line: which option to give."""
+"""The remedies of errors in the words of the command line: which option to give."""
 
 from __future__ import annotations
 
@@ -26,5 +26,5 @@ _ANY = re.compile("|".join(re.escape(remedy) for remedy in sorted(_WORDS, key=le
 
 
 def name_options(text: str) -> str:
-    """Returns an error's text with each remedy in it in the words of the command line."""
+    """Returns an error's text in which each remedy names the option of the command line."""
     return _ANY.sub(lambda remedy: _WORDS[remedy[0]], text)

@@ -1,4 +1,4 @@
-"""`mqslam run`: a recording to its optimised map, with a report."""
+"""`mqslam run`: takes a recording to its optimised map, with a report."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ _VIEWER = "viewer"
 
 def run(
     data: Data,
-    out: Annotated[Path, typer.Option("--out", "-o", help="Folder for the results; must not exist yet.")],
+    out: Annotated[Path, typer.Option("--out", "-o", help="Folder for the results; it must not exist yet.")],
     frontend: Frontend = "psi",
     config: ConfigOption = None,
     odometry: Odometry = "auto",
@@ -44,13 +44,16 @@ def run(
     jobs: Jobs = CORES,
     cluster: Cluster = None,
     strict: Annotated[
-        bool, typer.Option("--strict", help="Stop at a revolution that cannot be read, rather than leave it out.")
+        bool,
+        typer.Option(
+            "--strict", help="Stop at the first scan that cannot be read, instead of leaving it out with a warning."
+        ),
     ] = False,
     live: Annotated[
         str | None,
         typer.Option(
             metavar="viewer|FILE.rrd",
-            help="Show the map as it grows: in Rerun's viewer, or recorded for it (pip install 'mqslam\\[view]').",
+            help="Show the map as it grows in Rerun's viewer, or record it in a file (pip install 'mqslam\\[view]').",
         ),
     ] = None,
     resume: Annotated[bool, typer.Option("--resume", help="Continue the unfinished run at --out, if there is one.")] = False,
@@ -59,22 +62,25 @@ def run(
     quiet: Quiet = False,
     verbose: Verbose = False,
 ) -> None:
-    """Run a recording through front end, pose graph and map, and report how good the map is.
+    """Estimate the trajectory and the map of a recording, and report how good the map is.
+
+    A front end measures the motion between successive scans, a pose graph joins these measurements with loop closures and
+    odometry, and the optimised trajectory renders the map.
 
     Example: mqslam run drive --out result
     """
     from rich.console import Console
 
-    from mqslam.cli.progress import print_notes, work_of
+    from mqslam.cli.progress import print_notes, set_up_work
     from mqslam.commands.run import run as do
     from mqslam.config import load_config
-    from mqslam.execution.files import json_text
+    from mqslam.execution.files import to_json
 
     settings = load_config(config)
     console = Console(stderr=True, markup=False)
     with (
-        watching(live, force=force) as watch,
-        work_of(console, cluster, jobs, quiet=quiet, silent=quiet or as_json, watch=watch) as work,
+        open_watch(live, force=force) as watch,
+        set_up_work(console, cluster, jobs, quiet=quiet, silent=quiet or as_json, watch=watch) as work,
     ):
         result = do(
             data,
@@ -91,24 +97,26 @@ def run(
         )
     summary = result.summary
     if as_json:
-        typer.echo(json_text(summary))
+        typer.echo(to_json(summary))
     elif not quiet:
         for warning in summary["warnings"]:
             console.print(f"warning: {warning}", style="yellow", highlight=False, soft_wrap=True)
         if settings.sensor.doppler_beta is None and summary["doppler_beta"]:
             beta = summary["doppler_beta"]
-            print_notes(console, [f"Doppler shift measured by psi: {beta:.4f} s of range per closing speed"])
-        Console(soft_wrap=True).print(summary_table(summary))
+            print_notes(
+                console, [f"the Doppler shift, as psi measured it, is {beta:.4f} m of range per m/s of closing speed"]
+            )
+        Console(soft_wrap=True).print(tabulate_summary(summary))
         typer.echo(f"report: {result.report}")
 
 
 @contextmanager
-def watching(live: str | None, *, force: bool) -> Iterator[Watch | None]:
-    """What shows every revolution as --live asks.
+def open_watch(live: str | None, *, force: bool) -> Iterator[Watch | None]:
+    """Yields what shows each scan in the way that --live asks for, or None.
 
     Raises:
-        ConfigError: it is neither the viewer nor an .rrd file.
-        OutputError: the file exists, or cannot be written.
+        ConfigError: the value of --live is neither `viewer` nor an .rrd file.
+        OutputError: the file exists already, or cannot be written.
         ViewerError: Rerun is not installed, or there is no display for its viewer.
     """
     from mqslam.errors import ConfigError, OutputError
@@ -126,8 +134,8 @@ def watching(live: str | None, *, force: bool) -> Iterator[Watch | None]:
         yield log.watch
 
 
-def summary_table(summary: dict[str, Any]) -> Table:
-    """The numbers a person asks for first."""
+def tabulate_summary(summary: dict[str, Any]) -> Table:
+    """Returns the table that a person reads first: psi, and the errors where there is ground truth."""
     from rich.table import Table
 
     table = Table(title=None, show_edge=False, pad_edge=False)
@@ -136,7 +144,7 @@ def summary_table(summary: dict[str, Any]) -> Table:
     table.add_column("optimised", justify="right")
     psi = summary["psi"]
     for key, label, form in (("per_point", "psi per point", "{:.4f}"), ("matched", "matched points", "{:.1%}")):
-        table.add_row(label, _text(psi[f"{key}_odometry"], form), _text(psi[f"{key}_optimised"], form))
+        table.add_row(label, _format(psi[f"{key}_odometry"], form), _format(psi[f"{key}_optimised"], form))
     before, after = summary["evaluation_odometry"], summary["evaluation"]
     if before and after:
         for key, label, unit in (
@@ -147,12 +155,12 @@ def summary_table(summary: dict[str, Any]) -> Table:
             ("rpe_w_rms", "yaw rate error", "rad/s"),
         ):
             if after[key] is not None:
-                numbers = (_text(found[key], "{:.4g}") for found in (before, after))
+                numbers = (_format(errors[key], "{:.4g}") for errors in (before, after))
                 table.add_row(f"{label} [{unit}]".replace("[", r"\["), *numbers)
     dataset, runtime, verdict = summary["dataset"], summary["runtime_s"], summary["verdict"]
     speed = dataset["duration_s"] / max(runtime["total"], 1e-9)
     table.caption = (
-        f"{dataset['revolutions']} revolutions, {dataset['duration_s']:.1f} s, {dataset['length_m']:.1f} m; "
+        f"{dataset['revolutions']} scans, {dataset['duration_s']:.1f} s, {dataset['length_m']:.1f} m; "
         f"{runtime['total']:.1f} s of computing, {speed:.1f} times real time\n"
         f"verdict: {verdict['status']}: {'; '.join(verdict['reasons'])}"
     )
@@ -160,6 +168,6 @@ def summary_table(summary: dict[str, Any]) -> Table:
     return table
 
 
-def _text(value: float | None, form: str) -> str:
-    """A number as a table shows it; a dash where there is none."""
+def _format(value: float | None, form: str) -> str:
+    """Returns a number as a table shows it, or a dash where there is none."""
     return "-" if value is None else form.format(value)

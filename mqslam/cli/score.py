@@ -1,4 +1,4 @@
-"""`mqslam score`: psi of a window of a recording under a motion, and its parts."""
+"""`mqslam score`: shows psi of a window of a recording under a motion, and its parts."""
 
 from __future__ import annotations
 
@@ -17,40 +17,48 @@ _UNITS = {"v": "m/s", "vx": "m/s", "vy": "m/s", "omega": "rad/s"}
 
 def score(
     data: Data,
-    start: Annotated[float, typer.Option(help=r"The first revolution from here on begins the window \[s since the start].")],
-    motion: Annotated[str, typer.Option(help=r"v,omega or vx,vy,omega \[m/s, rad/s].")],
-    revolutions: Annotated[int, typer.Option(min=2, help="Length of the window.")] = 3,
+    start: Annotated[
+        float, typer.Option(help=r"The window begins with the first scan from this time on \[s since the start].")
+    ],
+    motion: Annotated[str, typer.Option(help=r"The motion: v,omega or vx,vy,omega \[m/s, rad/s].")],
+    revolutions: Annotated[int, typer.Option(min=2, help="Length of the window, in scans.")] = 3,
     config: ConfigOption = None,
     format: Format = None,
     range_resolution: RangeResolution = None,
     temporal: Annotated[
-        str | None, typer.Option(help="Temporal kernel: plateau, or gaussian as printed in (8); else as the settings say.")
+        str | None,
+        typer.Option(help="Temporal kernel: plateau, or gaussian as printed in (8). Default: the settings' value."),
     ] = None,
     numerator: Annotated[
-        str | None, typer.Option(help="Numerator of L: tau/2 as in (9), or tau as in Algorithm 1; else as the settings say.")
+        str | None,
+        typer.Option(help="Numerator of L: tau/2 as in (9), or tau as in Algorithm 1. Default: the settings' value."),
     ] = None,
     factor: Annotated[
         str | None,
-        typer.Option(help="L is multiplied by: distance as in (10), or kappa as in Algorithm 1; else as the settings say."),
+        typer.Option(help="Factor of L: distance as in (10), or kappa as in Algorithm 1. Default: the settings' value."),
     ] = None,
     unmatched: Annotated[
         float | None,
-        typer.Option(help="Charge of a point without a neighbour in dearest pairs, 0 as printed; else as the settings say."),
+        typer.Option(
+            help="Charge for an unmatched point, in units of the dearest pair; 0 as printed. Default: the settings' value."
+        ),
     ] = None,
-    minimise: Annotated[bool, typer.Option("--minimise", help="Estimate the motion, beginning at the one given.")] = False,
+    minimise: Annotated[
+        bool, typer.Option("--minimise", help="Estimate the motion as well, starting from the one given.")
+    ] = False,
     as_json: Json = False,
     quiet: Quiet = False,
     verbose: Verbose = False,
 ) -> None:
-    """Score a window of a recording under a motion: the published psi and its parts, and the estimator's.
+    """Score a window of a recording under a motion: the published psi with its parts, and the estimator's psi.
 
-    Ranges are corrected for a Doppler shift where the settings name one (--config oxford).
+    Ranges are corrected for the Doppler shift if the settings state it, as those of --config oxford do.
 
     Example: mqslam score drive --start 2.0 --motion 9.1,0.05
     """
     from mqslam.commands.score import score_window
 
-    found = score_window(
+    scores = score_window(
         data,
         start,
         parse_motion(motion),
@@ -62,16 +70,16 @@ def score(
         range_resolution=range_resolution,
     )
     if as_json:
-        typer.echo(json.dumps(found, indent=1))
+        typer.echo(json.dumps(scores, indent=1))
     elif not quiet:
-        typer.echo("\n".join(_lines(found)))
+        typer.echo("\n".join(_format_lines(scores)))
 
 
 def parse_motion(text: str) -> se2.Array:
     """Returns the parameters of a motion written `v,omega` or `vx,vy,omega` [m/s, rad/s].
 
     Raises:
-        ConfigError: anything else.
+        ConfigError: the text has another form.
     """
     import numpy as np
 
@@ -82,27 +90,29 @@ def parse_motion(text: str) -> se2.Array:
     except ValueError:
         theta = np.empty(0)
     if len(theta) not in (2, 3) or not np.isfinite(theta).all():
-        raise ConfigError(f"motion '{text}': is no motion; give v,omega or vx,vy,omega in m/s and rad/s, such as 9.1,0.05")
+        raise ConfigError(
+            f"--motion {text}: is not a motion; give v,omega or vx,vy,omega in m/s and rad/s, such as 9.1,0.05"
+        )
     return theta
 
 
-def _lines(found: dict[str, Any]) -> list[str]:
-    """The tree as a person reads it."""
-    window, variant, published, estimator = (found[key] for key in ("window", "variant", "published", "estimator"))
+def _format_lines(scores: dict[str, Any]) -> list[str]:
+    """Returns the scores as a person reads them."""
+    window, variant, published, estimator = (scores[key] for key in ("window", "variant", "published", "estimator"))
     rows = [
         (
             "window",
-            f"{window['revolutions']} revolutions of {window['revolution_s']:.3f} s from {window['t0']:.3f} s: "
+            f"{window['revolutions']} scans of {window['revolution_s']:.3f} s from {window['t0']:.3f} s: "
             f"{window['points']} points",
         ),
-        ("motion", _motion(found["motion"])),
-        ("doppler", f"{found['doppler_beta']:g} s"),
+        ("motion", _format_motion(scores["motion"])),
+        ("doppler", f"{scores['doppler_beta']:g} s"),
         ("", ""),
         ("published psi", f"{published['psi']:.6g}, {published['psi_per_point']:.6g} per point"),
         ("  pair sum (4)", f"{published['pair_sum']:.6g} over {published['pairs']} pairs"),
         ("  charge", f"{published['charge']:.6g} for points without a pair"),
         ("  matched", f"{published['matched']:.1%} of the points"),
-        ("  gradient", _gradient(published["gradient"])),
+        ("  gradient", _format_gradient(published["gradient"])),
         (
             "  variant",
             f"{variant['temporal']} in time, {variant['numerator']} above L, times {variant['factor']}, "
@@ -110,25 +120,26 @@ def _lines(found: dict[str, Any]) -> list[str]:
         ),
         ("estimator's psi", f"{estimator['psi']:.6g}, {estimator['psi_per_point']:.6g} per point"),
         ("  matched", f"{estimator['matched']:.1%} of the points"),
-        ("  gradient", _gradient(estimator["gradient"])),
+        ("  gradient", _format_gradient(estimator["gradient"])),
     ]
-    if "minimised" in found:
-        best = found["minimised"]
+    if "minimised" in scores:
+        best = scores["minimised"]
         rows += [
             ("", ""),
             ("minimised", best["status"]),
-            ("  motion", _motion(best["motion"], best["standard_deviation"])),
+            ("  motion", _format_motion(best["motion"], best["standard_deviation"])),
             ("  estimator's", f"psi {estimator['psi']:.6g} before, {best['estimator']['psi']:.6g} after"),
             ("  published", f"psi {published['psi']:.6g} before, {best['published']['psi']:.6g} after"),
         ]
     return [f"{name:<16} {value}".rstrip() for name, value in rows]
 
 
-def _motion(motion: dict[str, float], deviations: dict[str, float] | None = None) -> str:
-    """Its components with units, and standard deviations if given."""
+def _format_motion(motion: dict[str, float], deviations: dict[str, float] | None = None) -> str:
+    """Returns the components of a motion with their units, and with standard deviations if given."""
     spread = {name: f" +- {value:.2g}" for name, value in (deviations or {}).items()}
     return ", ".join(f"{name} {value:.5g}{spread.get(name, '')} {_UNITS[name]}" for name, value in motion.items())
 
 
-def _gradient(gradient: dict[str, float]) -> str:
+def _format_gradient(gradient: dict[str, float]) -> str:
+    """Returns the components of a gradient with their units."""
     return ", ".join(f"{value:.5g} per {_UNITS[name]} of {name}" for name, value in gradient.items())

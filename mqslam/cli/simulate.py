@@ -1,4 +1,4 @@
-"""`mqslam simulate`: a drive with known truth, in the Oxford layout."""
+"""`mqslam simulate`: simulates a drive with known truth, in the Oxford layout."""
 
 from __future__ import annotations
 
@@ -13,36 +13,36 @@ _MOVERS = 6
 
 
 def simulate(
-    out: Annotated[Path, typer.Argument(help="Folder to write the recording into; must not exist yet.")],
-    scene: Annotated[str, typer.Option(help="street, yard or corridor.")] = "street",
+    out: Annotated[Path, typer.Argument(metavar="OUT", help="Folder for the recording; it must not exist yet.")],
+    scene: Annotated[str, typer.Option(help="The scene: street, yard or corridor.")] = "street",
     duration: Annotated[float, typer.Option(min=1.0, help=r"Length of the drive \[s].")] = 60.0,
     turn_rate: Annotated[float, typer.Option(min=0.1, help=r"Turns of the radar per second \[1/s].")] = 4.0,
-    azimuths: Annotated[int, typer.Option(min=8, help="Azimuths per turn.")] = 400,
+    azimuths: Annotated[int, typer.Option(min=8, help="Number of azimuths per turn.")] = 400,
     range_resolution: Annotated[float, typer.Option(min=0.01, help=r"Length of a range bin \[m].")] = 0.175,
-    max_range: Annotated[float, typer.Option(min=5.0, help=r"Farthest bin \[m].")] = 120.0,
+    max_range: Annotated[float, typer.Option(min=5.0, help=r"Range of the farthest bin \[m].")] = 120.0,
     movers: Annotated[
-        int | None, typer.Option(min=0, help=f"Moving vehicles; {_MOVERS} by default, none in the corridor.")
+        int | None, typer.Option(min=0, help=f"Number of moving vehicles; {_MOVERS} by default, none in the corridor.")
     ] = None,
-    doppler: Annotated[float, typer.Option(help=r"Range shift per closing speed \[s].")] = 0.0,
-    seed: Annotated[int, typer.Option(help="Same seed, same bytes.")] = 1,
+    doppler: Annotated[float, typer.Option(help=r"Doppler shift: range error per closing speed \[s].")] = 0.0,
+    seed: Annotated[int, typer.Option(help="Seed of the scene and the noise; the same seed gives the same bytes.")] = 1,
     jobs: Jobs = CORES,
     quiet: Quiet = False,
     verbose: Verbose = False,
 ) -> None:
-    """Render a drive through a simulated scene, azimuth by azimuth, with ground truth and wheel odometry that slips.
+    """Simulate a drive through a scene, azimuth by azimuth, with ground truth and with wheel odometry that slips.
 
     Example: mqslam simulate drive --duration 60 --seed 1
     """
     from rich.console import Console
 
-    from mqslam.cli.progress import progress
+    from mqslam.cli.progress import show_progress
     from mqslam.simulator import SensorModel
     from mqslam.simulator import simulate as write
 
     console = Console(stderr=True, markup=False)
     if movers is None:
         movers = 0 if scene == "corridor" else _MOVERS
-    with progress(console, quiet) as show:
+    with show_progress(console, quiet) as show:
         write(
             out,
             scene=scene,

@@ -1,4 +1,4 @@
-"""`mqslam view`: a run's map, trajectory and loops in a window."""
+"""`mqslam view`: shows a run's map, trajectory and loops in a window."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from mqslam.cli.options import Quiet, Verbose
 
 
 class Colour(StrEnum):
-    """What the points of a map are coloured by."""
+    """What colours the points of a map."""
 
     psi = "psi"
     intensity = "intensity"
@@ -20,17 +20,18 @@ class Colour(StrEnum):
 
 
 def view(
-    out: Annotated[Path, typer.Argument(help="The folder of a finished run.")],
-    colour: Annotated[Colour, typer.Option(help="What the points are coloured by at first.")] = Colour.psi,
+    out: Annotated[Path, typer.Argument(metavar="OUT", help="The folder of a finished run.")],
+    colour: Annotated[Colour, typer.Option(help="What colours the points at first.")] = Colour.psi,
     rerun: Annotated[
         bool, typer.Option("--rerun", help="Write OUT/map.rrd and open it in Rerun's viewer (pip install 'mqslam\\[view]').")
     ] = False,
     quiet: Quiet = False,
     verbose: Verbose = False,
 ) -> None:
-    """Look at the map of a run with its trajectory (white) and its loops (pink); bright is much psi, strong, or late.
+    """Show the map of a run in a window, with its trajectory (white) and its loops (pink).
 
-    In the window the keys P, I and T colour by psi, intensity and time, the wheel zooms, the mouse turns, Q closes.
+    Bright points have a high psi, a high intensity or a late time. In the window, the keys P, I and T choose between psi,
+    intensity and time; the wheel zooms, the mouse turns the map, and Q closes the window.
 
     Example: mqslam view result --colour time
     """
@@ -48,9 +49,9 @@ def view(
     path = out / "map.rrd"
     with record(path) as log:
         log.add_scene(scene, colour.value)
-    said = "written; no display here, open it elsewhere: rerun map.rrd"
+    outcome = "written; there is no display here, so open it elsewhere with: rerun map.rrd"
     if has_display():
         open_viewer(path)
-        said = "opened in Rerun's viewer"
+        outcome = "opened in Rerun's viewer"
     if not quiet:
-        typer.echo(f"{path}: {said}")
+        typer.echo(f"{path}: {outcome}")

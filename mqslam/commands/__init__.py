@@ -1,1 +1,1 @@
-"""What the commands do, callable from Python: nothing here prints or parses arguments."""
+"""The commands as Python functions; nothing here prints or parses arguments."""

@@ -1,4 +1,4 @@
-"""An audit: from a recording or a finished map to a verdict on it."""
+"""The audit: takes a recording or a finished map to a verdict on it."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from mqslam.audit.sweeps import Sweeps, require_covered
 from mqslam.commands.opening import choose_settings, open_data
 from mqslam.commands.result import JudgedResult
 from mqslam.commands.work import QUIET, Work
-from mqslam.config import Config, with_doppler_beta
+from mqslam.config import Config, set_doppler_beta
 from mqslam.core.trajectory import Trajectory
 from mqslam.detection.stage import detect_all, make_scans, warn_of_unread
 from mqslam.errors import ConfigError, Remedy
-from mqslam.execution.folders import check_free, whole_folder
+from mqslam.execution.folders import check_free, write_folder_aside
 from mqslam.execution.runner import Runner
 from mqslam.formats import lidars
 from mqslam.formats.clouds import read_cloud
@@ -25,7 +25,7 @@ from mqslam.report.audit_page import write_audit_pages
 from mqslam.results.audit_results import summarise, write_audit
 from mqslam.results.summary_files import add_warnings
 
-CARRIED = ("recording", "odometry", "ground_truth")  # names of trajectories that a recording may carry
+CARRIED = ("recording", "odometry", "ground_truth")  # the names of trajectories that a recording may carry
 
 
 def audit(  # noqa: PLR0913 - these are the options of an audit, each with its default
@@ -52,9 +52,9 @@ def audit(  # noqa: PLR0913 - these are the options of an audit, each with its d
         times: stamps of a KITTI trajectory, one per line.
         topic: topic of the trajectory in a bag.
         heights: the lowest and highest points of a cloud to use [m]; None takes all.
-        config: settings, or the path of a YAML file, or the name of one that ships; None takes the defaults.
+        config: settings, or the path of a YAML file, or the name of one that ships with mqslam; None takes the defaults.
         format: layout of the recording; None guesses it.
-        range_resolution: length of a range bin [m], where the recording does not say or errs.
+        range_resolution: length of a range bin [m], if the recording does not state it or is wrong.
         force: whether what is at `out` is replaced.
         work: where the work is done, and who is told about it.
 
@@ -62,7 +62,7 @@ def audit(  # noqa: PLR0913 - these are the options of an audit, each with its d
         What the audit has left at `out`.
 
     Raises:
-        MqslamError: whatever makes the audit impossible; nothing is left then.
+        MqslamError: the audit is impossible; it leaves nothing behind then.
 
     Example:
         >>> audited = mqslam.audit("drive", "audited", trajectory="theirs.tum")  # doctest: +SKIP
@@ -75,11 +75,11 @@ def audit(  # noqa: PLR0913 - these are the options of an audit, each with its d
     if is_cloud(data):
         settings = choose_settings(config, LIDAR_CONFIG)
         cloud = read_cloud(data, heights)
-        sweeps = sweeps_of_cloud(cloud, given, settings.audit, beam_of(settings.estimator, 0.0))
+        sweeps = sweeps_of_cloud(cloud, given, settings.audit, beam_of(settings.estimator, 0.0), settings.reading)
         notes, kind = list(cloud.notes), data.suffix.lower()[1:]
     elif format is None and data.exists() and lidars.recognises(data):
         settings = choose_settings(config, LIDAR_CONFIG)
-        source = lidar_source(lidars.read_lidar(data))
+        source = lidar_source(lidars.read_lidar(data, settings.reading))
         track = given or _pick_carried(data, source.tracks, name)
         sweeps, notes, kind = *_render_sweeps(source, track, settings), source.format
     else:
@@ -92,7 +92,7 @@ def audit(  # noqa: PLR0913 - these are the options of an audit, each with its d
     judged = judge.audit(sweeps, *sections, work.engine, work.progress)
     dataset = {"format": kind, "path": str(data)}
     summary = summarise(judged, sweeps, settings.audit, settings.verdict, dataset, name, notes)
-    with whole_folder(out) as folder:
+    with write_folder_aside(out) as folder:
         write_audit(folder, settings, summary)
         failures = write_audit_pages(folder, data.resolve().name, judged, sweeps, settings, summary)
         add_warnings(folder / "audit.json", summary, failures)
@@ -102,21 +102,26 @@ def audit(  # noqa: PLR0913 - these are the options of an audit, each with its d
 
 
 def _read_given(trajectory: Trajectory | Path | str, times: Path | None, topic: str | None) -> Trajectory | None:
-    """Returns the trajectory that was given or lies in a file; None where it is one that the recording carries."""
+    """Returns the trajectory that was given or that a file holds, or None if it is one that the recording carries.
+
+    Raises:
+        ConfigError: stamps or a topic are given without a file.
+        DataError: the file is not a trajectory.
+    """
     if isinstance(trajectory, Trajectory):
         return trajectory
     if trajectory in CARRIED:
         if times is not None or topic is not None:
-            raise ConfigError("stamps and topics belong to a trajectory from a file; give the file of the trajectory")
+            raise ConfigError("stamps and topics belong to a trajectory from a file", Remedy.GIVE_TRAJECTORY)
         return None
     return read_trajectory(Path(trajectory), times, topic)
 
 
 def _pick_carried(path: Path, tracks: dict[str, Trajectory], name: str) -> Trajectory:
-    """Returns the trajectory of a name among those that a recording carries.
+    """Returns the trajectory of a given name among those that a recording carries.
 
     Raises:
-        ConfigError: it carries none of that name.
+        ConfigError: the recording carries none of that name.
     """
     if name not in tracks:
         has = f"it carries {', '.join(tracks)}" if tracks else "it carries none"
@@ -125,7 +130,7 @@ def _pick_carried(path: Path, tracks: dict[str, Trajectory], name: str) -> Traje
 
 
 def _render_sweeps(source: Source, track: Trajectory, settings: Config) -> tuple[Sweeps, list[str]]:
-    """Returns a recording under a trajectory, and what a user should know about it."""
+    """Returns the sweeps of a recording under a trajectory, and what a user should know about them."""
     sweeps, notes = sweeps_of(
         source, track, settings.audit, beam_of(settings.estimator, settings.sensor.doppler_beta or 0.0)
     )
@@ -141,16 +146,14 @@ def _detect_radar(
     range_resolution: float | None,
     work: Work,
 ) -> tuple[Source, Trajectory, Config]:
-    """Returns a radar recording's scans, the trajectory, and the settings as the result states them."""
+    """Returns the scans of a radar recording, the trajectory, and the settings with the Doppler shift that was used."""
     recording = open_data(data, format, range_resolution, settings)
     carried = {"odometry": recording.odometry, "ground_truth": recording.ground_truth}
     tracks = {name: track for name, track in carried.items() if track is not None}
     track = given or _pick_carried(data, tracks, name)
-    require_covered(
-        make_scans(recording), track, settings.audit
-    )  # says that they share no time before the recording is read
+    require_covered(make_scans(recording), track, settings.audit)  # raises before the recording is read
     scans, detected = detect_all(recording, settings.detector, Runner(work.engine, work.progress))
     notes = (*recording.notes, *recording.faults, *warn_of_unread(detected.unread))
     source = Source(recording.path, recording.format, scans, tracks, notes)
     beta = choose_doppler_beta(scans, settings.sensor, settings.tracker, settings.estimator)
-    return source, track, with_doppler_beta(settings, beta)
+    return source, track, set_doppler_beta(settings, beta)

@@ -1,4 +1,4 @@
-"""A batch: many recordings, one report over all."""
+"""The batch: runs many recordings and reports over all of them."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from mqslam.results.summary_files import add_warnings
 
 
 def run_batch(plan: Path | str, out: Path | str, *, force: bool = False, work: Work = QUIET) -> Result:
-    """Runs many recordings and reports over all of them; one that fails is named and the others go on.
+    """Runs many recordings and reports over all of them; if a run fails, the report says why and the others go on.
 
     Args:
         plan: the YAML file that lists the runs.
@@ -27,9 +27,9 @@ def run_batch(plan: Path | str, out: Path | str, *, force: bool = False, work: W
         What the batch has left at `out`.
 
     Raises:
-        ConfigError: a mistake in the file.
-        OutputError: a folder that holds other results or cannot be written.
-        ClusterError: the cluster can do no more runs; the same call goes on with them.
+        ConfigError: the file holds a mistake.
+        OutputError: the folder holds other results or cannot be written.
+        ClusterError: the cluster is lost; the same call continues the batch.
     """
     plan, out = Path(plan), Path(out)
     orders, text = read_plan(plan)

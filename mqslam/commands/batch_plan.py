@@ -1,4 +1,4 @@
-"""What a batch is to run: RUNS.yaml."""
+"""The plan of a batch, which RUNS.yaml holds."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ from pathlib import Path
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from mqslam.config import load_config, shipped_names
-from mqslam.config.reading import parsed
+from mqslam.config import list_shipped, load_config
+from mqslam.config.yaml_file import parse_yaml
 from mqslam.core import frontend as frontends
 from mqslam.errors import ConfigError
 from mqslam.results.batch_results import Order
@@ -35,33 +35,38 @@ class Plan(BaseModel):
 
 
 def read_plan(path: Path) -> tuple[list[Order], str]:
-    """The runs that a file asks for, and its text.
+    """Reads the runs that a file asks for; returns them with the text of the file.
 
     Raises:
-        ConfigError: it cannot be read, holds a mistake, or gives two runs one name.
+        ConfigError: the file cannot be read, holds a mistake, or gives two runs the same name.
     """
     try:
         text = path.read_text(encoding="utf-8")
     except (OSError, ValueError) as error:
         raise ConfigError(f"{path}: cannot be read ({error}); give a YAML file with the runs") from error
-    plan = parsed(Plan, path, text)
+    plan = parse_yaml(Plan, path, text)
     orders: list[Order] = []
     for number, run in enumerate(plan.runs):
         try:
-            orders.append(_order(run, path.absolute().parent, {order.name for order in orders}))
+            orders.append(_prepare_order(run, path.absolute().parent, {order.name for order in orders}))
         except ConfigError as error:
             raise ConfigError(f"{path}: runs.{number}: {error}") from error
     return orders, text
 
 
-def _order(run: PlannedRun, folder: Path, taken: set[str]) -> Order:
+def _prepare_order(run: PlannedRun, folder: Path, taken: set[str]) -> Order:
+    """Returns a run with all paths resolved against a folder.
+
+    Raises:
+        ConfigError: its name cannot be that of a folder or is taken, or its front end or settings are unknown.
+    """
     data = folder / run.data
     name = run.name if run.name is not None else data.name
     if not re.fullmatch(r"\w[\w. -]*", name):
-        raise ConfigError(f"name {name!r}: is to be the name of a folder; give one of letters and digits")
+        raise ConfigError(f"name {name!r}: cannot be the name of a folder; give one of letters and digits")
     if name in taken:
-        raise ConfigError(f"name {name}: is that of another run; give one of them another name")
+        raise ConfigError(f"name {name}: is the name of another run too; give one of them another name")
     frontends.find_entry_point(run.frontend)
-    config = run.config if run.config is None or run.config in shipped_names() else folder / run.config
+    config = run.config if run.config is None or run.config in list_shipped() else folder / run.config
     odometry = run.odometry if run.odometry in ("auto", "none") else str(folder / run.odometry)
     return Order(name, data, run.frontend, odometry, load_config(config))

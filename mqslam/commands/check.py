@@ -1,4 +1,4 @@
-"""A check of a recording, from its path to what the checks say."""
+"""The check: takes the path of a recording to the findings of its checks."""
 
 from __future__ import annotations
 
@@ -57,16 +57,16 @@ def check(
         odometry: `auto` (the recording's own, if it has one), `none`, or the path of a file.
         config: settings, or the path of a YAML file, or the name of one that ships; None takes the defaults.
         format: layout of the recording; None guesses it.
-        range_resolution: length of a range bin [m], where the recording does not say or errs.
+        range_resolution: length of a range bin [m], if the recording does not state it or is wrong.
         work: who is told about the work, which is done in this process.
 
     Raises:
-        ConfigError: a format nobody knows, or a range resolution that is no length.
-        DataError: a recording or an odometry file that cannot be used.
+        ConfigError: the format is unknown, or the range resolution is not a length.
+        DataError: the recording or the odometry file cannot be used.
     """
     settings = choose_settings(config)
     recording = open_data(Path(data), format, range_resolution, settings)
-    track, notes = choose_odometry(recording, odometry)
+    track, notes = choose_odometry(recording, odometry, settings.reading)
     notes = [*recording.notes, *notes]
     for note in notes:
         work.tell(note)

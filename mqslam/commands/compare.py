@@ -1,4 +1,4 @@
-"""A comparison: several front ends on the same returns with the same back end."""
+"""The comparison: runs several front ends on the same returns with the same back end."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from mqslam.commands.work import QUIET, Work
 from mqslam.compare.comparison import Comparison
 from mqslam.compare.judgement import JudgeSettings, compare_pairs, find_places, judge_rows, pick_stations, take_common_scans
 from mqslam.compare.rows import Row, make_given_row, run_front_ends
-from mqslam.config import Config, with_doppler_beta
+from mqslam.config import Config, set_doppler_beta
 from mqslam.core import frontend as known_frontends
 from mqslam.core.frontend import Context
 from mqslam.core.trajectory import Trajectory
 from mqslam.detection.stage import detect_all, make_scans, warn_of_unread
 from mqslam.errors import ConfigError, EstimationError
-from mqslam.execution.checkpoint import run_key, unfinished
-from mqslam.execution.folders import check_free, whole_folder
+from mqslam.execution.checkpoint import hash_run, keep_checkpoint
+from mqslam.execution.folders import check_free, write_folder_aside
 from mqslam.execution.runner import Runner
 from mqslam.formats.trajectories import read_trajectory
 from mqslam.psi.doppler import choose_doppler_beta
@@ -57,12 +57,12 @@ def compare(  # noqa: PLR0913 - these are the options of a comparison, each with
         frontends: names of front ends, each once.
         trajectories: trajectories to compare with, by the name of their row: poses, the path of a file, or the paths of a
             KITTI trajectory's poses and times.
-        odometry_only: whether motions are only chained, without graph and loops.
-        kiss_config: KISS-ICP's own YAML file.
-        odometry: `auto` (the recording's own, if it has one), `none`, or the path of a file; it serves the row of that name.
-        config: settings, or the path of a YAML file, or the name of one that ships; None takes the defaults.
+        odometry_only: whether motions are only chained, without pose graph and loops.
+        kiss_config: YAML file with KISS-ICP's own settings.
+        odometry: `auto` (the recording's own, if it has one), `none`, or the path of a file; it serves row `odometry` only.
+        config: settings, or the path of a YAML file, or the name of one that ships with mqslam; None takes the defaults.
         format: layout of the recording; None guesses it.
-        range_resolution: length of a range bin [m], where the recording does not say or errs.
+        range_resolution: length of a range bin [m], if the recording does not state it or is wrong.
         resume: whether an unfinished comparison at `out` is continued.
         force: whether what is at `out` is replaced.
         work: where the work is done, and who is told about it.
@@ -71,32 +71,32 @@ def compare(  # noqa: PLR0913 - these are the options of a comparison, each with
         What the comparison has left at `out`.
 
     Raises:
-        MqslamError: whatever makes the comparison impossible; at most what can be resumed is left then.
+        MqslamError: the comparison is impossible; it leaves at most what can be resumed.
 
     Example:
         >>> compared = mqslam.compare("drive", "compared", frontends=["psi", "kiss_icp"])  # doctest: +SKIP
         >>> print(compared.table)  # doctest: +SKIP
     """
     data, out = Path(data), Path(out)
-    settings = _with_kiss_config(choose_settings(config), kiss_config)
+    settings = _set_kiss_config(choose_settings(config), kiss_config)
     _check_names(frontends)
-    given = _given_rows(trajectories or {}, frontends)
+    given = _make_given_rows(trajectories or {}, frontends)
     check_free(out, force=force, resume=resume, recording=data)
     recording = open_data(data, format, range_resolution, settings)
-    track, notes = choose_odometry(recording, odometry)
+    track, notes = choose_odometry(recording, odometry, settings.reading)
     for note in recording.notes:
         work.tell(note)
     revolution_s, start_us = recording.revolution_s, recording.start_us
     if kiss_config is not None and _KISS in frontends:  # a file that KISS-ICP refuses is a mistake, not a row that fails
         known_frontends.load(_KISS)(Context(settings, revolution_s, start_us, None))
     take_common_scans(given, make_scans(recording), settings.audit)  # refuses before the recording is read
-    key = run_key(recording, settings, f"compare {','.join(frontends)} {odometry_only}", track)
-    with unfinished(out, key, resume=resume) as checkpoint:
+    key = hash_run(recording, settings, f"compare {','.join(frontends)} {odometry_only}", track)
+    with keep_checkpoint(out, key, resume=resume) as checkpoint:
         runner = Runner(work.engine, work.progress, checkpoint)
         scans, detected = detect_all(recording, settings.detector, runner)
         notes += [*recording.faults, *warn_of_unread(detected.unread)]
         beta = choose_doppler_beta(scans, settings.sensor, settings.tracker, settings.estimator)
-        settings = with_doppler_beta(settings, beta)
+        settings = set_doppler_beta(settings, beta)
         beam = beam_of(settings.estimator, beta)
         contexts = {
             name: Context(settings, revolution_s, start_us, track if name == "odometry" else None, beta)
@@ -109,7 +109,7 @@ def compare(  # noqa: PLR0913 - these are the options of a comparison, each with
         tracks = [row.trajectory for row in ran if row.trajectory is not None]
         common = take_common_scans(ran, scans, settings.audit)
         if len(common) < len(scans):
-            notes.append(f"{len(common)} of {len(scans)} scans are in every trajectory: judged on those")
+            notes.append(f"{len(common)} of {len(scans)} scans are in every trajectory; the rows are judged on those")
         where = find_places(common, tracks, settings.audit.window, settings.compare)
         along = pick_stations(common, settings.audit.window)
         judges = JudgeSettings(settings.audit, settings.estimator, settings.loops, settings.verdict, settings.map)
@@ -133,7 +133,7 @@ def compare(  # noqa: PLR0913 - these are the options of a comparison, each with
         summary = summarise(comparison)
         table = tabulate(summary)
         report = report_comparison(comparison, summary, table)
-        with whole_folder(out) as folder:
+        with write_folder_aside(out) as folder:
             write_compare(folder, comparison, summary)
             add_warnings(folder / "compare.json", summary, write_compare_pages(folder, report))
     for warning in summary["warnings"][len(failures) :]:
@@ -141,8 +141,12 @@ def compare(  # noqa: PLR0913 - these are the options of a comparison, each with
     return CompareResult(out, summary, table)
 
 
-def _with_kiss_config(settings: Config, kiss_config: Path | None) -> Config:
-    """Returns the settings with KISS-ICP's own file, if there is one."""
+def _set_kiss_config(settings: Config, kiss_config: Path | None) -> Config:
+    """Returns the settings with KISS-ICP's own file, if one is given.
+
+    Raises:
+        ConfigError: the file does not exist.
+    """
     if kiss_config is None:
         return settings
     if not kiss_config.is_file():
@@ -154,19 +158,21 @@ def _with_kiss_config(settings: Config, kiss_config: Path | None) -> Config:
 def _check_names(frontends: Sequence[str]) -> None:
     """Raises ConfigError unless every front end exists and is named once."""
     if not frontends or len(set(frontends)) < len(frontends):
-        raise ConfigError(f"front ends '{','.join(frontends)}': give names, each once, such as psi,kiss_icp")
+        raise ConfigError(
+            f"front ends '{','.join(frontends)}': give at least one name and each name once, such as psi,kiss_icp"
+        )
     for name in frontends:
         known_frontends.find_entry_point(name)
 
 
-def _given_rows(
+def _make_given_rows(
     trajectories: Mapping[str, Trajectory | Path | str | tuple[Path, Path]], frontends: Sequence[str]
 ) -> list[Row]:
     """Returns the rows of trajectories that other programs made.
 
     Raises:
-        ConfigError: a name that cannot be a folder's, or is a front end's.
-        DataError: a file that is no trajectory.
+        ConfigError: a name cannot be that of a folder, or is that of a front end.
+        DataError: a file is not a trajectory.
     """
     rows = []
     for name, given in trajectories.items():

@@ -1,4 +1,4 @@
-"""What is in a recording, in plain values."""
+"""The description of a recording in values that JSON can hold."""
 
 from __future__ import annotations
 
@@ -11,16 +11,16 @@ from mqslam.core.recording import Recording
 from mqslam.core.trajectory import Trajectory
 
 
-def describe(recording: Recording) -> dict[str, Any]:
-    """A recording in numbers and strings that JSON can hold; one revolution is read.
+def describe_radar(recording: Recording) -> dict[str, Any]:
+    """Describes a radar recording in numbers and strings that JSON can hold; only its first polar scan is read.
 
     Returns:
-        format, path, revolutions, duration_s [s], turn_rate_hz [1/s], azimuths and bins of the first revolution,
+        format, path, revolutions, duration_s [s], turn_rate_hz [1/s], azimuths and bins of the first polar scan,
         range_resolution_m and max_range_m [m], odometry and ground_truth (None, or poses and length_m [m]), gaps
-        (after_revolution, missing_s [s]), notes and faults.
+        (after_revolution, counted from 0, and missing_s [s]), notes and faults.
 
     Raises:
-        DataError: the first revolution cannot be read.
+        DataError: the first polar scan cannot be read.
     """
     azimuths, bins = recording[0].power.shape
     return {
@@ -33,8 +33,8 @@ def describe(recording: Recording) -> dict[str, Any]:
         "bins": bins,
         "range_resolution_m": recording.range_resolution,
         "max_range_m": bins * recording.range_resolution,
-        "odometry": _extent(recording.odometry),
-        "ground_truth": _extent(recording.ground_truth),
+        "odometry": _describe_extent(recording.odometry),
+        "ground_truth": _describe_extent(recording.ground_truth),
         "gaps": [{"after_revolution": k, "missing_s": missing} for k, missing in recording.gaps()],
         "notes": list(recording.notes),
         "faults": list(recording.faults),
@@ -42,7 +42,7 @@ def describe(recording: Recording) -> dict[str, Any]:
 
 
 def describe_lidar(lidar: LidarRecording) -> dict[str, Any]:
-    """A lidar's recording likewise.
+    """Describes a lidar's recording in numbers and strings that JSON can hold.
 
     Returns:
         format, path, scans, duration_s [s], scan_rate_hz [1/s], returns per scan, max_range_m [m] among them, odometry and
@@ -57,11 +57,12 @@ def describe_lidar(lidar: LidarRecording) -> dict[str, Any]:
         "scan_rate_hz": 1.0 / float(np.median(steps)),
         "returns": float(np.mean([len(scan.returns) for scan in lidar.scans])),
         "max_range_m": max(float(scan.returns.ranges.max(initial=0.0)) for scan in lidar.scans),
-        "odometry": _extent(lidar.odometry),
-        "recording": _extent(lidar.trajectory),
+        "odometry": _describe_extent(lidar.odometry),
+        "recording": _describe_extent(lidar.trajectory),
         "notes": list(lidar.notes),
     }
 
 
-def _extent(trajectory: Trajectory | None) -> dict[str, Any] | None:
+def _describe_extent(trajectory: Trajectory | None) -> dict[str, Any] | None:
+    """Returns the number of poses and the length [m] of a trajectory, or None."""
     return None if trajectory is None else {"poses": len(trajectory), "length_m": trajectory.length_m}

@@ -1,4 +1,4 @@
-"""What a command returns: the folder it has written, and the numbers in it."""
+"""The results that commands return: the folder that was written, and the numbers in it."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from mqslam.formats.trajectories import read_trajectory
 
 @dataclass(frozen=True)
 class Result:
-    """What a command has left on disk.
+    """The result of a command.
 
     Args:
         folder: holds the result files, as the README lists them.
@@ -30,7 +30,7 @@ class Result:
 
     @property
     def warnings(self) -> list[str]:
-        """What a reader should know before the numbers."""
+        """The warnings that a reader should know before the numbers."""
         return list(self.summary["warnings"])
 
 
@@ -45,29 +45,29 @@ class JudgedResult(Result):
 
     @property
     def reasons(self) -> list[str]:
-        """Why the verdict is what it is."""
+        """The reasons of the verdict."""
         return list(self.summary["verdict"]["reasons"])
 
 
 @dataclass(frozen=True)
 class RunResult(JudgedResult):
-    """What a run has left on disk."""
+    """The result of a run."""
 
     def read_trajectory(self) -> Trajectory:
         """Reads the optimised trajectory.
 
         Raises:
-            DataError: its file cannot be read.
+            DataError: the file of the trajectory cannot be read.
         """
         return read_trajectory(self.folder / "trajectory.tum")
 
 
 @dataclass(frozen=True)
 class CompareResult(Result):
-    """What a comparison has left on disk.
+    """The result of a comparison.
 
     Args:
-        table: the numbers as text: a line of heads, and a line per front end or trajectory.
+        table: the numbers as text: a line of column heads, and a line per front end or trajectory.
     """
 
     table: list[list[str]]

@@ -1,4 +1,4 @@
-"""A run: from a recording's path to the folder of its results."""
+"""The run: takes the path of a recording to the folder of its results."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from mqslam.config import Config
 from mqslam.core.recording import Recording
 from mqslam.core.trajectory import Trajectory
 from mqslam.errors import Remedy
-from mqslam.execution.checkpoint import run_key, unfinished
-from mqslam.execution.files import plain
-from mqslam.execution.folders import check_free, whole_folder
+from mqslam.execution.checkpoint import hash_run, keep_checkpoint
+from mqslam.execution.files import to_json_values
+from mqslam.execution.folders import check_free, write_folder_aside
 from mqslam.execution.runner import Runner
 from mqslam.report.run_page import write_run_pages
 from mqslam.results.run_results import add_warnings, summarise, write_run
@@ -45,9 +45,9 @@ def run(  # noqa: PLR0913 - these are the options of a run, each with its defaul
         out: folder for the results; it must not exist yet.
         frontend: name of the front end.
         odometry: `auto` (the recording's own, if it has one), `none`, or the path of a file.
-        config: settings, or the path of a YAML file, or the name of one that ships; None takes the defaults.
+        config: settings, or the path of a YAML file, or the name of one that ships with mqslam; None takes the defaults.
         format: layout of the recording; None guesses it.
-        range_resolution: length of a range bin [m], where the recording does not say or errs.
+        range_resolution: length of a range bin [m], if the recording does not state it or is wrong.
         strict: whether a polar scan that cannot be read is an error, rather than being left out.
         resume: whether an unfinished run at `out` is continued.
         force: whether what is at `out` is replaced.
@@ -57,7 +57,7 @@ def run(  # noqa: PLR0913 - these are the options of a run, each with its defaul
         What the run has left at `out`.
 
     Raises:
-        MqslamError: whatever makes the run impossible; at most what can be resumed is left then.
+        MqslamError: the run is impossible; it leaves at most what can be resumed.
 
     Example:
         >>> result = mqslam.run("drive", "result")  # doctest: +SKIP
@@ -81,7 +81,7 @@ class Job:
         odometry: the odometry it uses, or None.
         settings: all settings.
         frontend: name of the front end.
-        strict: whether a revolution that cannot be read is an error.
+        strict: whether a polar scan that cannot be read is an error.
         notes: what a user should know about the choice of odometry.
     """
 
@@ -94,13 +94,13 @@ class Job:
 
     @property
     def log(self) -> tuple[str, ...]:
-        """What a user should know before the run begins."""
+        """The notes that a user should know before the run begins."""
         return (*self.recording.notes, *self.notes)
 
     @property
     def key(self) -> str:
-        """What the result depends on."""
-        return run_key(self.recording, self.settings, self.frontend, self.odometry)
+        """A string that differs for any other recording, settings, front end or odometry."""
+        return hash_run(self.recording, self.settings, self.frontend, self.odometry)
 
 
 def open_job(
@@ -116,11 +116,11 @@ def open_job(
     """Opens a recording and chooses its odometry; the arguments are those of `run`.
 
     Raises:
-        ConfigError: a format nobody knows, or a range resolution that is no length.
-        DataError: a recording or an odometry that cannot be used.
+        ConfigError: the format is unknown, or the range resolution is not a length.
+        DataError: the recording or the odometry cannot be used.
     """
     recording = open_data(data, format, range_resolution, settings, strict=strict)
-    track, notes = choose_odometry(recording, odometry)
+    track, notes = choose_odometry(recording, odometry, settings.reading)
     return Job(recording, track, settings, frontend, strict, tuple(notes))
 
 
@@ -132,27 +132,29 @@ def execute(job: Job, out: Path, work: Work, *, resume: bool, how: str = Remedy.
         out: folder of the results.
         work: where it is done, and who is told about it.
         resume: whether to go on where an unfinished run has stopped.
-        how: what an error says about how to go on.
+        how: how to go on after an error, for its message.
 
     Returns:
         The content of summary.json.
 
     Raises:
-        MqslamError: whatever makes the run impossible; nothing is left then but what can be resumed.
+        MqslamError: the run is impossible; it leaves at most what can be resumed.
     """
-    with unfinished(out, job.key, resume=resume, how=how) as checkpoint:
+    with keep_checkpoint(out, job.key, resume=resume, how=how) as checkpoint:
         runner = Runner(work.engine, work.progress, checkpoint, work.watch)
         result = Slam(job.settings, job.frontend, runner, strict=job.strict).run(job.recording, job.odometry)
         warnings = [*list_warnings(result, job.recording), *job.notes]
-        summary: dict[str, Any] = plain({**summarise(result, job.recording), "warnings": warnings, "run_key": job.key})
-        with whole_folder(out) as folder:
+        summary: dict[str, Any] = to_json_values(
+            {**summarise(result, job.recording), "warnings": warnings, "run_key": job.key}
+        )
+        with write_folder_aside(out) as folder:
             write_run(folder, result, summary, job.log)
             add_warnings(folder, summary, job.log, write_run_pages(folder, result, job.recording, summary))
     return summary
 
 
-def finished(out: Path, key: str) -> dict[str, Any] | None:
-    """Returns the summary of a run that `out` holds, if it is whole and its result depends on the same."""
+def find_finished(out: Path, key: str) -> dict[str, Any] | None:
+    """Returns the summary of the run that `out` holds, if it is whole and has the same key, or None."""
     try:
         summary = json.loads((out / "summary.json").read_text(encoding="utf-8"))
     except (OSError, ValueError):

@@ -1,4 +1,4 @@
-"""The score of a window under a motion: the published psi and its parts, and the estimator's."""
+"""The score of a window under a motion: the published psi with its parts, and the estimator's psi."""
 
 from __future__ import annotations
 
@@ -38,21 +38,21 @@ def score_window(  # noqa: PLR0913 - these are the options of a score, each with
 
     Args:
         data: the recording.
-        start: the first scan from here on begins the window [s since the start].
+        start: the window begins with the first scan from this time on [s since the recording's start].
         motion: (2,) v, omega or (3,) vx, vy, omega [m/s, rad/s].
-        scans: length of the window.
-        variant: values of settings of the published score that replace those of the settings; None keeps one.
-        minimise: whether the motion is estimated too, beginning at the one given.
-        config: settings, or the path of a YAML file, or the name of one that ships; None takes the defaults.
+        scans: number of scans in the window.
+        variant: values that replace settings of the published score, by name; None keeps a setting.
+        minimise: whether the motion is estimated as well, starting from the one given.
+        config: settings, or the path of a YAML file, or the name of one that ships with mqslam; None takes the defaults.
         format: layout of the recording; None guesses it.
-        range_resolution: length of a range bin [m], where the recording does not say or errs.
+        range_resolution: length of a range bin [m], if the recording does not state it or is wrong.
 
     Returns:
         The scores as a tree: the window, the motion, the published score with its parts, and the estimator's.
 
     Raises:
-        ConfigError: a value of the variant that is not offered, or a window that the recording does not hold.
-        DataError: a polar scan that cannot be read.
+        ConfigError: the variant has a value that is not offered, or the recording does not hold the window.
+        DataError: a polar scan cannot be read.
         EstimationError: the window holds no returns.
     """
     settings = choose_settings(config)
@@ -68,22 +68,22 @@ def score_window(  # noqa: PLR0913 - these are the options of a score, each with
         "doppler_beta": beta,
         "variant": psi.model_dump(include={"temporal", "numerator", "factor", "unmatched"}),
         "motion": dict(zip(model.parameters, motion.tolist(), strict=True)),
-        **_score(returns, t0, revolution_s, motion, model, settings.estimator, beam, psi),
+        **_score_motion(returns, t0, revolution_s, motion, model, settings.estimator, beam, psi),
     }
     if minimise:
         twist = motion if model.size == 3 else motion[[0, 0, 1]] * [1.0, 0.0, 1.0]
         best = estimate_window(returns, t0, revolution_s, settings.estimator, beam, twist, model)
-        tree["minimised"] = _describe_estimate(best, model) | _score(
+        tree["minimised"] = _describe_estimate(best, model) | _score_motion(
             returns, t0, revolution_s, best.theta, model, settings.estimator, beam, psi
         )
     return tree
 
 
 def _change_variant(settings: PsiConfig, chosen: dict[str, str | float | None]) -> PsiConfig:
-    """The settings of the published score with the given ones changed.
+    """Returns the settings of the published score with the given ones changed.
 
     Raises:
-        ConfigError: a value that is not offered.
+        ConfigError: a value is not offered.
     """
     try:
         return PsiConfig.model_validate(
@@ -95,14 +95,18 @@ def _change_variant(settings: PsiConfig, chosen: dict[str, str | float | None]) 
 
 
 def read_window(recording: Recording, detector: DetectorConfig, start: float, scans: int) -> tuple[Returns, float]:
-    """The returns of the revolutions from the first that begins at `start` [s] or later, and when it begins [s].
+    """Returns the returns of some scans, and when the first of them begins [s]; no other scans are read.
 
-    No other revolutions are read.
+    Args:
+        recording: the recording.
+        detector: settings of the detector.
+        start: the first scan from this time on is the first one [s].
+        scans: number of scans.
 
     Raises:
-        ConfigError: the recording does not hold these revolutions.
-        DataError: a revolution that cannot be read.
-        EstimationError: they hold no returns.
+        ConfigError: the recording does not hold these scans.
+        DataError: a polar scan cannot be read.
+        EstimationError: the scans hold no returns.
     """
     times = recording.start_times
     if len(times) < scans:
@@ -114,8 +118,8 @@ def read_window(recording: Recording, detector: DetectorConfig, start: float, sc
             f"{recording.duration_s:.2f} s long; give a start of 0 to {np.floor(1e3 * last) / 1e3:g}"
         )
     first = int(np.searchsorted(times, start - 1e-6))
-    found = detect_stretch(recording, detector, first, first + scans)
-    returns = Returns.concatenate(found.returns)
+    detected = detect_stretch(recording, detector, first, first + scans)
+    returns = Returns.concatenate(detected.returns)
     if not len(returns):
         raise EstimationError(
             f"{recording.path}: the {scans} scans from {start:g} s on hold no returns; lower detector.threshold"
@@ -123,7 +127,7 @@ def read_window(recording: Recording, detector: DetectorConfig, start: float, sc
     return returns, float(times[first])
 
 
-def _score(
+def _score_motion(
     returns: Returns,
     t0: float,
     revolution_s: float,
@@ -133,7 +137,7 @@ def _score(
     beam: Beam,
     variant: PsiConfig,
 ) -> dict[str, Any]:
-    """The published score of a window under a motion with its parts, and the estimator's at its final widths."""
+    """Returns the published score of a window under a motion with its parts, and the estimator's at its final widths."""
     points = drop_start(place(returns, t0, np.zeros(3), theta, model, beam))
     whole = published(points.points, points.times, revolution_s, variant, points.jacobians)
     own = score_itself(points, final_scale(config), revolution_s, config)
@@ -157,7 +161,7 @@ def _score(
 
 
 def _describe_estimate(best: WindowMotion, model: MotionModel) -> dict[str, Any]:
-    """The estimated motion as a tree."""
+    """Returns the estimated motion as a tree."""
     deviations = best.covariance.diagonal() ** 0.5
     return {
         "motion": dict(zip(model.parameters, best.theta.tolist(), strict=True)),

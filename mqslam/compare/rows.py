@@ -13,7 +13,7 @@ from mqslam.core.frontend import Context
 from mqslam.core.measurement import Measurement
 from mqslam.core.scans import Scans
 from mqslam.core.trajectory import Trajectory
-from mqslam.errors import said
+from mqslam.errors import describe_error
 from mqslam.execution.engine import DIED, Engine, LocalEngine
 from mqslam.execution.progress import Progress
 from mqslam.execution.runner import Runner
@@ -86,7 +86,7 @@ def run_front_ends(
         progress("front ends", number, len(contexts))
 
     task = FrontEndTask(scans, back_end, engine.jobs)
-    rows = engine.apart(run_front_end, task, list(contexts.items()), report)
+    rows = engine.map_apart(run_front_end, task, list(contexts.items()), report)
     return [Row(name, failure=DIED) if row is None else row for name, row in zip(contexts, rows, strict=True)]
 
 
@@ -125,7 +125,7 @@ def run_front_end(task: FrontEndTask, named: tuple[str, Context]) -> Row:
             solution.warnings,
         )
     except Exception as error:  # a front end may be anyone's code, and the others are to go on
-        return Row(name, failure=said(error))
+        return Row(name, failure=describe_error(error))
 
 
 def make_given_row(name: str, trajectory: Trajectory) -> Row:

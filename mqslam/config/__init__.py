@@ -1,4 +1,4 @@
-"""All settings as one tree; every setting has its unit and reason where it is defined."""
+"""All settings as one tree; each setting is defined with its unit and its reason."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import Any
 import yaml
 from pydantic import BaseModel, ConfigDict
 
-from mqslam.config.audit_config import AuditConfig, CompareConfig
+from mqslam.config.audit_config import AuditConfig, CompareConfig, VerdictConfig
 from mqslam.config.check_config import CheckConfig
 from mqslam.config.detector_config import DetectorConfig
 from mqslam.config.estimator_config import EstimatorConfig
@@ -20,11 +20,11 @@ from mqslam.config.graph_config import GraphConfig
 from mqslam.config.loop_config import LoopConfig, PassConfig
 from mqslam.config.map_config import MapConfig
 from mqslam.config.psi_config import PsiConfig
-from mqslam.config.reading import parsed
+from mqslam.config.reading_config import ReadingConfig
 from mqslam.config.sensor_config import SensorConfig
 from mqslam.config.tracker_config import TrackerConfig
-from mqslam.config.verdict_config import VerdictConfig
-from mqslam.errors import ConfigError
+from mqslam.config.yaml_file import parse_yaml
+from mqslam.errors import ConfigError, suggest
 
 __all__ = [
     "AuditConfig",
@@ -41,24 +41,26 @@ __all__ = [
     "Open3dIcpConfig",
     "PassConfig",
     "PsiConfig",
+    "ReadingConfig",
     "ScanMatchingConfig",
     "SensorConfig",
     "TrackerConfig",
     "VerdictConfig",
-    "changes",
     "dump_yaml",
-    "explained_yaml",
+    "explain_yaml",
+    "list_changes",
+    "list_shipped",
     "load_config",
-    "shipped_names",
-    "with_doppler_beta",
+    "set_doppler_beta",
 ]
 
 
 class Config(BaseModel):
-    """Every setting of a run."""
+    """All settings of a run."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
+    reading: ReadingConfig = ReadingConfig()
     sensor: SensorConfig = SensorConfig()
     detector: DetectorConfig = DetectorConfig()
     psi: PsiConfig = PsiConfig()
@@ -77,10 +79,13 @@ class Config(BaseModel):
 
 
 def load_config(name: str | Path | None = None) -> Config:
-    """The default settings, changed by a YAML file or by one that ships with mqslam (`oxford`, `default`).
+    """Returns the default settings, changed by a YAML file or by one that ships with mqslam.
+
+    Args:
+        name: path of a YAML file, or the name of one that ships, such as `oxford`; None takes the defaults.
 
     Raises:
-        ConfigError: no such file, not YAML, or a setting that is unknown or out of range.
+        ConfigError: the file does not exist or is not YAML, or a setting is unknown or out of range.
     """
     if name is None:
         return Config()
@@ -92,20 +97,20 @@ def load_config(name: str | Path | None = None) -> Config:
         elif shipped.is_file():
             content = shipped.read_bytes()
         else:
-            raise ConfigError(f"{name}: no such configuration; give a YAML file or one of {', '.join(shipped_names())}")
+            raise ConfigError(f"{name}: no such configuration; {suggest(path.stem, list_shipped())}")
     except (OSError, ValueError) as error:
         raise ConfigError(f"{name}: cannot be read ({error})") from error
-    return parsed(Config, name, content)
+    return parse_yaml(Config, name, content)
 
 
-def shipped_names() -> list[str]:
-    """Configurations that come with mqslam."""
+def list_shipped() -> list[str]:
+    """Returns the names of the configurations that ship with mqslam."""
     folder = resources.files("mqslam.configs")
     return sorted(entry.name[:-5] for entry in folder.iterdir() if entry.name.endswith(".yaml"))
 
 
-def with_doppler_beta(config: Config, doppler_beta: float) -> Config:
-    """The settings as a result's config.yaml states them: with the Doppler shift [s] that was used."""
+def set_doppler_beta(config: Config, doppler_beta: float) -> Config:
+    """Returns the settings with the Doppler shift [s] that was used, as the config.yaml of a result states them."""
     return config.model_copy(update={"sensor": config.sensor.model_copy(update={"doppler_beta": doppler_beta})})
 
 
@@ -115,13 +120,12 @@ def dump_yaml(config: Config) -> str:
     return text
 
 
-def explained_yaml(config: Config, *, everything: bool = True) -> str:
-    """Returns the settings as YAML with the reason and unit of each above it.
+def explain_yaml(config: Config, *, everything: bool = True) -> str:
+    """Returns the settings as YAML, each under a comment with its reason and unit.
 
     Args:
         config: the settings.
-        everything: whether settings that only an expert would touch are listed too; where they differ from the default
-            they always are.
+        everything: whether settings that only an expert would touch are listed even if they have their default.
     """
     lines = []
     for name, section in config:
@@ -142,10 +146,10 @@ def explained_yaml(config: Config, *, everything: bool = True) -> str:
     return "\n".join(lines)
 
 
-def changes(before: Config, after: Config) -> list[tuple[str, Any, Any]]:
-    """Settings that differ: name, value before and value after, as JSON has them."""
-    found = []
+def list_changes(before: Config, after: Config) -> list[tuple[str, Any, Any]]:
+    """Returns the settings that differ, each as its name, the value before and the value after, as JSON has them."""
+    differing = []
     for name, section in before:
         old, new = section.model_dump(mode="json"), getattr(after, name).model_dump(mode="json")
-        found += [(f"{name}.{key}", old[key], new[key]) for key in old if old[key] != new[key]]
-    return found
+        differing += [(f"{name}.{key}", old[key], new[key]) for key in old if old[key] != new[key]]
+    return differing

@@ -1,4 +1,4 @@
-"""Two kinds of settings: those that users tune, and those that only an expert would touch."""
+"""Fields of settings, of two kinds: those that users tune, and those that only an expert would touch."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ _EXPERT = {"expert": True}
 
 
 def expert(default: Any, *, description: str, **bounds: Any) -> Any:
-    """Returns a field for a setting that only an expert would touch: it is shown on request only.
+    """Returns a field for a setting that only an expert would touch; it is shown on request only.
 
     Args:
-        default: its value where a file does not name it.
-        description: what it is, with its unit and reason.
-        bounds: as pydantic's `Field` takes them, such as `gt=0.0`.
+        default: the value if no file names the setting.
+        description: what the setting is, with its unit and reason.
+        bounds: bounds as pydantic's `Field` takes them, such as `gt=0.0`.
     """
     return Field(default, description=description, json_schema_extra=dict(_EXPERT), **bounds)
 

@@ -101,6 +101,9 @@ class Open3dIcpConfig(ScanMatchingConfig):
     )
     scan_voxel: float = expert(0.5, gt=0.0, description="Side of a scan's voxels, as a share of the map's.")
     iterations: int = expert(30, ge=1, description="Most iterations of one registration.")
+    loss: float = expert(
+        1.0, gt=0.0, description="Squared residual at which generalized ICP gives a pair a quarter of the weight [m^2]."
+    )
 
 
 class OdometryConfig(BaseModel):

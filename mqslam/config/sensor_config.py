@@ -10,27 +10,32 @@ from mqslam.config.fields import expert
 
 
 class SensorConfig(BaseModel):
-    """What a recording does not say about its radar."""
+    """Properties of the radar that its recording does not state."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
     range_resolution_m: float | None = Field(
-        None, gt=0.0, description="Length of a range bin [m]; null takes the recording's or its format's."
+        None,
+        gt=0.0,
+        description="Length of a range bin [m]. null takes what the recording states, else what is usual for its format.",
     )
     doppler_beta: float | None = Field(
         None,
-        description="Range shift per closing speed [s], signed by the chirp, about 0.049 on the Oxford unit; null "
-        "measures it by psi.",
+        ge=-1.0,
+        le=1.0,
+        description="Range shift per closing speed [s], signed by the chirp, about 0.049 on the Oxford unit. Known radars "
+        "are within 0.1 s: a value beyond 1 s is a mistake of the unit. Null measures it by psi.",
     )
     clockwise: bool | None = Field(
         None,
-        description="Whether the radar turns clockwise, seen from above, where azimuths carry no angles; null takes the "
-        "format's default, which is clockwise in all of them.",
+        description="Whether the radar turns clockwise, seen from above. It matters only where azimuths carry no angles. "
+        "null takes the format's default, which is clockwise in all of them.",
     )
     stamp: Literal["start", "end"] | None = Field(
         None,
-        description="Which instant of a turn its only stamp is, where azimuths carry no stamps; null takes the format's "
-        "default: end in mulran, radiate and images on a bag's /radar/polar (MulRan's player), start in other bags.",
+        description="Instant of a turn at which a polar scan is stamped. It matters only where azimuths carry no stamps. "
+        "null takes the format's default: end in mulran, radiate and images on a bag's /radar/polar (MulRan's player), "
+        "start in other bags.",
     )
 
     doppler_stretches: int = expert(

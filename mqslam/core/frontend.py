@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from importlib.metadata import EntryPoint, entry_points
@@ -15,7 +14,7 @@ from mqslam.core import se2
 from mqslam.core.measurement import Measurement
 from mqslam.core.scans import Scan, Scans
 from mqslam.core.trajectory import Trajectory
-from mqslam.errors import ConfigError, EstimationError
+from mqslam.errors import ConfigError, EstimationError, suggest
 
 _NEGATIVE = 1e-6  # variance below zero that rounding explains, per sum of the variances
 
@@ -43,7 +42,7 @@ class Context:
         if self.odometry is None or t1 <= t0:
             return None
         stamps = self.start_us + np.round(np.array([t0, t1]) * 1e6).astype(np.int64)
-        if not self.odometry.covers(int(stamps[0]), int(stamps[1])):
+        if not self.odometry.covers(int(stamps[0]), int(stamps[1]), self.config.reading.track_slack_us):
             return None
         return np.asarray(self.odometry.mean_twists(stamps[:1], stamps[1:])[0])
 
@@ -89,9 +88,7 @@ def find_entry_point(name: str) -> EntryPoint:
     for point in entry_points(group="mqslam.frontends"):
         if point.name == name:
             return point
-    near = difflib.get_close_matches(name, list_front_ends(), 1)
-    hint = f"did you mean {near[0]}?" if near else f"choose one of {', '.join(list_front_ends())}"
-    raise ConfigError(f"front end {name}: unknown; {hint}")
+    raise ConfigError(f"front end {name}: unknown; {suggest(name, list_front_ends())}")
 
 
 def measure_motions(name: str, context: Context, scans: Scans) -> Iterator[Measurement]:
@@ -112,7 +109,7 @@ def measure_motions(name: str, context: Context, scans: Scans) -> Iterator[Measu
         yield motion
     if count != len(scans) - 1:
         raise EstimationError(
-            f"front end {name}: gave {count} motions for {len(scans)} scans; it is to give one for every two successive scans"
+            f"front end {name}: gave {count} motions for {len(scans)} scans; it must give one for every two successive scans"
         )
 
 

@@ -40,9 +40,9 @@ class Recording(ABC):
 
     Args:
         path: the recording.
-        format: name of its layout, as `mqslam info` prints it.
-        stamps_us: (N,) int64 [us], stamp of the first azimuth of every revolution, strictly increasing.
-        turns_us: (N,) int64 [us], how long each revolution takes: until the next one begins, but for a gap after it.
+        format: name of its layout.
+        stamps_us: (N,) int64 [us], stamp of the first azimuth of every polar scan, strictly increasing.
+        turns_us: (N,) int64 [us], how long each turn takes: until the next one begins, unless a gap follows.
         range_resolution: length of a range bin [m].
         odometry: dead-reckoned poses the recording carries, or None.
         ground_truth: poses known better than any estimate, for evaluation only, or None.
@@ -65,10 +65,10 @@ class Recording(ABC):
 
     @abstractmethod
     def polar_scans(self, start: int = 0, stop: int | None = None) -> Iterator[PolarScan]:
-        """Read the revolutions start <= k < stop, one after the other, holding one at a time.
+        """Reads the polar scans start <= k < stop, one after the other, holding one at a time.
 
         Raises:
-            DataError: a revolution that cannot be read, naming its file.
+            DataError: a polar scan cannot be read; the error names its file.
         """
 
     def __getitem__(self, k: int) -> PolarScan:
@@ -76,41 +76,41 @@ class Recording(ABC):
 
     @property
     def start_us(self) -> int:
-        """Stamp [us] of the recording's start: time zero inside."""
+        """Stamp [us] of the recording's start, which is time zero inside."""
         return int(self.stamps_us[0])
 
     @property
     def ends_us(self) -> NDArray[np.int64]:
-        """(N,) int64 stamps [us] of the ends of the revolutions; none is later than the start of the next one."""
+        """Stamps (N,) int64 [us] of the ends of the turns; none is later than the start of the next one."""
         ends = self.stamps_us + self.turns_us
         return np.append(np.minimum(ends[:-1], self.stamps_us[1:]), ends[-1:])
 
     @property
     def end_us(self) -> int:
-        """Stamp [us] of the last revolution's end."""
+        """Stamp [us] of the last turn's end."""
         return int(self.ends_us[-1])
 
     @property
     def duration_s(self) -> float:
-        """From the first azimuth to the end of the last revolution [s]."""
+        """Time from the first azimuth to the end of the last turn [s]."""
         return (self.end_us - self.start_us) * 1e-6
 
     @property
     def start_times(self) -> NDArray[np.float64]:
-        """(N,) start of every revolution [s] since the recording's start."""
+        """Start (N,) of every turn [s] since the recording's start."""
         return np.asarray((self.stamps_us - self.start_us) * 1e-6, dtype=np.float64)
 
     @property
     def end_times(self) -> NDArray[np.float64]:
-        """(N,) end of every revolution [s] since the recording's start."""
+        """End (N,) of every turn [s] since the recording's start."""
         return np.asarray((self.ends_us - self.start_us) * 1e-6, dtype=np.float64)
 
     @property
     def revolution_s(self) -> float:
-        """Duration of one revolution [s]: the median over the recording, kept to what a radar can do."""
+        """Duration of one turn [s]: the median over the recording, limited to what a radar can do."""
         return float(np.clip(np.median(self.turns_us), FASTEST_TURN_US, SLOWEST_TURN_US)) * 1e-6
 
     def gaps(self) -> list[tuple[int, float]]:
-        """Revolutions that end before the next one begins: (index, seconds missing)."""
+        """Lists the polar scans that end before the next one begins: (index, seconds missing)."""
         missing = (self.stamps_us[1:] - self.ends_us[:-1]) * 1e-6
         return [(int(k), float(missing[k])) for k in np.flatnonzero(missing > 0.0)]

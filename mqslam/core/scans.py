@@ -1,4 +1,4 @@
-"""Returns: what the detector keeps of a polar scan; a scan, the returns of one turn; and all scans of a recording."""
+"""Returns, which the detector keeps of a polar scan; scans, the returns of one turn each; and all scans of a recording."""
 
 from __future__ import annotations
 
@@ -32,17 +32,17 @@ class Returns:
         return len(self.ranges)
 
     def take(self, chosen: NDArray[np.bool_]) -> Returns:
-        """The returns a mask (N,) chooses."""
+        """Returns those that a mask (N,) chooses."""
         return Returns(self.ranges[chosen], self.azimuths[chosen], self.times[chosen], self.intensities[chosen])
 
     @classmethod
     def none(cls) -> Returns:
-        """What a revolution holds that could not be read."""
+        """Returns no returns: those of a polar scan that could not be read."""
         return cls(np.empty(0), np.empty(0), np.empty(0), np.empty(0))
 
     @classmethod
     def concatenate(cls, parts: Sequence[Returns]) -> Returns:
-        """All returns of several parts, in their order."""
+        """Returns all returns of several parts, in their order."""
         return cls(
             np.concatenate([p.ranges for p in parts]),
             np.concatenate([p.azimuths for p in parts]),
@@ -89,23 +89,23 @@ class Scans(Sequence[Scan]):
         return self.scans[k]
 
     def take(self, chosen: Iterable[int]) -> Scans:
-        """The scans of some indices."""
+        """Returns the scans of some indices."""
         return Scans(tuple(self.scans[k] for k in chosen), self.start_us, self.revolution_s)
 
     @property
     def start_times(self) -> NDArray[np.float64]:
-        """(N,) when each scan begins [s] since the recording's start."""
+        """Start (N,) of each scan [s] since the recording's start."""
         return np.array([scan.t0 for scan in self.scans], dtype=np.float64)
 
     @property
     def stamps_us(self) -> NDArray[np.int64]:
-        """(N,) when each scan begins [us], in the recording's own clock."""
+        """Start (N,) of each scan [us] in the recording's own clock."""
         return self.start_us + np.round(self.start_times * 1e6).astype(np.int64)
 
 
 @dataclass(frozen=True, slots=True)
 class PeakCounts:
-    """What the steps of the detector kept and dropped.
+    """Counts of what the steps of the detector kept and dropped.
 
     Args:
         azimuths: azimuths looked at.
@@ -126,7 +126,7 @@ class PeakCounts:
 
     @property
     def remedy(self) -> str:
-        """What to do where there are too few returns: it names the step that dropped most of them."""
+        """Advice where there are too few returns: it names the step that dropped most of them."""
         if 2 * self.unused_azimuths > self.azimuths:
             left_out = f"{self.unused_azimuths} of {self.azimuths} azimuths are marked invalid or count as saturated"
             return f"{left_out}; raise detector.saturation if they are not"
@@ -140,11 +140,11 @@ class PeakCounts:
 
 @dataclass(frozen=True, slots=True)
 class Detected:
-    """What a stretch of revolutions holds and what that cost.
+    """The returns of a stretch of polar scans, and what it cost to detect them.
 
     Args:
-        returns: of each revolution; none of one that could not be read.
-        unread: why a revolution could not be read, by its number in the recording.
+        returns: of each polar scan; none of one that could not be read.
+        unread: why a polar scan could not be read, by its number in the recording.
         read_s, detect_s: seconds spent.
         counts: what the detector kept and dropped.
     """

@@ -31,19 +31,19 @@ class Trajectory:
         return float(se2.step_lengths(self.poses).sum())
 
     def seconds(self, start_us: int) -> NDArray[np.float64]:
-        """(N,) stamps [s] since another one [us]."""
+        """Converts the stamps (N,) to seconds since another stamp [us]."""
         return np.asarray((self.stamps_us - start_us) * 1e-6)
 
     def at(self, stamps_us: NDArray[np.int64]) -> se2.Array:
-        """Poses (M, 3) at other stamps (M,) [us], along constant-twist arcs; the ends are continued."""
+        """Interpolates poses (M, 3) at other stamps (M,) [us] along constant-twist arcs; the ends are continued."""
         start = self.stamps_us[0]
         return se2.interpolate((self.stamps_us - start) * 1e-6, self.poses, (stamps_us - start) * 1e-6)
 
     def mean_twists(self, begins_us: NDArray[np.int64], ends_us: NDArray[np.int64]) -> se2.Array:
-        """Mean twists (N, 3) [m/s, m/s, rad/s] from stamps (N,) to later ones (N,) [us]."""
+        """Returns the mean twists (N, 3) [m/s, m/s, rad/s] from stamps (N,) to later ones (N,) [us]."""
         moves = se2.wrapped_between(self.at(begins_us), self.at(ends_us))
         return np.asarray(se2.log(moves) / ((ends_us - begins_us) * 1e-6)[:, None])
 
-    def covers(self, start_us: int, end_us: int, slack_us: int = 500_000) -> bool:
-        """Whether the span from start_us to end_us lies within the trajectory, give or take slack_us at each end."""
+    def covers(self, start_us: int, end_us: int, slack_us: int) -> bool:
+        """Returns whether a span of time [us] lies within the trajectory, which may lack slack_us [us] of it at each end."""
         return bool(self.stamps_us[0] - slack_us <= start_us and end_us <= self.stamps_us[-1] + slack_us)

@@ -13,7 +13,7 @@ from mqslam.core.scans import Detected, PeakCounts, Returns, Scan, Scans
 from mqslam.detection.artefacts import drop_fixed
 from mqslam.detection.detector import detect_and_count
 from mqslam.errors import DataError
-from mqslam.execution.kept import kept_stretch
+from mqslam.execution.kept import describe_kept_stretch
 from mqslam.execution.runner import Runner
 
 _log = logging.getLogger(__name__)
@@ -92,7 +92,7 @@ def detect_all(
         _detect_span,
         (recording, config, strict),
         [(k, min(k + _CHUNK, total)) for k in range(0, total, _CHUNK)],
-        kept=lambda span: kept_stretch(*span),
+        kept=lambda span: describe_kept_stretch(*span),
         accept=lambda part: not (strict and part.unread),
         steps=lambda span: span[1] - span[0],
     )

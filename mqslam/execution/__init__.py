@@ -1,1 +1,1 @@
-"""Where work is done, and what keeps its results: engines, checkpoints, interrupts, whole files."""
+"""Where work is done and how its results are kept: engines, checkpoints, interrupts, and files written whole."""

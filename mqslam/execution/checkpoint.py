@@ -1,7 +1,7 @@
-"""What a run has computed so far, on disk, so that one that dies can be resumed.
+"""The checkpoint of a run: what it has computed so far is kept on disk, so that a run that dies can be resumed.
 
-Kept are the returns of every stretch of revolutions, the measurements once all are there, and the loops. A stage that
-was cut short is done again from its start; everything is deterministic, so the result is the same to the byte.
+A checkpoint keeps the returns of every stretch of polar scans, the measurements once all of them are made, and the loops. A
+stage that was cut short is done again from its start; everything is deterministic, so the result is the same to the byte.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from mqslam.config import Config, dump_yaml
 from mqslam.core.recording import Recording
 from mqslam.core.trajectory import Trajectory
 from mqslam.errors import ClusterError, MqslamError, OutputError, Remedy
-from mqslam.execution.files import write_text, written_whole
+from mqslam.execution.files import write_aside, write_text
 from mqslam.execution.kept import Kept
 
 R = TypeVar("R")
@@ -32,8 +32,8 @@ R = TypeVar("R")
 FOLDER = "checkpoint"
 
 
-def run_key(recording: Recording, config: Config, frontend: str, odometry: Trajectory | None) -> str:
-    """Returns what a run's result depends on, in one string: another key is another run."""
+def hash_run(recording: Recording, config: Config, frontend: str, odometry: Trajectory | None) -> str:
+    """Returns a hash of everything that a run's result depends on: runs with different keys are different runs."""
     digest = hashlib.sha256()
     path, resolution = str(recording.path.resolve()), str(recording.range_resolution)
     for text in (mqslam.__version__, dump_yaml(config), frontend, path, resolution):
@@ -45,16 +45,17 @@ def run_key(recording: Recording, config: Config, frontend: str, odometry: Traje
 
 
 @contextmanager
-def unfinished(out: Path, key: str, *, resume: bool, how: str = Remedy.RESUME) -> Iterator[Checkpoint]:
-    """Yields the checkpoint of a run while it goes on; what cannot be resumed to any end leaves nothing behind.
+def keep_checkpoint(out: Path, key: str, *, resume: bool, how: str = Remedy.RESUME) -> Iterator[Checkpoint]:
+    """Yields the checkpoint of a run, and keeps it after an error if the run can be resumed.
 
-    What is left behind by a full disk, a lost cluster, an interrupt or a fault of ours says how to go on.
+    A full disk, a lost cluster, an interrupt or an unforeseen error leaves the checkpoint behind, and the error says how to
+    go on. After any other error of mqslam resuming would fail in the same way, so that nothing is left behind.
 
     Args:
         out: the run's result folder.
-        key: what the run's result depends on.
+        key: hash of what the run's result depends on.
         resume: whether to use what an earlier run has left there.
-        how: how to go on.
+        how: how to go on, for the error's message.
     """
     checkpoint = Checkpoint(out, key, resume=resume)
     try:
@@ -74,15 +75,15 @@ def unfinished(out: Path, key: str, *, resume: bool, how: str = Remedy.RESUME) -
 
 
 class Checkpoint:
-    """A folder with the stages of one run.
+    """A folder with the results of one run's stages.
 
     Args:
         out: the run's result folder; the checkpoint lies in it while the run goes on.
-        key: what the run's result depends on.
+        key: hash of what the run's result depends on.
         resume: whether to use what is there.
 
     Raises:
-        OutputError: `resume` is given and what is there belongs to another run.
+        OutputError: `resume` is given, but the folder belongs to another run.
     """
 
     def __init__(self, out: Path, key: str, *, resume: bool) -> None:
@@ -101,7 +102,7 @@ class Checkpoint:
             raise OutputError(problem, Remedy.REPLACE_UNFINISHED_OUTPUT)
 
     def remove(self) -> None:
-        """Delete what was kept, and the result folder if it holds nothing else."""
+        """Deletes what was kept, and the result folder if it holds nothing else."""
         shutil.rmtree(self._folder, ignore_errors=True)
         with contextlib.suppress(OSError):
             self._folder.parent.rmdir()
@@ -112,32 +113,37 @@ class Checkpoint:
         return any(self._folder.glob("*.npz"))
 
     def find(self, kept: Kept[R]) -> R | None:
-        """Returns a result of a kind, if it was kept and its file is whole."""
+        """Returns the result of a kind, or None if it was not kept or its file is damaged."""
         arrays = self._load(kept.file, kept.names)
         return None if arrays is None else kept.unpack(arrays)
 
     def keep(self, kept: Kept[R], result: R) -> None:
-        """Keeps a result of a kind.
+        """Keeps the result of a kind.
 
         Raises:
-            OutputError: it cannot be written.
+            OutputError: the file cannot be written.
         """
         self._save(kept.file, kept.pack(result))
 
     def _load(self, name: str, arrays: Sequence[str]) -> dict[str, NDArray[Any]] | None:
-        """The arrays of a file by name, if it is there and whole."""
+        """Returns the arrays of a file by name, or None if it is missing or damaged."""
         try:
-            with np.load(self._folder / name, allow_pickle=False) as kept:
+            with (self._folder / name).open("rb") as file, np.load(file, allow_pickle=False) as kept:
                 return {key: kept[key] for key in arrays}
         except (OSError, EOFError, ValueError, KeyError, NotImplementedError, zipfile.BadZipFile):
             return None
 
     def _save(self, name: str, arrays: dict[str, NDArray[Any]]) -> None:
+        """Writes arrays to a file.
+
+        Raises:
+            OutputError: the file cannot be written.
+        """
         try:
             self._folder.mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise OutputError(f"{self._folder}: cannot be made ({error.strerror})", Remedy.CHOOSE_OUTPUT) from error
         if not (self._folder / "run.json").exists():
             write_text(self._folder / "run.json", json.dumps({"key": self._key}))
-        with written_whole(self._folder / name) as aside, aside.open("wb") as file:
+        with write_aside(self._folder / name) as aside, aside.open("wb") as file:
             np.savez(file, **arrays)  # type: ignore[arg-type]

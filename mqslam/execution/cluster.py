@@ -1,6 +1,7 @@
-"""Work on a Dask cluster: the stages' own functions are its tasks.
+"""An engine that works on a Dask cluster, whose tasks are calls of the stages' functions.
 
-Workers read the recording, whose path must be the same for all; what travels is returns, points and measurements.
+The workers read the recording themselves, so that its path must be the same on all machines; only returns, points and
+measurements are sent.
 """
 
 from __future__ import annotations
@@ -17,8 +18,8 @@ from typing import Any, TypeVar
 
 import mqslam
 from mqslam.errors import ClusterError, ConfigError
-from mqslam.execution.engine import unwatched
-from mqslam.execution.interrupts import shielded
+from mqslam.execution.engine import ignore_result
+from mqslam.execution.interrupts import shield_from_interrupts
 
 try:
     import dask
@@ -31,14 +32,14 @@ S = TypeVar("S")
 T = TypeVar("T")
 R = TypeVar("R")
 
-_ANSWER_S = 10.0  # a scheduler and its first worker have this long to answer
-_LOOK_S = 15.0  # between looks whether there are workers; none at two of them in a row is none
-_LOSSES = 3  # in a row, of all copies of what tasks share, after which it is not sent again
-_SMALL = 10_000  # bytes; what is larger may be lost with the workers that hold it
-_HERE = {  # of workers on this machine; the front end runs in one process with the scheduler, which is to wake seldom
+_ANSWER_S = 10.0  # how long a scheduler and its first worker may take to answer
+_LOOK_S = 15.0  # time between two checks for workers; a cluster without workers at two checks in a row has none
+_LOSSES = 3  # how many times in a row the data that tasks share is sent again after all of its copies are lost
+_SMALL = 10_000  # bytes; smaller data travels with each task and cannot be lost with a worker
+_HERE = {  # settings for workers on this machine; the scheduler shares a process with the front end and must wake rarely
     "distributed.worker.multiprocessing-method": "spawn",
     "distributed.scheduler.worker-ttl": None,
-    "distributed.scheduler.active-memory-manager.start": False,  # it takes away copies that only matter when a worker dies
+    "distributed.scheduler.active-memory-manager.start": False,  # it would remove copies, which matter when a worker dies
     "distributed.admin.tick.interval": "10s",
     "distributed.admin.system-monitor.interval": "10s",
     "distributed.worker.profile.enabled": False,
@@ -47,38 +48,41 @@ _LOGGERS = ("distributed", "distributed.client", "tornado")
 
 
 @contextmanager
-def connected(address: str) -> Iterator[DaskEngine]:
-    """The workers of a cluster.
+def connect(address: str) -> Iterator[DaskEngine]:
+    """Connects to a cluster and yields its workers as an engine.
 
     Args:
-        address: of a scheduler, `tcp://host:port`, or `local:N` for N workers on this machine while the block lasts.
+        address: `tcp://host:port` of a scheduler, or `local:N` for N workers on this machine while the block lasts.
 
     Raises:
-        ConfigError: it is neither.
-        ClusterError: nobody answers there, or with another version of mqslam.
+        ConfigError: the address has another form.
+        ClusterError: no scheduler answers there, or its machines have another version of mqslam.
     """
-    for name in _LOGGERS:  # what matters is said as an error, in one line
+    for name in _LOGGERS:  # what matters is raised as an error of one line
         logging.getLogger(name).setLevel(logging.CRITICAL)
     workers = re.fullmatch(r"local:([1-9]\d{0,3})", address)
     if workers is None and not re.fullmatch(r"(tcp|tls)://\S+:\d+", address):
         raise ConfigError(f"cluster {address}: give a scheduler's tcp://host:port, or local:N for N workers here")
-    with _local(int(workers[1])) if workers else contextlib.nullcontext(address) as scheduler:
+    with _start_workers(int(workers[1])) if workers else contextlib.nullcontext(address) as scheduler:
         try:
             client = Client(scheduler, timeout=_ANSWER_S, set_as_default=False)
         except (OSError, TimeoutError, ValueError) as error:
             raise ClusterError(f"{address}: no scheduler answers there; start one with 'dask scheduler'") from error
         try:
-            _check(client, address)
+            _check_versions(client, address)
             yield DaskEngine(client, address)
         finally:
             client.close(timeout=_ANSWER_S)
 
 
 @contextmanager
-def _local(workers: int) -> Iterator[LocalCluster]:
-    """Workers that end with the block; none sees Ctrl-C, and none is given up because it computes for long."""
+def _start_workers(workers: int) -> Iterator[LocalCluster]:
+    """Starts workers on this machine, which end with the block.
+
+    They never see Ctrl-C, and none is given up because it computes for a long time.
+    """
     with tempfile.TemporaryDirectory(prefix="mqslam-") as scratch, dask.config.set(_HERE):
-        with shielded():
+        with shield_from_interrupts():
             cluster = LocalCluster(
                 n_workers=workers,
                 threads_per_worker=1,
@@ -92,18 +96,18 @@ def _local(workers: int) -> Iterator[LocalCluster]:
             yield cluster
 
 
-def _check(client: Client, address: str) -> None:
-    """See that there are workers, and that scheduler and workers compute what this process would.
+def _check_versions(client: Client, address: str) -> None:
+    """Checks that there are workers, and that scheduler and workers have the same version of mqslam as this process.
 
     Raises:
-        ClusterError: they do not.
+        ClusterError: there are no workers, or a machine has another version.
     """
     try:
         client.wait_for_workers(1, timeout=_ANSWER_S)
     except TimeoutError as error:
         raise ClusterError(f"{address}: has no workers; start some with 'dask worker {address}'") from error
     try:
-        versions = {"scheduler": client.run_on_scheduler(_version), **client.run(_version)}
+        versions = {"scheduler": client.run_on_scheduler(_read_version), **client.run(_read_version)}
     except ImportError as error:
         raise ClusterError(f"{address}: a machine lacks mqslam ({error}); install it there") from error
     for where, version in versions.items():
@@ -111,18 +115,19 @@ def _check(client: Client, address: str) -> None:
             raise ClusterError(f"{where}: has mqslam {version}; install {mqslam.__version__} as on this machine")
 
 
-def _version() -> str:
+def _read_version() -> str:
+    """Returns the version of mqslam on the machine that runs this."""
     return mqslam.__version__
 
 
 class DaskEngine:
-    """The workers of a Dask cluster, as `mqslam.execution.engine.Engine` describes them.
+    """The workers of a Dask cluster as an engine (`mqslam.execution.engine.Engine`).
 
-    Tasks of a worker that dies are done again by another.
+    If a worker dies, another one does its tasks again.
 
     Args:
-        client: a connection to its scheduler.
-        address: what errors call it.
+        client: a connection to the cluster's scheduler.
+        address: the cluster's name in errors.
     """
 
     def __init__(self, client: Client, address: str) -> None:
@@ -131,7 +136,7 @@ class DaskEngine:
 
     @property
     def jobs(self) -> int:
-        """A worker has a call `apart` among others, and may not start processes."""
+        """Number of processes that a call of `map_apart` may use: one, since a worker may not start any."""
         return 1
 
     def map(
@@ -139,40 +144,40 @@ class DaskEngine:
         function: Callable[[S, T], R],
         shared: S,
         items: Sequence[T],
-        done: Callable[[int, R], None] = unwatched,
+        done: Callable[[int, R], None] = ignore_result,
         *,
         processes: bool = False,
     ) -> list[R]:
-        """As `Engine.map`; every worker is a process."""
+        """Calls the function as `Engine.map` does; every worker is a process."""
 
         def take(future: Future) -> R:
             try:
-                result: R = self._result(future)
+                result: R = self._wait_for(future)
             except KilledWorker as error:
-                raise ClusterError(f"{self._address}: workers die of a task; give each more memory") from error
+                raise ClusterError(f"{self._address}: workers died of a task; give each worker more memory") from error
             return result
 
-        return self._each(function, shared, items, take, done)
+        return self._collect(function, shared, items, take, done)
 
-    def apart(
+    def map_apart(
         self,
         function: Callable[[S, T], R],
         shared: S,
         items: Sequence[T],
-        done: Callable[[int, R | None], None] = unwatched,
+        done: Callable[[int, R | None], None] = ignore_result,
     ) -> list[R | None]:
-        """As `Engine.apart`, as many at a time as there are workers."""
+        """Calls the function as `Engine.map_apart` does, as many at a time as there are workers."""
 
         def take(future: Future) -> R | None:
             try:
-                result: R = self._result(future)
+                result: R = self._wait_for(future)
             except KilledWorker:
                 return None
             return result
 
-        return self._each(function, shared, items, take, done)
+        return self._collect(function, shared, items, take, done)
 
-    def _each(
+    def _collect(
         self,
         function: Callable[[S, T], Any],
         shared: S,
@@ -180,78 +185,88 @@ class DaskEngine:
         take: Callable[[Future], R],
         done: Callable[[int, R], None],
     ) -> list[R]:
-        """What is taken of the tasks' futures; what is missing is sent again if the workers that held `shared` have died."""
-        found: list[R] = []
+        """Returns the tasks' results; if the workers that held `shared` have died, the missing tasks are sent again."""
+        results: list[R] = []
         losses = 0
-        while len(found) < len(items):
-            futures = self._sent(function, shared, items[len(found) :])
+        while len(results) < len(items):
+            futures = self._send(function, shared, items[len(results) :])
             try:
                 for future in futures:
                     result = take(future)
                     losses = 0
-                    found.append(result)
-                    done(len(found), result)
+                    results.append(result)
+                    done(len(results), result)
             except FutureCancelledError as error:
                 losses += 1
                 if losses > _LOSSES:
-                    raise self._gone(None) from error
+                    raise self._describe_loss(None) from error
             finally:
                 if not self._lost:
                     self._client.cancel(futures)
-        return found
+        return results
 
-    def _sent(self, function: Callable[[S, T], Any], shared: S, items: Sequence[T]) -> list[Future]:
-        """A task per item; what they share travels with each if it is small, and before them to every worker if not."""
+    def _send(self, function: Callable[[S, T], Any], shared: S, items: Sequence[T]) -> list[Future]:
+        """Sends a task per item; if what they share is large, it is sent to every worker beforehand."""
         if len(pickle.dumps(shared)) < _SMALL:
             alone: list[Future] = self._client.map(partial(_attempt, function, shared), items, pure=False)
             return alone
         try:
             self._client.wait_for_workers(1, timeout=2.0 * _LOOK_S)
-            held = self._client.scatter([shared], broadcast=True, hash=False)
+            copies = self._client.scatter([shared], broadcast=True, hash=False)
         except (OSError, FutureCancelledError) as error:
-            raise self._gone(error) from error
-        futures: list[Future] = self._client.map(partial(_attempt, function), held * len(items), items, pure=False)
+            raise self._describe_loss(error) from error
+        futures: list[Future] = self._client.map(partial(_attempt, function), copies * len(items), items, pure=False)
         return futures
 
-    def _result(self, future: Future) -> Any:
-        """A task's result, as long as there is anyone to do it."""
+    def _wait_for(self, future: Future) -> Any:
+        """Waits for a task's result and returns it.
+
+        Raises:
+            ClusterError: there is no worker left that could do the task.
+        """
         unmanned = 0
         while unmanned < 2:
             try:
                 result, error = future.result(timeout=_LOOK_S)
             except TimeoutError:
-                unmanned = 0 if self._manned() else unmanned + 1
+                unmanned = 0 if self._has_workers() else unmanned + 1
                 continue
             except OSError as lost:
-                raise self._gone(lost) from lost
+                raise self._describe_loss(lost) from lost
             except FutureCancelledError as lost:
                 if self._lost or lost.reason == "scheduler-connection-lost":
-                    raise self._gone(lost) from lost
+                    raise self._describe_loss(lost) from lost
                 raise
             if error is not None:
                 raise error
             return result
-        raise self._gone(None)
+        raise self._describe_loss(None)
 
-    def _manned(self) -> bool:
+    def _has_workers(self) -> bool:
+        """Returns whether the cluster has any workers.
+
+        Raises:
+            ClusterError: the connection to the scheduler is lost.
+        """
         try:
             return bool(self._client.nthreads())
         except OSError as error:
-            raise self._gone(error) from error
+            raise self._describe_loss(error) from error
 
     @property
     def _lost(self) -> bool:
+        """Whether the connection to the scheduler is lost."""
         return bool(self._client.status != "running")
 
-    def _gone(self, error: Exception | None) -> ClusterError:
-        """What to say; only waiting for workers ends by the clock, whatever else fails is the connection."""
+    def _describe_loss(self, error: Exception | None) -> ClusterError:
+        """Returns the error of a lost cluster: only a wait for workers ends by a timeout, all else is the connection."""
         unmanned = error is None or isinstance(error, TimeoutError)
         what = "has no workers left" if unmanned and not self._lost else "the connection to the scheduler is lost"
         return ClusterError(f"{self._address}: {what}")
 
 
 def _attempt(function: Callable[[S, T], R], shared: S, item: T) -> tuple[R | None, Exception | None]:
-    """What the function returns or raises: what a future raises itself is the cluster's own."""
+    """Returns what the function returns or raises, so that whatever a future raises is an error of the cluster itself."""
     try:
         return function(shared, item), None
     except Exception as error:

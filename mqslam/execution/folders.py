@@ -1,4 +1,4 @@
-"""Folders of results: seen to be free beforehand, and written aside and renamed, so that one is either whole or absent."""
+"""Result folders: each is checked to be free beforehand, written beside its place and renamed: it is whole or absent."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from mqslam.execution.checkpoint import FOLDER
 
 
 @contextmanager
-def whole_folder(out: Path) -> Iterator[Path]:
-    """A folder aside that takes the place of `out` when the block ends without an error.
+def write_folder_aside(out: Path) -> Iterator[Path]:
+    """Yields a folder beside `out` that takes the place of `out` when the block ends without an error.
 
-    Its name is always the same, so that what a killed run leaves there is cleared by the next one.
+    Its name is always the same, so that the next run clears what a killed run has left there.
 
     Raises:
-        OutputError: it cannot be written.
+        OutputError: the folder cannot be written.
     """
     aside, replaced = out.parent / f".{out.name}.unfinished", out.parent / f".{out.name}.replaced"
     shutil.rmtree(aside, ignore_errors=True)
@@ -41,7 +41,7 @@ def whole_folder(out: Path) -> Iterator[Path]:
 
 
 def check_free(out: Path, *, force: bool, resume: bool = False, recording: Path | None = None) -> None:
-    """See that a folder may be written before hours are spent on what goes into it.
+    """Checks that a result folder may be written, before hours are spent on its content.
 
     Args:
         out: the folder.
@@ -50,10 +50,11 @@ def check_free(out: Path, *, force: bool, resume: bool = False, recording: Path 
         recording: what the result is computed from, which must not be replaced by it.
 
     Raises:
-        OutputError: it exists with content and neither is given, holds the recording, is a file or cannot be made.
+        OutputError: the folder exists with content that may be neither replaced nor resumed, holds the recording or lies in
+            it, is a file, or cannot be made.
     """
     if out.name in ("", ".."):
-        raise OutputError(f"{out}: is no name of a new folder", Remedy.CHOOSE_OUTPUT)
+        raise OutputError(f"{out}: is not the name of a new folder", Remedy.CHOOSE_OUTPUT)
     unfinished = (out / FOLDER).is_dir()
     if out.is_file() or (out.is_dir() and any(out.iterdir()) and not force and not (resume and unfinished)):
         remedy = Remedy.CHOOSE_OR_RESUME_OUTPUT if unfinished else Remedy.CHOOSE_OR_REPLACE_OUTPUT
@@ -66,24 +67,24 @@ def check_free(out: Path, *, force: bool, resume: bool = False, recording: Path 
 
 
 def check_writable(out: Path) -> None:
-    """See that the folder nearest above what is to be made may be written to.
+    """Checks that the nearest existing folder above a new file or folder may be written to.
 
     Args:
-        out: what is to be made.
+        out: the new file or folder.
 
     Raises:
-        OutputError: it may not.
+        OutputError: that folder may not be written to.
     """
     above = next(folder for folder in out.absolute().parents if folder.exists())
     if not (above.is_dir() and os.access(above, os.W_OK)):
-        raise OutputError(f"{out}: cannot be made ({above} is no folder to write to)", Remedy.CHOOSE_OUTPUT)
+        raise OutputError(f"{out}: cannot be made ({above} is not a folder that may be written to)", Remedy.CHOOSE_OUTPUT)
 
 
-def new_folder(path: Path) -> Path:
-    """Make an output folder that must not hold anything yet.
+def make_folder(path: Path) -> Path:
+    """Makes an output folder and returns it; it must not hold anything yet.
 
     Raises:
-        OutputError: it exists with content, is a file, or cannot be made.
+        OutputError: the folder exists with content, is a file, or cannot be made.
     """
     if path.exists() and (not path.is_dir() or any(path.iterdir())):
         raise OutputError(f"{path}: exists already", Remedy.CHOOSE_OR_REMOVE_OUTPUT)

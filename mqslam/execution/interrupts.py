@@ -1,4 +1,4 @@
-"""Ctrl-C and SIGTERM: workers end, files are left whole, and the command says in one line that it was stopped."""
+"""Handling of Ctrl-C and SIGTERM: workers end, files stay whole, and the command says in one line that it was stopped."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ _SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
 
 class Interrupted(BaseException):
-    """A signal asked the command to stop; its notes say how to go on.
+    """The interrupt that a signal has asked for; its notes say how to go on.
 
     Args:
-        number: of the signal.
+        number: number of the signal.
     """
 
     def __init__(self, number: int) -> None:
@@ -27,10 +27,10 @@ class Interrupted(BaseException):
 
 
 @contextmanager
-def interruptible() -> Iterator[None]:
-    """SIGINT and SIGTERM raise `Interrupted` in the main thread and end all workers, while the block lasts.
+def raise_interrupts() -> Iterator[None]:
+    """Makes SIGINT and SIGTERM end all workers and raise `Interrupted` in the main thread, while the block lasts.
 
-    A signal that is ignored, as a shell has it in its background jobs, stays ignored.
+    A signal that is ignored, as shells do for their background jobs, stays ignored.
     """
     before = {number: signal.getsignal(number) for number in _SIGNALS}
     taken = [number for number in _SIGNALS if before[number] is not signal.SIG_IGN]
@@ -39,7 +39,7 @@ def interruptible() -> Iterator[None]:
     def stop(number: int, frame: FrameType | None) -> None:
         received.append(number)
         for other in _SIGNALS:
-            signal.signal(other, signal.SIG_IGN)  # another one would stop the cleaning up
+            signal.signal(other, signal.SIG_IGN)  # a second signal would stop the cleaning up
         for worker in active_children():
             worker.terminate()
         raise Interrupted(number)
@@ -49,7 +49,7 @@ def interruptible() -> Iterator[None]:
     try:
         yield
     except Exception as error:
-        if received:  # a library that was just being imported makes an ImportError of it
+        if received:  # a library that was being imported turns the interrupt into an ImportError
             stopped = Interrupted(received[0])
             for note in getattr(error, "__notes__", []):
                 stopped.add_note(note)
@@ -61,8 +61,8 @@ def interruptible() -> Iterator[None]:
 
 
 @contextmanager
-def shielded() -> Iterator[None]:
-    """Processes that are started inside never see SIGINT: the terminal sends it to all, and the main process ends them."""
+def shield_from_interrupts() -> Iterator[None]:
+    """Hides SIGINT from processes that the block starts: the terminal sends it to all, but the main process ends them."""
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         yield

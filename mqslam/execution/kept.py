@@ -1,4 +1,4 @@
-"""What a run keeps on disk of its stages, and how each kind becomes named arrays and comes back."""
+"""The kinds of results that a checkpoint keeps, and how each becomes named arrays and is restored from them."""
 
 from __future__ import annotations
 
@@ -34,14 +34,15 @@ class Kept(Generic[R]):
     unpack: Callable[[Arrays], R]
 
 
-def kept_stretch(begin: int, end: int) -> Kept[Detected]:
-    """Returns how the returns of the polar scans begin <= k < end are kept."""
-    names = [*_names(Returns), "ends", "unread", "why", "counts"]
+def describe_kept_stretch(begin: int, end: int) -> Kept[Detected]:
+    """Returns the kind that keeps the returns of the polar scans begin <= k < end."""
+    names = [*_list_fields(Returns), "ends", "unread", "why", "counts"]
     return Kept(f"returns-{begin:06d}-{end:06d}.npz", names, _pack_detected, _unpack_detected)
 
 
 def _pack_detected(detected: Detected) -> Arrays:
-    arrays = {name: np.concatenate([getattr(r, name) for r in detected.returns]) for name in _names(Returns)}
+    """Returns detected returns as arrays: those of all scans joined, and where each scan ends."""
+    arrays = {name: np.concatenate([getattr(r, name) for r in detected.returns]) for name in _list_fields(Returns)}
     arrays["ends"] = np.cumsum([len(r) for r in detected.returns])
     arrays["counts"] = np.array(astuple(detected.counts), dtype=np.int64)
     arrays["unread"] = np.array(list(detected.unread), dtype=np.int64)
@@ -51,7 +52,8 @@ def _pack_detected(detected: Detected) -> Arrays:
 
 
 def _unpack_detected(arrays: Arrays) -> Detected:
-    columns = [np.split(arrays[name], arrays["ends"][:-1]) for name in _names(Returns)]
+    """Returns the detected returns that arrays hold."""
+    columns = [np.split(arrays[name], arrays["ends"][:-1]) for name in _list_fields(Returns)]
     returns = [Returns(*(np.ascontiguousarray(part) for part in parts)) for parts in zip(*columns, strict=True)]
     errors = (DataError(*words) for words in arrays["why"].tolist())
     unread = dict(zip(arrays["unread"].tolist(), errors, strict=True))
@@ -59,14 +61,16 @@ def _unpack_detected(arrays: Arrays) -> Detected:
 
 
 def _pack_measured(measured: Measured) -> Arrays:
+    """Returns measurements as arrays, one per field."""
     arrays: Arrays = {"doppler_beta": np.array(measured.doppler_beta)}
-    for name in _names(Measurement):
+    for name in _list_fields(Measurement):
         arrays[name] = np.array([getattr(m, name) for m in measured.measurements])
     return arrays
 
 
 def _unpack_measured(arrays: Arrays) -> Measured:
-    rows = zip(*(arrays[name] for name in _names(Measurement)), strict=True)
+    """Returns the measurements that arrays hold."""
+    rows = zip(*(arrays[name] for name in _list_fields(Measurement)), strict=True)
     measurements = [
         Measurement(
             float(t0),
@@ -85,21 +89,24 @@ def _unpack_measured(arrays: Arrays) -> Measured:
 
 
 def _pack_loops(search: LoopSearch) -> Arrays:
+    """Returns loops as arrays, one per field."""
     arrays: Arrays = {"tried": np.array(search.tried)}
-    for name in _names(Loop):
+    for name in _list_fields(Loop):
         arrays[name] = np.array([getattr(loop, name) for loop in search.loops])
     return arrays
 
 
 def _unpack_loops(arrays: Arrays) -> LoopSearch:
-    rows = zip(*(arrays[name] for name in _names(Loop)), strict=True)
+    """Returns the loops that arrays hold."""
+    rows = zip(*(arrays[name] for name in _list_fields(Loop)), strict=True)
     loops = [Loop(int(a), int(b), pose, covariance, float(share), float(psi)) for a, b, pose, covariance, share, psi in rows]
     return LoopSearch(loops, int(arrays["tried"]))
 
 
-def _names(kind: type) -> list[str]:
+def _list_fields(kind: type) -> list[str]:
+    """Returns the names of a dataclass's fields."""
     return [f.name for f in fields(kind)]
 
 
-MEASURED = Kept("measurements.npz", [*_names(Measurement), "doppler_beta"], _pack_measured, _unpack_measured)
-LOOPS = Kept("loops.npz", [*_names(Loop), "tried"], _pack_loops, _unpack_loops)
+MEASURED = Kept("measurements.npz", [*_list_fields(Measurement), "doppler_beta"], _pack_measured, _unpack_measured)
+LOOPS = Kept("loops.npz", [*_list_fields(Loop), "tried"], _pack_loops, _unpack_loops)

@@ -1,4 +1,4 @@
-"""How a stage tells that it goes on."""
+"""How a stage reports its progress."""
 
 from __future__ import annotations
 
@@ -7,5 +7,5 @@ from collections.abc import Callable
 Progress = Callable[[str, int, int], object]  # stage, done, total
 
 
-def silent(stage: str, done: int, total: int) -> None:
-    """Progress that nobody sees."""
+def ignore_progress(stage: str, done: int, total: int) -> None:
+    """Does nothing: nobody sees the progress."""

@@ -1,4 +1,4 @@
-"""The one place that times stages, keeps and finds their results, reports progress and tolerates failures."""
+"""The runner: times stages, keeps and finds their results, reports their progress and tolerates failures."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from mqslam.errors import tolerate
 from mqslam.execution.checkpoint import Checkpoint
 from mqslam.execution.engine import HERE, Engine
 from mqslam.execution.kept import Kept
-from mqslam.execution.progress import Progress, silent
+from mqslam.execution.progress import Progress, ignore_progress
 
 S = TypeVar("S")
 T = TypeVar("T")
@@ -28,18 +28,18 @@ _log = logging.getLogger(__name__)
 
 
 def _accept(result: object) -> bool:
-    """Returns that any result that was kept is good enough."""
+    """Returns True: any result that was kept is good enough."""
     return True
 
 
 class Runner:
-    """What wraps around the stages of one run.
+    """The services that wrap around the stages of one run.
 
     Args:
         engine: where work is done; no result depends on it.
-        progress: called as stages go on.
-        checkpoint: where results of stages are kept and looked for; None keeps nothing.
-        watch: called with every scan once its motion is measured, its pose and its points, in the frame of the first scan.
+        progress: called with a stage, the number of steps done and their total, as stages go on.
+        checkpoint: keeps and finds the results of stages; None keeps nothing.
+        watch: called with every scan once its motion is measured, with its pose and its points in the first scan's frame.
 
     Attributes:
         runtime_s: seconds by stage so far.
@@ -49,7 +49,7 @@ class Runner:
     def __init__(
         self,
         engine: Engine = HERE,
-        progress: Progress = silent,
+        progress: Progress = ignore_progress,
         checkpoint: Checkpoint | None = None,
         watch: Watch | None = None,
     ) -> None:
@@ -61,20 +61,20 @@ class Runner:
         self._checkpoint = checkpoint
 
     @contextmanager
-    def timed(self, stage: str) -> Iterator[None]:
-        """Adds the time that the block takes to that of a stage, unless the block raises."""
+    def time_stage(self, stage: str) -> Iterator[None]:
+        """Adds the time that the block takes to the runtime of a stage, unless the block raises."""
         begin = time.perf_counter()
         yield
         spent = time.perf_counter() - begin
         self.runtime_s[stage] = self.runtime_s.get(stage, 0.0) + spent
         _log.info("%s took %.2f s", stage, spent)
 
-    def optional(self, what: str) -> AbstractContextManager[None]:
-        """Turns an error of the block into a warning, as `mqslam.errors.tolerate` does."""
+    def tolerate(self, what: str) -> AbstractContextManager[None]:
+        """Turns an error of the block into one of the warnings, as `mqslam.errors.tolerate` does."""
         return tolerate(what, self.warnings)
 
     def find(self, kept: Kept[R]) -> R | None:
-        """Returns what an earlier run has kept of a stage, or None."""
+        """Returns the result of a stage that an earlier run has kept, or None."""
         return self._checkpoint.find(kept) if self._checkpoint else None
 
     def keep(self, kept: Kept[R], result: R) -> None:
@@ -82,8 +82,8 @@ class Runner:
         if self._checkpoint:
             self._checkpoint.keep(kept, result)
 
-    def once(self, kept: Kept[R], make: Callable[[], R]) -> R:
-        """Returns what an earlier run has kept of a stage, or else makes and keeps it."""
+    def make_once(self, kept: Kept[R], make: Callable[[], R]) -> R:
+        """Returns the result of a stage that an earlier run has kept, or makes and keeps it now."""
         result = self.find(kept)
         if result is None:
             result = make()
@@ -91,13 +91,13 @@ class Runner:
         return result
 
     def follow(self, stage: str, items: Iterable[T], total: int, before: int = 0) -> Iterator[T]:
-        """Yields the items of a stage that makes one after the other, and reports each as progress.
+        """Yields the items that a stage makes one after the other, and reports each as progress.
 
         Args:
             stage: name of the stage.
-            items: what it makes.
+            items: the items it makes.
             total: number of steps of the whole stage.
-            before: number of steps that are done when the first item has yet to be made.
+            before: number of steps that are done before the first item.
         """
         for number, item in enumerate(items, before + 1):
             self.progress(stage, number, total)
@@ -114,16 +114,16 @@ class Runner:
         accept: Callable[[R], bool] = _accept,
         steps: Callable[[T], int],
     ) -> list[R]:
-        """Returns function(shared, item) for each item, in their order: found where it was kept, or made and kept now.
+        """Returns function(shared, item) for each item, in order; each result is one that was kept, or is made and kept now.
 
         Args:
             stage: name of the stage, for progress.
-            function: what is called; it spends its time in Python, so that each worker is a process.
+            function: the function to call; it spends its time in Python, so that each worker is a process.
             shared: its first argument.
             items: its second arguments.
-            kept: how the result for an item is kept.
-            accept: whether a result that was kept is good enough.
-            steps: number of steps that an item counts for in the progress.
+            kept: returns how the result for an item is kept.
+            accept: returns whether a result that was kept is good enough.
+            steps: returns the number of steps that an item counts for in the progress.
         """
         results: dict[int, R] = {}
         for k, item in enumerate(items):

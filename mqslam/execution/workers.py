@@ -1,4 +1,4 @@
-"""Where a command's work is done."""
+"""The choice of the engine that does a command's work."""
 
 from __future__ import annotations
 
@@ -11,8 +11,12 @@ if TYPE_CHECKING:
 
 
 @contextmanager
-def chosen(cluster: str | None, jobs: int) -> Iterator[Engine]:
-    """The workers of a cluster if there is an address of one, or so many jobs on this machine.
+def choose_engine(cluster: str | None, jobs: int) -> Iterator[Engine]:
+    """Yields the workers of a cluster, or this machine's if no cluster is given.
+
+    Args:
+        cluster: address of a cluster, or None.
+        jobs: number of processes to use on this machine.
 
     Raises:
         ClusterError: the cluster cannot be used.
@@ -22,7 +26,7 @@ def chosen(cluster: str | None, jobs: int) -> Iterator[Engine]:
 
         yield LocalEngine(jobs)
     else:
-        from mqslam.execution.cluster import connected
+        from mqslam.execution.cluster import connect
 
-        with connected(cluster) as engine:
+        with connect(cluster) as engine:
             yield engine

@@ -13,19 +13,20 @@ from numpy.typing import NDArray
 from mqslam.core.timed_cloud import TimedCloud
 from mqslam.errors import DataError, MqslamError
 from mqslam.formats.shared import npz
-from mqslam.formats.shared.stamps import microseconds_of, time_unit
+from mqslam.formats.shared.stamps import convert_stamps, time_unit
 
 _WANTED = "a cloud needs x, y and one of time, t, timestamp, stamp or gps_time for every point"
-_COARSEST_S = 0.05
-_MOST_EXPANSION = 1000
-_RECORD_BYTES, _COMPRESSED = 54, 0x80
-_MOST_NUMBERS = 10_000  # of a point
+_COARSEST_S = 0.05  # coarser times cannot tell one sweep of a sensor from the next: such files are refused
+_NOTED_S = 1e-3  # finer steps of time than this move no map and are not worth a note
+_MOST_EXPANSION = 1000  # times its size a file may claim to hold: larger claims would fill the memory
+_MOST_NUMBERS = 10_000  # of a point, for the same reason
+_RECORD_BYTES, _COMPRESSED = 54, 0x80  # of LAS: header of a variable-length record, and flag of compressed points
 _PANIC = "PanicException"  # what lazrs, written in Rust, raises beside all of Python's exceptions
 Columns = Mapping[str, Any]
 
 
 def read_cloud(path: Path, z_range: tuple[float, float] | None = None) -> TimedCloud:
-    """Read a cloud, such as the `map.ply` of a run, into the plane and the order of its times.
+    """Reads a cloud, such as the `map.ply` of a run, as points in the plane in the order of their times.
 
     Times are seconds, above 1e14 microseconds and above 1e17 nanoseconds, unless the field's name ends in a unit (t_us).
 
@@ -35,7 +36,7 @@ def read_cloud(path: Path, z_range: tuple[float, float] | None = None) -> TimedC
         z_range: lowest and highest z [m] to keep; None keeps every point, whatever its z.
 
     Raises:
-        DataError: unreadable, no time, or no points.
+        DataError: the file cannot be read, or has no times or no points.
     """
     load = _LOADERS.get(path.suffix.lower())
     if load is None:
@@ -44,26 +45,27 @@ def read_cloud(path: Path, z_range: tuple[float, float] | None = None) -> TimedC
         columns = load(path)
     except MqslamError:
         raise
-    except BaseException as error:  # each library has errors of its own, and lets NumPy's and the system's through
+    except BaseException as error:  # each library raises errors of its own besides NumPy's and the system's
         if not isinstance(error, Exception) and type(error).__name__ != _PANIC:
             raise
         reason = (getattr(error, "strerror", None) or str(error) or type(error).__name__).splitlines()[0][:160]
         raise DataError(path, f"is not a readable {path.suffix} ({reason})", "write it anew") from error
-    return _cloud(path, columns, z_range)
+    return _make_cloud(path, columns, z_range)
 
 
-def _cloud(path: Path, columns: Columns, z_range: tuple[float, float] | None) -> TimedCloud:
+def _make_cloud(path: Path, columns: Columns, z_range: tuple[float, float] | None) -> TimedCloud:
+    """Makes a cloud of the columns of a file."""
     name, unit = next(((name, unit) for name in columns if (unit := time_unit(name)) is not None), (None, ""))
     if name is None or "x" not in columns or "y" not in columns:
         missing = "time per point" if name is None else "x and y"
         raise DataError(path, f"has no {missing} (fields: {', '.join([*columns][:20]) or 'none'})", _WANTED)
     if z_range is not None and "z" not in columns:
         raise DataError(path, "has no z to choose points by", "leave the range of z out")
-    x, y, times = (_numbers(path, columns, field) for field in ("x", "y", name))
-    z = _numbers(path, columns, "z") if z_range is not None else None
+    x, y, times = (_read_column(path, columns, field) for field in ("x", "y", name))
+    z = _read_column(path, columns, "z") if z_range is not None else None
     if len({len(x), len(y), len(times)}) > 1 or (z is not None and len(z) != len(x)):
         raise DataError(path, f"has {len(x)} x, {len(y)} y and {len(times)} times", "write it anew")
-    notes = [_precision(path, name, times)] if times.dtype == np.float32 and len(times) else []
+    notes = [_note_precision(path, name, times)] if times.dtype == np.float32 and len(times) else []
     whole = np.isfinite(x) & np.isfinite(y) & np.isfinite(times)
     if dropped := len(x) - int(np.count_nonzero(whole)):
         notes.append(f"{dropped} points that are not finite are left out")
@@ -73,7 +75,7 @@ def _cloud(path: Path, columns: Columns, z_range: tuple[float, float] | None) ->
     if not whole.any():
         raise DataError(path, "holds no points", "check how it was written, and the range of z")
     try:
-        stamps, unit = microseconds_of(times[whole], unit)
+        stamps, unit = convert_stamps(times[whole], unit)
     except ValueError as error:
         raise DataError(path, f"{name} {error}", _WANTED) from error
     order = np.argsort(stamps, kind="stable")
@@ -82,16 +84,16 @@ def _cloud(path: Path, columns: Columns, z_range: tuple[float, float] | None) ->
     return TimedCloud(path, points[order], stamps[order], tuple(note for note in notes if note))
 
 
-def _numbers(path: Path, columns: Columns, name: str) -> NDArray[Any]:
-    """A column (N,), once it has been found to hold one number per point."""
+def _read_column(path: Path, columns: Columns, name: str) -> NDArray[Any]:
+    """Returns a column (N,), and checks that it holds one number per point."""
     column: NDArray[Any] = np.asarray(columns[name])
     if column.ndim != 1 or column.dtype.kind not in "iuf":
         raise DataError(path, f"{name} is {column.ndim}-dimensional {column.dtype}, not a number per point", _WANTED)
     return column
 
 
-def _precision(path: Path, name: str, times: NDArray[np.float32]) -> str:
-    """What to say about the step between single-precision times; "" where it does not matter.
+def _note_precision(path: Path, name: str, times: NDArray[np.float32]) -> str:
+    """Words a note on the step between single-precision times; "" where it does not matter.
 
     Raises:
         DataError: the steps are too long to tell one sweep from the next, as in seconds since 1970.
@@ -100,10 +102,11 @@ def _precision(path: Path, name: str, times: NDArray[np.float32]) -> str:
     if step > _COARSEST_S:
         problem = f"{name} is single-precision, which cannot tell times less than {step:.3g} s apart"
         raise DataError(path, problem, "write it as double, or count it from the recording's start")
-    return f"{name} is single-precision: times come in steps of {step:.2g} s" if step > 1e-3 else ""
+    return f"{name} is single-precision: times come in steps of {step:.2g} s" if step > _NOTED_S else ""
 
 
-def _ply(path: Path) -> Columns:
+def _load_ply(path: Path) -> Columns:
+    """Loads the properties of the vertices of a PLY."""
     from plyfile import PlyData
 
     content = PlyData.read(str(path))
@@ -113,7 +116,8 @@ def _ply(path: Path) -> Columns:
     return {name: vertices[name] for name in vertices.dtype.names}
 
 
-def _pcd(path: Path) -> Columns:
+def _load_pcd(path: Path) -> Columns:
+    """Loads the fields of a PCD."""
     from pypcd4.pypcd4 import MetaData, PointCloud
 
     with path.open("rb") as file:
@@ -132,10 +136,11 @@ def _pcd(path: Path) -> Columns:
     return {name: points[name] for name in header.fields if name in (points.dtype.names or ())}
 
 
-def _las(path: Path) -> Columns:
+def _load_las(path: Path) -> Columns:
+    """Loads the dimensions of a LAS or LAZ, with coordinates in metres."""
     import laspy
 
-    if not _plausible_las(path):
+    if not _is_plausible_las(path):
         raise DataError(path, "has a damaged header or chunk table", "copy it anew")
     backend = laspy.LazBackend.Lazrs  # the parallel one aborts the process on damaged chunks
     with laspy.open(path, laz_backend=backend, read_evlrs=False) as file:
@@ -149,8 +154,8 @@ def _las(path: Path) -> Columns:
     return {"x": cloud.x, "y": cloud.y, "z": cloud.z, **{name: cloud[name] for name in fields}}
 
 
-def _plausible_las(path: Path) -> bool:
-    """Whether the file can hold the records and compressed chunks it claims: laspy and lazrs allocate what they read."""
+def _is_plausible_las(path: Path) -> bool:
+    """Returns whether the file can hold the records and chunks it claims: laspy and lazrs allocate what they read."""
     size = path.stat().st_size
     with path.open("rb") as file:
         head = file.read(107).ljust(107, b"\0")
@@ -160,7 +165,7 @@ def _plausible_las(path: Path) -> bool:
         if not head[104] & _COMPRESSED:
             return True
         file.seek(header_size)
-        if not _plausible_items(file.read(points_at - header_size), records, int.from_bytes(head[105:107], "little")):
+        if not _are_plausible_items(file.read(points_at - header_size), records, int.from_bytes(head[105:107], "little")):
             return False
         file.seek(points_at)
         (table_at,) = struct.unpack("<q", file.read(8).ljust(8, b"\0"))
@@ -174,8 +179,8 @@ def _plausible_las(path: Path) -> bool:
     return bool(chunks <= size)
 
 
-def _plausible_items(block: bytes, records: int, point_bytes: int) -> bool:
-    """Whether records of a LAZ file say how points are packed, in items that add up to a point; else lazrs panics."""
+def _are_plausible_items(block: bytes, records: int, point_bytes: int) -> bool:
+    """Returns whether records of a LAZ file say how points are packed, in items that add up to a point, or lazrs panics."""
     at = 0
     for _ in range(records):
         user, number, length = struct.unpack_from("<2x16sHH", block.ljust(at + _RECORD_BYTES, b"\0"), at)
@@ -188,18 +193,25 @@ def _plausible_items(block: bytes, records: int, point_bytes: int) -> bool:
     return False
 
 
-def _npz(path: Path) -> Columns:
-    with npz.opened(path, _WANTED) as archive:
-        names = npz.names_of(archive)
+def _load_npz(path: Path) -> Columns:
+    """Loads the arrays of an `.npz`; those that a cloud does not need are named and left empty."""
+    with npz.open_npz(path, _WANTED) as archive:
+        names = npz.list_arrays(archive)
         wanted = [name for name in names if name in ("x", "y", "z") or time_unit(name) is not None]
-        columns = {name: npz.array_of(archive, name) for name in wanted}
+        columns = {name: npz.read_array(archive, name) for name in wanted}
         others = {name: () for name in names if name not in columns}
         if "points" in others:
-            points = npz.array_of(archive, "points")
+            points = npz.read_array(archive, "points")
             if points.ndim != 2 or points.shape[1] not in (2, 3):
                 raise DataError(path, f"points are {points.shape}", "give points (N, 2) or (N, 3)")
             columns.update(zip("xyz", points.T, strict=False))
     return {**columns, **others}
 
 
-_LOADERS: dict[str, Callable[[Path], Columns]] = {".ply": _ply, ".pcd": _pcd, ".las": _las, ".laz": _las, ".npz": _npz}
+_LOADERS: dict[str, Callable[[Path], Columns]] = {
+    ".ply": _load_ply,
+    ".pcd": _load_pcd,
+    ".las": _load_las,
+    ".laz": _load_las,
+    ".npz": _load_npz,
+}

@@ -13,11 +13,11 @@ if TYPE_CHECKING:
     import gtsam
 
 
-def g2o(factors: gtsam.NonlinearFactorGraph, values: gtsam.Values, size: int) -> str:
-    """The text of a graph; GTSAM's own writer takes no robust noise, so the Gaussian under it is written.
+def format_g2o(factors: gtsam.NonlinearFactorGraph, values: gtsam.Values, size: int) -> str:
+    """Formats a graph as text; GTSAM's own writer takes no robust noise, so the Gaussian under it is written.
 
     Args:
-        factors: of which the between-factors are written.
+        factors: the graph, of which the between-factors are written.
         values: the poses x0 .. x(size - 1).
         size: number of poses.
     """
@@ -43,7 +43,7 @@ def g2o(factors: gtsam.NonlinearFactorGraph, values: gtsam.Values, size: int) ->
 
 
 def read_edges(path: Path) -> list[tuple[int, int]]:
-    """The pairs of poses that the edges of a graph join, in the order of the file.
+    """Reads which pairs of poses the edges of a graph join, in the order of the file.
 
     Raises:
         DataError: the file cannot be read or is no graph.

@@ -2,21 +2,44 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import yaml
+from numpy.typing import NDArray
 from PIL import Image
 
+from mqslam.core import se2
 from mqslam.core.point_map import OccupancyGrid
-from mqslam.execution.files import write_text, written_whole
+from mqslam.errors import DataError
+from mqslam.execution.files import write_aside, write_text
 
 _OCCUPIED = 0
 _UNKNOWN = 205
+"""Pixels of cells. map_server reads a pixel p as the occupancy (255 - p) / 255: 205 gives 0.19608, just above the threshold
+of free cells."""
+_OCCUPIED_ABOVE, _FREE_BELOW = 0.65, 0.196  # map_server's usual thresholds
+_MESSAGE_OCCUPIED, _MESSAGE_FREE, _MESSAGE_UNKNOWN = 100, 0, -1  # of nav_msgs/OccupancyGrid
+
+
+@dataclass(frozen=True, slots=True)
+class Nav2Map:
+    """A map as map_server publishes it.
+
+    Args:
+        cells: (H, W) int8 occupancy, 100 occupied, 0 free, -1 unknown; row 0 at the lowest y.
+        resolution: side of a cell [m].
+        origin: (3,) pose of the corner of cell (0, 0) [m, m, rad].
+    """
+
+    cells: NDArray[np.int8]
+    resolution: float
+    origin: se2.Array
 
 
 def write_nav2_map(folder: Path, grid: OccupancyGrid) -> None:
-    """Write `map.pgm` and `map.yaml` into a folder, in the format of nav2's and ROS 1's map_server.
+    """Writes `map.pgm` and `map.yaml` into a folder, in the format of nav2's and ROS 1's map_server.
 
     A cell is occupied or unknown, never free: that a radar got no return from a place does not show that the place is
     empty. Planners need `allow_unknown: true` on such a map.
@@ -29,16 +52,38 @@ def write_nav2_map(folder: Path, grid: OccupancyGrid) -> None:
         OutputError: a file cannot be written.
     """
     image = Image.fromarray(np.where(grid.occupied[::-1], np.uint8(_OCCUPIED), np.uint8(_UNKNOWN)))
-    with written_whole(folder / "map.pgm") as aside:
+    with write_aside(folder / "map.pgm") as aside:
         image.save(aside, format="PPM")  # Pillow's name for PGM too
-    # map_server reads a pixel p as the occupancy (255 - p) / 255: 205 gives 0.19608, just above free_thresh.
     settings = {
         "image": "map.pgm",
         "mode": "trinary",
         "resolution": grid.resolution,
         "origin": [*grid.origin, 0.0],
         "negate": 0,
-        "occupied_thresh": 0.65,
-        "free_thresh": 0.196,
+        "occupied_thresh": _OCCUPIED_ABOVE,
+        "free_thresh": _FREE_BELOW,
     }
     write_text(folder / "map.yaml", yaml.safe_dump(settings, sort_keys=False, default_flow_style=None))
+
+
+def read_nav2_map(file: Path) -> Nav2Map:
+    """Reads a `map.yaml` and the image it names, as map_server would.
+
+    Raises:
+        DataError: the files are no such map.
+    """
+    try:
+        settings = yaml.safe_load(file.read_text(encoding="utf-8"))
+        magic, width, height, most, pixels = (file.parent / settings["image"]).read_bytes().split(maxsplit=4)
+        if (magic, most) != (b"P5", b"255"):
+            raise ValueError("its image is not 8-bit grey")
+        image = np.frombuffer(pixels, dtype=np.uint8).reshape(int(height), int(width))
+        darkness = (255.0 - np.arange(256)) / 255.0
+        meaning = np.full(256, _MESSAGE_UNKNOWN, dtype=np.int8)
+        meaning[darkness > settings["occupied_thresh"]] = _MESSAGE_OCCUPIED
+        meaning[darkness < settings["free_thresh"]] = _MESSAGE_FREE
+        origin = np.array(settings["origin"], dtype=np.float64).reshape(3)
+        return Nav2Map(meaning[image[::-1]], float(settings["resolution"]), origin)
+    except (OSError, ValueError, KeyError, TypeError, yaml.YAMLError) as error:
+        problem = f"is not a readable map ({str(error).splitlines()[0]})"
+        raise DataError(file, problem, "give the folder of a finished run") from error

@@ -1,8 +1,8 @@
-"""Odometry files: poses as TUM, or body twists as CSV that are chained into poses."""
+"""Odometry files: poses as TUM, or body twists as CSV that are chained into poses; and tables of numbers beside images."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import TypeVar
 
@@ -12,35 +12,36 @@ from numpy.typing import NDArray
 from mqslam.core import se2
 from mqslam.core.trajectory import Trajectory
 from mqslam.errors import DataError
-from mqslam.formats.shared.poses import checked
-from mqslam.formats.shared.stamps import microseconds
+from mqslam.execution.files import write_text
+from mqslam.formats.shared.poses import make_trajectory
+from mqslam.formats.shared.stamps import LATEST_US, parse_stamps
 from mqslam.formats.tum import read_tum
 
-_LATEST_US = 2.0**62
+_LEAST_SLIDE = 1e-9  # sideways speeds below this [m/s] are rounding errors
 _Read = TypeVar("_Read")
 
 
 def read_odometry(path: Path) -> Trajectory:
-    """Read an odometry file: TUM, or CSV with the header `t,v,omega` and optionally `vy`.
+    """Reads an odometry file: TUM, or CSV with the header `t,v,omega` and optionally `vy`.
 
     In the CSV t is in us, v and vy in m/s, omega in rad/s (REP 103). The twist of a row holds until the next row's
     stamp, so the poses lie on exact constant-twist arcs; the first pose is the origin.
 
     Raises:
-        DataError: unreadable, neither layout, a number that is none, or stamps that do not increase.
+        DataError: the file cannot be read, is in neither layout, holds a number that is none, or its stamps do not increase.
     """
     try:
         with path.open(encoding="utf-8") as lines:
             first = next((line for line in lines if line.strip() and not line.lstrip().startswith("#")), "")
     except FileNotFoundError as error:
-        raise DataError(path, "does not exist", "check the path of the odometry, or give auto or none") from error
+        raise DataError(path, "does not exist", "check the path of the odometry, or take the recording's own") from error
     except (OSError, UnicodeDecodeError) as error:
         raise DataError(path, "is not a readable text file", "give TUM or a CSV with columns t,v,omega") from error
     return _read_twists(path, first) if "," in first else read_tum(path)
 
 
 def read_beside(read: Callable[[], _Read]) -> tuple[_Read | None, list[str]]:
-    """Read what lies beside the images of a recording, which are of use without it.
+    """Reads what lies beside the images of a recording, which are of use without it.
 
     Args:
         read: reads it, or raises a DataError.
@@ -55,34 +56,34 @@ def read_beside(read: Callable[[], _Read]) -> tuple[_Read | None, list[str]]:
 
 
 def read_numbers(path: Path, columns: list[int]) -> NDArray[np.float64]:
-    """The given columns (N, len(columns)) of a CSV whose first line is a header.
+    """Reads columns (N, len(columns)) of a CSV whose first line is a header.
 
     Raises:
-        DataError: a row that is too short or holds something other than finite numbers.
+        DataError: a row is too short or holds something other than finite numbers.
     """
-    return _table(path, _rows(path)[1:], columns)
+    return _read_table(path, _read_rows(path)[1:], columns)
 
 
 def read_stamped(path: Path, columns: list[int]) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-    """Stamps (N,) [us] and the given columns (N, len(columns)) of a CSV with or without a header.
+    """Reads stamps (N,) [us] and columns (N, len(columns)) of a CSV with or without a header.
 
     The first column holds whole stamps in us or ns, too long for a float. Rows come in the order of their stamps, one of
     each.
 
     Raises:
-        DataError: a row that is too short or holds something other than finite numbers.
+        DataError: a row is too short or holds something other than finite numbers.
     """
-    rows = _rows(path)
+    rows = _read_rows(path)
     rows = rows[1:] if rows and not rows[0].lstrip()[:1].isdigit() else rows
     try:
-        stamps, order = np.unique(microseconds([row.split(",", 1)[0].strip() for row in rows]), return_index=True)
+        stamps, order = np.unique(parse_stamps([row.split(",", 1)[0].strip() for row in rows]), return_index=True)
     except ValueError as error:
         raise _no_table(path, error) from error
-    return stamps, _table(path, rows, columns)[order]
+    return stamps, _read_table(path, rows, columns)[order]
 
 
-def _rows(path: Path) -> list[str]:
-    """The lines of a text file that are neither empty nor a comment."""
+def _read_rows(path: Path) -> list[str]:
+    """Reads the lines of a text file that are neither empty nor a comment."""
     try:
         text = path.read_text(encoding="utf-8").split("\n")
     except (OSError, ValueError) as error:
@@ -90,8 +91,8 @@ def _rows(path: Path) -> list[str]:
     return [line for line in text if line.strip() and not line.startswith("#")]
 
 
-def _table(path: Path, rows: list[str], columns: list[int]) -> NDArray[np.float64]:
-    """The given columns of rows (N,)."""
+def _read_table(path: Path, rows: list[str], columns: list[int]) -> NDArray[np.float64]:
+    """Reads columns of rows (N,) of text."""
     try:
         table = np.loadtxt(rows, delimiter=",", usecols=columns, ndmin=2) if rows else np.empty((0, len(columns)))
         if not np.isfinite(table).all():
@@ -102,20 +103,37 @@ def _table(path: Path, rows: list[str], columns: list[int]) -> NDArray[np.float6
 
 
 def _no_table(path: Path, error: Exception) -> DataError:
+    """Words the error of a file that is no table of numbers."""
     return DataError(path, f"is not a table of numbers ({str(error).splitlines()[0]})", "repair or remove it")
 
 
+def write_twists(path: Path, stamps_us: Iterable[int], twists: se2.Array) -> None:
+    """Writes odometry as `t,v,omega` [us, m/s, rad/s], with `vy` where it slides; a row's twist holds until the next.
+
+    Args:
+        path: the file.
+        stamps_us: (N,) [us].
+        twists: (N, 3) [m/s, m/s, rad/s], of the body.
+    """
+    sliding = bool(np.any(np.abs(twists[:, 1]) > _LEAST_SLIDE))
+    lines = ["t,v,omega,vy" if sliding else "t,v,omega"]
+    for stamp, (v, vy, omega) in zip(stamps_us, twists.tolist(), strict=True):
+        lines.append(f"{stamp},{v:.12g},{omega:.12g}" + (f",{vy:.12g}" if sliding else ""))
+    write_text(path, "\n".join(lines) + "\n")
+
+
 def _read_twists(path: Path, header: str) -> Trajectory:
+    """Reads a CSV of body twists and chains them."""
     names = [name.strip().lower() for name in header.split(",")]
     missing = [name for name in ("t", "v", "omega") if name not in names]
     if missing:
         raise DataError(path, f"has no column {', '.join(missing)}", "give a CSV whose header is t,v,omega[,vy]")
     wanted = [names.index(name) for name in ("t", "v", "omega", "vy") if name in names]
     table = read_numbers(path, wanted)
-    if np.abs(table[:, 0]).max(initial=0.0) > _LATEST_US:
+    if np.abs(table[:, 0]).max(initial=0.0) > LATEST_US:
         raise DataError(path, "holds stamps beyond any clock", "give them in microseconds")
     stamps = np.round(table[:, 0]).astype(np.int64)
     lateral = table[:, 3] if "vy" in names else np.zeros(len(table))
     twists = np.column_stack([table[:, 1], lateral, table[:, 2]])
     steps = se2.exp(twists[:-1], np.diff(stamps) * 1e-6) if len(stamps) > 1 else np.empty((0, 3))
-    return checked(path, stamps, se2.integrate_steps(steps)[: len(stamps)])
+    return make_trajectory(path, stamps, se2.integrate_steps(steps)[: len(stamps)])

@@ -10,13 +10,13 @@ from numpy.typing import NDArray
 
 from mqslam.core.point_map import PointMap
 from mqslam.errors import DataError
-from mqslam.execution.files import written_whole
+from mqslam.execution.files import write_aside
 
 _VERTEX = [("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("intensity", "<f4"), ("time", "<f8"), ("psi", "<f4")]
 
 
 def write_ply(path: Path, pointmap: PointMap) -> None:
-    """Write a binary little-endian PLY with the vertex properties x, y, z, intensity, time and psi; z is 0.
+    """Writes a binary little-endian PLY with the vertex properties x, y, z, intensity, time and psi; z is 0.
 
     Open3D's tensor reader (`open3d.t.io.read_point_cloud`) keeps all of them; time is a double, the rest are floats.
 
@@ -30,15 +30,15 @@ def write_ply(path: Path, pointmap: PointMap) -> None:
     vertices["intensity"] = pointmap.intensities
     vertices["time"] = pointmap.times
     vertices["psi"] = pointmap.psi
-    with written_whole(path) as aside:
+    with write_aside(path) as aside:
         PlyData([PlyElement.describe(vertices, "vertex")], byte_order="<").write(str(aside))
 
 
 def read_ply(path: Path, names: Sequence[str]) -> dict[str, NDArray[np.float64]]:
-    """Vertex properties (N,) of a run's PLY by name.
+    """Reads vertex properties (N,) of a run's PLY by name.
 
     Raises:
-        DataError: unreadable, or without one of them.
+        DataError: the file cannot be read, or lacks one of them.
     """
     from plyfile import PlyData, PlyParseError
 

@@ -1,4 +1,4 @@
-"""Trajectories that other software wrote: TUM, KITTI, CSV with a header, or a topic of a ROS bag."""
+"""Trajectories that other software wrote: TUM, KITTI, CSV with a header, or a topic of a ROS bag. KITTI is also written."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from mqslam.core.trajectory import Trajectory
 from mqslam.errors import DataError
 from mqslam.execution.files import write_text
 from mqslam.formats.shared import bags
-from mqslam.formats.shared.poses import checked, yaw_of_quaternion
-from mqslam.formats.shared.stamps import microseconds, time_unit
+from mqslam.formats.shared.poses import make_trajectory, yaw_of_quaternion
+from mqslam.formats.shared.stamps import parse_stamps, time_unit
 from mqslam.formats.tum import read_tum
 
 _KNOWN = "give TUM, KITTI with a file of times, a CSV whose header names t, x, y and yaw or qx, qy, qz, qw, or a bag"
@@ -25,7 +25,7 @@ _POSE_TYPES = (bags.ODOMETRY_TYPE, bags.POSE_TYPE, bags.POSE_WITH_COVARIANCE_TYP
 
 
 def read_trajectory(path: Path, times: Path | None = None, topic: str | None = None) -> Trajectory:
-    """Read a trajectory; what it is shows in its content, the unit of its stamps in their name or size.
+    """Reads a trajectory; its format shows in its content, the unit of its stamps in their name or size.
 
     - TUM: `t[s] x y z qx qy qz qw` per line.
     - KITTI: the 12 numbers of a 3x4 pose matrix per line, stamps in `times`. Where y varies least and the motion runs along
@@ -41,17 +41,17 @@ def read_trajectory(path: Path, times: Path | None = None, topic: str | None = N
         topic: a topic, for bags alone.
 
     Raises:
-        DataError: none of these, a number that is none, or stamps that do not increase.
+        DataError: the file is none of these, holds a number that is none, or its stamps do not increase.
     """
     if bags.recognises(path):
-        _unneeded(path, times)
+        _refuse_times(path, times)
         return _read_bag(path, topic)
-    rows = _rows(path)
+    rows = _read_rows(path)
     first = next((row for row in rows if not row.startswith("#")), "")
     columns = len(first.split())
     if "," not in first and columns == 12:
         return _read_kitti(path, rows, times)
-    _unneeded(path, times)
+    _refuse_times(path, times)
     if "," in first:
         return _read_csv(path, rows)
     if columns == 8:
@@ -59,13 +59,18 @@ def read_trajectory(path: Path, times: Path | None = None, topic: str | None = N
     raise DataError(path, f"is no trajectory in a known format ({columns} words in its first line)", _KNOWN)
 
 
-def _unneeded(path: Path, times: Path | None) -> None:
+def _refuse_times(path: Path, times: Path | None) -> None:
+    """Refuses a file of times beside a trajectory that carries its own.
+
+    Raises:
+        DataError: there is one.
+    """
     if times is not None:
         raise DataError(times, f"is not needed: {path.name} is no KITTI file and carries its own stamps", "leave it out")
 
 
-def _rows(path: Path) -> list[str]:
-    """The lines of a text file that are not blank."""
+def _read_rows(path: Path) -> list[str]:
+    """Reads the lines of a text file that are not blank."""
     try:
         return [line.strip() for line in path.read_text(encoding="utf-8-sig").splitlines() if line.strip()]
     except FileNotFoundError as error:
@@ -75,8 +80,8 @@ def _rows(path: Path) -> list[str]:
         raise DataError(path, f"is not a readable text file ({reason})", _KNOWN) from error
 
 
-def _numbers(path: Path, rows: list[list[str]], columns: list[int]) -> NDArray[np.float64]:
-    """The columns (N, len(columns)) of rows of words."""
+def _parse_numbers(path: Path, rows: list[list[str]], columns: list[int]) -> NDArray[np.float64]:
+    """Parses columns (N, len(columns)) of rows of words."""
     table = np.empty((len(rows), len(columns)))
     for row, words in enumerate(rows):
         try:
@@ -89,46 +94,49 @@ def _numbers(path: Path, rows: list[list[str]], columns: list[int]) -> NDArray[n
     return table
 
 
-def _stamps(path: Path, words: list[str], unit: str = "") -> NDArray[np.int64]:
+def _parse_stamps(path: Path, words: list[str], unit: str = "") -> NDArray[np.int64]:
+    """Parses words as stamps [us]."""
     try:
-        return microseconds(words, unit)
+        return parse_stamps(words, unit)
     except ValueError as error:
         raise DataError(path, str(error), "give stamps in s, us or ns") from error
 
 
 def _read_kitti(path: Path, rows: list[str], times: Path | None) -> Trajectory:
+    """Reads matrices of poses, with their stamps from a file of their own."""
     if times is None:
         raise DataError(path, "is a KITTI trajectory, which holds no stamps", "give the file of its times, one per line")
     words = [row.split() for row in rows if not row.startswith("#")]
     if wrong := next((number for number, row in enumerate(words, 1) if len(row) != 12), 0):
         raise DataError(path, f"pose {wrong} is not 12 numbers", "repair or remove its line")
-    stamps = _stamps(times, [row.split()[0] for row in _rows(times) if not row.startswith("#")])
+    stamps = _parse_stamps(times, [row.split()[0] for row in _read_rows(times) if not row.startswith("#")])
     if len(stamps) != len(words):
         raise DataError(times, f"holds {len(stamps)} stamps for the {len(words)} poses of {path.name}", "give one per pose")
-    matrices = _numbers(path, words, list(range(12))).reshape(-1, 3, 4)
-    return checked(path, stamps, _camera_plane(matrices) if _is_camera(matrices) else _ground_plane(matrices))
+    matrices = _parse_numbers(path, words, list(range(12))).reshape(-1, 3, 4)
+    return make_trajectory(path, stamps, _project_camera(matrices) if _is_camera(matrices) else _project_ground(matrices))
 
 
 def _is_camera(matrices: NDArray[np.float64]) -> bool:
-    """Whether poses (N, 3, 4) are a camera's: y, its height, varies less than z, and it moves along its own z."""
+    """Returns whether poses (N, 3, 4) are a camera's: y, its height, varies less than z, and it moves along its own z."""
     turns, places = matrices[:, :, :3], matrices[:, :, 3]
     moved = np.einsum("nij,ni->nj", turns[:-1], np.diff(places, axis=0))
     ahead_x, _, ahead_z = np.abs(moved).sum(axis=0)
     return bool(np.ptp(places[:, 1]) < np.ptp(places[:, 2]) and ahead_z > ahead_x)
 
 
-def _camera_plane(matrices: NDArray[np.float64]) -> se2.Array:
-    """Poses (N, 3) of camera poses (N, 3, 4), x right, y down, z forward: forward becomes x, left y."""
+def _project_camera(matrices: NDArray[np.float64]) -> se2.Array:
+    """Projects camera poses (N, 3, 4) (x right, y down, z forward) as poses (N, 3): forward becomes x, left y."""
     yaw = np.arctan2(-matrices[:, 0, 2], matrices[:, 2, 2])
     return np.column_stack([matrices[:, 2, 3], -matrices[:, 0, 3], yaw])
 
 
-def _ground_plane(matrices: NDArray[np.float64]) -> se2.Array:
-    """Poses (N, 3) of poses (N, 3, 4) in the x-y plane."""
+def _project_ground(matrices: NDArray[np.float64]) -> se2.Array:
+    """Projects poses (N, 3, 4) into the x-y plane as poses (N, 3)."""
     return np.column_stack([matrices[:, 0, 3], matrices[:, 1, 3], np.arctan2(matrices[:, 1, 0], matrices[:, 0, 0])])
 
 
 def _read_csv(path: Path, rows: list[str]) -> Trajectory:
+    """Reads the columns of times and poses of a CSV with a header."""
     header = 0 if "," in rows[0] else next(row for row, text in enumerate(rows) if not text.startswith("#"))
     named = [name.strip(" \"'") for name in rows[header].lstrip("# ").split(",")]
     names = [re.split(r"[\s\[(]", name.lower())[0] for name in named]
@@ -140,27 +148,28 @@ def _read_csv(path: Path, rows: list[str]) -> Trajectory:
     if stamp is None or missing:
         raise DataError(path, f"has no column {', '.join(missing)} (columns: {', '.join(named[:20])})", _KNOWN)
     words = [row.split(",") for row in rows[header + 1 :] if not row.startswith("#")]
-    table = _numbers(path, words, [stamp, *(names.index(name) for name in ("x", "y", *turn))])
-    stamps = _stamps(path, [row[stamp].strip() for row in words], units[stamp] or "")
+    table = _parse_numbers(path, words, [stamp, *(names.index(name) for name in ("x", "y", *turn))])
+    stamps = _parse_stamps(path, [row[stamp].strip() for row in words], units[stamp] or "")
     yaws = [row[3] if len(row) == 4 else yaw_of_quaternion(*row[3:]) for row in table.tolist()]
-    return checked(path, stamps, np.column_stack([table[:, 1:3], np.array(yaws, dtype=np.float64)]))
+    return make_trajectory(path, stamps, np.column_stack([table[:, 1:3], np.array(yaws, dtype=np.float64)]))
 
 
 def _read_bag(path: Path, topic: str | None) -> Trajectory:
-    with bags.opened(path) as reader:
+    """Reads the poses on a topic, or on the only topic that holds any."""
+    with bags.open_bag(path) as reader:
         there = sorted({c.topic for c in reader.connections if c.msgtype in _POSE_TYPES and c.msgcount})
         chosen = [name for name in there if topic in (None, name)]
         if len(chosen) != 1:
             problem = f"has no poses on {topic}" if topic else f"has {len(there)} topics of poses"
-            listed = f"topics of poses: {', '.join(there[:12])}" if there else f"topics: {bags.topics_there(reader)}"
+            listed = f"topics of poses: {', '.join(there[:12])}" if there else f"topics: {bags.list_topics(reader)}"
             raise DataError(path, f"{problem} ({listed})", "name the topic of the trajectory")
         poses: list[bags.PoseRow] = []
         for connection, _, raw in reader.messages([c for c in reader.connections if c.topic == chosen[0]]):
             message: Any = reader.deserialize(raw, connection.msgtype)
             if connection.msgtype == bags.PATH_TYPE:
-                poses = [bags.pose_row(bags.POSE_TYPE, pose) for pose in message.poses]
+                poses = [bags.pose_of(bags.POSE_TYPE, pose) for pose in message.poses]
             else:
-                poses.append(bags.pose_row(connection.msgtype, message))
+                poses.append(bags.pose_of(connection.msgtype, message))
     trajectory = bags.trajectory_of(poses)
     if trajectory is None:
         raise DataError(path, f"holds no two poses at different times on {chosen[0]}", "name another topic")
@@ -168,7 +177,7 @@ def _read_bag(path: Path, topic: str | None) -> Trajectory:
 
 
 def write_kitti(path: Path, trajectory: Trajectory) -> None:
-    """Write the first three rows of every pose's 4x4 matrix, 12 numbers a line, as evo reads it: x-y plane, no stamps."""
+    """Writes the first three rows of every pose's 4x4 matrix, 12 numbers a line, as evo reads it: x-y plane, no stamps."""
     lines = []
     for x, y, yaw in trajectory.poses.tolist():
         c, s = np.cos(yaw), np.sin(yaw)

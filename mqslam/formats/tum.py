@@ -1,4 +1,4 @@
-"""Trajectories as TUM writes them: a stamp, a place and a quaternion per line."""
+"""Trajectories in TUM's format: a stamp, a place and a quaternion per line."""
 
 from __future__ import annotations
 
@@ -9,13 +9,12 @@ import numpy as np
 from mqslam.core.trajectory import Trajectory
 from mqslam.errors import DataError
 from mqslam.execution.files import write_text
-from mqslam.formats.shared.poses import checked, yaw_of_quaternion
-
-_LATEST_US = 2**62  # beyond any clock
+from mqslam.formats.shared.poses import make_trajectory, yaw_of_quaternion
+from mqslam.formats.shared.stamps import LATEST_US
 
 
 def write_tum(path: Path, trajectory: Trajectory) -> None:
-    """Write `t[s] x y z qx qy qz qw` per line, as evo and score_run.py read it."""
+    """Writes `t[s] x y z qx qy qz qw` per line, as evo reads it."""
     lines = []
     for stamp, (x, y, yaw) in zip(trajectory.stamps_us.tolist(), trajectory.poses.tolist(), strict=True):
         seconds = f"{stamp // 1_000_000}.{stamp % 1_000_000:06d}"
@@ -24,10 +23,10 @@ def write_tum(path: Path, trajectory: Trajectory) -> None:
 
 
 def read_tum(path: Path) -> Trajectory:
-    """Read a TUM file: `t[s] x y z qx qy qz qw`, `#` starts a comment; z, roll and pitch are dropped.
+    """Reads a TUM file: `t[s] x y z qx qy qz qw`, `#` starts a comment; z, roll and pitch are dropped.
 
     Raises:
-        DataError: unreadable, not eight numbers a line, or stamps that do not increase.
+        DataError: the file cannot be read, has a line of other than eight numbers, or its stamps do not increase.
     """
     stamps: list[int] = []
     poses: list[tuple[float, float, float]] = []
@@ -43,19 +42,19 @@ def read_tum(path: Path) -> Trajectory:
             values = [float(word) for word in words]
             if len(values) != 8 or not np.isfinite(values).all():
                 raise ValueError
-            stamp = _microseconds(words[0])
-            if abs(stamp) > _LATEST_US:
+            stamp = _parse_stamp(words[0])
+            if abs(stamp) > LATEST_US:
                 raise ValueError
         except (ValueError, OverflowError):
             raise DataError(path, f"line {number} is not 't x y z qx qy qz qw'", "give a TUM trajectory") from None
         qx, qy, qz, qw = values[4:]
         stamps.append(stamp)
         poses.append((values[1], values[2], yaw_of_quaternion(qx, qy, qz, qw)))
-    return checked(path, np.array(stamps, dtype=np.int64), np.array(poses, dtype=np.float64).reshape(-1, 3))
+    return make_trajectory(path, np.array(stamps, dtype=np.int64), np.array(poses, dtype=np.float64).reshape(-1, 3))
 
 
-def _microseconds(seconds: str) -> int:
-    """A stamp [us] of decimal seconds, which a float would round."""
+def _parse_stamp(seconds: str) -> int:
+    """Parses decimal seconds, which a float would round, as a stamp [us]."""
     whole, _, fraction = seconds.partition(".")
     if whole.isdigit() and (fraction.isdigit() or not fraction):
         return int(whole) * 1_000_000 + int((fraction + "000000")[:6])

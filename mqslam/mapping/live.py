@@ -1,4 +1,4 @@
-"""The map as it grows: every scan is shown where its motion puts it."""
+"""The live view of the map as it grows: every scan is shown where its measured motion puts it."""
 
 from __future__ import annotations
 
@@ -15,22 +15,22 @@ from mqslam.psi.place import Beam
 
 
 def show_motions(scans: Scans, motions: Iterable[Measurement], beam: Beam, runner: Runner) -> Iterator[Measurement]:
-    """Yields the motions as they are measured; the scan that each begins with is shown to the runner's watch.
+    """Yields the motions as they are measured, and shows the scan that each begins with to the runner's watch.
 
     A watch that fails is not called again: the run goes on without it, and a warning says so.
 
     Args:
-        scans: of the recording.
-        motions: between successive scans.
-        beam: the sensor's errors.
-        runner: holds the watch, or none.
+        scans: scans of the recording.
+        motions: motions between successive scans.
+        beam: the sensor model.
+        runner: holds the watch, if there is one.
     """
     watch, pose = runner.watch, np.zeros(3)
     for scan, motion in zip(scans, motions, strict=False):
         after = se2.compose(pose, motion.pose)
         if watch is not None:
             working, watch = watch, None
-            with runner.optional("the live view"):
+            with runner.tolerate("the live view"):
                 times, poses = np.array([motion.t0, motion.t1]), np.array([pose, after])
                 working(scan, pose, place_along(scan.returns, times, poses, beam).points)
                 watch = working

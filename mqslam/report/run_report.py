@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from mqslam.audit.windows import WindowAudit
 from mqslam.backend.pose_graph import PoseCovariances
-from mqslam.config import AuditConfig, dump_yaml, with_doppler_beta
+from mqslam.config import AuditConfig, dump_yaml, set_doppler_beta
 from mqslam.core.measurement import Measurement
 from mqslam.core.point_map import PointMap
 from mqslam.core.recording import Recording
@@ -130,7 +130,7 @@ def report_run(
         loops=np.array([(loop.earlier, loop.later) for loop in run.loops], dtype=np.int64).reshape(-1, 2),
         covariances=covariances,
         warnings=tuple(warnings),
-        settings_yaml=dump_yaml(with_doppler_beta(run.config, run.doppler_beta)),
+        settings_yaml=dump_yaml(set_doppler_beta(run.config, run.doppler_beta)),
         notes=recording.notes,
         stood_still=len(moved) > 1 and moved.sum() == 1,
     )

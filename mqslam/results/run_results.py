@@ -14,14 +14,14 @@ import numpy as np
 
 import mqslam
 from mqslam.audit.verdict import Share
-from mqslam.config import dump_yaml, with_doppler_beta
+from mqslam.config import dump_yaml, set_doppler_beta
 from mqslam.core.measurement import Measurement
 from mqslam.core.recording import Recording
 from mqslam.core.trajectory import Trajectory
 from mqslam.errors import tolerate
 from mqslam.evaluation import evaluate
 from mqslam.execution.files import write_json, write_text
-from mqslam.formats.g2o import g2o
+from mqslam.formats.g2o import format_g2o
 from mqslam.formats.nav2_map import write_nav2_map
 from mqslam.formats.ply import write_ply
 from mqslam.formats.tum import write_tum
@@ -119,11 +119,11 @@ def write_run(folder: Path, run: Run, summary: dict[str, Any], notes: Sequence[s
     write_tum(folder / "trajectory.tum", run.optimised)
     write_tum(folder / "odometry.tum", run.odometry)
     write_text(folder / "measurements.csv", measurements_csv(run.measurements))
-    write_text(folder / "config.yaml", dump_yaml(with_doppler_beta(run.config, run.doppler_beta)))
+    write_text(folder / "config.yaml", dump_yaml(set_doppler_beta(run.config, run.doppler_beta)))
     _write_numbers(folder, summary, notes)
     failures: list[str] = []
     with tolerate("graph.g2o", failures):
-        write_text(folder / "graph.g2o", g2o(run.graph.factors, run.values, run.graph.size))
+        write_text(folder / "graph.g2o", format_g2o(run.graph.factors, run.values, run.graph.size))
     with tolerate("map.ply", failures):
         write_ply(folder / "map.ply", run.map_optimised)
     with tolerate("map.pgm", failures):

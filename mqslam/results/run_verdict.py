@@ -124,7 +124,7 @@ def _warn_of_gaps(gaps: list[tuple[int, float]], longest_coast_s: float) -> list
 
 
 def _describe_gap(scan: int, missing_s: float, longest_coast_s: float) -> str:
-    where = f"of {missing_s:.2f} s after scan {scan}"
+    where = f"of {missing_s:.2f} s after scan {scan} (counted from 0)"
     if missing_s < longest_coast_s:
         return f"radar gap {where}"
     return f"jump of the clock or pause {where}: the poses beyond it are a guess unless a loop closure ties them"

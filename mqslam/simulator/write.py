@@ -16,8 +16,9 @@ import numpy as np
 
 from mqslam.errors import ConfigError, OutputError, Remedy
 from mqslam.execution.files import write_text
-from mqslam.execution.folders import new_folder
-from mqslam.formats.writing import oxford
+from mqslam.execution.folders import make_folder
+from mqslam.formats.odometry_files import write_twists
+from mqslam.formats.recordings import oxford
 from mqslam.simulator.drive import ConstantDrive, Drive, clear_way, loop_drive
 from mqslam.simulator.in_memory import SimulatedRecording, simulated_recording
 from mqslam.simulator.scene import Scene, corridor_scene, street_scene, yard_scene
@@ -82,12 +83,13 @@ def simulate(
         "odometry": asdict(errors),
     }
     with _write_folder_whole(out) as folder:
-        oxford.write_beside(folder, recording)
+        (folder / "radar").mkdir()
+        oxford.write_ground_truth(folder, recording)
         oxford.write_stamps(folder, recording.stamps_us.tolist())
         _write_polar_scans(folder, recording, jobs, progress)
         wheels = recording.wheel_odometry
         twists = np.c_[np.round(wheels.v, 5), np.zeros_like(wheels.v), np.round(wheels.omega, 6)]
-        oxford.write_twists(folder / "odom.csv", wheels.stamps_us.tolist(), twists)
+        write_twists(folder / "odom.csv", wheels.stamps_us.tolist(), twists)
         write_text(folder / "simulation.json", json.dumps(parameters, indent=1) + "\n")
     return recording
 
@@ -134,7 +136,7 @@ def _write_folder_whole(out: Path) -> Iterator[Path]:
     """Makes a folder beside `out` that becomes `out` when the block ends without an error, and is removed otherwise."""
     out = out.absolute()
     existed = out.exists()
-    new_folder(out)
+    make_folder(out)
     try:
         aside = Path(tempfile.mkdtemp(prefix=f".{out.name}.", dir=out.parent))
         try:

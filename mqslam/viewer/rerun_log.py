@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from mqslam.core import se2
 from mqslam.core.scans import Scan
 from mqslam.errors import Remedy, ViewerError
-from mqslam.execution.files import written_whole
+from mqslam.execution.files import write_aside
 from mqslam.viewer.colours import GROUND, LOOPS, TRAJECTORY, colour_between, colour_over_span
 from mqslam.viewer.display import has_display
 from mqslam.viewer.finished_run import Scene
@@ -104,7 +104,7 @@ def record(path: Path) -> Iterator[RerunLog]:
         OutputError: the file cannot be written.
     """
     recording = _open_recording()
-    with written_whole(path) as aside:
+    with write_aside(path) as aside:
         recording.save(aside, default_blueprint=_make_blueprint())
         try:
             yield RerunLog(recording)

@@ -16,7 +16,7 @@ from mqslam.core.timed_cloud import TimedCloud
 from mqslam.core.trajectory import Trajectory
 from mqslam.errors import DataError
 from mqslam.execution.engine import LocalEngine
-from mqslam.execution.progress import silent
+from mqslam.execution.progress import ignore_progress
 from mqslam.formats.lidars import carmen
 from mqslam.psi.place import beam_of
 
@@ -103,6 +103,6 @@ def test_a_real_corrected_log_passes_and_its_wheels_fail(name: str) -> None:
     found = {}
     for track in ("recording", "odometry"):
         sweeps, _ = sweeps_of(source, source.tracks[track], CONFIG.audit, BEAM)
-        found[track] = audit(sweeps, *SETTINGS, LocalEngine(2), silent)
+        found[track] = audit(sweeps, *SETTINGS, LocalEngine(2), ignore_progress)
     assert found["recording"].status == "pass", found["recording"].reasons
     assert found["odometry"].status == "fail"

@@ -1,4 +1,4 @@
-"""A cluster: what an hour of radar costs by stage, what travels, what workers gain, what they cost."""
+"""A cluster: cost of an hour of radar by stage, data that travels, gain from workers and their overhead."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from mqslam.core import se2
 from mqslam.core.frontend import Context
 from mqslam.core.recording import Recording
 from mqslam.detection.stage import detect_all
-from mqslam.execution.cluster import connected
+from mqslam.execution.cluster import connect
 from mqslam.execution.engine import Engine
 from mqslam.execution.runner import Runner
 from mqslam.formats.recordings import open_recording
@@ -26,7 +26,7 @@ from mqslam.frontends.psi import PsiFrontEnd
 
 _STAGES = ("read", "detect", "windows", "loops", "optimise", "render", "check")
 _WORKERS = (1, 2, 4)
-_RUNS, _REVOLUTIONS = 4, 200  # of the batch
+_RUNS, _SCANS = 4, 200  # of the batch
 _ROUNDS = 3
 
 
@@ -39,65 +39,63 @@ def run(out: Path) -> list[Claim]:
 
 
 def _costs(summary: dict[str, Any]) -> None:
-    """Core seconds by stage, and what follows for a run on many workers and for many runs."""
+    """Prints core seconds by stage, and what follows for a run on many workers and for many runs."""
     spent, hours = summary["runtime_s"], summary["dataset"]["duration_s"] / 3600.0
     rows = [[stage, spent[stage] / hours, f"{spent[stage] / spent['total']:.1%}"] for stage in _STAGES]
     table(["stage", "core seconds per hour of radar", "share"], [*rows, ["total", spent["total"] / hours, "100%"]])
     shared = sum(spent[stage] for stage in ("read", "detect", "loops", "render", "check")) / spent["total"]
-    print(f"{shared:.1%} of it can be shared: no number of workers makes it {1.0 / (1.0 - shared):.2f} times faster")
+    print(f"{shared:.1%} of it can be shared: more workers speed a run up by at most a factor of {1.0 / (1.0 - shared):.2f}")
     thousand = 1000.0 * spent["total"] / hours / 3600.0
     print(f"a thousand hours: {thousand:.0f} core hours, {summary['peak_rss_mb']:.0f} MB a worker\n")
 
 
 def _travels(data: Path, out: Path) -> None:
-    """Bytes per revolution of what is read, and of what goes between processes."""
+    """Prints the bytes per scan that are read, and those that go between processes."""
     recording, config = open_recording(data), load_config(out / "config.yaml")
-    scans, found = detect_all(recording, config.detector)
+    scans, detected = detect_all(recording, config.detector)
     motions = list(PsiFrontEnd(Context(config, recording.revolution_s, recording.start_us, None)).measure(scans))
     images = sum(path.stat().st_size for path in (data / "radar").iterdir())
     drive = Drive.of(scans, se2.chain(motion.pose for motion in motions))
     sizes = {
         "image, decoded (stays on the worker)": recording[0].power.nbytes * len(recording),
         "image, packed (stays on the worker)": images,
-        "returns, from a worker": len(pickle.dumps(found.returns, 5)),
-        "windows under a trajectory, to every worker, a round of loops": len(pickle.dumps(drive, 5)),
+        "returns, from a worker": len(pickle.dumps(detected.returns, 5)),
+        "scans under a trajectory, to every worker, per round of loops": len(pickle.dumps(drive, 5)),
         "measurements, from a worker of compare": len(pickle.dumps(motions, 5)),
         "summary, from a worker of batch": (out / "summary.json").stat().st_size,
     }
-    table(["what", "bytes per revolution"], [[what, f"{size / len(recording):,.0f}"] for what, size in sizes.items()])
+    table(["what", "bytes per scan"], [[what, f"{size / len(recording):,.0f}"] for what, size in sizes.items()])
     print()
 
 
 def _workers(data: Path, out: Path) -> list[Claim]:
-    """Detection of one run, and a batch of runs, on growing numbers of workers of this machine."""
+    """Measures detection of one run, and a batch of runs, on growing numbers of workers of this machine."""
     recording, config = open_recording(data), load_config()
-    short = twin("kaist01", 1, frames=_REVOLUTIONS)
+    short = twin("kaist01", 1, frames=_SCANS)
     runs = "".join(f"  - {{data: {short}, name: run{k}, odometry: none}}\n" for k in range(_RUNS))
     (out / "runs.yaml").write_text(f"runs:\n{runs}", encoding="utf-8")
     rows: list[list[str | float]] = []
     batches = []
     for workers in _WORKERS:
-        with connected(f"local:{workers}") as engine:
-            _detected(recording, config, engine)  # warm
-            detect = min(_detected(recording, config, engine) for _ in range(_ROUNDS))
+        with connect(f"local:{workers}") as engine:
+            _time_detection(recording, config, engine)  # warm
+            detect = min(_time_detection(recording, config, engine) for _ in range(_ROUNDS))
         begin = time.perf_counter()
         _command("batch", out / "runs.yaml", "--out", out / "batch", "--cluster", f"local:{workers}")
         batches.append(time.perf_counter() - begin)
         rows.append([str(workers), detect, rows[0][1] / detect if rows else 1.0, batches[-1], batches[0] / batches[-1]])
-    table(
-        ["workers", "detection, 800 revolutions [s]", "gain", f"batch of {_RUNS} runs of {_REVOLUTIONS} [s]", "gain"], rows
-    )
+    table(["workers", "detection, 800 scans [s]", "gain", f"batch of {_RUNS} runs of {_SCANS} scans [s]", "gain"], rows)
     return [Claim(f"batch of {_RUNS} runs: 2 workers over 1", batches[0] / batches[1], least=1.4)]
 
 
-def _detected(recording: Recording, config: Config, engine: Engine) -> float:
+def _time_detection(recording: Recording, config: Config, engine: Engine) -> float:
     begin = time.perf_counter()
     detect_all(recording, config.detector, Runner(engine))
     return time.perf_counter() - begin
 
 
 def _overhead(data: Path, out: Path) -> Claim:
-    """Wall clock of a whole command on two workers over two jobs, in turn; the least of each."""
+    """Compares the wall clock of a whole command on two workers with that on two jobs, in turn, by the least of each."""
     spent: dict[str, list[float]] = {"--jobs 2": [], "--cluster local:2": []}
     for _ in range(_ROUNDS):
         for where, seconds in spent.items():
@@ -115,7 +113,3 @@ def _overhead(data: Path, out: Path) -> Claim:
 def _command(*words: object) -> None:
     command = Path(sys.executable).with_name("mqslam")
     subprocess.run([str(word) for word in (command, *words, "--force", "--quiet")], check=True)
-
-
-def _silent(stage: str, done: int, total: int) -> None:
-    pass

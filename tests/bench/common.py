@@ -49,7 +49,7 @@ class Claim:
 
 
 def table(head: Sequence[str], rows: Sequence[Sequence[str | float]]) -> None:
-    """Print rows under a head, as Markdown reads them too."""
+    """Prints rows under a head, as Markdown reads them too."""
     cells = [list(head), *([c if isinstance(c, str) else f"{c:.4g}" for c in row] for row in rows)]
     widths = [max(len(row[k]) for row in cells) for k in range(len(head))]
     lines = ["| " + " | ".join(c.ljust(w) for c, w in zip(row, widths, strict=True)) + " |" for row in cells]
@@ -58,13 +58,13 @@ def table(head: Sequence[str], rows: Sequence[Sequence[str | float]]) -> None:
 
 
 def cache() -> Path:
-    """Folder for generated data and results, outside the project; MQSLAM_BENCH_CACHE names another."""
+    """Returns the folder for generated data and results, outside the project; MQSLAM_BENCH_CACHE names another."""
     _CACHE.mkdir(parents=True, exist_ok=True)
     return _CACHE
 
 
 def shared(path: Path) -> Path:
-    """A path of the material that the project does not ship.
+    """Returns a path of the material that the project does not ship.
 
     Raises:
         MissingData: it is not there.
@@ -75,7 +75,7 @@ def shared(path: Path) -> Path:
 
 
 def twin(name: str, seed: int, frames: int | None = 800) -> Path:
-    """The first revolutions of a run of the city twin, or all; generated once."""
+    """Returns the first scans of a run of the city twin, or all; they are generated once."""
     out = cache() / f"{name}-{frames or 'all'}-seed{seed}"
     if not out.exists():
         aside = out.with_name(f".{out.name}")
@@ -88,7 +88,7 @@ def twin(name: str, seed: int, frames: int | None = 800) -> Path:
 
 
 def street(seed: int, duration_s: float) -> Path:
-    """A simulated drive; generated once."""
+    """Returns a simulated drive; it is generated once."""
     from mqslam.simulator import simulate
 
     out = cache() / f"street-{duration_s:g}s-seed{seed}"
@@ -98,7 +98,7 @@ def street(seed: int, duration_s: float) -> Path:
 
 
 def run(data: Path, out: Path, *options: str) -> dict[str, Any]:
-    """`mqslam run` without odometry; what its summary says."""
+    """Runs `mqslam run` without odometry and returns its summary."""
     command = Path(sys.executable).with_name("mqslam")
     words = ["run", data, "--out", out, "--odometry", "none", "--force", "--quiet", *options]
     subprocess.run([command, *map(str, words)], check=True)
@@ -107,8 +107,8 @@ def run(data: Path, out: Path, *options: str) -> dict[str, Any]:
 
 
 def score(track: Path, truth: Path) -> dict[str, float]:
-    """Errors of a trajectory, by the tool that knows nothing of the project's code."""
+    """Returns the errors of a trajectory, by a tool that knows nothing of the project's code."""
     words = [sys.executable, shared(SHARED / "tools" / "score_run.py"), track, truth, "--json"]
     shown = subprocess.run([str(word) for word in words], check=True, capture_output=True, text=True)
-    found: dict[str, float] = json.loads(shown.stdout)
-    return found
+    errors: dict[str, float] = json.loads(shown.stdout)
+    return errors

@@ -1,4 +1,4 @@
-"""Drift over the city twin's first 800 revolutions, radar only, of all front ends on the same returns."""
+"""Drift over the city twin's first 800 scans, radar only, of all front ends on the same returns."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ def run(out: Path) -> list[Claim]:
         command = Path(sys.executable).with_name("mqslam")
         words = ["compare", data, "--out", compared, "--frontends", ",".join(_FRONT_ENDS), "--odometry", "none"]
         subprocess.run([command, *map(str, words), "--odometry-only", "--force", "--quiet"], check=True)
-        found = {row["name"]: row for row in json.loads((compared / "compare.json").read_text(encoding="utf-8"))["rows"]}
+        judged = {row["name"]: row for row in json.loads((compared / "compare.json").read_text(encoding="utf-8"))["rows"]}
         for frontend in _FRONT_ENDS:
             own = score(compared / frontend / "trajectory.tum", data / "gt" / "poses_tum.txt")
             errors = [own[key] for key in ("drift_percent", "drift_deg_per_100m", "ate_rmse_m", "rpe_v_rms")]
-            row = found[frontend]
+            row = judged[frontend]
             rows.append(
                 [
                     name,
@@ -39,7 +39,7 @@ def run(out: Path) -> list[Claim]:
                     f"{row['peak_rss_mb']:.0f}",
                 ]
             )
-        psi, kiss = (found[frontend]["drift_percent"] for frontend in _FRONT_ENDS[:2])
+        psi, kiss = (judged[frontend]["drift_percent"] for frontend in _FRONT_ENDS[:2])
         claims += [
             Claim(f"{name}: drift of the psi front end over that of KISS-ICP", psi / kiss, most=1.0),
             Claim(f"{name}: drift of the KISS-ICP front end [%]", kiss, most=0.4),

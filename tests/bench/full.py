@@ -49,7 +49,7 @@ def run(out: Path) -> list[Claim]:
             Claim(f"{name}: ATE after loops [m]", after["ate_rmse_m"], most=ate),
             Claim(f"{name}: farthest loop from truth [m]", worst_m, most=1.0),
             Claim(f"{name}: the same [deg]", worst_deg, most=1.0),
-            Claim(f"{name}: share of revisiting revolutions tied by a loop", tied, least=0.6),
+            Claim(f"{name}: share of revisiting scans tied by a loop", tied, least=0.6),
             Claim(f"{name}: times real time on 2 cores", speed, least=2.0),
             Claim(f"{name}: peak memory [MB]", summary["peak_rss_mb"], most=2000.0),
         ]
@@ -75,7 +75,7 @@ def run(out: Path) -> list[Claim]:
 
 
 def _loops(graph: Path, truth: Path) -> tuple[float, float, float, int]:
-    """Largest error of a loop [m], [deg], share of revisiting revolutions tied, number of loops."""
+    """Returns the largest error of a loop [m], [deg], the share of revisiting scans tied, and the number of loops."""
     poses = read_tum(truth).poses
     words = [line.split() for line in graph.read_text(encoding="utf-8").splitlines() if line.startswith("EDGE_SE2")]
     edges = [(int(w[1]), int(w[2]), np.array(w[3:6], dtype=float)) for w in words]

@@ -24,13 +24,13 @@ from mqslam.frontends.psi import PsiFrontEnd
 from mqslam.psi.doppler import choose_doppler_beta
 
 _STREETS = (11, 12)  # seeds nothing was tuned on
-_STREET_S = 45.0  # 179 windows each
+_STREET_S = 45.0  # 179 measurements each
 _COLOURS = {"kaist01": "#1d5fd1", "kaist02": "#5b9bf0", "simulated streets": "#d9620d"}
 
 
 @dataclass(frozen=True, slots=True)
 class Errors:
-    """Normalised errors of a set of relative motions.
+    """Normalised errors of a set of measurements.
 
     Args:
         nees: (N,) e^T Sigma^-1 e.
@@ -63,7 +63,7 @@ def run(out: Path) -> list[Claim]:
         for name, e in named.items()
     ]
     shape = ["within the 95 % ellipse", "half lie within", "99 % quantile over nominal"]
-    table(["windows of", "number", "NEES/3", "x", "y", "yaw", *shape], rows)
+    table(["measurements of", "number", "NEES/3", "x", "y", "yaw", *shape], rows)
     path = out / "reliability.png"
     plot(path, {"kaist01": kaist01, "kaist02": kaist02, "simulated streets": joined})
     print(f"reliability plot: {path}")
@@ -74,7 +74,7 @@ def run(out: Path) -> list[Claim]:
 
 
 def _errors(data: Path) -> Errors:
-    """Measure a recording by radar only and compare every window with truth."""
+    """Measures a recording by radar only and compares every measurement with the truth."""
     recording = open_recording(data)
     truth = recording.ground_truth
     assert truth is not None
@@ -93,7 +93,7 @@ def _errors(data: Path) -> Errors:
 
 
 def plot(path: Path, named: dict[str, Errors]) -> None:
-    """Share of windows inside the ellipse of every nominal probability, and quantiles against those of chi-square(3)."""
+    """Draws the share of measurements inside each nominal ellipse, and their quantiles against chi-square(3)."""
     figure = Figure(figsize=(10.0, 4.8), layout="constrained")
     FigureCanvasAgg(figure)
     share, quantiles = figure.subplots(1, 2)
@@ -101,11 +101,11 @@ def plot(path: Path, named: dict[str, Errors]) -> None:
     edges = chi2.ppf(nominal, 3)
     for name, errors in named.items():
         colour = _COLOURS[name]
-        label = f"{name}: {len(errors.nees)} windows, NEES/3 {errors.nees.mean() / 3.0:.2f}"
+        label = f"{name}: {len(errors.nees)} measurements, NEES/3 {errors.nees.mean() / 3.0:.2f}"
         share.plot(nominal, [np.mean(errors.nees < edge) for edge in edges], color=colour, label=label)
         quantiles.plot(edges, np.quantile(errors.nees, nominal), ".", markersize=4, color=colour)
     share.plot([0, 1], [0, 1], color="#5b6675", linestyle="--", linewidth=1, label="right")
-    share.set(xlabel="nominal probability", ylabel="share of windows inside the ellipse")
+    share.set(xlabel="nominal probability", ylabel="share of measurements inside the ellipse")
     share.set(xlim=(0, 1), ylim=(0, 1), aspect="equal")
     share.legend(frameon=False, fontsize=8)
     top = float(edges[-1])

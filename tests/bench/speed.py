@@ -25,14 +25,14 @@ from mqslam.psi.published.reference import score_reference
 from mqslam.psi.window import drop_start
 from mqslam.simulator import SimulatedRecording, loop_drive, simulated_recording, street_scene
 
-_FIRST, _REVOLUTIONS = 4, 3  # of the real sample
+_FIRST, _SCANS = 4, 3  # of the real sample
 _MOTION = np.array([8.3, 0.034])  # near its true motion there [m/s, rad/s]
 _ROUNDS, _REPEATS = 7, 25
 _DETECTORS = {
     "default": DetectorConfig(),
     "join_m=0, strongest=7": DetectorConfig(join_m=0.0, strongest=7),
 }
-_DENSE = "join_m=0, strongest=7"  # without non-maximum suppression: about 5,700 points
+_DENSE = "join_m=0, strongest=7"  # without non-maximum suppression: about 3,700 points
 
 
 def run(out: Path) -> list[Claim]:
@@ -52,7 +52,7 @@ def run(out: Path) -> list[Claim]:
 
 def _window(detector: DetectorConfig) -> tuple[PointSet, float]:
     recording = open_recording(shared(OXFORD))
-    found = detect_stretch(recording, detector, _FIRST, _FIRST + _REVOLUTIONS)
+    found = detect_stretch(recording, detector, _FIRST, _FIRST + _SCANS)
     returns = Returns.concatenate(found.returns)
     beam = beam_of(Config().estimator, 0.0)
     t0 = float(recording.start_times[_FIRST])
@@ -87,7 +87,7 @@ def _timed(call: Callable[[], object]) -> float:
 
 @dataclass(frozen=True, kw_only=True)
 class _InMemory(SimulatedRecording):
-    """A simulated stream rendered once."""
+    """A simulated recording that is rendered once."""
 
     rendered: tuple[PolarScan, ...]
 
@@ -96,7 +96,7 @@ class _InMemory(SimulatedRecording):
 
 
 def _real_time() -> Claim:
-    """Detection and psi front end over a simulated drive with a real radar's 3,767 bins, in seconds of one core."""
+    """Times detection and psi front end over a simulated drive with a real radar's 3,767 bins, in seconds of one core."""
     config = Config()
     plain = simulated_recording(street_scene(3, movers=0), loop_drive(45.0), duration_s=40.0, seed=3)
     parts = {name: getattr(plain, name) for name in plain.__dataclass_fields__}
@@ -110,11 +110,11 @@ def _real_time() -> Claim:
     scans = make_scans(recording, detected.returns)
     list(PsiFrontEnd(context).measure(scans))
     wall, end = time.perf_counter() - wall, time.process_time()
-    per_window = [1e3 * s / len(recording) for s in (after_detection - core, end - after_detection, end - core)]
+    per_scan = [1e3 * s / len(recording) for s in (after_detection - core, end - after_detection, end - core)]
     rate = len(recording) / (end - core)
     table(
-        ["windows", "detection [ms]", "front end, cold start included [ms]", "windows per core second", "wall clock [s]"],
-        [[str(len(recording)), per_window[0], per_window[1], rate, wall]],
+        ["scans", "detection [ms]", "front end, cold start included [ms]", "scans per core second", "wall clock [s]"],
+        [[str(len(recording)), per_scan[0], per_scan[1], rate, wall]],
     )
     named = "psi front end with detection, times real time at 4 turns/s on one core"
     return Claim(named, rate * recording.revolution_s, least=8.0)

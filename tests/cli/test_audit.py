@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from support.commands import contents, mqslam
+from support.commands import mqslam, read_contents
 
 from mqslam.core.trajectory import Trajectory
 from mqslam.formats.trajectories import write_kitti
@@ -64,8 +64,8 @@ def test_a_bent_trajectory_fails_and_says_what_would_mend_it(
     words = ("audit", street, "--trajectory", tracks / "bent.tum", "--config", quick)
     result = mqslam(*words, "--out", tmp_path / "a", "--fail-on", "fail")
     assert result.code == 1 and result.out.startswith("verdict       fail: ") and "torn window" in result.out
-    found = json.loads((tmp_path / "a" / "audit.json").read_text())
-    speeds = [row["dv"] for row in found["per_window"]]
+    summary = json.loads((tmp_path / "a" / "audit.json").read_text())
+    speeds = [row["dv"] for row in summary["per_window"]]
     assert np.median(speeds) == pytest.approx(-0.05 * 8.0, abs=0.12)  # the street is driven at about 8 m/s
     assert mqslam(*words, "--out", tmp_path / "b", "--quiet").code == 0
 
@@ -78,8 +78,8 @@ def test_the_numbers_are_printed_as_json(street: Path, tracks: Path, quick: Path
 def test_the_map_of_a_run_is_audited_as_a_cloud(street: Path, quick: Path, tmp_path: Path) -> None:
     words = ("--frontend", "odometry", "--config", quick, "--quiet")
     assert mqslam("run", street, "--out", tmp_path / "run", *words).code == 0
-    found = audited(tmp_path / "run" / "map.ply", tmp_path / "a")
-    assert found["dataset"]["format"] == "ply" and found["windows"]["count"] > 3
+    summary = audited(tmp_path / "run" / "map.ply", tmp_path / "a")
+    assert summary["dataset"]["format"] == "ply" and summary["windows"]["count"] > 3
 
 
 @pytest.mark.parametrize(
@@ -94,7 +94,7 @@ def test_the_map_of_a_run_is_audited_as_a_cloud(street: Path, quick: Path, tmp_p
 def test_mistakes_are_one_line_and_leave_nothing(street: Path, tmp_path: Path, options: tuple[str, ...], said: str) -> None:
     result = mqslam("audit", street, "--out", tmp_path / "a", "--quiet", *options)
     assert result.code == 2 and said in result.err and len(result.err.splitlines()) == 1
-    assert contents(tmp_path) == {}
+    assert read_contents(tmp_path) == {}
 
 
 def test_results_are_not_replaced_unasked(street: Path, tmp_path: Path) -> None:
@@ -102,4 +102,4 @@ def test_results_are_not_replaced_unasked(street: Path, tmp_path: Path) -> None:
     (tmp_path / "a" / "mine").write_text("kept")
     result = mqslam("audit", street, "-t", "ground_truth", "--out", tmp_path / "a")
     assert result.code == 2 and "exists already" in result.err
-    assert contents(tmp_path) == {"a": None, "a/mine": b"kept"}
+    assert read_contents(tmp_path) == {"a": None, "a/mine": b"kept"}

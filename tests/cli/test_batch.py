@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 from support.clusters import cluster
-from support.commands import INSTALLED, Result, contents, in_this_process, mqslam, processes
+from support.commands import INSTALLED, Result, list_processes, mqslam, read_contents, run_in_this_process
 
 from mqslam.execution.checkpoint import FOLDER
 from mqslam.simulator import SensorModel, simulate
@@ -43,7 +43,7 @@ def work(tmp_path_factory: pytest.TempPathFactory) -> Path:
     )
     (folder / "quick.yaml").write_text("sensor: {doppler_beta: 0.0}\n")
     (folder / "runs.yaml").write_text(RUNS)
-    with in_this_process():
+    with run_in_this_process():
         shown = batch(folder, folder / "out")
     assert shown.code == 1 and shown.out.splitlines()[-1] == f"report: {folder / 'out' / 'report.html'}"
     assert f"gone failed: {drive.with_name('gone')}: does not exist" in shown.err
@@ -63,7 +63,7 @@ def test_every_run_that_can_be_is_done_and_its_files_are_those_of_a_run(work: Pa
     options = ("--odometry", "none", "--config", work / "quick.yaml", "--jobs", "1", "--quiet")
     assert mqslam("run", work / "drive", "--out", tmp_path / "alone", *options).code == 0
     assert tracks(work / "out")["radar only"] == (tmp_path / "alone" / "trajectory.tum").read_bytes()
-    assert set(contents(work / "out" / "radar only")) == set(contents(tmp_path / "alone"))
+    assert set(read_contents(work / "out" / "radar only")) == set(read_contents(tmp_path / "alone"))
 
 
 def test_the_numbers_of_all_runs_stand_together(work: Path) -> None:
@@ -109,13 +109,13 @@ def test_results_of_other_settings_are_neither_kept_nor_replaced_unasked(work: P
     (tmp_path / "quick.yaml").write_text("sensor: {doppler_beta: 0.0}\nmap: {cell_m: 0.5}\n")
     (tmp_path / "runs.yaml").write_text("runs: [{data: drive, name: wheels, frontend: odometry, config: quick.yaml}]")
     out = shutil.copytree(work / "out", tmp_path / "out")
-    before = contents(out / "wheels")
-    with in_this_process():
+    before = read_contents(out / "wheels")
+    with run_in_this_process():
         shown = batch(tmp_path, out, "--quiet")
     assert shown.code == 1 and shown.err.count("\n") == 1
     assert shown.err.startswith(f"wheels failed: {out / 'wheels'}: exists already; ") and "--force" in shown.err
-    assert contents(out / "wheels") == before
-    with in_this_process():
+    assert read_contents(out / "wheels") == before
+    with run_in_this_process():
         assert batch(tmp_path, out, "--force", "--quiet").code == 0
     assert (out / "wheels" / "config.yaml").read_bytes() != before["config.yaml"]
 
@@ -146,15 +146,17 @@ def test_an_interrupted_batch_leaves_no_process_and_says_how_to_go_on(work: Path
         time.sleep(0.002)
     process.terminate()
     _, shown = process.communicate(timeout=300)
-    assert process.returncode == 143 and shown.splitlines()[-1] == "mqslam: interrupted; the same command goes on with it"
-    assert "Traceback" not in shown and processes(process.pid) == []
+    assert (
+        process.returncode == 143 and shown.splitlines()[-1] == "mqslam: interrupted; the same command continues the batch"
+    )
+    assert "Traceback" not in shown and list_processes(process.pid) == []
     assert not list(tmp_path.glob("out/*.*"))
 
 
 @pytest.mark.slow
 def test_runs_on_a_cluster_leave_the_same_trajectories(work: Path, tmp_path: Path) -> None:
-    with cluster(tmp_path / "dask") as found:
-        shown = batch(work, tmp_path / "out", "--cluster", found.address, "--quiet")
+    with cluster(tmp_path / "dask") as workers:
+        shown = batch(work, tmp_path / "out", "--cluster", workers.address, "--quiet")
     assert shown.code == 1 and shown.err.startswith("gone failed: ") and shown.err.count("\n") == 1
     assert tracks(tmp_path / "out") == tracks(work / "out")
 
@@ -166,10 +168,10 @@ def test_runs_on_a_cluster_leave_the_same_trajectories(work: Path, tmp_path: Pat
         ("rnus: []", "unknown setting rnus; did you mean runs?"),
         ("runs: []", "runs: List should have at least 1 item"),
         ("runs: [{name: drive}]", "runs.0.data: Field required"),
-        ("runs: [{data: drive}, {data: drive}]", "runs.1: name drive: is that of another run; give one"),
-        ("runs: [{data: drive, name: ../up}]", "runs.0: name '../up': is to be the name of a folder"),
+        ("runs: [{data: drive}, {data: drive}]", "runs.1: name drive: is the name of another run too; give one"),
+        ("runs: [{data: drive, name: ../up}]", "runs.0: name '../up': cannot be the name of a folder"),
         ("runs: [{data: drive, frontend: kissicp}]", "runs.0: front end kissicp: unknown; did you mean kiss_icp?"),
-        ("runs: [{data: drive, config: oxfrod}]", "oxfrod: no such configuration; give a YAML file or one of"),
+        ("runs: [{data: drive, config: oxfrod}]", "oxfrod: no such configuration and no such file; did you mean oxford?"),
         ("runs: [", "is not a readable YAML file"),
         ("- drive", "must hold settings"),
     ],
@@ -183,9 +185,9 @@ def test_a_mistake_in_the_list_is_one_line_before_anything_runs(tmp_path: Path, 
 
 
 def test_a_folder_with_other_results_is_left_alone(work: Path, tmp_path: Path) -> None:
-    before = contents(work / "out" / "drive")
+    before = read_contents(work / "out" / "drive")
     shown = batch(work, work / "out" / "drive")
     assert shown.code == 2 and "drive: holds other results; choose another --out" in shown.err
-    assert contents(work / "out" / "drive") == before
+    assert read_contents(work / "out" / "drive") == before
     (tmp_path / "file").write_text("kept")
     assert "cannot be made" in batch(work, tmp_path / "file" / "out").err

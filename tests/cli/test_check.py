@@ -11,11 +11,11 @@ from typing import Any
 import numpy as np
 import pytest
 from PIL import Image
-from support.commands import contents, mqslam
+from support.commands import mqslam, read_contents
 from support.layouts import write_mulran_columns, write_radiate
 
 from mqslam.formats.recordings import open_recording
-from mqslam.formats.recordings.native import write_native
+from mqslam.formats.recordings.native import write as write_native
 from mqslam.formats.tum import write_tum
 from mqslam.simulator import (
     ConstantDrive,
@@ -58,19 +58,19 @@ def polar(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
 def verdicts(*words: str | Path) -> dict[str, dict[str, Any]]:
     """The findings of a check as JSON, by name; the exit code says whether one is suspicious."""
     shown = mqslam("check", *words, "--json")
-    found = json.loads(shown.out)
-    assert shown.code == int(found["suspicious"]) == int(any(c["verdict"] == "suspicious" for c in found["checks"]))
-    return {check["name"]: check for check in found["checks"]}
+    answer = json.loads(shown.out)
+    assert shown.code == int(answer["suspicious"]) == int(any(c["verdict"] == "suspicious" for c in answer["checks"]))
+    return {check["name"]: check for check in answer["checks"]}
 
 
-def suspicious(found: dict[str, dict[str, Any]]) -> set[str]:
-    return {name for name, check in found.items() if check["verdict"] == "suspicious"}
+def suspicious(checks: dict[str, dict[str, Any]]) -> set[str]:
+    return {name for name, check in checks.items() if check["verdict"] == "suspicious"}
 
 
 def test_a_recording_read_as_it_was_made_is_ok_in_every_way(polar: tuple[Path, Path]) -> None:
-    found = verdicts(polar[0], "--odometry", polar[1], *RESOLUTION)
-    assert {name: check["verdict"] for name, check in found.items()} == dict.fromkeys(NAMES, "ok")
-    assert found["range resolution"]["numbers"]["speed_ratio"] == pytest.approx(1.0, abs=0.05)
+    checks = verdicts(polar[0], "--odometry", polar[1], *RESOLUTION)
+    assert {name: check["verdict"] for name, check in checks.items()} == dict.fromkeys(NAMES, "ok")
+    assert checks["range resolution"]["numbers"]["speed_ratio"] == pytest.approx(1.0, abs=0.05)
 
 
 @pytest.mark.parametrize(
@@ -93,17 +93,17 @@ def test_settings_that_contradict_the_recording_are_suspicious(
     polar: tuple[Path, Path], tmp_path: Path, setting: str, name: str, said: list[str]
 ) -> None:
     (tmp_path / "mine.yaml").write_text(f"sensor: {{{setting}}}\n")
-    found = verdicts(polar[0], "--odometry", polar[1], *RESOLUTION, "--config", tmp_path / "mine.yaml")
-    assert suspicious(found) == {name}
-    assert all(words in found[name]["text"] for words in said), found[name]["text"]
+    checks = verdicts(polar[0], "--odometry", polar[1], *RESOLUTION, "--config", tmp_path / "mine.yaml")
+    assert suspicious(checks) == {name}
+    assert all(words in checks[name]["text"] for words in said), checks[name]["text"]
 
 
 def test_a_wrong_length_of_a_bin_is_suspicious_and_the_right_one_named(polar: tuple[Path, Path]) -> None:
-    found = verdicts(polar[0], "--odometry", polar[1], "--range-resolution", "0.2")
-    assert suspicious(found) == {"range resolution"}
-    ratio = found["range resolution"]["numbers"]["speed_ratio"]
+    checks = verdicts(polar[0], "--odometry", polar[1], "--range-resolution", "0.2")
+    assert suspicious(checks) == {"range resolution"}
+    ratio = checks["range resolution"]["numbers"]["speed_ratio"]
     assert 0.2 / ratio == pytest.approx(0.175, rel=0.05)
-    assert f"bins of {0.2 / ratio:.4g} m would fit" in found["range resolution"]["text"]
+    assert f"bins of {0.2 / ratio:.4g} m would fit" in checks["range resolution"]["text"]
 
 
 def test_images_stored_against_the_rotation_are_suspicious_with_or_without_odometry(tmp_path: Path) -> None:
@@ -112,9 +112,9 @@ def test_images_stored_against_the_rotation_are_suspicious_with_or_without_odome
         Image.fromarray(np.array(Image.open(image))[:, ::-1]).save(image)
     assert corner().odometry is not None
     write_tum(tmp_path / "wheels.tum", corner().odometry)
-    found = verdicts(root, *RESOLUTION)
-    assert suspicious(found) == {"order of azimuths"}
-    assert found["order of azimuths"]["numbers"]["psi"] > found["order of azimuths"]["numbers"]["psi_backward"]
+    checks = verdicts(root, *RESOLUTION)
+    assert suspicious(checks) == {"order of azimuths"}
+    assert checks["order of azimuths"]["numbers"]["psi"] > checks["order of azimuths"]["numbers"]["psi_backward"]
     assert {"order of azimuths", "direction of rotation"} <= suspicious(
         verdicts(root, *RESOLUTION, "--odometry", tmp_path / "wheels.tum")
     )
@@ -127,7 +127,7 @@ def test_a_mirrored_recording_is_as_crisp_so_without_odometry_it_cannot_be_told(
     (tmp_path / "mine.yaml").write_text("sensor: {clockwise: false}\n")
     usual, mirrored = (verdicts(polar[0], *RESOLUTION, *words) for words in ([], ["--config", tmp_path / "mine.yaml"]))
     assert not suspicious(usual) and not suspicious(mirrored)
-    psi = [found["order of azimuths"]["numbers"]["psi"] for found in (usual, mirrored)]
+    psi = [checks["order of azimuths"]["numbers"]["psi"] for checks in (usual, mirrored)]
     assert psi[1] == pytest.approx(psi[0], rel=1e-6)
     for name in ("direction of rotation", "stamp convention", "range resolution"):
         assert usual[name]["verdict"] == "cannot be told" and "no odometry" in usual[name]["text"]
@@ -142,14 +142,14 @@ def test_a_mirrored_recording_is_as_crisp_so_without_odometry_it_cannot_be_told(
 )
 def test_a_drive_that_does_not_show_something_is_not_blamed_for_it(tmp_path: Path, motion: Drive, untold: set[str]) -> None:
     write_native(tmp_path / "drive.npz", drive(yard_scene(1), motion, 4.0))
-    found = verdicts(tmp_path / "drive.npz")
-    assert {name for name, check in found.items() if check["verdict"] == "cannot be told"} == untold
-    assert not suspicious(found)
+    checks = verdicts(tmp_path / "drive.npz")
+    assert {name for name, check in checks.items() if check["verdict"] == "cannot be told"} == untold
+    assert not suspicious(checks)
 
 
 def test_the_real_sample_is_not_suspicious(oxford_tiny: Path) -> None:
-    found = verdicts(oxford_tiny)
-    assert {name: check["verdict"] for name, check in found.items()} == {
+    checks = verdicts(oxford_tiny)
+    assert {name: check["verdict"] for name, check in checks.items()} == {
         **dict.fromkeys(NAMES[:3], "ok"),
         **dict.fromkeys(NAMES[3:], "cannot be told"),
     }
@@ -161,13 +161,13 @@ def test_real_recordings_with_a_gap_are_checked_as_far_as_they_go(oxford_tiny: P
     data = oxford_tiny.parent / name
     if not data.is_dir():
         pytest.skip(f"the real sample is not at {data}")
-    found = verdicts(data)
-    assert [check["verdict"] for check in found.values()] == [
+    checks = verdicts(data)
+    assert [check["verdict"] for check in checks.values()] == [
         "suspicious",
         *["ok"] * (5 - untold),
         *["cannot be told"] * untold,
     ]
-    assert "followed by a gap, 1.7" in found["stamps"]["text"]
+    assert "followed by a gap, 1.7" in checks["stamps"]["text"]
 
 
 def test_ground_truth_is_never_used(tmp_path: Path) -> None:
@@ -178,14 +178,14 @@ def test_ground_truth_is_never_used(tmp_path: Path) -> None:
 
 
 def test_a_person_reads_a_line_per_check_and_nothing_is_written(oxford: Path, tmp_path: Path) -> None:
-    before = contents(tmp_path)
+    before = read_contents(tmp_path)
     shown = mqslam("check", oxford, "--quiet")
     lines = shown.out.splitlines()
     assert [line[:24].strip() for line in lines[:-1]] == NAMES and shown.err == ""
     assert lines[-1].startswith("4 of 6 checks cannot be told, so that most mistakes would go unnoticed here;")
     assert all(line[24:].startswith(("ok", "suspicious", "cannot be told")) for line in lines[:-1])
     assert "note: range resolution 0.0438 m assumed" in mqslam("check", oxford).err
-    assert contents(tmp_path) == before
+    assert read_contents(tmp_path) == before
 
 
 def test_an_error_is_one_line_and_exit_code_2(tmp_path: Path) -> None:

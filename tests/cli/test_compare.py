@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from evo.core import metrics, sync
 from evo.tools import file_interface
-from support.commands import contents, in_this_process, mqslam
+from support.commands import mqslam, read_contents, run_in_this_process
 
 from mqslam.core.measurement import Measurement
 
@@ -60,7 +60,7 @@ def compared(street: Path, quick: Path, tmp_path_factory: pytest.TempPathFactory
     """The street by psi, KISS-ICP and its wheels, beside the truth as a given trajectory."""
     out = tmp_path_factory.mktemp("compared") / "out"
     rows = ("--frontends", "psi,kiss_icp,odometry", "--trajectory", f"truth={street / 'gt' / 'poses_tum.txt'}")
-    with in_this_process():
+    with run_in_this_process():
         result = mqslam("compare", street, "--out", out, *rows, "--config", quick, *OPTIONS)
     assert (result.code, result.err) == (0, "")
     return out
@@ -143,4 +143,4 @@ def test_a_row_that_cannot_run_says_why_and_the_others_go_on(oxford_tiny: Path, 
 def test_mistakes_are_one_line_and_leave_nothing(street: Path, tmp_path: Path, options: tuple[str, ...], said: str) -> None:
     result = mqslam("compare", street, "--out", tmp_path / "out", *OPTIONS, *options)
     assert result.code == 2 and said in result.err and len(result.err.splitlines()) == 1
-    assert contents(tmp_path) == {}
+    assert read_contents(tmp_path) == {}

@@ -7,16 +7,22 @@ from pathlib import Path
 
 import pytest
 import yaml
-from pydantic import BaseModel
+from pydantic import BaseModel, create_model
 from support.commands import mqslam
 
-from mqslam.config import Config, load_config
+from mqslam.config import Config, MapConfig, load_config
+from mqslam.config.fields import expert, is_expert
 
 
 def leaves() -> list[tuple[str, str]]:
-    """Name and reason of every setting."""
+    """Returns name and reason of every setting."""
     sections = ((name, type(section)) for name, section in Config())
     return [(f"{name}.{key}", f.description or "") for name, kind in sections for key, f in kind.model_fields.items()]
+
+
+def shown_in(text: str) -> set[tuple[str, str]]:
+    """Returns section and name of every setting that a YAML text names."""
+    return {(name, key) for name, section in yaml.safe_load(text).items() for key in section}
 
 
 @pytest.mark.parametrize(("name", "reason"), leaves())
@@ -35,6 +41,27 @@ def test_what_is_shown_is_read_back_the_same_and_explains_itself(tmp_path: Path)
     assert json.loads(mqslam("config", "show", "--json").out) == Config().model_dump(mode="json")
 
 
+def test_an_expert_setting_is_shown_on_request_and_where_a_file_changes_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    fields = {"finesse": (float, expert(2.0, gt=0.0, description="how fine it is"))}
+    section = create_model("Section", __base__=MapConfig, __doc__="The map.", **fields)
+    settings = create_model("Settings", __base__=Config, map=(section, section()))
+    monkeypatch.setattr("mqslam.config.Config", settings)
+    kinds = {name: type(kind).model_fields for name, kind in settings()}
+    experts = {(name, key) for name, fields in kinds.items() for key, field in fields.items() if is_expert(field)}
+    assert ("map", "finesse") in experts
+    usual, everything = mqslam("config", "show").out, mqslam("config", "show", "--all").out
+    assert shown_in(everything) == {(name, key) for name, fields in kinds.items() for key in fields}
+    assert shown_in(usual) == shown_in(everything) - experts
+    assert "  # how fine it is\n  finesse: 2.0\n" in everything
+    assert json.loads(mqslam("config", "show", "--json").out)["map"]["finesse"] == 2.0
+    (tmp_path / "mine.yaml").write_text("map: {finesse: 3.0}\n")
+    assert "  finesse: 3.0\n" in mqslam("config", "show", tmp_path / "mine.yaml").out
+    (tmp_path / "same.yaml").write_text("map: {finesse: 2.0}\n")
+    assert mqslam("config", "show", tmp_path / "same.yaml").out == usual
+
+
 def test_the_difference_of_files_is_what_they_change(tmp_path: Path) -> None:
     (tmp_path / "mine.yaml").write_text("tracker: {keyframes: 20}\nsensor: {doppler_beta: 0.049}\n")
     shown = mqslam("config", "diff", tmp_path / "mine.yaml")
@@ -46,7 +73,7 @@ def test_the_difference_of_files_is_what_they_change(tmp_path: Path) -> None:
     }
     assert mqslam("config", "diff", "default").out == ""
     wrong = mqslam("config", "diff", "oxfrod")
-    assert wrong.code == 2 and "oxfrod: no such configuration" in wrong.err
+    assert wrong.code == 2 and "oxfrod: no such configuration; did you mean oxford?" in wrong.err
 
 
 def test_the_schema_knows_every_setting_and_refuses_others() -> None:

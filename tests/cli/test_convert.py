@@ -11,14 +11,13 @@ import numpy as np
 import pytest
 import yaml
 from rosbags.highlevel import AnyReader
-from support.commands import contents, mqslam
+from support.commands import mqslam, read_contents
 from support.conversions import EVEN, STAMPED
 from support.layouts import assert_alike, left_turn, write_radiate
 from support.recordings import START_US, TURN_US, assert_same, write_oxford
 
-from mqslam.formats.recordings import open_recording
+from mqslam.formats.recordings import list_targets, open_recording
 from mqslam.formats.tum import read_tum
-from mqslam.formats.writing.targets import TARGETS
 
 FOLDERS = ("oxford", "boreas", "mulran", "mulran_oxford", "radiate", "rosbag2", "rosbag2_mcap")
 FORMATS = {"mulran_oxford": "mulran", "rosbag2": "rosbag", "rosbag2_mcap": "rosbag"}
@@ -87,7 +86,7 @@ def test_bags_hold_rows_odometry_and_ground_truth_in_the_order_of_time(street: P
 def test_help_names_every_layout_and_shows_examples(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("COLUMNS", "240")
     shown = mqslam("convert", "--help").out
-    assert all(name in shown for name in TARGETS)
+    assert all(target.name in shown for target in list_targets())
     for example in ("drive drive.mcap", "drive.bag drive_boreas --to boreas", "result result.bag"):
         assert f"Example: mqslam convert {example}" in shown
 
@@ -124,10 +123,10 @@ CASES = {
     "no recording": (no_recording, "notes: is no recording in a known layout"),
     "broken": (broken, f"{START_US + 3 * TURN_US}.png: is not a readable PNG"),
     "unknown suffix": (onto("out.png"), "out.png: '.png' is the suffix of no layout; end it in .bag, .mcap or .npz"),
-    "unknown layout": (onto("out", "--to", "borea"), "--to 'borea': is unknown; did you mean 'boreas'?"),
+    "unknown layout": (onto("out", "--to", "borea"), "layout 'borea': is unknown; did you mean boreas?"),
     "other suffix": (onto("out.bag", "--to", "mcap"), "out.bag: mcap is a file that ends in .mcap"),
     "no suffix": (onto("out", "--to", "native"), "out: native is a file that ends in .npz"),
-    "file there": (onto("kept.bag"), "kept.bag: exists already; choose another output or give --force"),
+    "file there": (onto("kept.bag"), "kept.bag: exists already; choose another --out or give --force"),
     "folder there": (onto("kept"), "kept: exists already"),
     "folder for a file": (onto("kept", "--to", "rosbag2"), "kept: exists already"),
     "below a file": (onto("kept.bag/out.npz"), "kept.bag/out.npz: cannot be made"),
@@ -140,19 +139,19 @@ CASES = {
 def test_an_error_is_one_line_and_nothing_is_written(tmp_path: Path, case: str) -> None:
     build, message = CASES[case]
     arguments = build(tmp_path)
-    before = contents(tmp_path)
+    before = read_contents(tmp_path)
     shown = mqslam("convert", *arguments, "--quiet")
     assert shown.code == 2 and shown.out == ""
     assert shown.err.startswith("mqslam: error: ") and shown.err.count("\n") == 1, shown.err
     assert message in shown.err
-    assert contents(tmp_path) == before
+    assert read_contents(tmp_path) == before
 
 
 def test_a_file_is_never_converted_onto_itself(oxford: Path, tmp_path: Path) -> None:
     assert mqslam("convert", oxford, tmp_path / "drive.bag", "--quiet").code == 0
-    before = contents(tmp_path)
+    before = read_contents(tmp_path)
     shown = mqslam("convert", tmp_path / "drive.bag", tmp_path / "drive.bag", "--force")
-    assert shown.code == 2 and "is the recording itself" in shown.err and contents(tmp_path) == before
+    assert shown.code == 2 and "is the recording itself" in shown.err and read_contents(tmp_path) == before
 
 
 @pytest.mark.skipif(os.geteuid() == 0, reason="root may write anywhere")
@@ -172,9 +171,9 @@ def test_force_replaces_what_is_there_once_the_new_one_is_whole(oxford: Path, tm
     else:
         out.mkdir()
         (out / "old").write_text("old")
-    before = contents(tmp_path)
+    before = read_contents(tmp_path)
     shown = mqslam("convert", tmp_path / "nowhere", out, "--force")
-    assert shown.code == 2 and contents(tmp_path) == before
+    assert shown.code == 2 and read_contents(tmp_path) == before
     assert mqslam("convert", oxford, out, "--force", "--quiet").code == 0
     assert_same(open_recording(oxford), open_recording(out))
 
@@ -193,25 +192,25 @@ def finished(street: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_results_of_a_run_come_back_from_a_bag(finished: Path, tmp_path: Path, words: list[str]) -> None:
     out = tmp_path / words[0]
     assert mqslam("convert", finished, out, *words[1:], "--quiet").code == 0
-    found: dict[str, list[tuple[int, Any]]] = {}
+    messages: dict[str, list[tuple[int, Any]]] = {}
     with AnyReader([out]) as reader:
         for connection, stamp, raw in reader.messages():
-            found.setdefault(connection.topic, []).append((stamp, reader.deserialize(raw, connection.msgtype)))
+            messages.setdefault(connection.topic, []).append((stamp, reader.deserialize(raw, connection.msgtype)))
     trajectory = read_tum(finished / "trajectory.tum")
     stamps = (trajectory.stamps_us * 1000).tolist()
-    assert [stamp for stamp, _ in found["/tf"]] == stamps
-    moves = [message.transforms[0] for _, message in found["/tf"]]
+    assert [stamp for stamp, _ in messages["/tf"]] == stamps
+    moves = [message.transforms[0] for _, message in messages["/tf"]]
     assert {(move.header.frame_id, move.child_frame_id) for move in moves} == {("map", "radar")}
-    ((_, path),) = found["/path"]
+    ((_, path),) = messages["/path"]
     poses = [(pose.pose.position, pose.pose.orientation) for pose in path.poses]
     for places in (poses, [(move.transform.translation, move.transform.rotation) for move in moves]):
         np.testing.assert_allclose([(p.x, p.y) for p, _ in places], trajectory.poses[:, :2], rtol=0.0, atol=1e-9)
         yaws = np.array([2.0 * np.arctan2(q.z, q.w) for _, q in places])
         np.testing.assert_allclose(np.exp(1j * yaws), np.exp(1j * trajectory.poses[:, 2]), rtol=0.0, atol=1e-9)
-    ((stamp, grid),) = found["/map"]
+    ((stamp, grid),) = messages["/map"]
     assert stamp == stamps[0]
     assert_is_nav2_map(grid, finished)
-    ((_, cloud),) = found["/points"]
+    ((_, cloud),) = messages["/points"]
     assert_is_point_map(cloud, finished)
 
 
@@ -259,7 +258,7 @@ def test_who_comes_late_still_gets_the_map(finished: Path, tmp_path: Path) -> No
 @pytest.mark.parametrize("name", ["out", "out.npz"])
 def test_results_become_bags_only(finished: Path, tmp_path: Path, name: str) -> None:
     shown = mqslam("convert", finished, tmp_path / name)
-    assert shown.code == 2 and "is a run, and results become a bag" in shown.err and contents(tmp_path) == {}
+    assert shown.code == 2 and "is a run, whose results become a bag" in shown.err and read_contents(tmp_path) == {}
 
 
 @pytest.mark.parametrize(
@@ -270,11 +269,11 @@ def test_a_damaged_result_is_named(finished: Path, tmp_path: Path, file: str, co
     for name in ("summary.json", "trajectory.tum", "map.yaml", "map.pgm", "map.ply"):
         (tmp_path / name).write_bytes((finished / name).read_bytes())
     (tmp_path / file).write_text(content)
-    before = contents(tmp_path)
+    before = read_contents(tmp_path)
     shown = mqslam("convert", tmp_path, tmp_path / "r.bag")
     named = "map.yaml" if file == "map.pgm" else file
     assert shown.code == 2 and f"{tmp_path / named}: " in shown.err and shown.err.count("\n") == 1
-    assert contents(tmp_path) == before
+    assert read_contents(tmp_path) == before
 
 
 @pytest.mark.parametrize("layout", LIKE_OXFORD)
@@ -286,14 +285,14 @@ def test_real_revolutions_come_back_bit_by_bit(oxford_tiny: Path, tmp_path: Path
 @pytest.mark.slow
 @pytest.mark.parametrize("layout", [*STAMPED, *EVEN])
 def test_real_motion_is_that_of_the_original(oxford_tiny: Path, tmp_path: Path, layout: str) -> None:
-    expected, found = (
+    expected, converted = (
         motions(drive, tmp_path / name)
         for name, drive in (("one", oxford_tiny), ("two", there_and_back(oxford_tiny, tmp_path, layout)))
     )
     if layout in LIKE_OXFORD:
-        np.testing.assert_allclose(found, expected, rtol=0.0, atol=1e-6)
+        np.testing.assert_allclose(converted, expected, rtol=0.0, atol=1e-6)
         return
-    speeds, expected_speeds = (table[:, 2:] / (table[:, 1] - table[:, 0])[:, None] for table in (found, expected))
+    speeds, expected_speeds = (table[:, 2:] / (table[:, 1] - table[:, 0])[:, None] for table in (converted, expected))
     late = 1 if layout in EVEN else 0  # one stamp a turn, its end, leaves the first turn's duration to be guessed
     # stamps of whole turns are smoothed as far as a turning mass allows, and this radar's turns wander by 5 ms
     np.testing.assert_allclose(speeds[late:, 0], expected_speeds[late:, 0], rtol=0.0, atol=0.1)

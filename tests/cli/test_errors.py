@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from support.commands import contents, mqslam
+from support.commands import mqslam, read_contents
 from support.recordings import KINDS, START_US, TURN_US, bag_path, bag_writer, write_oxford
 
 from mqslam.detection import stage as detection
@@ -99,12 +99,12 @@ CASES: dict[str, tuple[Callable[[Path], Arguments], str]] = {
     "settings that are a list": (config("- 1\n"), "must hold settings"),
     "missing settings": (option("--config", "nothing.yaml"), "nothing.yaml: no such configuration"),
     "unknown front end": (option("--frontend", "kiss_ipc"), "front end kiss_ipc: unknown; did you mean kiss_icp?"),
-    "unknown format": (option("--format", "oxfrod"), "did you mean 'oxford'?"),
+    "unknown format": (option("--format", "oxfrod"), "did you mean oxford?"),
     "range resolution": (option("--range-resolution", "-1"), "is no length"),
     "missing odometry": (option("--odometry", "nothing.csv"), "nothing.csv: does not exist"),
     "odometry that starts late": (
         odometry(f"t,v,omega\n{START_US + 700_000},1,0\n{END_US},1,0\n"),
-        f"wheels.csv: does not cover the recording; it must span {START_US} to",
+        f"wheels.csv: does not cover the recording; give one that spans {START_US} to",
     ),
     "odometry that stops early": (
         odometry(f"t,v,omega\n{START_US},1,0\n{START_US + 500_000},1,0\n"),
@@ -118,25 +118,25 @@ CASES: dict[str, tuple[Callable[[Path], Arguments], str]] = {
 def test_an_error_is_one_line_and_nothing_is_written(tmp_path: Path, case: str) -> None:
     build, message = CASES[case]
     arguments = build(tmp_path)
-    before = contents(tmp_path)
+    before = read_contents(tmp_path)
     shown = mqslam("run", *arguments, "--out", tmp_path / "out", "--quiet")
     assert shown.code == 2 and shown.out == ""
     assert shown.err.startswith("mqslam: error: ") and shown.err.count("\n") == 1, shown.err
     assert message in shown.err
-    assert contents(tmp_path) == before
+    assert read_contents(tmp_path) == before
 
 
 @pytest.mark.parametrize("case", ["truncated image", "missing settings"])
 def test_the_installed_command_ends_the_same_way(tmp_path: Path, case: str) -> None:
     build, message = CASES[case]
     command = [Path(sys.executable).with_name("mqslam"), "run", *build(tmp_path), "--out", "out"]
-    before = contents(tmp_path)
+    before = read_contents(tmp_path)
     shown = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=600)
     *earlier, last = shown.stderr.splitlines()
     assert shown.returncode == 2 and shown.stdout == ""
     assert last.startswith("mqslam: error: ") and message in last
     assert all(line.startswith(("note: ", "reading and detecting: ")) for line in earlier), earlier
-    assert contents(tmp_path) == before
+    assert read_contents(tmp_path) == before
 
 
 def test_an_error_in_a_worker_is_the_same_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -154,30 +154,30 @@ def test_an_existing_result_is_left_alone(oxford: Path, tmp_path: Path, existing
     if existing == "folder":
         out.mkdir()
     (out / "mine" if existing == "folder" else out).write_text("kept")
-    before = contents(tmp_path)
+    before = read_contents(tmp_path)
     shown = mqslam("run", oxford, "--out", out, "--quiet")
     assert shown.code == 2 and shown.err.count("\n") == 1
     assert shown.err.startswith(f"mqslam: error: {out}: exists already; choose another --out")
-    assert contents(tmp_path) == before
+    assert read_contents(tmp_path) == before
 
 
 def test_a_failed_run_leaves_the_result_it_was_to_replace(tmp_path: Path) -> None:
     arguments = truncated_image(tmp_path)
     (tmp_path / "out").mkdir()
     (tmp_path / "out" / "mine").write_text("kept")
-    before = contents(tmp_path)
+    before = read_contents(tmp_path)
     assert mqslam("run", *arguments, "--out", tmp_path / "out", "--force", "--quiet").code == 2
-    assert contents(tmp_path) == before
+    assert read_contents(tmp_path) == before
 
 
 @pytest.mark.parametrize("out", ["drive", "."])
 def test_force_never_replaces_the_recording(oxford: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, out: str) -> None:
     monkeypatch.chdir(tmp_path)
-    before = contents(tmp_path)
+    before = read_contents(tmp_path)
     for name in (Path(out), tmp_path / out):
         shown = mqslam("run", "drive", "--out", name, "--force", "--quiet")
         assert shown.code == 2 and shown.err.count("\n") == 1 and "choose another --out" in shown.err
-    assert contents(tmp_path) == before
+    assert read_contents(tmp_path) == before
 
 
 def test_a_place_that_cannot_be_written_is_refused_before_the_work(
@@ -185,10 +185,10 @@ def test_a_place_that_cannot_be_written_is_refused_before_the_work(
 ) -> None:
     monkeypatch.setattr(detection, "detect_stretch", lambda *_: pytest.fail("the work began"))
     (tmp_path / "file").write_text("kept")
-    before = contents(tmp_path)
+    before = read_contents(tmp_path)
     shown = mqslam("run", oxford, "--out", tmp_path / "file" / "out", "--quiet")
     assert shown.code == 2 and "cannot be made" in shown.err and shown.err.count("\n") == 1
-    assert contents(tmp_path) == before
+    assert read_contents(tmp_path) == before
 
 
 def test_odometry_alone_leaves_its_trajectory_where_there_are_no_returns(tmp_path: Path) -> None:
@@ -213,7 +213,7 @@ def test_a_write_that_fails_leaves_what_can_be_resumed(
     shown = mqslam("run", street, *words)
     assert shown.code == 2 and "No space left on device" in shown.err and shown.err.count("\n") == 1
     assert "continue with --resume" in shown.err
-    left = contents(tmp_path / "results")
+    left = read_contents(tmp_path / "results")
     assert all(f"out/{FOLDER}".startswith(name) or name.startswith(f"out/{FOLDER}") for name in left)
 
 

@@ -45,13 +45,13 @@ def test_the_real_sample_moves_alike_in_every_layout_and_back(
     for number, recording in enumerate(recordings):
         out = tmp_path / f"run{number}"
         assert mqslam("run", recording, "--out", out, *options).code == 0
-        found, expected = (read_tum(run / "trajectory.tum") for run in (out, sample))
+        estimate, expected = (read_tum(run / "trajectory.tum") for run in (out, sample))
         if layout in EVEN or recording == there:  # there the stamps of turns may be those of their middles or ends
-            off = np.abs(twists(found) - twists(expected))
+            off = np.abs(twists(estimate) - twists(expected))
             # stamps of whole turns are smoothed as far as a turning mass allows, and this radar's turns wander by 5 ms
             assert off[:, :2].max() <= 0.1 and off[:, 2].max() <= 0.005
         else:
-            np.testing.assert_allclose(found.poses, expected.poses, rtol=0.0, atol=1e-6)
+            np.testing.assert_allclose(estimate.poses, expected.poses, rtol=0.0, atol=1e-6)
 
 
 @pytest.fixture(scope="module")
@@ -81,9 +81,9 @@ def test_a_drive_goes_through_every_command(short: Path, tmp_path: Path, layout:
     assert mqslam("run", drive, *known, "--out", tmp_path / "run", "--quiet").code == 0
     truth = open_recording(short).ground_truth
     assert truth is not None
-    found = read_tum(tmp_path / "run" / "trajectory.tum")
-    inside = (found.stamps_us[:-1] >= truth.stamps_us[0]) & (found.stamps_us[1:] <= truth.stamps_us[-1])
-    off = np.abs(twists(found) - truth.mean_twists(found.stamps_us[:-1], found.stamps_us[1:]))[inside]
+    estimate = read_tum(tmp_path / "run" / "trajectory.tum")
+    inside = (estimate.stamps_us[:-1] >= truth.stamps_us[0]) & (estimate.stamps_us[1:] <= truth.stamps_us[-1])
+    off = np.abs(twists(estimate) - truth.mean_twists(estimate.stamps_us[:-1], estimate.stamps_us[1:]))[inside]
     assert np.median(off[:, 0]) < 0.1 and np.median(off[:, 2]) < 0.02
     mine = f"mine={tmp_path / 'run' / 'trajectory.tum'}"
     asked = (*known, "--frontends", "odometry", "--odometry-only", "--trajectory", mine, "--json")

@@ -1,4 +1,4 @@
-"""`mqslam info` says what is in a recording, to people and to programs."""
+"""`mqslam info` shows what a recording contains, to people and to programs."""
 
 from __future__ import annotations
 
@@ -6,10 +6,10 @@ import json
 from pathlib import Path
 
 import pytest
-from support.commands import contents, mqslam
+from support.commands import mqslam, read_contents
 from support.recordings import KINDS, START_US, TURN_US, bag_path, write_bag, write_oxford
 
-from mqslam.commands.info import describe
+from mqslam.commands.info import describe_radar
 from mqslam.formats.recordings import open_recording
 
 
@@ -21,7 +21,7 @@ def table_of(text: str) -> dict[str, str]:
 def test_a_person_reads_a_line_per_fact(tmp_path: Path) -> None:
     drive = write_oxford(tmp_path / "drive", revolutions=9, skip=(4, 5))
     (drive / "odom.csv").write_text(f"t,v,omega\n{START_US},2,0\n{START_US + 9 * TURN_US},2,0\n")
-    before = contents(tmp_path)
+    before = read_contents(tmp_path)
     shown = mqslam("info", drive)
     assert (shown.code, shown.err) == (0, "")
     table = table_of(shown.out)
@@ -29,30 +29,30 @@ def test_a_person_reads_a_line_per_fact(tmp_path: Path) -> None:
     assert table == {
         "format": "oxford",
         "path": str(drive),
-        "revolutions": "7",
+        "scans": "7",
         "duration": "2.25 s",
         "turn rate": "4.000 Hz",
-        "azimuths": "40 per revolution",
+        "azimuths": "40 per scan",
         "range": "200 bins of 0.0438 m: 8.8 m",
         "odometry": "2 poses, 4.5 m",
         "ground truth": "none",
-        "gaps": "0.50 s after revolution 3",
+        "gaps": "0.50 s after scan 3 (scans are counted from 0)",
     }
-    assert contents(tmp_path) == before
+    assert read_contents(tmp_path) == before
 
 
 def test_of_many_gaps_the_first_are_listed_and_the_others_counted(tmp_path: Path) -> None:
     drive = write_oxford(tmp_path / "drive", revolutions=20, skip=tuple(range(1, 20, 2)))
     table = table_of(mqslam("info", drive).out)
     assert table["turn rate"] == "4.000 Hz"
-    listed = ", ".join(f"0.25 s after revolution {k}" for k in range(5))
-    assert table["gaps"] == f"{listed} and 4 more; 2.25 s are missing in all"
+    listed = ", ".join(f"0.25 s after scan {k}" for k in range(5))
+    assert table["gaps"] == f"{listed} (scans are counted from 0) and 4 more; 2.25 s are missing in total"
 
 
 def test_programs_read_the_same_as_json(oxford: Path) -> None:
     shown = mqslam("info", oxford, "--json")
     assert shown.code == 0
-    assert json.loads(shown.out) == describe(open_recording(oxford))
+    assert json.loads(shown.out) == describe_radar(open_recording(oxford))
 
 
 def test_a_range_resolution_given_overrides_the_recordings(street: Path) -> None:
@@ -64,10 +64,10 @@ def test_a_range_resolution_given_overrides_the_recordings(street: Path) -> None
 @pytest.mark.parametrize("kind", KINDS)
 def test_bags_are_described_like_the_recording_they_were_made_of(oxford: Path, tmp_path: Path, kind: str) -> None:
     bag = write_bag(open_recording(oxford), bag_path(tmp_path, kind), kind)
-    expected, found = (json.loads(mqslam("info", path, "--json").out) for path in (oxford, bag))
-    assert found["format"] == "rosbag"
+    expected, described = (json.loads(mqslam("info", path, "--json").out) for path in (oxford, bag))
+    assert described["format"] == "rosbag"
     for key in ("revolutions", "duration_s", "turn_rate_hz", "azimuths", "bins", "gaps"):
-        assert found[key] == expected[key], key
+        assert described[key] == expected[key], key
 
 
 def test_paths_with_brackets_are_shown_as_they_are(tmp_path: Path) -> None:
@@ -87,9 +87,9 @@ def test_a_lidars_log_is_described_and_sent_to_the_audit(tmp_path: Path) -> None
     log = tmp_path / "scans.log"
     scan = " ".join(["2.5"] * 180)
     log.write_text("".join(f"FLASER 180 {scan} {k} 0 0 {k} 0 0 {10 + k}.5 host {k}\n" for k in range(4)))
-    found = json.loads(mqslam("info", log, "--json").out)
-    assert (found["format"], found["scans"], found["duration_s"], found["returns"]) == ("carmen", 4, 3.0, 180.0)
-    assert found["recording"] == {"poses": 4, "length_m": 3.0}
-    assert "a lidar's: mqslam audit judges its map" in mqslam("info", log).out
+    facts = json.loads(mqslam("info", log, "--json").out)
+    assert (facts["format"], facts["scans"], facts["duration_s"], facts["returns"]) == ("carmen", 4, 3.0, 180.0)
+    assert facts["recording"] == {"poses": 4, "length_m": 3.0}
+    assert "recorded by a lidar: mqslam audit judges its map" in mqslam("info", log).out
     shown = mqslam("run", log, "--out", tmp_path / "out")
     assert shown.code == 2 and "is a lidar's recording; give a radar's" in shown.err

@@ -10,17 +10,17 @@ from typing import Any, Literal
 
 import numpy as np
 import pytest
-from support.commands import Result, mqslam, strict_json
+from support.commands import Result, mqslam, parse_strict_json
 
 from mqslam.audit.verdict import VerdictStatus
-from mqslam.cli.audit import exit_code
+from mqslam.cli.audit import choose_exit_code
 from mqslam.config import Config, load_config
 from mqslam.core import frontend
 from mqslam.core.frontend import Context
 from mqslam.core.measurement import Measurement
 from mqslam.core.scans import Scan
 from mqslam.core.trajectory import Trajectory
-from mqslam.execution.checkpoint import FOLDER, run_key
+from mqslam.execution.checkpoint import FOLDER, hash_run
 from mqslam.formats.recordings import open_recording
 from mqslam.formats.tum import write_tum
 from mqslam.report.batch_page import write_batch_pages
@@ -50,7 +50,7 @@ def run(drive: Path, out: Path, *more: str | Path) -> Result:
 
 
 def summary_of(out: Path, name: str = "summary.json") -> dict[str, Any]:
-    return strict_json((out / name).read_text())
+    return parse_strict_json((out / name).read_text())
 
 
 def failing(error: Exception) -> Callable[..., Any]:
@@ -100,11 +100,11 @@ def test_a_map_its_check_and_loops_that_fail_cost_no_trajectory(
         f"the map could not be made (MemoryError: Unable to allocate 40 GiB){whole}",
         f"the check of the map could not be made (LinAlgError: Singular matrix){whole}",
     )
-    found = summary_of(out)
-    assert found["psi"]["per_point_optimised"] is None and found["inflation"]["median"] is None
-    assert found["verdict"]["status"] == "not judged"
+    summary = summary_of(out)
+    assert summary["psi"]["per_point_optimised"] is None and summary["inflation"]["median"] is None
+    assert summary["verdict"]["status"] == "not judged"
     assert "Numbers" in (out / "report.html").read_text()
-    assert len(found["warnings"]) == 4  # an empty map makes a page like any other
+    assert len(summary["warnings"]) == 4  # an empty map makes a page like any other
 
 
 def test_a_full_disk_is_an_error_all_the_same(drive: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -139,8 +139,8 @@ def test_a_graph_that_cannot_be_optimised_leaves_the_front_ends_motions(
     assert shown.code == 0
     said = "the pose graph could not be optimised (RuntimeError: no luck): its starting values are kept"
     assert_said(shown, tmp_path / "out", said)
-    found = summary_of(tmp_path / "out")["verdict"]
-    assert found["status"] == "fail" and "could not be optimised" in found["reasons"][0]
+    verdict = summary_of(tmp_path / "out")["verdict"]
+    assert verdict["status"] == "fail" and "could not be optimised" in verdict["reasons"][0]
     kept = [np.loadtxt(tmp_path / "out" / name)[:, 1:] for name in ("trajectory.tum", "odometry.tum")]
     np.testing.assert_array_equal(*kept)
 
@@ -163,7 +163,7 @@ def test_a_run_that_died_writing_can_be_resumed_by_a_later_version(
 def test_other_bounds_of_the_verdict_make_another_run(drive: Path) -> None:
     recording, usual = open_recording(drive), load_config(drive.with_name("quick.yaml"))
     strict = usual.model_copy(update={"verdict": usual.verdict.model_copy(update={"confidence": 0.99})})
-    assert run_key(recording, usual, "psi", None) != run_key(recording, strict, "psi", None)
+    assert hash_run(recording, usual, "psi", None) != hash_run(recording, strict, "psi", None)
 
 
 class Broken:
@@ -252,7 +252,7 @@ def test_an_audit_keeps_its_numbers_without_pictures_and_report(
 def test_a_map_that_could_not_be_judged_has_an_exit_code_of_its_own(
     status: str, fail_on: Literal["warn", "fail"], code: int
 ) -> None:
-    assert exit_code(VerdictStatus(status), fail_on) == code
+    assert choose_exit_code(VerdictStatus(status), fail_on) == code
 
 
 def test_a_comparison_keeps_what_does_not_fail(drive: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -278,12 +278,12 @@ def test_a_comparison_keeps_what_does_not_fail(drive: Path, tmp_path: Path, monk
         "odometry",
         "first",
     }
-    found = summary_of(tmp_path / "out", "compare.json")
-    rows = {row["name"]: row for row in found["rows"]}
+    summary = summary_of(tmp_path / "out", "compare.json")
+    rows = {row["name"]: row for row in summary["rows"]}
     assert rows["odometry"]["failure"] is not None and "Singular matrix" in rows["odometry"]["failure"]
     assert rows["first"]["verdict"] == "not judged" and "too few to judge" in rows["first"]["reasons"]
     assert rows["first"]["windows_torn"] == 0.0 and rows["first"]["windows_torn_at_most"] > 0.5
-    assert [w for w in found["warnings"] if w.startswith(("overlay.png could not", "report.html could not"))]
+    assert [w for w in summary["warnings"] if w.startswith(("overlay.png could not", "report.html could not"))]
     assert "could not run: the judgement of its map" in shown.out and "not judged" in shown.out
     assert "note: report.html could not be made" in shown.err
 
@@ -292,12 +292,12 @@ def test_a_batch_keeps_its_numbers_where_a_finished_run_lost_a_file(tmp_path: Pa
     names = ("kept", "damaged")
     orders = [Order(name, tmp_path / "drive", "psi", "none", Config()) for name in names]
     verdict = {"status": "not judged", "reasons": ["2 scans"]}
-    found = summarise(orders, [Outcome({"verdict": verdict, "psi": {"per_point_optimised": float("nan")}})] * 2)
+    summary = summarise(orders, [Outcome({"verdict": verdict, "psi": {"per_point_optimised": float("nan")}})] * 2)
     (tmp_path / "kept").mkdir()
     track = Trajectory(np.arange(5), np.arange(15.0).reshape(5, 3))
     write_tum(tmp_path / "kept" / "trajectory.tum", track)
-    write_batch(tmp_path, found)
-    add_warnings(tmp_path / "batch.json", found, write_batch_pages(tmp_path, "runs", found, "runs: []"))
+    write_batch(tmp_path, summary)
+    add_warnings(tmp_path / "batch.json", summary, write_batch_pages(tmp_path, "runs", summary, "runs: []"))
     written = summary_of(tmp_path, "batch.json")
     assert written["counts"] == {"pass": 0, "warn": 0, "fail": 0, "not judged": 2, "failed": 0}
     assert written["runs"][0]["psi_per_point"] is None
@@ -306,6 +306,6 @@ def test_a_batch_keeps_its_numbers_where_a_finished_run_lost_a_file(tmp_path: Pa
     assert page.count('<span class="badge none">not judged</span>') == 2 and page.count("data:image/png") == 1
     assert "0 · 0 · 0 · 2" in page and "pass · warn · fail · not judged" in page
     monkeypatch.setattr("mqslam.report.batch_page.write_batch_report", failing(ValueError("by nothing")))
-    add_warnings(tmp_path / "batch.json", found, write_batch_pages(tmp_path, "runs", found, "runs: []"))
+    add_warnings(tmp_path / "batch.json", summary, write_batch_pages(tmp_path, "runs", summary, "runs: []"))
     said = "report.html could not be made (ValueError: by nothing); the other results are whole"
     assert summary_of(tmp_path, "batch.json")["warnings"][-1] == said

@@ -1,6 +1,6 @@
 """A run that is killed is continued by --resume and ends with the same bytes as one that was not.
 
-At one moment in `tests/test_faults.py`; at every moment here, which is slow.
+At one moment in `tests/faults`; at every moment here, which is slow.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import time
 from pathlib import Path
 
 import pytest
-from support.commands import contents, mqslam
+from support.commands import mqslam, read_contents
 
 from mqslam import slam as slam_module
 from mqslam.detection import stage as detection
@@ -50,7 +50,7 @@ def whole(lap: Path) -> dict[str, bytes | None]:
     """What an uninterrupted run leaves."""
     assert run(lap, lap / "out").returncode == 0
     assert json.loads((lap / "out" / "summary.json").read_text())["factors"]["loop"] > 0
-    return contents(lap / "out")
+    return read_contents(lap / "out")
 
 
 def command(lap: Path, out: Path, *more: str | Path) -> list[str | Path]:
@@ -79,10 +79,10 @@ def killed(lap: Path, folder: Path, moment: str) -> Path:
 
 def assert_as_whole(out: Path, whole: dict[str, bytes | None]) -> None:
     """The results are those of the uninterrupted run, and nothing lies in or beside them."""
-    found = contents(out)
-    assert found.keys() == whole.keys()
+    left = read_contents(out)
+    assert left.keys() == whole.keys()
     for name in whole:
-        assert name in LATER or found[name] == whole[name], name
+        assert name in LATER or left[name] == whole[name], name
     assert list(out.parent.iterdir()) == [out]
 
 
@@ -144,11 +144,11 @@ def dead(lap: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def refused(lap: Path, dead: Path, *more: str | Path) -> str:
     """The error of a run over an unfinished one, which it leaves as it was."""
-    before = contents(dead.parent)
+    before = read_contents(dead.parent)
     shown = mqslam(*command(lap, dead, *more))
     assert shown.code == 2 and shown.out == ""
     assert shown.err.startswith(f"mqslam: error: {dead}: ") and shown.err.count("\n") == 1, shown.err
-    assert contents(dead.parent) == before
+    assert read_contents(dead.parent) == before
     return shown.err
 
 
@@ -181,4 +181,4 @@ def test_force_replaces_an_unfinished_run(lap: Path, dead: Path, whole: dict[str
 def test_a_finished_run_is_not_resumed(lap: Path, whole: dict[str, bytes | None]) -> None:
     shown = mqslam(*command(lap, lap / "out", "--resume"))
     assert shown.code == 2 and "exists already" in shown.err and "--resume" not in shown.err
-    assert contents(lap / "out") == whole
+    assert read_contents(lap / "out") == whole

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from support.commands import contents, mqslam
+from support.commands import mqslam, read_contents
 
 from mqslam.config import Config, PsiConfig
 from mqslam.core.motion import CONSTANT_TWIST, CONSTANT_VELOCITY
@@ -33,24 +33,24 @@ def window(street: Path, first: int, revolutions: int) -> Returns:
 def shown(street: Path, *words: str | float) -> dict[str, Any]:
     result = mqslam("score", street, "--json", *words)
     assert (result.code, result.err) == (0, "")
-    found: dict[str, Any] = json.loads(result.out)
-    return found
+    scores: dict[str, Any] = json.loads(result.out)
+    return scores
 
 
 @pytest.mark.parametrize("options", [{}, {"temporal": "gaussian", "numerator": "tau", "factor": "kappa", "unmatched": 0.0}])
 @pytest.mark.parametrize("motion", ["9,0.02", "8.5,0.1,-0.02"])
 def test_the_numbers_are_those_of_the_library(street: Path, motion: str, options: dict[str, Any]) -> None:
     words = [word for name, value in options.items() for word in (f"--{name}", value)]
-    found = shown(street, "--start", 1.1, "--motion", motion, "--revolutions", 3, *words)
+    scores = shown(street, "--start", 1.1, "--motion", motion, "--revolutions", 3, *words)
     returns = window(street, 5, 3)  # the first that begins at 1.1 s or later
     theta = np.array([float(part) for part in motion.split(",")])
     model = CONSTANT_VELOCITY if len(theta) == 2 else CONSTANT_TWIST
     points = place(returns, 1.25, np.zeros(3), theta, model, BEAM)
     config = PsiConfig(**options)
     expected = score(points.points, points.times, TURN_S, config, points.jacobians[:, :, 3:])
-    assert found["window"] == {"t0": 1.25, "revolutions": 3, "revolution_s": TURN_S, "points": len(returns)}
-    assert found["motion"] == dict(zip(model.parameters, theta.tolist(), strict=True))
-    published = found["published"]
+    assert scores["window"] == {"t0": 1.25, "revolutions": 3, "revolution_s": TURN_S, "points": len(returns)}
+    assert scores["motion"] == dict(zip(model.parameters, theta.tolist(), strict=True))
+    published = scores["published"]
     assert published["psi"] == pytest.approx(expected.psi)
     assert published["psi"] == pytest.approx(published["pair_sum"] + published["charge"])
     assert (published["charge"] == 0.0) == (config.unmatched == 0.0)
@@ -58,7 +58,7 @@ def test_the_numbers_are_those_of_the_library(street: Path, motion: str, options
     assert published["matched"] == pytest.approx(expected.matched.mean())
     assert published["psi_per_point"] == pytest.approx(expected.psi / len(returns))
     assert list(published["gradient"].values()) == pytest.approx(expected.gradient.tolist())
-    assert found["variant"]["temporal"] == config.temporal and found["variant"]["unmatched"] == config.unmatched
+    assert scores["variant"]["temporal"] == config.temporal and scores["variant"]["unmatched"] == config.unmatched
 
 
 def test_minimising_gives_what_the_estimator_does(street: Path) -> None:
@@ -67,19 +67,19 @@ def test_minimising_gives_what_the_estimator_does(street: Path) -> None:
     expected = estimate_window(
         window(street, 8, 3), 2.0, TURN_S, config, BEAM, np.array([8.0, 0.0, 0.05]), CONSTANT_VELOCITY
     )
-    found = best["minimised"]
-    assert list(found["motion"].values()) == pytest.approx(expected.theta.tolist())
-    assert list(found["standard_deviation"].values()) == pytest.approx(np.sqrt(np.diag(expected.covariance)).tolist())
-    assert found["status"] == expected.status.value
-    assert found["motion"]["v"] == pytest.approx(SPEED, abs=0.3)
-    assert found["estimator"]["psi"] == pytest.approx(expected.minimum.evaluation.psi)
-    assert found["estimator"]["psi"] < best["estimator"]["psi"]
+    minimum = best["minimised"]
+    assert list(minimum["motion"].values()) == pytest.approx(expected.theta.tolist())
+    assert list(minimum["standard_deviation"].values()) == pytest.approx(np.sqrt(np.diag(expected.covariance)).tolist())
+    assert minimum["status"] == expected.status.value
+    assert minimum["motion"]["v"] == pytest.approx(SPEED, abs=0.3)
+    assert minimum["estimator"]["psi"] == pytest.approx(expected.minimum.evaluation.psi)
+    assert minimum["estimator"]["psi"] < best["estimator"]["psi"]
 
 
 def test_a_sideways_start_is_minimised_over_three_parameters(street: Path) -> None:
-    found = shown(street, "--start", 2.0, "--motion", "8.5,0.2,0.05", "--minimise")["minimised"]
-    assert list(found["motion"]) == ["vx", "vy", "omega"]
-    assert found["motion"]["vx"] == pytest.approx(SPEED, abs=0.3)
+    minimum = shown(street, "--start", 2.0, "--motion", "8.5,0.2,0.05", "--minimise")["minimised"]
+    assert list(minimum["motion"]) == ["vx", "vy", "omega"]
+    assert minimum["motion"]["vx"] == pytest.approx(SPEED, abs=0.3)
 
 
 def test_the_estimators_gradient_points_uphill(street: Path) -> None:
@@ -118,10 +118,10 @@ def test_only_the_windows_revolutions_are_read(street: Path, tmp_path: Path) -> 
         (["--start", -1, "--motion", "1,0"], "no 3 scans begin at -1 s"),
         (["--start", "nan", "--motion", "1,0"], "give a start of 0 to 11.25"),
         (["--start", 0, "--motion", "1,0", "--revolutions", 500], "holds only 48"),
-        (["--start", 0, "--motion", "1"], "motion '1': is no motion; give v,omega or vx,vy,omega"),
-        (["--start", 0, "--motion", "1,2,3,4"], "is no motion"),
-        (["--start", 0, "--motion", "fast,0"], "motion 'fast,0': is no motion"),
-        (["--start", 0, "--motion", "nan,0"], "is no motion"),
+        (["--start", 0, "--motion", "1"], "--motion 1: is not a motion; give v,omega or vx,vy,omega"),
+        (["--start", 0, "--motion", "1,2,3,4"], "is not a motion"),
+        (["--start", 0, "--motion", "fast,0"], "--motion fast,0: is not a motion"),
+        (["--start", 0, "--motion", "nan,0"], "is not a motion"),
         (["--start", 0, "--motion", "1,0", "--temporal", "box"], "temporal box: Input should be 'plateau' or 'gaussian'"),
         (["--start", 0, "--motion", "1,0", "--numerator", "2"], "numerator 2: "),
         (["--start", 0, "--motion", "1,0", "--unmatched", -1], "unmatched -1.0: "),
@@ -135,9 +135,9 @@ def test_a_mistake_is_one_line_and_exit_code_2(street: Path, words: list[str | f
 
 
 def test_the_last_window_can_be_scored_and_nothing_is_written(street: Path) -> None:
-    before = contents(street)
+    before = read_contents(street)
     assert shown(street, "--start", 11.25, "--motion", "9,0")["window"]["t0"] == 11.25
-    assert contents(street) == before
+    assert read_contents(street) == before
 
 
 def test_a_window_without_returns_is_said(street: Path, tmp_path: Path) -> None:

@@ -6,7 +6,7 @@ import json
 from pathlib import Path
 
 import pytest
-from support.commands import contents, mqslam
+from support.commands import mqslam, read_contents
 
 SMALL = ["--duration", "1.5", "--azimuths", "90", "--range-resolution", "0.5", "--max-range", "60", "--quiet"]
 
@@ -28,7 +28,7 @@ def test_every_option_reaches_the_simulation(tmp_path: Path) -> None:
     assert mqslam("simulate", tmp_path / "drive", *words, "--quiet").code == 0
     written = json.loads((tmp_path / "drive" / "simulation.json").read_text())
     sensor = written["sensor"]
-    found = {
+    recorded = {
         "--scene": written["scene"],
         "--duration": written["duration_s"],
         "--turn-rate": sensor["turn_rate_hz"],
@@ -40,7 +40,7 @@ def test_every_option_reaches_the_simulation(tmp_path: Path) -> None:
         "--seed": written["seed"],
         "--jobs": 2,
     }
-    assert found == options
+    assert recorded == options
     described = json.loads(mqslam("info", tmp_path / "drive", "--json").out)
     assert (described["revolutions"], described["azimuths"], described["bins"]) == (4, 90, 120)
     assert described["turn_rate_hz"] == pytest.approx(2.0) and described["range_resolution_m"] == 0.5
@@ -49,7 +49,7 @@ def test_every_option_reaches_the_simulation(tmp_path: Path) -> None:
 def test_the_same_seed_gives_the_same_bytes(tmp_path: Path) -> None:
     for name, words in {"one": ["--seed", "3"], "two": ["--seed", "3", "--jobs", "2"], "three": ["--seed", "4"]}.items():
         assert mqslam("simulate", tmp_path / name, *SMALL, *words).code == 0
-    one, two, three = (contents(tmp_path / name) for name in ("one", "two", "three"))
+    one, two, three = (read_contents(tmp_path / name) for name in ("one", "two", "three"))
     assert one == two != three
 
 
@@ -65,7 +65,7 @@ def test_an_impossible_wish_is_one_line_and_nothing_is_made(tmp_path: Path, word
     shown = mqslam("simulate", tmp_path / "drive", *SMALL, *words)
     assert shown.code == 2 and shown.out == ""
     assert shown.err.startswith("mqslam: error: ") and shown.err.count("\n") == 1
-    assert contents(tmp_path) == {}
+    assert read_contents(tmp_path) == {}
 
 
 @pytest.mark.parametrize("scene", ["street", "yard", "corridor"])
@@ -78,4 +78,4 @@ def test_a_folder_with_content_is_left_alone(tmp_path: Path) -> None:
     (tmp_path / "mine").write_text("kept")
     shown = mqslam("simulate", tmp_path, *SMALL)
     assert shown.code == 2 and "exists already" in shown.err and shown.err.count("\n") == 1
-    assert contents(tmp_path) == {"mine": b"kept"}
+    assert read_contents(tmp_path) == {"mine": b"kept"}

@@ -6,14 +6,14 @@ from pathlib import Path
 import pytest
 from support.recordings import START_US, TURN_US, write_oxford
 
-from mqslam.commands.info import describe
+from mqslam.commands.info import describe_radar
 from mqslam.formats.recordings import open_recording
 
 
 def test_a_recording_is_described_in_plain_values(oxford: Path) -> None:
     end = START_US + 6 * TURN_US
     (oxford / "odom.csv").write_text(f"t,v,omega\n{START_US},2,0\n{end},2,0\n")
-    description = describe(open_recording(oxford, range_resolution=0.1))
+    description = describe_radar(open_recording(oxford, range_resolution=0.1))
     assert json.loads(json.dumps(description)) == {
         "format": "oxford",
         "path": str(oxford),
@@ -33,6 +33,6 @@ def test_a_recording_is_described_in_plain_values(oxford: Path) -> None:
 
 
 def test_gaps_are_described_by_place_and_length(tmp_path: Path) -> None:
-    description = describe(open_recording(write_oxford(tmp_path / "drive", revolutions=9, skip=(4, 5))))
+    description = describe_radar(open_recording(write_oxford(tmp_path / "drive", revolutions=9, skip=(4, 5))))
     assert description["revolutions"] == 7
     assert description["gaps"] == [{"after_revolution": 3, "missing_s": pytest.approx(0.5)}]

@@ -8,12 +8,12 @@ from pathlib import Path
 import pytest
 from pydantic import BaseModel, ValidationError
 
-from mqslam.config import Config, dump_yaml, load_config, shipped_names
+from mqslam.config import Config, dump_yaml, list_shipped, load_config
 from mqslam.errors import ConfigError
 
 
 def settings(model: type[BaseModel], prefix: str = "") -> Iterator[tuple[str, str | None]]:
-    """Name and description of every setting of a tree."""
+    """Yields name and description of every setting of a tree."""
     for name, field in model.model_fields.items():
         if isinstance(field.annotation, type) and issubclass(field.annotation, BaseModel):
             yield from settings(field.annotation, f"{prefix}{name}.")
@@ -22,7 +22,7 @@ def settings(model: type[BaseModel], prefix: str = "") -> Iterator[tuple[str, st
 
 
 def refusal(tmp_path: Path, text: str) -> str:
-    """The message with which a settings file is refused."""
+    """Returns the message with which a settings file is refused."""
     file = tmp_path / "mine.yaml"
     file.write_text(text)
     with pytest.raises(ConfigError) as caught:
@@ -32,9 +32,9 @@ def refusal(tmp_path: Path, text: str) -> str:
 
 
 def test_every_setting_says_what_it_is() -> None:
-    found = dict(settings(Config))
-    assert len(found) > 30
-    assert [name for name, description in found.items() if not description] == []
+    described = dict(settings(Config))
+    assert len(described) > 30
+    assert [name for name, description in described.items() if not description] == []
 
 
 def test_no_file_and_the_shipped_default_are_the_defaults() -> None:
@@ -42,8 +42,8 @@ def test_no_file_and_the_shipped_default_are_the_defaults() -> None:
 
 
 def test_every_shipped_configuration_loads() -> None:
-    assert {"boreas", "default", "mulran", "oxford", "radiate"} <= set(shipped_names())
-    for name in shipped_names():
+    assert {"boreas", "default", "mulran", "oxford", "radiate"} <= set(list_shipped())
+    for name in list_shipped():
         assert isinstance(load_config(name), Config)
     assert load_config("oxford").sensor.range_resolution_m == 0.0438
 
@@ -81,10 +81,12 @@ def test_what_is_written_is_read_back_equal(tmp_path: Path, name: str) -> None:
     [
         ("psi: {bta_s: 1}", "unknown setting psi.bta_s; did you mean beta_s?"),
         ("trackr: {}", "unknown setting trackr; did you mean tracker?"),
-        ("map: {zzzz: 1}", "unknown setting map.zzzz; known are cell_m, travel_m, travel_rad"),
+        ("map: {zzzz: 1}", "unknown setting map.zzzz; choose one of cell_m, travel_m, travel_rad"),
         ("map: {cell_m: -1}", "map.cell_m: Input should be greater than 0"),
         ("map: {cell_m: wide}", "map.cell_m: Input should be a valid number"),
         ("map: 3", "map: Input should be"),
+        ("sensor: {doppler_beta: 5}", "sensor.doppler_beta: Input should be less than or equal to 1"),
+        ("tracker: {speed_min: 3, speed_max: 2}", "tracker: speed_max (2.0) must be larger than speed_min (3.0)"),
         ("1: 2", "Keys should be strings"),
         ("- map", "must hold settings"),
         ("map", "must hold settings"),
@@ -102,9 +104,13 @@ def test_a_file_that_is_no_text_is_refused(tmp_path: Path) -> None:
         load_config(tmp_path / "mine.yaml")
 
 
-def test_an_unknown_name_is_answered_with_the_shipped_ones() -> None:
-    with pytest.raises(ConfigError, match=r"oxfrod: no such configuration; .* default.*oxford"):
-        load_config("oxfrod")
+@pytest.mark.parametrize(
+    ("name", "remedy"),
+    [("oxfrd", r"did you mean oxford\?$"), ("mine", "choose one of boreas, default, .*oxford")],
+)
+def test_an_unknown_name_is_answered_with_the_nearest_or_all_that_ship(name: str, remedy: str) -> None:
+    with pytest.raises(ConfigError, match=f"^{name}: no such configuration; {remedy}"):
+        load_config(name)
 
 
 def test_settings_do_not_change_after_they_were_read() -> None:

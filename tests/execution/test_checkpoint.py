@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from support.commands import contents
+from support.commands import read_contents
 from support.drives import constant
 
 from mqslam import slam as slam_module
@@ -19,8 +19,8 @@ from mqslam.core.scans import Detected, Returns
 from mqslam.core.trajectory import Trajectory
 from mqslam.detection.stage import detect_all
 from mqslam.errors import DataError, OutputError
-from mqslam.execution.checkpoint import FOLDER, Checkpoint, run_key, unfinished
-from mqslam.execution.kept import LOOPS, MEASURED, kept_stretch
+from mqslam.execution.checkpoint import FOLDER, Checkpoint, hash_run, keep_checkpoint
+from mqslam.execution.kept import LOOPS, MEASURED, describe_kept_stretch
 from mqslam.execution.runner import Runner
 from mqslam.psi import doppler as doppler_module
 from mqslam.simulator import SensorModel, SimulatedRecording, simulated_recording, street_scene
@@ -51,7 +51,7 @@ FILES = ("returns-000000-000005.npz", "measurements.npz", "loops.npz")
 def filled(out: Path, key: str = "this run") -> Checkpoint:
     """A checkpoint with every stage."""
     checkpoint = Checkpoint(out, key, resume=False)
-    checkpoint.keep(kept_stretch(0, 5), DETECTED)
+    checkpoint.keep(describe_kept_stretch(0, 5), DETECTED)
     checkpoint.keep(MEASURED, Measured(MEASUREMENTS, 0.0489))
     checkpoint.keep(LOOPS, LoopSearch(CLOSURES, 17))
     return checkpoint
@@ -62,7 +62,7 @@ def resumed(out: Path) -> Checkpoint:
 
 
 def found_in(checkpoint: Checkpoint) -> list[Any]:
-    return [checkpoint.find(kept_stretch(0, 5)), checkpoint.find(MEASURED), checkpoint.find(LOOPS)]
+    return [checkpoint.find(describe_kept_stretch(0, 5)), checkpoint.find(MEASURED), checkpoint.find(LOOPS)]
 
 
 def assert_same(one: Any, other: Any) -> None:
@@ -75,9 +75,9 @@ def assert_same(one: Any, other: Any) -> None:
 
 def test_returns_survive_a_round_trip(tmp_path: Path) -> None:
     filled(tmp_path / "out")
-    found = resumed(tmp_path / "out").find(kept_stretch(0, 5))
-    assert found is not None and repr(found.unread) == repr(DETECTED.unread)
-    for one, other in zip(RETURNS, found.returns, strict=True):
+    kept = resumed(tmp_path / "out").find(describe_kept_stretch(0, 5))
+    assert kept is not None and repr(kept.unread) == repr(DETECTED.unread)
+    for one, other in zip(RETURNS, kept.returns, strict=True):
         assert_same(one, other)
         assert all(getattr(other, f.name).flags.c_contiguous for f in fields(other))
 
@@ -106,15 +106,15 @@ def test_that_there_are_no_loops_is_kept_too(tmp_path: Path) -> None:
 def test_another_stretch_is_not_there(tmp_path: Path) -> None:
     filled(tmp_path / "out")
     assert (
-        resumed(tmp_path / "out").find(kept_stretch(0, 4)) is None
-        and resumed(tmp_path / "out").find(kept_stretch(5, 10)) is None
+        resumed(tmp_path / "out").find(describe_kept_stretch(0, 4)) is None
+        and resumed(tmp_path / "out").find(describe_kept_stretch(5, 10)) is None
     )
 
 
 def test_nothing_is_there_before_it_is_kept_and_looking_makes_nothing(tmp_path: Path) -> None:
     for resume in (False, True):
         assert found_in(Checkpoint(tmp_path / "out", "this run", resume=resume)) == [None, None, None]
-    assert contents(tmp_path) == {}
+    assert read_contents(tmp_path) == {}
 
 
 @pytest.mark.parametrize("name", FILES)
@@ -124,8 +124,8 @@ def test_a_file_that_is_cut_short_is_not_there(tmp_path: Path, name: str) -> Non
     whole = file.read_bytes()
     for length in [*range(0, len(whole), 101), len(whole) - 1]:
         file.write_bytes(whole[:length])
-        found = found_in(resumed(tmp_path / "out"))
-        assert [part is None for part in found] == [other == name for other in FILES], length
+        kept = found_in(resumed(tmp_path / "out"))
+        assert [part is None for part in kept] == [other == name for other in FILES], length
 
 
 @pytest.mark.parametrize("name", FILES)
@@ -138,9 +138,9 @@ def test_a_file_with_a_broken_byte_is_not_there_or_as_it_was(tmp_path: Path, nam
         broken = bytearray(whole)
         broken[place] ^= 0x55
         file.write_bytes(broken)
-        found = found_in(resumed(tmp_path / "out"))[FILES.index(name)]
-        missing += found is None
-        assert found is None or repr(found) == repr(right), place
+        kept = found_in(resumed(tmp_path / "out"))[FILES.index(name)]
+        missing += kept is None
+        assert kept is None or repr(kept) == repr(right), place
     assert missing > 20
 
 
@@ -169,7 +169,7 @@ def test_a_broken_stretch_is_detected_again(recording: SimulatedRecording, tmp_p
     config = Config().detector
     checkpoint = Checkpoint(tmp_path / "out", "this run", resume=False)
     first, _ = detect_all(recording, config, Runner(checkpoint=checkpoint))
-    before = contents(tmp_path)
+    before = read_contents(tmp_path)
     kept = sorted((tmp_path / "out" / FOLDER).glob("returns-*"))
     assert len(kept) == 2
     for broken in ([], kept[:1], kept[1:], kept):
@@ -180,7 +180,7 @@ def test_a_broken_stretch_is_detected_again(recording: SimulatedRecording, tmp_p
         for one, other in zip(first, again, strict=True):
             assert (one.t0, one.t1) == (other.t0, other.t1)
             assert_same(one.returns, other.returns)
-        assert contents(tmp_path).keys() == before.keys()
+        assert read_contents(tmp_path).keys() == before.keys()
 
 
 def test_a_resumed_run_repeats_no_finished_stage_and_ends_the_same(
@@ -205,12 +205,12 @@ def test_a_resumed_run_repeats_no_finished_stage_and_ends_the_same(
 
 def test_another_runs_checkpoint_is_refused_and_left(tmp_path: Path) -> None:
     filled(tmp_path / "out", "another run")
-    before = contents(tmp_path)
+    before = read_contents(tmp_path)
     with pytest.raises(OutputError, match=r"unfinished run of other data or settings; choose another output"):
         resumed(tmp_path / "out")
-    with pytest.raises(OutputError), unfinished(tmp_path / "out", "this run", resume=True):
+    with pytest.raises(OutputError), keep_checkpoint(tmp_path / "out", "this run", resume=True):
         pass
-    assert contents(tmp_path) == before
+    assert read_contents(tmp_path) == before
 
 
 @pytest.mark.parametrize("text", ["", "[]", "{}", '{"key": 3}'])
@@ -231,12 +231,12 @@ def test_a_new_run_clears_what_an_old_one_kept_and_nothing_else(tmp_path: Path) 
     filled(tmp_path / "out")
     (tmp_path / "out" / "mine").write_text("kept")
     assert found_in(Checkpoint(tmp_path / "out", "this run", resume=False)) == [None, None, None]
-    assert contents(tmp_path) == {"out": None, "out/mine": b"kept"}
+    assert read_contents(tmp_path) == {"out": None, "out/mine": b"kept"}
 
 
 def test_every_stage_is_written_whole_or_not_at_all(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     checkpoint = filled(tmp_path / "out")
-    before = contents(tmp_path)
+    before = read_contents(tmp_path)
 
     def dies(file: Any, **arrays: Any) -> None:
         file.write(b"half of")
@@ -245,29 +245,29 @@ def test_every_stage_is_written_whole_or_not_at_all(tmp_path: Path, monkeypatch:
     monkeypatch.setattr(np, "savez", dies)
     with pytest.raises(KeyboardInterrupt):
         checkpoint.keep(LOOPS, LoopSearch([], 0))
-    assert contents(tmp_path) == before
+    assert read_contents(tmp_path) == before
 
 
 def test_an_error_of_the_user_leaves_nothing(tmp_path: Path) -> None:
-    with pytest.raises(DataError), unfinished(tmp_path / "out", "this run", resume=False) as checkpoint:
-        checkpoint.keep(kept_stretch(0, 5), DETECTED)
+    with pytest.raises(DataError), keep_checkpoint(tmp_path / "out", "this run", resume=False) as checkpoint:
+        checkpoint.keep(describe_kept_stretch(0, 5), DETECTED)
         raise DataError("drive", "is broken")
-    assert contents(tmp_path) == {}
+    assert read_contents(tmp_path) == {}
 
 
 def test_an_error_of_the_user_leaves_an_earlier_result(tmp_path: Path) -> None:
     (tmp_path / "out").mkdir()
     (tmp_path / "out" / "mine").write_text("kept")
-    with pytest.raises(DataError), unfinished(tmp_path / "out", "this run", resume=False) as checkpoint:
-        checkpoint.keep(kept_stretch(0, 5), DETECTED)
+    with pytest.raises(DataError), keep_checkpoint(tmp_path / "out", "this run", resume=False) as checkpoint:
+        checkpoint.keep(describe_kept_stretch(0, 5), DETECTED)
         raise DataError("drive", "is broken")
-    assert contents(tmp_path) == {"out": None, "out/mine": b"kept"}
+    assert read_contents(tmp_path) == {"out": None, "out/mine": b"kept"}
 
 
 @pytest.mark.parametrize("error", [KeyboardInterrupt, MemoryError])
 @pytest.mark.parametrize("resume", [False, True])
 def test_an_interrupted_run_can_be_resumed(tmp_path: Path, error: type[BaseException], resume: bool) -> None:
-    with pytest.raises(error), unfinished(tmp_path / "out", "this run", resume=resume) as checkpoint:
+    with pytest.raises(error), keep_checkpoint(tmp_path / "out", "this run", resume=resume) as checkpoint:
         checkpoint.keep(LOOPS, LoopSearch(CLOSURES, 17))
         raise error
     assert resumed(tmp_path / "out").find(LOOPS) is not None
@@ -275,10 +275,10 @@ def test_an_interrupted_run_can_be_resumed(tmp_path: Path, error: type[BaseExcep
 
 def test_an_error_while_resuming_keeps_what_was_there(tmp_path: Path) -> None:
     filled(tmp_path / "out")
-    before = contents(tmp_path)
-    with pytest.raises(OutputError), unfinished(tmp_path / "out", "this run", resume=True):
+    before = read_contents(tmp_path)
+    with pytest.raises(OutputError), keep_checkpoint(tmp_path / "out", "this run", resume=True):
         raise OutputError("disk full")
-    assert contents(tmp_path) == before
+    assert read_contents(tmp_path) == before
 
 
 def test_a_place_that_cannot_be_written_is_said_so(tmp_path: Path) -> None:
@@ -288,11 +288,11 @@ def test_a_place_that_cannot_be_written_is_said_so(tmp_path: Path) -> None:
 
 
 ANOTHER: dict[str, Callable[[SimulatedRecording], str]] = {
-    "settings": lambda s: run_key(s, Config(sensor=SensorConfig(doppler_beta=0.01)), "psi", s.odometry),
-    "front end": lambda s: run_key(s, Config(), "kiss_icp", s.odometry),
-    "no odometry": lambda s: run_key(s, Config(), "psi", None),
-    "other odometry": lambda s: run_key(s, Config(), "psi", moved(s.odometry)),
-    "other recording": lambda s: run_key(
+    "settings": lambda s: hash_run(s, Config(sensor=SensorConfig(doppler_beta=0.01)), "psi", s.odometry),
+    "front end": lambda s: hash_run(s, Config(), "kiss_icp", s.odometry),
+    "no odometry": lambda s: hash_run(s, Config(), "psi", None),
+    "other odometry": lambda s: hash_run(s, Config(), "psi", moved(s.odometry)),
+    "other recording": lambda s: hash_run(
         simulated_recording(s.scene, s.drive, duration_s=4.0, sensor=s.sensor), Config(), "psi", s.odometry
     ),
 }
@@ -305,6 +305,6 @@ def moved(track: Trajectory | None) -> Trajectory:
 
 @pytest.mark.parametrize("change", ANOTHER)
 def test_whatever_changes_the_result_changes_the_key(recording: SimulatedRecording, change: str) -> None:
-    key = run_key(recording, Config(), "psi", recording.odometry)
-    assert key == run_key(recording, Config(), "psi", recording.odometry)
+    key = hash_run(recording, Config(), "psi", recording.odometry)
+    assert key == hash_run(recording, Config(), "psi", recording.odometry)
     assert ANOTHER[change](recording) != key

@@ -9,12 +9,12 @@ from pathlib import Path
 
 import pytest
 from support.clusters import Cluster, at, cluster, fatal, full_disk, slow_sum
-from support.commands import INSTALLED, mqslam, processes
+from support.commands import INSTALLED, list_processes, mqslam
 
 from mqslam.errors import ClusterError
 from mqslam.execution import cluster as cluster_module
 from mqslam.execution.checkpoint import FOLDER
-from mqslam.execution.cluster import connected
+from mqslam.execution.cluster import connect
 from mqslam.execution.engine import HERE, LocalEngine
 from mqslam.simulator import SensorModel, simulate
 
@@ -51,7 +51,7 @@ def test_what_a_killed_worker_had_to_do_is_done_by_another(crew: Cluster) -> Non
     def kill(number: int, result: int) -> None:
         crew.workers[0].kill()
 
-    with connected(crew.address) as engine:
+    with connect(crew.address) as engine:
         assert engine.map(slow_sum, [1, 2], range(8), kill) == [3 + k for k in range(8)]
 
 
@@ -72,7 +72,7 @@ def test_workers_that_are_all_gone_are_not_waited_for_forever(crew: Cluster) -> 
         for worker in crew.workers:
             worker.kill()
 
-    with connected(crew.address) as engine, pytest.raises(ClusterError, match="has no workers left"):
+    with connect(crew.address) as engine, pytest.raises(ClusterError, match="has no workers left"):
         engine.map(slow_sum, [1, 2], range(20), kill)
 
 
@@ -89,32 +89,32 @@ def test_what_tasks_share_is_sent_again_when_all_who_held_it_are_gone(
     numbers: list[int] = []
     shared = list(range(100_000))  # too much to travel with every task
     monkeypatch.setattr(cluster_module, "_LOOK_S", 60.0)  # a worker takes seconds to start, more on a busy machine
-    with connected(crew.address) as engine:
-        found = engine.map(slow_sum, shared, range(12), lambda number, _: (numbers.append(number), replace(number, 0)))
-    assert found == [sum(shared) + k for k in range(12)] and numbers == list(range(1, 13))
+    with connect(crew.address) as engine:
+        results = engine.map(slow_sum, shared, range(12), lambda number, _: (numbers.append(number), replace(number, 0)))
+    assert results == [sum(shared) + k for k in range(12)] and numbers == list(range(1, 13))
 
 
 def test_what_a_function_raises_is_not_taken_for_the_clusters_trouble(crew: Cluster) -> None:
-    with connected(crew.address) as engine, pytest.raises(OSError, match="No space left"):
+    with connect(crew.address) as engine, pytest.raises(OSError, match="No space left"):
         engine.map(full_disk, [], range(3))
 
 
 def test_a_call_that_kills_its_process_is_its_own_failure_alone() -> None:
-    assert LocalEngine(2).apart(fatal, [1], [-1, 5]) == [None, 6]
+    assert LocalEngine(2).map_apart(fatal, [1], [-1, 5]) == [None, 6]
 
 
 @pytest.mark.slow
 def test_a_call_that_kills_its_process_again_and_again_is_its_own_failure_alone(tmp_path: Path) -> None:
-    with cluster(tmp_path / "dask", workers=5) as found, connected(found.address) as engine:
-        assert engine.apart(fatal, [1], [-1, 5]) == [None, 6]
+    with cluster(tmp_path / "dask", workers=5) as workers, connect(workers.address) as engine:
+        assert engine.map_apart(fatal, [1], [-1, 5]) == [None, 6]
 
 
 @pytest.mark.parametrize("engine", [HERE, LocalEngine(3)])
 @pytest.mark.parametrize("processes", [False, True])
 def test_results_come_in_the_order_of_the_items(engine: LocalEngine, processes: bool) -> None:
     done: list[tuple[int, int]] = []
-    found = engine.map(slow_sum, [1, 2], range(6), lambda *said: done.append(said), processes=processes)
-    assert found == [3, 4, 5, 6, 7, 8] and done == list(zip(range(1, 7), found, strict=True))
+    results = engine.map(slow_sum, [1, 2], range(6), lambda *said: done.append(said), processes=processes)
+    assert results == [3, 4, 5, 6, 7, 8] and done == list(zip(range(1, 7), results, strict=True))
 
 
 @pytest.mark.slow
@@ -157,9 +157,9 @@ def test_an_address_that_leads_nowhere_is_said(
 
 
 def test_a_scheduler_without_workers_is_said(lap: Path, tmp_path: Path) -> None:
-    with cluster(tmp_path / "dask", workers=0) as found:
-        shown = run(lap, tmp_path / "out", "--cluster", found.address)
-    assert shown.err == f"mqslam: error: {found.address}: has no workers; start some with 'dask worker {found.address}'\n"
+    with cluster(tmp_path / "dask", workers=0) as crew:
+        shown = run(lap, tmp_path / "out", "--cluster", crew.address)
+    assert shown.err == f"mqslam: error: {crew.address}: has no workers; start some with 'dask worker {crew.address}'\n"
 
 
 def test_workers_of_another_version_are_refused(tmp_path: Path, lap: Path) -> None:
@@ -168,9 +168,9 @@ def test_workers_of_another_version_are_refused(tmp_path: Path, lap: Path) -> No
     (other / "__init__.py").touch()
     (other / "execution" / "__init__.py").touch()
     (other / "execution" / "cluster.py").write_text("def _version():\n    return '0.0.1'\n")
-    with cluster(tmp_path / "dask", workers=0) as found:
-        found.add_worker(finds=other.parent)
-        shown = run(lap, tmp_path / "out", "--cluster", found.address)
+    with cluster(tmp_path / "dask", workers=0) as workers:
+        workers.add_worker(finds=other.parent)
+        shown = run(lap, tmp_path / "out", "--cluster", workers.address)
     assert shown.code == 2 and "has mqslam 0.0.1; install" in shown.err and shown.err.count("\n") == 1, shown.err
 
 
@@ -205,4 +205,4 @@ def test_an_interrupt_leaves_no_process_and_what_can_be_resumed(lap: Path, tmp_p
     rest = process.stderr.read()
     assert process.wait(timeout=300) == 130 and rest.splitlines()[-1] == "mqslam: interrupted; continue with --resume"
     assert "Traceback" not in rest and {path.name for path in (tmp_path / "out").iterdir()} == {FOLDER}
-    assert processes(process.pid) == []
+    assert list_processes(process.pid) == []

@@ -8,13 +8,13 @@ from pathlib import Path
 import pytest
 
 from mqslam.errors import OutputError
-from mqslam.execution.files import write_text, written_whole
-from mqslam.execution.folders import new_folder
+from mqslam.execution.files import write_aside, write_text
+from mqslam.execution.folders import make_folder
 
 
 def test_the_file_appears_when_the_block_ends(tmp_path: Path) -> None:
     path = tmp_path / "result.txt"
-    with written_whole(path) as aside:
+    with write_aside(path) as aside:
         assert aside.parent == tmp_path
         aside.write_text("half")
         assert not path.exists()
@@ -37,7 +37,7 @@ def test_an_error_leaves_the_old_content_and_no_temporary_file(tmp_path: Path, e
     old, new = tmp_path / "old.txt", tmp_path / "new.txt"
     old.write_text("old")
     for path in (old, new):
-        with pytest.raises(type(error)), written_whole(path) as aside:
+        with pytest.raises(type(error)), write_aside(path) as aside:
             aside.write_text("half")
             raise error
     assert old.read_text() == "old"
@@ -47,7 +47,7 @@ def test_an_error_leaves_the_old_content_and_no_temporary_file(tmp_path: Path, e
 def test_a_full_disk_is_an_error_that_names_the_file(tmp_path: Path) -> None:
     path = tmp_path / "result.txt"
     path.write_text("old")
-    with pytest.raises(OutputError, match=r"result\.txt: cannot be written \(No space left"), written_whole(path):
+    with pytest.raises(OutputError, match=r"result\.txt: cannot be written \(No space left"), write_aside(path):
         raise OSError(28, "No space left on device")
     assert path.read_text() == "old" and list(tmp_path.iterdir()) == [path]
 
@@ -79,8 +79,8 @@ def test_text_is_utf_8_and_replaces_what_was_there(tmp_path: Path) -> None:
 
 def test_a_new_folder_is_made_with_its_parents(tmp_path: Path) -> None:
     out = tmp_path / "deep" / "out"
-    assert new_folder(out) == out and out.is_dir()
-    assert new_folder(out) == out
+    assert make_folder(out) == out and out.is_dir()
+    assert make_folder(out) == out
 
 
 @pytest.mark.parametrize("existing", ["file", "content"])
@@ -91,11 +91,11 @@ def test_a_folder_that_holds_something_is_refused_and_left_alone(tmp_path: Path,
     kept = out / "mine" if existing == "content" else out
     kept.write_text("kept")
     with pytest.raises(OutputError, match="out: exists already"):
-        new_folder(out)
+        make_folder(out)
     assert kept.read_text() == "kept"
 
 
 def test_a_folder_below_a_file_cannot_be_made(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("kept")
     with pytest.raises(OutputError, match="cannot be made"):
-        new_folder(tmp_path / "file" / "out")
+        make_folder(tmp_path / "file" / "out")

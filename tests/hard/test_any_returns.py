@@ -17,7 +17,7 @@ from mqslam.core.scans import Returns, Scan
 from mqslam.core.trajectory import Trajectory
 from mqslam.errors import EstimationError
 from mqslam.execution.engine import HERE
-from mqslam.execution.progress import silent
+from mqslam.execution.progress import ignore_progress
 from mqslam.mapping.render import place_along, render
 from mqslam.psi.place import beam_of
 
@@ -95,7 +95,7 @@ def test_any_returns_are_rendered_and_audited_under_any_trajectory(data: st.Data
         assert "returns in" in str(error)
         return
     assert np.isfinite(pointmap.psi).all()
-    found = audit(sweeps, CONFIG.audit, CONFIG.estimator, CONFIG.loops, CONFIG.verdict, HERE, silent)
+    found = audit(sweeps, CONFIG.audit, CONFIG.estimator, CONFIG.loops, CONFIG.verdict, HERE, ignore_progress)
     for window in found.windows:
         assert np.isfinite([window.bend.inflation, window.bend.psi, window.bend.psi_best]).all()
         np.testing.assert_array_less(0.0, np.diag(window.bend.covariance))

@@ -32,7 +32,7 @@ from mqslam.core.scans import Scan
 from mqslam.core.trajectory import Trajectory
 from mqslam.errors import EstimationError
 from mqslam.execution.engine import HERE
-from mqslam.execution.progress import silent
+from mqslam.execution.progress import ignore_progress
 from mqslam.execution.runner import Runner
 from mqslam.mapping.render import render
 from mqslam.psi.place import beam_of
@@ -48,7 +48,7 @@ def poses_of(name: str, scans: Sequence[Scan]) -> se2.Array:
 
 def audited(scans: Sequence[Scan], poses: se2.Array) -> Audit:
     sweeps, _ = place_sweeps(joined(scans), Trajectory(stamps_of(scans), poses), CONFIG.audit, BEAM)
-    return audit(sweeps, CONFIG.audit, CONFIG.estimator, CONFIG.loops, CONFIG.verdict, HERE, silent)
+    return audit(sweeps, CONFIG.audit, CONFIG.estimator, CONFIG.loops, CONFIG.verdict, HERE, ignore_progress)
 
 
 def rendered(scans: Sequence[Scan], poses: se2.Array) -> PointMap:
@@ -87,7 +87,7 @@ def test_a_hard_recording_is_rendered_and_checked(name: str) -> None:
     track = Trajectory(stamps_of(scans), poses)
     checks = audit_sample(joined(scans), track, CONFIG.audit, CONFIG.estimator, BEAM, Runner())
     assert all(check.bend.points and np.isfinite(check.bend.inflation) for check in checks)
-    assert find_loops(Drive.of(scans, poses), CONFIG.loops, CONFIG.estimator, BEAM, set(), HERE, silent) == []
+    assert find_loops(Drive.of(scans, poses), CONFIG.loops, CONFIG.estimator, BEAM, set(), HERE, ignore_progress) == []
 
 
 def test_a_recording_without_returns_is_neither_rendered_nor_audited() -> None:

@@ -86,5 +86,5 @@ def test_the_verdict_of_a_run_needs_evidence(found, status, reason):
 def test_of_many_gaps_the_first_are_named_and_the_others_counted() -> None:
     named = _warn_of_gaps([(k, 0.25) for k in range(12)], 60.0)
     assert len(named) == 6
-    assert named[0] == "radar gap of 0.25 s after scan 0"
+    assert named[0] == "radar gap of 0.25 s after scan 0 (counted from 0)"
     assert named[-1] == "7 more radar gaps; 3.00 s are missing in all"

@@ -21,7 +21,7 @@ INSTALLED = Path(sys.executable).with_name("mqslam")
 
 @dataclass(frozen=True)
 class Result:
-    """What a command left behind on the terminal."""
+    """The exit code of a command, and what it wrote to the terminal."""
 
     code: int
     out: str
@@ -29,7 +29,7 @@ class Result:
 
 
 def mqslam(*arguments: str | Path | float) -> Result:
-    """Run the command line in this process; errors nobody foresaw are raised, as a traceback would show them."""
+    """Runs the command line in this process; unforeseen errors are raised, as a traceback would show them."""
     out, err, code = io.StringIO(), io.StringIO(), 0
     words = ["mqslam", *(str(argument) for argument in arguments)]
     with mock.patch.object(sys, "argv", words), contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
@@ -40,32 +40,32 @@ def mqslam(*arguments: str | Path | float) -> Result:
     return Result(code, out.getvalue(), err.getvalue())
 
 
-def strict_json(text: str) -> dict[str, Any]:
-    """JSON as other languages read it: without NaN and Infinity."""
+def parse_strict_json(text: str) -> dict[str, Any]:
+    """Returns the content of JSON as other languages read it: without NaN and Infinity."""
 
     def refuse(constant: str) -> None:
         raise AssertionError(f"{constant} is no JSON")
 
-    found: dict[str, Any] = json.loads(text, parse_constant=refuse)
-    return found
+    content: dict[str, Any] = json.loads(text, parse_constant=refuse)
+    return content
 
 
 @contextlib.contextmanager
-def in_this_process() -> Iterator[None]:
-    """Do what is done in a process of its own in this one while the block lasts, which spares the imports of another."""
-    with mock.patch.object(engine, "_alone", lambda function, shared, item: function(shared, item)):
+def run_in_this_process() -> Iterator[None]:
+    """Calls functions in this process instead of a process of their own, which would import everything again."""
+    with mock.patch.object(engine, "_call_apart", lambda function, shared, item: function(shared, item)):
         yield
 
 
-def contents(folder: Path) -> dict[str, bytes | None]:
-    """Everything below a folder, hidden files too: bytes by name, None for folders."""
+def read_contents(folder: Path) -> dict[str, bytes | None]:
+    """Returns everything below a folder, hidden files too: bytes by name, None for folders."""
     return {
         str(path.relative_to(folder)): path.read_bytes() if path.is_file() else None for path in sorted(folder.rglob("*"))
     }
 
 
-def processes(session: int) -> list[Path]:
-    """The processes of a session that are alive, after a moment to end."""
+def list_processes(session: int) -> list[Path]:
+    """Returns the processes of a session that are still alive after they had a minute to end."""
     end = time.monotonic() + 60.0
     while alive := [stat for stat in Path("/proc").glob("[0-9]*/stat") if _in_session(stat, session)]:
         if time.monotonic() > end:
@@ -75,7 +75,7 @@ def processes(session: int) -> list[Path]:
 
 
 def _in_session(stat: Path, session: int) -> bool:
-    """Whether a process belongs to a session and is no zombie; not once it is gone."""
+    """Returns whether a process exists, belongs to a session and is not a zombie."""
     try:
         words = stat.read_text().rpartition(")")[2].split()
     except OSError:

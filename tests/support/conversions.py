@@ -13,11 +13,10 @@ from support.layouts import left_turn
 from support.recordings import START_US, TURN_US, bag_writer, circle, with_metadata, write_png
 
 from mqslam.core.recording import PolarScan, Recording
-from mqslam.formats.recordings import open_recording
+from mqslam.formats.conversion import write_recording
+from mqslam.formats.recordings import list_targets, open_recording
+from mqslam.formats.shared.target import Target
 from mqslam.formats.tum import write_tum
-from mqslam.formats.writing.recordings import write_recording
-from mqslam.formats.writing.rosbag import Message
-from mqslam.formats.writing.targets import TARGETS
 
 BAGS = ("rosbag1", "mcap", "rosbag2", "rosbag2_mcap")
 STAMPED = ("oxford", "boreas", "mulran_oxford", *BAGS, "b_scan", "native")
@@ -28,11 +27,15 @@ _RESOLUTION_M = 0.5
 
 
 def convert(recording: Recording, root: Path, to: str) -> tuple[Path, list[str]]:
-    """Write a stream below a folder in a layout of `STAMPED` or `EVEN`; the path and the notes."""
-    target = TARGETS["rosbag1" if to == "b_scan" else to]
-    message: Message = "b_scan" if to == "b_scan" else "image"
+    """Writes a recording below a folder in a layout of `STAMPED` or `EVEN`; returns the path and the notes."""
+    target = target_named("rosbag1", "b_scan") if to == "b_scan" else target_named(to)
     out = root / f"{to}{target.suffix}"
-    return out, write_recording(recording, out, target, message, lambda done, total: None)
+    return out, write_recording(recording, out, target, lambda done, total: None)
+
+
+def target_named(name: str, message: str = "image") -> Target:
+    """Returns the layout of a name."""
+    return next(target for target in list_targets() if (target.name, target.message) == (name, message))
 
 
 def converted(recording: Recording, root: Path, to: str) -> Recording:

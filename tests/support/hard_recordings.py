@@ -20,7 +20,7 @@ from mqslam.core.frontend import Context
 from mqslam.core.recording import PolarScan, Recording
 from mqslam.core.scans import Returns, Scan, Scans
 from mqslam.core.trajectory import Trajectory
-from mqslam.formats.recordings.native import write_native
+from mqslam.formats.recordings.native import write as write_native
 from mqslam.formats.tum import write_tum
 from mqslam.psi.doppler import choose_doppler_beta
 from mqslam.slam import Slam

@@ -32,7 +32,7 @@ from mqslam.detection.stage import detect_stretch
 from mqslam.formats.clouds import read_cloud
 from mqslam.formats.lidars import carmen, laserscan
 from mqslam.formats.recordings import open_recording, read_odometry
-from mqslam.formats.recordings.native import write_native
+from mqslam.formats.recordings.native import write as write_native
 from mqslam.formats.trajectories import read_trajectory, write_kitti
 from mqslam.formats.tum import write_tum
 

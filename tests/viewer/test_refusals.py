@@ -6,7 +6,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from support.commands import contents, mqslam
+from support.commands import mqslam, read_contents
 
 
 def refusal(*arguments: str | Path) -> str:
@@ -30,10 +30,10 @@ def test_without_rerun_its_installation_is_named(
     command: str, finished: Path, street: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setitem(sys.modules, "rerun", None)
-    before = contents(tmp_path)
+    before = read_contents(tmp_path)
     live = ["--out", tmp_path / "out", "--live", tmp_path / "live.rrd", "--quiet"]
     said = refusal("view", finished, "--rerun") if command == "view" else refusal("run", street, *live)
-    assert "pip install 'mqslam[view]'" in said and contents(tmp_path) == before
+    assert "pip install 'mqslam[view]'" in said and read_contents(tmp_path) == before
 
 
 def test_live_is_the_viewer_or_an_rrd_file(street: Path, tmp_path: Path) -> None:

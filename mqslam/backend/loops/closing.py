@@ -25,15 +25,15 @@ def close_loops(
     beam: Beam,
     runner: Runner,
 ) -> LoopSearch:
-    """Returns the loops that psi verifies and the map keeps.
+    """Returns the loops that psi verifies and that make the map better.
 
     Args:
-        scans: of the recording.
+        scans: scans of the recording.
         problem: the trajectory that the loops join.
-        poses: (N, 3) its optimum without loops [m, m, rad].
-        estimator: of psi.
-        beam: the sensor's errors.
-        runner: where the loops are verified.
+        poses: (N, 3) the optimum of the trajectory without loops [m, m, rad].
+        estimator: settings of the estimator.
+        beam: the sensor model.
+        runner: does the work.
     """
     settings = problem.loop_settings
     loops: list[Loop] = []
@@ -44,8 +44,8 @@ def close_loops(
         candidates = find_loops(drive, settings, estimator, beam, tried, runner.engine, runner.progress)
         if not candidates:
             break
-        after = problem.poses(loops + candidates)
+        after = problem.solve_poses(loops + candidates)
         loops = confirm_by_map(loops + candidates, before, after, settings, estimator, beam, runner.engine)
-        drive = Drive.of(scans, problem.poses(loops))
+        drive = Drive.of(scans, problem.solve_poses(loops))
     _log.info("%d of %d pairs of passes are loops that the map keeps", len(loops), len(tried))
     return LoopSearch(loops, len(tried))

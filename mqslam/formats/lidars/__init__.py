@@ -1,27 +1,32 @@
-"""Recordings of planar lidars, which are audited and described; the layouts there are."""
+"""Recordings of planar lidars, which are audited and described: CARMEN logs, and laser scans in ROS bags."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
+from mqslam.config.reading_config import USUAL_READING, ReadingConfig
 from mqslam.core.lidar import LidarRecording
 from mqslam.formats.lidars import carmen, laserscan
 from mqslam.formats.shared import bags
 
 
 def recognises(path: Path) -> bool:
-    """Whether the path is a CARMEN log, or a bag with laser scans and nothing that a radar sent.
+    """Returns whether the path is a CARMEN log, or a bag with laser scans and nothing that a radar sent.
 
     Raises:
-        DataError: a bag that cannot be read.
+        DataError: the path is a bag that cannot be read.
     """
     return carmen.recognises(path) or (bags.recognises(path) and laserscan.holds_scans(path))
 
 
-def read_lidar(path: Path) -> LidarRecording:
-    """Read a recording that is recognised.
+def read_lidar(path: Path, settings: ReadingConfig = USUAL_READING) -> LidarRecording:
+    """Reads a recording that `recognises` knows.
+
+    Args:
+        path: the recording.
+        settings: how recordings are understood.
 
     Raises:
-        DataError: it cannot be used.
+        DataError: the recording cannot be used.
     """
-    return carmen.read_lidar(path) if carmen.recognises(path) else laserscan.read_lidar(path)
+    return carmen.read_lidar(path, settings) if carmen.recognises(path) else laserscan.read_lidar(path, settings)

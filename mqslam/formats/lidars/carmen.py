@@ -13,64 +13,70 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from mqslam.config.reading_config import USUAL_READING, ReadingConfig
 from mqslam.core import se2
 from mqslam.core.lidar import LidarRecording, stamp_scans
 from mqslam.core.scans import Returns
 from mqslam.core.trajectory import Trajectory
 from mqslam.errors import DataError
 from mqslam.formats.lidars.carmen_lines import CarmenLog, OdometryLine, ScanLine, read_log
-from mqslam.formats.shared.stamps import in_order, microseconds
+from mqslam.formats.shared.stamps import mark_increasing, parse_stamps
 
 _ENDINGS = (".log", ".log.gz", ".clf", ".clf.gz")
 _ERROR_CODES_M = 81.82  # SICK lidars write what they could not measure as 81.83 m to 81.91 m
-_CLIPPED_SHARE, _CLIPPED_COUNT, _SHORTEST_CLIP_M = 1e-3, 10, 3.0
-_SAME_M, _SAME_RAD = 0.01, 0.01
+_CLIP_TOLERANCE_M = 1e-6  # ranges are written with fewer digits
+_LEAST_MAXIMUM_M = 1.0  # a smaller maximum among the parameters is no lidar's
+_MOST_METRES, _MOST_OFFSET_M = 100.0, 2.0  # larger maxima and offsets among the parameters are in centimetres
 
 
 def recognises(path: Path) -> bool:
-    """Whether the path is a file called `.log`, `.log.gz`, `.clf` or `.clf.gz`."""
+    """Returns whether the path is a file called `.log`, `.log.gz`, `.clf` or `.clf.gz`."""
     return path.name.lower().endswith(_ENDINGS) and path.is_file()
 
 
-def read_lidar(path: Path) -> LidarRecording:
-    """Read a CARMEN log.
+def read_lidar(path: Path, settings: ReadingConfig = USUAL_READING) -> LidarRecording:
+    """Reads a CARMEN log.
 
     All beams of a scan have the scan's time, the only one in the format. The trajectory is the sensor's pose beside each
     scan. The odometry is that of the ODOM lines, or in a log without them the robot's pose beside each scan where it is
     not just the sensor's; both are carried from the robot to the sensor.
 
+    Args:
+        path: the log.
+        settings: how recordings are understood.
+
     Raises:
-        DataError: unreadable, a line that is cut short, or fewer than two scans with returns.
+        DataError: the log cannot be read, a line is cut short, or there are fewer than two scans with returns.
     """
     log = read_log(path)
     kind = max(log.scans, key=lambda name: len(log.scans[name]))
-    stamps, scans, notes = _scans(path, log, kind)
-    returns, clipped = _returns(scans, (stamps - stamps[0]) * 1e-6, log.parameters)
+    stamps, scans, notes = _choose_scans(path, log, kind)
+    returns, clipped = _drop_clipped(scans, (stamps - stamps[0]) * 1e-6, log.parameters, settings)
     if not any(len(scan) for scan in returns):
         raise DataError(path, "holds no range below the lidar's maximum", "give a log in which the lidar saw something")
     trajectory = Trajectory(stamps, np.array([scan.sensor for scan in scans]))
     robot = Trajectory(stamps, np.array([scan.robot for scan in scans]))
-    mount, rigid = _mount(trajectory.poses, robot.poses, log.parameters)
+    mount, rigid = _find_mount(trajectory.poses, robot.poses, log.parameters, settings)
     if log.odometry:
-        robot_odometry, chaining = _odometry(path, log.odometry, scans)
+        robot_odometry, chaining = _chain_odometry(path, log.odometry, scans)
     else:
         robot_odometry, chaining = None if rigid else robot, []
     odometry = robot_odometry and Trajectory(robot_odometry.stamps_us, se2.compose(robot_odometry.poses, mount))
     notes += [*clipped, *chaining]
     if np.any(mount != 0.0):
         notes.append(f"the lidar's pose on the robot is {mount[0]:.3g} m, {mount[1]:.3g} m, {mount[2]:.3g} rad")
-    if odometry is not None and _same_motion(trajectory, odometry):
+    if odometry is not None and _is_same_motion(trajectory, odometry, settings):
         notes.append("the poses beside the scans are the odometry's: no SLAM corrected them")
     return LidarRecording(path, "carmen", stamp_scans(stamps, returns), trajectory, odometry, tuple(notes))
 
 
-def _scans(path: Path, log: CarmenLog, kind: str) -> tuple[NDArray[np.int64], list[ScanLine], list[str]]:
-    """The scans of a kind with their stamps (N,) [us], and what was left out."""
+def _choose_scans(path: Path, log: CarmenLog, kind: str) -> tuple[NDArray[np.int64], list[ScanLine], list[str]]:
+    """Chooses the scans of a kind whose stamps increase; returns stamps (N,) [us], scans, and what was left out."""
     notes = []
     if others := {name: log.messages[name] for name in log.messages if "LASER" in name and name != kind}:
         notes.append(f"scans other than {kind} are left out: " + ", ".join(f"{n} {name}" for name, n in others.items()))
-    stamps = _stamps(path, [scan.stamp for scan in log.scans[kind]])
-    rows = np.flatnonzero(in_order(stamps.tolist())).tolist()
+    stamps = _parse_stamps(path, [scan.stamp for scan in log.scans[kind]])
+    rows = np.flatnonzero(mark_increasing(stamps.tolist())).tolist()
     if len(rows) < 2:
         there = ", ".join(f"{count} {name}" for name, count in log.messages.most_common(8)) or "none"
         problem = f"holds {len(rows)} scans with stamps that increase (messages: {there[:200]})"
@@ -83,19 +89,20 @@ def _scans(path: Path, log: CarmenLog, kind: str) -> tuple[NDArray[np.int64], li
     return stamps[rows], scans, notes
 
 
-def _stamps(path: Path, words: list[str]) -> NDArray[np.int64]:
+def _parse_stamps(path: Path, words: list[str]) -> NDArray[np.int64]:
+    """Parses words [s] as stamps [us]."""
     try:
-        return microseconds(words, "s")
+        return parse_stamps(words, "s")
     except ValueError as error:
         raise DataError(path, str(error), "remove the lines, or copy the log anew") from error
 
 
-def _returns(
-    scans: Sequence[ScanLine], times: NDArray[np.float64], parameters: dict[str, float]
+def _drop_clipped(
+    scans: Sequence[ScanLine], times: NDArray[np.float64], parameters: dict[str, float], settings: ReadingConfig
 ) -> tuple[list[Returns], list[str]]:
-    """The readings of scans, at times (N,) [s], that are returns, and a note on those that are not."""
+    """Drops the readings of scans, at times (N,) [s], that are no returns; returns the others and a note."""
     below = np.concatenate([scan.ranges[scan.ranges < min(scan.maximum_m, _ERROR_CODES_M)] for scan in scans])
-    ceiling = _ceiling(below, sum(len(scan.ranges) for scan in scans), parameters)
+    ceiling = _find_ceiling(below, sum(len(scan.ranges) for scan in scans), parameters, settings)
     returns = []
     for scan, time in zip(scans, times.tolist(), strict=True):
         seen = (scan.ranges > 0.0) & (scan.ranges < min(scan.maximum_m, _ERROR_CODES_M, ceiling))
@@ -104,39 +111,45 @@ def _returns(
     return returns, [f"ranges of {ceiling:.4g} m and above are no returns"] if np.isfinite(ceiling) else []
 
 
-def _ceiling(ranges: NDArray[np.float64], readings: int, parameters: dict[str, float]) -> float:
-    """The range [m] that a log clips at below the sensor's own maximum, or inf.
+def _find_ceiling(
+    ranges: NDArray[np.float64], readings: int, parameters: dict[str, float], settings: ReadingConfig
+) -> float:
+    """Finds the range [m] that a log clips at below the sensor's own maximum, or inf.
 
     It is the longest range where that is repeated too often to be a place, else the maximum the parameters name, in
     metres or centimetres, unless some range is longer: robot_front_laser_max may bound the robot's avoidance instead.
     """
     longest = float(ranges.max(initial=0.0))
-    clipped = int(np.count_nonzero(ranges >= longest - 1e-6))
-    if longest >= _SHORTEST_CLIP_M and clipped > max(_CLIPPED_COUNT, _CLIPPED_SHARE * readings):
-        return longest - 1e-6
+    clipped = int(np.count_nonzero(ranges >= longest - _CLIP_TOLERANCE_M))
+    often = clipped > max(settings.lidar_clip_count, settings.lidar_clip_share * readings)
+    if longest >= settings.lidar_clip_m and often:
+        return longest - _CLIP_TOLERANCE_M
     named = parameters.get("robot_front_laser_max", 0.0)
-    named = named if named <= 100.0 else named / 100.0
-    return named if 1.0 <= named < _ERROR_CODES_M and longest <= named else np.inf
+    named = named if named <= _MOST_METRES else named / 100.0
+    return named if _LEAST_MAXIMUM_M <= named < _ERROR_CODES_M and longest <= named else np.inf
 
 
-def _mount(sensor: se2.Array, robot: se2.Array, parameters: dict[str, float]) -> tuple[se2.Array, bool]:
-    """Pose (3,) of the lidar on the robot, and whether the poses (N, 3) of both beside the scans are rigidly connected.
+def _find_mount(
+    sensor: se2.Array, robot: se2.Array, parameters: dict[str, float], settings: ReadingConfig
+) -> tuple[se2.Array, bool]:
+    """Finds the pose (3,) of the lidar on the robot, and whether the poses (N, 3) of both are rigidly connected.
 
     Where they are, apart from each other, they show it; else robot_frontlaser_offset says it, in metres or, above 2,
     centimetres.
     """
     offset = parameters.get("robot_frontlaser_offset", 0.0)
-    named = np.array([offset if abs(offset) <= 2.0 else offset / 100.0, 0.0, 0.0])
+    named = np.array([offset if abs(offset) <= _MOST_OFFSET_M else offset / 100.0, 0.0, 0.0])
     apart = se2.wrapped_between(robot, sensor)
     shown = np.median(apart, axis=0)
     off = np.abs(apart - shown)
-    rigid = bool(off[:, :2].max() < _SAME_M and off[:, 2].max() < _SAME_RAD)
-    separate = bool(np.any(np.abs(shown) > [_SAME_M, _SAME_M, _SAME_RAD]))
+    same_m, same_rad = settings.lidar_same_m, settings.lidar_same_rad
+    rigid = bool(off[:, :2].max() < same_m and off[:, 2].max() < same_rad)
+    separate = bool(np.any(np.abs(shown) > [same_m, same_m, same_rad]))
     return (shown if rigid and separate else named), rigid
 
 
-def _odometry(path: Path, lines: list[OdometryLine], scans: list[ScanLine]) -> tuple[Trajectory | None, list[str]]:
-    """The robot's odometry, or None where it has not two poses, and what was done to it.
+def _chain_odometry(path: Path, lines: list[OdometryLine], scans: list[ScanLine]) -> tuple[Trajectory | None, list[str]]:
+    """Returns the robot's odometry, or None where it has not two poses, and notes on what was done to it.
 
     A log that a SLAM run wrote starts its odometry anew from the corrected pose after every scan. What the wheels measured
     are the steps in between: they are chained, and the jumps to the anchors are left out.
@@ -151,16 +164,16 @@ def _odometry(path: Path, lines: list[OdometryLine], scans: list[ScanLine]) -> t
         notes.append(f"the odometry starts anew from {anchored.sum()} corrected poses: its steps are chained instead")
     measured = np.flatnonzero(~anchored)
     stamps = np.zeros(len(lines), dtype=np.int64)
-    stamps[measured] = _stamps(path, [lines[row].stamp for row in measured])
-    fitting = measured[_beside_scans(stamps, lines, scans)[measured]]
-    rows = fitting[in_order(stamps[fitting].tolist())]
+    stamps[measured] = _parse_stamps(path, [lines[row].stamp for row in measured])
+    fitting = measured[_mark_consistent(stamps, lines, scans)[measured]]
+    rows = fitting[mark_increasing(stamps[fitting].tolist())]
     if dropped := len(measured) - len(rows):
         notes.append(f"{dropped} of {len(measured)} odometry poses whose stamps repeat or run backward are left out")
     return (Trajectory(stamps[rows], poses[rows]) if len(rows) > 1 else None), notes
 
 
-def _beside_scans(stamps: NDArray[np.int64], lines: list[OdometryLine], scans: list[ScanLine]) -> NDArray[np.bool_]:
-    """Mask (M,) of odometry lines, stamped (M,) [us], that do not contradict those written with the scans.
+def _mark_consistent(stamps: NDArray[np.int64], lines: list[OdometryLine], scans: list[ScanLine]) -> NDArray[np.bool_]:
+    """Marks the odometry lines (M,), stamped (M,) [us], that do not contradict those written with the scans.
 
     The line right above a scan, with the scan's stamp, is the odometry of that scan. Where stamps run to and fro (by up
     to a second in the Intel log), these lines stay, and lines between them in the log must lie between them in time.
@@ -175,8 +188,9 @@ def _beside_scans(stamps: NDArray[np.int64], lines: list[OdometryLine], scans: l
     return fits
 
 
-def _same_motion(a: Trajectory, b: Trajectory) -> bool:
-    """Whether two trajectories are one but for the frame they start in, within centimetres, at the stamps of the first."""
+def _is_same_motion(a: Trajectory, b: Trajectory, settings: ReadingConfig) -> bool:
+    """Returns whether two trajectories differ only in the frame they start in, by centimetres at the stamps of the first."""
     one, other = a.poses, b.at(a.stamps_us)
     apart = se2.wrapped_between(se2.between(one[0], one), se2.between(other[0], other))
-    return bool(np.all(np.abs(apart) < [5 * _SAME_M, 5 * _SAME_M, 2 * _SAME_RAD]))
+    limits = [settings.lidar_same_track_m, settings.lidar_same_track_m, settings.lidar_same_track_rad]
+    return bool(np.all(np.abs(apart) < limits))

@@ -22,9 +22,9 @@ from numpy.typing import NDArray
 
 from mqslam.errors import DataError
 
-_LONGEST_LINE = 1 << 20
+_LONGEST_LINE = 1 << 20  # bytes: longer lines would fill the memory
 _GZIP_MAGIC = b"\x1f\x8b"
-_MOST_EXPANSION = 100  # times the file: numbers pack to a tenth
+_MOST_EXPANSION = 100  # times its size a file may unpack to: numbers pack to a tenth
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,7 +70,7 @@ class OdometryLine:
 
 @dataclass(frozen=True, slots=True)
 class CarmenLog:
-    """What a log holds, in its order; `messages` counts all kinds of lines, also those that are not kept."""
+    """The content of a log in its order; `messages` counts all kinds of lines, also those that are not kept."""
 
     scans: dict[str, list[ScanLine]] = field(default_factory=lambda: {"FLASER": [], "ROBOTLASER1": []})
     odometry: list[OdometryLine] = field(default_factory=list)
@@ -79,15 +79,15 @@ class CarmenLog:
 
 
 def read_log(path: Path) -> CarmenLog:
-    """Read a log, compressed by gzip or not.
+    """Reads a log, compressed by gzip or not.
 
     Raises:
-        DataError: unreadable, or a line that is cut short or holds something other than numbers.
+        DataError: the log cannot be read, or a line is cut short or holds something other than numbers.
     """
     log = CarmenLog()
     before: ScanLine | OdometryLine | None = None
     latest = -np.inf
-    for number, line in _lines(path):
+    for number, line in _read_lines(path):
         words = line.split()
         kind = words[0] if words else "#"
         if kind.startswith("#"):
@@ -95,27 +95,27 @@ def read_log(path: Path) -> CarmenLog:
         log.messages[kind] += 1
         try:
             if kind == "FLASER":
-                before = _flaser(words, len(log.odometry))
+                before = _parse_flaser(words, len(log.odometry))
                 log.scans[kind].append(before)
             elif kind == "ROBOTLASER1":
-                before = _robotlaser(words, len(log.odometry))
+                before = _parse_robotlaser(words, len(log.odometry))
                 log.scans[kind].append(before)
             elif kind == "ODOM":
-                pose, stamp = _finite(words[1:4], 3), float(words[7])
+                pose, stamp = _parse_finite(words[1:4], 3), float(words[7])
                 repeats = isinstance(before, ScanLine) and np.array_equal(pose, before.sensor)
                 before = OdometryLine(words[7], pose, repeats and not stamp >= latest)
                 log.odometry.append(before)
                 latest = latest if before.anchored else stamp
             elif kind == "PARAM" and len(words) > 2:
-                _parameter(log.parameters, words[1], words[2])
+                _keep_parameter(log.parameters, words[1], words[2])
         except (ValueError, IndexError):
             remedy = "remove the line, or copy the log anew"
             raise DataError(path, f"line {number} is no whole {kind} message of numbers", remedy) from None
     return log
 
 
-def _lines(path: Path) -> Iterator[tuple[int, str]]:
-    """The lines of a log with their numbers; a line is never held beyond a mebibyte."""
+def _read_lines(path: Path) -> Iterator[tuple[int, str]]:
+    """Reads the lines of a log with their numbers; a line is never held beyond a mebibyte."""
     limit = _LONGEST_LINE + _MOST_EXPANSION * path.stat().st_size if path.exists() else 0
     try:
         with path.open("rb") as plain, gzip.open(plain) if _is_gzip(plain) else plain as lines:
@@ -133,60 +133,63 @@ def _lines(path: Path) -> Iterator[tuple[int, str]]:
 
 
 def _is_gzip(file: IO[bytes]) -> bool:
-    found = file.read(2) == _GZIP_MAGIC
+    """Returns whether a file that is open at its beginning is compressed; it is left there."""
+    magic = file.read(2)
     file.seek(0)
-    return found
+    return magic == _GZIP_MAGIC
 
 
-def _flaser(words: list[str], above: int) -> ScanLine:
+def _parse_flaser(words: list[str], above: int) -> ScanLine:
+    """Parses the words of a FLASER line, with the number of ODOM lines above it."""
     count = int(words[1])
-    ranges, tail = _numbers(words[2:], count), words[2 + count :]
+    ranges, tail = _parse_numbers(words[2:], count), words[2 + count :]
     step = np.pi / max(count - count % 2, 1)
     angles = -np.pi / 2 + step * np.arange(count, dtype=np.float64)
-    poses = _finite(tail[:6], 6)
-    return ScanLine(_stamp(tail[6]), ranges, angles, np.zeros(count), np.inf, poses[:3], poses[3:], above)
+    poses = _parse_finite(tail[:6], 6)
+    return ScanLine(_check_stamp(tail[6]), ranges, angles, np.zeros(count), np.inf, poses[:3], poses[3:], above)
 
 
-def _robotlaser(words: list[str], above: int) -> ScanLine:
+def _parse_robotlaser(words: list[str], above: int) -> ScanLine:
+    """Parses the words of a ROBOTLASER1 line, with the number of ODOM lines above it."""
     start, resolution, maximum = (float(words[column]) for column in (2, 4, 5))
     count = int(words[8])
-    ranges, rest = _numbers(words[9:], count), words[9 + count :]
+    ranges, rest = _parse_numbers(words[9:], count), words[9 + count :]
     reflected = int(rest[0])
-    remissions, tail = _numbers(rest[1:], reflected), rest[1 + reflected :]
-    poses = _finite(tail[:6], 6)
-    angles = _finite([start, resolution], 2)[0] + resolution * np.arange(count)
+    remissions, tail = _parse_numbers(rest[1:], reflected), rest[1 + reflected :]
+    poses = _parse_finite(tail[:6], 6)
+    angles = _parse_finite([start, resolution], 2)[0] + resolution * np.arange(count)
     remissions = remissions if reflected == count else np.zeros(count)
     limit = maximum if maximum > 0.0 else np.inf
-    return ScanLine(_stamp(tail[11]), ranges, angles, remissions, limit, poses[:3], poses[3:], above)
+    return ScanLine(_check_stamp(tail[11]), ranges, angles, remissions, limit, poses[:3], poses[3:], above)
 
 
-def _stamp(word: str) -> str:
-    """The word, once it has been found to be a number."""
+def _check_stamp(word: str) -> str:
+    """Returns a word, and checks that it is a number."""
     float(word)
     return word
 
 
-def _numbers(words: list[str], count: int) -> NDArray[np.float64]:
-    """The first `count` words as numbers.
+def _parse_numbers(words: list[str], count: int) -> NDArray[np.float64]:
+    """Parses the first `count` words as numbers.
 
     Raises:
-        ValueError: fewer words, or words that are no numbers.
+        ValueError: there are fewer words, or one is no number.
     """
     if not 0 <= count <= len(words):
         raise ValueError(count)
     return np.array(words[:count], dtype=np.float64)
 
 
-def _finite(words: list[str] | list[float], count: int) -> NDArray[np.float64]:
-    """All words as `count` finite numbers."""
+def _parse_finite(words: list[str] | list[float], count: int) -> NDArray[np.float64]:
+    """Parses all words as `count` finite numbers."""
     values = np.array(words, dtype=np.float64)
     if values.shape != (count,) or not np.isfinite(values).all():
         raise ValueError(words)
     return values
 
 
-def _parameter(parameters: dict[str, float], name: str, value: str) -> None:
-    """Keep a parameter whose value is a finite number; others are words."""
+def _keep_parameter(parameters: dict[str, float], name: str, value: str) -> None:
+    """Keeps a parameter whose value is a finite number; others are words."""
     try:
         number = float(value)
     except ValueError:

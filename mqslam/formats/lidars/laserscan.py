@@ -10,15 +10,16 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mqslam.config.reading_config import USUAL_READING, ReadingConfig
 from mqslam.core import se2
 from mqslam.core.lidar import LidarRecording, stamp_scans
 from mqslam.core.scans import Returns
 from mqslam.core.trajectory import Trajectory
 from mqslam.errors import DataError
+from mqslam.formats.lidars.mounts import Mounts
 from mqslam.formats.shared import bags
 from mqslam.formats.shared.bags import ODOMETRY_TYPE, POSE_TYPE, POSE_WITH_COVARIANCE_TYPE
-from mqslam.formats.shared.mounts import Mounts
-from mqslam.formats.shared.stamps import in_order
+from mqslam.formats.shared.stamps import mark_increasing
 
 if TYPE_CHECKING:
     from rosbags.highlevel import AnyReader
@@ -30,7 +31,7 @@ _COMMANDS = ("goal", "initialpose", "initial_pose")
 
 @dataclass(slots=True)
 class _Index:
-    """What one pass over a bag collects: scans with times since their own stamps, poses by topic, frames, mounts."""
+    """The result of one pass over a bag: scans with times since their own stamps, poses by topic, frames, mounts."""
 
     stamps_us: list[int] = field(default_factory=list)
     scans: list[Returns] = field(default_factory=list)
@@ -41,31 +42,35 @@ class _Index:
 
 
 def holds_scans(path: Path) -> bool:
-    """Whether a bag has laser scans and nothing that a radar sent.
+    """Returns whether a bag has laser scans and nothing that a radar sent.
 
     Raises:
-        DataError: no readable bag.
+        DataError: the bag cannot be read.
     """
-    with bags.opened(path) as reader:
+    with bags.open_bag(path) as reader:
         kinds = {connection.msgtype for connection in reader.connections}
         topics = [connection.topic.lower() for connection in reader.connections]
     return SCAN_TYPE in kinds and not any("polar" in topic or "navtech" in topic for topic in topics)
 
 
-def read_lidar(path: Path) -> LidarRecording:
-    """Read the scans of a bag, with its odometry and the poses that some SLAM published.
+def read_lidar(path: Path, settings: ReadingConfig = USUAL_READING) -> LidarRecording:
+    """Reads the scans of a bag, with its odometry and the poses that some SLAM published.
 
     Ranges outside (range_min, range_max), NaN and infinite ones are no returns. Beam k is measured k time increments after
     the header's stamp. Poses are carried to the lidar where /tf_static says how it is mounted.
 
+    Args:
+        path: the bag.
+        settings: how recordings are understood.
+
     Raises:
-        DataError: no readable bag, no topic of scans or several that could be meant, or fewer than two scans with returns.
+        DataError: the bag cannot be read, has no topic of scans or several, or has fewer than two scans with returns.
     """
-    with bags.opened(path) as reader:
-        topic = _scan_topic(path, reader)
-        odometry_topic, pose_topic = _pose_topics(reader)
-        index = _read(path, reader, topic, {odometry_topic, pose_topic})
-    rows = np.flatnonzero(in_order(index.stamps_us)).tolist()
+    with bags.open_bag(path) as reader:
+        topic = _choose_topic(path, reader)
+        odometry_topic, pose_topic = _choose_pose_topics(reader)
+        index = _read_index(path, reader, topic, {odometry_topic, pose_topic})
+    rows = np.flatnonzero(mark_increasing(index.stamps_us)).tolist()
     stamps = np.array(index.stamps_us, dtype=np.int64)[rows]
     scans = [index.scans[row] for row in rows]
     if len(scans) < 2 or not any(map(len, scans)):
@@ -77,7 +82,7 @@ def read_lidar(path: Path) -> LidarRecording:
     mount = index.mounts.find(index.sensor_frame, index.body_frame)
     if mount and mount.upside_down:
         notes.append("the lidar is mounted upside down: its angles are mirrored")
-    times, noted = _times(stamps, scans)
+    times, noted = _find_times(stamps, scans, settings)
     scans = [
         Returns(scan.ranges, -scan.azimuths if mount and mount.upside_down else scan.azimuths, time, scan.intensities)
         for scan, time in zip(scans, times, strict=True)
@@ -94,11 +99,11 @@ def read_lidar(path: Path) -> LidarRecording:
     return LidarRecording(path, "laserscan", timed, carried.get("trajectory"), carried.get("odometry"), tuple(notes))
 
 
-def _scan_topic(path: Path, reader: AnyReader) -> str:
-    """The only topic of scans, else the only one whose last name is scan."""
+def _choose_topic(path: Path, reader: AnyReader) -> str:
+    """Chooses the only topic of scans, else the only one whose last name is scan."""
     topics = sorted({c.topic for c in reader.connections if c.msgtype == SCAN_TYPE and c.msgcount})
     if not topics:
-        raise DataError(path, f"has no scans (topics: {bags.topics_there(reader)})", f"scans are {SCAN_TYPE}")
+        raise DataError(path, f"has no scans (topics: {bags.list_topics(reader)})", f"scans are {SCAN_TYPE}")
     named = [topic for topic in topics if topic.rsplit("/", 1)[-1].lower() == "scan"] if len(topics) > 1 else topics
     if len(named) != 1:
         remedy = "give a bag with one of them, or with one that is named scan"
@@ -106,8 +111,8 @@ def _scan_topic(path: Path, reader: AnyReader) -> str:
     return named[0]
 
 
-def _pose_topics(reader: AnyReader) -> tuple[str | None, str | None]:
-    """The topics of odometry and of a SLAM's poses: those with the most messages, ground truth and commands apart."""
+def _choose_pose_topics(reader: AnyReader) -> tuple[str | None, str | None]:
+    """Chooses the topics of odometry and of a SLAM's poses: those with most messages, without ground truth and commands."""
     filled = sorted((c for c in reader.connections if c.msgcount > 1), key=lambda c: -c.msgcount)
     drives = [c.topic for c in filled if c.msgtype == ODOMETRY_TYPE and not bags.TRUTH_NAME.search(c.topic.lower())]
     drives.sort(key=lambda topic: "odom" not in topic.lower())
@@ -117,31 +122,31 @@ def _pose_topics(reader: AnyReader) -> tuple[str | None, str | None]:
     return next(iter(drives), None), next(iter(poses), None)
 
 
-def _read(path: Path, reader: AnyReader, topic: str, pose_topics: set[str | None]) -> _Index:
-    """One pass over the messages of the scans, of the pose topics and of /tf_static."""
+def _read_index(path: Path, reader: AnyReader, topic: str, pose_topics: set[str | None]) -> _Index:
+    """Reads the messages of the scans, of the pose topics and of /tf_static, once."""
     index = _Index()
     connections = [c for c in reader.connections if c.topic in (topic, _STATIC) or c.topic in pose_topics]
     for connection, logged, raw in reader.messages(connections):
         message: Any = reader.deserialize(raw, connection.msgtype)
         if connection.topic == topic:
-            with bags.naming(path, topic, logged):
-                index.scans.append(_scan(message))
-            index.stamps_us.append(bags.header_us(message) or logged // 1000)
+            with bags.name_message(path, topic, logged):
+                index.scans.append(_parse_scan(message))
+            index.stamps_us.append(bags.stamp_of(message) or logged // 1000)
             index.sensor_frame = message.header.frame_id
         elif connection.topic == _STATIC:
             index.mounts.add(message)
         else:
-            index.poses.setdefault(connection.topic, []).append(bags.pose_row(connection.msgtype, message))
+            index.poses.setdefault(connection.topic, []).append(bags.pose_of(connection.msgtype, message))
             if connection.msgtype == ODOMETRY_TYPE:
                 index.body_frame = message.child_frame_id
     return index
 
 
-def _scan(message: Any) -> Returns:
-    """The returns of a scan, their times counted from its stamp.
+def _parse_scan(message: Any) -> Returns:
+    """Returns the returns of a scan, their times counted from its stamp.
 
     Raises:
-        ValueError: angles or limits that are no numbers.
+        ValueError: angles or limits are no numbers.
     """
     numbers = (message.angle_min, message.angle_increment, message.time_increment)
     if not np.isfinite(numbers).all() or not message.range_min < message.range_max:
@@ -158,8 +163,10 @@ def _scan(message: Any) -> Returns:
     )
 
 
-def _times(stamps: NDArray[np.int64], scans: Sequence[Returns]) -> tuple[list[NDArray[np.float64]], list[str]]:
-    """Times [s] since the first of the scans' stamps (N,) [us], and a note where beams have none of their own.
+def _find_times(
+    stamps: NDArray[np.int64], scans: Sequence[Returns], settings: ReadingConfig
+) -> tuple[list[NDArray[np.float64]], list[str]]:
+    """Finds times [s] since the first of the scans' stamps (N,) [us], with a note where beams have none of their own.
 
     A driver's time increment cannot be right where sweeps last longer than from one scan to the next; all beams then have
     the scan's time.
@@ -167,7 +174,7 @@ def _times(stamps: NDArray[np.int64], scans: Sequence[Returns]) -> tuple[list[ND
     starts = ((stamps - stamps[0]) * 1e-6).tolist()
     times = np.concatenate([scan.times for scan in scans])
     sweep = float(times.max() if times.min() >= 0.0 else times.min())
-    if 0.0 < sweep < 1.05 * float(np.median(np.diff(starts))):
+    if 0.0 < sweep < settings.lidar_longest_sweep * float(np.median(np.diff(starts))):
         return [start + scan.times for start, scan in zip(starts, scans, strict=True)], []
     note = "no time of their own" if sweep == 0.0 else f"impossible times (a sweep of {sweep:.3g} s)"
     return (

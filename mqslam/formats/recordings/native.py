@@ -1,4 +1,4 @@
-"""The native layout: one `.npz` with a few members per revolution, read member by member."""
+"""The native layout: one `.npz` with a few members per polar scan, read member by member."""
 
 from __future__ import annotations
 
@@ -11,16 +11,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mqslam.config.reading_config import ReadingConfig
 from mqslam.core.recording import PolarScan, Recording
 from mqslam.core.trajectory import Trajectory
 from mqslam.errors import DataError
-from mqslam.execution.files import written_whole
+from mqslam.execution.files import write_aside
 from mqslam.formats.shared import npz
-from mqslam.formats.shared.poses import checked
+from mqslam.formats.shared.poses import make_trajectory
 from mqslam.formats.shared.sensing import Sensing, is_bin_length
+from mqslam.formats.shared.target import Target
 from mqslam.formats.shared.turns import find_usual_turns, measure_turn, place_turns
 
-_LONGEST_TURN_S = 30.0
+_LONGEST_TURN_S = 30.0  # turns that claim to last longer are damaged
 _REMEDY = "write it anew"
 _WRITTEN = "give a file written by mqslam"
 
@@ -30,57 +32,66 @@ class NativeRecording(Recording):
     """A recording in a native `.npz`."""
 
     def polar_scans(self, start: int = 0, stop: int | None = None) -> Iterator[PolarScan]:
-        """Read the revolutions start <= k < stop, one after the other."""
-        with npz.opened(self.path, _WRITTEN) as archive:
+        """Reads the polar scans start <= k < stop, one after the other."""
+        with npz.open_npz(self.path, _WRITTEN) as archive:
             for k in range(len(self))[start:stop]:
-                yield _polar_scan(self.path, archive, k, float(self.start_times[k]))
+                yield _read_polar_scan(self.path, archive, k, float(self.start_times[k]))
 
 
-def write_native(path: Path, recording: Recording) -> None:
-    """Write a recording as a native `.npz`, one revolution in memory at a time.
+def write(path: Path, recording: Recording) -> list[str]:
+    """Writes a recording as a native `.npz`, whole or not at all, one polar scan in memory at a time.
 
     Members: `stamps_us`, `turns_us`, `range_resolution`, `notes`; where there are any `odometry_stamps_us`,
-    `odometry_poses` and the same with `ground_truth`; and for revolution k `times_k`, `azimuths_k`, `power_k` and
+    `odometry_poses` and the same with `ground_truth`; and for polar scan k `times_k`, `azimuths_k`, `power_k` and
     `valid_k` with k in six digits at least. Nothing is compressed.
 
+    Returns:
+        Notes for the user on what was lost: none.
+
     Raises:
-        DataError: the stream cannot be read.
+        DataError: the recording cannot be read.
         OutputError: the file cannot be written.
     """
-    with written_whole(path) as aside, zipfile.ZipFile(aside, "w", zipfile.ZIP_STORED) as archive:
-        _write(archive, "stamps_us", recording.stamps_us)
-        _write(archive, "turns_us", recording.turns_us)
-        _write(archive, "range_resolution", np.float64(recording.range_resolution))
-        _write(archive, "notes", np.array(recording.notes, dtype=np.str_))
+    with write_aside(path) as aside, zipfile.ZipFile(aside, "w", zipfile.ZIP_STORED) as archive:
+        _write_member(archive, "stamps_us", recording.stamps_us)
+        _write_member(archive, "turns_us", recording.turns_us)
+        _write_member(archive, "range_resolution", np.float64(recording.range_resolution))
+        _write_member(archive, "notes", np.array(recording.notes, dtype=np.str_))
         for name, trajectory in (("odometry", recording.odometry), ("ground_truth", recording.ground_truth)):
             if trajectory is not None:
-                _write(archive, f"{name}_stamps_us", trajectory.stamps_us)
-                _write(archive, f"{name}_poses", trajectory.poses)
+                _write_member(archive, f"{name}_stamps_us", trajectory.stamps_us)
+                _write_member(archive, f"{name}_poses", trajectory.poses)
         for k, polar_scan in enumerate(recording.polar_scans()):
             for name in ("times", "azimuths", "power", "valid"):
-                _write(archive, f"{name}_{k:06d}", getattr(polar_scan, name))
+                _write_member(archive, f"{name}_{k:06d}", getattr(polar_scan, name))
+    return []
 
 
 def recognises(path: Path) -> bool:
-    """Whether the path is an `.npz` file."""
+    """Returns whether the path is an `.npz` file."""
     return path.suffix == ".npz" and path.is_file()
 
 
-def open_recording(path: Path, sensing: Sensing) -> NativeRecording:
-    """Index a native `.npz`: everything but the revolutions is read.
+def open_recording(path: Path, sensing: Sensing, settings: ReadingConfig) -> NativeRecording:
+    """Indexes a native `.npz`: everything but the polar scans is read.
+
+    Args:
+        path: the recording.
+        sensing: what the user says about the radar.
+        settings: how recordings are understood.
 
     Raises:
-        DataError: not such a file, damaged, or without revolutions.
+        DataError: the file is none of these, is damaged, or holds no polar scans.
     """
-    with npz.opened(path, _WRITTEN) as archive:
-        stamps = _member(path, archive, "stamps_us", np.int64, 1)
+    with npz.open_npz(path, _WRITTEN) as archive:
+        stamps = _read_member(path, archive, "stamps_us", np.int64, 1)
         if not len(stamps) or np.any(np.diff(stamps) <= 0):
-            raise DataError(path, "holds no revolutions whose stamps increase", _REMEDY)
-        missing = {f"power_{k:06d}" for k in range(len(stamps))} - set(npz.names_of(archive))
+            raise DataError(path, "holds no polar scans whose stamps increase", _REMEDY)
+        missing = {f"power_{k:06d}" for k in range(len(stamps))} - set(npz.list_arrays(archive))
         if missing:
-            raise DataError(path, f"lacks {len(missing)} of {len(stamps)} revolutions", _REMEDY)
-        turns = _turns(path, archive, stamps)
-        resolution = float(_member(path, archive, "range_resolution", np.float64, 0))
+            raise DataError(path, f"lacks {len(missing)} of {len(stamps)} polar scans", _REMEDY)
+        turns = _read_turns(path, archive, stamps, settings)
+        resolution = float(_read_member(path, archive, "range_resolution", np.float64, 0))
         if not is_bin_length(resolution):
             raise DataError(path, f"has a range resolution of {resolution} m", _REMEDY)
         return NativeRecording(
@@ -89,21 +100,22 @@ def open_recording(path: Path, sensing: Sensing) -> NativeRecording:
             stamps_us=stamps,
             turns_us=turns,
             range_resolution=sensing.range_resolution or resolution,
-            odometry=_trajectory(path, archive, "odometry"),
-            ground_truth=_trajectory(path, archive, "ground_truth"),
-            notes=(*_member(path, archive, "notes", np.str_, 1).tolist(), *sensing.idle()),
+            odometry=_read_trajectory(path, archive, "odometry"),
+            ground_truth=_read_trajectory(path, archive, "ground_truth"),
+            notes=(*_read_member(path, archive, "notes", np.str_, 1).tolist(), *sensing.note_unused()),
         )
 
 
-def _write(archive: zipfile.ZipFile, name: str, array: Any) -> None:
+def _write_member(archive: zipfile.ZipFile, name: str, array: Any) -> None:
+    """Writes an array as a member of the archive."""
     with archive.open(f"{name}.npy", "w", force_zip64=True) as member:
         np.lib.format.write_array(member, np.ascontiguousarray(array).reshape(np.shape(array)), allow_pickle=False)
 
 
-def _member(path: Path, archive: zipfile.ZipFile, name: str, kind: Any, dimensions: int) -> NDArray[Any]:
-    """A member of the archive, once its type and number of dimensions have been found right."""
+def _read_member(path: Path, archive: zipfile.ZipFile, name: str, kind: Any, dimensions: int) -> NDArray[Any]:
+    """Reads a member of the archive, and checks its type and number of dimensions."""
     try:
-        array = npz.array_of(archive, name)
+        array = npz.read_array(archive, name)
     except ValueError as error:
         raise DataError(path, str(error), _REMEDY) from error
     if not np.issubdtype(array.dtype, kind) or array.ndim != dimensions:
@@ -111,50 +123,56 @@ def _member(path: Path, archive: zipfile.ZipFile, name: str, kind: Any, dimensio
     return array
 
 
-def _turns(path: Path, archive: zipfile.ZipFile, stamps_us: NDArray[np.int64]) -> NDArray[np.int64]:
-    """How long the revolutions take (N,) [us]; older files say only when the last one ends."""
-    if "turns_us" in npz.names_of(archive):
-        turns = _member(path, archive, "turns_us", np.int64, 1)
+def _read_turns(
+    path: Path, archive: zipfile.ZipFile, stamps_us: NDArray[np.int64], settings: ReadingConfig
+) -> NDArray[np.int64]:
+    """Reads how long the turns take (N,) [us]; older files say only when the last one ends."""
+    if "turns_us" in npz.list_arrays(archive):
+        turns = _read_member(path, archive, "turns_us", np.int64, 1)
         if turns.shape != stamps_us.shape or np.any(turns <= 0) or np.any(turns > _LONGEST_TURN_S * 1e6):
-            raise DataError(path, "has revolutions that take no time, or too long", _REMEDY)
+            raise DataError(path, "has turns that take no time, or too long", _REMEDY)
         return turns
-    usual = find_usual_turns(stamps_us, lambda k: _measured(path, archive, k))
-    turns = place_turns(stamps_us, "start", usual)[1]
-    turns[-1] = int(_member(path, archive, "end_us", np.int64, 0)) - stamps_us[-1]
+    usual = find_usual_turns(stamps_us, settings, lambda k: _measure(path, archive, k, settings))
+    turns = place_turns(stamps_us, "start", usual, settings)[1]
+    turns[-1] = int(_read_member(path, archive, "end_us", np.int64, 0)) - stamps_us[-1]
     if turns[-1] <= 0:
-        raise DataError(path, "ends before its last revolution", _REMEDY)
+        raise DataError(path, "ends before its last turn", _REMEDY)
     return turns
 
 
-def _measured(path: Path, archive: zipfile.ZipFile, k: int) -> float | None:
-    """How long the turn of revolution k took by its azimuths' times [us], or None where they do not say."""
+def _measure(path: Path, archive: zipfile.ZipFile, k: int, settings: ReadingConfig) -> float | None:
+    """Measures how long turn k took by its azimuths' times [us]; None where they do not say."""
     try:
-        times, azimuths = (_member(path, archive, f"{name}_{k:06d}", np.float64, 1) for name in ("times", "azimuths"))
+        times, azimuths = (_read_member(path, archive, f"{name}_{k:06d}", np.float64, 1) for name in ("times", "azimuths"))
     except DataError:
         return None
     sound = len(times) == len(azimuths) and np.isfinite(times).all() and np.isfinite(azimuths).all()
-    return measure_turn(times * 1e6, azimuths) if sound else None
+    return measure_turn(times * 1e6, azimuths, settings) if sound else None
 
 
-def _trajectory(path: Path, archive: zipfile.ZipFile, name: str) -> Trajectory | None:
-    if f"{name}_stamps_us" not in npz.names_of(archive):
+def _read_trajectory(path: Path, archive: zipfile.ZipFile, name: str) -> Trajectory | None:
+    """Reads a trajectory of the archive; None where there is none of that name."""
+    if f"{name}_stamps_us" not in npz.list_arrays(archive):
         return None
-    stamps = _member(path, archive, f"{name}_stamps_us", np.int64, 1)
-    poses = _member(path, archive, f"{name}_poses", np.float64, 2)
+    stamps = _read_member(path, archive, f"{name}_stamps_us", np.int64, 1)
+    poses = _read_member(path, archive, f"{name}_poses", np.float64, 2)
     if poses.shape != (len(stamps), 3):
         raise DataError(path, f"{name} has {len(stamps)} stamps for poses {poses.shape}", _REMEDY)
-    return checked(path, stamps, poses)
+    return make_trajectory(path, stamps, poses)
 
 
-def _polar_scan(path: Path, archive: zipfile.ZipFile, k: int, start_s: float) -> PolarScan:
-    """Revolution k, which begins about start_s [s] after the recording."""
-    times = _member(path, archive, f"times_{k:06d}", np.float64, 1)
-    azimuths = _member(path, archive, f"azimuths_{k:06d}", np.float64, 1)
-    power = _member(path, archive, f"power_{k:06d}", np.uint8, 2)
-    valid = _member(path, archive, f"valid_{k:06d}", np.bool_, 1)
+def _read_polar_scan(path: Path, archive: zipfile.ZipFile, k: int, start_s: float) -> PolarScan:
+    """Reads polar scan k, which begins about start_s [s] after the recording."""
+    times = _read_member(path, archive, f"times_{k:06d}", np.float64, 1)
+    azimuths = _read_member(path, archive, f"azimuths_{k:06d}", np.float64, 1)
+    power = _read_member(path, archive, f"power_{k:06d}", np.uint8, 2)
+    valid = _read_member(path, archive, f"valid_{k:06d}", np.bool_, 1)
     if not len(times) == len(azimuths) == len(power) == len(valid):
-        raise DataError(path, f"revolution {k} has members of different lengths", _REMEDY)
+        raise DataError(path, f"polar scan {k} has members of different lengths", _REMEDY)
     sound = power.size and np.isfinite(azimuths).all() and np.all(np.abs(times - start_s) < _LONGEST_TURN_S)
     if not sound or np.any(np.diff(times) < 0.0):
-        raise DataError(path, f"revolution {k} has times or azimuths that make no turn", _REMEDY)
+        raise DataError(path, f"polar scan {k} has times or azimuths that make no turn", _REMEDY)
     return PolarScan(times, azimuths, power, valid)
+
+
+TARGETS = (Target("native", write, ".npz", odometry=True),)

@@ -1,87 +1,106 @@
-"""The Oxford layout: a folder with `radar/<t>.png`, one image of Oxford rows per revolution."""
+"""The Oxford layout: a folder with `radar/<t>.png`, one image of Oxford rows per polar scan.
+
+Beside the images lie `radar.timestamps`, `odom.csv` and `gt/`, where there are any.
+"""
 
 from __future__ import annotations
 
 import itertools
 import json
+from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from mqslam.config.reading_config import ReadingConfig
 from mqslam.core import se2
+from mqslam.core.recording import PolarScan, Recording
 from mqslam.core.trajectory import Trajectory
-from mqslam.errors import DataError
-from mqslam.formats.odometry_files import read_beside, read_numbers, read_odometry
-from mqslam.formats.shared.images import stamped_names
-from mqslam.formats.shared.poses import checked
+from mqslam.errors import DataError, Remedy
+from mqslam.execution.files import write_text
+from mqslam.execution.folders import write_folder_aside
+from mqslam.formats.odometry_files import read_beside, read_numbers, read_odometry, write_twists
+from mqslam.formats.shared.azimuth_rows import azimuth_stamps, make_rows
+from mqslam.formats.shared.images import list_stamps, write_png
+from mqslam.formats.shared.poses import make_trajectory
 from mqslam.formats.shared.row_images import RowImageRecording, index_rows
-from mqslam.formats.shared.sensing import Sensing, is_bin_length
-from mqslam.formats.tum import read_tum
+from mqslam.formats.shared.sensing import Sensing, is_bin_length, note_resolution
+from mqslam.formats.shared.target import Target
+from mqslam.formats.tum import read_tum, write_tum
 
-RANGE_RESOLUTION_M = 0.0438
-RECORDING = "recording.json"
-"""File beside the images in which `mqslam convert` says how long a range bin is."""
+RANGE_RESOLUTION_M = 0.0438  # fits Oxford's radar best; 0.0432 m is published
+_RECORDING = "recording.json"  # file beside the images in which a converted recording says how long a range bin is
+_COLUMNS = "source_timestamp,destination_timestamp,x,y,z,roll,pitch,yaw,source_radar_timestamp,destination_radar_timestamp"
 
 
 def recognises(path: Path) -> bool:
-    """Whether the path is a folder with `radar/<t>.png` in it, or that radar folder."""
-    folder = image_folder(path)
+    """Returns whether the path is a folder with `radar/<t>.png` in it, or that radar folder."""
+    folder = find_image_folder(path)
     return folder.is_dir() and any(image.stem.isdigit() for image in folder.glob("*.png"))
 
 
-def open_recording(path: Path, sensing: Sensing) -> RowImageRecording:
-    """Index a recording in the Oxford layout: names and two images are read, whatever its length.
+def open_recording(path: Path, sensing: Sensing, settings: ReadingConfig) -> RowImageRecording:
+    """Indexes a recording in the Oxford layout: names and two images are read, however long it is.
+
+    Args:
+        path: the recording.
+        sensing: what the user says about the radar.
+        settings: how recordings are understood.
 
     Raises:
-        DataError: no revolutions, or a file beside them that cannot be used.
+        DataError: there are no polar scans, or a file beside them cannot be used.
     """
-    folder = image_folder(path)
+    folder = find_image_folder(path)
     root = folder.parent
     if not folder.is_dir():
         raise DataError(path, "holds no folder radar/", "give the folder whose radar/ holds <t>.png images")
-    names, notes, faults = _names(root, folder)
-    images = index_rows(folder, names)
-    resolution, assumed = _range_resolution(root, sensing.range_resolution)
+    names, notes, faults = _list_names(root, folder)
+    images = index_rows(folder, names, settings)
+    resolution, assumed = _find_resolution(root, sensing.range_resolution)
     end_us = int(images.stamps_us[-1] + images.turns_us[-1])
-    found, unread = read_beside(lambda: _ground_truth(root, int(images.stamps_us[0]), end_us))
-    truth, broken = found or (None, [])
+    beside, unread = read_beside(lambda: _read_ground_truth(root, int(images.stamps_us[0]), end_us))
+    truth, broken = beside or (None, [])
     file = root / "odom.csv"
     odometry, unused = read_beside(lambda: read_odometry(file) if file.exists() else None)
-    return images.recording(
+    return images.to_recording(
         path,
         "oxford",
         resolution,
         odometry=odometry,
         ground_truth=truth,
-        notes=(*notes, *assumed, *broken, *sensing.idle()),
+        notes=(*notes, *assumed, *broken, *sensing.note_unused()),
         faults=(*faults, *unread, *unused),
     )
 
 
-def image_folder(path: Path) -> Path:
-    """The folder of the images: the path itself if it is called radar, or the radar folder inside."""
+def find_image_folder(path: Path) -> Path:
+    """Finds the folder of the images: the path itself if it is called radar, or the radar folder inside."""
     return path if path.resolve().name == "radar" and not (path / "radar").is_dir() else path / "radar"
 
 
-def _names(root: Path, folder: Path) -> tuple[NDArray[np.int64], list[str], list[str]]:
-    """Names (N,) of the images that are there and listed, in order, what was left out, and what is wrong with the list."""
-    names = stamped_names(folder)
+def _list_names(root: Path, folder: Path) -> tuple[NDArray[np.int64], list[str], list[str]]:
+    """Lists the names (N,) of the images that are there and listed, in order.
+
+    Returns:
+        The names, what was left out, and what is wrong with the list.
+    """
+    names = list_stamps(folder)
     listing = root / "radar.timestamps"
     if not listing.exists():
         return names, [], []
-    found = set(names.tolist())
+    present = set(names.tolist())
     try:
         rows = [line.split() for line in listing.read_text(encoding="utf-8").splitlines() if line.strip()]
         listed = [(int(row[0]), row[1:2] != ["0"]) for row in rows]
     except (OSError, ValueError) as error:
         raise DataError(listing, "has lines other than '<t> 1'", "repair it, or remove it to use all images") from error
-    kept = [stamp for stamp, present in listed if present and stamp in found]
+    kept = [stamp for stamp, marked in listed if marked and stamp in present]
     notes = []
     if len(kept) < len(listed):
         skipped = len(listed) - len(kept)
-        notes.append(f"{skipped} of {len(listed)} revolutions in radar.timestamps have no image: skipped")
-    if extra := len(found - {stamp for stamp, _ in listed}):
+        notes.append(f"{skipped} of {len(listed)} polar scans in radar.timestamps have no image: skipped")
+    if extra := len(present - {stamp for stamp, _ in listed}):
         notes.append(f"{extra} images are not listed in radar.timestamps: left out")
     backward = [later for earlier, later in itertools.pairwise(kept) if later < earlier]
     twice = len(kept) - len(set(kept))
@@ -90,11 +109,11 @@ def _names(root: Path, folder: Path) -> tuple[NDArray[np.int64], list[str], list
     return np.unique(np.array(kept, dtype=np.int64)), notes, faults
 
 
-def _range_resolution(root: Path, given: float | None) -> tuple[float, list[str]]:
-    """Length of a range bin [m], and a note where it is assumed."""
+def _find_resolution(root: Path, given: float | None) -> tuple[float, list[str]]:
+    """Finds the length of a range bin [m]; returns it with a note where it is assumed."""
     if given is not None:
         return given, []
-    for file in (root / RECORDING, root / "twin.json", root / "simulation.json"):
+    for file in (root / _RECORDING, root / "twin.json", root / "simulation.json"):
         if not file.exists():
             continue
         try:
@@ -102,17 +121,16 @@ def _range_resolution(root: Path, given: float | None) -> tuple[float, list[str]
             if not is_bin_length(value):
                 raise ValueError(value)
         except (OSError, ValueError, KeyError, TypeError, RecursionError) as error:
-            remedy = "repair it or give --range-resolution"
-            raise DataError(file, "names no range_resolution_m that is a length of range bins", remedy) from error
+            problem = "names no range_resolution_m that is a length of range bins"
+            raise DataError(file, problem, Remedy.GIVE_RANGE_RESOLUTION) from error
         return value, []
     return RANGE_RESOLUTION_M, [
-        f"range resolution {RANGE_RESOLUTION_M} m assumed, the best fit to Oxford's radar (published: 0.0432 m): "
-        "--range-resolution overrides it"
+        note_resolution(RANGE_RESOLUTION_M, ", the best fit to Oxford's radar (published: 0.0432 m)")
     ]
 
 
-def _ground_truth(root: Path, start_us: int, end_us: int) -> tuple[Trajectory | None, list[str]]:
-    """Ground truth of the recording, or None, and what was left out of it."""
+def _read_ground_truth(root: Path, start_us: int, end_us: int) -> tuple[Trajectory | None, list[str]]:
+    """Reads the ground truth of a recording; returns it, or None, with what was left out of it."""
     tum, csv = root / "gt" / "poses_tum.txt", root / "gt" / "radar_odometry.csv"
     if tum.exists():
         return read_tum(tum), []
@@ -130,4 +148,60 @@ def _ground_truth(root: Path, start_us: int, end_us: int) -> tuple[Trajectory | 
     longest = max(pieces, key=len)
     notes = [f"{csv.name} has {len(breaks)} breaks: the longest stretch is the ground truth"] if len(breaks) else []
     steps = table[longest][:, 2:] * [1.0, -1.0, -1.0]
-    return checked(csv, np.append(earlier[longest[0]], later[longest]), se2.integrate_steps(steps)), notes
+    return make_trajectory(csv, np.append(earlier[longest[0]], later[longest]), se2.integrate_steps(steps)), notes
+
+
+def write(out: Path, recording: Recording) -> list[str]:
+    """Writes a recording as a folder, whole or not at all, one polar scan in memory at a time.
+
+    Returns:
+        Notes for the user on what was lost: none.
+
+    Raises:
+        DataError: a polar scan cannot be read, or turns counter-clockwise.
+        OutputError: the folder cannot be written.
+    """
+    with write_folder_aside(out) as folder:
+        write_ground_truth(folder, recording)
+        if recording.range_resolution != RANGE_RESOLUTION_M:
+            write_text(folder / _RECORDING, json.dumps({"range_resolution_m": recording.range_resolution}) + "\n")
+        if recording.odometry is not None:
+            track = recording.odometry
+            twists = track.mean_twists(track.stamps_us[:-1], track.stamps_us[1:])
+            write_twists(folder / "odom.csv", track.stamps_us.tolist(), np.vstack([twists, twists[-1:]]))
+        (folder / "radar").mkdir()
+        polar_scans = enumerate(recording.polar_scans())
+        write_stamps(folder, [write_polar_scan(folder, recording, k, polar_scan) for k, polar_scan in polar_scans])
+    return []
+
+
+def write_stamps(folder: Path, stamps_us: Iterable[int]) -> None:
+    """Writes the list of the images' stamps [us]."""
+    write_text(folder / "radar.timestamps", "".join(f"{stamp} 1\n" for stamp in stamps_us))
+
+
+def write_ground_truth(folder: Path, recording: Recording) -> None:
+    """Writes the ground truth of a recording into its folder, where it has any."""
+    if recording.ground_truth is not None and len(recording.ground_truth) > 1:
+        (folder / "gt").mkdir()
+        write_tum(folder / "gt" / "poses_tum.txt", recording.ground_truth)
+        write_text(folder / "gt" / "radar_odometry.csv", _format_moves(recording.ground_truth))
+
+
+def write_polar_scan(folder: Path, recording: Recording, k: int, polar_scan: PolarScan) -> int:
+    """Writes the image of polar scan k, and returns its name, the stamp of the first azimuth [us]."""
+    stamp = int(azimuth_stamps(recording, polar_scan)[0])
+    write_png(folder / "radar" / f"{stamp}.png", make_rows(recording, k, polar_scan))
+    return stamp
+
+
+def _format_moves(truth: Trajectory) -> str:
+    """Formats poses as motions in the frames of the poses before them; Oxford's frames are y right, yaw clockwise."""
+    moves = se2.between(truth.poses[:-1], truth.poses[1:])
+    lines = [_COLUMNS]
+    for later, earlier, (x, y, yaw) in zip(truth.stamps_us[1:], truth.stamps_us[:-1], moves.tolist(), strict=True):
+        lines.append(f"{later},{earlier},{x:.6f},{-y:.6f},0,0,0,{-yaw:.6f},{later},{earlier}")
+    return "\n".join(lines) + "\n"
+
+
+TARGETS = (Target("oxford", write, odometry=True),)

@@ -6,72 +6,86 @@ Source: github.com/marcelsheeny/radiate_sdk, README.md.
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from mqslam.config.reading_config import ReadingConfig
+from mqslam.core.recording import Recording
 from mqslam.errors import DataError
-from mqslam.formats.shared.column_images import ColumnImageRecording, column_recording
-from mqslam.formats.shared.images import numbered_names
+from mqslam.execution.files import write_text
+from mqslam.execution.folders import write_folder_aside
+from mqslam.formats.shared.column_images import ColumnImageRecording, ColumnImages, open_columns, write_columns
+from mqslam.formats.shared.images import list_numbers
 from mqslam.formats.shared.sensing import Sensing
-from mqslam.formats.shared.stamps import in_order, microseconds
+from mqslam.formats.shared.stamps import mark_increasing, parse_stamps
+from mqslam.formats.shared.target import Target
 
-RANGE_RESOLUTION_M = 100.0 / 576.0
+RANGE_RESOLUTION_M = 100.0 / 576.0  # the images reach 100 m in 576 bins
 _DIGITS = 6
 _LINE = re.compile(r"\s*Frame:\s*(\d{1,18})\s+Time:\s*(\d+(?:\.\d+)?)\s*")
 _OTHER_CLOCK = "GPS and IMU run on another clock: neither odometry nor ground truth is taken from them"
 
 
 def recognises(path: Path) -> bool:
-    """Whether the path holds a folder `Navtech_Polar`, or is that folder."""
-    return _image_folder(path).is_dir()
+    """Returns whether the path holds a folder `Navtech_Polar`, or is that folder."""
+    return _find_image_folder(path).is_dir()
 
 
-def open_recording(path: Path, sensing: Sensing) -> ColumnImageRecording:
-    """Index a recording of RADIATE: names, stamps and one image are read, whatever its length.
+def open_recording(path: Path, sensing: Sensing, settings: ReadingConfig) -> ColumnImageRecording:
+    """Indexes a recording of RADIATE: names, stamps and one image are read, however long it is.
+
+    Args:
+        path: the recording.
+        sensing: what the user says about the radar.
+        settings: how recordings are understood.
 
     Raises:
-        DataError: no revolutions, or a file that cannot be used.
+        DataError: there are no polar scans, or a file cannot be used.
     """
-    folder = _image_folder(path)
+    folder = _find_image_folder(path)
     if not folder.is_dir():
         raise DataError(path, "holds no folder Navtech_Polar/", "give the folder that holds it and Navtech_Polar.txt")
     listing = folder.parent / "Navtech_Polar.txt"
-    frames, stamps = _stamps(listing)
+    frames, stamps = _read_stamps(listing)
     faults = []
-    found = {int(name) for name in numbered_names(folder) if len(name) == _DIGITS}
-    if unlisted := sorted(found - set(frames.tolist())):
+    there = {int(name) for name in list_numbers(folder) if len(name) == _DIGITS}
+    if unlisted := sorted(there - set(frames.tolist())):
         others = f" and {len(unlisted) - 1} others" if len(unlisted) > 1 else ""
-        faults.append(f"{listing.name} has no line for frame {_name(unlisted[0])}{others}: left out")
+        faults.append(f"{listing.name} has no line for frame {_format_name(unlisted[0])}{others}: left out")
     order = np.argsort(frames, kind="stable")
     if backward := np.flatnonzero(np.diff(frames) <= 0).tolist():
-        faults.append(f"{listing.name} does not list its frames in order, first at {_name(frames[backward[0] + 1])}: sorted")
-    order = order[in_order(stamps[order].tolist()) & np.append(True, np.diff(frames[order]) > 0)[: len(order)]]
+        faults.append(
+            f"{listing.name} does not list its frames in order, first at {_format_name(frames[backward[0] + 1])}: sorted"
+        )
+    order = order[mark_increasing(stamps[order].tolist()) & np.append(True, np.diff(frames[order]) > 0)[: len(order)]]
     if dropped := sorted(set(frames.tolist()) - set(frames[order].tolist())):
         others = f" and of {len(dropped) - 1} others" if len(dropped) > 1 else ""
-        faults.append(f"the stamp of frame {_name(dropped[0])}{others} repeats or runs backward: left out")
-    present = order[np.isin(frames[order], list(found))]
+        faults.append(f"the stamp of frame {_format_name(dropped[0])}{others} repeats or runs backward: left out")
+    present = order[np.isin(frames[order], list(there))]
     names, stamps = frames[present], stamps[present]
     missing = len(order) - len(names)
     skipped = [f"{missing} of {len(frames)} frames in {listing.name} have no image: skipped"] if missing else []
     notes = (*skipped, _OTHER_CLOCK)
-    return column_recording(
-        path, "radiate", folder, names, stamps, RANGE_RESOLUTION_M, sensing, digits=_DIGITS, notes=notes, faults=faults
-    )
+    images = ColumnImages(folder, names, _DIGITS)
+    recording = open_columns(path, "radiate", images, stamps, RANGE_RESOLUTION_M, sensing, settings)
+    return replace(recording, notes=(*notes, *recording.notes), faults=(*faults, *recording.faults))
 
 
-def _image_folder(path: Path) -> Path:
-    """The folder of the images: the path itself if it is called Navtech_Polar, or the one inside."""
+def _find_image_folder(path: Path) -> Path:
+    """Finds the folder of the images: the path itself if it is called Navtech_Polar, or the one inside."""
     return path.resolve() if path.resolve().name == "Navtech_Polar" else path / "Navtech_Polar"
 
 
-def _name(frame: int) -> str:
+def _format_name(frame: int) -> str:
+    """Formats the number of a frame as the name of its image."""
     return f"{frame:0{_DIGITS}d}"
 
 
-def _stamps(listing: Path) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Frames (N,) and when they arrived (N,) [us], of lines `Frame: 000001 Time: 1574859771.744660272` in s."""
+def _read_stamps(listing: Path) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Reads frames (N,) and when they arrived (N,) [us] from lines `Frame: 000001 Time: 1574859771.744660272` in s."""
     try:
         lines = [line for line in listing.read_text(encoding="utf-8").splitlines() if line.strip()]
     except (OSError, ValueError) as error:
@@ -82,7 +96,32 @@ def _stamps(listing: Path) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
         raise DataError(listing, f"line {number} is not 'Frame: 000001 Time: 1574859771.744660272'", "repair it")
     rows = [match.groups() for match in matches if match]
     try:
-        stamps = microseconds([word for _, word in rows], "s")
+        stamps = parse_stamps([word for _, word in rows], "s")
     except ValueError as error:
         raise DataError(listing, str(error), "repair it") from error
     return np.array([int(frame) for frame, _ in rows], dtype=np.int64), stamps
+
+
+def write(out: Path, recording: Recording) -> list[str]:
+    """Writes a recording as a folder, whole or not at all, one polar scan in memory at a time.
+
+    Returns:
+        Notes for the user on what was lost.
+
+    Raises:
+        DataError: a polar scan cannot be read, or polar images cannot hold it.
+        OutputError: the folder cannot be written.
+    """
+    names = [_format_name(number) for number in range(1, len(recording) + 1)]
+    lines = [
+        f"Frame: {name} Time: {end // 1_000_000}.{end % 1_000_000:06d}000\n"
+        for name, end in zip(names, recording.ends_us.tolist(), strict=True)
+    ]
+    with write_folder_aside(out) as folder:
+        write_text(folder / "Navtech_Polar.txt", "".join(lines))
+        images = folder / "Navtech_Polar"
+        images.mkdir()
+        return write_columns(images, recording, names)
+
+
+TARGETS = (Target("radiate", write, truth=False, validity=False, assumed_resolution=lambda _: RANGE_RESOLUTION_M),)

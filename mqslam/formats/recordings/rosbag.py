@@ -1,44 +1,55 @@
-"""ROS recordings: ROS 1 `.bag`, ROS 2 bag folder or `.db3`, `.mcap`; radar images, odometry and ground truth."""
+"""ROS bags: ROS 1 `.bag`, ROS 2 bag folder or `.db3`, `.mcap`, with radar images, odometry and ground truth.
+
+Bags are written with radar on /Navtech/Polar or /radar_data/b_scan_msg, odometry on /odom and ground truth on /ground_truth.
+"""
 
 from __future__ import annotations
 
-import itertools
-from collections.abc import Iterator
+import heapq
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
+from mqslam.config.reading_config import ReadingConfig
 from mqslam.core.recording import PolarScan, Recording
+from mqslam.core.trajectory import Trajectory
 from mqslam.errors import DataError
 from mqslam.formats.shared import bags, polar_message
 from mqslam.formats.shared.arrivals import smooth_arrivals
-from mqslam.formats.shared.azimuth_rows import even_azimuths, spread_note
-from mqslam.formats.shared.polar_message import B_SCAN_DEFINITION, B_SCAN_TYPE, COMPRESSED_TYPE, IMAGE_TYPE, Layout
-from mqslam.formats.shared.sensing import Sensing
-from mqslam.formats.shared.stamps import in_order
+from mqslam.formats.shared.azimuth_rows import azimuth_stamps, note_spread, spread_azimuths
+from mqslam.formats.shared.bag_writer import KINDS, RADAR_FRAME, Bag, write_bag
+from mqslam.formats.shared.bags import B_SCAN_TYPE, COMPRESSED_TYPE, IMAGE_TYPE, ODOMETRY_TYPE
+from mqslam.formats.shared.polar_message import Layout
+from mqslam.formats.shared.sensing import Sensing, note_resolution
+from mqslam.formats.shared.stamps import mark_increasing
+from mqslam.formats.shared.target import Message, Target
 from mqslam.formats.shared.turns import find_usual_turns, place_turns
 
 if TYPE_CHECKING:
     from rosbags.highlevel import AnyReader
     from rosbags.interfaces import Connection
 
-RANGE_RESOLUTION_M = 0.0438
-_FIRST_TRIED = 10  # messages of a topic, of which one at least must be a revolution
-_DEFINITIONS = {B_SCAN_TYPE: B_SCAN_DEFINITION}
+RANGE_RESOLUTION_M = 0.0438  # as in Oxford's recordings; a bag does not say it
+ODOMETRY_TOPIC = "/odom"
+TRUTH_TOPIC = "/ground_truth"
+_TOPICS = {"image": ("/Navtech/Polar", IMAGE_TYPE), "b_scan": ("/radar_data/b_scan_msg", B_SCAN_TYPE)}
+_Entry = tuple[int, "Connection", Any]  # stamp [us], topic, message
 
 
 @dataclass(frozen=True, kw_only=True)
 class RosbagRecording(Recording):
-    """A recording in a ROS bag; the bag is opened anew by every call of `revolutions`.
+    """A recording in a ROS bag; the bag is opened anew by every call of `polar_scans`.
 
     Args:
         topic: the radar's topic.
         layout: how its messages hold their azimuths.
-        messages_us: (N,) int64 [us], what the message of each revolution is stamped, be it the start or the end of it.
-        logged_ns: (N,) int64 [ns], when the message of each revolution was recorded.
+        messages_us: (N,) int64 [us], stamp of the message of each polar scan, be it the start or the end of the turn.
+        logged_ns: (N,) int64 [ns], when the message of each polar scan was recorded.
         clockwise: whether azimuths without stamps and angles of their own follow one another clockwise, seen from above.
     """
 
@@ -49,55 +60,60 @@ class RosbagRecording(Recording):
     clockwise: bool
 
     def polar_scans(self, start: int = 0, stop: int | None = None) -> Iterator[PolarScan]:
-        """Read the revolutions start <= k < stop, one after the other."""
+        """Reads the polar scans start <= k < stop, one after the other."""
         wanted = range(len(self))[start:stop]
         if not wanted:
             return
         k = wanted.start
-        with bags.opened(self.path, _DEFINITIONS) as reader:
+        with bags.open_bag(self.path) as reader:
             connections = [connection for connection in reader.connections if connection.topic == self.topic]
             first, after = int(self.logged_ns[k]), int(self.logged_ns[wanted[-1]]) + 1
             for connection, logged, raw in reader.messages(connections, first, after):
                 try:
-                    message = bags.deserialised(reader, connection, raw)
+                    message = bags.deserialise(reader, connection, raw)
                     if _stamp_us(self.layout, message, logged) != self.messages_us[k]:
                         continue
-                except ValueError:  # the index left it out, too
+                except ValueError:  # the index has left it out, too
                     continue
-                with bags.naming(self.path, self.topic, logged):
+                with bags.name_message(self.path, self.topic, logged):
                     polar_scan = self._polar_scan(k, message)
                 yield polar_scan
                 k += 1
                 if k == wanted.stop:
                     return
-        raise DataError(self.path, f"revolution {k} on {self.topic} is gone", "the bag changed since it was opened")
+        raise DataError(self.path, f"polar scan {k} on {self.topic} is gone", "the bag changed since it was opened")
 
     def _polar_scan(self, k: int, message: Any) -> PolarScan:
-        power = polar_message.power_of(self.layout, message)
+        power = polar_message.read_power(self.layout, message)
         if self.layout.stamps_azimuths:
-            azimuths = polar_message.stamped_azimuths(self.layout, message)
+            azimuths = polar_message.read_azimuths(self.layout, message)
         else:
             begin, duration = int(self.stamps_us[k]), int(self.turns_us[k])
-            azimuths = even_azimuths(len(power), begin, duration, clockwise=self.clockwise)
-        return azimuths.polar_scan(power, self.start_us)
+            azimuths = spread_azimuths(len(power), begin, duration, clockwise=self.clockwise)
+        return azimuths.to_polar_scan(power, self.start_us)
 
 
 def recognises(path: Path) -> bool:
-    """Whether the path is a `.bag`, `.mcap` or `.db3` file, or a folder with a `metadata.yaml`."""
+    """Returns whether the path is a `.bag`, `.mcap` or `.db3` file, or a folder with a `metadata.yaml`."""
     return bags.recognises(path)
 
 
-def open_recording(path: Path, sensing: Sensing) -> RosbagRecording:
-    """Index a bag: one pass over the messages of radar, odometry and ground truth, of which only stamps and poses stay.
+def open_recording(path: Path, sensing: Sensing, settings: ReadingConfig) -> RosbagRecording:
+    """Indexes a bag in one pass over the messages of radar, odometry and ground truth, of which only stamps and poses stay.
+
+    Args:
+        path: the bag.
+        sensing: what the user says about the radar.
+        settings: how recordings are understood.
 
     Raises:
-        DataError: not a readable bag, no radar topic in it, or a radar message that cannot be used.
+        DataError: the bag cannot be read, has no radar topic, or a radar message cannot be used.
     """
-    with bags.opened(path, _DEFINITIONS) as reader:
-        topic, layout, notes = _radar_topic(path, reader)
-        odometry_topic, truth_topic = _pose_topics(reader)
-        index = _index(path, reader, topic, layout, {odometry_topic, truth_topic} - {None})
-    ordered = in_order(index.stamps_us)
+    with bags.open_bag(path) as reader:
+        topic, layout, notes = polar_message.choose_topic(path, reader)
+        odometry_topic, truth_topic = _choose_pose_topics(reader)
+        index = _read_index(path, reader, (topic, layout), {odometry_topic, truth_topic} - {None}, settings)
+    ordered = mark_increasing(index.stamps_us)
     messages_us = np.array(index.stamps_us, dtype=np.int64)[ordered]
     faults = [f"{index.unread} messages on {topic} could not be read, left out: {index.error}"] if index.unread else []
     if skipped := len(ordered) - len(messages_us):
@@ -105,17 +121,18 @@ def open_recording(path: Path, sensing: Sensing) -> RosbagRecording:
     clockwise = sensing.clockwise is not False
     if layout.stamps_azimuths:
         measured = [turn for turn, kept in zip(index.measured_turns_us, ordered.tolist(), strict=True) if kept]
-        starts, turns = place_turns(messages_us, "start", find_usual_turns(messages_us, measured.__getitem__))
+        usual = find_usual_turns(messages_us, settings, measured.__getitem__)
+        starts, turns = place_turns(messages_us, "start", usual, settings)
         turns[-1] = index.turns_us[int(np.flatnonzero(ordered)[-1])] or turns[-1]
-        notes += sensing.idle()
+        notes += sensing.note_unused()
     else:
         stamp = sensing.stamp or polar_message.usual_stamp(topic, layout)
-        arrivals, smoothed = smooth_arrivals(messages_us)
-        starts, turns = place_turns(arrivals, stamp, find_usual_turns(arrivals))
-        notes.append(f"{layout.value} of the images taken as azimuths; " + spread_note("header", stamp, clockwise))
+        arrivals, smoothed = smooth_arrivals(messages_us, settings)
+        starts, turns = place_turns(arrivals, stamp, find_usual_turns(arrivals, settings), settings)
+        notes.append(f"{layout.value} of the images taken as azimuths; " + note_spread("header", stamp, clockwise))
         notes += smoothed
     if sensing.range_resolution is None:
-        notes.append(f"range resolution {RANGE_RESOLUTION_M} m assumed: --range-resolution overrides it")
+        notes.append(note_resolution(RANGE_RESOLUTION_M))
     odometry, truth = (bags.trajectory_of(index.poses.get(name or "", ())) for name in (odometry_topic, truth_topic))
     if odometry is not None:
         notes.append(f"odometry from {odometry_topic}, taken as the motion of the radar itself")
@@ -141,10 +158,10 @@ def open_recording(path: Path, sensing: Sensing) -> RosbagRecording:
 
 @dataclass(slots=True)
 class _Index:
-    """What one pass over a bag collects: revolutions, messages that are none, and poses (t, x, y, yaw) by topic.
+    """The result of one pass over a bag: polar scans, messages that are none, and poses (t, x, y, yaw) by topic.
 
-    Turns are those of revolutions whose azimuths are stamped, None where these do not tell; of the messages that are no
-    revolutions, the first is kept as an error.
+    Turns are those of polar scans whose azimuths are stamped, None where these do not tell; of the messages that are no
+    polar scans, the first is kept as an error.
     """
 
     stamps_us: list[int] = field(default_factory=list)
@@ -156,49 +173,8 @@ class _Index:
     poses: dict[str, list[bags.PoseRow]] = field(default_factory=dict)
 
 
-def _radar_topic(path: Path, reader: AnyReader) -> tuple[str, Layout, list[str]]:
-    """The radar's topic, the layout of its messages, and a note on the choice."""
-    filled = [connection for connection in reader.connections if connection.msgcount]
-    images = [connection for connection in filled if connection.msgtype in (IMAGE_TYPE, COMPRESSED_TYPE)]
-    ranked = [(rank, c) for c in images if (rank := polar_message.topic_rank(c.topic)) is not None]
-    named = [c for _, c in sorted(ranked, key=lambda entry: entry[0])]
-    named += [connection for connection in filled if connection.msgtype == B_SCAN_TYPE]
-    if named:
-        chosen, note = named[0], f"radar from {named[0].topic}"
-    else:
-        alike = {c.topic: c for c in images if polar_message.looks_like_radar(_first(reader, c))}
-        if len(alike) != 1:
-            raise DataError(
-                path,
-                f"has {'several topics that could be' if alike else 'no'} radar (topics: {bags.topics_there(reader)})",
-                f"radar is {IMAGE_TYPE} or CompressedImage on /Navtech/Polar or /radar/polar, or {B_SCAN_TYPE}",
-            )
-        chosen = next(iter(alike.values()))
-        note = f"radar from {chosen.topic}, the only topic with images shaped like a radar's"
-    return chosen.topic, _layout(path, reader, chosen), [note]
-
-
-def _layout(path: Path, reader: AnyReader, connection: Connection) -> Layout:
-    """The layout of a radar's messages, seen from the first that is a revolution."""
-    first: DataError | None = None
-    for _, logged, raw in itertools.islice(reader.messages([connection]), _FIRST_TRIED):
-        try:
-            with bags.naming(path, connection.topic, logged):
-                message = bags.deserialised(reader, connection, raw)
-                return polar_message.layout_of(connection.topic, connection.msgtype, message)
-        except DataError as error:
-            first = first or error
-    raise first or DataError(path, f"holds no message on {connection.topic}", "name another bag")
-
-
-def _first(reader: AnyReader, connection: Connection) -> Any:
-    """The first message of a connection."""
-    _, _, raw = next(reader.messages([connection]))
-    return reader.deserialize(raw, connection.msgtype)
-
-
-def _pose_topics(reader: AnyReader) -> tuple[str | None, str | None]:
-    """The topics of odometry and of ground truth, by type and name."""
+def _choose_pose_topics(reader: AnyReader) -> tuple[str | None, str | None]:
+    """Chooses the topics of odometry and of ground truth, by type and name."""
     typed = [c for c in reader.connections if c.msgtype in (bags.ODOMETRY_TYPE, bags.POSE_TYPE)]
     truths = [c.topic for c in typed if bags.TRUTH_NAME.search(c.topic.lower())]
     drives = [c.topic for c in typed if c.msgtype == bags.ODOMETRY_TYPE and c.topic not in truths]
@@ -206,18 +182,21 @@ def _pose_topics(reader: AnyReader) -> tuple[str | None, str | None]:
     return next(iter(drives), None), next(iter(truths), None)
 
 
-def _index(path: Path, reader: AnyReader, topic: str, layout: Layout, pose_topics: set[str | None]) -> _Index:
-    """One pass over the messages of the radar and of the pose topics."""
+def _read_index(
+    path: Path, reader: AnyReader, radar: tuple[str, Layout], pose_topics: set[str | None], settings: ReadingConfig
+) -> _Index:
+    """Reads the messages of the radar and of the pose topics, once."""
+    topic, layout = radar
     index = _Index()
     connections = [c for c in reader.connections if c.topic == topic or c.topic in pose_topics]
     for connection, logged, raw in reader.messages(connections):
         if connection.topic != topic:
             message: Any = reader.deserialize(raw, connection.msgtype)
-            index.poses.setdefault(connection.topic, []).append(bags.pose_row(connection.msgtype, message))
+            index.poses.setdefault(connection.topic, []).append(bags.pose_of(connection.msgtype, message))
             continue
         try:
-            with bags.naming(path, topic, logged):
-                message = bags.deserialised(reader, connection, raw)
+            with bags.name_message(path, topic, logged):
+                message = bags.deserialise(reader, connection, raw)
                 stamp = _stamp_us(layout, message, logged)
         except DataError as error:
             index.unread += 1
@@ -226,18 +205,89 @@ def _index(path: Path, reader: AnyReader, topic: str, layout: Layout, pose_topic
         index.stamps_us.append(stamp)
         index.logged_ns.append(logged)
         if layout.stamps_azimuths:
-            azimuths = polar_message.stamped_azimuths(layout, message)
-            index.turns_us.append(azimuths.turn_us)
-            index.measured_turns_us.append(azimuths.measured_turn_us)
+            azimuths = polar_message.read_azimuths(layout, message)
+            index.turns_us.append(azimuths.find_duration(settings))
+            index.measured_turns_us.append(azimuths.measure_turn(settings))
     if 2 * index.unread > index.unread + len(index.stamps_us) and index.error is not None:
         raise index.error
     return index
 
 
 def _stamp_us(layout: Layout, message: Any, logged_ns: int) -> int:
-    """Stamp [us] of a message: its first azimuth's, else the header's, else when it was recorded."""
+    """Returns the stamp [us] of a message: its first azimuth's, else the header's, else when it was recorded."""
     if layout.stamps_azimuths:
-        return int(polar_message.stamped_azimuths(layout, message).stamps_us[0])
-    if message.__msgtype__ != COMPRESSED_TYPE:  # to decode every image of a bag only to index it takes minutes
-        polar_message.pixels(message)
-    return bags.header_us(message) or logged_ns // 1000
+        return int(polar_message.read_azimuths(layout, message).stamps_us[0])
+    if message.__msgtype__ != COMPRESSED_TYPE:  # decoding every image of a bag only to index it takes minutes
+        polar_message.read_pixels(message)
+    return bags.stamp_of(message) or logged_ns // 1000
+
+
+def write(kind: str, message: Message, out: Path, recording: Recording) -> list[str]:
+    """Writes a recording as a bag, one polar scan in memory at a time.
+
+    Args:
+        kind: one of `mqslam.formats.shared.bag_writer.KINDS`.
+        message: `image` for mono8 images whose rows begin with time, angle and validity, as in the Oxford layout;
+            `b_scan` for the driver's own messages, which do not say whether an azimuth was measured.
+        out: the file or folder.
+        recording: the recording.
+
+    Returns:
+        Notes for the user on what was lost: none.
+
+    Raises:
+        DataError: a polar scan cannot be read, or a bag cannot hold it.
+        OutputError: the bag cannot be written.
+    """
+    with write_bag(out, kind) as bag:
+        sources = [_list_scans(bag, recording, message)]
+        if recording.odometry is not None:
+            sources.append(_list_poses(bag, recording.odometry, ODOMETRY_TOPIC, "odom"))
+        if recording.ground_truth is not None:
+            sources.append(_list_poses(bag, recording.ground_truth, TRUTH_TOPIC, "map"))
+        for stamp, connection, content in heapq.merge(*sources, key=lambda entry: entry[0]):
+            bag.write(connection, stamp, content)
+    return []
+
+
+def _list_scans(bag: Bag, recording: Recording, message: Message) -> Iterator[_Entry]:
+    """Lists the polar scans as messages, stamped by their first azimuths."""
+    make: Callable[..., Any] = polar_message.make_image if message == "image" else polar_message.make_b_scan
+    connection = bag.topic(*_TOPICS[message])
+    for k, polar_scan in enumerate(recording.polar_scans()):
+        yield int(azimuth_stamps(recording, polar_scan)[0]), connection, make(bag, recording, k, polar_scan)
+
+
+def _list_poses(bag: Bag, track: Trajectory, topic: str, frame: str) -> Iterator[_Entry]:
+    """Lists poses of the radar in a fixed frame as odometry messages, each with the mean twist until the next."""
+    connection = bag.topic(topic, ODOMETRY_TYPE)
+    twists = track.mean_twists(track.stamps_us[:-1], track.stamps_us[1:])
+    unknown = np.zeros(36)
+    for stamp, pose, (vx, vy, omega) in zip(
+        track.stamps_us.tolist(), track.poses, np.vstack([twists, twists[-1:]]).tolist(), strict=True
+    ):
+        twist = bag.make("geometry_msgs/msg/Twist", bag.vector(vx, vy, 0.0), bag.vector(0.0, 0.0, omega))
+        message = bag.make(
+            ODOMETRY_TYPE,
+            bag.header(stamp, frame),
+            RADAR_FRAME,
+            bag.make("geometry_msgs/msg/PoseWithCovariance", bag.pose(pose), unknown),
+            bag.make("geometry_msgs/msg/TwistWithCovariance", twist, unknown),
+        )
+        yield stamp, connection, message
+
+
+TARGETS = tuple(
+    Target(
+        kind,
+        partial(write, kind, message),
+        suffix,
+        odometry=True,
+        validity=message == "image",
+        assumed_resolution=lambda _: RANGE_RESOLUTION_M,
+        message=message,
+        is_bag=True,
+    )
+    for kind, suffix in KINDS.items()
+    for message in get_args(Message)
+)

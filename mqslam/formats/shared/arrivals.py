@@ -1,6 +1,6 @@
-"""Stamps of arrival, one per revolution, freed of their jitter as far as a turning mass allows.
+"""Stamps of arrival, one per polar scan, freed of their jitter as far as a turning mass allows.
 
-Where a recording has one stamp per revolution, it is that of a message or a file, which a computer sets when it finds the
+Where a recording has one stamp per polar scan, it is that of a message or a file, which a computer sets when it finds the
 time: each comes late by another delay. The radar itself turns steadily, since its antenna has inertia: the duration of a
 turn changes little from one turn to the next. So the stamps a_k of the recording are understood as
 
@@ -19,31 +19,27 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mqslam.formats.shared.turns import ALIKE, LONGEST, find_usual_turns
+from mqslam.config.reading_config import ReadingConfig
+from mqslam.formats.shared.turns import find_usual_turns
 
-_LEAST_US = 100.0  # less jitter moves no map: at 30 m/s a vehicle drives 3 mm meanwhile
-_RATIOS = np.logspace(-4.0, 8.0, 13)  # of r to q that are tried; the largest averages over about a hundred turns
-_EQUAL = 0.01  # costs closer than this are equal: three revolutions cannot tell jitter from changes of the turn rate
-_MOST_CHANGE = 0.1  # share of its turn by which no turning mass of some kilograms is slower or faster in the next turn
-_STRAY = 5.0  # spreads from its place, beyond which a stamp tells nothing
-_IGNORED = 1e-4  # weight of such a stamp; the equations stay solvable where a whole stretch has it
-_ROUNDS = 8  # of looking for such stamps, at most
-_AROUND = 8  # revolutions on each side that show whether a step is a break
-_JUMP, _LASTING = 7.0, 0.6  # spreads of a step that is no jitter, and what must last of it to be a break
+_SIGMAS = 1.4826  # standard deviations of normal noise per median absolute deviation
+_IGNORED = 1e-4  # weight of a stamp that tells nothing; above zero, so that a whole stretch of them can be solved
+_ROUNDS = 8  # most rounds of looking for such stamps; it takes two or three
 
 
-def smooth_arrivals(stamps_us: NDArray[np.int64]) -> tuple[NDArray[np.int64], list[str]]:
-    """Free the arrival stamps of revolutions of their jitter.
+def smooth_arrivals(stamps_us: NDArray[np.int64], settings: ReadingConfig) -> tuple[NDArray[np.int64], list[str]]:
+    """Frees the arrival stamps of polar scans of their jitter.
 
     Args:
         stamps_us: (N,) increasing stamps of arrival [us].
+        settings: how recordings are understood.
 
     Returns:
         Increasing stamps (N,) [us], the same where they show no jitter, and a note for the user where they do.
     """
     smooth = stamps_us
     for _ in range(_ROUNDS):
-        before, smooth = smooth, _smooth_once(smooth)
+        before, smooth = smooth, _smooth_once(smooth, settings)
         if np.array_equal(before, smooth):
             break
     changes = (smooth - stamps_us) * 1e-3
@@ -55,68 +51,76 @@ def smooth_arrivals(stamps_us: NDArray[np.int64]) -> tuple[NDArray[np.int64], li
     ]
 
 
-def _smooth_once(stamps_us: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Take the delays that stamps (N,) [us] show from them."""
+def _smooth_once(stamps_us: NDArray[np.int64], settings: ReadingConfig) -> NDArray[np.int64]:
+    """Subtracts from stamps (N,) [us] the delays that they show."""
     if len(stamps_us) < 3:
         return stamps_us
+    least_us = settings.least_jitter_s * 1e6
     bends = np.diff(stamps_us, 2).astype(np.float64)
-    usual = find_usual_turns(stamps_us)
-    tied = _find_ties(stamps_us, usual)
-    if not np.any(np.abs(bends[tied]) > _LEAST_US):
+    usual = find_usual_turns(stamps_us, settings)
+    tied = _find_ties(stamps_us, usual, settings)
+    if not np.any(np.abs(bends[tied]) > least_us):
         return stamps_us
-    delays = _estimate_delays(bends, tied, _MOST_CHANGE * usual[1:])
-    if np.sqrt(np.mean(delays[_mark_members(tied)] ** 2)) < _LEAST_US:
+    delays = _estimate_delays(bends, tied, settings.most_turn_change * usual[1:], settings)
+    if np.sqrt(np.mean(delays[_mark_members(tied)] ** 2)) < least_us:
         return stamps_us
     numbers = np.arange(len(stamps_us))
     return np.asarray(np.maximum.accumulate(stamps_us - np.round(delays).astype(np.int64) - numbers) + numbers)
 
 
-def _find_ties(stamps_us: NDArray[np.int64], usual: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Find the revolutions, as a mask (N - 2,), that the next two follow without a break at the same turn rate.
+def _find_ties(stamps_us: NDArray[np.int64], usual: NDArray[np.float64], settings: ReadingConfig) -> NDArray[np.bool_]:
+    """Finds the polar scans, as a mask (N - 2,), that the next two follow without a break at the same turn rate.
 
     A break is a step after which the stamps stay behind their schedule, or ahead of it: a gap, or a clock that jumps. A
-    revolution that is late makes none, since the next ones are in time again.
+    single late polar scan makes none, since the next ones are in time again.
 
     Args:
-        stamps_us: (N,) of the revolutions [us], three at least.
+        stamps_us: (N,) of the polar scans [us], three at least.
         usual: (N - 1,) how long a turn usually takes at each step between them [us].
+        settings: how recordings are understood.
     """
+    count = settings.scans_around_break
     steps = np.diff(stamps_us)
     behind = (stamps_us - stamps_us[0]) - np.concatenate([[0.0], np.cumsum(usual)])
-    around = np.lib.stride_tricks.sliding_window_view(np.pad(behind, _AROUND, mode="edge"), _AROUND)
-    before, after = around[1 : len(stamps_us)], around[_AROUND + 1 : _AROUND + len(stamps_us)]
-    gap = after.min(axis=1) - behind[:-1] > (LONGEST - 1.0) * usual
-    spread = 1.4826 * float(np.median(np.abs(np.diff(steps)))) / np.sqrt(6.0)  # a bend holds six times jitter's variance
+    around = np.lib.stride_tricks.sliding_window_view(np.pad(behind, count, mode="edge"), count)
+    before, after = around[1 : len(stamps_us)], around[count + 1 : count + len(stamps_us)]
+    gap = after.min(axis=1) - behind[:-1] > (settings.longest_step - 1.0) * usual
+    # a second difference of stamps holds six times the variance of their jitter
+    spread = _SIGMAS * float(np.median(np.abs(np.diff(steps)))) / np.sqrt(6.0)
     excess = steps - usual
     lasting = (np.median(after, axis=1) - np.median(before, axis=1)) * np.sign(excess)
-    jump = (np.abs(excess) > max(_JUMP * spread, _LEAST_US)) & (lasting > _LASTING * np.abs(excess))
-    jump[: _AROUND // 2], jump[-_AROUND // 2 :] = False, False  # too few on one side to tell that from late ones
-    alike = np.abs(np.diff(np.log(usual))) < np.log(ALIKE)
+    least_us = max(settings.break_spreads * spread, settings.least_jitter_s * 1e6)
+    jump = (np.abs(excess) > least_us) & (lasting > settings.break_lasts * np.abs(excess))
+    jump[: count // 2], jump[-count // 2 :] = False, False  # too few scans on one side to tell a break from late scans
+    alike = np.abs(np.diff(np.log(usual))) < np.log(settings.alike)
     broken = gap | jump
     return np.asarray(~broken[:-1] & ~broken[1:] & alike)
 
 
 def _mark_members(tied: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Mark the revolutions (N,) that are tied to others, from the mask (N - 2,) of the first ones of three."""
+    """Marks the polar scans (N,) that are tied to others, from the mask (N - 2,) of the first ones of three."""
     padded = np.pad(tied, 2)
     return padded[2:] | padded[1:-1] | padded[:-2]
 
 
 def _estimate_delays(
-    bends: NDArray[np.float64], tied: NDArray[np.bool_], limits: NDArray[np.float64]
+    bends: NDArray[np.float64], tied: NDArray[np.bool_], limits: NDArray[np.float64], settings: ReadingConfig
 ) -> NDArray[np.float64]:
-    """Estimate by how much each stamp (N,) comes later than its turn [us].
+    """Estimates by how much each stamp (N,) comes later than its turn [us].
 
     Args:
         bends: (N - 2,) second differences of the stamps [us].
         tied: (N - 2,) which of them are of turns that follow one another steadily.
         limits: (N - 2,) by how much a turn can differ from the one before [us]; stamps that claim more are untied.
+        settings: how recordings are understood.
     """
+    low, high = np.log10(settings.roughest_ratio), np.log10(settings.smoothest_ratio)
+    ratios = np.logspace(low, high, 1 + round(high - low)).tolist()
     weights = np.ones(len(bends) + 2)
     for _ in range(_ROUNDS):
-        fits = [_fit_delays(bends, tied, weights, float(ratio)) for ratio in _RATIOS]
+        fits = [_fit_delays(bends, tied, weights, ratio) for ratio in ratios]
         least = min(fit.cost for fit in fits)
-        best = next(fit for fit in fits if fit.cost < least + _EQUAL)
+        best = next(fit for fit in fits if fit.cost < least + settings.equal_likelihood)
         impossible = tied & (np.abs(bends - np.diff(best.delays, 2)) > limits)
         tied = tied & ~impossible
         trusted = _mark_members(tied) & (weights == 1.0)
@@ -125,8 +129,9 @@ def _estimate_delays(
         if impossible.any():
             weights = np.ones_like(weights)
             continue
-        spread = 1.4826 * float(np.median(np.abs(best.delays[trusted])))
-        before, weights = weights, np.where(np.abs(best.delays) > max(_STRAY * spread, _LEAST_US), _IGNORED, 1.0)
+        spread = _SIGMAS * float(np.median(np.abs(best.delays[trusted])))
+        stray = np.abs(best.delays) > max(settings.stray_spreads * spread, settings.least_jitter_s * 1e6)
+        before, weights = weights, np.where(stray, _IGNORED, 1.0)
         if np.array_equal(before, weights):
             break
     return best.delays
@@ -138,7 +143,7 @@ class _Fit:
 
     Args:
         delays: (N,) of the stamps [us].
-        cost: twice the negative logarithm of the restricted likelihood of the ratio, but for a constant.
+        cost: twice the negative logarithm of the restricted likelihood of the ratio, up to a constant.
     """
 
     delays: NDArray[np.float64]
@@ -146,7 +151,7 @@ class _Fit:
 
 
 def _fit_delays(bends: NDArray[np.float64], tied: NDArray[np.bool_], weights: NDArray[np.float64], ratio: float) -> _Fit:
-    """Split stamps into delays and turns: least squares of the delays and, `ratio` times, of the turns' second differences.
+    """Splits stamps into delays and turns: least squares of the delays and, `ratio` times, of the turns' second differences.
 
     The normal equations (W + ratio D'TD) delays = ratio D'T bends have five diagonals. W are the weights, T picks the
     bends that are tied, D takes second differences.

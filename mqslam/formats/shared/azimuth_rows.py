@@ -1,4 +1,4 @@
-"""Azimuths of a turn: read from Oxford rows, which begin with time, angle and validity, or spread evenly over the turn."""
+"""Azimuths of a turn: read from and written as Oxford rows, which begin with time, angle and validity, or spread evenly."""
 
 from __future__ import annotations
 
@@ -8,21 +8,24 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mqslam.core.recording import FASTEST_TURN_US, SLOWEST_TURN_US, PolarScan
+from mqslam.config.reading_config import ReadingConfig
+from mqslam.core.recording import FASTEST_TURN_US, SLOWEST_TURN_US, PolarScan, Recording
+from mqslam.errors import DataError
 from mqslam.formats.shared.sensing import Stamp
 from mqslam.formats.shared.turns import measure_turn
 
 METADATA_BYTES = 11
 FLAG_BYTE = 10
 TURN_TICKS = 5600
-_LONGEST_TURN_US = 30e6
-_SAME_TURN = 0.02  # share of a turn by which its end may differ from what the rate of its azimuths says
-FIRST_NS = 1e17  # later than any stamp in us, earlier than any of a radar in ns
+"""Bytes before the power in an Oxford row, the one among them that flags, and encoder ticks of a turn."""
+FIRST_NS = 1e17
+"""Larger than any stamp since 1970 in us, and smaller than that of any radar's recording in ns."""
+_LONGEST_TURN_US = 30e6  # a stamp further than this from the others of its turn is damaged
 
 
 @dataclass(frozen=True, slots=True)
 class Azimuths:
-    """When and where the azimuths of one turn were measured.
+    """Times and angles at which the azimuths of one turn were measured.
 
     Args:
         stamps_us: (A,) int64 [us], not decreasing.
@@ -36,55 +39,59 @@ class Azimuths:
 
     @property
     def end_us(self) -> int:
-        """One mean azimuth step after the last azimuth [us]."""
+        """The stamp one mean azimuth step after the last azimuth [us]."""
         first, last = int(self.stamps_us[0]), int(self.stamps_us[-1])
         return last + max(1, round((last - first) / (len(self.stamps_us) - 1)))
 
-    @property
-    def measured_turn_us(self) -> float | None:
-        """How long a whole turn takes [us] at the rate of these azimuths, or None where they do not tell."""
-        return measure_turn((self.stamps_us - self.stamps_us[0]).astype(np.float64), self.angles)
+    def measure_turn(self, settings: ReadingConfig) -> float | None:
+        """Measures how long a whole turn takes [us] at the rate of these azimuths; None where they do not tell."""
+        return measure_turn((self.stamps_us - self.stamps_us[0]).astype(np.float64), self.angles, settings)
 
-    @property
-    def turn_us(self) -> int | None:
-        """How long the turn takes [us], or None where these azimuths do not tell.
+    def find_duration(self, settings: ReadingConfig) -> int | None:
+        """Finds how long the turn takes [us]; None where these azimuths do not tell.
 
-        That is until its end, unless the rate shows that they are not just one turn.
+        It takes until its end, unless the rate of the azimuths shows that they are not those of exactly one turn.
         """
-        until_end, measured = self.end_us - int(self.stamps_us[0]), self.measured_turn_us
+        until_end, measured = self.end_us - int(self.stamps_us[0]), self.measure_turn(settings)
         if measured is None:
             return until_end if FASTEST_TURN_US <= until_end <= SLOWEST_TURN_US else None
-        return until_end if abs(until_end - measured) < _SAME_TURN * measured else round(measured)
+        return until_end if abs(until_end - measured) < settings.same_turn * measured else round(measured)
 
     def take(self, chosen: NDArray[np.bool_]) -> Azimuths:
-        """The chosen ones (A,) of these azimuths."""
+        """Returns the azimuths that a mask (A,) chooses."""
         return Azimuths(self.stamps_us[chosen], self.angles[chosen], self.valid[chosen])
 
-    def polar_scan(self, power: NDArray[np.uint8], start_us: int) -> PolarScan:
-        """The turn of these azimuths with their power (A, B), its times counted from the recording's start [us]."""
+    def to_polar_scan(self, power: NDArray[np.uint8], start_us: int) -> PolarScan:
+        """Makes a polar scan of these azimuths and their power (A, B), its times counted from a start [us]."""
         times = ((self.stamps_us - start_us) * 1e-6).astype(np.float64)
         return PolarScan(times, self.angles, power, self.valid)
 
 
-def repaired(
+def repair_azimuths(
     stamps_us: NDArray[np.int64], ticks: NDArray[np.uint16], measured: NDArray[np.bool_], turn: int = TURN_TICKS
 ) -> Azimuths:
-    """Azimuths from raw times (A,) [us] and clockwise encoder ticks (A,), `turn` ticks a turn.
+    """Makes azimuths of raw times and encoder ticks.
 
     A time that breaks the order of the others, or a tick outside the turn or against the sense of rotation, is
     replaced by interpolation over the row number, and the row is marked invalid.
 
+    Args:
+        stamps_us: (A,) raw times [us].
+        ticks: (A,) clockwise encoder values from straight ahead.
+        measured: (A,) which azimuths the recording says were measured.
+        turn: encoder ticks of a turn.
+
     Raises:
-        ValueError: under two rows, or over half of the times or ticks are unusable.
+        ValueError: there are under two rows, or under half of the times or ticks are usable.
     """
     if len(stamps_us) < 2:
         raise ValueError(f"has {len(stamps_us)} azimuths")
     near = np.abs(stamps_us.astype(np.float64) - np.median(stamps_us.astype(np.float64))) < _LONGEST_TURN_US
-    timed = _in_order(stamps_us.astype(np.float64), near)
+    timed = _mark_increasing(stamps_us.astype(np.float64), near)
     inside = ticks <= turn
     unwrapped = np.zeros(len(ticks))
     unwrapped[inside] = np.unwrap(ticks[inside].astype(np.float64), period=turn)
-    turned = _in_order(unwrapped, inside)
+    turned = _mark_increasing(unwrapped, inside)
     for usable, what in ((timed, "times that increase"), (turned, f"encoder values of one turn (0..{turn})")):
         if 2 * np.count_nonzero(usable) < len(usable):
             raise ValueError(f"has no {what} in its rows")
@@ -96,35 +103,35 @@ def repaired(
     return Azimuths(stamps_us, -2.0 * np.pi * unwrapped / turn, measured & timed & turned)
 
 
-def in_us(stamps: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Stamps (N,) [us] of stamps since 1970 that are all in us or all in ns; a few may be damaged."""
+def stamps_in_us(stamps: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Converts stamps (N,) since 1970 that are all in us or all in ns to us; a few may be damaged."""
     return stamps // 1000 if stamps.size and np.median(stamps) > FIRST_NS else stamps
 
 
-def even_azimuths(count: int, stamp_us: int, duration_us: int, *, clockwise: bool = True) -> Azimuths:
-    """Azimuths (count,) spread evenly over a turn that begins straight ahead at a stamp [us]."""
+def spread_azimuths(count: int, stamp_us: int, duration_us: int, *, clockwise: bool = True) -> Azimuths:
+    """Spreads azimuths (count,) evenly over a turn that begins straight ahead at a stamp [us]."""
     fractions = np.arange(count) / count
     stamps_us = stamp_us + np.round(fractions * duration_us).astype(np.int64)
     return Azimuths(stamps_us, (-2.0 if clockwise else 2.0) * np.pi * fractions, np.ones(count, dtype=np.bool_))
 
 
-def spread_note(stamps: str, stamp: Stamp, clockwise: bool) -> str:
-    """What was assumed of azimuths without stamps and angles, for the user; `stamps` says whose stamps are theirs."""
+def note_spread(whose: str, stamp: Stamp, clockwise: bool) -> str:
+    """Words the note on what was assumed of azimuths without stamps and angles, timed by the stamps of files or headers."""
     return (
-        f"azimuths carry no own stamps: spread evenly over the turn; {stamps} stamps taken as the {stamp} of the revolution "
+        f"azimuths carry no own stamps: spread evenly over the turn; {whose} stamps taken as the {stamp} of the turn "
         f"(sensor.stamp), azimuths as {'clockwise' if clockwise else 'counter-clockwise'} from straight ahead "
         "(sensor.clockwise)"
     )
 
 
 def read_metadata(image: NDArray[np.uint8], *, flags_validity: bool = True) -> Azimuths:
-    """The azimuths of an image (A, 11 + B) of Oxford rows.
+    """Reads the azimuths of an image (A, 11 + B) of Oxford rows.
 
     A row begins with int64 time [us or ns], uint16 encoder (5600 a turn, clockwise from straight ahead), both
     little-endian, and a byte that is 255 where the azimuth was measured, unless it flags something else.
 
     Raises:
-        ValueError: not Oxford rows.
+        ValueError: the rows are no Oxford rows.
     """
     if image.shape[1] <= METADATA_BYTES:
         raise ValueError(f"has rows of {image.shape[1]} bytes, Oxford rows have {METADATA_BYTES + 1} at least")
@@ -132,11 +139,11 @@ def read_metadata(image: NDArray[np.uint8], *, flags_validity: bool = True) -> A
     stamps = np.ascontiguousarray(head[:, :8]).view("<i8")[:, 0].astype(np.int64)
     measured = head[:, FLAG_BYTE] == 255 if flags_validity else np.ones(len(head), dtype=np.bool_)
     ticks = np.ascontiguousarray(head[:, 8:10]).view("<u2")[:, 0].astype(np.uint16)
-    return repaired(in_us(stamps), ticks, measured)
+    return repair_azimuths(stamps_in_us(stamps), ticks, measured)
 
 
 def has_metadata(image: NDArray[np.uint8]) -> bool:
-    """Whether the rows of an image (A, W) begin with times and angles that sweep half a turn at least."""
+    """Returns whether the rows of an image (A, W) begin with times and angles that sweep half a turn at least."""
     try:
         azimuths = read_metadata(image)
     except ValueError:
@@ -145,8 +152,46 @@ def has_metadata(image: NDArray[np.uint8]) -> bool:
     return bool(azimuths.stamps_us[-1] > azimuths.stamps_us[0] and swept > np.pi)
 
 
-def _in_order(values: NDArray[np.float64], candidates: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Mask (A,) of the longest subsequence of the candidates that does not decrease."""
+def azimuth_stamps(recording: Recording, polar_scan: PolarScan) -> NDArray[np.int64]:
+    """Returns the stamps (A,) int64 [us] of a polar scan's azimuths."""
+    return recording.start_us + np.round(polar_scan.times * 1e6).astype(np.int64)
+
+
+def make_rows(recording: Recording, k: int, polar_scan: PolarScan, per_us: int = 1) -> NDArray[np.uint8]:
+    """Makes the image (A, 11 + B) of Oxford rows of polar scan k, as `read_metadata` describes it.
+
+    Args:
+        recording: the recording.
+        k: number of the polar scan, for an error to name.
+        polar_scan: its content.
+        per_us: ticks of the time in a microsecond: 1 for us, 1000 for ns.
+
+    Raises:
+        DataError: the polar scan turns counter-clockwise.
+    """
+    stamps, ticks = azimuth_stamps(recording, polar_scan) * per_us, encode_azimuths(recording, k, polar_scan, TURN_TICKS)
+    head = [stamps.astype("<i8").view(np.uint8).reshape(-1, 8), ticks.astype("<u2").view(np.uint8).reshape(-1, 2)]
+    valid = np.where(polar_scan.valid, 255, 0).astype(np.uint8)[:, None]
+    return np.hstack([*head, valid, polar_scan.power])
+
+
+def encode_azimuths(recording: Recording, k: int, polar_scan: PolarScan, turn: int) -> NDArray[np.int64]:
+    """Encodes the azimuths of polar scan k as clockwise encoder values (A,) 0..turn, `turn` to a turn.
+
+    Raises:
+        DataError: the polar scan turns counter-clockwise, or has one azimuth.
+    """
+    if len(polar_scan.azimuths) < 2:
+        raise DataError(recording.path, f"polar scan {k} has one azimuth, rows need two", "convert it to .npz")
+    if polar_scan.azimuths[-1] > polar_scan.azimuths[0]:
+        problem = f"polar scan {k} turns counter-clockwise, encoder values count clockwise"
+        raise DataError(recording.path, problem, "convert it to .npz, mulran or radiate")
+    ticks = np.round(-polar_scan.azimuths * turn / (2.0 * np.pi)).astype(np.int64)
+    return np.where((ticks >= 0) & (ticks <= turn), ticks, ticks % turn)
+
+
+def _mark_increasing(values: NDArray[np.float64], candidates: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Marks the longest subsequence of some candidates (A,) whose values (A,) do not decrease."""
     rows = np.flatnonzero(candidates)
     if np.all(np.diff(values[rows]) >= 0):
         return candidates

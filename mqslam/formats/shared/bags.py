@@ -1,10 +1,10 @@
-"""What every reader of ROS bags shares: opening them, naming the message at fault, stamps and planar poses."""
+"""Parts that all readers of ROS bags share: opening a bag, naming the message at fault, stamps and planar poses."""
 
 from __future__ import annotations
 
 import contextlib
 import re
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -18,6 +18,11 @@ if TYPE_CHECKING:
     from rosbags.highlevel import AnyReader
     from rosbags.interfaces import Connection
 
+IMAGE_TYPE = "sensor_msgs/msg/Image"
+COMPRESSED_TYPE = "sensor_msgs/msg/CompressedImage"
+B_SCAN_TYPE = "navtech_msgs/msg/RadarBScanMsg"
+B_SCAN_DEFINITION = "sensor_msgs/Image b_scan_img\nuint16[] encoder_values\nuint64[] timestamps\n"
+"""Message of Navtech's driver, and its definition, which ROS itself does not know."""
 ODOMETRY_TYPE = "nav_msgs/msg/Odometry"
 POSE_TYPE = "geometry_msgs/msg/PoseStamped"
 POSE_WITH_COVARIANCE_TYPE = "geometry_msgs/msg/PoseWithCovarianceStamped"
@@ -27,27 +32,25 @@ PoseRow = tuple[int, float, float, float]
 
 
 def recognises(path: Path) -> bool:
-    """Whether the path is a `.bag`, `.mcap` or `.db3` file, or a folder with a `metadata.yaml`."""
+    """Returns whether the path is a `.bag`, `.mcap` or `.db3` file, or a folder with a `metadata.yaml`."""
     return path.suffix in (".bag", ".mcap", ".db3") if path.is_file() else (path / "metadata.yaml").is_file()
 
 
 @contextlib.contextmanager
-def opened(path: Path, definitions: Mapping[str, str] | None = None) -> Iterator[AnyReader]:
-    """The bag, open.
+def open_bag(path: Path) -> Iterator[AnyReader]:
+    """Opens a bag.
 
     Args:
         path: a ROS 1 `.bag`, a ROS 2 folder, `.db3` or `.mcap`.
-        definitions: message definitions by type, for types that ROS itself does not know.
 
     Raises:
-        DataError: not a readable bag.
+        DataError: it is no readable bag.
     """
     from rosbags.highlevel import AnyReader
     from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
     store = get_typestore(Stores.ROS2_HUMBLE)
-    for message_type, definition in (definitions or {}).items():
-        store.register(get_types_from_msg(definition, message_type))
+    store.register(get_types_from_msg(B_SCAN_DEFINITION, B_SCAN_TYPE))
     try:
         with AnyReader([path], default_typestore=store) as reader:
             yield reader
@@ -60,8 +63,8 @@ def opened(path: Path, definitions: Mapping[str, str] | None = None) -> Iterator
 
 
 @contextlib.contextmanager
-def naming(path: Path, topic: str, logged_ns: int) -> Iterator[None]:
-    """Errors of a message become errors of the bag that name it."""
+def name_message(path: Path, topic: str, logged_ns: int) -> Iterator[None]:
+    """Turns a ValueError about a message into an error of the bag that names the message."""
     try:
         yield
     except ValueError as error:
@@ -69,8 +72,8 @@ def naming(path: Path, topic: str, logged_ns: int) -> Iterator[None]:
         raise DataError(path, f"the message on {topic} recorded at {logged_ns} ns {error}", remedy) from error
 
 
-def deserialised(reader: AnyReader, connection: Connection, raw: bytes) -> Any:
-    """A message.
+def deserialise(reader: AnyReader, connection: Connection, raw: bytes) -> Any:
+    """Deserialises a message.
 
     Raises:
         ValueError: its bytes are not those of its type.
@@ -81,26 +84,26 @@ def deserialised(reader: AnyReader, connection: Connection, raw: bytes) -> Any:
         raise ValueError(f"is damaged ({str(error) or type(error).__name__})") from error
 
 
-def topics_there(reader: AnyReader) -> str:
-    """The bag's topics with their types, twelve at most, for an error to list."""
+def list_topics(reader: AnyReader) -> str:
+    """Lists the bag's topics with their types, twelve at most, for an error."""
     return ", ".join(f"{c.topic} [{c.msgtype}]" for c in reader.connections[:12]) or "none"
 
 
-def header_us(message: Any) -> int:
-    """Stamp [us] of a message's header."""
+def stamp_of(message: Any) -> int:
+    """Returns the stamp [us] of a message's header."""
     stamp = message.header.stamp
     return int(stamp.sec) * 1_000_000 + int(stamp.nanosec) // 1000
 
 
-def pose_row(message_type: str, message: Any) -> PoseRow:
-    """Stamp [us] and planar pose (x, y [m], yaw [rad]) of an odometry or pose message."""
+def pose_of(message_type: str, message: Any) -> PoseRow:
+    """Returns the stamp [us] and planar pose (x, y [m], yaw [rad]) of an odometry or pose message."""
     pose = message.pose if message_type == POSE_TYPE else message.pose.pose
     q = pose.orientation
-    return header_us(message), pose.position.x, pose.position.y, yaw_of_quaternion(q.x, q.y, q.z, q.w)
+    return stamp_of(message), pose.position.x, pose.position.y, yaw_of_quaternion(q.x, q.y, q.z, q.w)
 
 
 def trajectory_of(rows: Iterable[PoseRow]) -> Trajectory | None:
-    """The finite poses in the order of their stamps, or None where there are not two."""
+    """Returns the finite poses in the order of their stamps, or None where there are not two."""
     kept = sorted({row[0]: row for row in rows if np.isfinite(row[1:]).all()}.values())
     if len(kept) < 2:
         return None

@@ -2,21 +2,60 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from mqslam.config.reading_config import ReadingConfig
+from mqslam.core import se2
 from mqslam.core.recording import PolarScan, Recording
-from mqslam.core.trajectory import Trajectory
 from mqslam.errors import DataError
 from mqslam.formats.shared.arrivals import smooth_arrivals
-from mqslam.formats.shared.azimuth_rows import even_azimuths, spread_note
-from mqslam.formats.shared.images import first_readable, read_grey
+from mqslam.formats.shared.azimuth_rows import note_spread, spread_azimuths
+from mqslam.formats.shared.images import read_first, read_grey, write_png
 from mqslam.formats.shared.sensing import Sensing
 from mqslam.formats.shared.turns import find_usual_turns, place_turns
+
+_MOST_STEPS = 0.75  # a polar image does not stand for azimuths that lie further than this beside even ones [steps]
+_NOTED_DEG = 0.05  # smaller deviations of azimuths from even ones are not worth a note
+
+
+@dataclass(frozen=True, slots=True)
+class ColumnImages:
+    """The images of a recording, whose names are numbers.
+
+    Args:
+        folder: holds the images.
+        names: (N,) int64, what they are called.
+        digits: least number of digits of a name.
+    """
+
+    folder: Path
+    names: NDArray[np.int64]
+    digits: int = 1
+
+    def path(self, name: int) -> Path:
+        """Returns the path of the image of a name."""
+        return self.folder / f"{str(name).zfill(self.digits)}.png"
+
+    def read_shape(self, name: int) -> tuple[int, int]:
+        """Reads the number of range rows and of azimuth columns of an image.
+
+        Raises:
+            DataError: the image cannot be read, or is not polar.
+        """
+        rows, columns = read_grey(self.path(name)).shape
+        if not 2 <= columns <= rows:
+            remedy = "it should hold one column per azimuth and one row per range"
+            raise DataError(self.path(name), f"holds {rows} rows by {columns} columns", remedy)
+        return rows, columns
+
+    def leave_out(self, first: int) -> ColumnImages:
+        """Returns the images without the first ones."""
+        return ColumnImages(self.folder, self.names[first:], self.digits)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -24,97 +63,141 @@ class ColumnImageRecording(Recording):
     """A recording in polar images whose azimuths carry neither stamps nor angles.
 
     Args:
-        folder: holds the images.
-        names: (N,) int64, what they are called.
-        digits: least number of digits of a name.
+        images: one per polar scan.
         shape: range rows and azimuth columns of every image.
         clockwise: whether azimuths follow one another clockwise, seen from above.
     """
 
-    folder: Path
-    names: NDArray[np.int64]
-    digits: int
+    images: ColumnImages
     shape: tuple[int, int]
     clockwise: bool
 
     def polar_scans(self, start: int = 0, stop: int | None = None) -> Iterator[PolarScan]:
-        """Read the revolutions start <= k < stop, one after the other."""
+        """Reads the polar scans start <= k < stop, one after the other."""
         for k in range(len(self))[start:stop]:
-            image = _image(self.folder, int(self.names[k]), self.digits)
+            image = self.images.path(int(self.images.names[k]))
             pixels = read_grey(image)
             if pixels.shape != self.shape:
                 sizes = [f"{rows} ranges by {columns} azimuths" for rows, columns in (pixels.shape, self.shape)]
                 raise DataError(image, f"holds {sizes[0]}, the first image {sizes[1]}", "leave it out of the recording")
             stamp, duration = int(self.stamps_us[k]), int(self.turns_us[k])
-            azimuths = even_azimuths(pixels.shape[1], stamp, duration, clockwise=self.clockwise)
-            yield azimuths.polar_scan(np.ascontiguousarray(pixels.T), self.start_us)
+            azimuths = spread_azimuths(pixels.shape[1], stamp, duration, clockwise=self.clockwise)
+            yield azimuths.to_polar_scan(np.ascontiguousarray(pixels.T), self.start_us)
 
 
-def column_recording(
+def open_columns(
     path: Path,
     format: str,
-    folder: Path,
-    names: NDArray[np.int64],
+    images: ColumnImages,
     named_us: NDArray[np.int64],
     range_resolution: float,
     sensing: Sensing,
-    *,
-    digits: int = 1,
-    ground_truth: Trajectory | None = None,
-    notes: Iterable[str] = (),
-    faults: Iterable[str] = (),
+    settings: ReadingConfig,
 ) -> ColumnImageRecording:
-    """Polar images as the stream of a recording: the first that can be read is, whatever their number.
+    """Indexes polar images: the first that can be read is read, however many there are.
 
     Args:
         path: the recording.
         format: name of its layout.
-        folder: holds the images.
-        names: (N,) what they are called.
-        named_us: (N,) increasing stamps of the revolutions [us]: their ends, unless `sensing` says otherwise.
+        images: the images.
+        named_us: (N,) increasing stamps of the polar scans [us]: their ends, unless `sensing` says otherwise.
         range_resolution: length of a range bin [m], unless `sensing` says otherwise.
         sensing: what the user says; the radar turns clockwise, unless it says otherwise.
-        digits: least number of digits of a name.
-        ground_truth: poses known better than any estimate, or None.
-        notes: what else a user should know.
-        faults: what else is wrong.
+        settings: how recordings are understood.
 
     Raises:
-        DataError: no images, or half of them that cannot be used.
+        DataError: there are no images, or half of them cannot be used.
     """
-    if not len(names):
-        raise DataError(folder, "holds no revolutions", f"it should hold images named like {_image(folder, 1, digits).name}")
-    shape, skipped, missing = first_readable(names.tolist(), lambda name: _shape(_image(folder, name, digits)), "first")
-    names, named_us = names[skipped:], named_us[skipped:]
+    if not len(images.names):
+        raise DataError(images.folder, "holds no polar scans", f"it should hold images named like {images.path(1).name}")
+    shape, skipped, missing = read_first(images.names.tolist(), images.read_shape, "first")
     stamp = sensing.stamp or "end"
     clockwise = sensing.clockwise is not False
-    named_us, smoothed = smooth_arrivals(named_us)
-    starts, turns = place_turns(named_us, stamp, find_usual_turns(named_us))
+    arrivals, smoothed = smooth_arrivals(named_us[skipped:], settings)
+    starts, turns = place_turns(arrivals, stamp, find_usual_turns(arrivals, settings), settings)
     return ColumnImageRecording(
         path=path,
         format=format,
         stamps_us=starts,
         turns_us=turns,
         range_resolution=sensing.range_resolution or range_resolution,
-        ground_truth=ground_truth,
-        notes=(*notes, spread_note("file", stamp, clockwise), *smoothed),
-        faults=(*faults, *missing),
-        folder=folder,
-        names=names,
-        digits=digits,
+        notes=(note_spread("file", stamp, clockwise), *smoothed),
+        faults=tuple(missing),
+        images=images.leave_out(skipped),
         shape=shape,
         clockwise=clockwise,
     )
 
 
-def _shape(image: Path) -> tuple[int, int]:
-    """Range rows and azimuth columns of an image."""
-    rows, columns = read_grey(image).shape
-    if not 2 <= columns <= rows:
-        remedy = "it should hold one column per azimuth and one row per range"
-        raise DataError(image, f"holds {rows} rows by {columns} columns", remedy)
-    return rows, columns
+def write_columns(folder: Path, recording: Recording, names: Sequence[str]) -> list[str]:
+    """Writes a polar image `<name>.png` per polar scan into a folder, one polar scan in memory at a time.
+
+    The first column looks straight ahead. Where turns begin one step later, as Oxford's do, it is the last azimuth of the
+    turn before; the very first one stays empty. Stamps stay those of the turns.
+
+    Args:
+        folder: where they go.
+        recording: the recording.
+        names: (N,) of the images.
+
+    Returns:
+        Notes for the user on what was lost.
+
+    Raises:
+        DataError: polar scans differ in size, or azimuths are not spread evenly from straight ahead.
+    """
+    shape, apart, clockwise, late = (0, 0), 0.0, True, False
+    ahead: NDArray[np.uint8] | None = None  # of a turn that begins one step late: the next one's first column
+    follows = np.append(False, recording.ends_us[:-1] == recording.stamps_us[1:])
+    for k, polar_scan in enumerate(recording.polar_scans()):
+        if len(polar_scan.azimuths) < 2:
+            raise DataError(recording.path, f"polar scan {k} has one azimuth, columns need two", "convert it to .npz")
+        if k == 0:
+            shape, clockwise = polar_scan.power.shape, bool(polar_scan.azimuths[-1] <= polar_scan.azimuths[0])
+            late = _measure_deviation(polar_scan, clockwise, 1) < _measure_deviation(polar_scan, clockwise, 0)
+        off = _measure_deviation(polar_scan, clockwise, int(late))
+        _check_fits(recording, k, polar_scan, shape, off)
+        apart = max(apart, off)
+        power = polar_scan.power
+        if late:
+            first = ahead if ahead is not None and follows[k] else np.zeros(shape[1], dtype=np.uint8)
+            power, ahead = np.vstack([first, power[:-1]]), power[-1]
+        write_png(folder / f"{names[k]}.png", np.ascontiguousarray(power.T))
+    notes = ["azimuths lose their own times and angles: polar images hold one stamp per turn, its end"]
+    if np.rad2deg(apart) > _NOTED_DEG:
+        notes.append(f"azimuths lie up to {np.rad2deg(apart):.2f} deg beside the even steps that readers will take them at")
+    if not clockwise:
+        notes.append("the radar turns counter-clockwise: read the result with sensor: {clockwise: false}")
+    return notes
 
 
-def _image(folder: Path, name: int, digits: int) -> Path:
-    return folder / f"{str(name).zfill(digits)}.png"
+def _check_fits(recording: Recording, k: int, polar_scan: PolarScan, shape: tuple[int, int], off: float) -> None:
+    """Checks that polar images can hold polar scan k.
+
+    Args:
+        recording: the recording.
+        k: number of the polar scan.
+        polar_scan: its content.
+        shape: azimuths and range bins of the first one.
+        off: how far azimuths lie from where readers take them [rad].
+
+    Raises:
+        DataError: they cannot hold it.
+    """
+    remedy = "convert it to a layout that keeps times and angles: oxford, boreas, mulran_oxford, a bag or .npz"
+    if polar_scan.power.shape != shape:
+        sizes = [f"{azimuths} azimuths by {bins} bins" for azimuths, bins in (polar_scan.power.shape, shape)]
+        problem = f"polar scan {k} has {sizes[0]}, the first {sizes[1]}; polar images have one size"
+        raise DataError(recording.path, problem, remedy)
+    if shape[0] > shape[1]:
+        raise DataError(recording.path, f"has more azimuths ({shape[0]}) than range bins ({shape[1]})", remedy)
+    if off * shape[0] > _MOST_STEPS * 2.0 * np.pi:
+        problem = f"azimuths of polar scan {k} lie {np.rad2deg(off):.2f} deg beside even steps from straight ahead"
+        raise DataError(recording.path, f"{problem}, which polar images stand for", remedy)
+
+
+def _measure_deviation(polar_scan: PolarScan, clockwise: bool, late: int) -> float:
+    """Measures how far azimuths lie from where a reader of polar images takes them [rad], from column `late` on."""
+    even = spread_azimuths(len(polar_scan.azimuths), 0, 0, clockwise=clockwise).angles
+    even = even + late * (even[1] - even[0])
+    return float(np.abs(se2.wrap(polar_scan.azimuths - even)).max())

@@ -1,4 +1,4 @@
-"""Power images on disk."""
+"""Power images on disk: 8-bit grey PNGs, and JPEGs in messages."""
 
 from __future__ import annotations
 
@@ -14,17 +14,17 @@ from numpy.typing import NDArray
 
 from mqslam.errors import DataError
 
-_MOST_PIXELS = 64_000_000
+_MOST_PIXELS = 64_000_000  # of a polar scan: larger images are damaged, or made to fill the memory
 _MOST_EXPANSION = 1032  # of deflate: an image that claims more pixels per byte of its file is cut short
 _Read = TypeVar("_Read")
 _DAMAGE = (OSError, SyntaxError, ValueError, EOFError, zlib.error, struct.error)
 
 
 def read_grey(path: Path) -> NDArray[np.uint8]:
-    """The pixels (rows, columns) of an 8-bit grey PNG.
+    """Reads the pixels (rows, columns) of an 8-bit grey PNG.
 
     Raises:
-        DataError: missing, not such a PNG, damaged, or over 64 million pixels.
+        DataError: the file is missing, is no such PNG, is damaged or has over 64 million pixels.
     """
     try:
         return decode_grey(path, ("PNG",))
@@ -33,15 +33,15 @@ def read_grey(path: Path) -> NDArray[np.uint8]:
 
 
 def decode_grey(source: Path | BinaryIO, formats: tuple[str, ...]) -> NDArray[np.uint8]:
-    """The pixels (rows, columns) of an 8-bit grey image in one of Pillow's formats.
+    """Decodes the pixels (rows, columns) of an 8-bit grey image in one of Pillow's formats.
 
     Raises:
-        ValueError: missing, in none of the formats, not 8-bit grey, damaged, or over 64 million pixels.
+        ValueError: the image is missing, in none of the formats, not 8-bit grey, damaged or over 64 million pixels.
     """
     from PIL import Image
 
     try:
-        size = _size(source)
+        size = _count_bytes(source)
         with Image.open(source, formats=formats) as image:
             width, height = image.size
             fits = width * height <= _MOST_PIXELS
@@ -53,20 +53,21 @@ def decode_grey(source: Path | BinaryIO, formats: tuple[str, ...]) -> NDArray[np
         raise ValueError(f"is not a readable {' or '.join(formats)} ({error})") from error
     if fits:
         raise ValueError(f"is not an 8-bit grey image (mode {image.mode})")
-    raise ValueError(f"is too large for one revolution ({width} x {height} pixels)")
+    raise ValueError(f"is too large for one polar scan ({width} x {height} pixels)")
 
 
-def stamped_names(folder: Path) -> NDArray[np.int64]:
-    """What the images `<t>.png` of a folder are called, (N,) in order; images of other names do not count."""
-    names = (name for name in numbered_names(folder) if len(name) <= 19 and str(int(name)) == name)
+def list_stamps(folder: Path) -> NDArray[np.int64]:
+    """Lists the names t of the images `<t>.png` of a folder, (N,) in order; images of other names do not count."""
+    names = (name for name in list_numbers(folder) if len(name) <= 19 and str(int(name)) == name)
     return np.array(sorted(stamp for stamp in map(int, names) if stamp < 2**63), dtype=np.int64)
 
 
-def numbered_names(folder: Path) -> Iterator[str]:
-    """The images of a folder whose names are decimal digits, without `.png`, in any order.
+def list_numbers(folder: Path) -> Iterator[str]:
+    """Lists the images of a folder whose names are decimal digits, without `.png`, in any order.
 
     Raises:
-        DataError: one is a link to somewhere that is not beside the folder or below: images come from the recording alone.
+        DataError: an image is a link to somewhere else than beside the folder or below it. Images come from the recording
+            alone.
     """
     inside = folder.resolve().parent
     with os.scandir(folder) as entries:
@@ -79,13 +80,16 @@ def numbered_names(folder: Path) -> Iterator[str]:
             yield stem
 
 
-def first_readable(names: Sequence[int], read: Callable[[int], _Read], place: str) -> tuple[_Read, int, list[str]]:
-    """What the first image is that can be read, how many before it cannot, and a fault where some cannot.
+def read_first(names: Sequence[int], read: Callable[[int], _Read], place: str) -> tuple[_Read, int, list[str]]:
+    """Reads the first image that can be read.
 
     Args:
         names: of images, in the order in which they are tried.
         read: reads the image of a name, or raises a DataError.
         place: what the first of the names is in the recording: first or last.
+
+    Returns:
+        What was read, the number of images before it that cannot be read, and a fault for the user where there are any.
 
     Raises:
         DataError: half of the images cannot be read.
@@ -93,19 +97,26 @@ def first_readable(names: Sequence[int], read: Callable[[int], _Read], place: st
     errors: list[DataError] = []
     while True:
         try:
-            found = read(names[len(errors)])
+            content = read(names[len(errors)])
             break
         except DataError as error:
             errors.append(error)
             if 2 * len(errors) > len(names) - 1:
                 raise errors[0] from None
-    several = f"{place} revolution" if len(errors) == 1 else f"{place} {len(errors)} revolutions"
+    several = f"{place} polar scan" if len(errors) == 1 else f"{place} {len(errors)} polar scans"
     faults = [f"the {several} could not be read, left out: {errors[0].path}: {errors[0].problem}"] if errors else []
-    return found, len(errors), faults
+    return content, len(errors), faults
 
 
-def _size(source: Path | BinaryIO) -> int:
-    """Bytes of a file; one that is open is left at its beginning."""
+def write_png(path: Path, image: NDArray[np.uint8]) -> None:
+    """Writes an 8-bit grey PNG; the least compression makes radar images hardly larger and is many times as fast."""
+    from PIL import Image
+
+    Image.fromarray(image).save(path, compress_level=1)
+
+
+def _count_bytes(source: Path | BinaryIO) -> int:
+    """Counts the bytes of a file; one that is open is left at its beginning."""
     if isinstance(source, Path):
         return source.stat().st_size
     size = source.seek(0, os.SEEK_END)

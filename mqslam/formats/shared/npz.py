@@ -14,17 +14,21 @@ from numpy.typing import NDArray
 
 from mqslam.errors import DataError
 
-_MOST_EXPANSION = 100  # times the file: power is noise and hardly packs
-_ALWAYS_BYTES = 16_000_000  # small files may hold masks and zeros alone
+_MOST_EXPANSION = 100  # times its size an archive may unpack to: power is noise, which hardly packs
+_ALWAYS_BYTES = 16_000_000  # any archive may unpack to these: small ones may hold masks and zeros alone
 _HEADERS = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}
 
 
 @contextmanager
-def opened(path: Path, remedy: str) -> Iterator[zipfile.ZipFile]:
-    """The archive, open; members are read when they are asked for.
+def open_npz(path: Path, remedy: str) -> Iterator[zipfile.ZipFile]:
+    """Opens an archive; members are read when they are asked for.
+
+    Args:
+        path: the file.
+        remedy: what errors tell the user to do.
 
     Raises:
-        DataError: no archive, or one that unpacks to a hundred times its size.
+        DataError: the file is no archive, or would unpack to a hundred times its size.
     """
     try:
         archive = zipfile.ZipFile(path)
@@ -37,16 +41,16 @@ def opened(path: Path, remedy: str) -> Iterator[zipfile.ZipFile]:
         yield archive
 
 
-def names_of(archive: zipfile.ZipFile) -> list[str]:
-    """Names of the arrays in an archive."""
+def list_arrays(archive: zipfile.ZipFile) -> list[str]:
+    """Lists the names of the arrays in an archive."""
     return [name.removesuffix(".npy") for name in archive.namelist() if name.endswith(".npy")]
 
 
-def array_of(archive: zipfile.ZipFile, name: str) -> NDArray[Any]:
-    """An array of an archive.
+def read_array(archive: zipfile.ZipFile, name: str) -> NDArray[Any]:
+    """Reads an array of an archive.
 
     Raises:
-        ValueError: missing, damaged, made of Python objects, or larger than what is stored of it.
+        ValueError: the array is missing, damaged, made of Python objects, or larger than what is stored of it.
     """
     try:
         member = archive.getinfo(f"{name}.npy")
@@ -55,7 +59,7 @@ def array_of(archive: zipfile.ZipFile, name: str) -> NDArray[Any]:
         if dtype.hasobject or math.prod(shape) * dtype.itemsize > member.file_size:
             raise ValueError(f"{shape} of {dtype}")
         with archive.open(member) as file:
-            found: NDArray[Any] = np.lib.format.read_array(file, allow_pickle=False)
-            return found
+            array: NDArray[Any] = np.lib.format.read_array(file, allow_pickle=False)
+            return array
     except Exception as error:  # the header is parsed as a Python literal, the rest unpacked by zlib
         raise ValueError(f"{name} is missing or damaged") from error

@@ -1,31 +1,52 @@
-"""Radar messages of ROS: polar images, compressed or not, with or without the time and angle of every azimuth."""
+"""Radar messages of ROS: polar images, compressed or not, with or without the time and angle of every azimuth.
+
+Messages are read in every layout, and written as Oxford rows or as the b-scans of Navtech's driver.
+"""
 
 from __future__ import annotations
 
 import io
+import itertools
 from enum import Enum
-from typing import Any
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mqslam.formats.shared.azimuth_rows import METADATA_BYTES, Azimuths, has_metadata, read_metadata, repaired
+from mqslam.core.recording import PolarScan, Recording
+from mqslam.errors import DataError
+from mqslam.formats.shared.azimuth_rows import (
+    METADATA_BYTES,
+    Azimuths,
+    azimuth_stamps,
+    encode_azimuths,
+    has_metadata,
+    make_rows,
+    read_metadata,
+    repair_azimuths,
+)
+from mqslam.formats.shared.bag_writer import RADAR_FRAME, Bag
+from mqslam.formats.shared.bags import B_SCAN_TYPE, COMPRESSED_TYPE, IMAGE_TYPE, deserialise, list_topics, name_message
 from mqslam.formats.shared.images import decode_grey
 from mqslam.formats.shared.sensing import Stamp
 
-IMAGE_TYPE = "sensor_msgs/msg/Image"
-COMPRESSED_TYPE = "sensor_msgs/msg/CompressedImage"
-B_SCAN_TYPE = "navtech_msgs/msg/RadarBScanMsg"
-B_SCAN_DEFINITION = "sensor_msgs/Image b_scan_img\nuint16[] encoder_values\nuint64[] timestamps\n"
+if TYPE_CHECKING:
+    from rosbags.highlevel import AnyReader
+    from rosbags.interfaces import Connection
+
 _GREY = ("mono8", "8UC1")
 _COMPRESSIONS = ("PNG", "JPEG")
-ENCODER_TURNS = (5600, 16000)
+_FIRST_TRIED = 10  # messages of a topic, of which one at least must be a polar scan
+_ENCODER_TURNS = (5600, 16000)  # ticks per turn of the encoders that Navtech's radars have
+_FEWEST_PIXELS = 100  # on the short side of an image that is polar
+_LONG_SIDE = 3  # times its short side, at least, is the long side of a polar image of an unknown topic
 _MULRAN_PLAYER = "/radar/polar"
 _NAVTECH = "/navtech/polar"
 
 
 class Layout(Enum):
-    """How a message holds its azimuths."""
+    """Ways in which a message holds its azimuths."""
 
     OXFORD_ROWS = "rows that begin with their time and angle"
     ROWS = "rows"
@@ -34,21 +55,66 @@ class Layout(Enum):
 
     @property
     def stamps_azimuths(self) -> bool:
-        """Whether the recording knows when every azimuth was measured."""
+        """Whether the message says when every azimuth was measured."""
         return self in (Layout.OXFORD_ROWS, Layout.B_SCAN)
 
 
-def topic_rank(topic: str) -> int | None:
-    """How usual a topic of images is for a radar, 0 first, or None where only its images could show that it is one."""
+def choose_topic(path: Path, reader: AnyReader) -> tuple[str, Layout, list[str]]:
+    """Chooses the radar's topic; returns it with the layout of its messages and a note on the choice.
+
+    Raises:
+        DataError: no topic holds polar scans, or several could.
+    """
+    filled = [connection for connection in reader.connections if connection.msgcount]
+    images = [connection for connection in filled if connection.msgtype in (IMAGE_TYPE, COMPRESSED_TYPE)]
+    ranked = [(rank, c) for c in images if (rank := _rank_topic(c.topic)) is not None]
+    named = [c for _, c in sorted(ranked, key=lambda entry: entry[0])]
+    named += [connection for connection in filled if connection.msgtype == B_SCAN_TYPE]
+    if named:
+        chosen, note = named[0], f"radar from {named[0].topic}"
+    else:
+        alike = {c.topic: c for c in images if _looks_like_radar(_read_first(reader, c))}
+        if len(alike) != 1:
+            raise DataError(
+                path,
+                f"has {'several topics that could be' if alike else 'no'} radar (topics: {list_topics(reader)})",
+                f"radar is {IMAGE_TYPE} or CompressedImage on /Navtech/Polar or /radar/polar, or {B_SCAN_TYPE}",
+            )
+        chosen = next(iter(alike.values()))
+        note = f"radar from {chosen.topic}, the only topic with images shaped like a radar's"
+    return chosen.topic, _find_layout(path, reader, chosen), [note]
+
+
+def _find_layout(path: Path, reader: AnyReader, connection: Connection) -> Layout:
+    """Finds the layout of a radar's messages from the first that is a polar scan."""
+    first: DataError | None = None
+    for _, logged, raw in itertools.islice(reader.messages([connection]), _FIRST_TRIED):
+        try:
+            with name_message(path, connection.topic, logged):
+                message = deserialise(reader, connection, raw)
+                return _interpret_layout(connection.topic, connection.msgtype, message)
+        except DataError as error:
+            first = first or error
+    raise first or DataError(path, f"holds no message on {connection.topic}", "name another bag")
+
+
+def _read_first(reader: AnyReader, connection: Connection) -> Any:
+    """Reads the first message of a connection."""
+    _, _, raw = next(reader.messages([connection]))
+    return reader.deserialize(raw, connection.msgtype)
+
+
+def _rank_topic(topic: str) -> int | None:
+    """Ranks how usual a topic of images is for a radar, 0 first; None where only its images could show that it is one."""
     known = (_NAVTECH, _MULRAN_PLAYER, f"{_NAVTECH}/compressed", f"{_MULRAN_PLAYER}/compressed")
     return next((rank for rank, name in enumerate(known) if topic.lower().endswith(name)), None)
 
 
-def pixels(image: Any) -> NDArray[np.uint8]:
-    """The pixels (height, width) of a `sensor_msgs/Image` or `CompressedImage`.
+def read_pixels(image: Any) -> NDArray[np.uint8]:
+    """Reads the pixels (height, width) of a `sensor_msgs/Image` or `CompressedImage`.
 
     Raises:
-        ValueError: not 8-bit grey, empty, too large or damaged, or fewer bytes than its size says.
+        ValueError: the image is not 8-bit grey, is empty, too large or damaged, or has fewer bytes than its size says.
     """
     if image.__msgtype__ == COMPRESSED_TYPE:
         return decode_grey(io.BytesIO(np.asarray(image.data, dtype=np.uint8).tobytes()), _COMPRESSIONS)
@@ -61,15 +127,15 @@ def pixels(image: Any) -> NDArray[np.uint8]:
     return data.reshape(height, step)[:, :width]
 
 
-def layout_of(topic: str, message_type: str, message: Any) -> Layout:
-    """The layout of a topic's messages, seen from its first.
+def _interpret_layout(topic: str, message_type: str, message: Any) -> Layout:
+    """Finds the layout of a topic's messages from its first one.
 
     Raises:
-        ValueError: an image that cannot be used.
+        ValueError: its image cannot be used.
     """
     if message_type == B_SCAN_TYPE:
         return Layout.B_SCAN
-    image = pixels(message)
+    image = read_pixels(message)
     if has_metadata(image):
         return Layout.OXFORD_ROWS
     name = topic.lower().removesuffix("/compressed")
@@ -81,46 +147,87 @@ def layout_of(topic: str, message_type: str, message: Any) -> Layout:
 
 
 def usual_stamp(topic: str, layout: Layout) -> Stamp:
-    """Which instant of a revolution the only stamp of a topic's messages usually is: MulRan's player sends its ends."""
+    """Returns which instant of a turn the only stamp of a topic's messages usually is: MulRan's player sends its ends."""
     player = topic.lower().removesuffix("/compressed").endswith(_MULRAN_PLAYER)
     return "end" if player and layout is Layout.COLUMNS else "start"
 
 
-def looks_like_radar(message: Any) -> bool:
-    """Whether an image of an unknown topic is polar: Oxford rows, or one side three times the other."""
+def _looks_like_radar(message: Any) -> bool:
+    """Returns whether an image of an unknown topic is polar: Oxford rows, or one side three times the other."""
     try:
-        image = pixels(message)
+        image = read_pixels(message)
     except ValueError:
         return False
-    return has_metadata(image) or (min(image.shape) >= 100 and max(image.shape) >= 3 * min(image.shape))
+    return has_metadata(image) or (min(image.shape) >= _FEWEST_PIXELS and max(image.shape) >= _LONG_SIDE * min(image.shape))
 
 
-def power_of(layout: Layout, message: Any) -> NDArray[np.uint8]:
-    """The power (A, B) of a message, one row per azimuth.
+def read_power(layout: Layout, message: Any) -> NDArray[np.uint8]:
+    """Reads the power (A, B) of a message, one row per azimuth.
 
     Raises:
-        ValueError: an image that cannot be used.
+        ValueError: its image cannot be used.
     """
     if layout is Layout.B_SCAN:
-        image = pixels(message.b_scan_img)
+        image = read_pixels(message.b_scan_img)
         return image if len(image) == len(message.encoder_values) else image.T
-    image = pixels(message)
+    image = read_pixels(message)
     if layout is Layout.OXFORD_ROWS:
         return image[:, METADATA_BYTES:]
     return image.T if layout is Layout.COLUMNS else image
 
 
-def stamped_azimuths(layout: Layout, message: Any) -> Azimuths:
-    """The azimuths of a message that carries their times and angles.
+def read_azimuths(layout: Layout, message: Any) -> Azimuths:
+    """Reads the azimuths of a message that carries their times and angles.
 
     Raises:
-        ValueError: an image that cannot be used, or times and angles that make no turn.
+        ValueError: its image cannot be used, or times and angles make no turn.
     """
     if layout is Layout.OXFORD_ROWS:
-        return read_metadata(pixels(message))
+        return read_metadata(read_pixels(message))
     ticks = np.asarray(message.encoder_values, dtype=np.uint16)
     stamps_us = (np.asarray(message.timestamps, dtype=np.uint64) // np.uint64(1000)).astype(np.int64)
-    if not len(ticks) == len(stamps_us) == len(power_of(layout, message)):
+    if not len(ticks) == len(stamps_us) == len(read_power(layout, message)):
         raise ValueError(f"holds {len(ticks)} encoder values and {len(stamps_us)} times for another number of azimuths")
-    turn = next((turn for turn in ENCODER_TURNS if ticks.max(initial=0) <= turn), ENCODER_TURNS[-1])
-    return repaired(stamps_us, ticks, np.ones(len(ticks), dtype=np.bool_), turn)
+    turn = next((turn for turn in _ENCODER_TURNS if ticks.max(initial=0) <= turn), _ENCODER_TURNS[-1])
+    return repair_azimuths(stamps_us, ticks, np.ones(len(ticks), dtype=np.bool_), turn)
+
+
+def make_image(bag: Bag, recording: Recording, k: int, polar_scan: PolarScan) -> Any:
+    """Makes a mono8 image of Oxford rows of polar scan k.
+
+    Raises:
+        DataError: the polar scan turns counter-clockwise, or readers could not recognise the rows.
+    """
+    rows = make_rows(recording, k, polar_scan)
+    if k == 0 and not has_metadata(rows):
+        problem = "its first polar scan is under half a turn, by which readers know rows with times and angles"
+        raise DataError(recording.path, problem, "write b_scan messages, or convert it to oxford or .npz")
+    return _make_mono8(bag, int(azimuth_stamps(recording, polar_scan)[0]), rows)
+
+
+def make_b_scan(bag: Bag, recording: Recording, k: int, polar_scan: PolarScan) -> Any:
+    """Makes a message of Navtech's driver of polar scan k, by the encoder its azimuths fit best.
+
+    Raises:
+        DataError: the polar scan turns counter-clockwise.
+    """
+    stamps = azimuth_stamps(recording, polar_scan)
+    ticks = encode_azimuths(recording, k, polar_scan, _choose_encoder(polar_scan))
+    image = _make_mono8(bag, int(stamps[0]), np.ascontiguousarray(polar_scan.power))
+    return bag.make(B_SCAN_TYPE, image, ticks.astype(np.uint16), (stamps * 1000).astype(np.uint64))
+
+
+def _choose_encoder(polar_scan: PolarScan) -> int:
+    """Chooses the ticks per turn of the encoder: the finer one if azimuths lie on its ticks only and values show it."""
+    usual, fine = _ENCODER_TURNS
+    turns = -polar_scan.azimuths / (2.0 * np.pi)
+    on_usual, on_fine = (np.allclose(turns * t, np.round(turns * t), rtol=0.0, atol=1e-6) for t in (usual, fine))
+    shows = bool(np.max(np.round(turns * fine) % fine) > usual)
+    return fine if on_fine and shows and not on_usual else usual
+
+
+def _make_mono8(bag: Bag, stamp_us: int, pixels: NDArray[np.uint8]) -> Any:
+    """Makes a mono8 image of pixels (H, W)."""
+    height, width = pixels.shape
+    header = bag.header(stamp_us, RADAR_FRAME)
+    return bag.make(IMAGE_TYPE, header, height, width, "mono8", 0, width, pixels.reshape(-1))

@@ -1,4 +1,4 @@
-"""Poses that a file states, turned into a trajectory once they are found usable."""
+"""Poses that a file states as a trajectory."""
 
 from __future__ import annotations
 
@@ -13,15 +13,20 @@ from mqslam.errors import DataError
 
 
 def yaw_of_quaternion(qx: float, qy: float, qz: float, qw: float) -> float:
-    """Yaw [rad] of a rotation given as a quaternion, of any length."""
+    """Returns the yaw [rad] of a rotation given as a quaternion, of any length."""
     return float(np.arctan2(2.0 * (qw * qz + qx * qy), qw * qw + qx * qx - qy * qy - qz * qz))
 
 
-def checked(path: Path, stamps_us: NDArray[np.int64], poses: se2.Array) -> Trajectory:
-    """A trajectory of a file's stamps and poses, once they have been found usable.
+def make_trajectory(path: Path, stamps_us: NDArray[np.int64], poses: se2.Array) -> Trajectory:
+    """Makes a trajectory of a file's stamps and poses, once they are found usable.
+
+    Args:
+        path: the file, for errors.
+        stamps_us: (N,) [us].
+        poses: (N, 3) x [m], y [m], yaw [rad].
 
     Raises:
-        DataError: fewer than two poses, one that is not finite, or stamps that do not increase.
+        DataError: there are fewer than two poses, one is not finite, or stamps do not increase.
     """
     if len(stamps_us) < 2:
         raise DataError(path, f"holds {len(stamps_us)} poses", "a trajectory needs two at least")

@@ -1,33 +1,78 @@
-"""A folder of images of Oxford rows, one per revolution: Oxford, Boreas, and one form of MulRan."""
+"""A folder of images of Oxford rows, one per polar scan: Oxford, Boreas, and one form of MulRan."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from mqslam.config.reading_config import ReadingConfig
 from mqslam.core.recording import PolarScan, Recording
 from mqslam.core.trajectory import Trajectory
 from mqslam.errors import DataError
-from mqslam.formats.shared.azimuth_rows import FLAG_BYTE, METADATA_BYTES, Azimuths, in_us, read_metadata
-from mqslam.formats.shared.images import first_readable, read_grey
+from mqslam.formats.shared.azimuth_rows import FLAG_BYTE, METADATA_BYTES, Azimuths, read_metadata, stamps_in_us
+from mqslam.formats.shared.images import read_first, read_grey
 from mqslam.formats.shared.turns import find_usual_turns, place_turns
 
-_MOST_STAMP_ERROR_US = 1_000_000  # of a name, beyond the revolution that it is an instant of
-_FEWEST_AZIMUTHS = 0.1  # share of the usual number, below which an image is no revolution
+_MOST_STAMP_ERROR_US = 1_000_000  # a name further than this outside the turn that it is an instant of is damaged
 _REMEDY = "copy it anew, or leave it out of the recording"
 
 
 class Flag(Enum):
-    """What byte 10 of the rows of a recording tells."""
+    """Meaning of byte 10 of the rows of a recording."""
 
     VALIDITY = "255 where the azimuth was measured"
     CHIRP = "255 where the chirp went up"
     NOTHING = "nothing about single azimuths"
+
+
+@dataclass(frozen=True, slots=True)
+class RowFolder:
+    """A folder of images of Oxford rows, and how its images are read.
+
+    Args:
+        path: the folder.
+        flag: meaning of byte 10 of the rows.
+        fewest_rows: an image with fewer azimuths than this share of the usual number is damaged.
+        usual: number of azimuths of the first image; 0 where it is not known yet.
+    """
+
+    path: Path
+    flag: Flag
+    fewest_rows: float
+    usual: int = 0
+
+    def read(self, name: int) -> tuple[Azimuths, NDArray[np.uint8]]:
+        """Reads the azimuths of an image and their power (A, B), and checks that they belong to its name.
+
+        Args:
+            name: of the image: a stamp [us or ns] within its turn.
+
+        Raises:
+            DataError: the image cannot be used.
+        """
+        image = self.path / f"{name}.png"
+        pixels = read_grey(image)
+        try:
+            azimuths = read_metadata(pixels, flags_validity=self.flag is Flag.VALIDITY)
+            if self.flag is Flag.CHIRP:
+                up = pixels[:, FLAG_BYTE] == 255
+                azimuths, pixels = azimuths.take(up), pixels[up]
+                if len(pixels) < 2:
+                    raise ValueError(f"has {len(pixels)} up-chirps")
+            if len(pixels) < self.fewest_rows * self.usual:
+                raise ValueError(f"has {len(pixels)} azimuths, the first image {self.usual}")
+        except ValueError as error:
+            raise DataError(image, str(error), _REMEDY) from error
+        apart = int(azimuths.stamps_us[0]) - int(stamps_in_us(np.asarray(name)))
+        span = int(azimuths.stamps_us[-1]) - int(azimuths.stamps_us[0])
+        if not -span - _MOST_STAMP_ERROR_US <= apart <= _MOST_STAMP_ERROR_US:
+            raise DataError(image, f"its first row is stamped {apart * 1e-6:.1f} s after its name", _REMEDY)
+        return azimuths, pixels[:, METADATA_BYTES:]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -37,20 +82,16 @@ class RowImageRecording(Recording):
     Args:
         folder: holds the images.
         names: (N,) int64, what they are called.
-        flag: what byte 10 of their rows tells.
-        usual: number of azimuths of the first.
     """
 
-    folder: Path
+    folder: RowFolder
     names: NDArray[np.int64]
-    flag: Flag
-    usual: int
 
     def polar_scans(self, start: int = 0, stop: int | None = None) -> Iterator[PolarScan]:
-        """Read the revolutions start <= k < stop, one after the other."""
+        """Reads the polar scans start <= k < stop, one after the other."""
         for name in self.names[start:stop].tolist():
-            azimuths, power = _read(self.folder, name, self.flag, self.usual)
-            yield azimuths.polar_scan(power, self.start_us)
+            azimuths, power = self.folder.read(name)
+            yield azimuths.to_polar_scan(power, self.start_us)
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,24 +101,20 @@ class RowImages:
     Args:
         folder: holds the images.
         names: (N,) int64, what they are called: increasing stamps [us or ns].
-        stamps_us: (N,) int64 [us], when their revolutions begin.
+        stamps_us: (N,) int64 [us], when their turns begin.
         turns_us: (N,) int64 [us], how long they take.
-        flag: what byte 10 of their rows tells.
-        usual: number of azimuths of the first.
         notes: how that was understood.
         faults: what could not be read.
     """
 
-    folder: Path
+    folder: RowFolder
     names: NDArray[np.int64]
     stamps_us: NDArray[np.int64]
     turns_us: NDArray[np.int64]
-    flag: Flag
-    usual: int
     notes: tuple[str, ...]
     faults: tuple[str, ...]
 
-    def recording(
+    def to_recording(
         self,
         path: Path,
         format: str,
@@ -88,7 +125,7 @@ class RowImages:
         notes: Iterable[str] = (),
         faults: Iterable[str] = (),
     ) -> RowImageRecording:
-        """The images as the stream of a recording at a path."""
+        """Makes a recording at a path of the images and what lies beside them, whose notes and faults come first."""
         return RowImageRecording(
             path=path,
             format=format,
@@ -101,57 +138,61 @@ class RowImages:
             faults=(*faults, *self.faults),
             folder=self.folder,
             names=self.names,
-            flag=self.flag,
-            usual=self.usual,
         )
 
 
-def index_rows(folder: Path, names: NDArray[np.int64]) -> RowImages:
-    """Index images by their names (N,): the first and the last that can be read are, whatever their number.
+def index_rows(path: Path, names: NDArray[np.int64], settings: ReadingConfig) -> RowImages:
+    """Indexes images by their names: the first and the last that can be read are read, however many there are.
 
-    An image is named after an instant of its revolution: in Oxford the first azimuth, in Boreas the middle, in MulRan the
-    end. The first image shows which; the others begin the same part of their turns before their names.
+    An image is named after an instant of its turn: in Oxford the first azimuth, in Boreas the middle, in MulRan the end.
+    The first image shows which; the others begin the same part of their turns before their names.
+
+    Args:
+        path: the folder of the images.
+        names: (N,) of the images, increasing.
+        settings: how recordings are understood.
 
     Raises:
-        DataError: no images, or half of them that cannot be used.
+        DataError: there are no images, or half of them cannot be used.
     """
     if not len(names):
-        raise DataError(folder, "holds no revolutions", "it should hold images named <t>.png, t in microseconds")
+        raise DataError(path, "holds no polar scans", "it should hold images named <t>.png, t in microseconds")
 
-    def opened(name: int) -> tuple[Flag, tuple[str, ...], Azimuths]:
-        flag, notes = _flag(read_grey(folder / f"{name}.png"))
-        return flag, notes, _read(folder, name, flag)[0]
+    def read_with_flag(name: int) -> tuple[RowFolder, tuple[str, ...], Azimuths]:
+        flag, notes = _interpret_flag(read_grey(path / f"{name}.png"), settings)
+        folder = RowFolder(path, flag, settings.fewest_rows)
+        return folder, notes, folder.read(name)[0]
 
-    (flag, notes, azimuths), skipped, faults = first_readable(names.tolist(), opened, "first")
+    (folder, notes, first), skipped, faults = read_first(names.tolist(), read_with_flag, "first")
+    whole = replace(folder, usual=len(first.stamps_us))
     names = names[skipped:]
-    count, backward = len(azimuths.stamps_us), names[::-1].tolist()
-    (last, _), skipped, missing = first_readable(backward, lambda name: _read(folder, name, flag, count), "last")
+    (last, _), skipped, missing = read_first(names[::-1].tolist(), whole.read, "last")
     names = names[: len(names) - skipped]
-    named_us = in_us(names)
-    known = {0: azimuths, len(names) - 1: last}
-    usual = find_usual_turns(named_us, lambda k: _measured(folder, names, flag, k, known))
-    before = place_turns(named_us, "end", usual)[1]
-    before[0] = azimuths.turn_us or before[0]
-    lead = int(named_us[0]) - int(azimuths.stamps_us[0])
+    named_us = stamps_in_us(names)
+    known = {0: first, len(names) - 1: last}
+
+    def measure(k: int) -> float | None:
+        try:
+            azimuths = known[k] if k in known else folder.read(int(names[k]))[0]
+        except DataError:
+            return None
+        return azimuths.measure_turn(settings)
+
+    usual = find_usual_turns(named_us, settings, measure)
+    before = place_turns(named_us, "end", usual, settings)[1]
+    before[0] = first.find_duration(settings) or before[0]
+    lead = int(named_us[0]) - int(first.stamps_us[0])
     within = 0 <= lead <= before[0]
     starts = named_us - (np.round(lead * before / before[0]).astype(np.int64) if within else lead)
-    turns = place_turns(starts, "start", usual)[1]
-    if last.turn_us is not None:
-        turns[-1] = max(1, int(last.stamps_us[0]) + last.turn_us - int(starts[-1]))
-    return RowImages(folder, names, starts, turns, flag, count, notes, (*faults, *missing))
+    turns = place_turns(starts, "start", usual, settings)[1]
+    duration = last.find_duration(settings)
+    if duration is not None:
+        turns[-1] = max(1, int(last.stamps_us[0]) + duration - int(starts[-1]))
+    return RowImages(whole, names, starts, turns, notes, (*faults, *missing))
 
 
-def _measured(folder: Path, names: NDArray[np.int64], flag: Flag, k: int, known: dict[int, Azimuths]) -> float | None:
-    """How long the turn of image k took by its azimuths' stamps [us], or None where they cannot be read or do not say."""
-    try:
-        azimuths = known[k] if k in known else _read(folder, int(names[k]), flag)[0]
-    except DataError:
-        return None
-    return azimuths.measured_turn_us
-
-
-def _flag(pixels: NDArray[np.uint8]) -> tuple[Flag, tuple[str, ...]]:
-    """What byte 10 tells in a recording, seen from its first image (A, 11 + B), and a note where that is not validity.
+def _interpret_flag(pixels: NDArray[np.uint8], settings: ReadingConfig) -> tuple[Flag, tuple[str, ...]]:
+    """Interprets byte 10 of a recording by its first image (A, 11 + B), with a note where it is not validity.
 
     Few rows of a recording are marked as not measured. Boreas leaves the byte unused, Boreas-RT puts the direction of the
     chirp there, which alternates from row to row.
@@ -159,9 +200,9 @@ def _flag(pixels: NDArray[np.uint8]) -> tuple[Flag, tuple[str, ...]]:
     if pixels.shape[1] <= METADATA_BYTES:
         return Flag.VALIDITY, ()
     share = float(np.mean(pixels[:, FLAG_BYTE] == 255))
-    if share > 0.75:
+    if share > settings.validity_share:
         return Flag.VALIDITY, ()
-    if share > 0.25:
+    if share > settings.chirp_share:
         return Flag.CHIRP, (
             f"byte 10 is 255 in {share:.0%} of the rows: taken as the direction of the chirp (Boreas-RT), whose Doppler "
             "shifts have opposite signs, so only the up-chirps (255) are used",
@@ -170,31 +211,3 @@ def _flag(pixels: NDArray[np.uint8]) -> tuple[Flag, tuple[str, ...]]:
         f"byte 10 is 255 in {share:.0%} of the rows: taken as unused or as down-chirps (Boreas-RT, where doppler_beta is "
         "below zero), not as azimuths that were not measured",
     )
-
-
-def _read(folder: Path, name: int, flag: Flag, usual: int = 0) -> tuple[Azimuths, NDArray[np.uint8]]:
-    """The azimuths of an image and their power (A, B), once they have been found to belong to its name.
-
-    A revolution may lack azimuths, but hardly all of them.
-
-    Args:
-        usual: number of azimuths of the recording's other images.
-    """
-    image = folder / f"{name}.png"
-    pixels = read_grey(image)
-    try:
-        azimuths = read_metadata(pixels, flags_validity=flag is Flag.VALIDITY)
-        if flag is Flag.CHIRP:
-            up = pixels[:, FLAG_BYTE] == 255
-            azimuths, pixels = azimuths.take(up), pixels[up]
-            if len(pixels) < 2:
-                raise ValueError(f"has {len(pixels)} up-chirps")
-        if len(pixels) < _FEWEST_AZIMUTHS * usual:
-            raise ValueError(f"has {len(pixels)} azimuths, the first image {usual}")
-    except ValueError as error:
-        raise DataError(image, str(error), _REMEDY) from error
-    apart = int(azimuths.stamps_us[0]) - int(in_us(np.asarray(name)))
-    span = int(azimuths.stamps_us[-1]) - int(azimuths.stamps_us[0])
-    if not -span - _MOST_STAMP_ERROR_US <= apart <= _MOST_STAMP_ERROR_US:
-        raise DataError(image, f"its first row is stamped {apart * 1e-6:.1f} s after its name", _REMEDY)
-    return azimuths, pixels[:, METADATA_BYTES:]

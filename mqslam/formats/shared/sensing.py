@@ -1,4 +1,4 @@
-"""What a user says about a radar where its recording does not."""
+"""Statements of a user about a radar where its recording makes none."""
 
 from __future__ import annotations
 
@@ -6,11 +6,11 @@ from dataclasses import dataclass
 from typing import Literal
 
 Stamp = Literal["start", "end"]
-_FINEST_M, _COARSEST_M = 1e-3, 100.0  # no radar's range bins are shorter or longer
+_FINEST_M, _COARSEST_M = 1e-3, 100.0  # no radar's range bins are shorter or longer; other numbers are mistakes
 
 
 def is_bin_length(metres: float) -> bool:
-    """Whether a number can be the length of a range bin [m]."""
+    """Returns whether a number can be the length of a range bin [m]."""
     return _FINEST_M <= metres <= _COARSEST_M
 
 
@@ -21,14 +21,19 @@ class Sensing:
     Args:
         range_resolution: length of a range bin [m].
         clockwise: whether the radar turns clockwise, seen from above.
-        stamp: whether a revolution's only stamp is that of its start or of its end.
+        stamp: whether the only stamp of a polar scan is its start or its end.
     """
 
     range_resolution: float | None = None
     clockwise: bool | None = None
     stamp: Stamp | None = None
 
-    def idle(self) -> list[str]:
-        """A note where a recording whose azimuths carry angles and stamps of their own leaves settings without effect."""
+    def note_unused(self) -> list[str]:
+        """Notes which of these have no effect, in a recording whose azimuths carry angles and stamps of their own."""
         given = [name for name in ("clockwise", "stamp") if getattr(self, name) is not None]
         return [f"azimuths carry angles and stamps of their own: sensor.{name} has no effect" for name in given]
+
+
+def note_resolution(metres: float, why: str = "") -> str:
+    """Words the note that a length of range bins [m] is assumed, with the reason for the number."""
+    return f"range resolution {metres} m assumed{why}: sensor.range_resolution_m overrides it"

@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 UNITS = {"s": Decimal(10**6), "ms": Decimal(1000), "us": Decimal(1), "ns": Decimal("0.001")}
-_LATEST_US = 2**62
+LATEST_US = 2**62
+"""Stamps beyond this [us] are beyond any clock: they are damaged, and would overflow."""
 _TIME_NAME = re.compile(
     r"(?:t|times?|time_?stamps?|stamps?|gps_?time)"
     r"(?:[ _]*[\[(]?(s|sec|seconds|ms|us|usec|ns|nsec)[\])]?)?"
@@ -20,27 +21,34 @@ _TIME_NAME = re.compile(
 
 
 def time_unit(name: str) -> str | None:
-    """The unit in a field's or column's name, "" where a name such as t, timestamp or GpsTime has none, None for others."""
-    found = _TIME_NAME.fullmatch(name.strip().lower())
-    if found is None:
+    """Returns the unit that the name of a field or column of times states.
+
+    It is "" where a name such as t, timestamp or GpsTime states none, and None for names of anything but times.
+    """
+    match = _TIME_NAME.fullmatch(name.strip().lower())
+    if match is None:
         return None
-    unit = found[1] or ""
+    unit = match[1] or ""
     return unit if unit in UNITS else {"sec": "s", "seconds": "s", "usec": "us", "nsec": "ns"}.get(unit, "")
 
 
-def unit_of(largest: float) -> str:
-    """The unit of stamps whose largest magnitude is given: ns above 1e17, us above 1e14, else s.
+def guess_unit(largest: float) -> str:
+    """Guesses the unit of stamps from their largest magnitude: ns above 1e17, us above 1e14, else s.
 
     Stamps since 1970 lie at 1e9 s, 1e15 us, 1e18 ns; stamps since a recording's start are seconds.
     """
     return "ns" if largest > 1e17 else "us" if largest > 1e14 else "s"
 
 
-def microseconds(words: Sequence[str], unit: str = "") -> NDArray[np.int64]:
-    """Stamps (N,) [us] of decimal numbers in a unit of `UNITS`, exact; the unit goes by size where none is given.
+def parse_stamps(words: Sequence[str], unit: str = "") -> NDArray[np.int64]:
+    """Parses decimal numbers as stamps (N,) [us], exactly.
+
+    Args:
+        words: (N,) the numbers.
+        unit: one of `UNITS`; "" guesses it from their size.
 
     Raises:
-        ValueError: a word that is no finite number, or a stamp beyond any clock.
+        ValueError: a word is no finite number, or a stamp lies beyond any clock.
     """
     try:
         values = [Decimal(word) for word in words]
@@ -48,21 +56,21 @@ def microseconds(words: Sequence[str], unit: str = "") -> NDArray[np.int64]:
         raise ValueError("holds stamps that are no numbers") from None
     if not all(value.is_finite() for value in values):
         raise ValueError("holds stamps that are not finite")
-    scale = UNITS[unit or unit_of(float(max(map(abs, values), default=Decimal(0))))]
-    if any(abs(value) * scale > _LATEST_US for value in values):
+    scale = UNITS[unit or guess_unit(float(max(map(abs, values), default=Decimal(0))))]
+    if any(abs(value) * scale > LATEST_US for value in values):
         raise ValueError("holds stamps beyond any clock")
     return np.array([int((value * scale).to_integral_value()) for value in values], dtype=np.int64)
 
 
-def microseconds_of(values: NDArray[Any], unit: str = "") -> tuple[NDArray[np.int64], str]:
-    """Stamps (N,) [us] of finite numbers (N,) of any type, and their unit, by size where none is given.
+def convert_stamps(values: NDArray[Any], unit: str = "") -> tuple[NDArray[np.int64], str]:
+    """Converts finite numbers (N,) of any type to stamps (N,) [us], and returns their unit, guessed where none is given.
 
     Raises:
-        ValueError: a stamp beyond any clock.
+        ValueError: a stamp lies beyond any clock.
     """
     largest = float(np.abs(values.astype(np.float64)).max(initial=0.0))
-    unit = unit or unit_of(largest)
-    if largest * float(UNITS[unit]) > _LATEST_US:
+    unit = unit or guess_unit(largest)
+    if largest * float(UNITS[unit]) > LATEST_US:
         raise ValueError("holds stamps beyond any clock")
     if unit == "ns" and np.issubdtype(values.dtype, np.integer):
         return (values // 1000).astype(np.int64), unit
@@ -71,8 +79,8 @@ def microseconds_of(values: NDArray[Any], unit: str = "") -> tuple[NDArray[np.in
     return np.round(values.astype(np.float64) * float(UNITS[unit])).astype(np.int64), unit
 
 
-def in_order(stamps_us: Sequence[int]) -> NDArray[np.bool_]:
-    """Mask (N,) of the longest subsequence of stamps that strictly increases: one stray stamp costs one entry."""
+def mark_increasing(stamps_us: Sequence[int]) -> NDArray[np.bool_]:
+    """Marks (N,) the longest subsequence of stamps that strictly increases: one stray stamp costs one entry."""
     tails: list[int] = []
     tail_rows: list[int] = []
     before: list[int] = []

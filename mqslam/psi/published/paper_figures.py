@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from mqslam.config import PsiConfig
 from mqslam.core import se2
 from mqslam.errors import OutputError, Remedy
-from mqslam.execution.files import written_whole
+from mqslam.execution.files import write_aside
 from mqslam.psi.published.equations import score
 from mqslam.psi.published.paper_setting import CASES, REVOLUTION_S, PaperWindow, simulate_window
 
@@ -126,7 +126,7 @@ def _write_figure(path: Path, rows: list[list[Rendering]], labels: list[str]) ->
             _draw_map(axes[i, k], shown)
             axes[i, k].label_outer()
     _label_figure(figure, axes, labels)
-    with written_whole(path) as aside:
+    with write_aside(path) as aside:
         figure.savefig(aside, format="png", dpi=_DPI, facecolor="white")
     return path
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from mqslam.config import PsiConfig
 from mqslam.core import se2
-from mqslam.execution.progress import Progress, silent
+from mqslam.execution.progress import Progress, ignore_progress
 from mqslam.psi.neighbours import find_candidates, sort_into_cells
 from mqslam.psi.published.equations import score
 from mqslam.psi.published.paper_setting import CASES, PAPER_LARGEST, REVOLUTION_S, PaperWindow, simulate_window
@@ -93,7 +93,7 @@ def compute_table1(
     jobs: int = 1,
     cases: Sequence[tuple[float, float]] = CASES,
     search: Search = SEARCH,
-    progress: Progress = silent,
+    progress: Progress = ignore_progress,
 ) -> list[Row]:
     """Computes what every method obtains in every case.
 

@@ -40,6 +40,11 @@ class FirstMotion:
     matched: float
     observed: bool
 
+    @property
+    def twist(self) -> se2.Array:
+        """(3,) twist at the first of the scans [m/s, m/s, rad/s]."""
+        return self.motion[: CONSTANT_TWIST.size]
+
 
 def find_first_motion(
     scans: Sequence[Scan], setup: Setup, begin: se2.Array | None = None, odometry: se2.Array | None = None
@@ -50,7 +55,7 @@ def find_first_motion(
         scans: two or three scans with returns.
         setup: bounds of the exhaustive search, process noise, settings of the score, and the sensor.
         begin: (3,) twist near the truth, or None for an exhaustive search.
-        odometry: (3,) what odometry says, for directions that psi alone does not observe.
+        odometry: (3,) odometry's twist, for directions that psi alone does not observe.
     """
     if begin is None:
         begin = _search_twist(scans, setup)

@@ -74,7 +74,7 @@ class Tracker:
         Args:
             scans: the first two or more, as many as the settings say if there are.
             begin: (3,) twist near the truth, or None for an exhaustive search.
-            odometry: (3,) what odometry says, for directions in which psi alone does not observe the motion.
+            odometry: (3,) odometry's twist, for directions in which psi alone does not observe the motion.
 
         Raises:
             FewReturnsError: a scan holds too few returns.
@@ -89,7 +89,7 @@ class Tracker:
 
     def find_first_twist(self, scans: Sequence[Scan]) -> se2.Array:
         """Finds the twist (3,) of a few scans by an exhaustive search."""
-        return State.of(np.zeros(3), find_first_motion(scans, self._setup).motion).twist
+        return find_first_motion(scans, self._setup).twist
 
     def look_back(self, scan: Scan) -> Tracked:
         """Places a scan of too few returns from before the start."""
@@ -114,14 +114,15 @@ class Tracker:
         begin = self._begin_from(predicted, scan, twist)
         if not is_usable(scan, self.settings):
             return self._pass_over(scan, begin)
-        minimum = self._matcher.minimise(scan, predicted.mean, predicted.prior, self._map)
+        prior = predicted.prior
+        minimum = self._matcher.minimise(scan, predicted.mean, prior, self._map)
         if self._is_out_of_place(minimum):
             minimum = self._matcher.search(scan, begin, self._map, [minimum]).minimum
         if self._is_out_of_place(minimum):
             return self._miss(scan, begin, minimum)
         weak = self._matcher.find_weak_directions(scan, State(minimum.state), self._map)
         if len(weak):
-            held = hold_directions(replace(predicted.prior, mean=begin.mean.vector), weak)
+            held = hold_directions(replace(prior, mean=begin.mean.vector), weak)
             minimum = self._matcher.minimise(scan, begin.mean, held, self._map)
         return self._accept(scan, minimum, predicted, weak)
 
@@ -165,7 +166,7 @@ class Tracker:
         return self._matcher.evaluate(scan, State.at_constant_twist(pose, twist), self._map).psi
 
     def _begin_from(self, predicted: Belief, scan: Scan, twist: se2.Array | None) -> Belief:
-        """Returns the prediction, or what odometry says in its place."""
+        """Returns the prediction, or the state that odometry gives in its place."""
         if twist is None:
             return predicted
         pose = se2.compose(self._last.pose, se2.exp(twist, scan.t0 - self._last.t0))

@@ -14,7 +14,7 @@ from mqslam.config import LoopConfig
 from mqslam.core import se2
 from mqslam.core.measurement import Loop
 from mqslam.execution.engine import HERE, LocalEngine
-from mqslam.execution.progress import silent
+from mqslam.execution.progress import ignore_progress
 
 RADIUS = 30.0
 LAP_M = 2.0 * np.pi * RADIUS
@@ -134,7 +134,7 @@ CLOSE = LoopConfig(least_path_m=35.0)  # a pass is 40 m long
 def test_loops_found_are_true(later: tuple[float, float, float]) -> None:
     drive, truth = two_passes(later, (1.5, -1.0, 0.02))
     tried: set[tuple[int, int]] = set()
-    found = find_loops(drive, CLOSE, CONFIG.estimator, BEAM, tried, HERE, silent)
+    found = find_loops(drive, CLOSE, CONFIG.estimator, BEAM, tried, HERE, ignore_progress)
     assert len(found) >= 3 and {(loop.earlier, loop.later) for loop in found} <= tried
     for loop in found:
         error = loop.pose - se2.between(truth[loop.earlier], truth[loop.later])
@@ -143,7 +143,9 @@ def test_loops_found_are_true(later: tuple[float, float, float]) -> None:
 
 def test_the_number_of_jobs_changes_no_loop() -> None:
     drive, _ = two_passes(SAME, (1.5, -1.0, 0.02))
-    one, two = (find_loops(drive, CLOSE, CONFIG.estimator, BEAM, set(), LocalEngine(jobs), silent) for jobs in (1, 2))
+    one, two = (
+        find_loops(drive, CLOSE, CONFIG.estimator, BEAM, set(), LocalEngine(jobs), ignore_progress) for jobs in (1, 2)
+    )
     assert [(a.earlier, a.later) for a in one] == [(b.earlier, b.later) for b in two]
     for a, b in zip(one, two, strict=True):
         np.testing.assert_array_equal(a.pose, b.pose)
@@ -155,7 +157,7 @@ def test_places_that_only_seem_near_are_no_loops() -> None:
     first, second = street_pass(-25.0, LANE_Y, 0.0, 1), street_pass(-25.0, 37.75, 0.0, 3)
     drive = joined(first, second, second.poses + np.array([0.0, LANE_Y - 37.75, 0.0]))
     tried: set[tuple[int, int]] = set()
-    assert find_loops(drive, CLOSE, CONFIG.estimator, BEAM, tried, HERE, silent) == []
+    assert find_loops(drive, CLOSE, CONFIG.estimator, BEAM, tried, HERE, ignore_progress) == []
     assert len(tried) >= 5
 
 

@@ -10,7 +10,7 @@ from support.recordings import START_US, TURN_US, assert_same, assert_same_polar
 
 from mqslam.errors import DataError
 from mqslam.formats.recordings import open_recording
-from mqslam.formats.recordings.native import write_native
+from mqslam.formats.recordings.native import write as write_native
 
 
 @pytest.fixture

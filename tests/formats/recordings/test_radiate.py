@@ -75,7 +75,7 @@ def test_a_missing_list_of_stamps_is_named(radiate: Path) -> None:
 
 def test_an_empty_list_leaves_no_revolutions(radiate: Path) -> None:
     (radiate / "Navtech_Polar.txt").write_text("")
-    with pytest.raises(DataError, match="Navtech_Polar: holds no revolutions"):
+    with pytest.raises(DataError, match="Navtech_Polar: holds no polar scans"):
         open_recording(radiate)
 
 
@@ -99,14 +99,14 @@ def test_a_list_in_another_order_is_sorted_and_said(radiate: Path) -> None:
     file.write_text("\n".join(reversed(file.read_text().splitlines())))
     recording = open_recording(radiate)
     assert recording.stamps_us.tolist() == expected.stamps_us.tolist()
-    assert recording.names.tolist() == expected.names.tolist()
+    assert recording.images.names.tolist() == expected.images.names.tolist()
     assert recording.faults == ("Navtech_Polar.txt does not list its frames in order, first at 000005: sorted",)
 
 
 def test_a_folder_without_images_holds_no_revolutions(radiate: Path) -> None:
     for image in (radiate / "Navtech_Polar").iterdir():
         image.unlink()
-    with pytest.raises(DataError, match="Navtech_Polar: holds no revolutions"):
+    with pytest.raises(DataError, match="Navtech_Polar: holds no polar scans"):
         open_recording(radiate)
 
 

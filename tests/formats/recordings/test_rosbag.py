@@ -81,7 +81,7 @@ def test_images_without_metadata_are_spread_over_the_turn(oxford: Path, tmp_path
     np.testing.assert_allclose(polar_scan.times, 1.25 + 0.25 * np.arange(40) / 40, atol=1e-6)
     (note,) = (note for note in recording.notes if "carry no own stamps" in note)
     assert f"{'columns' if columns else 'rows'} of the images taken as azimuths" in note
-    assert f"header stamps taken as the {'end' if columns else 'start'} of the revolution (sensor.stamp)" in note
+    assert f"header stamps taken as the {'end' if columns else 'start'} of the turn (sensor.stamp)" in note
 
 
 def test_a_gap_does_not_stretch_the_turn_before_it(oxford: Path, tmp_path: Path) -> None:
@@ -133,7 +133,7 @@ def test_of_a_topic_and_its_compressed_twin_the_first_is_taken(oxford: Path, tmp
     [
         (np.zeros((40, 200), np.uint8), 60, "is not a readable PNG or JPEG"),
         (np.zeros((40, 200, 3), np.uint8), 10**6, "is not an 8-bit grey image"),
-        (np.zeros((8001, 8001), np.uint8), 10**6, "is too large for one revolution"),
+        (np.zeros((8001, 8001), np.uint8), 10**6, "is too large for one polar scan"),
     ],
 )
 def test_a_compressed_image_that_is_no_revolution_is_named(

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from support.conversions import EVEN, arriving, convert, spinning, write_jittered
 from support.recordings import START_US, TURN_US
 
+from mqslam.config.reading_config import USUAL_READING
 from mqslam.formats.recordings import open_recording
 from mqslam.formats.shared.arrivals import smooth_arrivals
 
@@ -44,7 +45,7 @@ def test_jitter_of_a_steady_radar_falls_to_a_third_at_most(kind: str, turn_us: i
     for seed in range(3):
         turns = turning(np.full(200, turn_us))
         stamps = arriving(turns, delays_of(kind, 200, seed))
-        smooth, (note,) = smooth_arrivals(stamps)
+        smooth, (note,) = smooth_arrivals(stamps, USUAL_READING)
         assert rms(smooth - turns) < rms(stamps - turns) / 3.0
         moved = (smooth - stamps) * 1e-3
         assert f"by {np.sqrt(np.mean(moved**2)):.1f} ms (RMS) and at most by {np.abs(moved).max():.1f} ms" in note
@@ -55,7 +56,7 @@ def test_eighteen_revolutions_are_enough_for_durations_of_turns_that_can_be_used
     ratios = []
     for seed in range(20):
         stamps = arriving(turns, delays_of("normal", 18, seed))
-        ratios.append(np.std(np.diff(smooth_arrivals(stamps)[0])) / np.std(np.diff(stamps)))
+        ratios.append(np.std(np.diff(smooth_arrivals(stamps, USUAL_READING)[0])) / np.std(np.diff(stamps)))
     assert np.mean(ratios) < 0.15 and max(ratios) < 0.6
 
 
@@ -63,7 +64,7 @@ def test_a_rate_that_wanders_is_followed() -> None:
     wander = TURN_US * (1.0 + 0.02 * np.sin(np.arange(400) / 60.0))
     turns = turning(wander)
     stamps = arriving(turns, delays_of("normal", 400, 1))
-    smooth, _ = smooth_arrivals(stamps)
+    smooth, _ = smooth_arrivals(stamps, USUAL_READING)
     assert rms(smooth - turns) < rms(stamps - turns) / 3.0
     assert np.abs(np.diff(smooth) - wander[1:]).max() < 1500.0
 
@@ -72,7 +73,7 @@ def test_a_turn_rate_that_is_commanded_is_not_smeared() -> None:
     takes = np.repeat([500_000, 250_000], 40)
     for seed in range(5):
         turns = turning(takes)
-        smooth, _ = smooth_arrivals(arriving(turns, delays_of("normal", 80, seed)))
+        smooth, _ = smooth_arrivals(arriving(turns, delays_of("normal", 80, seed)), USUAL_READING)
         assert np.abs(np.diff(smooth) - takes[1:]).max() < 2500.0
 
 
@@ -90,7 +91,7 @@ def test_a_turn_rate_that_is_commanded_is_not_smeared() -> None:
 )
 def test_stamps_that_do_not_jitter_stay_as_they_are(takes: NDArray[np.float64]) -> None:
     stamps = turning(takes)
-    smooth, notes = smooth_arrivals(stamps)
+    smooth, notes = smooth_arrivals(stamps, USUAL_READING)
     assert notes == []
     np.testing.assert_array_equal(smooth, stamps)
 
@@ -98,14 +99,14 @@ def test_stamps_that_do_not_jitter_stay_as_they_are(takes: NDArray[np.float64]) 
 @pytest.mark.parametrize("count", [1, 2, 3])
 def test_up_to_three_revolutions_cannot_tell_jitter(count: int) -> None:
     stamps = arriving(turning(np.full(count, TURN_US)), delays_of("uniform", count, 1))
-    assert smooth_arrivals(stamps)[0].tolist() == stamps.tolist()
+    assert smooth_arrivals(stamps, USUAL_READING)[0].tolist() == stamps.tolist()
 
 
 @pytest.mark.parametrize("missing_us", [TURN_US, 60_000_000, 7_200_000_000, 77_777])
 def test_a_gap_a_pause_and_a_jump_of_the_clock_stay_where_they_are(missing_us: int) -> None:
     turns = turning(np.where(np.arange(100) == 50, TURN_US + missing_us, TURN_US))
     stamps = arriving(turns, delays_of("uniform", 100, 3))
-    smooth, _ = smooth_arrivals(stamps)
+    smooth, _ = smooth_arrivals(stamps, USUAL_READING)
     for half in (slice(0, 50), slice(50, None)):
         assert rms((smooth - turns)[half]) < rms((stamps - turns)[half]) / 2.0
 
@@ -114,7 +115,7 @@ def test_revolutions_that_are_held_up_together_are_put_back_and_leave_no_gap() -
     turns = turning(np.full(60, TURN_US))
     delays = delays_of("normal", 60, 2)
     delays[30:33] += [600_000.0, 350_000.0, 100_000.0]
-    smooth, _ = smooth_arrivals(arriving(turns, delays))
+    smooth, _ = smooth_arrivals(arriving(turns, delays), USUAL_READING)
     assert np.abs(np.diff(smooth) - TURN_US).max() < 5000.0
 
 
@@ -122,10 +123,10 @@ def test_revolutions_that_are_held_up_together_are_put_back_and_leave_no_gap() -
 @settings(max_examples=150, deadline=None, derandomize=True)
 def test_any_stamps_stay_in_order_and_smoothing_them_again_changes_nothing(steps: list[int], scale: int) -> None:
     stamps = START_US + np.cumsum(np.array(steps, dtype=np.int64) * scale)
-    smooth, notes = smooth_arrivals(stamps)
+    smooth, notes = smooth_arrivals(stamps, USUAL_READING)
     assert len(smooth) == len(stamps) and np.all(np.diff(smooth) > 0)
     assert bool(notes) == bool(np.any(smooth != stamps))
-    np.testing.assert_array_equal(smooth_arrivals(smooth)[0], smooth)
+    np.testing.assert_array_equal(smooth_arrivals(smooth, USUAL_READING)[0], smooth)
 
 
 @pytest.mark.parametrize("layout", [*EVEN, "bag"])

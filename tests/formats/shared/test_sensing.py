@@ -19,8 +19,9 @@ from support.layouts import (
 )
 from support.recordings import write_bag
 
+from mqslam.config.reading_config import USUAL_READING
 from mqslam.formats.recordings import open_recording
-from mqslam.formats.recordings.native import write_native
+from mqslam.formats.recordings.native import write as write_native
 from mqslam.formats.shared.turns import find_usual_turns, place_turns
 from mqslam.simulator import SimulatedRecording
 
@@ -35,7 +36,7 @@ def test_stamps_of_the_start_shift_the_turns_by_one(tmp_path: Path, write: Write
     np.testing.assert_array_equal(open_recording(root).stamps_us, by_end.stamps_us)
     np.testing.assert_array_equal(by_start.stamps_us[:-1], by_end.stamps_us[1:])
     np.testing.assert_array_equal(by_start[2].power, by_end[2].power)
-    assert any("taken as the start of the revolution" in note for note in by_start.notes)
+    assert any("taken as the start of the turn" in note for note in by_start.notes)
 
 
 @pytest.mark.parametrize("write", WITHOUT_STAMPS)
@@ -69,7 +70,7 @@ def test_settings_reach_the_reader_and_info_shows_what_was_assumed(tmp_path: Pat
     assert shown.code == 0
     found = json.loads(shown.out)
     assert found["range_resolution_m"] == 0.2
-    assert any("start of the revolution" in note and "counter-clockwise" in note for note in found["notes"])
+    assert any("start of the turn" in note and "counter-clockwise" in note for note in found["notes"])
     assert "spread evenly over the turn" in mqslam("info", root).out
 
 
@@ -81,10 +82,10 @@ def test_a_setting_that_is_no_convention_is_refused(tmp_path: Path) -> None:
 
 def test_turns_follow_their_stamps_and_stop_at_gaps() -> None:
     stamps = 1000 * np.array([1000, 1100, 1190, 2000, 2105])
-    starts, durations = place_turns(stamps, "start", find_usual_turns(stamps))
+    starts, durations = place_turns(stamps, "start", find_usual_turns(stamps, USUAL_READING), USUAL_READING)
     np.testing.assert_array_equal(starts, stamps)
     np.testing.assert_array_equal(durations, [100_000, 90_000, 105_000, 105_000, 105_000])
-    starts, durations = place_turns(stamps, "end", find_usual_turns(stamps))
+    starts, durations = place_turns(stamps, "end", find_usual_turns(stamps, USUAL_READING), USUAL_READING)
     np.testing.assert_array_equal(durations, [100_000, 100_000, 90_000, 105_000, 105_000])
     np.testing.assert_array_equal(starts, stamps - durations)
     assert np.all(starts[1:] >= stamps[:-1])

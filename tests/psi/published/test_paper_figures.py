@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from PIL import Image
-from support.commands import contents, mqslam
+from support.commands import mqslam, read_contents
 
 from mqslam.psi.published.paper_figures import render_figure2, render_figure3
 from mqslam.psi.published.paper_setting import CASES
@@ -36,8 +36,8 @@ def test_the_command_writes_both_figures_and_says_their_scores(tmp_path: Path) -
     (out / "figure2.png").write_text("old")
     shown = mqslam("paper", "figures", "--out", out, "--force")
     assert (shown.code, shown.err) == (0, "")
-    assert sorted(contents(out)) == ["figure2.png", "figure3.png"]
-    for name in contents(out):
+    assert sorted(read_contents(out)) == ["figure2.png", "figure3.png"]
+    for name in read_contents(out):
         with Image.open(out / name) as image:
             assert image.format == "PNG" and min(image.size) > 600
             assert np.asarray(image.convert("L")).std() > 5.0
@@ -47,7 +47,7 @@ def test_the_command_writes_both_figures_and_says_their_scores(tmp_path: Path) -
 
 def test_a_folder_with_content_is_left_alone(tmp_path: Path) -> None:
     (tmp_path / "mine").write_text("kept")
-    before = contents(tmp_path)
+    before = read_contents(tmp_path)
     shown = mqslam("paper", "figures", "--out", tmp_path)
     assert shown.code == 2 and shown.err.startswith(f"mqslam: error: {tmp_path}: exists already")
-    assert contents(tmp_path) == before
+    assert read_contents(tmp_path) == before

@@ -1,4 +1,4 @@
-"""Where a lidar is mounted, from the static transforms of a ROS recording."""
+"""The pose at which a lidar is mounted, from the static transforms of a ROS recording."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class Mounts:
     parents: dict[str, tuple[str, NDArray[np.float64]]] = field(default_factory=dict)
 
     def add(self, message: Any) -> None:
-        """Take in a `tf2_msgs/TFMessage`."""
+        """Adds the transforms of a `tf2_msgs/TFMessage`."""
         from scipy.spatial.transform import Rotation
 
         for stamped in message.transforms:
@@ -41,12 +41,20 @@ class Mounts:
             matrix = np.eye(4)
             matrix[:3, :3] = Rotation.from_quat([turn.x, turn.y, turn.z, turn.w]).as_matrix()
             matrix[:3, 3] = move.x, move.y, move.z
-            self.parents[_name(stamped.child_frame_id)] = (_name(stamped.header.frame_id), matrix)
+            self.parents[_strip_slash(stamped.child_frame_id)] = (_strip_slash(stamped.header.frame_id), matrix)
 
     def find(self, sensor: str, body: str) -> Mount | None:
-        """The mount of a sensor's frame in a vehicle's, "" for the usual ones; None where no transforms connect them."""
-        bodies = (_name(body),) if body else _USUAL_BODIES
-        frame, matrix, passed = _name(sensor), np.eye(4), set[str]()
+        """Finds how a sensor is mounted.
+
+        Args:
+            sensor: its frame.
+            body: the vehicle's frame, "" for the usual ones.
+
+        Returns:
+            The mount, or None where no transforms connect the frames.
+        """
+        bodies = (_strip_slash(body),) if body else _USUAL_BODIES
+        frame, matrix, passed = _strip_slash(sensor), np.eye(4), set[str]()
         while frame not in bodies:
             passed.add(frame)
             if frame not in self.parents or self.parents[frame][0] in passed:
@@ -57,6 +65,6 @@ class Mounts:
         return Mount(np.array([matrix[0, 3], matrix[1, 3], yaw]), bool(matrix[2, 2] < 0.0))
 
 
-def _name(frame: str) -> str:
-    """A frame's name as ROS 2 writes it: ROS 1 allowed a slash before."""
+def _strip_slash(frame: str) -> str:
+    """Returns a frame's name as ROS 2 writes it: ROS 1 allowed a slash before."""
     return frame.lstrip("/")

@@ -98,7 +98,7 @@ def test_odometry_and_ground_truth_go_along_where_there_is_a_place(uneven: Recor
 @pytest.mark.parametrize("layout", [*STAMPED, *EVEN])
 def test_the_length_of_a_bin_is_kept_or_asked_for(tmp_path: Path, layout: str) -> None:
     out, notes = convert(left_turn(), tmp_path, layout)
-    asked = [note for note in notes if note.endswith("read the result with --range-resolution 0.5")]
+    asked = [note for note in notes if note.endswith("read the result with sensor: {range_resolution_m: 0.5}")]
     if layout in ("oxford", "native"):
         assert open_recording(out).range_resolution == 0.5 and not asked
     else:

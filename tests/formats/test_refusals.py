@@ -17,7 +17,7 @@ from mqslam.core.recording import PolarScan
 from mqslam.core.trajectory import Trajectory
 from mqslam.errors import DataError, OutputError
 from mqslam.formats.recordings import open_recording
-from mqslam.formats.writing import bags
+from mqslam.formats.shared import bag_writer
 
 
 def counter_clockwise() -> Turns:
@@ -26,7 +26,7 @@ def counter_clockwise() -> Turns:
 
 @pytest.mark.parametrize("layout", [layout for layout in STAMPED if layout != "native"])
 def test_encoder_values_cannot_hold_a_counter_clockwise_turn(tmp_path: Path, layout: str) -> None:
-    with pytest.raises(DataError, match="drive: revolution 0 turns counter-clockwise"):
+    with pytest.raises(DataError, match="drive: polar scan 0 turns counter-clockwise"):
         convert(counter_clockwise(), tmp_path, layout)
     assert list(tmp_path.iterdir()) == []
 
@@ -48,12 +48,12 @@ def test_the_native_layout_holds_it_as_it_is(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("recording", "problem"),
     [
-        (changed(azimuths=lambda r: r.azimuths - 0.3), "azimuths of revolution 0 lie 8.19 deg beside even steps"),
-        (changed(azimuths=lambda r: r.azimuths * 0.9), "azimuths of revolution 0 lie 35.10 deg beside even steps"),
+        (changed(azimuths=lambda r: r.azimuths - 0.3), "azimuths of polar scan 0 lie 8.19 deg beside even steps"),
+        (changed(azimuths=lambda r: r.azimuths * 0.9), "azimuths of polar scan 0 lie 35.10 deg beside even steps"),
         (changed(power=lambda r: r.power[:, :30]), r"has more azimuths \(40\) than range bins \(30\)"),
         (
             changed(power=lambda r: r.power[:, : 190 if r.times[0] > 0.6 else 200]),
-            "revolution 3 has 40 azimuths by 190 bins, the first 40 azimuths by 200 bins",
+            "polar scan 3 has 40 azimuths by 190 bins, the first 40 azimuths by 200 bins",
         ),
     ],
 )
@@ -70,7 +70,7 @@ def test_a_small_offset_of_polar_images_is_told(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("layout", [*EVEN, *(layout for layout in STAMPED if layout != "native")])
 def test_images_cannot_hold_a_revolution_of_one_azimuth(tmp_path: Path, layout: str) -> None:
-    with pytest.raises(DataError, match=r"drive: revolution 0 has one azimuth, \w+ need two"):
+    with pytest.raises(DataError, match=r"drive: polar scan 0 has one azimuth, \w+ need two"):
         convert(spinning([0, 250_000], 250_000, azimuths=1), tmp_path, layout)
     assert list(tmp_path.iterdir()) == []
 
@@ -87,7 +87,7 @@ def test_a_single_pose_is_no_trajectory_and_left_behind(tmp_path: Path, layout: 
 
 @pytest.mark.parametrize("layout", BAGS)
 def test_a_bag_of_rows_begins_with_half_a_turn_at_least(tmp_path: Path, layout: str) -> None:
-    with pytest.raises(DataError, match="drive: its first revolution is under half a turn"):
+    with pytest.raises(DataError, match="drive: its first polar scan is under half a turn"):
         convert(changed(azimuths=lambda r: r.azimuths * 0.4), tmp_path, layout)
     assert list(tmp_path.iterdir()) == []
 
@@ -145,7 +145,7 @@ def test_a_full_disk_is_an_error_of_the_output(
     def full(*_: object) -> None:
         raise error
 
-    monkeypatch.setattr(bags.Bag, "write", full)
+    monkeypatch.setattr(bag_writer.Bag, "write", full)
     with pytest.raises(OutputError, match=rf"{layout}.*: cannot be written \((No space left on device|disk is full)\)"):
         convert(left_turn(), tmp_path, layout)
     assert list(tmp_path.iterdir()) == []

@@ -1,0 +1,123 @@
+"""Conversion of a recording into any of the layouts that can be written."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+from mqslam.core.recording import Recording
+from mqslam.core.trajectory import Trajectory
+from mqslam.errors import ConfigError, OutputError, Remedy, suggest
+from mqslam.execution.folders import check_free, check_writable
+from mqslam.formats.recordings import list_targets
+from mqslam.formats.shared.target import Message, Target
+from mqslam.formats.watched import watch
+
+_FOLDER = "oxford"  # layout of a folder, where none is named
+
+
+def find_target(out: Path, name: str | None = None, message: Message = "image") -> Target:
+    """Finds the layout that a path is to be written in.
+
+    Args:
+        out: the file or folder.
+        name: of the layout; None takes the one of the path's suffix, and Oxford's for a folder.
+        message: how a bag holds polar scans.
+
+    Raises:
+        ConfigError: the layout is unknown, or the path's suffix is another one's.
+    """
+    targets = list_targets()
+    if name is None:
+        name = next((target.name for target in targets if target.suffix == out.suffix), None) if out.suffix else _FOLDER
+        if name is None:
+            remedy = "end it in .bag, .mcap or .npz, or name a layout"
+            raise ConfigError(f"{out}: '{out.suffix}' is the suffix of no layout; {remedy}")
+    ways = {target.message: target for target in targets if target.name == name}
+    if not ways:
+        names = list(dict.fromkeys(target.name for target in targets))
+        raise ConfigError(f"layout '{name}': is unknown; {suggest(name, names)}")
+    target = ways.get(message, ways["image"])
+    if target.suffix and out.suffix != target.suffix:
+        raise ConfigError(f"{out}: {name} is a file that ends in {target.suffix}; name it so, or name another layout")
+    return target
+
+
+def check_target(out: Path, target: Target, *, force: bool, recording: Path) -> None:
+    """Checks that a result may be written before time is spent on it.
+
+    Args:
+        out: where it goes.
+        target: its layout.
+        force: whether what is there may be replaced.
+        recording: what it is made from, which must not be replaced by it.
+
+    Raises:
+        OutputError: something is there and may not be replaced, or the result cannot be written.
+    """
+    if not target.suffix:
+        check_free(out, force=force, recording=recording)
+        return
+    if out.is_dir():
+        raise OutputError(f"{out}: exists already and is a folder", Remedy.CHOOSE_OUTPUT)
+    if out.exists() and not force:
+        raise OutputError(f"{out}: exists already", Remedy.CHOOSE_OR_REPLACE_OUTPUT)
+    if out.resolve() == recording.resolve():
+        raise OutputError(f"{out}: is the recording itself", Remedy.CHOOSE_OUTPUT)
+    check_writable(out)
+
+
+def write_recording(recording: Recording, out: Path, target: Target, progress: Callable[[int, int], object]) -> list[str]:
+    """Writes a recording in a layout, whole or not at all, one polar scan in memory at a time.
+
+    Args:
+        recording: the recording.
+        out: the file or folder; what is there is replaced.
+        target: its layout.
+        progress: called with (polar scans written, polar scans in all).
+
+    Returns:
+        Notes for the user: what the layout has no place for, and how to read the result.
+
+    Raises:
+        DataError: a polar scan cannot be read, or the layout cannot hold the recording.
+        OutputError: the result cannot be written.
+    """
+    odometry, truth = _drop_single(recording.odometry), _drop_single(recording.ground_truth)
+    source = watch(replace(recording, odometry=odometry, ground_truth=truth), progress)
+    try:
+        out.parent.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise OutputError(f"{out}: cannot be made ({error.strerror})", Remedy.CHOOSE_OUTPUT) from error
+    notes = target.write(out, source)
+    for name, given, kept in (("odometry", recording.odometry, odometry), ("ground truth", recording.ground_truth, truth)):
+        notes += [f"{name} is left behind: one pose is no trajectory"] if given is not kept else []
+    return [*notes, *_list_losses(source, target, 0 if target.validity else source.tally.unmeasured)]
+
+
+def _drop_single(track: Trajectory | None) -> Trajectory | None:
+    """Returns a trajectory, unless it has a single pose, which no reader takes for one."""
+    return track if track is None or len(track) > 1 else None
+
+
+def _list_losses(recording: Recording, target: Target, unmarked: int) -> list[str]:
+    """Lists what of a recording a layout has no place for, and how to read the rest.
+
+    Args:
+        recording: the recording.
+        target: the layout.
+        unmarked: number of azimuths that are marked as not measured, which the layout cannot say.
+    """
+    notes = []
+    if recording.odometry is not None and not target.odometry:
+        notes.append(f"odometry is left behind: {target.name} has no place for it")
+    if recording.ground_truth is not None and not target.truth:
+        notes.append(f"ground truth is left behind: {target.name} has no place for it")
+    if unmarked:
+        notes.append(f"{unmarked} azimuths marked as not measured lose that mark: the layout has no place for it")
+    assumed = target.assumed_resolution(recording) if target.assumed_resolution else None
+    if assumed is not None and recording.range_resolution != assumed:
+        given = f"sensor: {{range_resolution_m: {recording.range_resolution:.9g}}}"
+        notes.append(f"{target.name} does not say how long a range bin is: read the result with {given}")
+    return notes

@@ -1,0 +1,95 @@
+"""The results of a run as a ROS bag: /tf and /path of the radar, /map and /points of the world."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from mqslam.core.trajectory import Trajectory
+from mqslam.formats.nav2_map import read_nav2_map
+from mqslam.formats.ply import read_ply
+from mqslam.formats.shared.bag_writer import RADAR_FRAME, TF_TYPE, Bag, write_bag
+from mqslam.formats.shared.bags import PATH_TYPE, POSE_TYPE
+from mqslam.formats.tum import read_tum
+
+WORLD_FRAME = "map"
+_GRID_TYPE = "nav_msgs/msg/OccupancyGrid"
+_CLOUD_TYPE = "sensor_msgs/msg/PointCloud2"
+_FLOAT32 = 7  # of sensor_msgs/PointField
+_COLUMNS = ("x", "y", "z", "intensity")
+
+
+def is_run(path: Path) -> bool:
+    """Returns whether a path is a folder that a run has written."""
+    return all((path / name).is_file() for name in ("summary.json", "trajectory.tum"))
+
+
+def write_results(out: Path, run: Path, kind: str) -> None:
+    """Writes the results of a run as a bag, whole or not at all.
+
+    Map, points and path are latched and lie at the first stamp, the transforms from the map's frame to the radar's at the
+    stamps of their scans.
+
+    Args:
+        out: the file or folder.
+        run: the folder of a run.
+        kind: one of `mqslam.formats.shared.bag_writer.KINDS`.
+
+    Raises:
+        DataError: a file of the run is missing or damaged.
+        OutputError: the bag cannot be written.
+    """
+    trajectory = read_tum(run / "trajectory.tum")
+    first = int(trajectory.stamps_us[0])
+    with write_bag(out, kind) as bag:
+        for topic, message_type, message in (
+            ("/map", _GRID_TYPE, _make_grid(bag, run, first)),
+            ("/points", _CLOUD_TYPE, _make_cloud(bag, run / "map.ply", first)),
+            ("/path", PATH_TYPE, _make_path(bag, trajectory)),
+        ):
+            bag.write(bag.topic(topic, message_type, latched=True), first, message)
+        transforms = bag.topic("/tf", TF_TYPE)
+        for stamp, pose in zip(trajectory.stamps_us.tolist(), trajectory.poses.tolist(), strict=True):
+            bag.write(transforms, stamp, _make_transform(bag, stamp, pose))
+
+
+def _make_transform(bag: Bag, stamp_us: int, pose: list[float]) -> Any:
+    """Makes a transform of the radar's pose x, y [m], yaw [rad]."""
+    x, y, yaw = pose
+    move = bag.make("geometry_msgs/msg/Transform", bag.vector(x, y, 0.0), bag.quaternion(yaw))
+    header = bag.header(stamp_us, WORLD_FRAME)
+    return bag.make(TF_TYPE, [bag.make("geometry_msgs/msg/TransformStamped", header, RADAR_FRAME, move)])
+
+
+def _make_path(bag: Bag, trajectory: Trajectory) -> Any:
+    """Makes one path of all poses."""
+    poses = [
+        bag.make(POSE_TYPE, bag.header(stamp, WORLD_FRAME), bag.pose(pose))
+        for stamp, pose in zip(trajectory.stamps_us.tolist(), trajectory.poses, strict=True)
+    ]
+    return bag.make(PATH_TYPE, bag.header(int(trajectory.stamps_us[0]), WORLD_FRAME), poses)
+
+
+def _make_grid(bag: Bag, run: Path, stamp_us: int) -> Any:
+    """Makes the message that map_server would publish of the run's map."""
+    grid = read_nav2_map(run / "map.yaml")
+    header = bag.header(stamp_us, WORLD_FRAME)
+    height, width = grid.cells.shape
+    info = bag.make("nav_msgs/msg/MapMetaData", header.stamp, grid.resolution, width, height, bag.pose(grid.origin))
+    return bag.make(_GRID_TYPE, header, info, grid.cells.reshape(-1))
+
+
+def _make_cloud(bag: Bag, file: Path, stamp_us: int) -> Any:
+    """Makes a cloud of the points of the map with their intensities.
+
+    Raises:
+        DataError: the file is no such PLY.
+    """
+    points = np.column_stack([column.astype("<f4") for column in read_ply(file, _COLUMNS).values()])
+    fields = [bag.make("sensor_msgs/msg/PointField", name, 4 * i, _FLOAT32, 1) for i, name in enumerate(_COLUMNS)]
+    step = 4 * len(_COLUMNS)
+    content = np.ascontiguousarray(points).view(np.uint8).reshape(-1)
+    header = bag.header(stamp_us, WORLD_FRAME)
+    return bag.make(_CLOUD_TYPE, header, 1, len(points), fields, False, step, step * len(points), content, True)

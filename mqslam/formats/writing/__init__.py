@@ -1,1 +1,0 @@
-"""Recordings and results in the layouts of others: one module per layout."""

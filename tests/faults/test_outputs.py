@@ -1,0 +1,87 @@
+"""Results that cannot be written: a read-only folder, a full disk, a report that fails, a mistake in the command."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+from support.commands import mqslam, read_contents
+from support.faults import assert_refused, run_quickly
+
+from mqslam.execution.checkpoint import FOLDER
+
+
+def test_an_output_that_is_read_only(drive: Path, tmp_path: Path) -> None:
+    before = read_contents(drive)
+    for out in (Path("/proc/out"), Path("/sys/out")):
+        assert_refused(run_quickly(drive, out), str(out), "cannot be made", "choose another --out")
+        assert_refused(mqslam("simulate", out, "--duration", "1", "--quiet"), str(out))
+    with mounted(tmp_path / "disk", "8m") as disk:
+        (disk / "mine").write_text("kept")
+        subprocess.run(["mount", "-o", "remount,ro", disk], check=True)
+        assert_refused(run_quickly(drive, disk / "out"), f"{disk}/out: cannot be", "choose another --out")
+        assert read_contents(disk) == {"mine": b"kept"}
+    assert read_contents(drive) == before
+
+
+class mounted:
+    """A small file system of its own, where the tests may mount one."""
+
+    def __init__(self, place: Path, size: str) -> None:
+        self.place, self.size = place, size
+
+    def __enter__(self) -> Path:
+        self.place.mkdir()
+        options = ["-t", "tmpfs", "-o", f"size={self.size}", "tmpfs", self.place]
+        if not shutil.which("mount") or subprocess.run(["mount", *options], capture_output=True).returncode != 0:
+            pytest.skip("may not mount a file system here")
+        return self.place
+
+    def __exit__(self, *error: object) -> None:
+        subprocess.run(["umount", "--lazy", self.place], check=False)
+
+
+@pytest.mark.parametrize("size_kb", [8, 64, 300, 900])
+def test_a_full_disk(drive: Path, tmp_path: Path, size_kb: int) -> None:
+    """At several sizes, so that it is full before, in and after the checkpoint."""
+    with mounted(tmp_path / "disk", f"{size_kb}k") as disk:
+        shown = run_quickly(drive, disk / "out", "--quiet")
+        assert_refused(shown, str(disk), "No space left on device", "free space")
+        left = read_contents(disk)
+        assert all(name == "out" or name.startswith(f"out/{FOLDER}") for name in left), left
+        kept = [name for name in left if name.endswith(".npz")]
+        assert ("continue with --resume" in shown.err) == bool(kept)
+        if kept:
+            subprocess.run(["mount", "-o", "remount,size=64m", disk], check=True)
+            assert run_quickly(drive, disk / "out", "--resume", "--quiet").code == 0
+            assert FOLDER not in {path.name for path in (disk / "out").iterdir()}
+    with mounted(tmp_path / "other", "300k") as disk:
+        assert_refused(mqslam("simulate", disk / "sim", "--duration", "3", "--quiet"), "No space left on device")
+        assert read_contents(disk) == {}
+
+
+def test_a_figure_or_a_report_that_cannot_be_made(drive: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Every file, stage and page is in `tests/cli/test_optional.py`."""
+
+    def fail(*_: object) -> None:
+        raise MemoryError
+
+    monkeypatch.setattr("mqslam.report.run_page.write_report", fail)
+    shown = run_quickly(drive, tmp_path / "out")
+    assert shown.code == 0
+    assert "warning: report.html could not be made (MemoryError); the other results are whole" in shown.err
+    assert (tmp_path / "out" / "trajectory.tum").is_file() and not (tmp_path / "out" / "report.html").exists()
+
+
+def test_a_mistake_in_a_command(drive: Path, tmp_path: Path) -> None:
+    """All of them are in `tests/cli/test_errors.py`."""
+    before = read_contents(tmp_path)
+    for words, said in (
+        (["--frontend", "kiss_ipc"], "did you mean kiss_icp?"),
+        (["--format", "oxfrod"], "did you mean oxford?"),
+        (["--odometry", tmp_path / "nothing.csv"], "nothing.csv"),
+    ):
+        assert_refused(mqslam("run", drive, "--out", tmp_path / "out", "--quiet", *words), said)
+    assert read_contents(tmp_path) == before

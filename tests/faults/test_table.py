@@ -1,0 +1,20 @@
+"""What a user sees of each fault of the README's table, and what is kept: a test per row, named after its first cell."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+README = Path(__file__).parents[2] / "README.md"
+
+
+def test_every_row_of_the_readme_has_its_test() -> None:
+    last = README.read_text(encoding="utf-8").split("\n## ")[-1]
+    assert last.startswith("Faults\n"), "the table of faults is the README's last section"
+    rows = [line.split("|")[1].strip() for line in last.splitlines() if line.startswith("|")][2:]
+    assert len(rows) > 10
+    sources = "".join(file.read_text(encoding="utf-8") for file in Path(__file__).parent.glob("test_*.py"))
+    tests = set(re.findall(r"^def (test_\w+)\(", sources, re.MULTILINE))
+    for row in rows:
+        name = "test_" + re.sub(r"[^a-z0-9]+", "_", row.replace("`", "").lower()).strip("_")
+        assert name in tests, f"the fault '{row}' has no {name}"

@@ -1,0 +1,67 @@
+"""A new layout is one module and one line in the registry; it may read only, or read and write."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from support.commands import mqslam
+
+from mqslam.errors import ConfigError, DataError
+from mqslam.formats.conversion import find_target
+from mqslam.formats.recordings import FORMATS, list_targets, open_recording
+
+READER = """
+from dataclasses import replace
+
+from mqslam.formats.recordings import native
+
+
+def recognises(path):
+    return path.suffix == ".toy"
+
+
+def open_recording(path, sensing, settings):
+    return replace(native.open_recording(path, sensing, settings), format="toy")
+"""
+WRITER = """
+
+from mqslam.formats.shared.target import Target
+
+TARGETS = (Target("toy", native.write, ".toy", odometry=True),)
+"""
+
+
+@pytest.fixture
+def register(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest) -> None:
+    name = f"toy_layout_{request.node.name}"
+    (tmp_path / f"{name}.py").write_text(READER + ("" if "reads_only" in name else WRITER))
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setitem(FORMATS, "toy", name)
+
+
+def test_a_new_layout_is_read_and_written(register: None, oxford: Path, tmp_path: Path) -> None:
+    shown = mqslam("convert", oxford, tmp_path / "drive.toy", "--quiet")
+    assert shown.code == 0, shown.err
+    recording = open_recording(tmp_path / "drive.toy")
+    assert recording.format == "toy"
+    np.testing.assert_array_equal(recording.stamps_us, open_recording(oxford).stamps_us)
+
+
+def test_a_new_layout_that_reads_only_is_no_target(register: None, oxford: Path, tmp_path: Path) -> None:
+    assert mqslam("convert", oxford, tmp_path / "drive.npz", "--quiet").code == 0
+    (tmp_path / "drive.npz").rename(tmp_path / "drive.toy")
+    assert open_recording(tmp_path / "drive.toy").format == "toy"
+    assert "toy" not in {target.name for target in list_targets()}
+    with pytest.raises(ConfigError, match="layout 'toy': is unknown; choose one of"):
+        find_target(tmp_path / "out.toy", "toy")
+
+
+def test_an_unknown_layout_is_answered_with_the_nearest(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match=r"format 'rosbagg': is unknown; did you mean rosbag\?"):
+        open_recording(tmp_path, "rosbagg")
+    with pytest.raises(ConfigError, match=r"layout 'borea': is unknown; did you mean boreas\?"):
+        find_target(tmp_path / "out", "borea")
+    with pytest.raises(DataError, match="is an empty folder"):
+        open_recording(tmp_path)
