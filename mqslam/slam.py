@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from mqslam.audit.windows import WindowAudit, audit_sample
+from mqslam.auditing.windows import WindowAudit, audit_sample
 from mqslam.backend.loops.closing import close_loops
 from mqslam.backend.odometry_edges import make_odometry_edges
 from mqslam.backend.pose_graph import poses_of

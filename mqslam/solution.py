@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import gtsam
 
-from mqslam.audit.windows import WindowAudit
+from mqslam.auditing.windows import WindowAudit
 from mqslam.backend.odometry_edges import ODOMETRY
 from mqslam.backend.pose_graph import PoseGraph
 from mqslam.config import Config

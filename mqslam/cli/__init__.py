@@ -15,10 +15,10 @@ from mqslam.cli.config import config
 from mqslam.cli.convert import convert
 from mqslam.cli.info import info
 from mqslam.cli.paper import paper
-from mqslam.cli.remedies import name_options
 from mqslam.cli.run import run
 from mqslam.cli.score import score
 from mqslam.cli.simulate import simulate
+from mqslam.cli.terminal.remedies import name_options
 from mqslam.cli.view import view
 from mqslam.errors import MqslamError
 from mqslam.execution.interrupts import Interrupted, raise_interrupts

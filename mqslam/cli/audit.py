@@ -7,10 +7,21 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from mqslam.cli.options import CORES, Cluster, ConfigOption, Force, Format, Jobs, Json, Quiet, RangeResolution, Verbose
+from mqslam.cli.terminal.options import (
+    CORES,
+    Cluster,
+    ConfigOption,
+    Force,
+    Format,
+    Jobs,
+    Json,
+    Quiet,
+    RangeResolution,
+    Verbose,
+)
 
 if TYPE_CHECKING:
-    from mqslam.audit.verdict import VerdictStatus
+    from mqslam.auditing.verdict import VerdictStatus
 
 
 def audit(
@@ -57,7 +68,7 @@ def audit(
     """
     from rich.console import Console
 
-    from mqslam.cli.progress import set_up_work
+    from mqslam.cli.terminal.progress import set_up_work
     from mqslam.commands.audit import audit as do
     from mqslam.errors import ConfigError
     from mqslam.execution.files import to_json
@@ -91,7 +102,7 @@ def audit(
 
 def choose_exit_code(status: VerdictStatus, fail_on: Literal["warn", "fail"]) -> int:
     """Returns the exit code of --fail-on; a map that could not be judged has a code of its own."""
-    from mqslam.audit.verdict import VerdictStatus
+    from mqslam.auditing.verdict import VerdictStatus
 
     if status is VerdictStatus.NOT_JUDGED:
         return 3

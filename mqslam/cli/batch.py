@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from mqslam.cli.options import CORES, Cluster, Force, Jobs, Json, Quiet, Verbose
-from mqslam.cli.remedies import name_options
+from mqslam.cli.terminal.options import CORES, Cluster, Force, Jobs, Json, Quiet, Verbose
+from mqslam.cli.terminal.remedies import name_options
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -37,7 +37,7 @@ def batch(
     """
     from rich.console import Console
 
-    from mqslam.cli.progress import set_up_work
+    from mqslam.cli.terminal.progress import set_up_work
     from mqslam.commands.batch import run_batch
     from mqslam.execution.files import to_json
 

@@ -6,7 +6,7 @@ import json
 
 import typer
 
-from mqslam.cli.options import ConfigOption, Data, Format, Json, Odometry, Quiet, RangeResolution, Verbose
+from mqslam.cli.terminal.options import ConfigOption, Data, Format, Json, Odometry, Quiet, RangeResolution, Verbose
 
 
 def check(
@@ -32,7 +32,7 @@ def check(
 
     from rich.console import Console
 
-    from mqslam.cli.progress import set_up_work
+    from mqslam.cli.terminal.progress import set_up_work
     from mqslam.commands.check import check as do
 
     silent = quiet or as_json

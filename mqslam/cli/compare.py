@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from mqslam.cli.options import (
+from mqslam.cli.terminal.options import (
     CORES,
     Cluster,
     ConfigOption,
@@ -65,7 +65,7 @@ def compare(
     """
     from rich.console import Console
 
-    from mqslam.cli.progress import set_up_work
+    from mqslam.cli.terminal.progress import set_up_work
     from mqslam.commands.compare import compare as do
     from mqslam.execution.files import to_json
 

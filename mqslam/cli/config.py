@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from mqslam.cli.options import ConfigName, Json
+from mqslam.cli.terminal.options import ConfigName, Json
 
 config = typer.Typer(help="Show the settings, what a file changes, and their schema.", no_args_is_help=True)
 

@@ -9,7 +9,7 @@ from typing import Annotated
 
 import typer
 
-from mqslam.cli.options import ConfigOption, Format, Quiet, RangeResolution, Verbose
+from mqslam.cli.terminal.options import ConfigOption, Format, Quiet, RangeResolution, Verbose
 
 
 class MessageKind(StrEnum):
@@ -57,7 +57,7 @@ def convert(
     """
     from rich.console import Console
 
-    from mqslam.cli.progress import print_notes, show_progress
+    from mqslam.cli.terminal.progress import print_notes, show_progress
     from mqslam.commands.opening import open_data
     from mqslam.config import load_config
     from mqslam.errors import ConfigError

@@ -7,7 +7,7 @@ from typing import Any
 
 import typer
 
-from mqslam.cli.options import ConfigOption, Data, Format, Json, Quiet, RangeResolution, Verbose
+from mqslam.cli.terminal.options import ConfigOption, Data, Format, Json, Quiet, RangeResolution, Verbose
 
 _LISTED = 5  # gaps that a person is shown one by one
 

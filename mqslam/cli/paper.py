@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from mqslam.cli.options import CORES, Force, Jobs, Json, Quiet, Verbose
+from mqslam.cli.terminal.options import CORES, Force, Jobs, Json, Quiet, Verbose
 
 paper = typer.Typer(help="Reproduce the paper's table and figures.", no_args_is_help=True)
 
@@ -34,7 +34,7 @@ def table1(
     """
     from rich.console import Console
 
-    from mqslam.cli.progress import show_progress
+    from mqslam.cli.terminal.progress import show_progress
     from mqslam.psi.published.table1 import compute_table1, format_table
 
     with show_progress(Console(stderr=True, markup=False), quiet or as_json) as show:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from mqslam.cli.options import ConfigOption, Data, Format, Json, Quiet, RangeResolution, Verbose
+from mqslam.cli.terminal.options import ConfigOption, Data, Format, Json, Quiet, RangeResolution, Verbose
 
 if TYPE_CHECKING:
     from mqslam.core import se2

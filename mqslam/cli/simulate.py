@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from mqslam.cli.options import CORES, Jobs, Quiet, Verbose
+from mqslam.cli.terminal.options import CORES, Jobs, Quiet, Verbose
 
 _MOVERS = 6
 
@@ -35,7 +35,7 @@ def simulate(
     """
     from rich.console import Console
 
-    from mqslam.cli.progress import show_progress
+    from mqslam.cli.terminal.progress import show_progress
     from mqslam.simulator import SensorModel
     from mqslam.simulator import simulate as write
 

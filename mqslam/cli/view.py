@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from mqslam.cli.options import Quiet, Verbose
+from mqslam.cli.terminal.options import Quiet, Verbose
 
 
 class Colour(StrEnum):

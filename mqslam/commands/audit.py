@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from mqslam.audit import judge
-from mqslam.audit.sources import LIDAR_CONFIG, Source, is_cloud, lidar_source, sweeps_of, sweeps_of_cloud
-from mqslam.audit.sweeps import Sweeps, require_covered
+from mqslam.auditing import judge
+from mqslam.auditing.sources import LIDAR_CONFIG, Source, is_cloud, lidar_source, sweeps_of, sweeps_of_cloud
+from mqslam.auditing.sweeps import Sweeps, require_covered
 from mqslam.commands.opening import choose_settings, open_data
 from mqslam.commands.result import JudgedResult
 from mqslam.commands.work import QUIET, Work

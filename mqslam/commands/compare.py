@@ -9,9 +9,16 @@ from pathlib import Path
 from mqslam.commands.opening import choose_odometry, choose_settings, open_data
 from mqslam.commands.result import CompareResult
 from mqslam.commands.work import QUIET, Work
-from mqslam.compare.comparison import Comparison
-from mqslam.compare.judgement import JudgeSettings, compare_pairs, find_places, judge_rows, pick_stations, take_common_scans
-from mqslam.compare.rows import Row, make_given_row, run_front_ends
+from mqslam.comparison.comparison import Comparison
+from mqslam.comparison.judgement import (
+    JudgeSettings,
+    compare_pairs,
+    find_places,
+    judge_rows,
+    pick_stations,
+    take_common_scans,
+)
+from mqslam.comparison.rows import Row, make_given_row, run_front_ends
 from mqslam.config import Config, set_doppler_beta
 from mqslam.core import frontend as known_frontends
 from mqslam.core.frontend import Context

@@ -9,11 +9,11 @@ from typing import Any, Final
 
 import numpy as np
 
-from mqslam.audit.judge import Audit
-from mqslam.audit.measures import Measures
-from mqslam.audit.sweeps import Sweeps
-from mqslam.audit.verdict import Share
-from mqslam.audit.windows import torn_threshold
+from mqslam.auditing.judge import Audit
+from mqslam.auditing.measures import Measures
+from mqslam.auditing.sweeps import Sweeps
+from mqslam.auditing.verdict import Share
+from mqslam.auditing.windows import torn_threshold
 from mqslam.config import Config, dump_yaml
 from mqslam.errors import tolerate
 from mqslam.execution.files import write_bytes

@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from mqslam.audit.judge import Audit
-from mqslam.audit.sweeps import Sweeps
+from mqslam.auditing.judge import Audit
+from mqslam.auditing.sweeps import Sweeps
 from mqslam.config import Config
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any, Final
 from urllib.parse import quote
 
-from mqslam.audit.verdict import VerdictStatus
+from mqslam.auditing.verdict import VerdictStatus
 from mqslam.core.trajectory import Trajectory
 from mqslam.errors import tolerate
 from mqslam.formats.tum import read_tum

@@ -6,9 +6,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from mqslam.compare.comparison import Comparison
-from mqslam.compare.judgement import Judged, Place
-from mqslam.compare.rows import Row
+from mqslam.comparison.comparison import Comparison
+from mqslam.comparison.judgement import Judged, Place
+from mqslam.comparison.rows import Row
 from mqslam.config import dump_yaml
 from mqslam.core.trajectory import Trajectory
 from mqslam.evaluation import Evaluation

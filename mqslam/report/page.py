@@ -13,7 +13,7 @@ from typing import Any, Final
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
-from mqslam.audit.verdict import VerdictStatus
+from mqslam.auditing.verdict import VerdictStatus
 from mqslam.errors import tolerate
 from mqslam.execution.files import write_text
 from mqslam.report.content import Content, Frame, Part, Values, Verdict

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mqslam.audit.windows import WindowAudit
+from mqslam.auditing.windows import WindowAudit
 from mqslam.backend.pose_graph import PoseCovariances
 from mqslam.config import AuditConfig, dump_yaml, set_doppler_beta
 from mqslam.core.measurement import Measurement

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from mqslam.audit.judge import Audit
-from mqslam.audit.revisits import RevisitAudit
-from mqslam.audit.sweeps import Sweeps
-from mqslam.audit.windows import WindowAudit
+from mqslam.auditing.judge import Audit
+from mqslam.auditing.revisits import RevisitAudit
+from mqslam.auditing.sweeps import Sweeps
+from mqslam.auditing.windows import WindowAudit
 from mqslam.core import se2
 from mqslam.report.formatting import describe_motion, format_length, format_three_digits
 

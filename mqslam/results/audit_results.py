@@ -8,11 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from mqslam.audit.judge import Audit
-from mqslam.audit.revisits import RevisitAudit
-from mqslam.audit.sweeps import Sweeps
-from mqslam.audit.verdict import Share
-from mqslam.audit.windows import WindowAudit, torn_threshold
+from mqslam.auditing.judge import Audit
+from mqslam.auditing.revisits import RevisitAudit
+from mqslam.auditing.sweeps import Sweeps
+from mqslam.auditing.verdict import Share
+from mqslam.auditing.windows import WindowAudit, torn_threshold
 from mqslam.config import AuditConfig, Config, VerdictConfig, dump_yaml
 from mqslam.execution.files import write_json, write_text
 from mqslam.results.summary_files import csv_text

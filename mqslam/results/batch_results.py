@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from mqslam.audit.verdict import VerdictStatus
+from mqslam.auditing.verdict import VerdictStatus
 from mqslam.config import Config
 from mqslam.errors import OutputError, Remedy
 from mqslam.execution.files import write_json, write_text

@@ -8,11 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from mqslam.audit.verdict import Share, VerdictStatus
-from mqslam.audit.windows import WindowAudit, torn_threshold
-from mqslam.compare.comparison import Comparison
-from mqslam.compare.judgement import Judged
-from mqslam.compare.rows import Row
+from mqslam.auditing.verdict import Share, VerdictStatus
+from mqslam.auditing.windows import WindowAudit, torn_threshold
+from mqslam.comparison.comparison import Comparison
+from mqslam.comparison.judgement import Judged
+from mqslam.comparison.rows import Row
 from mqslam.config import Config, dump_yaml
 from mqslam.execution.files import write_json, write_text
 from mqslam.formats.trajectories import write_kitti

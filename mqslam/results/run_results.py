@@ -12,7 +12,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from mqslam.audit.verdict import Share
+from mqslam.auditing.verdict import Share
 from mqslam.config import dump_yaml, set_doppler_beta
 from mqslam.core.measurement import Measurement
 from mqslam.core.recording import Recording

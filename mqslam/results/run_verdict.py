@@ -8,8 +8,8 @@ from typing import Final
 
 import numpy as np
 
-from mqslam.audit.findings import judge_windows
-from mqslam.audit.verdict import Finding, Share, VerdictStatus, verdict_of
+from mqslam.auditing.findings import judge_windows
+from mqslam.auditing.verdict import Finding, Share, VerdictStatus, verdict_of
 from mqslam.core.measurement import Measurement, Status
 from mqslam.core.recording import Recording
 from mqslam.detection.stage import warn_of_unread

@@ -10,10 +10,10 @@ from pathlib import Path
 import numpy as np
 from common import SHARED, Claim, shared, table, twin
 
-from mqslam.audit.judge import audit
-from mqslam.audit.sources import LIDAR_CONFIG, lidar_source, sweeps_of
-from mqslam.audit.sweeps import place_sweeps
-from mqslam.audit.windows import audit_windows
+from mqslam.auditing.judge import audit
+from mqslam.auditing.sources import LIDAR_CONFIG, lidar_source, sweeps_of
+from mqslam.auditing.sweeps import place_sweeps
+from mqslam.auditing.windows import audit_windows
 from mqslam.config import load_config
 from mqslam.core import se2
 from mqslam.core.frontend import Context

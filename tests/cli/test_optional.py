@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from support.commands import Result, mqslam, parse_strict_json
 
-from mqslam.audit.verdict import VerdictStatus
+from mqslam.auditing.verdict import VerdictStatus
 from mqslam.cli.audit import choose_exit_code
 from mqslam.config import Config, load_config
 from mqslam.core import frontend
@@ -256,7 +256,7 @@ def test_a_map_that_could_not_be_judged_has_an_exit_code_of_its_own(
 
 
 def test_a_comparison_keeps_what_does_not_fail(drive: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from mqslam.compare import judgement as judge
+    from mqslam.comparison import judgement as judge
 
     evaluate = judge.audit
     calls: list[int] = []

@@ -8,8 +8,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from support.hard_recordings import assert_sound, joined, solve, stamps_of
 
-from mqslam.audit.judge import audit
-from mqslam.audit.sweeps import place_sweeps
+from mqslam.auditing.judge import audit
+from mqslam.auditing.sweeps import place_sweeps
 from mqslam.backend.loops.align import align
 from mqslam.config import Config
 from mqslam.core import se2

@@ -20,9 +20,9 @@ from support.hard_recordings import (
     without_returns,
 )
 
-from mqslam.audit.judge import Audit, audit
-from mqslam.audit.sweeps import place_sweeps
-from mqslam.audit.windows import audit_sample
+from mqslam.auditing.judge import Audit, audit
+from mqslam.auditing.sweeps import place_sweeps
+from mqslam.auditing.windows import audit_sample
 from mqslam.backend.loops.search import find_loops
 from mqslam.backend.loops.submap import Drive
 from mqslam.config import Config

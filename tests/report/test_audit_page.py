@@ -23,8 +23,8 @@ from support.reported import (
     swept_walls,
 )
 
-from mqslam.audit.judge import Audit
-from mqslam.audit.verdict import VerdictStatus
+from mqslam.auditing.judge import Audit
+from mqslam.auditing.verdict import VerdictStatus
 from mqslam.config import Config
 from mqslam.report.audit_page import write_audit_report
 from mqslam.report.audit_report import AuditReport

@@ -12,8 +12,8 @@ from PIL import Image
 from selenium.webdriver.support.ui import WebDriverWait
 from support.reported import PATIENCE_S, assert_alone, chromium, click_curve, judged_walls, opened, page_of, swept_walls
 
-from mqslam.compare.judgement import Judged, Place, compare_pairs
-from mqslam.compare.rows import Row
+from mqslam.comparison.judgement import Judged, Place, compare_pairs
+from mqslam.comparison.rows import Row
 from mqslam.core import se2
 from mqslam.core.point_map import PointMap
 from mqslam.core.trajectory import Trajectory

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from support.reported import judged_window, swept_walls
 
-from mqslam.audit.verdict import VerdictStatus
+from mqslam.auditing.verdict import VerdictStatus
 from mqslam.config import Config
 from mqslam.core.measurement import Measurement, Status
 from mqslam.core.point_map import PointMap

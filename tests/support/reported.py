@@ -20,13 +20,13 @@ from selenium.webdriver.chrome.webdriver import WebDriver
 from selenium.webdriver.common.actions.action_builder import ActionBuilder
 from selenium.webdriver.support.ui import WebDriverWait
 
-from mqslam.audit.findings import judge_map
-from mqslam.audit.inflation import Bend
-from mqslam.audit.judge import Audit
-from mqslam.audit.measures import Measures
-from mqslam.audit.revisits import Revisit, RevisitAudit
-from mqslam.audit.sweeps import Sweeps
-from mqslam.audit.windows import WindowAudit
+from mqslam.auditing.findings import judge_map
+from mqslam.auditing.inflation import Bend
+from mqslam.auditing.judge import Audit
+from mqslam.auditing.measures import Measures
+from mqslam.auditing.revisits import Revisit, RevisitAudit
+from mqslam.auditing.sweeps import Sweeps
+from mqslam.auditing.windows import WindowAudit
 from mqslam.config import VerdictConfig
 from mqslam.core import se2
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from mqslam.audit.judge import Audit
-from mqslam.audit.sweeps import Sweeps
-from mqslam.audit.windows import WindowAudit, torn_threshold
+from mqslam.auditing.judge import Audit
+from mqslam.auditing.sweeps import Sweeps
+from mqslam.auditing.windows import WindowAudit, torn_threshold
 from mqslam.config import AuditConfig
 from mqslam.core.evenly import evenly
 from mqslam.report.explorers.explorer import Chart, Curve, Explorer, Layer, Lines, Place, View, join_lines, mix_shades

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from mqslam.compare.judgement import Judged
-from mqslam.compare.judgement import Place as ComparedPlace
+from mqslam.comparison.judgement import Judged
+from mqslam.comparison.judgement import Place as ComparedPlace
 from mqslam.core import se2
 from mqslam.core.trajectory import Trajectory
 from mqslam.report.explorers.explorer import Explorer, Layer, Lines, Place, Points, View

@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
-from mqslam.audit.judge import Audit
-from mqslam.audit.revisits import RevisitAudit
-from mqslam.audit.sweeps import Sweeps
-from mqslam.audit.windows import WindowAudit, torn_threshold
+from mqslam.auditing.judge import Audit
+from mqslam.auditing.revisits import RevisitAudit
+from mqslam.auditing.sweeps import Sweeps
+from mqslam.auditing.windows import WindowAudit, torn_threshold
 from mqslam.config import AuditConfig
 from mqslam.report.figures.canvas import (
     BLUE,

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import median_filter
 
-from mqslam.compare.judgement import Judged, Place
+from mqslam.comparison.judgement import Judged, Place
 from mqslam.core import se2
 from mqslam.core.trajectory import Trajectory
 from mqslam.evaluation import align_positions

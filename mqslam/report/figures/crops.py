@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter
 from scipy.spatial import cKDTree
 
-from mqslam.audit.inflation import centre_window, twist_points
-from mqslam.audit.judge import Audit
-from mqslam.audit.revisits import Revisit, pick_passes
-from mqslam.audit.sweeps import Sweeps
-from mqslam.audit.windows import WindowAudit
+from mqslam.auditing.inflation import centre_window, twist_points
+from mqslam.auditing.judge import Audit
+from mqslam.auditing.revisits import Revisit, pick_passes
+from mqslam.auditing.sweeps import Sweeps
+from mqslam.auditing.windows import WindowAudit
 from mqslam.config import AuditConfig
 from mqslam.core import se2
 from mqslam.report.figures.canvas import BLUE, ORANGE, View, encode_png, find_common_view, make_square

@@ -7,9 +7,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from mqslam.audit.revisits import RevisitAudit
-from mqslam.audit.verdict import Finding, Share, VerdictStatus, verdict_of
-from mqslam.audit.windows import WindowAudit
+from mqslam.auditing.revisits import RevisitAudit
+from mqslam.auditing.verdict import Finding, Share, VerdictStatus, verdict_of
+from mqslam.auditing.windows import WindowAudit
 from mqslam.config import VerdictConfig
 from mqslam.core.wording import count_of, is_or_are
 

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from support.drives import street_drive
 
-from mqslam.compare.judgement import JudgeSettings, compare_pairs, find_places, judge, take_common_scans
-from mqslam.compare.rows import FrontEndTask, Row, make_given_row, run_front_end, run_front_ends
+from mqslam.comparison.judgement import JudgeSettings, compare_pairs, find_places, judge, take_common_scans
+from mqslam.comparison.rows import FrontEndTask, Row, make_given_row, run_front_end, run_front_ends
 from mqslam.config import AuditConfig, Config, SensorConfig
 from mqslam.core import se2
 from mqslam.core.frontend import Context

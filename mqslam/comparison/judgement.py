@@ -9,10 +9,10 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mqslam.audit.inflation import centre_window
-from mqslam.audit.judge import Audit, audit
-from mqslam.audit.sweeps import Sweeps, find_covered, place_sweeps
-from mqslam.compare.rows import Row
+from mqslam.auditing.inflation import centre_window
+from mqslam.auditing.judge import Audit, audit
+from mqslam.auditing.sweeps import Sweeps, find_covered, place_sweeps
+from mqslam.comparison.rows import Row
 from mqslam.config import AuditConfig, CompareConfig, EstimatorConfig, LoopConfig, MapConfig, VerdictConfig
 from mqslam.core import se2
 from mqslam.core.evenly import evenly

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mqslam.audit.sweeps import Sweeps
-from mqslam.audit.windows import torn_threshold
+from mqslam.auditing.sweeps import Sweeps
+from mqslam.auditing.windows import torn_threshold
 from mqslam.backend.loops.align import align, score_at_pose
 from mqslam.backend.loops.passes import find_pass_pairs, is_unrivalled, search_reach
 from mqslam.backend.loops.submap import pick_around

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from mqslam.audit.findings import judge_map
-from mqslam.audit.revisits import RevisitAudit, audit_revisits
-from mqslam.audit.sweeps import Sweeps
-from mqslam.audit.verdict import VerdictStatus
-from mqslam.audit.windows import WindowAudit, audit_windows
+from mqslam.auditing.findings import judge_map
+from mqslam.auditing.revisits import RevisitAudit, audit_revisits
+from mqslam.auditing.sweeps import Sweeps
+from mqslam.auditing.verdict import VerdictStatus
+from mqslam.auditing.windows import WindowAudit, audit_windows
 from mqslam.config import AuditConfig, EstimatorConfig, LoopConfig, VerdictConfig
 from mqslam.execution.engine import Engine
 from mqslam.execution.progress import Progress

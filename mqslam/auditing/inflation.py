@@ -13,7 +13,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from mqslam.audit.sweeps import Sweeps
+from mqslam.auditing.sweeps import Sweeps
 from mqslam.config import AuditConfig, EstimatorConfig
 from mqslam.core import se2
 from mqslam.psi.covariance import estimate_covariance_by_differences

@@ -7,10 +7,10 @@ import pytest
 from scipy.stats import binomtest
 from support.reported import judged_revisit, judged_window, swept_walls
 
-from mqslam.audit.findings import judge_map
-from mqslam.audit.revisits import RevisitAudit
-from mqslam.audit.verdict import Finding, Share, VerdictStatus, verdict_of
-from mqslam.audit.windows import WindowAudit
+from mqslam.auditing.findings import judge_map
+from mqslam.auditing.revisits import RevisitAudit
+from mqslam.auditing.verdict import Finding, Share, VerdictStatus, verdict_of
+from mqslam.auditing.windows import WindowAudit
 from mqslam.config import VerdictConfig
 
 PASS, WARN, FAIL, NOT_JUDGED = VerdictStatus

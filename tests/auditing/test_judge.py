@@ -7,10 +7,10 @@ from functools import lru_cache
 import numpy as np
 import pytest
 
-from mqslam.audit.judge import Audit, audit
-from mqslam.audit.revisits import find_revisit_pairs
-from mqslam.audit.sweeps import Sweeps, place_sweeps
-from mqslam.audit.verdict import VerdictStatus
+from mqslam.auditing.judge import Audit, audit
+from mqslam.auditing.revisits import find_revisit_pairs
+from mqslam.auditing.sweeps import Sweeps, place_sweeps
+from mqslam.auditing.verdict import VerdictStatus
 from mqslam.config import Config
 from mqslam.core import se2
 from mqslam.core.scans import Returns, Scan, Scans

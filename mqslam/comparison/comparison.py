@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from mqslam.compare.judgement import Judged, Place
-from mqslam.compare.rows import Row
+from mqslam.comparison.judgement import Judged, Place
+from mqslam.comparison.rows import Row
 from mqslam.config import Config
 from mqslam.core.recording import Recording
 from mqslam.evaluation import Evaluation

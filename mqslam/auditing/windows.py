@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.stats import chi2
 
-from mqslam.audit.inflation import Bend, fit_bend
-from mqslam.audit.measures import Measures, compute_measures, locate_sensors
-from mqslam.audit.sweeps import Sweeps, place_sweeps
+from mqslam.auditing.inflation import Bend, fit_bend
+from mqslam.auditing.measures import Measures, compute_measures, locate_sensors
+from mqslam.auditing.sweeps import Sweeps, place_sweeps
 from mqslam.config import AuditConfig, EstimatorConfig
 from mqslam.core import se2
 from mqslam.core.evenly import evenly

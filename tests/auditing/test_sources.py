@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mqslam.audit.inflation import fit_bend
-from mqslam.audit.judge import audit
-from mqslam.audit.sources import LIDAR_CONFIG, is_cloud, lidar_source, sweeps_of, sweeps_of_cloud
+from mqslam.auditing.inflation import fit_bend
+from mqslam.auditing.judge import audit
+from mqslam.auditing.sources import LIDAR_CONFIG, is_cloud, lidar_source, sweeps_of, sweeps_of_cloud
 from mqslam.config import load_config
 from mqslam.core import se2
 from mqslam.core.timed_cloud import TimedCloud

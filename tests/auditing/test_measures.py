@@ -5,7 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mqslam.audit.measures import EvidenceModel, accumulate_evidence, compute_grid_entropy, compute_measures, locate_sensors
+from mqslam.auditing.measures import (
+    EvidenceModel,
+    accumulate_evidence,
+    compute_grid_entropy,
+    compute_measures,
+    locate_sensors,
+)
 from mqslam.config import AuditConfig
 
 RNG = np.random.default_rng(3)

@@ -11,7 +11,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from mqslam.audit.sweeps import Sweeps, place_sweeps
+from mqslam.auditing.sweeps import Sweeps, place_sweeps
 from mqslam.config import AuditConfig
 from mqslam.config.reading_config import USUAL_READING, ReadingConfig
 from mqslam.core import se2
