@@ -42,6 +42,7 @@ test-all: $(READY) $(KERNELS)
 
 lint: $(READY) types
 	$(BIN)/ruff check .
+	$(BIN)/ruff format --check --quiet .
 	cd $(TYPED) && $(CURDIR)/$(BIN)/lint-imports --config $(CURDIR)/pyproject.toml
 
 types: $(READY)

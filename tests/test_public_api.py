@@ -12,8 +12,6 @@ from support.commands import mqslam as command
 from support.commands import run_in_this_process
 
 import mqslam
-from mqslam.commands.audit import audit
-from mqslam.commands.compare import compare
 from mqslam.commands.result import RunResult
 from mqslam.config import SensorConfig
 from mqslam.simulator import SensorModel, simulate
@@ -87,14 +85,14 @@ def test_the_method_runs_on_an_open_recording_with_defaults(drive: Path) -> None
 
 
 def test_an_audit_judges_a_given_trajectory(drive: Path, result: RunResult, tmp_path: Path) -> None:
-    audited = audit(drive, tmp_path / "audited", trajectory=result.read_trajectory(), config=SETTINGS)
+    audited = mqslam.audit(drive, tmp_path / "audited", trajectory=result.read_trajectory(), config=SETTINGS)
     assert audited.report.is_file() and audited.summary["windows"]["count"] >= 1
     assert audited.verdict in ("pass", "warn", "fail", "not judged")
 
 
 def test_a_comparison_has_a_row_per_front_end_and_trajectory(drive: Path, result: RunResult, tmp_path: Path) -> None:
     with run_in_this_process():
-        compared = compare(
+        compared = mqslam.compare(
             drive,
             tmp_path / "compared",
             frontends=["odometry"],
