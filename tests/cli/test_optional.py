@@ -68,7 +68,7 @@ def assert_said(shown: Result, out: Path, *warnings: str) -> None:
 
 
 def test_files_that_cannot_be_made_cost_no_other(drive: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    for place in ("results.run_results.g2o", "results.run_results.write_ply", "results.run_results.write_nav2_map"):
+    for place in ("results.run_results.format_g2o", "results.run_results.write_ply", "results.run_results.write_nav2_map"):
         monkeypatch.setattr(f"mqslam.{place}", failing(MemoryError()))
     monkeypatch.setattr("mqslam.report.run_page.write_report", failing(MemoryError()))
     shown = run(drive, tmp_path / "out")
