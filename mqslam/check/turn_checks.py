@@ -8,25 +8,27 @@ import numpy as np
 
 from mqslam.check.finding import Finding, Verdict
 from mqslam.check.stretches import Stretch
-from mqslam.config import CheckConfig
-from mqslam.config.reading_config import USUAL_READING
+from mqslam.config import CheckConfig, ReadingConfig
 from mqslam.core.recording import Recording
 from mqslam.core.wording import count_of
 from mqslam.formats.shared.turns import find_usual_turns
 
 
-def check_stamps(recording: Recording, stretches: Sequence[Stretch], settings: CheckConfig) -> Finding:
+def check_stamps(
+    recording: Recording, stretches: Sequence[Stretch], settings: CheckConfig, reading: ReadingConfig
+) -> Finding:
     """Checks whether polar scans follow one another: none doubled, backward, missing or of another duration.
 
     Args:
         recording: the recording.
         stretches: those parts of it that were read.
         settings: of the check.
+        reading: how recordings are understood.
     """
     turn_s = recording.revolution_s
     steps = np.diff(recording.stamps_us)
     durations = steps[recording.ends_us[:-1] == recording.stamps_us[1:]] * 1e-6
-    close = int(np.count_nonzero(steps < settings.doubled * find_usual_turns(recording.stamps_us, USUAL_READING)))
+    close = int(np.count_nonzero(steps < settings.doubled * find_usual_turns(recording.stamps_us, reading)))
     shown = len(durations) >= settings.fewest_turns
     unsteady = float(np.ptp(np.percentile(durations, [5.0, 95.0]))) / turn_s if shown else 0.0
     gaps = recording.gaps()

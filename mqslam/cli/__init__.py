@@ -71,12 +71,13 @@ def main() -> None:
     A mistake that the user can mend is one line on stderr and exit code 2. After an interrupt the code is 128 plus the
     number of its signal.
     """
+    command = sys.argv[1] if len(sys.argv) > 1 else ""
     try:
         with raise_interrupts():
             app(prog_name="mqslam")
     except MqslamError as error:
-        print(f"mqslam: error: {name_options(str(error))}", file=sys.stderr)
+        print(f"mqslam: error: {name_options(str(error), command)}", file=sys.stderr)
         sys.exit(2)
     except Interrupted as error:
-        print(f"mqslam: {name_options(str(error))}", file=sys.stderr)
+        print(f"mqslam: {name_options(str(error), command)}", file=sys.stderr)
         sys.exit(128 + error.number)

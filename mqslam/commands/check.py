@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
-from mqslam.check.checks import check_recording
+from mqslam.check.checks import CheckSettings, check_recording
 from mqslam.check.finding import Finding, Verdict
 from mqslam.commands.opening import choose_odometry, choose_settings, open_data
 from mqslam.commands.work import QUIET, Work
@@ -73,10 +73,7 @@ def check(
     findings = check_recording(
         recording,
         track,
-        settings.check,
-        settings.detector,
-        settings.tracker,
-        settings.estimator,
+        CheckSettings(settings.check, settings.reading, settings.detector, settings.tracker, settings.estimator),
         beam_of(settings.estimator, settings.sensor.doppler_beta or 0.0),
         partial(work.progress, "detect"),
     )

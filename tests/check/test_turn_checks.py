@@ -31,7 +31,7 @@ BEAM = beam_of(CONFIG.estimator, 0.0)
 
 def findings(recording: Recording) -> tuple[Finding, Finding]:
     stretches = read_stretches(recording, None, CONFIG.check, DetectorConfig(), lambda done, total: None)
-    return check_stamps(recording, stretches, CONFIG.check), check_azimuths(stretches, CONFIG.check)
+    return check_stamps(recording, stretches, CONFIG.check, CONFIG.reading), check_azimuths(stretches, CONFIG.check)
 
 
 class Holed(SimulatedRecording):
@@ -190,4 +190,4 @@ def test_the_settings_say_what_is_suspicious(tmp_path: Path) -> None:
     strict = CheckConfig(stretches=2, stretch_scans=5, fewest_turns=30)
     stretches = read_stretches(recording, None, strict, DetectorConfig(), lambda done, total: None)
     assert [len(stretch.scans) for stretch in stretches] == [5, 5]
-    assert "too few to tell how steady turns are" in check_stamps(recording, stretches, strict).text
+    assert "too few to tell how steady turns are" in check_stamps(recording, stretches, strict, CONFIG.reading).text

@@ -126,7 +126,7 @@ CASES = {
     "unknown layout": (onto("out", "--to", "borea"), "layout 'borea': is unknown; did you mean boreas?"),
     "other suffix": (onto("out.bag", "--to", "mcap"), "out.bag: mcap is a file that ends in .mcap"),
     "no suffix": (onto("out", "--to", "native"), "out: native is a file that ends in .npz"),
-    "file there": (onto("kept.bag"), "kept.bag: exists already; choose another --out or give --force"),
+    "file there": (onto("kept.bag"), "kept.bag: exists already; choose another OUT or give --force"),
     "folder there": (onto("kept"), "kept: exists already"),
     "folder for a file": (onto("kept", "--to", "rosbag2"), "kept: exists already"),
     "below a file": (onto("kept.bag/out.npz"), "kept.bag/out.npz: cannot be made"),

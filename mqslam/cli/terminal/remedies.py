@@ -22,9 +22,16 @@ _WORDS: dict[str, str] = {
     Remedy.REPLACE_UNFINISHED_OUTPUT: "choose another --out, or give --force instead of --resume",
     Remedy.RESUME: "continue with --resume",
 }
+_OUT_IS_ARGUMENT = ("convert", "simulate")  # commands whose output is an argument, not an option
 _ANY = re.compile("|".join(re.escape(remedy) for remedy in sorted(_WORDS, key=len, reverse=True)))
 
 
-def name_options(text: str) -> str:
-    """Returns an error's text in which each remedy names the option of the command line."""
-    return _ANY.sub(lambda remedy: _WORDS[remedy[0]], text)
+def name_options(text: str, command: str = "") -> str:
+    """Returns an error's text with each remedy in it in the words of the command line.
+
+    Args:
+        text: text of the error.
+        command: name of the command that failed.
+    """
+    output = "OUT" if command in _OUT_IS_ARGUMENT else "--out"
+    return _ANY.sub(lambda remedy: _WORDS[remedy[0]].replace("--out", output), text)
