@@ -21,6 +21,7 @@ from mqslam.cli.terminal.options import (
     RangeResolution,
     Verbose,
 )
+from mqslam.cli.terminal.remedies import name_options
 
 
 def compare(
@@ -129,4 +130,4 @@ def _print_table(cells: list[list[str]]) -> None:
         shown.add_row(head.replace("[", r"\["), *(line[k] for line in ran))
     Console().print(shown)
     for line in failed:
-        typer.echo(f"{line[0]} {line[1]}")
+        typer.echo(name_options(f"{line[0]} {line[1]}"))

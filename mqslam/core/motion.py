@@ -70,7 +70,6 @@ CONSTANT_TWIST = MotionModel("constant_twist", ("vx", "vy", "omega"), (VX, VY, O
 ACCELERATED_TWIST = MotionModel(
     "accelerated_twist", ("vx", "vy", "omega", "ax", "alpha"), (VX, VY, OMEGA, VX, OMEGA), (0, 0, 0, 1, 1)
 )
-MODELS = {model.name: model for model in (CONSTANT_VELOCITY, CONSTANT_TWIST, ACCELERATED_TWIST)}
 
 
 @nb.njit(cache=True, nogil=True)

@@ -5,9 +5,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
+from support.motion_models import MODELS
 
 from mqslam.core import se2
-from mqslam.core.motion import ACCELERATED_TWIST, CONSTANT_TWIST, CONSTANT_VELOCITY, MODELS, MotionModel, integrate
+from mqslam.core.motion import ACCELERATED_TWIST, CONSTANT_TWIST, CONSTANT_VELOCITY, MotionModel, integrate
 
 THETAS = {
     "constant_velocity": np.array([12.0, 0.5]),

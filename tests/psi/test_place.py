@@ -2,9 +2,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from support.motion_models import MODELS
 
 from mqslam.core import se2
-from mqslam.core.motion import MODELS, MotionModel
+from mqslam.core.motion import MotionModel
 from mqslam.core.scans import Returns
 from mqslam.psi.place import Beam, PointSet, place
 
