@@ -68,7 +68,7 @@ def audit(
     """
     from rich.console import Console
 
-    from mqslam.cli.terminal.progress import set_up_work
+    from mqslam.cli.terminal.console import set_up_work
     from mqslam.commands.audit import audit as do
     from mqslam.errors import ConfigError
     from mqslam.execution.files import to_json

@@ -37,7 +37,7 @@ def batch(
     """
     from rich.console import Console
 
-    from mqslam.cli.terminal.progress import set_up_work
+    from mqslam.cli.terminal.console import set_up_work
     from mqslam.commands.batch import run_batch
     from mqslam.execution.files import to_json
 

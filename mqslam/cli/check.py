@@ -32,7 +32,7 @@ def check(
 
     from rich.console import Console
 
-    from mqslam.cli.terminal.progress import set_up_work
+    from mqslam.cli.terminal.console import set_up_work
     from mqslam.commands.check import check as do
 
     silent = quiet or as_json

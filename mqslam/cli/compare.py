@@ -66,7 +66,7 @@ def compare(
     """
     from rich.console import Console
 
-    from mqslam.cli.terminal.progress import set_up_work
+    from mqslam.cli.terminal.console import set_up_work
     from mqslam.commands.compare import compare as do
     from mqslam.execution.files import to_json
 

@@ -57,7 +57,7 @@ def convert(
     """
     from rich.console import Console
 
-    from mqslam.cli.terminal.progress import print_notes, show_progress
+    from mqslam.cli.terminal.console import print_notes, show_progress
     from mqslam.commands.opening import open_data
     from mqslam.config import load_config
     from mqslam.errors import ConfigError

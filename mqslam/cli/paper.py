@@ -34,7 +34,7 @@ def table1(
     """
     from rich.console import Console
 
-    from mqslam.cli.terminal.progress import show_progress
+    from mqslam.cli.terminal.console import show_progress
     from mqslam.psi.published.table1 import compute_table1, format_table
 
     with show_progress(Console(stderr=True, markup=False), quiet or as_json) as show:

@@ -71,7 +71,7 @@ def run(
     """
     from rich.console import Console
 
-    from mqslam.cli.terminal.progress import print_notes, set_up_work
+    from mqslam.cli.terminal.console import print_notes, set_up_work
     from mqslam.commands.run import run as do
     from mqslam.config import load_config
     from mqslam.execution.files import to_json

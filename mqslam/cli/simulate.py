@@ -35,7 +35,7 @@ def simulate(
     """
     from rich.console import Console
 
-    from mqslam.cli.terminal.progress import show_progress
+    from mqslam.cli.terminal.console import show_progress
     from mqslam.simulator import SensorModel
     from mqslam.simulator import simulate as write
 

@@ -133,7 +133,7 @@ def test_a_row_that_cannot_run_says_why_and_the_others_go_on(oxford_tiny: Path, 
     ("options", "said"),
     [
         (("--frontends", "psi,kis_icp"), "front end kis_icp: unknown; did you mean kiss_icp?"),
-        (("--frontends", "psi,psi"), "each once"),
+        (("--frontends", "psi,psi"), "each name once"),
         (("--trajectory", "mine"), "give NAME=FILE"),
         (("--trajectory", "../mine=a.tum"), "give it a name in letters and digits"),
         (("--trajectory", "psi=a.tum"), "there is a row psi already"),

@@ -27,7 +27,7 @@ def test_an_image_that_cannot_be_read(drive: Path, tmp_path: Path) -> None:
     warning = f"warning: 3 polar scans could not be read and are left out: {broken[0]}: is not a readable PNG"
     assert warning in shown.err and str(broken[2]) in shown.err
     found = read_summary(tmp_path / "out")
-    assert found["dataset"]["unread"] == 3 and "3 of 30 revolutions could not be read" in str(found["verdict"])
+    assert found["dataset"]["unread"] == 3 and "3 of 30 polar scans could not be read" in str(found["verdict"])
     assert "3 polar scans could not be read" in (tmp_path / "out" / "report.html").read_text()
     track = read_tum(tmp_path / "out" / "trajectory.tum")
     assert track.stamps_us.tolist() == [int(image.stem) for image in images(drive)]
