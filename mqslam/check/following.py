@@ -79,12 +79,6 @@ def follow(
         beam: the sensor's errors.
     """
     spread = tracker.model_copy(update={"keyframe_m": settings.keyframe_m})
-
-    def track(scans: Scans) -> list[Tracked]:
-        tracking = Tracker(spread, estimator, beam, scans.revolution_s)
-        first = tracking.start(scans[: tracker.start_scans])
-        return [first, *(tracking.follow(scan) for scan in scans[1:])]
-
     edges: list[tuple[float, float]] = []
     twists: list[se2.Array] = []
     forward: list[float] = []
@@ -93,8 +87,9 @@ def follow(
         if len(stretch.scans) < tracker.start_scans:
             continue
         try:
-            there = track(stretch.scans)
-            back = track(replace(stretch.scans, scans=tuple(map(_reverse, stretch.scans))))
+            there = track_scans(stretch.scans, spread, estimator, beam)
+            backward_scans = replace(stretch.scans, scans=tuple(map(_reverse, stretch.scans)))
+            back = track_scans(backward_scans, spread, estimator, beam)
         except EstimationError:
             continue
         for a, b in itertools.pairwise(there):
@@ -112,6 +107,23 @@ def follow(
         np.array(backward),
         _explain_shortage(stretches, tracker.start_scans - 1 + settings.fewest_steps),
     )
+
+
+def track_scans(scans: Scans, tracker: TrackerConfig, estimator: EstimatorConfig, beam: Beam) -> list[Tracked]:
+    """Returns successive scans as psi tracks them, in the frame of the first.
+
+    Args:
+        scans: at least as many as a track starts with.
+        tracker: settings of the tracker.
+        estimator: settings of the score.
+        beam: the sensor's errors.
+
+    Raises:
+        EstimationError: a start that holds too few returns.
+    """
+    tracking = Tracker(tracker, estimator, beam, scans.revolution_s)
+    first = tracking.start(scans[: tracker.start_scans])
+    return [first, *(tracking.follow(scan) for scan in scans[1:])]
 
 
 def _explain_shortage(stretches: Sequence[Stretch], needed: int) -> str:

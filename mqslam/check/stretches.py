@@ -75,7 +75,7 @@ def read_stretches(
         detector: settings of the detector.
         progress: called with (polar scans read, polar scans in all).
     """
-    spans = _choose_spans(recording, odometry, settings)
+    spans = choose_spans(recording, odometry, settings)
     total = sum(end - begin for begin, end in spans)
     returns: dict[int, Returns] = {}
     turns: dict[int, Turn] = {}
@@ -104,7 +104,7 @@ def read_stretches(
     ]
 
 
-def _choose_spans(recording: Recording, odometry: Trajectory | None, settings: CheckConfig) -> list[tuple[int, int]]:
+def choose_spans(recording: Recording, odometry: Trajectory | None, settings: CheckConfig) -> list[tuple[int, int]]:
     """Chooses the stretches, each by its first polar scan and the one after its last; they share none and hold no gap.
 
     Where gaps leave no stretch of the usual size, all are as long as the longest that there is.

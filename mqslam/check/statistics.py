@@ -1,0 +1,238 @@
+"""What a recording's power and returns are like, in figures that tell a kind simulated world from a real one."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from mqslam.check.following import track_scans
+from mqslam.check.stretches import choose_spans
+from mqslam.config import CheckConfig, DetectorConfig, EstimatorConfig, TrackerConfig
+from mqslam.core import se2
+from mqslam.core.recording import PolarScan, Recording
+from mqslam.core.scans import Returns, Scan, Scans
+from mqslam.detection.artefacts import drop_fixed
+from mqslam.detection.detector import detect
+from mqslam.errors import EstimationError
+from mqslam.mapping.render import place_along
+from mqslam.psi.place import Beam
+from mqslam.psi.tracking.tracked import Tracked
+
+QUANTILES = (0.5, 0.9, 0.99, 0.999)
+LEVELS = (40, 60, 80)  # readings of power, of 255, above which shares of bins are counted
+AZIMUTHS_ON = (1, 2, 4)
+METRES_ON = (0.2, 0.5, 1.0, 2.0)
+SCANS_ON = (1, 4)
+NEAR_M = 0.5  # a return that has another this near is seen again
+FAR_M = 1.0  # a return that has none this near is not
+_ASIDE_RAD = np.deg2rad(10.0)  # turned so far about the sensor, a scan meets another's returns by chance alone
+
+
+@dataclass(frozen=True, slots=True)
+class Statistics:
+    """Figures of a recording, over a few short stretches of it.
+
+    Args:
+        scans: number of polar scans they are from.
+        returns_per_azimuth: mean number of returns.
+        power: readings of power, of 255, at the quantiles `QUANTILES`.
+        loud: share of bins with more power than each of `LEVELS`.
+        row_median: mean over azimuths of the median reading of an azimuth.
+        row_median_spread: its standard deviation.
+        azimuth_correlation: correlation of power with that of so many azimuths on, `AZIMUTHS_ON`.
+        range_correlation: correlation of power with that of so many metres on, `METRES_ON`.
+        ranges: range of returns that half and nine tenths of them lie below [m].
+        repeats: share of returns with another within `NEAR_M` so many scans later, `SCANS_ON`; NaN where none follow.
+        chance: the same for the next scan turned by 10 degrees: what two scans of such a place share by chance.
+        unmatched: share of returns with none within `FAR_M` in the next scan.
+        radial_spread_m: median absolute difference in range of returns that are each other's nearest in successive scans.
+        matched: share of a scan's returns that the tracker finds in the map of the scans before.
+        psi_per_point: the estimator's psi of a scan in that map, per return.
+    """
+
+    scans: int
+    returns_per_azimuth: float
+    power: tuple[float, ...]
+    loud: tuple[float, ...]
+    row_median: float
+    row_median_spread: float
+    azimuth_correlation: tuple[float, ...]
+    range_correlation: tuple[float, ...]
+    ranges: tuple[float, ...]
+    repeats: tuple[float, ...]
+    chance: float
+    unmatched: float
+    radial_spread_m: float
+    matched: float
+    psi_per_point: float
+
+
+class _Power:
+    """Sums over polar scans from which the figures of power follow.
+
+    Args:
+        range_resolution: length of a range bin [m].
+        detector: its settings say between which ranges power is looked at.
+    """
+
+    def __init__(self, range_resolution: float, detector: DetectorConfig) -> None:
+        self._used = slice(int(detector.min_range_m / range_resolution), int(detector.max_range_m / range_resolution))
+        self._bins_on = [max(1, round(metres / range_resolution)) for metres in METRES_ON]
+        self._histogram = np.zeros(256, dtype=np.int64)
+        self._medians: list[NDArray[np.float64]] = []
+        self._correlations: list[list[float]] = []
+
+    def add(self, polar_scan: PolarScan) -> None:
+        """Counts a polar scan."""
+        power = polar_scan.power[polar_scan.valid, self._used]
+        self._histogram += np.bincount(power.ravel(), minlength=256)
+        self._medians.append(np.median(power, axis=1))
+        rows = power.astype(np.float32)
+        across = [_correlate(rows, np.roll(rows, -step, axis=0)) for step in AZIMUTHS_ON]
+        along = [_correlate(rows[:, :-step], rows[:, step:]) for step in self._bins_on]
+        self._correlations.append(across + along)
+
+    def quantiles(self) -> tuple[float, ...]:
+        """Returns the readings at the quantiles."""
+        below = np.cumsum(self._histogram) / self._histogram.sum()
+        return tuple(float(np.searchsorted(below, quantile)) for quantile in QUANTILES)
+
+    def shares(self) -> tuple[float, ...]:
+        """Returns the shares of bins above the levels."""
+        return tuple(float(self._histogram[level + 1 :].sum() / self._histogram.sum()) for level in LEVELS)
+
+    def medians(self) -> NDArray[np.float64]:
+        """Returns the medians of all azimuths."""
+        return np.concatenate(self._medians)
+
+    def correlations(self) -> tuple[tuple[float, ...], tuple[float, ...]]:
+        """Returns the correlations over azimuths and along range."""
+        means = np.mean(self._correlations, axis=0).tolist()
+        return tuple(means[: len(AZIMUTHS_ON)]), tuple(means[len(AZIMUTHS_ON) :])
+
+
+def measure_statistics(
+    recording: Recording,
+    settings: CheckConfig,
+    detector: DetectorConfig,
+    tracker: TrackerConfig,
+    estimator: EstimatorConfig,
+    beam: Beam,
+    progress: Callable[[int, int], object],
+) -> Statistics:
+    """Measures the figures of a recording over a few short stretches, which psi follows.
+
+    Args:
+        recording: the recording.
+        settings: of the check, which say how many stretches are read, and how long they are.
+        detector: settings of the detector.
+        tracker: settings of the tracker.
+        estimator: settings of the score.
+        beam: the sensor's errors.
+        progress: called with (polar scans read, polar scans in all).
+
+    Raises:
+        DataError: a polar scan cannot be read.
+        EstimationError: no stretch can be followed.
+    """
+    spans = choose_spans(recording, None, settings)
+    total = sum(end - begin for begin, end in spans)
+    power = _Power(recording.range_resolution, detector)
+    azimuths = 0
+    stretches: list[Scans] = []
+    for begin, end in spans:
+        returns: list[Returns] = []
+        for polar_scan in recording.polar_scans(begin, end):
+            power.add(polar_scan)
+            azimuths += int(polar_scan.valid.sum())
+            returns.append(detect(polar_scan, recording.range_resolution, detector))
+            progress(sum(map(len, stretches)) + len(returns), total)
+        times = zip(recording.start_times[begin:end].tolist(), recording.end_times[begin:end].tolist(), strict=True)
+        measured = (Scan(*span, kept) for span, kept in zip(times, drop_fixed(returns, detector), strict=True))
+        stretches.append(Scans(tuple(measured), recording.start_us, recording.revolution_s))
+    ranges = np.concatenate([scan.returns.ranges for scans in stretches for scan in scans])
+    pairs = _Pairs()
+    for scans in stretches:
+        tracked = _follow(scans, tracker, estimator, beam)
+        if tracked:
+            pairs.add(scans, tracked, beam, tracker.start_scans)
+    if not pairs.matched:
+        raise EstimationError(f"{recording.path}: no stretch of it can be followed; give a recording of a radar that moves")
+    across, along = power.correlations()
+    return Statistics(
+        scans=total,
+        returns_per_azimuth=len(ranges) / azimuths,
+        power=power.quantiles(),
+        loud=power.shares(),
+        row_median=float(power.medians().mean()),
+        row_median_spread=float(power.medians().std()),
+        azimuth_correlation=across,
+        range_correlation=along,
+        ranges=tuple(np.quantile(ranges, [0.5, 0.9]).tolist()),
+        repeats=tuple(_mean(pairs.repeats[on]) for on in SCANS_ON),
+        chance=_mean(pairs.chance),
+        unmatched=_mean(pairs.unmatched),
+        radial_spread_m=float(np.median(np.abs(np.concatenate(pairs.radial)))) if pairs.radial else float("nan"),
+        matched=_mean(pairs.matched),
+        psi_per_point=float(np.concatenate(pairs.psi).mean()),
+    )
+
+
+class _Pairs:
+    """What successive scans of followed stretches see again of each other."""
+
+    def __init__(self) -> None:
+        self.repeats: dict[int, list[NDArray[np.bool_]]] = {on: [] for on in SCANS_ON}
+        self.chance: list[NDArray[np.bool_]] = []
+        self.unmatched: list[NDArray[np.bool_]] = []
+        self.radial: list[NDArray[np.float64]] = []
+        self.matched: list[NDArray[np.bool_]] = []
+        self.psi: list[NDArray[np.float64]] = []
+
+    def add(self, scans: Scans, tracked: Sequence[Tracked], beam: Beam, start: int) -> None:
+        """Counts the returns of a stretch as psi tracks it; the scans that the track starts with have no map yet."""
+        self.matched += [scan.evaluation.matched for scan in tracked[start:]]
+        self.psi += [scan.evaluation.shares for scan in tracked[start:]]
+        poses = np.array([scan.pose for scan in tracked])
+        times = np.array([scan.t0 for scan in scans])
+        placed = [place_along(scan.returns, times, poses, beam).points for scan in scans]
+        trees = [cKDTree(points) for points in placed]
+        for on in SCANS_ON:
+            for points, later in zip(placed, trees[on:], strict=False):
+                self.repeats[on].append(later.query(points)[0] < NEAR_M)
+        for k in range(len(scans) - 1):
+            away, nearest = trees[k + 1].query(placed[k])
+            self.unmatched.append(away > FAR_M)
+            aside = np.array([*poses[k + 1, :2], _ASIDE_RAD])
+            turned = se2.transform(aside, placed[k + 1] - poses[k + 1, :2])
+            self.chance.append(cKDTree(turned).query(placed[k])[0] < NEAR_M)
+            back = trees[k].query(placed[k + 1])[1]
+            mutual = np.flatnonzero((back[nearest] == np.arange(len(nearest))) & (away < FAR_M))
+            line = placed[k][mutual] - poses[k, :2]
+            across = placed[k + 1][nearest[mutual]] - placed[k][mutual]
+            self.radial.append(np.sum(across * line, axis=1) / np.maximum(np.hypot(*line.T), NEAR_M))
+
+
+def _follow(scans: Scans, tracker: TrackerConfig, estimator: EstimatorConfig, beam: Beam) -> list[Tracked]:
+    """Returns the scans of a stretch as psi tracks them; none where it cannot be followed."""
+    if len(scans) <= tracker.start_scans or not all(len(scan.returns) for scan in scans):
+        return []
+    try:
+        return track_scans(scans, tracker, estimator, beam)
+    except EstimationError:
+        return []
+
+
+def _correlate(a: NDArray[np.float32], b: NDArray[np.float32]) -> float:
+    """Returns the correlation of two arrays of readings; NaN where one does not vary."""
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return float(np.corrcoef(a.ravel(), b.ravel())[0, 1])
+
+
+def _mean(parts: Sequence[NDArray[np.bool_]]) -> float:
+    """Returns the share of what is true in all parts; NaN without any."""
+    return float(np.concatenate(parts).mean()) if parts else float("nan")
