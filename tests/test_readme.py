@@ -156,7 +156,8 @@ def test_the_front_end_of_ones_own_is_one() -> None:
     assert len(motions) == len(scans) - 1
     np.testing.assert_allclose(se2.chain(m.pose for m in motions)[-1], [2.0 * len(motions), 0.0, 0.0])
     (entry,) = snippets("toml")
-    assert tomllib.loads(entry) == {"project": {"entry-points": {"mqslam.frontends": {"mine": "my_package:Mine"}}}}
+    project = {"name": "my_package", "version": "0.1", "entry-points": {"mqslam.frontends": {"mine": "my_package:Mine"}}}
+    assert tomllib.loads(entry) == {"project": project}
 
 
 def test_files_it_names_are_there() -> None:

@@ -125,7 +125,8 @@ def _pick_carried(path: Path, tracks: dict[str, Trajectory], name: str) -> Traje
     """
     if name not in tracks:
         has = f"it carries {', '.join(tracks)}" if tracks else "it carries none"
-        raise ConfigError(f"{path}: has no trajectory '{name}' ({has})", Remedy.GIVE_TRAJECTORY)
+        remedy = Remedy.GIVE_TRAJECTORY_OR_NAME if tracks else Remedy.GIVE_TRAJECTORY
+        raise ConfigError(f"{path}: has no trajectory '{name}' ({has})", remedy)
     return tracks[name]
 
 

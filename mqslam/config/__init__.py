@@ -97,7 +97,7 @@ def load_config(name: str | Path | None = None) -> Config:
         elif shipped.is_file():
             content = shipped.read_bytes()
         else:
-            raise ConfigError(f"{name}: no such configuration; {suggest(path.stem, list_shipped())}")
+            raise ConfigError(f"{name}: no such configuration and no such file; {suggest(path.stem, list_shipped())}")
     except (OSError, ValueError) as error:
         raise ConfigError(f"{name}: cannot be read ({error})") from error
     return parse_yaml(Config, name, content)

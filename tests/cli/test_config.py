@@ -73,7 +73,7 @@ def test_the_difference_of_files_is_what_they_change(tmp_path: Path) -> None:
     }
     assert mqslam("config", "diff", "default").out == ""
     wrong = mqslam("config", "diff", "oxfrod")
-    assert wrong.code == 2 and "oxfrod: no such configuration; did you mean oxford?" in wrong.err
+    assert wrong.code == 2 and "oxfrod: no such configuration and no such file; did you mean oxford?" in wrong.err
 
 
 def test_the_schema_knows_every_setting_and_refuses_others() -> None:

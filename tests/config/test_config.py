@@ -109,7 +109,7 @@ def test_a_file_that_is_no_text_is_refused(tmp_path: Path) -> None:
     [("oxfrd", r"did you mean oxford\?$"), ("mine", "choose one of boreas, default, .*oxford")],
 )
 def test_an_unknown_name_is_answered_with_the_nearest_or_all_that_ship(name: str, remedy: str) -> None:
-    with pytest.raises(ConfigError, match=f"^{name}: no such configuration; {remedy}"):
+    with pytest.raises(ConfigError, match=f"^{name}: no such configuration and no such file; {remedy}"):
         load_config(name)
 
 

@@ -8,7 +8,7 @@ from typing import Protocol, cast
 
 from mqslam.config.reading_config import USUAL_READING, ReadingConfig
 from mqslam.core.recording import Recording
-from mqslam.errors import ConfigError, DataError, suggest
+from mqslam.errors import ConfigError, DataError, Remedy, suggest
 from mqslam.formats.odometry_files import read_odometry
 from mqslam.formats.shared.sensing import Sensing, Stamp, is_bin_length
 from mqslam.formats.shared.target import Target
@@ -100,6 +100,6 @@ def _guess_layout(path: Path) -> Layout:
     raise DataError(
         path,
         "is no recording in a known layout",
-        f"name its layout ({', '.join(FORMATS)}), or give a folder with radar/<t>.png, sensor_data/radar/polar or "
+        f"{Remedy.NAME_LAYOUT} ({', '.join(FORMATS)}), or give a folder with radar/<t>.png, sensor_data/radar/polar or "
         "Navtech_Polar/, a .bag, a ROS 2 bag folder, an .mcap or an .npz",
     )
