@@ -171,7 +171,7 @@ def test_runs_on_a_cluster_leave_the_same_trajectories(work: Path, tmp_path: Pat
         ("runs: [{data: drive}, {data: drive}]", "runs.1: name drive: is the name of another run too; give one"),
         ("runs: [{data: drive, name: ../up}]", "runs.0: name '../up': cannot be the name of a folder"),
         ("runs: [{data: drive, frontend: kissicp}]", "runs.0: front end kissicp: unknown; did you mean kiss_icp?"),
-        ("runs: [{data: drive, config: oxfrod}]", "oxfrod: no such configuration; did you mean oxford?"),
+        ("runs: [{data: drive, config: oxfrod}]", "oxfrod: no such configuration and no such file; did you mean oxford?"),
         ("runs: [", "is not a readable YAML file"),
         ("- drive", "must hold settings"),
     ],
