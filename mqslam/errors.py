@@ -28,6 +28,7 @@ class Remedy(StrEnum):
     GIVE_TRAJECTORY_OR_NAME = "give the file of a trajectory, or the name of one that the recording carries"
     LEAVE_STRICT_OUT = "mend it, or run without strict to leave out what cannot be read"
     NAME_LAYOUT = "name its layout"
+    MEND_FRONT_END = "mend it, whose traceback is in the log, or choose another front end"
     OPEN_MAP_ELSEWHERE = "look at report.html, or write the map for Rerun's viewer and open it elsewhere"
     RECORD_LIVE_VIEW = "record the live view into a file and open it elsewhere"
     REPLACE_UNFINISHED_OUTPUT = "choose another output, or replace the unfinished run instead of resuming it"
@@ -88,6 +89,10 @@ class EstimationError(MqslamError):
 
 class FewReturnsError(EstimationError):
     """Scans that hold too few returns to be matched; what to do depends on how they were detected."""
+
+
+class FrontEndError(MqslamError):
+    """A front end that stopped by a fault of its own."""
 
 
 class ViewerError(MqslamError):

@@ -49,7 +49,7 @@ class Slam:
     ) -> None:
         self._config = config or Config()
         self._name = frontend
-        self._frontend = frontends.load(frontend)
+        frontends.find_entry_point(frontend)
         self._runner = runner or Runner()
         self._strict = strict
 
@@ -67,7 +67,7 @@ class Slam:
         config, runner = self._config, self._runner
         with runner.time_stage("total"):
             context = Context(config, recording.revolution_s, recording.start_us, odometry)
-            self._frontend(context)  # raises before the recording is read, if it lacks anything
+            frontends.create(self._name, context)  # raises before the recording is read, if it lacks anything
             scans, detected = detect_all(recording, config.detector, runner, strict=self._strict)
             runner.runtime_s |= {"read": detected.read_s, "detect": detected.detect_s}
             try:

@@ -76,7 +76,7 @@ def compare(
         result = do(
             data,
             out,
-            frontends=[name.strip() for name in frontends.split(",") if name.strip()],
+            frontends=frontends,
             trajectories=given,
             odometry_only=odometry_only,
             kiss_config=kiss_config,

@@ -43,7 +43,8 @@ def read_plan(path: Path) -> tuple[list[Order], str]:
     try:
         text = path.read_text(encoding="utf-8")
     except (OSError, ValueError) as error:
-        raise ConfigError(f"{path}: cannot be read ({error}); give a YAML file with the runs") from error
+        reason = error.strerror if isinstance(error, OSError) else "it is not UTF-8"
+        raise ConfigError(f"{path}: cannot be read ({reason}); give a YAML file with the runs") from error
     plan = parse_yaml(Plan, path, text)
     orders: list[Order] = []
     for number, run in enumerate(plan.runs):

@@ -44,7 +44,7 @@ def compare(  # noqa: PLR0913 - these are the options of a comparison, each with
     data: Path | str,
     out: Path | str,
     *,
-    frontends: Sequence[str] = FRONT_ENDS,
+    frontends: str | Sequence[str] = FRONT_ENDS,
     trajectories: Mapping[str, Trajectory | Path | str | tuple[Path, Path]] | None = None,
     odometry_only: bool = False,
     kiss_config: Path | None = None,
@@ -61,7 +61,7 @@ def compare(  # noqa: PLR0913 - these are the options of a comparison, each with
     Args:
         data: the recording.
         out: folder for the results; it must not exist yet.
-        frontends: names of front ends, each once.
+        frontends: names of front ends, each once; in a list, or in a text with commas between them.
         trajectories: trajectories to compare with, by the name of their row: poses, the path of a file, or the paths of a
             KITTI trajectory's poses and times.
         odometry_only: whether motions are only chained, without pose graph and loops.
@@ -85,6 +85,8 @@ def compare(  # noqa: PLR0913 - these are the options of a comparison, each with
         >>> print(compared.table)  # doctest: +SKIP
     """
     data, out = Path(data), Path(out)
+    if isinstance(frontends, str):
+        frontends = [name.strip() for name in frontends.split(",") if name.strip()]
     settings = _set_kiss_config(choose_settings(config), kiss_config)
     _check_names(frontends)
     given = _make_given_rows(trajectories or {}, frontends)

@@ -69,8 +69,8 @@ def choose_odometry(recording: Recording, choice: str, reading: ReadingConfig) -
         if not track.covers(recording.start_us, last, reading.track_slack_us):
             raise DataError(
                 choice,
-                "does not cover the recording",
-                f"give one that spans {recording.start_us} to {last} us in the radar's clock",
+                f"spans {track.stamps_us[0]} to {track.stamps_us[-1]} us, which does not cover the recording",
+                f"give odometry that spans {recording.start_us} to {last} us in the radar's clock",
             )
         return track, []
     if recording.odometry is not None and not recording.odometry.covers(recording.start_us, last, reading.track_slack_us):

@@ -96,7 +96,7 @@ def run_front_end(task: FrontEndTask, named: tuple[str, Context]) -> Row:
     try:
         begin = time.perf_counter()
         if not task.back_end:
-            measurements = list(frontends.load(name)(context).measure(task.scans))
+            measurements = list(frontends.measure_motions(name, context, task.scans))
             chained = Trajectory(task.scans.stamps_us, se2.chain(m.pose for m in measurements))
             return Row(
                 name,

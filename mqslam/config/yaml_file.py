@@ -26,6 +26,9 @@ def parse_yaml(model: type[M], name: str | Path, text: str | bytes) -> M:
     """
     try:
         tree = yaml.safe_load(text if isinstance(text, str) else text.decode("utf-8"))
+    except yaml.MarkedYAMLError as error:
+        where = f"line {error.problem_mark.line + 1}: " if error.problem_mark else ""
+        raise ConfigError(f"{name}: is not a readable YAML file ({where}{error.problem or error.context})") from error
     except Exception as error:  # PyYAML lets errors through that making numbers, dates and keys raises
         first = (str(error) or type(error).__name__).splitlines()[0]
         raise ConfigError(f"{name}: is not a readable YAML file ({first})") from error

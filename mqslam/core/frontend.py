@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from importlib.metadata import EntryPoint, entry_points
 from typing import Protocol
@@ -14,8 +16,9 @@ from mqslam.core import se2
 from mqslam.core.measurement import Measurement
 from mqslam.core.scans import Scan, Scans
 from mqslam.core.trajectory import Trajectory
-from mqslam.errors import ConfigError, EstimationError, suggest
+from mqslam.errors import ConfigError, EstimationError, FrontEndError, MqslamError, Remedy, describe_error, suggest
 
+_log = logging.getLogger(__name__)
 _NEGATIVE = 1e-6  # variance below zero that rounding explains, per sum of the variances
 
 
@@ -74,9 +77,22 @@ def load(name: str) -> type[FrontEnd]:
     """
     try:
         front_end: type[FrontEnd] = find_entry_point(name).load()
-    except ImportError as error:
-        raise ConfigError(f"front end {name}: cannot be imported ({error})") from error
+    except Exception as error:  # a front end may be anyone's code
+        _log.info("front end %s cannot be imported", name, exc_info=error)
+        raise ConfigError(f"front end {name}: cannot be imported ({describe_error(error)})") from error
     return front_end
+
+
+def create(name: str, context: Context) -> FrontEnd:
+    """Creates the front end of a name.
+
+    Raises:
+        ConfigError: there is none of that name, or it cannot be imported.
+        FrontEndError: it fails by a fault of its own.
+        MqslamError: it lacks something, such as odometry.
+    """
+    with _blame(name):
+        return load(name)(context)
 
 
 def find_entry_point(name: str) -> EntryPoint:
@@ -101,10 +117,17 @@ def measure_motions(name: str, context: Context, scans: Scans) -> Iterator[Measu
 
     Raises:
         EstimationError: a motion is not made of finite numbers or its covariance is none, or there are too few or too many.
+        FrontEndError: the front end fails by a fault of its own.
     """
-    count = 0
-    for motion in load(name)(context).measure(scans):
-        _check_motion(name, motion)
+    front_end, count = create(name, context), 0
+    with _blame(name):
+        motions = iter(front_end.measure(scans))
+    while True:
+        with _blame(name):
+            motion = next(motions, None)
+            if motion is None:
+                break
+            _check_motion(name, motion)
         count += 1
         yield motion
     if count != len(scans) - 1:
@@ -115,6 +138,9 @@ def measure_motions(name: str, context: Context, scans: Scans) -> Iterator[Measu
 
 def _check_motion(name: str, motion: Measurement) -> None:
     """Raises EstimationError if the graph cannot hold a motion."""
+    if np.shape(motion.pose) != (3,) or np.shape(motion.covariance) != (3, 3):
+        shapes = f"a pose of shape {np.shape(motion.pose)} and a covariance of shape {np.shape(motion.covariance)}"
+        raise EstimationError(f"front end {name}: gave {shapes}; it must give (3,) and (3, 3)")
     known = bool(np.isfinite(motion.pose).all() and np.isfinite(motion.covariance).all())
     if known and np.linalg.eigvalsh(motion.covariance)[0] >= -_NEGATIVE * np.trace(motion.covariance):
         return
@@ -123,3 +149,21 @@ def _check_motion(name: str, motion: Measurement) -> None:
         + ("a covariance with negative variances" if known else "a pose or a covariance that is not a number")
         + "; leave it to another front end, or have this one mended"
     )
+
+
+@contextmanager
+def _blame(name: str) -> Iterator[None]:
+    """Turns an error that a front end did not raise on purpose into one that names the front end.
+
+    Want of memory is left as it is, since it is seldom the fault of the front end.
+
+    Raises:
+        FrontEndError: the block raised such an error.
+    """
+    try:
+        yield
+    except (MqslamError, MemoryError):
+        raise
+    except Exception as error:
+        _log.info("front end %s stopped", name, exc_info=error)
+        raise FrontEndError(f"front end {name}: stopped with {describe_error(error)}", Remedy.MEND_FRONT_END) from error

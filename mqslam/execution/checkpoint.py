@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from mqslam.config import Config, dump_yaml
 from mqslam.core.recording import Recording
 from mqslam.core.trajectory import Trajectory
-from mqslam.errors import ClusterError, MqslamError, OutputError, Remedy
+from mqslam.errors import ClusterError, FrontEndError, MqslamError, OutputError, Remedy
 from mqslam.execution.files import write_aside, write_text
 from mqslam.execution.kept import Kept
 from mqslam.version import __version__
@@ -60,7 +60,7 @@ def keep_checkpoint(out: Path, key: str, *, resume: bool, how: str = Remedy.RESU
     checkpoint = Checkpoint(out, key, resume=resume)
     try:
         yield checkpoint
-    except (OutputError, ClusterError) as error:
+    except (OutputError, ClusterError, FrontEndError) as error:
         if checkpoint.holds_anything:
             raise type(error)(error.message, *error.remedies, how) from error
         raise

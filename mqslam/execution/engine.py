@@ -14,7 +14,7 @@ S = TypeVar("S")
 T = TypeVar("T")
 R = TypeVar("R")
 
-DIED = "its process died, because memory ran out or a library crashed"
+DIED = "its process died: memory ran out, a library crashed, or the program that started it has no __main__ guard"
 _WORTH_PROCESSES = 5  # for fewer items, starting processes takes longer than it saves
 
 

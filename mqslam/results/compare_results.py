@@ -130,7 +130,7 @@ def tabulate(summary: Mapping[str, Any]) -> list[list[str]]:
 def _format_cell(value: Any, form: str) -> str:
     """Returns a value of the table as text: empty where there is none, and a verdict unchanged."""
     if value is None or isinstance(value, VerdictStatus):
-        return value or ""
+        return str(value or "")
     return form.format(value)
 
 

@@ -104,11 +104,11 @@ CASES: dict[str, tuple[Callable[[Path], Arguments], str]] = {
     "missing odometry": (option("--odometry", "nothing.csv"), "nothing.csv: does not exist"),
     "odometry that starts late": (
         odometry(f"t,v,omega\n{START_US + 700_000},1,0\n{END_US},1,0\n"),
-        f"wheels.csv: does not cover the recording; give one that spans {START_US} to",
+        f"which does not cover the recording; give odometry that spans {START_US} to",
     ),
     "odometry that stops early": (
         odometry(f"t,v,omega\n{START_US},1,0\n{START_US + 500_000},1,0\n"),
-        "wheels.csv: does not cover the recording",
+        "which does not cover the recording",
     ),
     "front end without its odometry": (option("--frontend", "odometry", "--odometry", "none"), "needs odometry"),
 }

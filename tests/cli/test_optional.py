@@ -182,6 +182,10 @@ class Broken:
                 covariance[1, 1] = -1.0
             elif k == 5 and self.fault == "number":
                 return
+            elif k == 5 and self.fault == "shape":
+                covariance = np.eye(2)
+            elif k == 5 and self.fault == "exception":
+                raise KeyError("ranges")
             yield Measurement(a.t0, b.t0, pose, covariance)
 
 
@@ -191,6 +195,8 @@ class Broken:
         ("pose", "the motion from 1.25 s to 1.50 s has a pose or a covariance that is not a number"),
         ("covariance", "the motion from 1.25 s to 1.50 s has a covariance with negative variances"),
         ("number", "gave 5 motions for 20 scans"),
+        ("shape", "gave a pose of shape (3,) and a covariance of shape (2, 2); it must give (3,) and (3, 3)"),
+        ("exception", "stopped with KeyError: 'ranges'; mend it, whose traceback -v shows"),
     ],
 )
 def test_a_front_end_whose_numbers_are_none_is_named(

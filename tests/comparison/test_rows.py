@@ -77,7 +77,7 @@ def test_a_front_end_of_somebody_that_raises_anything_is_a_row_too(monkeypatch: 
     monkeypatch.setattr(frontend, "load", lambda name: Broken)
     _, scans = street_drive()
     found = run_front_end(FrontEndTask(scans, False, 1), ("broken", context()))
-    assert found.failure == "ZeroDivisionError: by nothing"
+    assert found.failure.startswith("front end broken: stopped with ZeroDivisionError: by nothing; ")
 
 
 def test_rows_are_judged_by_truth_and_without_it() -> None:

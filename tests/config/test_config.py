@@ -90,7 +90,7 @@ def test_what_is_written_is_read_back_equal(tmp_path: Path, name: str) -> None:
         ("1: 2", "Keys should be strings"),
         ("- map", "must hold settings"),
         ("map", "must hold settings"),
-        ("map: [", "is not a readable YAML file"),
+        ("map:\n  a: [", "is not a readable YAML file (line 2: "),
         ("!!python/object/apply:os.getcwd []", "is not a readable YAML file"),
     ],
 )

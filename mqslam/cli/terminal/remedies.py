@@ -19,6 +19,7 @@ _WORDS: dict[str, str] = {
     Remedy.GIVE_TRAJECTORY_OR_NAME: "give --trajectory FILE, or the name of one that the recording carries in its place",
     Remedy.LEAVE_STRICT_OUT: "mend it, or leave --strict out",
     Remedy.NAME_LAYOUT: "name its layout by --format",
+    Remedy.MEND_FRONT_END: "mend it, whose traceback -v shows, or choose another --frontend",
     Remedy.OPEN_MAP_ELSEWHERE: "look at report.html, or give --rerun and open map.rrd elsewhere",
     Remedy.RECORD_LIVE_VIEW: "give --live FILE.rrd and open the file elsewhere",
     Remedy.REPLACE_UNFINISHED_OUTPUT: "choose another --out, or give --force instead of --resume",
