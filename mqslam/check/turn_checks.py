@@ -47,7 +47,10 @@ def check_stamps(
     if unsteady > settings.unsteady:
         faults.append(f"the duration of a turn varies by {unsteady:.0%}")
     unread = [error for stretch in stretches for error in stretch.unread]
-    faults += [*recording.faults, *(f"a polar scan cannot be read: {error}" for error in unread)]
+    faults += recording.faults
+    if unread:
+        others = f", and {len(unread) - 1} more" if len(unread) > 1 else ""
+        faults.append(f"a polar scan cannot be read: {unread[0]}{others}")
     numbers = {"gaps": len(gaps), "missing_s": missing, "turn_s": turn_s, "unsteady": unsteady}
     if faults:
         return Finding("stamps", Verdict.SUSPICIOUS, "; ".join(faults), numbers)
