@@ -28,7 +28,7 @@ def watched(folder: Path, *, resume: bool) -> tuple[Seen, Run, list[Scan]]:
     return seen, Slam(Config(), "odometry", runner).run(recording, recording.ground_truth), scans
 
 
-def test_every_measured_revolution_is_shown_where_it_was_measured(tmp_path: Path) -> None:
+def test_every_measured_scan_is_shown_where_it_was_measured(tmp_path: Path) -> None:
     seen, run, scans = watched(tmp_path, resume=False)
     assert [scan.t0 for scan, _, _ in seen] == [scan.t0 for scan in scans[:-1]]
     assert np.allclose([pose for _, pose, _ in seen], run.odometry.poses[:-1])

@@ -4,7 +4,7 @@ usage: kiss_slam.py --python PYTHON [--data DATA] [--out DIR]
 
 PYTHON is an interpreter of its own that has kiss-slam (`pip install kiss-slam`); `kiss_slam_worker.py` runs in it. KISS-SLAM
 wants points in space: it is given the returns in their plane, and spread over heights at random. KISS-ICP deskews a scan to
-its end, so that a pose is the sensor's where its revolution ends.
+its end, so that a pose is the sensor's where its turn ends.
 """
 
 from __future__ import annotations
@@ -79,7 +79,7 @@ def main() -> int:
 
 
 def _detect(recording: Recording, path: Path) -> None:
-    """Returns in the sensor's frame [m], when in their revolution each was measured, and how many a revolution has."""
+    """Returns in the sensor's frame [m], when in its turn each was measured, and how many a scan has."""
     scans, _ = detect_all(recording, load_config().detector, Runner(LocalEngine(2)))
     together = Returns.concatenate([scan.returns for scan in scans])
     np.savez(
@@ -143,7 +143,7 @@ def _worst_loop(recording: Recording, result: dict[str, NDArray[np.float64]]) ->
 
 
 def _ends_us(recording: Recording) -> NDArray[np.int64]:
-    """When each revolution ends: there its pose belongs."""
+    """The stamps (N,) [us] at which the turns end, which are those of their poses."""
     return np.append(recording.stamps_us[1:], recording.end_us)
 
 

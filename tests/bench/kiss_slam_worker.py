@@ -72,7 +72,7 @@ def _watched(slam: KissSLAM) -> tuple[list, list, list]:
         try:
             accepted, pose = validate(*arguments)
         except RuntimeError as error:
-            print(f"in revolution {len(slam.poses)}: {error}", flush=True)
+            print(f"in scan {len(slam.poses)}: {error}", flush=True)
             accepted, pose = False, np.eye(4)
             failed.append(error)
         seen.append(pose)

@@ -194,7 +194,7 @@ def test_an_error_is_one_line_and_exit_code_2(tmp_path: Path) -> None:
     assert shown.err.startswith(f"mqslam: error: {tmp_path / 'nowhere'}: does not exist")
 
 
-def test_one_revolution_is_enough_to_be_checked(tmp_path: Path) -> None:
+def test_one_polar_scan_is_enough_to_be_checked(tmp_path: Path) -> None:
     short = drive(yard_scene(1), ConstantDrive(1.0, 0.0), 0.25)
     write_native(tmp_path / "drive.npz", replace(short, ground_truth=None))
     assert len(open_recording(tmp_path / "drive.npz")) == 1

@@ -277,7 +277,7 @@ def test_a_damaged_result_is_named(finished: Path, tmp_path: Path, file: str, co
 
 
 @pytest.mark.parametrize("layout", LIKE_OXFORD)
-def test_real_revolutions_come_back_bit_by_bit(oxford_tiny: Path, tmp_path: Path, layout: str) -> None:
+def test_real_polar_scans_come_back_bit_by_bit(oxford_tiny: Path, tmp_path: Path, layout: str) -> None:
     back = there_and_back(oxford_tiny, tmp_path, layout)
     assert_same(open_recording(oxford_tiny), open_recording(back))
 

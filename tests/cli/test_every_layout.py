@@ -28,7 +28,7 @@ def twists(track: Trajectory) -> se2.Array:
 
 @pytest.fixture(scope="module")
 def sample(oxford_tiny: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The real revolutions, run from the layout they have."""
+    """The real polar scans, run from the layout they have."""
     out = tmp_path_factory.mktemp("sample") / "run"
     assert mqslam("run", oxford_tiny, "--out", out, "--range-resolution", 0.0438, "--quiet").code == 0
     return out

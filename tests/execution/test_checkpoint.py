@@ -156,7 +156,7 @@ def test_something_else_under_the_name_is_not_there(tmp_path: Path, other: bytes
 
 @pytest.fixture(scope="module")
 def recording() -> SimulatedRecording:
-    """Forty-four revolutions, which are detected in two stretches."""
+    """Forty-four polar scans, which are detected in two stretches."""
     sensor = SensorModel(turn_rate_hz=8.0, azimuths=200, range_resolution=0.175, max_range=60.0)
     return simulated_recording(street_scene(1, movers=0), constant(6.0, 0.0), duration_s=5.5, sensor=sensor)
 

@@ -27,7 +27,7 @@ def test_an_image_that_cannot_be_read(drive: Path, tmp_path: Path) -> None:
     warning = f"warning: 3 polar scans could not be read and are left out: {broken[0]}: is not a readable PNG"
     assert warning in shown.err and str(broken[2]) in shown.err
     found = read_summary(tmp_path / "out")
-    assert found["dataset"]["unread"] == 3 and "3 of 30 revolutions could not be read" in str(found["verdict"])
+    assert found["dataset"]["unread"] == 3 and "3 of 30 polar scans could not be read" in str(found["verdict"])
     assert "3 polar scans could not be read" in (tmp_path / "out" / "report.html").read_text()
     track = read_tum(tmp_path / "out" / "trajectory.tum")
     assert track.stamps_us.tolist() == [int(image.stem) for image in images(drive)]
@@ -37,7 +37,7 @@ def test_an_image_that_cannot_be_read(drive: Path, tmp_path: Path) -> None:
     assert read_contents(tmp_path) == before
 
 
-def test_an_unread_revolution_stays_one_when_a_run_is_resumed(drive: Path, tmp_path: Path) -> None:
+def test_an_unread_polar_scan_stays_one_when_a_run_is_resumed(drive: Path, tmp_path: Path) -> None:
     """Not a row of its own: what an interrupted run could not read is known to the run that continues it."""
     cut_short(images(drive)[11])
     assert run_quickly(drive, tmp_path / "whole").code == 0

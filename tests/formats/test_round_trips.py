@@ -68,7 +68,7 @@ def test_layouts_named_after_the_middle_or_the_end_give_the_starts_nearly(
         [*itertools.product(EVEN, ("oxford", "rosbag1")), *itertools.product(("boreas", "native"), EVEN)],
     ),
 )
-def test_even_revolutions_survive_layouts_that_stamp_only_them(tmp_path: Path, first: str, second: str) -> None:
+def test_even_polar_scans_survive_layouts_that_stamp_only_them(tmp_path: Path, first: str, second: str) -> None:
     there = converted(left_turn(), tmp_path / "a", first)
     assert_alike(left_turn(), there)
     assert_alike(left_turn(), converted(converted(there, tmp_path / "b", second), tmp_path / "c", "oxford"))

@@ -101,7 +101,7 @@ def a_report() -> Report:
         settings=AuditConfig(),
         loops=np.array([[0, 59]]),
         covariances=PoseCovariances(np.array([0, 30, 59]), np.diag([0.04, 0.09, 1e-4]) * np.arange(1, 4)[:, None, None]),
-        warnings=("revolution 7 <img src=x> is truncated", "odometry ends & the run goes on"),
+        warnings=("polar scan 7 <img src=x> is truncated", "odometry ends & the run goes on"),
         settings_yaml="detector:\n  k_strongest: 12  # <per azimuth>\n",
     )
 
@@ -134,7 +134,7 @@ def test_both_maps_and_all_curves_are_pictures_of_one_size_each(written: Path) -
 
 def test_warnings_stand_before_the_verdict_and_are_escaped(written: Path) -> None:
     text = page_of(written).text
-    first = text.index("revolution 7 <img src=x> is truncated")
+    first = text.index("polar scan 7 <img src=x> is truncated")
     assert first < text.index("warn\n") < text.index("torn near t = 31 s & 40 s") < text.index("Map quality")
     assert "<img src=x>" not in written.read_text(encoding="utf-8")
 

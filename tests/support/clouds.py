@@ -15,7 +15,7 @@ TURN_S = 0.25
 
 @dataclass(frozen=True)
 class Cloud:
-    """Points as a window of three revolutions would leave them.
+    """Points as a window of three scans would leave them.
 
     Args:
         points: (N, 2) m.

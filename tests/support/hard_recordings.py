@@ -95,12 +95,12 @@ def drive(
 
 
 def without_returns(scans: Sequence[Scan], which: range) -> list[Scan]:
-    """The same windows, those of numbers in `which` without returns."""
+    """The same scans, those of numbers in `which` without returns."""
     return [Scan(w.t0, w.t1, Returns.none()) if k in which else w for k, w in enumerate(scans)]
 
 
 def thin(scans: Sequence[Scan], count: int, which: range, seed: int = 0) -> list[Scan]:
-    """The same windows, those of numbers in `which` with at most `count` of their returns."""
+    """The same scans, those of numbers in `which` with at most `count` of their returns."""
     found = list(scans)
     for k in which:
         chosen = np.zeros(len(scans[k].returns), dtype=bool)
@@ -142,7 +142,7 @@ def around_the_sensor(scans: int, range_m: float) -> list[Scan]:
 
 
 def farther(scans: Sequence[Scan], by_m: float) -> list[Scan]:
-    """The same windows with every return farther away."""
+    """The same scans with every return farther away."""
     return [
         Scan(w.t0, w.t1, Returns(w.returns.ranges + by_m, w.returns.azimuths, w.returns.times, w.returns.intensities))
         for w in scans
@@ -179,12 +179,12 @@ def joined(scans: Sequence[Scan]) -> Scans:
 
 
 def stamps_of(scans: Sequence[Scan]) -> NDArray[np.int64]:
-    """Stamps (N,) [us] of the windows' begins, counted from their time zero."""
+    """Stamps (N,) [us] of the beginnings of the scans, counted from their time zero."""
     return np.array([round(w.t0 * 1e6) for w in scans], dtype=np.int64)
 
 
 def truth_of(scans: Sequence[Scan], way: Way = straight_on) -> NDArray[np.float64]:
-    """True poses (N, 3) at the windows' begins."""
+    """True poses (N, 3) at the beginnings of the scans."""
     return np.column_stack([way(np.array([w.t0 for w in scans])), np.zeros((len(scans), 2))])
 
 
@@ -229,7 +229,7 @@ def assert_sound(solution: Solution) -> None:
 
 @dataclass(frozen=True, kw_only=True)
 class RecordingInMemory(Recording):
-    """Windows of returns as the power that a radar would have measured.
+    """Scans of returns as the power that a radar would have measured.
 
     Args:
         scans: what the radar sees.
@@ -262,7 +262,7 @@ class RecordingInMemory(Recording):
 def recorded(
     scans: Sequence[Scan], azimuths: int = 400, bins: int = 400, bin_m: float = 0.25, width: int = 1
 ) -> RecordingInMemory:
-    """Windows as a recording."""
+    """The scans as a recording."""
     return RecordingInMemory(
         path=Path("in memory"),
         format="native",
@@ -277,7 +277,7 @@ def recorded(
 
 
 def write(folder: Path, scans: Sequence[Scan]) -> tuple[Path, Path]:
-    """A native recording of windows and a trajectory file of the true poses, up to the recording's end."""
+    """A native recording of scans and a trajectory file of the true poses, up to the recording's end."""
     folder.mkdir(parents=True, exist_ok=True)
     recording = recorded(scans)
     write_native(folder / "drive.npz", recording)

@@ -18,7 +18,7 @@ CONFIG = Config()
 BEAM = beam_of(CONFIG.estimator, 0.0)
 SENSOR = SensorModel(range_resolution=0.175, max_range=80.0)
 LANE_Y, OTHER_LANE_Y = -37.75, -34.25  # the two lanes of the street south of the middle block
-MIDDLE = 10  # a revolution in the middle of a pass
+MIDDLE = 10  # a scan in the middle of a pass
 
 
 @lru_cache(maxsize=16)
@@ -51,7 +51,7 @@ def joined(first: Drive, second: Drive, poses: se2.Array | None = None) -> Drive
 
 
 def path(xy: np.ndarray) -> Drive:
-    """A drive without returns along places (N, 2) [m], a revolution at each."""
+    """A drive without returns along places (N, 2) [m], a scan at each."""
     nothing = Returns(*(np.empty(0) for _ in range(4)))
     scans = [Scan(0.25 * k, 0.25 * (k + 1), nothing) for k in range(len(xy))]
     ahead = np.diff(xy, axis=0, append=2.0 * xy[-1:] - xy[-2:-1])

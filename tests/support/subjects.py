@@ -72,7 +72,7 @@ def check_radar(format: str) -> Callable[[Path], None]:
 
 
 class _Checked:
-    """A stream whose revolutions are checked as they are read."""
+    """A recording whose polar scans are checked as they are read."""
 
     def __init__(self, recording: Recording) -> None:
         self._recording = recording

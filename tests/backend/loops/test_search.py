@@ -21,7 +21,7 @@ LAP_M = 2.0 * np.pi * RADIUS
 
 
 def laps(number: float) -> Drive:
-    """Rounds of a circle, a revolution every two metres."""
+    """Rounds of a circle, a scan every two metres."""
     angles = np.arange(0.0, number * LAP_M, 2.0) / RADIUS
     return path(RADIUS * np.column_stack([np.cos(angles), np.sin(angles)]))
 
@@ -33,7 +33,7 @@ def there_and_back(length: float, apart: float) -> Drive:
 
 
 def between_m(drive: Drive, pairs: list[tuple[int, int]]) -> np.ndarray:
-    """Path (N,) [m] between the revolutions of pairs."""
+    """Path (N,) [m] between the scans of pairs."""
     return np.array([drive.travelled[b] - drive.travelled[a] for a, b in pairs])
 
 
@@ -54,7 +54,7 @@ def test_every_place_of_a_second_lap_is_a_candidate_with_the_first() -> None:
     assert all(type(k) is int for pair in pairs for k in pair)
 
 
-def test_of_each_earlier_pass_one_revolution_is_taken_and_of_so_many_passes_as_are_asked_for() -> None:
+def test_of_each_earlier_pass_one_scan_is_taken_and_of_so_many_passes_as_are_asked_for() -> None:
     drive = laps(3.0)
     pairs = find_candidate_pairs(drive, LoopConfig(passes=2), set())
     last = [

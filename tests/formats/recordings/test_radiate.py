@@ -73,7 +73,7 @@ def test_a_missing_list_of_stamps_is_named(radiate: Path) -> None:
         open_recording(radiate)
 
 
-def test_an_empty_list_leaves_no_revolutions(radiate: Path) -> None:
+def test_an_empty_list_leaves_no_polar_scans(radiate: Path) -> None:
     (radiate / "Navtech_Polar.txt").write_text("")
     with pytest.raises(DataError, match="Navtech_Polar: holds no polar scans"):
         open_recording(radiate)
@@ -103,7 +103,7 @@ def test_a_list_in_another_order_is_sorted_and_said(radiate: Path) -> None:
     assert recording.faults == ("Navtech_Polar.txt does not list its frames in order, first at 000005: sorted",)
 
 
-def test_a_folder_without_images_holds_no_revolutions(radiate: Path) -> None:
+def test_a_folder_without_images_holds_no_polar_scans(radiate: Path) -> None:
     for image in (radiate / "Navtech_Polar").iterdir():
         image.unlink()
     with pytest.raises(DataError, match="Navtech_Polar: holds no polar scans"):

@@ -30,7 +30,7 @@ COMPRESSED = "sensor_msgs/msg/CompressedImage"
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_real_revolutions_are_identical_from_every_kind_of_bag(oxford_tiny: Path, tmp_path: Path, kind: str) -> None:
+def test_real_polar_scans_are_identical_from_every_kind_of_bag(oxford_tiny: Path, tmp_path: Path, kind: str) -> None:
     folder = open_recording(oxford_tiny)
     bag = open_recording(write_bag(folder, bag_path(tmp_path, kind), kind))
     assert bag.format == "rosbag"
@@ -53,7 +53,7 @@ def test_odometry_and_ground_truth_are_told_apart_by_topic(oxford: Path, tmp_pat
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_single_revolutions_are_found_again(oxford: Path, tmp_path: Path, kind: str) -> None:
+def test_single_polar_scans_are_found_again(oxford: Path, tmp_path: Path, kind: str) -> None:
     folder = open_recording(oxford)
     bag = pickle.loads(pickle.dumps(open_recording(write_bag(folder, bag_path(tmp_path, kind), kind))))
     for k in (5, 0, 3):
@@ -136,7 +136,7 @@ def test_of_a_topic_and_its_compressed_twin_the_first_is_taken(oxford: Path, tmp
         (np.zeros((8001, 8001), np.uint8), 10**6, "is too large for one polar scan"),
     ],
 )
-def test_a_compressed_image_that_is_no_revolution_is_named(
+def test_a_compressed_image_that_is_no_polar_scan_is_named(
     oxford: Path, tmp_path: Path, pixels: np.ndarray, keep: int, problem: str
 ) -> None:
     with bag_writer(tmp_path / "drive.bag", "ros1") as bag:
@@ -240,7 +240,7 @@ def test_a_ros2_folder_without_its_files_is_named(tmp_path: Path) -> None:
         open_recording(tmp_path / "drive")
 
 
-def test_a_message_that_is_no_revolution_is_left_out_and_named_by_topic_and_time(oxford: Path, tmp_path: Path) -> None:
+def test_a_message_that_is_no_polar_scan_is_left_out_and_named_by_topic_and_time(oxford: Path, tmp_path: Path) -> None:
     with bag_writer(tmp_path / "drive.bag", "ros1") as bag:
         radar = bag.topic("/Navtech/Polar", IMAGE)
         for stamp, rows in raw_rows(open_recording(oxford)):
