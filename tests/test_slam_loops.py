@@ -24,7 +24,7 @@ SENSOR = SensorModel(azimuths=200, range_resolution=0.175, max_range=80.0)
 
 
 def slam(recording: SimulatedRecording, config: Config, jobs: int, out: Path, *, resume: bool) -> Run:
-    """The recording by radar alone, with the returns and measurements of an earlier run where they are to be used."""
+    """Runs the recording by radar alone, with the returns and measurements of an earlier run where they are to be used."""
     (out / FOLDER / "loops.npz").unlink(missing_ok=True)
     checkpoint = Checkpoint(out, "lap", resume=resume)
     return Slam(config, "psi", Runner(LocalEngine(jobs), checkpoint=checkpoint)).run(recording, None)

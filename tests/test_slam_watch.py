@@ -21,7 +21,7 @@ Seen = list[tuple[Scan, NDArray[np.float64], NDArray[np.float64]]]
 
 
 def watched(folder: Path, *, resume: bool) -> tuple[Seen, Run, list[Scan]]:
-    """What the watch of a run that keeps a checkpoint is shown."""
+    """Returns what the watch of a run that keeps a checkpoint is shown."""
     recording, scans = drive(street_scene(1, movers=0), constant(8.0, 0.2), 2.0)
     seen: Seen = []
     runner = Runner(checkpoint=Checkpoint(folder, "key", resume=resume), watch=lambda *shown: seen.append(shown))

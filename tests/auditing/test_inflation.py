@@ -24,7 +24,7 @@ SIZE = CONFIG.audit.window
 
 
 def bent(truth: Trajectory, twist: tuple[float, float, float]) -> Trajectory:
-    """A trajectory whose every step errs by a twist."""
+    """Returns a trajectory whose every step errs by a twist."""
     seconds = np.diff(truth.stamps_us) * 1e-6
     steps = se2.between(truth.poses[:-1], truth.poses[1:])
     erring = (se2.compose(step, se2.exp(twist, dt)) for step, dt in zip(steps, seconds, strict=True))

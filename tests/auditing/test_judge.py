@@ -32,14 +32,14 @@ def silent(stage: str, done: int, total: int) -> None:
 
 @lru_cache
 def lap() -> tuple[SimulatedRecording, Scans]:
-    """A bit more than one round of a block: the last 100 m are driven twice."""
+    """Returns a bit more than one round of a block: the last 100 m are driven twice."""
     recording = simulated_recording(street_scene(1, movers=0), loop_drive(54.0), duration_s=54.0, sensor=SENSOR, seed=1)
     return recording, detect_all(recording, CONFIG.detector)[0]
 
 
 @lru_cache
 def judged(shift_m: float, jobs: int = 1) -> Audit:
-    """The lap under a trajectory whose second pass is shifted sideways, slowly enough to bend no window."""
+    """Returns the lap under a trajectory whose second pass is shifted sideways, slowly enough to bend no window."""
     recording, scans = lap()
     truth = recording.ground_truth
     along = np.linspace(0.0, 1.0, len(truth))
@@ -107,7 +107,7 @@ def test_revisits_are_looked_for_where_the_path_comes_back_only() -> None:
 
 
 def points_of(kind: str, rng: np.random.Generator) -> np.ndarray:
-    """Points (N, 2) [m] of one scan, of the kinds that leave directions untold."""
+    """Returns the points (N, 2) [m] of one scan, of the kinds that leave directions untold."""
     return {
         "none": np.empty((0, 2)),
         "one": rng.uniform(-50.0, 50.0, (1, 2)),
@@ -139,7 +139,7 @@ def test_windows_without_a_point_are_left_out() -> None:
 
 
 def sparse(kinds: list[str], rng: np.random.Generator, speed: float) -> Sweeps:
-    """Sweeps of points of some kinds under a straight drive."""
+    """Returns sweeps of points of some kinds under a straight drive."""
     scans = []
     for k, kind in enumerate(kinds):
         points = points_of(kind, rng)

@@ -27,7 +27,7 @@ REVOLUTION_S = 0.1
 
 
 def room(poses: np.ndarray, seed: int = 1) -> list[np.ndarray]:
-    """Points (M, 2) in the sensor's frame of a room of 12 m by 8 m with two pillars, one scan per pose."""
+    """Returns the points (M, 2) in the sensor's frame of a room of 12 m by 8 m with two pillars, one scan per pose."""
     rng = np.random.default_rng(seed)
     angles = np.linspace(-np.pi, np.pi, 720, endpoint=False)
     scans = []

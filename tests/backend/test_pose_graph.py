@@ -85,7 +85,7 @@ def test_the_marginal_of_the_first_edge_is_its_covariance_in_the_frame_it_ends_i
 
 
 def unequal(count: int, lowest: float, highest: float, loops: int = 0, seed: int = 1) -> PoseGraph:
-    """A chain whose edges know some directions and not others: variances 10^lowest to 10^highest along any axes."""
+    """Returns a chain whose edges know some directions and not others: variances 10^lowest to 10^highest along any axes."""
     rng = np.random.default_rng(seed)
     motions = np.column_stack([rng.uniform(-1.0, 3.0, count), rng.normal(0.0, 0.1, count), rng.normal(0.0, 0.05, count)])
     poses = se2.chain(motions)
@@ -103,7 +103,7 @@ def unequal(count: int, lowest: float, highest: float, loops: int = 0, seed: int
 
 
 def dense_marginals(graph: PoseGraph) -> np.ndarray:
-    """All marginals (n, 3, 3) by a dense QR decomposition, its rows sorted so that it is as exact as it can be."""
+    """Returns all marginals (n, 3, 3) by a dense QR decomposition, its rows sorted so that it is as exact as it can be."""
     rows, _ = graph.factors.linearize(graph.initial).jacobian()
     rows = rows[np.argsort(-np.linalg.norm(rows, axis=1))]
     inverse = np.linalg.inv(np.linalg.qr(rows, mode="r"))

@@ -51,7 +51,7 @@ def run(out: Path) -> list[Claim]:
 
 
 def _bends() -> list[Claim]:
-    """AUC of every measure for windows whose trajectory errs by a constant twist, over places of kaist01."""
+    """Measures the AUC of every measure for windows whose trajectory errs by a constant twist, over places of kaist01."""
     recording = open_recording(twin("kaist01", 1))
     config = load_config()
     scans, _ = detect_all(recording, config.detector, Runner(_ENGINE))
@@ -78,7 +78,7 @@ def _bends() -> list[Claim]:
 
 
 def _bent(truth: Trajectory, twist: np.ndarray) -> Trajectory:
-    """A trajectory whose every step errs by a constant body twist (3,) [m/s, m/s, rad/s]."""
+    """Returns a trajectory whose every step errs by a constant body twist (3,) [m/s, m/s, rad/s]."""
     seconds = np.diff(truth.stamps_us) * 1e-6
     steps = se2.between(truth.poses[:-1], truth.poses[1:])
     erring = (se2.compose(step, se2.exp(twist, dt)) for step, dt in zip(steps, seconds, strict=True))
@@ -86,7 +86,7 @@ def _bent(truth: Trajectory, twist: np.ndarray) -> Trajectory:
 
 
 def _trajectories(out: Path) -> list[Claim]:
-    """kaist01 in full: the true trajectory, and KISS-ICP's without loops, its revisits against truth."""
+    """Audits kaist01 in full: the true trajectory, and KISS-ICP's without loops with its revisits against the truth."""
     recording = open_recording(twin("kaist01", 1, frames=None))
     config = load_config()
     scans, _ = detect_all(recording, config.detector, Runner(_ENGINE))
@@ -145,7 +145,7 @@ def _trajectories(out: Path) -> list[Claim]:
 
 
 def _cost(out: Path) -> Claim:
-    """Seconds of an audit over those of the run whose trajectory it judges, one after the other."""
+    """Measures how long an audit takes, over the time of the run whose trajectory it judges, one after the other."""
     data, command = twin("kaist01", 1), Path(sys.executable).with_name("mqslam")
     spent = []
     judged = out / "cost" / "run" / "trajectory.tum"
@@ -159,7 +159,7 @@ def _cost(out: Path) -> Claim:
 
 
 def _carmen() -> list[Claim]:
-    """Real lidar logs: the corrected trajectory against the wheels' own."""
+    """Audits real lidar logs: the corrected trajectory against the wheels' own."""
     config, claims, rows = load_config(LIDAR_CONFIG), [], []
     for name in ("intel", "aces"):
         source = lidar_source(carmen.read_lidar(shared(SHARED / "data" / "carmen" / f"{name}-corrected.log.gz")))
@@ -184,7 +184,7 @@ def _carmen() -> list[Claim]:
 
 
 def _auc(low: np.ndarray, high: np.ndarray) -> float:
-    """Probability that a bent place scores above a true one."""
+    """Returns the probability that a bent place scores above a true one."""
     known = high[np.isfinite(high)][:, None], low[np.isfinite(low)][None]
     return float(np.mean(known[0] > known[1]) + 0.5 * np.mean(known[0] == known[1]))
 

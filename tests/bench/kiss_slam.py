@@ -79,7 +79,7 @@ def main() -> int:
 
 
 def _detect(recording: Recording, path: Path) -> None:
-    """Returns in the sensor's frame [m], when in its turn each was measured, and how many a scan has."""
+    """Writes the returns of a recording: points [m], the part of its turn that each has, and their number per scan."""
     scans, _ = detect_all(recording, load_config().detector, Runner(LocalEngine(2)))
     together = Returns.concatenate([scan.returns for scan in scans])
     np.savez(
@@ -91,7 +91,7 @@ def _detect(recording: Recording, path: Path) -> None:
 
 
 def _row(name: str, recording: Recording, python: str, out: Path, copies: int, low: float, high: float) -> list[str | float]:
-    """A row of the table: what KISS-SLAM makes of returns at random heights."""
+    """Returns a row of the table: the errors of KISS-SLAM with returns at random heights."""
     stem = f"{copies}-{low:g}-{high:g}"
     found, log = out / f"{stem}.npz", out / f"{stem}.log"
     found.unlink(missing_ok=True)
@@ -133,7 +133,10 @@ def _errors(recording: Recording, matrices: NDArray[np.float64]) -> Evaluation:
 
 
 def _worst_loop(recording: Recording, result: dict[str, NDArray[np.float64]]) -> tuple[str | float, str | float]:
-    """Largest error of an accepted loop [m], [deg]; a loop is the pose of its first local map in the frame of its second."""
+    """Returns the largest error of an accepted loop [m], [deg].
+
+    A loop is the pose of its first local map in the frame of its second.
+    """
     if len(result["loops"]) == 0:
         return "-", "-"
     begins = _truth(recording).at(_ends_us(recording))[result["starts"]]
@@ -143,7 +146,7 @@ def _worst_loop(recording: Recording, result: dict[str, NDArray[np.float64]]) ->
 
 
 def _ends_us(recording: Recording) -> NDArray[np.int64]:
-    """The stamps (N,) [us] at which the turns end, which are those of their poses."""
+    """Returns the stamps (N,) [us] at which the turns end, which are those of their poses."""
     return np.append(recording.stamps_us[1:], recording.end_us)
 
 
@@ -154,7 +157,7 @@ def _truth(recording: Recording) -> Trajectory:
 
 
 def _planar(matrices: NDArray[np.float64]) -> se2.Array:
-    """The planar parts (N, 3) of (N, 4, 4) matrices."""
+    """Returns the planar parts (N, 3) of (N, 4, 4) matrices."""
     return np.array([from_matrix(matrix) for matrix in matrices])
 
 

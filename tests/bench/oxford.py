@@ -38,7 +38,7 @@ def _measured(data: Path, out: Path, *options: str) -> dict[str, float]:
 
 
 def _name(doppler: float | None, result: Path) -> str:
-    """The shift, and what psi measured where it did."""
+    """Returns the Doppler shift in words, with the value that psi measured where it did."""
     if doppler is not None:
         return f"{doppler:g}"
     import yaml

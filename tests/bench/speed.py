@@ -60,7 +60,7 @@ def _window(detector: DetectorConfig) -> tuple[PointSet, float]:
 
 
 def _ratio(p: PointSet, turn: float) -> tuple[float, float, float, float]:
-    """Median ratio, and median seconds of ours with reused lists, with new ones, and of the reference."""
+    """Returns the median ratio, and the median seconds of ours with reused lists, with new ones, and of the reference."""
     config = PsiConfig()
     lists = find_candidates(sort_into_cells(p.points, config.s), p.points, config.s)
     ours, anew, reference = [], [], []

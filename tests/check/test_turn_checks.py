@@ -44,7 +44,7 @@ class Holed(SimulatedRecording):
 
 
 def spread(folder: Path, begins_us: list[int], *, turn_us: int = TURN_US, swept: float = 1.0) -> Recording:
-    """A recording of polar scans that begin at stamps after the start [us], each swept for part of a turn."""
+    """Returns a recording of polar scans that begin at stamps after the start [us], each swept for part of a turn."""
     (folder / "radar").mkdir(parents=True)
     rows = np.arange(40)
     for k, begin in enumerate(begins_us):

@@ -41,7 +41,7 @@ def drive(scene: Scene, motion: Drive, duration_s: float) -> SimulatedRecording:
 
 @lru_cache(maxsize=1)
 def corner() -> SimulatedRecording:
-    """Eleven seconds along a street and round its corner."""
+    """Returns a drive of eleven seconds along a street and round its corner."""
     motion = loop_drive(11.0, speed=8.0)
     return drive(clear_way(street_scene(1, movers=3), motion, 11.0), motion, 11.0)
 
@@ -56,7 +56,7 @@ def polar(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
 
 
 def verdicts(*words: str | Path) -> dict[str, dict[str, Any]]:
-    """The findings of a check as JSON, by name; the exit code says whether one is suspicious."""
+    """Returns the findings of a check by name, and checks that the exit code says whether one is suspicious."""
     shown = mqslam("check", *words, "--json")
     answer = json.loads(shown.out)
     assert shown.code == int(answer["suspicious"]) == int(any(c["verdict"] == "suspicious" for c in answer["checks"]))

@@ -22,7 +22,7 @@ DISTINCT = [name for name in LAYOUTS if name != "rosbag2_mcap"]  # that one is a
 
 
 def twists(track: Trajectory) -> se2.Array:
-    """Mean twists between its poses [m/s, m/s, rad/s]."""
+    """Returns the mean twists between a trajectory's poses [m/s, m/s, rad/s]."""
     return track.mean_twists(track.stamps_us[:-1], track.stamps_us[1:])
 
 

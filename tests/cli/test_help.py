@@ -112,7 +112,7 @@ UNITS = {
 
 
 def imported(words: list[str], libraries: tuple[str, ...]) -> list[str]:
-    """Which of the libraries a command has loaded when it ends, in a process of its own; no words: its start alone."""
+    """Returns which libraries a command loads in a process of its own; without words, the command line is only imported."""
     program = f"""
 import sys
 from mqslam.cli import main

@@ -14,7 +14,7 @@ from mqslam.formats.recordings import open_recording
 
 
 def table_of(text: str) -> dict[str, str]:
-    """The lines of the table by their first column."""
+    """Returns the lines of the table by their first column."""
     return {line[:14].strip(): line[14:] for line in text.splitlines()}
 
 

@@ -44,7 +44,7 @@ def drive(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def run(drive: Path, out: Path, *more: str | Path) -> Result:
-    """A run by odometry alone, if nothing else is asked for: it takes no time."""
+    """Runs a drive by odometry alone, which takes no time, unless the test asks for something else."""
     chosen = more or ("--frontend", "odometry")
     return mqslam("run", drive, "--out", out, "--config", drive.with_name("quick.yaml"), "--jobs", "1", *chosen)
 
@@ -61,7 +61,7 @@ def failing(error: Exception) -> Callable[..., Any]:
 
 
 def assert_said(shown: Result, out: Path, *warnings: str) -> None:
-    """Every warning is on stderr, in the log and in the summary, where a terminal breaks no line."""
+    """Checks that every warning is on stderr, in the log and in the summary, where a terminal breaks no line."""
     for warning in warnings:
         assert f"warning: {warning}" in shown.err.splitlines()
         assert f"warning: {warning}" in (out / "run.log").read_text().splitlines()

@@ -86,7 +86,7 @@ def rows_of(out: Path) -> list[dict[str, str]]:
 
 
 def but_doppler(config: Config) -> Config:
-    """Settings without the Doppler shift, which a run measures and writes where it is left open."""
+    """Returns settings without the Doppler shift, which a run measures and writes where it is left open."""
     return config.model_copy(update={"sensor": config.sensor.model_copy(update={"doppler_beta": 0.0})})
 
 
@@ -95,7 +95,7 @@ def lines_of(out: Path, kind: str) -> list[list[str]]:
 
 
 def error_m(estimate: Trajectory, truth: Trajectory) -> float:
-    """RMS of the position [m] after the first poses have been laid on each other."""
+    """Returns the RMS of the position [m] after the first poses have been laid on each other."""
     there = truth.at(estimate.stamps_us)
     apart = se2.between(estimate.poses[0], estimate.poses) - se2.between(there[0], there)
     return float(np.sqrt((apart[:, :2] ** 2).sum(axis=1).mean()))

@@ -49,7 +49,7 @@ FILES = ("returns-000000-000005.npz", "measurements.npz", "loops.npz")
 
 
 def filled(out: Path, key: str = "this run") -> Checkpoint:
-    """A checkpoint with every stage."""
+    """Returns a checkpoint with every stage."""
     checkpoint = Checkpoint(out, key, resume=False)
     checkpoint.keep(describe_kept_stretch(0, 5), DETECTED)
     checkpoint.keep(MEASURED, Measured(MEASUREMENTS, 0.0489))
@@ -66,7 +66,7 @@ def found_in(checkpoint: Checkpoint) -> list[Any]:
 
 
 def assert_same(one: Any, other: Any) -> None:
-    """Two dataclasses are of equal fields, bit by bit, NaN included, and of equal types."""
+    """Checks that two dataclasses have equal types and fields, bit by bit, NaN included."""
     for f in fields(one):
         a, b = getattr(one, f.name), getattr(other, f.name)
         assert type(a) is type(b), f.name

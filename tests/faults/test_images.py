@@ -85,7 +85,7 @@ def test_a_stretch_that_cannot_be_read_costs_no_more_than_itself(drive: Path) ->
 
 
 def lane_like(drive: Path) -> Path:
-    """The undamaged drive that a copy was made of."""
+    """Returns the undamaged drive that a copy was made of."""
     folder = drive.parent / "whole"
     write_drive(folder, small_street())
     return folder

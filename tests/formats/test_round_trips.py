@@ -119,7 +119,7 @@ def test_marks_of_azimuths_that_were_not_measured_are_kept_or_missed(oxford: Pat
 
 
 def assert_same_motion(a: Trajectory | None, b: Trajectory | None) -> None:
-    """Two trajectories agree but for their fixed frame, to the micrometres that files keep."""
+    """Checks that two trajectories agree but for their fixed frame, to the micrometres that files keep."""
     assert a is not None and b is not None
     np.testing.assert_array_equal(a.stamps_us, b.stamps_us)
     moved = [se2.between(track.poses[:1], track.poses) for track in (a, b)]

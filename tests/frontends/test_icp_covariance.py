@@ -16,7 +16,7 @@ def surface(points: NDArray[np.float64]) -> Surface:
 
 
 def scene(rng: np.random.Generator, thick: float) -> NDArray[np.float64]:
-    """Two walls along x of the map, 20 m apart."""
+    """Returns two walls along x of the map, 20 m apart."""
     along = rng.uniform(-40.0, 40.0, 800)
     return np.column_stack([along, np.where(rng.random(800) < 0.5, -10.0, 10.0) + rng.normal(0.0, thick, 800)])
 

@@ -46,7 +46,7 @@ def test_the_motions_are_those_driven_and_their_covariances_say_how_well() -> No
 
 
 def wrong_odometry(recording: SimulatedRecording) -> Trajectory:
-    """Odometry that is a tenth too fast and turns by 0.02 rad/s too much."""
+    """Returns odometry that is a tenth too fast and turns by 0.02 rad/s too much."""
     assert recording.odometry is not None
     twists = se2.log(se2.between(recording.odometry.poses[:-1], recording.odometry.poses[1:]))
     moves = se2.exp(twists * [1.1, 1.0, 1.0] + [0.0, 0.0, 0.02 * 0.05])

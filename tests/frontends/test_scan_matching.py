@@ -160,7 +160,7 @@ class Recorder:
 
 
 def through_recorder(doppler_beta: float = 0.0) -> tuple[Recorder, Scans, list[Measurement]]:
-    """Three scans through a recorder that starts with odometry of 8 m/s in a bend."""
+    """Sends three scans through a recorder that starts with odometry of 8 m/s in a bend."""
     recording, scans = street_drive()
     stamps = recording.start_us + np.array([0, 10_000_000])
     odometry = Trajectory(stamps, np.array([np.zeros(3), se2.exp([8.0, 0.0, 0.1], 10.0)]))

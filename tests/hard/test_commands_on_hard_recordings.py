@@ -18,7 +18,7 @@ QUIET = ("--jobs", "1", "--quiet")
 
 
 def strict_json(path: Path) -> Any:
-    """JSON as other languages read it: without NaN and Infinity."""
+    """Parses JSON as other languages read it: without NaN and Infinity."""
 
     def refuse(constant: str) -> None:
         raise AssertionError(f"{path.name}: {constant} is no JSON")
@@ -27,7 +27,7 @@ def strict_json(path: Path) -> Any:
 
 
 def assert_refused(result: Result, out: Path) -> None:
-    """The command says in one line why there is no result, and leaves none."""
+    """Checks that the command says in one line why there is no result, and leaves none."""
     assert result.code == 2
     assert result.err.startswith("mqslam: error: ")
     assert result.err.count("\n") == 1
@@ -35,7 +35,7 @@ def assert_refused(result: Result, out: Path) -> None:
 
 
 def assert_run_written(out: Path) -> dict[str, Any]:
-    """A run has left its files, with finite numbers; the summary is returned."""
+    """Checks that a run has left its files, with finite numbers, and returns the summary."""
     assert (out / "report.html").stat().st_size > 0
     for name in ("trajectory.tum", "odometry.tum"):
         assert np.isfinite(read_tum(out / name).poses).all()

@@ -57,7 +57,7 @@ ASKING_FOR_DOPPLER = (
 
 @cache
 def solved(name: str, frontend: str, doppler_beta: float | None) -> tuple[Sequence[Scan], Solution]:
-    """A recording and what is found in it; a warning of NumPy's is an error: what divides by nothing there is NaN later."""
+    """Returns a recording and its solution; a warning of NumPy is an error, because a division by nothing is NaN later."""
     scans = HARD[name]()
     with warnings.catch_warnings():
         warnings.simplefilter("error", RuntimeWarning)
@@ -65,7 +65,7 @@ def solved(name: str, frontend: str, doppler_beta: float | None) -> tuple[Sequen
 
 
 def assert_sound_or_refused(name: str, frontend: str, doppler_beta: float | None) -> None:
-    """A front end solves a recording soundly, or its error says that the recording holds no motion."""
+    """Checks that a front end solves a recording soundly, or says in its error that the recording holds no motion."""
     try:
         scans, solution = solved(name, frontend, doppler_beta)
     except EstimationError as error:

@@ -26,7 +26,7 @@ FAR = DetectorConfig(max_range_m=690.0, min_range_m=50.0, smoothing_m=8.0, join_
 
 
 def run(recording: Recording, config: Config) -> Run:
-    """A recording's run, whose checks and maps are finite."""
+    """Runs a recording, and checks that the checks and the maps are finite."""
     found = Slam(config).run(recording, None)
     assert_sound(found)
     assert np.isfinite(found.map_optimised.points).all()
@@ -36,7 +36,7 @@ def run(recording: Recording, config: Config) -> Run:
 
 
 def off_m(found: Run, scans: Sequence[Scan], way: Way = straight_on) -> float:
-    """The farthest that the trajectory is off [m]."""
+    """Returns how far the trajectory is off at most [m]."""
     return float(np.hypot(*(found.optimised.poses - truth_of(scans, way))[:, :2].T).max())
 
 
@@ -62,7 +62,7 @@ def test_a_radar_of_any_turn_rate_finds_the_drive(turn_s: float) -> None:
 
 
 def marine(scans: int) -> list[Scan]:
-    """A ship among buoys, seen by a radar that takes two and a half seconds for a turn."""
+    """Returns scans of a ship among buoys, seen by a radar that takes two and a half seconds for a turn."""
     return drive(scans, MARINE_WORLD, turn_s=2.5, noise_m=2.0, reach_m=MARINE_REACH_M)
 
 

@@ -56,7 +56,7 @@ def rendered(scans: Sequence[Scan], poses: se2.Array) -> PointMap:
 
 
 def assert_sound(found: Audit) -> None:
-    """What is judged holds points; its numbers are finite, its covariances positive definite."""
+    """Checks that what is judged holds points, that its numbers are finite and its covariances positive definite."""
     assert found.status in ("pass", "warn", "fail", "not judged")
     for scan in found.windows:
         assert scan.bend.points > 0

@@ -17,13 +17,13 @@ SETTINGS = MapConfig()
 
 
 def wall_and_stray(times_seen: int = 9) -> NDArray[np.float64]:
-    """A wall from (0.1, 0.1) to (9.9, 0.1), each 0.2 m of it seen several times, and one stray return at (5, 6)."""
+    """Returns a wall along y = 0.1 m from x = 0.1 to 9.9 m, each 0.2 m seen several times, and a stray return at (5, 6)."""
     wall = np.c_[np.arange(0.1, 10.0, 0.2), np.full(50, 0.1)]
     return np.vstack([np.repeat(wall, times_seen, axis=0), [[5.1, 6.1]]])
 
 
 def meaning(pixel: int, settings: dict[str, float]) -> str:
-    """What map_server makes of a pixel in trinary mode."""
+    """Returns the meaning of a pixel for map_server in trinary mode."""
     occupancy = (255 - pixel) / 255
     if occupancy > settings["occupied_thresh"]:
         return "occupied"

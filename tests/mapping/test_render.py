@@ -23,7 +23,7 @@ BEAM = beam_of(CONFIG.estimator, 0.0)
 
 
 def rendered(scans: Scans, poses: se2.Array, engine: Engine = HERE) -> PointMap:
-    """The map of scans under poses (N, 3), by the default settings."""
+    """Returns the map of scans under poses (N, 3), by the default settings."""
     return render(scans, poses, CONFIG.map, CONFIG.estimator, BEAM, engine)
 
 

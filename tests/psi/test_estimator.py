@@ -81,7 +81,7 @@ def test_no_point_costs_more_than_an_unmatched_one(seed: int, side: float) -> No
 
 
 def one_pair(apart: float, times: tuple[float, float] = (0.0, 1.0)) -> tuple[PointSet, PointSet]:
-    """A query at the origin and a reference beside it, both of unit covariance less the blur's."""
+    """Returns a query at the origin and a reference beside it, both of unit covariance less the blur's."""
 
     def single(x: float, t: float) -> PointSet:
         own = 0.5 * (1.0 - KERNEL.blur**2)

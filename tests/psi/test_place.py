@@ -34,7 +34,7 @@ def placed(start: se2.Array, theta: se2.Array, model: MotionModel, beta: float) 
 
 
 def step_by_step(start: se2.Array, theta: se2.Array, model: MotionModel, beta: float) -> np.ndarray:
-    """Each return on its own: the pose at its time, the closing speed along its ray, the point."""
+    """Renders each return on its own: the pose at its time, the closing speed along its ray, the point."""
     returns, points = some_returns(), []
     for r, azimuth, t in zip(returns.ranges, returns.azimuths, returns.times - T0, strict=True):
         ray = np.array([np.cos(azimuth), np.sin(azimuth)])

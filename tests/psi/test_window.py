@@ -113,7 +113,7 @@ def test_a_window_needs_no_start() -> None:
 
 
 def past_a_fence(spacing: float, v: float, seed: int) -> Returns:
-    """Three scans past two endless rows of equal posts, of which those within 40 m are seen."""
+    """Returns three scans past two endless rows of equal posts, of which those within 40 m are seen."""
     rng, rows = np.random.default_rng(seed), []
     for k in range(3):
         for y in (-7.0, 5.0):

@@ -107,7 +107,7 @@ def a_report() -> Report:
 
 
 def scene_of(path: Path) -> str:
-    """The names of the lines on the map to move in."""
+    """Returns the names of the lines on the map to move in."""
     scene = re.search(r'<script type="application/json" id="scene">(.*?)</script>', path.read_text(), re.DOTALL)
     assert scene is not None
     return ", ".join(line["name"] for line in json.loads(scene[1])["lines"])
@@ -267,7 +267,7 @@ def test_maps_share_scale_and_shade() -> None:
 
 
 def inside_axes(png: bytes) -> NDArray[np.int64]:
-    """Opacity (H, W) of the points drawn: neither axes, nor grid, nor the red path."""
+    """Returns the opacity (H, W) of the points drawn: neither axes, nor grid, nor the red path."""
     image = np.asarray(Image.open(io.BytesIO(png))).astype(int)[30:-110, 170:-30]
     return np.where((image[..., 3] > 70) & (image[..., 0] < 60), image[..., 3], 0)
 

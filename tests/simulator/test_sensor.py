@@ -48,7 +48,7 @@ def vehicle(x: float, y: float, speed: float) -> Scene:
 
 
 def peak(power: NDArray[np.uint8], sensor: SensorModel = QUIET) -> tuple[float, float, int]:
-    """Range [m], azimuth [rad] and row of the strongest echo, by parabolas through the logarithmic power."""
+    """Returns the range [m], azimuth [rad] and row of the strongest echo, by parabolas through the logarithmic power."""
     row, b = np.unravel_index(np.argmax(power), power.shape)
 
     def vertex(y: NDArray[np.float64]) -> float:

@@ -32,7 +32,7 @@ class Cloud:
 
 
 def cloud(seed: int, count: int, side: float = 5.0, parameters: int = 3) -> Cloud:
-    """A cloud of `count` points in a square of `side` [m]."""
+    """Returns a cloud of `count` points in a square of `side` [m]."""
     rng = np.random.default_rng(seed)
     points = rng.uniform(-side / 2.0, side / 2.0, (count, 2))
     times = rng.uniform(0.0, 3.0 * TURN_S, count)
@@ -40,7 +40,7 @@ def cloud(seed: int, count: int, side: float = 5.0, parameters: int = 3) -> Clou
 
 
 def with_duplicates(found: Cloud, seed: int) -> Cloud:
-    """The cloud with some of its points a second time: the same place, another time or the same."""
+    """Returns the cloud with some of its points a second time: the same place, another time or the same."""
     if len(found.points) == 0:
         return found
     rng = np.random.default_rng(seed)
@@ -54,7 +54,7 @@ def with_duplicates(found: Cloud, seed: int) -> Cloud:
 
 
 def point_set(seed: int, count: int, side: float = 5.0, parameters: int = 3) -> PointSet:
-    """A cloud whose points have covariances of their own."""
+    """Returns a cloud whose points have covariances of their own."""
     found = cloud(seed, count, side, parameters)
     roots = np.random.default_rng([seed, 1]).normal(0.0, 0.2, (count, 2, 2))
     matrices = roots @ roots.transpose(0, 2, 1) + 0.01 * np.eye(2)
@@ -81,7 +81,7 @@ class Selection:
 
 
 def selection(points: NDArray[np.float64], times: NDArray[np.float64], config: PsiConfig) -> Selection:
-    """Which pairs of a cloud take part in the published score."""
+    """Finds the pairs of a cloud that take part in the published score."""
     n = len(points)
     if n == 0:
         return Selection(np.zeros((0, 0), bool), np.zeros(0, np.int64), np.inf)

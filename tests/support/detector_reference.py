@@ -14,7 +14,7 @@ def peaks_reference(
     halves: tuple[int, int],
     threshold: float,
 ) -> list[NDArray[np.float64]]:
-    """Per azimuth all local maxima (K, 2) as range [bins] and smoothed power, strongest first."""
+    """Returns for each azimuth all local maxima (K, 2) as range [bins] and smoothed power, the strongest first."""
     azimuths, bins = power.shape
     found = []
     for a in range(azimuths):
@@ -41,7 +41,7 @@ def targets_reference(
     times: NDArray[np.float64],
     join: float,
 ) -> NDArray[np.float64]:
-    """(N, 4) the peaks that no neighbouring azimuth sees stronger, as centroids over the azimuths that see them."""
+    """Returns (N, 4) the peaks that no neighbouring azimuth sees stronger, as centroids over the azimuths that see them."""
     rows = []
     for a, k in np.argwhere(values > 0.0):
         seen = [(a, k)]

@@ -23,13 +23,13 @@ MIDDLE = 10  # a scan in the middle of a pass
 
 @lru_cache(maxsize=16)
 def street_pass(x: float, y: float, yaw: float, seed: int) -> Drive:
-    """Five seconds at 8 m/s along a street without traffic; another seed is another day's noise."""
+    """Returns five seconds at 8 m/s along a street without traffic; another seed is another day's noise."""
     return _driven(street_scene(1, movers=0), (x, y, yaw), seed)
 
 
 @lru_cache(maxsize=16)
 def corridor_pass(x: float, y: float, seed: int) -> Drive:
-    """The same along two bare walls."""
+    """Returns a drive like that of `street_pass` along two bare walls."""
     return _driven(corridor_scene(), (x, y, 0.0), seed)
 
 
@@ -41,7 +41,7 @@ def _driven(scene: Scene, start: tuple[float, float, float], seed: int) -> Drive
 
 
 def joined(first: Drive, second: Drive, poses: se2.Array | None = None) -> Drive:
-    """Two passes as one drive, a minute apart; the second under other poses (N, 3) than its own where they are given."""
+    """Returns two passes as one drive, a minute apart; poses (N, 3), if given, take the place of the second pass's own."""
     late = float(first.times[-1]) + 60.0
     scans = list(first.scans)
     for w in second.scans:
@@ -51,7 +51,7 @@ def joined(first: Drive, second: Drive, poses: se2.Array | None = None) -> Drive
 
 
 def path(xy: np.ndarray) -> Drive:
-    """A drive without returns along places (N, 2) [m], a scan at each."""
+    """Returns a drive without returns along places (N, 2) [m], a scan at each."""
     nothing = Returns(*(np.empty(0) for _ in range(4)))
     scans = [Scan(0.25 * k, 0.25 * (k + 1), nothing) for k in range(len(xy))]
     ahead = np.diff(xy, axis=0, append=2.0 * xy[-1:] - xy[-2:-1])

@@ -54,7 +54,7 @@ class Subject:
     inside: dict[str, Mutate]
 
     def mutations(self, file: Path) -> tuple[Mutate, ...]:
-        """The kinds of damage to a file."""
+        """Returns the kinds of damage to a file."""
         inside = self.inside.get(file.suffix)
         return (plain, inside) if inside else (plain,)
 

@@ -24,7 +24,7 @@ def submaps(reference: Drive, query: Drive, a: int = MIDDLE, b: int = MIDDLE) ->
 
 
 def aligned(reference: Drive, query: Drive, wrong: tuple[float, float, float]) -> tuple[Alignment, se2.Array]:
-    """The alignment from a wrong guess, and the true pose."""
+    """Returns the alignment from a wrong guess, and the true pose."""
     truth = se2.between(reference.poses[MIDDLE], query.poses[MIDDLE])
     found = align(*submaps(reference, query), truth + np.array(wrong), REACH, CONFIG.loops, CONFIG.estimator)
     return found, truth

@@ -21,19 +21,19 @@ LAP_M = 2.0 * np.pi * RADIUS
 
 
 def laps(number: float) -> Drive:
-    """Rounds of a circle, a scan every two metres."""
+    """Returns rounds of a circle, a scan every two metres."""
     angles = np.arange(0.0, number * LAP_M, 2.0) / RADIUS
     return path(RADIUS * np.column_stack([np.cos(angles), np.sin(angles)]))
 
 
 def there_and_back(length: float, apart: float) -> Drive:
-    """A straight, and back beside it."""
+    """Returns a straight drive, and the way back beside it."""
     there = np.arange(0.0, length, 2.0)
     return path(np.column_stack([np.r_[there, there[::-1]], np.repeat([0.0, apart], len(there))]))
 
 
 def between_m(drive: Drive, pairs: list[tuple[int, int]]) -> np.ndarray:
-    """Path (N,) [m] between the scans of pairs."""
+    """Returns the path (N,) [m] between the scans of pairs."""
     return np.array([drive.travelled[b] - drive.travelled[a] for a, b in pairs])
 
 
@@ -118,7 +118,7 @@ def test_the_gate_grows_with_the_path_up_to_its_largest() -> None:
 
 
 def two_passes(later: tuple[float, float, float], wrong: tuple[float, float, float]) -> tuple[Drive, se2.Array]:
-    """Two passes over a street of which the later has drifted by (x, y, yaw) of its first pose, and the true poses."""
+    """Returns two passes over a street, the later one drifted by (x, y, yaw) of its first pose, and the true poses."""
     first, second = street_pass(-25.0, LANE_Y, 0.0, 1), street_pass(*later, 2)
     local = se2.between(second.poses[0], second.poses)
     drifted = se2.compose(second.poses[0] + np.array(wrong), local)
@@ -162,7 +162,7 @@ def test_places_that_only_seem_near_are_no_loops() -> None:
 
 
 def loop_at(drive: Drive, earlier: int, later: int, pose: se2.Array) -> Loop:
-    """A loop at a pose (3,), with the score it has there."""
+    """Returns a loop at a pose (3,), with the score it has there."""
     settings = CONFIG.loops
     reference = render_submap(drive, earlier, settings.submap_m, settings.spacing_m, BEAM)
     query = render_submap(drive, later, 0.5 * settings.submap_m, settings.spacing_m, BEAM)

@@ -17,7 +17,7 @@ LANDMARKS = np.array([[12.0, 20.0], [40.0, -15.0], [75.0, 8.0], [110.0, -20.0]])
 
 
 def watched(drive: Drive) -> Drive:
-    """The drive with scans in which the sensor, still at the start of its turn, sees every landmark of the world."""
+    """Returns the drive with scans in which the sensor, still at the start of its turn, sees every landmark of the world."""
     scans = []
     for scan, pose in zip(drive.scans, drive.poses, strict=True):
         x, y = se2.transform(se2.inverse(pose), LANDMARKS).T
@@ -34,7 +34,7 @@ def drive() -> Drive:
 
 
 def chosen_by(drive: Drive, centre: int, reach_m: float, spacing_m: float) -> np.ndarray:
-    """Indices of the scans whose returns a submap holds."""
+    """Returns the indices of the scans whose returns a submap holds."""
     times = render_submap(drive, centre, reach_m, spacing_m, BEAM).times
     return np.unique(np.searchsorted(drive.times, times))
 

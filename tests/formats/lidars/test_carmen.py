@@ -248,7 +248,7 @@ def test_damaged_compression_and_noise_are_named(tmp_path: Path) -> None:
 
 
 def spread(trajectory: Trajectory, scans: Scans) -> float:
-    """Median distance [m] from a return to the nearest one measured over twenty scans before or after."""
+    """Returns the median distance [m] from a return to the nearest one measured over twenty scans before or after."""
     from scipy.spatial import cKDTree
 
     places, owners = [], []

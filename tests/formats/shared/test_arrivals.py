@@ -20,7 +20,7 @@ Stamps = NDArray[np.int64]
 
 
 def turning(takes_us: NDArray[np.float64] | NDArray[np.int64]) -> Stamps:
-    """Stamps of polar scans that take so long."""
+    """Returns stamps of polar scans whose turns take so long."""
     return np.asarray(START_US + np.cumsum(takes_us).round().astype(np.int64))
 
 
@@ -35,7 +35,7 @@ def delays_of(kind: str, count: int, seed: int) -> NDArray[np.float64]:
 
 
 def rms(errors: NDArray[np.int64]) -> float:
-    """Root mean square [us], but for what all stamps are late by: nobody can tell that."""
+    """Returns the root mean square [us] without the delay that all stamps share, which nobody can tell."""
     return float(np.sqrt(np.mean((errors - np.median(errors)) ** 2)))
 
 

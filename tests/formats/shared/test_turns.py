@@ -24,7 +24,7 @@ DATA = Path(__file__).parents[4] / "shared" / "data"
 
 
 def written(recording: Recording, folder: Path, layout: str) -> Recording:
-    """The recording as a layout's reader sees it that has only files to go by; older native files name no durations."""
+    """Writes a recording and reads it back in a layout that stamps its files only; older native files state no durations."""
     out, _ = convert(recording, folder, layout)
     if layout == "native":
         with np.load(out) as archive:
