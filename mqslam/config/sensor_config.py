@@ -45,7 +45,7 @@ class SensorConfig(BaseModel):
     doppler_step: float = expert(
         0.05, gt=0.0, description="Step between the Doppler shifts that are tried [s]. Those of Navtech's radars lie within."
     )
-    doppler_steps: int = expert(2, ge=1, description="Number of those steps to either side of no shift.")
+    doppler_steps: int = expert(2, ge=1, description="Number of those steps to either side of zero.")
     doppler_gain: float = expert(
         0.003, ge=0.0, lt=1.0, description="Share of psi that a Doppler shift must save to be believed."
     )

@@ -92,8 +92,16 @@ class TrackerConfig(BaseModel):
         gt=0.0,
         description="Spread of forward speeds around rest, in directions that psi does not observe at a start [m/s].",
     )
-    rest_slip: float = expert(0.5, gt=0.0, description="The same spread for sideways speed [m/s].")
-    rest_omega: float = expert(0.1, gt=0.0, description="The same spread for the yaw rate [rad/s].")
+    rest_slip: float = expert(
+        0.5,
+        gt=0.0,
+        description="Spread of sideways speeds around rest, in directions that psi does not observe at a start [m/s].",
+    )
+    rest_omega: float = expert(
+        0.1,
+        gt=0.0,
+        description="Spread of yaw rates around rest, in directions that psi does not observe at a start [rad/s].",
+    )
     unknown_travel: float = expert(
         0.5,
         gt=0.0,
@@ -105,7 +113,10 @@ class TrackerConfig(BaseModel):
         0.75, gt=0.0, description="Longest time between two scans over which an acceleration is taken to last [s]."
     )
     steady_turns: float = expert(
-        1.5, gt=0.0, description="The same in turns, for radars so slow that this many turns take longer than steady_s."
+        1.5,
+        gt=0.0,
+        description="Longest time between two scans over which an acceleration is taken to last, in turns. It serves "
+        "where that is longer than steady_s, for slow radars.",
     )
     longest_coast_s: float = expert(
         60.0,
@@ -142,7 +153,9 @@ class TrackerConfig(BaseModel):
         40, ge=1, description="Number of past scans that show how far the motion is from what the motion model can follow."
     )
     unsteady_least: int = expert(
-        8, ge=1, description="With fewer such scans the process noise takes part in what the motion model leaves out."
+        8,
+        ge=1,
+        description="With fewer such scans, the process noise stands in for part of what the motion model leaves out.",
     )
     unsteady_forward: float = expert(
         1.7,
