@@ -157,5 +157,5 @@ def _import_open3d() -> Any:
             f"front end open3d_icp: Open3D cannot be imported ({error}); it needs the system library libusb-1.0-0 "
             "(apt-get install libusb-1.0-0)"
         ) from error
-    open3d.utility.set_max_threads(1)  # more add up in any order, and the same scans are to give the same motions
+    open3d.utility.set_max_threads(1)  # several threads add up in any order, but the same scans must give the same motions
     return open3d

@@ -67,7 +67,7 @@ class Slam:
         config, runner = self._config, self._runner
         with runner.time_stage("total"):
             context = Context(config, recording.revolution_s, recording.start_us, odometry)
-            self._frontend(context)  # raises before the recording is read, if it lacks anything
+            self._frontend(context)  # a front end that lacks something raises before the recording is read
             scans, detected = detect_all(recording, config.detector, runner, strict=self._strict)
             runner.runtime_s |= {"read": detected.read_s, "detect": detected.detect_s}
             try:

@@ -89,8 +89,8 @@ class Finding:
 def verdict_of(findings: Iterable[Finding]) -> tuple[VerdictStatus, list[str]]:
     """Returns the gravest verdict of all findings, and the reasons for it, the gravest first.
 
-    Evidence of a fault counts more than lack of evidence: a map that cannot be judged by its windows but of a run that lost
-    track is `warn`.
+    Evidence of a fault counts more than lack of evidence: if the windows cannot judge a map but its run lost track, the
+    verdict is `warn`.
     """
     ranked = sorted(findings, key=lambda finding: _GRAVEST_FIRST.index(finding.status))
     if not ranked:

@@ -151,7 +151,7 @@ def _detect_radar(
     carried = {"odometry": recording.odometry, "ground_truth": recording.ground_truth}
     tracks = {name: track for name, track in carried.items() if track is not None}
     track = given or _pick_carried(data, tracks, name)
-    require_covered(make_scans(recording), track, settings.audit)  # raises before the recording is read
+    require_covered(make_scans(recording), track, settings.audit)  # a mistake is raised before the recording is read
     scans, detected = detect_all(recording, settings.detector, Runner(work.engine, work.progress))
     notes = (*recording.notes, *recording.faults, *warn_of_unread(detected.unread))
     source = Source(recording.path, recording.format, scans, tracks, notes)

@@ -26,7 +26,7 @@ def parse_yaml(model: type[M], name: str | Path, text: str | bytes) -> M:
     """
     try:
         tree = yaml.safe_load(text if isinstance(text, str) else text.decode("utf-8"))
-    except Exception as error:  # PyYAML lets errors through that making numbers, dates and keys raises
+    except Exception as error:  # PyYAML lets through what making numbers, dates and keys raises
         first = (str(error) or type(error).__name__).splitlines()[0]
         raise ConfigError(f"{name}: is not a readable YAML file ({first})") from error
     if tree is None:

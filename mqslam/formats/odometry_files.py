@@ -28,7 +28,7 @@ def read_odometry(path: Path) -> Trajectory:
     stamp, so the poses lie on exact constant-twist arcs; the first pose is the origin.
 
     Raises:
-        DataError: the file cannot be read, is in neither layout, holds a number that is none, or its stamps do not increase.
+        DataError: the file cannot be read, is in neither layout or holds a non-number, or its stamps do not increase.
     """
     try:
         with path.open(encoding="utf-8") as lines:
@@ -41,7 +41,7 @@ def read_odometry(path: Path) -> Trajectory:
 
 
 def read_beside(read: Callable[[], _Read]) -> tuple[_Read | None, list[str]]:
-    """Reads what lies beside the images of a recording, which are of use without it.
+    """Reads a file beside the images of a recording; where it cannot be used, the images still can.
 
     Args:
         read: reads it, or raises a DataError.

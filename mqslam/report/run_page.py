@@ -186,19 +186,19 @@ def _show_trajectories(report: Report, truth: Trajectory | None) -> Section:
     drawn = run_figures.draw_trajectories(report.odometry, report.optimised, truth, report.before)
     caption = "ground truth laid on the optimised trajectory by the best rigid motion" if truth is not None else ""
     trajectory = Figure(drawn, "Trajectory", caption)
-    if len(report.windows) == 0:
+    if len(report.scores) == 0:
         return Section("Trajectory", figures=(trajectory,))
-    counts = Counter(report.windows.status).most_common()
-    statuses = f"{len(report.windows):,} windows: " + ", ".join(f"{n:,} {status}" for status, n in counts)
+    counts = Counter(report.scores.status).most_common()
+    statuses = f"{len(report.scores):,} scans: " + ", ".join(f"{n:,} {status}" for status, n in counts)
     charts = (
-        Figure(run_figures.draw_psi(report.windows), "ψ per window", statuses),
+        Figure(run_figures.draw_psi(report.scores), "ψ per scan", statuses),
         Figure(
-            run_figures.draw_matched(report.windows),
+            run_figures.draw_matched(report.scores),
             "Matched share",
             "points with a neighbour that takes part in the score",
         ),
     )
-    return Section("Trajectory and windows", figures=(trajectory,), stacked=charts)
+    return Section("Trajectory and scans", figures=(trajectory,), stacked=charts)
 
 
 def _align_truth(report: Report) -> Trajectory | None:

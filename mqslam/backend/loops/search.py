@@ -93,7 +93,7 @@ def confirm_by_map(
 
 
 def _improves(shared: tuple[Drive, se2.Array, LoopConfig, EstimatorConfig, Beam], loop: Loop) -> bool:
-    """Returns whether psi of the two passes is lower than before, or about as low as it was and as it can be."""
+    """Returns whether psi of the two passes is lower than before, or hardly above both that and the loop's own psi."""
     drive, after, settings, estimator, beam = shared
     reference, query = _render_submaps(drive, loop.earlier, loop.later, settings, beam)
     before_psi, after_psi = (

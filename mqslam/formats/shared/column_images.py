@@ -147,7 +147,9 @@ def write_columns(folder: Path, recording: Recording, names: Sequence[str]) -> l
         DataError: polar scans differ in size, or azimuths are not spread evenly from straight ahead.
     """
     shape, apart, clockwise, late = (0, 0), 0.0, True, False
-    ahead: NDArray[np.uint8] | None = None  # of a turn that begins one step late: the next one's first column
+    ahead: NDArray[np.uint8] | None = (
+        None  # the last azimuth of a turn that begins one step late: it is the first column of the next image
+    )
     follows = np.append(False, recording.ends_us[:-1] == recording.stamps_us[1:])
     for k, polar_scan in enumerate(recording.polar_scans()):
         if len(polar_scan.azimuths) < 2:

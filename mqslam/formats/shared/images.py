@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from mqslam.errors import DataError
 
-_MOST_PIXELS = 64_000_000  # of a polar scan: larger images are damaged, or made to fill the memory
-_MOST_EXPANSION = 1032  # of deflate: an image that claims more pixels per byte of its file is cut short
+_MOST_PIXELS = 64_000_000  # largest polar scan: larger images are damaged, or made to fill the memory
+_MOST_EXPANSION = 1032  # the most that deflate can do: an image with more pixels per byte of its file is cut short
 _Read = TypeVar("_Read")
 _DAMAGE = (OSError, SyntaxError, ValueError, EOFError, zlib.error, struct.error)
 

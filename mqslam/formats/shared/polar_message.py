@@ -37,10 +37,10 @@ if TYPE_CHECKING:
 
 _GREY = ("mono8", "8UC1")
 _COMPRESSIONS = ("PNG", "JPEG")
-_FIRST_TRIED = 10  # messages of a topic, of which one at least must be a polar scan
+_FIRST_TRIED = 10  # at least one of this many first messages of a topic must be a polar scan
 _ENCODER_TURNS = (5600, 16000)  # ticks per turn of the encoders that Navtech's radars have
-_FEWEST_PIXELS = 100  # on the short side of an image that is polar
-_LONG_SIDE = 3  # times its short side, at least, is the long side of a polar image of an unknown topic
+_FEWEST_PIXELS = 100  # a polar image has at least this many pixels on its short side
+_LONG_SIDE = 3  # on an unknown topic, a polar image is at least this many times as long as wide
 _MULRAN_PLAYER = "/radar/polar"
 _NAVTECH = "/navtech/polar"
 

@@ -12,7 +12,7 @@ from mqslam.core.evenly import evenly
 from mqslam.core.recording import FASTEST_TURN_US, SLOWEST_TURN_US
 from mqslam.formats.shared.sensing import Stamp
 
-_COST_MISSING = 1.0  # of assuming that a polar scan is missing: the unit of the costs in the settings
+_COST_MISSING = 1.0  # cost of assuming that a polar scan is missing: the unit of the costs in the settings
 Measure = Callable[[int], float | None]
 
 

@@ -25,8 +25,8 @@ PAPER_LARGEST = (0.1, 0.0227)
 """Largest errors of v [m/s] and omega [rad/s] in the paper's Table I; nothing else of its results is at hand."""
 SENSOR = SensorModel(turn_rate_hz=2.0, azimuths=720, range_resolution=0.25, max_range=400.0)
 REVOLUTION_S = 1.0 / SENSOR.turn_rate_hz
-SPEEDS = np.arange(-0.5, 1.6, 0.4)  # that the estimator's search tries [m/s]
-YAW_RATES = np.linspace(-0.6, 0.6, 25)  # that the estimator's search tries [rad/s]
+SPEEDS = np.arange(-0.5, 1.6, 0.4)  # speeds that the estimator's search tries [m/s]
+YAW_RATES = np.linspace(-0.6, 0.6, 25)  # yaw rates that the estimator's search tries [rad/s]
 _ESTIMATOR = EstimatorConfig()
 _BEAM = beam_of(_ESTIMATOR, 0.0)
 
