@@ -147,11 +147,11 @@ def compute_marginals(graph: PoseGraph, values: gtsam.Values, indices: Sequence[
         return PoseCovariances.unknown(describe_error(error))
     sigmas = np.sqrt(np.maximum(np.einsum("kii->ki", blocks), 0.0))
     if not np.isfinite(blocks).all() or not np.all(sigmas > 0.0):
-        return PoseCovariances.unknown("the graph leaves a direction open")
+        return PoseCovariances.unknown("the graph leaves a direction undetermined")
     correlations = blocks / (sigmas[:, :, None] * sigmas[:, None, :])
     uneven = np.abs(correlations - correlations.transpose(0, 2, 1)).max(initial=0.0)
     if uneven > _ASYMMETRY or np.linalg.eigvalsh(correlations).min(initial=0.0) < -_ASYMMETRY:
-        return PoseCovariances.unknown("the precision of numbers does not suffice for edges this unequal")
+        return PoseCovariances.unknown("floating-point precision does not suffice for edges this unequal")
     return PoseCovariances(np.asarray(indices, dtype=np.int64), 0.5 * (blocks + blocks.transpose(0, 2, 1)))
 
 
@@ -174,7 +174,7 @@ def _inverse_blocks(jacobian: sparse.csc_array, indices: Sequence[int]) -> NDArr
     try:
         factorised = splu(system)
     except RuntimeError as error:  # SciPy's own message speaks of matrices, not of the graph
-        raise EstimationError("the graph leaves a direction open") from error
+        raise EstimationError("the graph leaves a direction undetermined") from error
     rows = len(sigmas) + 3 * np.asarray(indices, dtype=np.int64)[:, None] + np.arange(3)  # (K, 3) the poses' own columns
     blocks = [np.empty((0, 3, 3))]
     for begin in range(0, len(rows), _POSES_AT_A_TIME):

@@ -44,7 +44,7 @@ def check_order(followed: Followed, settings: CheckConfig) -> Finding:
         )
     if middle > 0.0:
         return Finding(name, Verdict.OK, both, numbers)
-    remedy = "azimuths seem to be stored against the direction of rotation: bring them in the order they were measured in"
+    remedy = "azimuths seem to be stored against the direction of rotation: store them in the order of measurement"
     return Finding(name, Verdict.SUSPICIOUS, f"{both}; {remedy}", numbers)
 
 
@@ -125,7 +125,7 @@ def check_scale(recording: Recording, followed: Followed, odometry: Trajectory |
     name = "range resolution"
     if odometry is None or len(followed.steps) < settings.fewest_steps:
         return Finding(
-            name, Verdict.UNTOLD, _explain_untold(followed, odometry, "a map that is scaled as a whole is as crisp")
+            name, Verdict.UNTOLD, _explain_untold(followed, odometry, "psi is the same for a map and a scaled copy of it")
         )
     measured, given = followed.steps.twists[:, 0], followed.steps.of(odometry)[:, 0]
     fast = np.abs(given) > settings.least_speed

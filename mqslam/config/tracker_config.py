@@ -81,8 +81,8 @@ class TrackerConfig(BaseModel):
     start_speeds: float = expert(
         13.0,
         gt=0.0,
-        description="The cold start tries speeds in steps of the annealing's widest reach per turn, divided by this: so "
-        "near a speed the minimiser surely finds the minimum.",
+        description="The cold start tries speeds in steps of the annealing's widest reach per turn, divided by this, "
+        "so that the minimiser surely finds the minimum from the nearest of them.",
     )
     start_yaw_step: float = expert(
         0.025, gt=0.0, description="Turn per scan between the yaw rates that a start tries [rad]."
@@ -130,11 +130,15 @@ class TrackerConfig(BaseModel):
         description="Half width of the search for a scan around its prediction, in the prediction's standard deviations.",
     )
     search_least_m: float = expert(
-        3.0, gt=0.0, description="Least half width of that search [m], however sure the prediction claims to be."
+        3.0, gt=0.0, description="Least half width of the search for a scan [m], however sure the prediction claims to be."
     )
-    search_least_rad: float = expert(0.05, gt=0.0, description="The same for yaw [rad].")
-    search_most_m: float = expert(30.0, gt=0.0, description="Largest half width of that search [m].")
-    search_most_rad: float = expert(0.8, gt=0.0, description="The same for yaw [rad].")
+    search_least_rad: float = expert(
+        0.05,
+        gt=0.0,
+        description="Least half width of the search for a scan in yaw [rad], however sure the prediction claims to be.",
+    )
+    search_most_m: float = expert(30.0, gt=0.0, description="Largest half width of the search for a scan [m].")
+    search_most_rad: float = expert(0.8, gt=0.0, description="Largest half width of the search for a scan in yaw [rad].")
 
     grown_keyframes: int = expert(
         8, ge=1, description="A map with fewer keyframes than this takes new ones at shorter distances, because it is thin."

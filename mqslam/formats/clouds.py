@@ -125,7 +125,9 @@ def _load_pcd(path: Path) -> Columns:
         while len(lines) < 64 and not (lines and lines[-1].startswith("DATA")):
             lines.append(file.readline(1 << 16).decode("utf-8").strip())
         header = MetaData.parse_header(lines)
-        if min(header.count, default=1) < 1 or sum(header.count) > _MOST_NUMBERS:  # pypcd4 makes a list of them
+        if (
+            min(header.count, default=1) < 1 or sum(header.count) > _MOST_NUMBERS
+        ):  # pypcd4 would make a list of all that the header claims
             raise DataError(path, f"claims {sum(header.count)} numbers per point", "write it anew")
         claimed = header.points * header.build_dtype().itemsize
         if claimed > _MOST_EXPANSION * path.stat().st_size:

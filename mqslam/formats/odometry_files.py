@@ -131,7 +131,7 @@ def _read_twists(path: Path, header: str) -> Trajectory:
     wanted = [names.index(name) for name in ("t", "v", "omega", "vy") if name in names]
     table = read_numbers(path, wanted)
     if np.abs(table[:, 0]).max(initial=0.0) > LATEST_US:
-        raise DataError(path, "holds stamps beyond any clock", "give them in microseconds")
+        raise DataError(path, "holds stamps too large for any clock", "give them in microseconds")
     stamps = np.round(table[:, 0]).astype(np.int64)
     lateral = table[:, 3] if "vy" in names else np.zeros(len(table))
     twists = np.column_stack([table[:, 1], lateral, table[:, 2]])

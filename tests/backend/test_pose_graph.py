@@ -146,7 +146,7 @@ def test_marginals_of_a_pose_that_nothing_ties_are_said_to_be_unknown() -> None:
     tied = graph_of(TURNS[:2], se2.chain(TURNS[:2]))
     tied.initial.insert(X(3), gtsam.Pose2())
     loose = PoseGraph(tied.factors, tied.initial, 4)
-    assert compute_marginals(loose, loose.initial, [3]).failure == "the graph leaves a direction open"
+    assert compute_marginals(loose, loose.initial, [3]).failure == "the graph leaves a direction undetermined"
 
 
 def test_the_optimum_is_found_however_unequal_the_edges() -> None:

@@ -30,7 +30,7 @@ LIKE_OXFORD = [name for name in STAMPED if name not in ("boreas", "mulran_oxford
 def test_the_suffix_says_the_layout(oxford: Path, tmp_path: Path, name: str, format: str) -> None:
     shown = mqslam("convert", oxford, tmp_path / "deep" / name)
     assert (shown.code, shown.out) == (0, "") and f"wrote {tmp_path / 'deep' / name}" in shown.err
-    assert "converting: 6/6" in shown.err and "note: range resolution 0.0438 m assumed" in shown.err
+    assert "converting: 6/6" in shown.err and "note: range resolution 0.0438 m is assumed" in shown.err
     recording = open_recording(tmp_path / "deep" / name)
     assert recording.format == format
     assert_same(open_recording(oxford), recording)

@@ -25,7 +25,7 @@ def test_a_person_reads_a_line_per_fact(tmp_path: Path) -> None:
     shown = mqslam("info", drive)
     assert (shown.code, shown.err) == (0, "")
     table = table_of(shown.out)
-    assert table.pop("note").startswith("range resolution 0.0438 m assumed")
+    assert table.pop("note").startswith("range resolution 0.0438 m is assumed")
     assert table == {
         "format": "oxford",
         "path": str(drive),

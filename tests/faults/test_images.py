@@ -38,7 +38,7 @@ def test_an_image_that_cannot_be_read(drive: Path, tmp_path: Path) -> None:
 
 
 def test_an_unread_polar_scan_stays_one_when_a_run_is_resumed(drive: Path, tmp_path: Path) -> None:
-    """Not a row of its own: what an interrupted run could not read is known to the run that continues it."""
+    """This has no row in the README's table. A continued run knows what the interrupted one could not read."""
     cut_short(images(drive)[11])
     assert run_quickly(drive, tmp_path / "whole").code == 0
     with pytest.MonkeyPatch.context() as patch:
@@ -56,8 +56,8 @@ def test_a_first_or_last_image_that_cannot_be_read(drive: Path, tmp_path: Path) 
         cut_short(image)
     shown = run_quickly(drive, tmp_path / "out")
     assert shown.code == 0
-    assert f"the first 2 polar scans could not be read, left out: {first}: " in shown.err
-    assert f"the last polar scan could not be read, left out: {last}: " in shown.err
+    assert f"the first 2 polar scans could not be read and are left out: {first}: " in shown.err
+    assert f"the last polar scan could not be read and is left out: {last}: " in shown.err
     assert len(read_tum(tmp_path / "out" / "trajectory.tum")) == 27
     assert_refused(run_quickly(drive, tmp_path / "strict", "--strict"), str(first))
 
@@ -71,7 +71,7 @@ def test_over_half_of_the_images_cannot_be_read(drive: Path, tmp_path: Path) -> 
 
 
 def test_a_stretch_that_cannot_be_read_costs_no_more_than_itself(drive: Path) -> None:
-    """Not a row of its own: reading goes on behind an error, in a recording of any layout."""
+    """This has no row in the README's table. Reading goes on after an error, in a recording of any layout."""
     broken = [3, 4, 11, 29 - 1]
     for k in broken:
         cut_short(images(drive)[k])

@@ -252,7 +252,7 @@ def test_damaged_clouds_are_named_in_one_line(tmp_path: Path) -> None:
         ({"x": X, "y": Y, "t": np.array([{}] * 4)}, "is not a readable"),
         ({"points": np.zeros((4, 5)), "t": T}, r"points are \(4, 5\)"),
         ({"x": X[:0], "y": Y[:0], "t": T[:0]}, "holds no points"),
-        ({"x": X, "y": Y, "t": T * 1e40}, "t holds stamps beyond any clock"),
+        ({"x": X, "y": Y, "t": T * 1e40}, "t holds stamps too large for any clock"),
     ],
 )
 def test_an_npz_that_is_no_cloud_is_refused(tmp_path: Path, arrays: dict[str, NDArray[Any]], problem: str) -> None:

@@ -233,9 +233,9 @@ def test_a_full_disk_is_no_part_that_cannot_be_drawn(tmp_path: Path, monkeypatch
 
 
 def test_covariances_that_are_not_known_are_said_and_not_drawn(written: Path, tmp_path: Path) -> None:
-    unknown = PoseCovariances.unknown("the graph leaves a direction open")
+    unknown = PoseCovariances.unknown("the graph leaves a direction undetermined")
     write_report(tmp_path / "unsure.html", replace(a_report(), covariances=unknown))
-    said = "the covariances of the poses are not known (the graph leaves a direction open)"
+    said = "the covariances of the poses are not known (the graph leaves a direction undetermined)"
     assert said in page_of(tmp_path / "unsure.html").text and said not in page_of(written).text
     assert "3σ ellipses" not in scene_of(tmp_path / "unsure.html") and "3σ ellipses" in scene_of(written)
 

@@ -118,9 +118,9 @@ def spread_azimuths(count: int, stamp_us: int, duration_us: int, *, clockwise: b
 def note_spread(whose: str, stamp: Stamp, clockwise: bool) -> str:
     """Words the note on what was assumed of azimuths without stamps and angles, timed by the stamps of files or headers."""
     return (
-        f"azimuths carry no own stamps: spread evenly over the turn; {whose} stamps taken as the {stamp} of the turn "
-        f"(sensor.stamp), azimuths as {'clockwise' if clockwise else 'counter-clockwise'} from straight ahead "
-        "(sensor.clockwise)"
+        "azimuths carry no stamps of their own and are spread evenly over the turn; "
+        f"{whose} stamps are taken as the {stamp} of the turn (sensor.stamp), "
+        f"azimuths as {'clockwise' if clockwise else 'counter-clockwise'} from straight ahead (sensor.clockwise)"
     )
 
 

@@ -78,7 +78,7 @@ def choose_topic(path: Path, reader: AnyReader) -> tuple[str, Layout, list[str]]
             raise DataError(
                 path,
                 f"has {'several topics that could be' if alike else 'no'} radar (topics: {list_topics(reader)})",
-                f"radar is {IMAGE_TYPE} or CompressedImage on /Navtech/Polar or /radar/polar, or {B_SCAN_TYPE}",
+                f"give a bag with {IMAGE_TYPE} or CompressedImage on /Navtech/Polar or /radar/polar, or {B_SCAN_TYPE}",
             )
         chosen = next(iter(alike.values()))
         note = f"radar from {chosen.topic}, the only topic with images shaped like a radar's"
@@ -200,7 +200,7 @@ def make_image(bag: Bag, recording: Recording, k: int, polar_scan: PolarScan) ->
     """
     rows = make_rows(recording, k, polar_scan)
     if k == 0 and not has_metadata(rows):
-        problem = "its first polar scan is under half a turn, by which readers know rows with times and angles"
+        problem = "its first polar scan is under half a turn, so that readers would not find times and angles in its rows"
         raise DataError(recording.path, problem, "write b_scan messages, or convert it to oxford or .npz")
     return _make_mono8(bag, int(azimuth_stamps(recording, polar_scan)[0]), rows)
 

@@ -1,4 +1,4 @@
-"""Two submaps are laid on each other where they belong, and it is said where they do not belong or do not hold."""
+"""Two submaps are laid on each other where they belong; an alignment tells if they do not, or leave a direction open."""
 
 from __future__ import annotations
 

@@ -79,9 +79,9 @@ def test_images_without_metadata_are_spread_over_the_turn(oxford: Path, tmp_path
     np.testing.assert_array_equal(polar_scan.power, oxford_rows(5)[:, 11:])
     np.testing.assert_allclose(polar_scan.azimuths, -2 * np.pi * np.arange(40) / 40)
     np.testing.assert_allclose(polar_scan.times, 1.25 + 0.25 * np.arange(40) / 40, atol=1e-6)
-    (note,) = (note for note in recording.notes if "carry no own stamps" in note)
-    assert f"{'columns' if columns else 'rows'} of the images taken as azimuths" in note
-    assert f"header stamps taken as the {'end' if columns else 'start'} of the turn (sensor.stamp)" in note
+    (note,) = (note for note in recording.notes if "carry no stamps of their own" in note)
+    assert f"{'columns' if columns else 'rows'} of the images are taken as azimuths" in note
+    assert f"header stamps are taken as the {'end' if columns else 'start'} of the turn (sensor.stamp)" in note
 
 
 def test_a_gap_does_not_stretch_the_turn_before_it(oxford: Path, tmp_path: Path) -> None:
@@ -206,7 +206,7 @@ def test_messages_that_repeat_a_stamp_are_skipped_and_noted(oxford: Path, tmp_pa
 
 def test_range_resolution_is_assumed_with_a_note_or_given(oxford: Path, tmp_path: Path) -> None:
     path = write_bag(open_recording(oxford), tmp_path / "drive.bag", "ros1")
-    assert any("0.0438 m assumed" in note for note in open_recording(path).notes)
+    assert any("0.0438 m is assumed" in note for note in open_recording(path).notes)
     given = open_recording(path, range_resolution=0.175)
     assert given.range_resolution == 0.175 and not any("assumed" in note for note in given.notes)
 
@@ -250,7 +250,7 @@ def test_a_message_that_is_no_polar_scan_is_left_out_and_named_by_topic_and_time
     recording = open_recording(tmp_path / "drive.bag")
     assert len(list(recording.polar_scans())) == len(recording) == 5
     (fault,) = recording.faults
-    assert "1 messages on /Navtech/Polar could not be read, left out: " in fault
+    assert "1 messages on /Navtech/Polar could not be read and are left out: " in fault
     assert f"drive.bag: {logged} is an image in '16UC1'" in fault
 
 
