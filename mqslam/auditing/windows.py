@@ -12,7 +12,7 @@ from mqslam.auditing.measures import Measures, compute_measures, locate_sensors
 from mqslam.auditing.sweeps import Sweeps, place_sweeps
 from mqslam.config import AuditConfig, EstimatorConfig
 from mqslam.core import se2
-from mqslam.core.evenly import evenly
+from mqslam.core.evenly import pick_evenly
 from mqslam.core.scans import Scans
 from mqslam.core.trajectory import Trajectory
 from mqslam.errors import EstimationError
@@ -133,7 +133,7 @@ def audit_sample(
     """
     size = settings.window
     begins = np.arange(0, len(scans) - size + 1, size)
-    begins = begins[evenly(len(begins), settings.sampled_windows)]
+    begins = begins[pick_evenly(len(begins), settings.sampled_windows)]
 
     def report(number: int, window: WindowAudit | None) -> None:
         runner.progress("check", number, len(begins))

@@ -12,7 +12,7 @@ import numpy as np
 
 from mqslam.backend.pose_graph import compute_marginals
 from mqslam.core import se2
-from mqslam.core.evenly import evenly
+from mqslam.core.evenly import pick_evenly
 from mqslam.core.recording import Recording
 from mqslam.core.trajectory import Trajectory
 from mqslam.errors import tolerate
@@ -78,7 +78,7 @@ def write_run_pages(folder: Path, run: Run, recording: Recording, summary: Mappi
     """
     failures: list[str] = []
     with tolerate("report.html", failures):
-        covariances = compute_marginals(run.graph, run.values, evenly(run.graph.size, _ELLIPSES).tolist())
+        covariances = compute_marginals(run.graph, run.values, pick_evenly(run.graph.size, _ELLIPSES).tolist())
         if covariances.failure is not None:
             failures.append(
                 f"the covariances of the poses are not known ({covariances.failure}): the report shows no ellipses"

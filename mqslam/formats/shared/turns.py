@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mqslam.config.reading_config import ReadingConfig
-from mqslam.core.evenly import evenly
+from mqslam.core.evenly import pick_evenly
 from mqslam.core.recording import FASTEST_TURN_US, SLOWEST_TURN_US
 from mqslam.formats.shared.sensing import Stamp
 
@@ -32,7 +32,7 @@ def measure_turn(stamps_us: NDArray[np.float64], angles: NDArray[np.float64], se
     """
     if len(angles) < settings.fewest_azimuths:
         return None
-    rows = evenly(len(angles), settings.compared_azimuths)
+    rows = pick_evenly(len(angles), settings.compared_azimuths)
     stamps, turns = stamps_us[rows], angles[rows] / (2.0 * np.pi)
     first, second = np.triu_indices(len(rows), int(settings.compared_apart * len(rows)))
     swept = np.abs(turns[second] - turns[first])
