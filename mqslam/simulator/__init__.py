@@ -1,10 +1,10 @@
 """A simulated radar drive: a geometric scene, a true motion, a spinning radar and wheels that slip.
 
-`simulated_recording` renders a drive in memory, `simulate` writes the same drive as a recording in the Oxford layout.
+`simulate_recording` renders a drive in memory, `simulate` writes the same drive as a recording in the Oxford layout.
 """
 
 from mqslam.simulator.drive import ConstantDrive, Drive, SampledDrive, clear_way, loop_drive
-from mqslam.simulator.in_memory import SimulatedRecording, simulated_recording
+from mqslam.simulator.in_memory import SimulatedRecording, simulate_recording
 from mqslam.simulator.scene import Scene, corridor_scene, street_scene, yard_scene
 from mqslam.simulator.sensor import SensorModel, render_polar_scan
 from mqslam.simulator.wheels import OdometryModel, WheelOdometry, wheel_odometry
@@ -25,7 +25,7 @@ __all__ = [
     "loop_drive",
     "render_polar_scan",
     "simulate",
-    "simulated_recording",
+    "simulate_recording",
     "street_scene",
     "wheel_odometry",
     "yard_scene",

@@ -23,7 +23,7 @@ START_US = 1_600_000_000_000_000
 
 @dataclass(frozen=True, kw_only=True)
 class SimulatedRecording(Recording):
-    """A drive through a scene as a recording; `simulated_recording` makes one.
+    """A drive through a scene as a recording; `simulate_recording` makes one.
 
     Args:
         scene: what reflects.
@@ -53,7 +53,7 @@ class SimulatedRecording(Recording):
             yield PolarScan(times, self.sensor.angles, power, np.ones(len(times), dtype=np.bool_))
 
 
-def simulated_recording(
+def simulate_recording(
     scene: Scene,
     drive: Drive,
     *,

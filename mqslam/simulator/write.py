@@ -20,7 +20,7 @@ from mqslam.execution.folders import make_folder
 from mqslam.formats.odometry_files import write_twists
 from mqslam.formats.recordings import oxford
 from mqslam.simulator.drive import ConstantDrive, Drive, clear_way, loop_drive
-from mqslam.simulator.in_memory import SimulatedRecording, simulated_recording
+from mqslam.simulator.in_memory import SimulatedRecording, simulate_recording
 from mqslam.simulator.scene import Scene, corridor_scene, street_scene, yard_scene
 from mqslam.simulator.sensor import SensorModel
 from mqslam.simulator.wheels import OdometryModel
@@ -68,7 +68,7 @@ def simulate(
         raise ConfigError(f"simulator: seed is {seed}; it must be 0 or more")
     errors = OdometryModel()
     world, drive = _make_world(scene, seed, duration_s, movers)
-    recording = simulated_recording(world, drive, duration_s=duration_s, sensor=sensor, seed=seed, odometry=errors)
+    recording = simulate_recording(world, drive, duration_s=duration_s, sensor=sensor, seed=seed, odometry=errors)
     truth = recording.ground_truth
     assert truth is not None
     parameters = {

@@ -25,7 +25,7 @@ from mqslam.simulator import (
     SimulatedRecording,
     clear_way,
     loop_drive,
-    simulated_recording,
+    simulate_recording,
     street_scene,
     yard_scene,
 )
@@ -36,7 +36,7 @@ NAMES = ["stamps", "azimuths", "order of azimuths", "direction of rotation", "st
 
 
 def drive(scene: Scene, motion: Drive, duration_s: float) -> SimulatedRecording:
-    return simulated_recording(scene, motion, duration_s=duration_s, sensor=SENSOR)
+    return simulate_recording(scene, motion, duration_s=duration_s, sensor=SENSOR)
 
 
 @lru_cache(maxsize=1)

@@ -15,7 +15,7 @@ from mqslam.simulator import (
     SensorModel,
     corridor_scene,
     render_polar_scan,
-    simulated_recording,
+    simulate_recording,
     street_scene,
 )
 
@@ -36,7 +36,7 @@ def quiet(**changes: float) -> SensorModel:
 
 
 def render(scene: Scene, drive: Drive = STILL, sensor: SensorModel = QUIET, turn: int = 0) -> NDArray[np.uint8]:
-    return simulated_recording(scene, drive, duration_s=5.0, sensor=sensor)[turn].power
+    return simulate_recording(scene, drive, duration_s=5.0, sensor=sensor)[turn].power
 
 
 def pole(x: float, y: float, radius: float = 0.05) -> Scene:
@@ -92,7 +92,7 @@ def test_echoes_weaken_with_range() -> None:
 def test_an_azimuth_is_cast_from_its_own_pose() -> None:
     drive, sensor = ConstantDrive(10.0, 0.5, (1.0, 2.0, 0.4)), quiet(beam_width_deg=0.9)
     place = np.array([-8.0, 25.0])
-    recording = simulated_recording(pole(place[0], place[1]), drive, duration_s=2.0, sensor=sensor)
+    recording = simulate_recording(pole(place[0], place[1]), drive, duration_s=2.0, sensor=sensor)
     for k in (0, 3, 6):
         r, _, row = peak(recording[k].power, sensor)
         pose = drive.poses(recording[k].times[row : row + 1])[0]
@@ -139,7 +139,7 @@ def test_saturated_azimuths_are_lifted_as_a_whole() -> None:
 
 def test_the_same_seed_gives_the_same_bytes_in_any_order() -> None:
     sensor = SensorModel(range_resolution=0.5, max_range=80.0)
-    recordings = [simulated_recording(street_scene(4), STILL, duration_s=1.0, sensor=sensor, seed=s) for s in (7, 7, 8)]
+    recordings = [simulate_recording(street_scene(4), STILL, duration_s=1.0, sensor=sensor, seed=s) for s in (7, 7, 8)]
     first, second, third = (list(s.polar_scans()) for s in recordings)
     assert all(np.array_equal(a.power, b.power) for a, b in zip(first, second, strict=True))
     assert np.array_equal(recordings[0][2].power, first[2].power)

@@ -10,7 +10,7 @@ import numpy as np
 from mqslam.config import Config
 from mqslam.core.scans import Returns, Scan, Scans
 from mqslam.detection.stage import detect_all
-from mqslam.simulator import ConstantDrive, Drive, Scene, SensorModel, SimulatedRecording, simulated_recording
+from mqslam.simulator import ConstantDrive, Drive, Scene, SensorModel, SimulatedRecording, simulate_recording
 
 SENSOR = SensorModel(range_resolution=0.0875, max_range=60.0)
 ON_THE_STREET = (-20.0, -37.75, 0.0)  # on the right-hand lane of a street scene, heading along x
@@ -27,7 +27,7 @@ def drive(
 ) -> tuple[SimulatedRecording, Scans]:
     """Returns a drive and its scans."""
     sensor = SensorModel(range_resolution=0.0875, max_range=max_range, doppler_beta=doppler_beta)
-    recording = simulated_recording(scene, motion, duration_s=duration_s, sensor=sensor, seed=seed)
+    recording = simulate_recording(scene, motion, duration_s=duration_s, sensor=sensor, seed=seed)
     return recording, detected(recording)
 
 

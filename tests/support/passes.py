@@ -12,7 +12,7 @@ from mqslam.core import se2
 from mqslam.core.scans import Returns, Scan
 from mqslam.detection.stage import detect_all
 from mqslam.psi.place import beam_of
-from mqslam.simulator import ConstantDrive, Scene, SensorModel, corridor_scene, simulated_recording, street_scene
+from mqslam.simulator import ConstantDrive, Scene, SensorModel, corridor_scene, simulate_recording, street_scene
 
 CONFIG = Config()
 BEAM = beam_of(CONFIG.estimator, 0.0)
@@ -34,7 +34,7 @@ def corridor_pass(x: float, y: float, seed: int) -> Drive:
 
 
 def _driven(scene: Scene, start: tuple[float, float, float], seed: int) -> Drive:
-    recording = simulated_recording(scene, ConstantDrive(8.0, 0.0, start), duration_s=5.0, sensor=SENSOR, seed=seed)
+    recording = simulate_recording(scene, ConstantDrive(8.0, 0.0, start), duration_s=5.0, sensor=SENSOR, seed=seed)
     scans, _ = detect_all(recording, CONFIG.detector)
     assert recording.ground_truth is not None
     return Drive.of(scans, recording.ground_truth.poses)
