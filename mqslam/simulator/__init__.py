@@ -5,7 +5,7 @@
 
 from mqslam.simulator.drive import ConstantDrive, Drive, SampledDrive, clear_way, loop_drive
 from mqslam.simulator.in_memory import SimulatedRecording, simulate_recording
-from mqslam.simulator.scene import Scene, corridor_scene, street_scene, yard_scene
+from mqslam.simulator.scene import Scene, make_corridor_scene, make_street_scene, make_yard_scene
 from mqslam.simulator.sensor import SensorModel, render_polar_scan
 from mqslam.simulator.wheels import OdometryModel, WheelOdometry, wheel_odometry
 from mqslam.simulator.write import SCENES, simulate
@@ -21,12 +21,12 @@ __all__ = [
     "SimulatedRecording",
     "WheelOdometry",
     "clear_way",
-    "corridor_scene",
     "loop_drive",
+    "make_corridor_scene",
+    "make_street_scene",
+    "make_yard_scene",
     "render_polar_scan",
     "simulate",
     "simulate_recording",
-    "street_scene",
     "wheel_odometry",
-    "yard_scene",
 ]

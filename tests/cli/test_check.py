@@ -25,9 +25,9 @@ from mqslam.simulator import (
     SimulatedRecording,
     clear_way,
     loop_drive,
+    make_street_scene,
+    make_yard_scene,
     simulate_recording,
-    street_scene,
-    yard_scene,
 )
 
 SENSOR = SensorModel(azimuths=200, range_resolution=0.175, max_range=100.0)
@@ -43,7 +43,7 @@ def drive(scene: Scene, motion: Drive, duration_s: float) -> SimulatedRecording:
 def corner() -> SimulatedRecording:
     """Returns a drive of eleven seconds along a street and round its corner."""
     motion = loop_drive(11.0, speed=8.0)
-    return drive(clear_way(street_scene(1, movers=3), motion, 11.0), motion, 11.0)
+    return drive(clear_way(make_street_scene(1, movers=3), motion, 11.0), motion, 11.0)
 
 
 @pytest.fixture(scope="module")
@@ -141,7 +141,7 @@ def test_a_mirrored_recording_is_as_crisp_so_without_odometry_it_cannot_be_told(
     ],
 )
 def test_a_drive_that_does_not_show_something_is_not_blamed_for_it(tmp_path: Path, motion: Drive, untold: set[str]) -> None:
-    write_native(tmp_path / "drive.npz", drive(yard_scene(1), motion, 4.0))
+    write_native(tmp_path / "drive.npz", drive(make_yard_scene(1), motion, 4.0))
     checks = verdicts(tmp_path / "drive.npz")
     assert {name for name, check in checks.items() if check["verdict"] == "cannot be told"} == untold
     assert not suspicious(checks)
@@ -171,7 +171,7 @@ def test_real_recordings_with_a_gap_are_checked_as_far_as_they_go(oxford_tiny: P
 
 
 def test_ground_truth_is_never_used(tmp_path: Path) -> None:
-    recording = drive(yard_scene(1), ConstantDrive(8.0, 0.1), 2.0)
+    recording = drive(make_yard_scene(1), ConstantDrive(8.0, 0.1), 2.0)
     write_native(tmp_path / "with.npz", replace(recording, odometry=None))
     write_native(tmp_path / "without.npz", replace(recording, odometry=None, ground_truth=None))
     assert verdicts(tmp_path / "with.npz") == verdicts(tmp_path / "without.npz")
@@ -195,7 +195,7 @@ def test_an_error_is_one_line_and_exit_code_2(tmp_path: Path) -> None:
 
 
 def test_one_polar_scan_is_enough_to_be_checked(tmp_path: Path) -> None:
-    short = drive(yard_scene(1), ConstantDrive(1.0, 0.0), 0.25)
+    short = drive(make_yard_scene(1), ConstantDrive(1.0, 0.0), 0.25)
     write_native(tmp_path / "drive.npz", replace(short, ground_truth=None))
     assert len(open_recording(tmp_path / "drive.npz")) == 1
     assert not suspicious(verdicts(tmp_path / "drive.npz"))

@@ -23,7 +23,7 @@ from mqslam.execution.checkpoint import FOLDER, Checkpoint, hash_run, keep_check
 from mqslam.execution.kept import LOOPS, MEASURED, describe_kept_stretch
 from mqslam.execution.runner import Runner
 from mqslam.psi import doppler as doppler_module
-from mqslam.simulator import SensorModel, SimulatedRecording, simulate_recording, street_scene
+from mqslam.simulator import SensorModel, SimulatedRecording, make_street_scene, simulate_recording
 from mqslam.slam import Slam
 
 RNG = np.random.default_rng(1)
@@ -158,7 +158,7 @@ def test_something_else_under_the_name_is_not_there(tmp_path: Path, other: bytes
 def recording() -> SimulatedRecording:
     """Forty-four polar scans, which are detected in two stretches."""
     sensor = SensorModel(turn_rate_hz=8.0, azimuths=200, range_resolution=0.175, max_range=60.0)
-    return simulate_recording(street_scene(1, movers=0), constant(6.0, 0.0), duration_s=5.5, sensor=sensor)
+    return simulate_recording(make_street_scene(1, movers=0), constant(6.0, 0.0), duration_s=5.5, sensor=sensor)
 
 
 def silent(stage: str, done: int, total: int) -> None:

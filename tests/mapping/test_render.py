@@ -16,7 +16,7 @@ from mqslam.execution.engine import HERE, Engine, LocalEngine
 from mqslam.mapping import render as rendering
 from mqslam.mapping.render import place_along, render, select_moving
 from mqslam.psi.place import beam_of, place
-from mqslam.simulator import street_scene
+from mqslam.simulator import make_street_scene
 
 CONFIG = Config()
 BEAM = beam_of(CONFIG.estimator, 0.0)
@@ -30,7 +30,7 @@ def rendered(scans: Scans, poses: se2.Array, engine: Engine = HERE) -> PointMap:
 @pytest.fixture(scope="module")
 def still_street() -> tuple[Scans, se2.Array]:
     """Five seconds past things that stand still, and the true poses."""
-    recording, scans = drive(street_scene(2, movers=0), constant(6.0, 0.02), 5.0)
+    recording, scans = drive(make_street_scene(2, movers=0), constant(6.0, 0.02), 5.0)
     assert recording.ground_truth is not None
     return scans, recording.ground_truth.poses
 

@@ -10,7 +10,7 @@ from mqslam.core.motion import ACCELERATED_TWIST, CONSTANT_VELOCITY
 from mqslam.core.scans import Returns
 from mqslam.psi.place import beam_of
 from mqslam.psi.window import WindowMotion, estimate_window, find_window_motion, score_window, search_twist
-from mqslam.simulator import ConstantDrive, Drive, Scene, corridor_scene, street_scene, yard_scene
+from mqslam.simulator import ConstantDrive, Drive, Scene, make_corridor_scene, make_street_scene, make_yard_scene
 
 ESTIMATOR = Config().estimator
 TURN_S = 0.25
@@ -28,11 +28,11 @@ def estimated(returns: Returns, start: np.ndarray, beta: float = 0.0) -> WindowM
 
 
 def in_yard(seed: int) -> tuple[Scene, ConstantDrive]:
-    return yard_scene(seed), ConstantDrive(3.0, 0.15)
+    return make_yard_scene(seed), ConstantDrive(3.0, 0.15)
 
 
 def on_street(seed: int) -> tuple[Scene, ConstantDrive]:
-    return street_scene(seed, movers=0), constant(6.0, 0.05)
+    return make_street_scene(seed, movers=0), constant(6.0, 0.05)
 
 
 @pytest.mark.parametrize("place", [in_yard, on_street])
@@ -80,7 +80,7 @@ def test_a_known_doppler_shift_gives_a_crisper_map_and_no_false_slide(beta: floa
     known, unknown = [], []
     for seed in range(1, 5):
         motion = constant(14.0, 0.0)
-        returns = window(street_scene(seed, movers=0), motion, seed, beta)
+        returns = window(make_street_scene(seed, movers=0), motion, seed, beta)
         known.append(estimated(returns, np.array([14.0, 0.0, 0.0]), beta))
         unknown.append(estimated(returns, np.array([14.0, 0.0, 0.0])))
     slides = [np.mean([w.theta[1] for w in found]) for found in (known, unknown)]
@@ -138,7 +138,7 @@ def test_a_fence_of_equal_posts_is_not_taken_for_a_sure_motion(seed: int) -> Non
 
 @pytest.mark.parametrize("seed", [1, 2, 3, 4])
 def test_a_corridor_is_degenerate_with_the_covariance_large_along_it(seed: int) -> None:
-    returns = window(corridor_scene(), ConstantDrive(5.0, 0.0), seed)
+    returns = window(make_corridor_scene(), ConstantDrive(5.0, 0.0), seed)
     found = estimated(returns, np.array([5.0 + (-1) ** seed, 0.0, 0.0]))
     assert found.status is Status.DEGENERATE
     assert abs(found.theta[1]) < 0.05

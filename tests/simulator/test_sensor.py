@@ -13,10 +13,10 @@ from mqslam.simulator import (
     Drive,
     Scene,
     SensorModel,
-    corridor_scene,
+    make_corridor_scene,
+    make_street_scene,
     render_polar_scan,
     simulate_recording,
-    street_scene,
 )
 
 QUIET = SensorModel(
@@ -139,13 +139,13 @@ def test_saturated_azimuths_are_lifted_as_a_whole() -> None:
 
 def test_the_same_seed_gives_the_same_bytes_in_any_order() -> None:
     sensor = SensorModel(range_resolution=0.5, max_range=80.0)
-    recordings = [simulate_recording(street_scene(4), STILL, duration_s=1.0, sensor=sensor, seed=s) for s in (7, 7, 8)]
+    recordings = [simulate_recording(make_street_scene(4), STILL, duration_s=1.0, sensor=sensor, seed=s) for s in (7, 7, 8)]
     first, second, third = (list(s.polar_scans()) for s in recordings)
     assert all(np.array_equal(a.power, b.power) for a, b in zip(first, second, strict=True))
     assert np.array_equal(recordings[0][2].power, first[2].power)
     assert not np.array_equal(first[0].power, first[1].power)
     assert not np.array_equal(first[0].power, third[0].power)
-    assert not np.array_equal(street_scene(4).walls, street_scene(5).walls)
+    assert not np.array_equal(make_street_scene(4).walls, make_street_scene(5).walls)
 
 
 def test_azimuths_lie_on_encoder_steps_whatever_their_number() -> None:
@@ -156,7 +156,7 @@ def test_azimuths_lie_on_encoder_steps_whatever_their_number() -> None:
 
 
 def test_a_corridor_looks_the_same_all_along() -> None:
-    views = [render(corridor_scene(), ConstantDrive(0.0, 0.0, (x, 0.0, 0.0))) for x in (0.0, 13.7)]
+    views = [render(make_corridor_scene(), ConstantDrive(0.0, 0.0, (x, 0.0, 0.0))) for x in (0.0, 13.7)]
     np.testing.assert_allclose(views[0].astype(int), views[1].astype(int), atol=1)
 
 

@@ -13,7 +13,7 @@ from support.recordings import bag_writer, with_metadata
 from mqslam.core import se2
 from mqslam.core.recording import PolarScan, Recording
 from mqslam.core.trajectory import Trajectory
-from mqslam.simulator import ConstantDrive, SensorModel, SimulatedRecording, simulate_recording, yard_scene
+from mqslam.simulator import ConstantDrive, SensorModel, SimulatedRecording, make_yard_scene, simulate_recording
 
 NS = 417
 """What the stamps of a recording in ns have beyond whole microseconds [ns]."""
@@ -23,7 +23,7 @@ NS = 417
 def left_turn() -> SimulatedRecording:
     """Returns six small polar scans of a drive that turns left, 8 m/s and 0.4 rad/s."""
     sensor = SensorModel(azimuths=40, range_resolution=0.5, max_range=100.0)
-    return simulate_recording(yard_scene(1), ConstantDrive(8.0, 0.4), duration_s=1.5, sensor=sensor)
+    return simulate_recording(make_yard_scene(1), ConstantDrive(8.0, 0.4), duration_s=1.5, sensor=sensor)
 
 
 def truth_at(recording: SimulatedRecording, stamps_us: NDArray[np.int64]) -> Trajectory:

@@ -12,7 +12,7 @@ from mqslam.core import se2
 from mqslam.core.scans import Returns, Scan
 from mqslam.detection.stage import detect_all
 from mqslam.psi.place import beam_of
-from mqslam.simulator import ConstantDrive, Scene, SensorModel, corridor_scene, simulate_recording, street_scene
+from mqslam.simulator import ConstantDrive, Scene, SensorModel, make_corridor_scene, make_street_scene, simulate_recording
 
 CONFIG = Config()
 BEAM = beam_of(CONFIG.estimator, 0.0)
@@ -24,13 +24,13 @@ MIDDLE = 10  # a scan in the middle of a pass
 @lru_cache(maxsize=16)
 def street_pass(x: float, y: float, yaw: float, seed: int) -> Drive:
     """Returns five seconds at 8 m/s along a street without traffic; another seed is another day's noise."""
-    return _driven(street_scene(1, movers=0), (x, y, yaw), seed)
+    return _driven(make_street_scene(1, movers=0), (x, y, yaw), seed)
 
 
 @lru_cache(maxsize=16)
 def corridor_pass(x: float, y: float, seed: int) -> Drive:
     """Returns a drive like that of `street_pass` along two bare walls."""
-    return _driven(corridor_scene(), (x, y, 0.0), seed)
+    return _driven(make_corridor_scene(), (x, y, 0.0), seed)
 
 
 def _driven(scene: Scene, start: tuple[float, float, float], seed: int) -> Drive:

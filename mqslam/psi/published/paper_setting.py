@@ -17,7 +17,7 @@ from mqslam.core.scans import Returns
 from mqslam.detection.stage import detect_stretch
 from mqslam.psi.place import PointSet, beam_of, place
 from mqslam.psi.window import WindowMotion, drop_start, find_window_motion
-from mqslam.simulator import ConstantDrive, SensorModel, simulate_recording, yard_scene
+from mqslam.simulator import ConstantDrive, SensorModel, make_yard_scene, simulate_recording
 
 CASES = ((0.0, -0.3840), (0.1, 0.2967), (1.0, -0.1920))
 """v [m/s] and omega [rad/s] in the cases of Table I."""
@@ -55,6 +55,6 @@ class PaperWindow:
 def simulate_window(case: tuple[float, float], seed: int, scans: int) -> PaperWindow:
     """Simulates a number of scans of a case in the yard of a seed, as the detector with its default settings sees them."""
     drive = ConstantDrive(*case)
-    recording = simulate_recording(yard_scene(seed), drive, duration_s=scans * REVOLUTION_S, sensor=SENSOR, seed=seed)
+    recording = simulate_recording(make_yard_scene(seed), drive, duration_s=scans * REVOLUTION_S, sensor=SENSOR, seed=seed)
     detected = detect_stretch(recording, DetectorConfig(), 0, scans)
     return PaperWindow(np.array(case), Returns.concatenate(detected.returns))
