@@ -15,7 +15,7 @@ from mqslam.execution.engine import LocalEngine
 from mqslam.execution.runner import Runner
 from mqslam.formats.g2o import format_g2o
 from mqslam.results.run_results import summarise
-from mqslam.simulator import SensorModel, SimulatedRecording, loop_drive, make_street_scene, simulate_recording
+from mqslam.simulator import SensorModel, SimulatedRecording, make_loop_drive, make_street_scene, simulate_recording
 from mqslam.slam import Slam
 from mqslam.solution import Run
 
@@ -39,7 +39,7 @@ def out(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def lap() -> SimulatedRecording:
     """A bit more than one round of a block."""
-    return simulate_recording(make_street_scene(1, movers=0), loop_drive(54.0), duration_s=54.0, sensor=SENSOR, seed=1)
+    return simulate_recording(make_street_scene(1, movers=0), make_loop_drive(54.0), duration_s=54.0, sensor=SENSOR, seed=1)
 
 
 @pytest.fixture(scope="module")

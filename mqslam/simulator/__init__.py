@@ -3,7 +3,7 @@
 `simulate_recording` renders a drive in memory, `simulate` writes the same drive as a recording in the Oxford layout.
 """
 
-from mqslam.simulator.drive import ConstantDrive, Drive, SampledDrive, clear_way, loop_drive
+from mqslam.simulator.drive import ConstantDrive, Drive, SampledDrive, clear_way, make_loop_drive
 from mqslam.simulator.in_memory import SimulatedRecording, simulate_recording
 from mqslam.simulator.scene import Scene, make_corridor_scene, make_street_scene, make_yard_scene
 from mqslam.simulator.sensor import SensorModel, render_polar_scan
@@ -21,8 +21,8 @@ __all__ = [
     "SimulatedRecording",
     "WheelOdometry",
     "clear_way",
-    "loop_drive",
     "make_corridor_scene",
+    "make_loop_drive",
     "make_street_scene",
     "make_yard_scene",
     "render_polar_scan",

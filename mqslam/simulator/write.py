@@ -19,7 +19,7 @@ from mqslam.execution.files import write_text
 from mqslam.execution.folders import make_folder
 from mqslam.formats.odometry_files import write_twists
 from mqslam.formats.recordings import oxford
-from mqslam.simulator.drive import ConstantDrive, Drive, clear_way, loop_drive
+from mqslam.simulator.drive import ConstantDrive, Drive, clear_way, make_loop_drive
 from mqslam.simulator.in_memory import SimulatedRecording, simulate_recording
 from mqslam.simulator.scene import Scene, make_corridor_scene, make_street_scene, make_yard_scene
 from mqslam.simulator.sensor import SensorModel
@@ -101,7 +101,7 @@ def _make_world(scene: str, seed: int, duration_s: float, movers: int | None) ->
     if not 0.0 < duration_s <= _LONGEST_S:
         raise ConfigError(f"simulator: duration is {duration_s} s; it must be above 0 and at most {_LONGEST_S:.0f}, a week")
     if scene == "street":
-        drive = loop_drive(duration_s)
+        drive = make_loop_drive(duration_s)
         return clear_way(make_street_scene(seed, movers=10 if movers is None else movers), drive, duration_s), drive
     if scene == "yard":
         return make_yard_scene(seed, movers=movers or 0), ConstantDrive(1.0, -0.192)

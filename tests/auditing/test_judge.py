@@ -18,7 +18,7 @@ from mqslam.core.trajectory import Trajectory
 from mqslam.detection.stage import detect_all
 from mqslam.execution.engine import HERE, LocalEngine
 from mqslam.psi.place import beam_of
-from mqslam.simulator import SensorModel, SimulatedRecording, loop_drive, make_street_scene, simulate_recording
+from mqslam.simulator import SensorModel, SimulatedRecording, make_loop_drive, make_street_scene, simulate_recording
 
 CONFIG = Config()
 SETTINGS = (CONFIG.audit, CONFIG.estimator, CONFIG.loops, CONFIG.verdict)
@@ -33,7 +33,9 @@ def silent(stage: str, done: int, total: int) -> None:
 @lru_cache
 def lap() -> tuple[SimulatedRecording, Scans]:
     """Returns a bit more than one round of a block: the last 100 m are driven twice."""
-    recording = simulate_recording(make_street_scene(1, movers=0), loop_drive(54.0), duration_s=54.0, sensor=SENSOR, seed=1)
+    recording = simulate_recording(
+        make_street_scene(1, movers=0), make_loop_drive(54.0), duration_s=54.0, sensor=SENSOR, seed=1
+    )
     return recording, detect_all(recording, CONFIG.detector)[0]
 
 

@@ -24,7 +24,7 @@ from mqslam.simulator import (
     SensorModel,
     SimulatedRecording,
     clear_way,
-    loop_drive,
+    make_loop_drive,
     make_street_scene,
     make_yard_scene,
     simulate_recording,
@@ -42,7 +42,7 @@ def drive(scene: Scene, motion: Drive, duration_s: float) -> SimulatedRecording:
 @lru_cache(maxsize=1)
 def corner() -> SimulatedRecording:
     """Returns a drive of eleven seconds along a street and round its corner."""
-    motion = loop_drive(11.0, speed=8.0)
+    motion = make_loop_drive(11.0, speed=8.0)
     return drive(clear_way(make_street_scene(1, movers=3), motion, 11.0), motion, 11.0)
 
 

@@ -34,9 +34,9 @@ def drive(
 @lru_cache(maxsize=1)
 def street_drive() -> tuple[SimulatedRecording, Scans]:
     """Returns a drive of ten seconds along a street and into its corner, past moving vehicles."""
-    from mqslam.simulator import clear_way, loop_drive, make_street_scene
+    from mqslam.simulator import clear_way, make_loop_drive, make_street_scene
 
-    motion = loop_drive(10.0, speed=8.0)
+    motion = make_loop_drive(10.0, speed=8.0)
     return drive(clear_way(make_street_scene(1, movers=4), motion, 10.0), motion, 10.0)
 
 

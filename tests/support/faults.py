@@ -10,7 +10,7 @@ from support.commands import Result, mqslam
 
 from mqslam.core.recording import Recording
 from mqslam.formats.recordings import oxford as writer
-from mqslam.simulator import SensorModel, SimulatedRecording, loop_drive, make_street_scene, simulate_recording
+from mqslam.simulator import SensorModel, SimulatedRecording, make_loop_drive, make_street_scene, simulate_recording
 
 QUICK = ("--odometry", "none", "--jobs", "1")
 
@@ -18,7 +18,9 @@ QUICK = ("--odometry", "none", "--jobs", "1")
 def small_street(turn_rate_hz: float = 4.0, duration_s: float = 7.5) -> SimulatedRecording:
     """Returns coarse polar scans of a street; thirty of them unless another length is wanted."""
     sensor = SensorModel(turn_rate_hz=turn_rate_hz, azimuths=200, range_resolution=0.175, max_range=60.0)
-    return simulate_recording(make_street_scene(1, movers=0), loop_drive(duration_s), duration_s=duration_s, sensor=sensor)
+    return simulate_recording(
+        make_street_scene(1, movers=0), make_loop_drive(duration_s), duration_s=duration_s, sensor=sensor
+    )
 
 
 def write_drive(folder: Path, recording: Recording) -> None:
