@@ -24,7 +24,7 @@ from mqslam.formats.g2o import format_g2o
 from mqslam.formats.nav2_map import write_nav2_map
 from mqslam.formats.ply import write_ply
 from mqslam.formats.tum import write_tum
-from mqslam.mapping.occupancy_grid import occupancy_grid
+from mqslam.mapping.occupancy_grid import make_occupancy_grid
 from mqslam.results.run_verdict import judge_run
 from mqslam.solution import Run
 from mqslam.version import __version__
@@ -127,7 +127,7 @@ def write_run(folder: Path, run: Run, summary: dict[str, Any], notes: Sequence[s
     with tolerate("map.ply", failures):
         write_ply(folder / "map.ply", run.map_optimised)
     with tolerate("map.pgm", failures):
-        write_nav2_map(folder, occupancy_grid(run.map_optimised.points, run.config.map))
+        write_nav2_map(folder, make_occupancy_grid(run.map_optimised.points, run.config.map))
     add_warnings(folder, summary, notes, failures)
 
 
