@@ -7,7 +7,7 @@ from mqslam.simulator.drive import ConstantDrive, Drive, SampledDrive, clear_way
 from mqslam.simulator.in_memory import SimulatedRecording, simulate_recording
 from mqslam.simulator.scene import Scene, make_corridor_scene, make_street_scene, make_yard_scene
 from mqslam.simulator.sensor import SensorModel, render_polar_scan
-from mqslam.simulator.wheels import OdometryModel, WheelOdometry, wheel_odometry
+from mqslam.simulator.wheels import OdometryModel, WheelOdometry, simulate_wheel_odometry
 from mqslam.simulator.write import SCENES, simulate
 
 __all__ = [
@@ -28,5 +28,5 @@ __all__ = [
     "render_polar_scan",
     "simulate",
     "simulate_recording",
-    "wheel_odometry",
+    "simulate_wheel_odometry",
 ]
