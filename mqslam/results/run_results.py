@@ -80,8 +80,8 @@ def summarise(run: Run, recording: Recording) -> dict[str, Any]:
         "inflation": {
             "windows": torn.total,
             "torn": torn.count,
-            "torn_share_at_least": torn.at_least(confidence),
-            "torn_share_at_most": torn.at_most(confidence),
+            "torn_share_at_least": torn.lower_bound(confidence),
+            "torn_share_at_most": torn.upper_bound(confidence),
             "median": float(np.median([w.bend.inflation for w in run.checks])) if run.checks else None,
         },
         "verdict": {"status": status, "reasons": reasons},

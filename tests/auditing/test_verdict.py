@@ -21,12 +21,12 @@ WINDOW = 6  # scans
 @pytest.mark.parametrize(("count", "total"), [(0, 8), (1, 3), (3, 3), (5, 41), (6, 100), (99, 100)])
 def test_bounds_of_a_share_are_those_of_clopper_and_pearson(count: int, total: int) -> None:
     share, both = Share(count, total), binomtest(count, total).proportion_ci(0.9, "exact")
-    assert share.at_least(0.95) == pytest.approx(both.low, abs=1e-12)
-    assert share.at_most(0.95) == pytest.approx(both.high, abs=1e-12)
+    assert share.lower_bound(0.95) == pytest.approx(both.low, abs=1e-12)
+    assert share.upper_bound(0.95) == pytest.approx(both.high, abs=1e-12)
 
 
 def test_a_share_of_nothing_may_be_anything() -> None:
-    assert (Share(0, 0).at_least(0.95), Share(0, 0).at_most(0.95)) == (0.0, 1.0)
+    assert (Share(0, 0).lower_bound(0.95), Share(0, 0).upper_bound(0.95)) == (0.0, 1.0)
     assert Share(0, 0).judge(0.05, 0.2, SETTINGS) is NOT_JUDGED
 
 
