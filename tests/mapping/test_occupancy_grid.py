@@ -10,7 +10,7 @@ from PIL import Image
 
 from mqslam.config import MapConfig
 from mqslam.formats.nav2_map import write_nav2_map
-from mqslam.mapping import make_occupancy_grid as module
+from mqslam.mapping import occupancy_grid as module
 from mqslam.mapping.occupancy_grid import make_occupancy_grid
 
 SETTINGS = MapConfig()
