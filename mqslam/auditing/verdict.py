@@ -67,7 +67,7 @@ class Share:
             return VerdictStatus.WARN
         return VerdictStatus.PASS if self.is_below(fail, settings) else VerdictStatus.NOT_JUDGED
 
-    def range_text(self, settings: VerdictConfig) -> str:
+    def describe_range(self, settings: VerdictConfig) -> str:
         """Returns the range in which the share lies, in words."""
         low, high = (100.0 * bound(settings.confidence) for bound in (self.lower_bound, self.upper_bound))
         return f"anything from {low:.0f} to {high:.0f} %"
