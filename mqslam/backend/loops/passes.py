@@ -58,7 +58,7 @@ def find_pass_pairs(
     return pairs
 
 
-def search_reach(path_m: float, settings: PassConfig) -> tuple[float, float]:
+def compute_reach(path_m: float, settings: PassConfig) -> tuple[float, float]:
     """Returns how far the relative pose of two passes may be off [m], [rad] after path_m [m] of path between them."""
     position_m = min(settings.search_m + settings.drift * path_m, settings.gate_m)
     yaw = min(settings.search_rad + settings.drift_rad * path_m, settings.gate_rad)

@@ -7,7 +7,7 @@ import pytest
 from support.passes import BEAM, CONFIG, LANE_Y, MIDDLE, OTHER_LANE_Y, joined, path, street_pass
 
 from mqslam.backend.loops.align import align, score_at_pose
-from mqslam.backend.loops.passes import search_reach
+from mqslam.backend.loops.passes import compute_reach
 from mqslam.backend.loops.search import confirm_by_map, find_candidate_pairs, find_loops
 from mqslam.backend.loops.submap import Drive, pick_spaced, render_submap
 from mqslam.config import LoopConfig
@@ -113,8 +113,8 @@ def test_drift_widens_the_reach_along_the_path() -> None:
 
 def test_the_gate_grows_with_the_path_up_to_its_largest() -> None:
     config = LoopConfig(search_m=3.0, search_rad=0.03, drift=0.005, drift_rad=3e-5, gate_m=7.0, gate_rad=0.05)
-    assert search_reach(100.0, config) == pytest.approx((3.5, 0.033))
-    assert search_reach(1000.0, config) == (7.0, 0.05)
+    assert compute_reach(100.0, config) == pytest.approx((3.5, 0.033))
+    assert compute_reach(1000.0, config) == (7.0, 0.05)
 
 
 def two_passes(later: tuple[float, float, float], wrong: tuple[float, float, float]) -> tuple[Drive, se2.Array]:
