@@ -58,7 +58,7 @@ def is_cloud(path: Path) -> bool:
         return False
 
 
-def lidar_source(lidar: LidarRecording) -> Source:
+def make_lidar_source(lidar: LidarRecording) -> Source:
     """Returns a lidar recording as a source."""
     tracks = {"recording": lidar.trajectory, "odometry": lidar.odometry}
     return Source(

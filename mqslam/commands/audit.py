@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from mqslam.auditing import judge
-from mqslam.auditing.sources import LIDAR_CONFIG, Source, is_cloud, lidar_source, sweeps_of, sweeps_of_cloud
+from mqslam.auditing.sources import LIDAR_CONFIG, Source, is_cloud, make_lidar_source, sweeps_of, sweeps_of_cloud
 from mqslam.auditing.sweeps import Sweeps, require_covered
 from mqslam.commands.opening import choose_settings, open_data
 from mqslam.commands.result import JudgedResult
@@ -79,7 +79,7 @@ def audit(  # noqa: PLR0913 - these are the options of an audit, each with its d
         notes, kind = list(cloud.notes), data.suffix.lower()[1:]
     elif format is None and data.exists() and lidars.recognises(data):
         settings = choose_settings(config, LIDAR_CONFIG)
-        source = lidar_source(lidars.read_lidar(data, settings.reading))
+        source = make_lidar_source(lidars.read_lidar(data, settings.reading))
         track = given or _pick_carried(data, source.tracks, name)
         sweeps, notes, kind = *_render_sweeps(source, track, settings), source.format
     else:

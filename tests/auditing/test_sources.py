@@ -9,7 +9,7 @@ import pytest
 
 from mqslam.auditing.inflation import fit_bend
 from mqslam.auditing.judge import audit
-from mqslam.auditing.sources import LIDAR_CONFIG, is_cloud, lidar_source, sweeps_of, sweeps_of_cloud
+from mqslam.auditing.sources import LIDAR_CONFIG, is_cloud, make_lidar_source, sweeps_of, sweeps_of_cloud
 from mqslam.config import load_config
 from mqslam.core import se2
 from mqslam.core.timed_cloud import TimedCloud
@@ -99,7 +99,7 @@ def test_a_real_corrected_log_passes_and_its_wheels_fail(name: str) -> None:
     log = Path(__file__).parents[3] / "shared" / "data" / "carmen" / f"{name}-corrected.log.gz"
     if not log.exists():
         pytest.skip(f"the real log is not at {log}")
-    source = lidar_source(carmen.read_lidar(log))
+    source = make_lidar_source(carmen.read_lidar(log))
     found = {}
     for track in ("recording", "odometry"):
         sweeps, _ = sweeps_of(source, source.tracks[track], CONFIG.audit, BEAM)

@@ -11,7 +11,7 @@ import numpy as np
 from common import SHARED, Claim, shared, table, twin
 
 from mqslam.auditing.judge import audit
-from mqslam.auditing.sources import LIDAR_CONFIG, lidar_source, sweeps_of
+from mqslam.auditing.sources import LIDAR_CONFIG, make_lidar_source, sweeps_of
 from mqslam.auditing.sweeps import place_sweeps
 from mqslam.auditing.windows import audit_windows
 from mqslam.config import load_config
@@ -162,7 +162,7 @@ def _carmen() -> list[Claim]:
     """Audits real lidar logs: the corrected trajectory against the wheels' own."""
     config, claims, rows = load_config(LIDAR_CONFIG), [], []
     for name in ("intel", "aces"):
-        source = lidar_source(carmen.read_lidar(shared(SHARED / "data" / "carmen" / f"{name}-corrected.log.gz")))
+        source = make_lidar_source(carmen.read_lidar(shared(SHARED / "data" / "carmen" / f"{name}-corrected.log.gz")))
         for track, wanted in (("recording", "pass"), ("odometry", "fail")):
             sweeps, _ = sweeps_of(source, source.tracks[track], config.audit, beam_of(config.estimator, 0.0))
             found = audit(sweeps, config.audit, config.estimator, config.loops, config.verdict, _ENGINE, _silent)
