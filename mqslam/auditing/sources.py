@@ -90,7 +90,7 @@ def sweeps_of(source: Source, trajectory: Trajectory, settings: AuditConfig, bea
     return sweeps, [f"the trajectory does not cover {missing} of {len(source.scans)} scans"] if missing else []
 
 
-def sweeps_of_cloud(
+def divide_cloud(
     cloud: TimedCloud,
     trajectory: Trajectory | None,
     settings: AuditConfig,

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from mqslam.auditing import judge
-from mqslam.auditing.sources import LIDAR_CONFIG, Source, is_cloud, make_lidar_source, sweeps_of, sweeps_of_cloud
+from mqslam.auditing.sources import LIDAR_CONFIG, Source, divide_cloud, is_cloud, make_lidar_source, sweeps_of
 from mqslam.auditing.sweeps import Sweeps, require_covered
 from mqslam.commands.opening import choose_settings, open_data
 from mqslam.commands.result import JudgedResult
@@ -75,7 +75,7 @@ def audit(  # noqa: PLR0913 - these are the options of an audit, each with its d
     if is_cloud(data):
         settings = choose_settings(config, LIDAR_CONFIG)
         cloud = read_cloud(data, heights)
-        sweeps = sweeps_of_cloud(cloud, given, settings.audit, beam_of(settings.estimator, 0.0), settings.reading)
+        sweeps = divide_cloud(cloud, given, settings.audit, beam_of(settings.estimator, 0.0), settings.reading)
         notes, kind = list(cloud.notes), data.suffix.lower()[1:]
     elif format is None and data.exists() and lidars.recognises(data):
         settings = choose_settings(config, LIDAR_CONFIG)
