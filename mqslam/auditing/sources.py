@@ -70,7 +70,7 @@ def make_lidar_source(lidar: LidarRecording) -> Source:
     )
 
 
-def sweeps_of(source: Source, trajectory: Trajectory, settings: AuditConfig, beam: Beam) -> tuple[Sweeps, list[str]]:
+def place_source(source: Source, trajectory: Trajectory, settings: AuditConfig, beam: Beam) -> tuple[Sweeps, list[str]]:
     """Places a recording under a trajectory.
 
     Args:

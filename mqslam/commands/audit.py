@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from mqslam.auditing import judge
-from mqslam.auditing.sources import LIDAR_CONFIG, Source, divide_cloud, is_cloud, make_lidar_source, sweeps_of
+from mqslam.auditing.sources import LIDAR_CONFIG, Source, divide_cloud, is_cloud, make_lidar_source, place_source
 from mqslam.auditing.sweeps import Sweeps, require_covered
 from mqslam.commands.opening import choose_settings, open_data
 from mqslam.commands.result import JudgedResult
@@ -131,7 +131,7 @@ def _pick_carried(path: Path, tracks: dict[str, Trajectory], name: str) -> Traje
 
 def _render_sweeps(source: Source, track: Trajectory, settings: Config) -> tuple[Sweeps, list[str]]:
     """Returns the sweeps of a recording under a trajectory, and what a user should know about them."""
-    sweeps, notes = sweeps_of(
+    sweeps, notes = place_source(
         source, track, settings.audit, beam_of(settings.estimator, settings.sensor.doppler_beta or 0.0)
     )
     return sweeps, [*source.notes, *notes]

@@ -9,7 +9,7 @@ import pytest
 
 from mqslam.auditing.inflation import fit_bend
 from mqslam.auditing.judge import audit
-from mqslam.auditing.sources import LIDAR_CONFIG, divide_cloud, is_cloud, make_lidar_source, sweeps_of
+from mqslam.auditing.sources import LIDAR_CONFIG, divide_cloud, is_cloud, make_lidar_source, place_source
 from mqslam.config import load_config
 from mqslam.core import se2
 from mqslam.core.timed_cloud import TimedCloud
@@ -102,7 +102,7 @@ def test_a_real_corrected_log_passes_and_its_wheels_fail(name: str) -> None:
     source = make_lidar_source(carmen.read_lidar(log))
     found = {}
     for track in ("recording", "odometry"):
-        sweeps, _ = sweeps_of(source, source.tracks[track], CONFIG.audit, BEAM)
+        sweeps, _ = place_source(source, source.tracks[track], CONFIG.audit, BEAM)
         found[track] = audit(sweeps, *SETTINGS, LocalEngine(2), ignore_progress)
     assert found["recording"].status == "pass", found["recording"].reasons
     assert found["odometry"].status == "fail"

@@ -11,7 +11,7 @@ import numpy as np
 from common import SHARED, Claim, shared, table, twin
 
 from mqslam.auditing.judge import audit
-from mqslam.auditing.sources import LIDAR_CONFIG, make_lidar_source, sweeps_of
+from mqslam.auditing.sources import LIDAR_CONFIG, make_lidar_source, place_source
 from mqslam.auditing.sweeps import place_sweeps
 from mqslam.auditing.windows import audit_windows
 from mqslam.config import load_config
@@ -164,7 +164,7 @@ def _carmen() -> list[Claim]:
     for name in ("intel", "aces"):
         source = make_lidar_source(carmen.read_lidar(shared(SHARED / "data" / "carmen" / f"{name}-corrected.log.gz")))
         for track, wanted in (("recording", "pass"), ("odometry", "fail")):
-            sweeps, _ = sweeps_of(source, source.tracks[track], config.audit, beam_of(config.estimator, 0.0))
+            sweeps, _ = place_source(source, source.tracks[track], config.audit, beam_of(config.estimator, 0.0))
             found = audit(sweeps, config.audit, config.estimator, config.loops, config.verdict, _ENGINE, _silent)
             sure = [r for r in found.revisits if r.revisit.sure]
             rows.append(
