@@ -17,7 +17,7 @@ from mqslam.config import Config, dump_yaml
 from mqslam.execution.files import write_json, write_text
 from mqslam.formats.trajectories import write_kitti
 from mqslam.formats.tum import write_tum
-from mqslam.results.run_results import measurements_csv
+from mqslam.results.run_results import format_measurements
 from mqslam.results.summary_files import csv_text
 from mqslam.version import __version__
 
@@ -162,4 +162,4 @@ def _write_row(folder: Path, row: Row) -> None:
     write_text(folder / "times.txt", "".join(f"{t / 1e6:.6f}\n" for t in row.trajectory.stamps_us.tolist()))
     if row.measurements:
         write_tum(folder / "odometry.tum", row.odometry)
-        write_text(folder / "measurements.csv", measurements_csv(row.measurements))
+        write_text(folder / "measurements.csv", format_measurements(row.measurements))

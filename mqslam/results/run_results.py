@@ -118,7 +118,7 @@ def write_run(folder: Path, run: Run, summary: dict[str, Any], notes: Sequence[s
     """
     write_tum(folder / "trajectory.tum", run.optimised)
     write_tum(folder / "odometry.tum", run.odometry)
-    write_text(folder / "measurements.csv", measurements_csv(run.measurements))
+    write_text(folder / "measurements.csv", format_measurements(run.measurements))
     write_text(folder / "config.yaml", dump_yaml(set_doppler_beta(run.config, run.doppler_beta)))
     _write_numbers(folder, summary, notes)
     failures: list[str] = []
@@ -148,7 +148,7 @@ def add_warnings(folder: Path, summary: dict[str, Any], notes: Sequence[str], wa
         _write_numbers(folder, summary, notes)
 
 
-def measurements_csv(measurements: Sequence[Measurement]) -> str:
+def format_measurements(measurements: Sequence[Measurement]) -> str:
     """Returns a row per measurement, with the covariance of dx [m], dy [m], dyaw [rad] in the frame of the pose at t0."""
     text = io.StringIO()
     rows = csv.writer(text, lineterminator="\n")
