@@ -15,7 +15,7 @@ from mqslam.auditing.verdict import Share
 from mqslam.auditing.windows import WindowAudit, torn_threshold
 from mqslam.config import AuditConfig, Config, VerdictConfig, dump_yaml
 from mqslam.execution.files import write_json, write_text
-from mqslam.results.summary_files import csv_text
+from mqslam.results.summary_files import format_csv
 from mqslam.version import __version__
 
 
@@ -161,4 +161,4 @@ def write_audit(folder: Path, config: Config, summary: Mapping[str, Any]) -> Non
 
 def _format_csv(rows: Sequence[Mapping[str, Any]]) -> str:
     """Returns rows of numbers under their names; empty without any."""
-    return csv_text([{key: f"{v:.9g}" if isinstance(v, float) else v for key, v in row.items()} for row in rows])
+    return format_csv([{key: f"{v:.9g}" if isinstance(v, float) else v for key, v in row.items()} for row in rows])

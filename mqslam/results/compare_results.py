@@ -18,7 +18,7 @@ from mqslam.execution.files import write_json, write_text
 from mqslam.formats.trajectories import write_kitti
 from mqslam.formats.tum import write_tum
 from mqslam.results.run_results import format_measurements
-from mqslam.results.summary_files import csv_text
+from mqslam.results.summary_files import format_csv
 from mqslam.version import __version__
 
 # columns of the table: key in a row of compare.json, head, format
@@ -149,7 +149,7 @@ def write_compare(folder: Path, comparison: Comparison, summary: Mapping[str, An
         if row.trajectory is not None:
             _write_row(folder / row.name, row)
     write_text(folder / "config.yaml", dump_yaml(comparison.settings))
-    write_text(folder / "compare.csv", csv_text(summary["rows"]))
+    write_text(folder / "compare.csv", format_csv(summary["rows"]))
     write_json(folder / "compare.json", summary)
 
 
