@@ -88,7 +88,7 @@ class _KissIcpMatcher:
         if surface.count_matched(scan, pose, reach) < settings.fewest_matched:
             return None
         near = surface.count_matched(scan, pose, kiss.config.mapping.voxel_size) / len(scan)
-        return Match(pose, surface.covariance(scan, pose, reach, kernel), near)
+        return Match(pose, surface.compute_covariance(scan, pose, reach, kernel), near)
 
 
 def _make_config(settings: KissIcpConfig) -> Any:
