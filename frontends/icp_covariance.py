@@ -43,7 +43,9 @@ class Surface:
         _, nearest = self._tree.query(points, k=self._ranks())
         return self._find_directions(nearest)
 
-    def covariance(self, scan: NDArray[np.float64], pose: se2.Array, reach: float, kernel: float) -> NDArray[np.float64]:
+    def compute_covariance(
+        self, scan: NDArray[np.float64], pose: se2.Array, reach: float, kernel: float
+    ) -> NDArray[np.float64]:
         """Returns the covariance s^2 H^-1 (3, 3) of a scan's pose, matched point to point, in its own frame [m, m, rad].
 
         H is the Gauss-Newton Hessian of the residuals over x, y, yaw under Geman-McClure weights, s^2 their weighted mean

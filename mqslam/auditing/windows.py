@@ -95,7 +95,7 @@ def audit_window(sweeps: Sweeps, begin: int, end: int, settings: AuditConfig, es
         locate_sensors(turns, sweeps.numbers, sweeps.poses),
         settings,
     )
-    bent = bend.inflation > torn_threshold(settings) and bend.size_m > settings.bend_m
+    is_bent = bend.inflation > torn_threshold(settings) and bend.size_m > settings.bend_m
     return WindowAudit(
         begin=begin,
         end=end,
@@ -104,7 +104,7 @@ def audit_window(sweeps: Sweeps, begin: int, end: int, settings: AuditConfig, es
         pose=sweeps.poses[(begin + end) // 2],
         bend=bend,
         measures=measures,
-        torn=bool(bent or bend.matched_best < settings.overlap),
+        torn=bool(is_bent or bend.matched_best < settings.overlap),
     )
 
 

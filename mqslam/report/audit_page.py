@@ -159,7 +159,8 @@ def _make_revisit_tiles(report: AuditReport) -> tuple[Tile, ...]:
     return (
         Tile(
             f"{torn.count:,} of {torn.total:,}",
-            f"revisits torn, of those that are sure, so that the true share may be {torn.describe_range(report.config.verdict)}",
+            "revisits torn, of those that are sure, so that the true share may be "
+            f"{torn.describe_range(report.config.verdict)}",
         ),
         Tile(format_length(float(np.median([r.revisit.distance_m for r in sure]))), "median offset of two passes"),
     )

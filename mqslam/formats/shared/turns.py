@@ -35,11 +35,11 @@ def measure_turn(stamps_us: NDArray[np.float64], angles: NDArray[np.float64], se
     rows = pick_evenly(len(angles), settings.compared_azimuths)
     stamps, turns = stamps_us[rows], angles[rows] / (2.0 * np.pi)
     first, second = np.triu_indices(len(rows), int(settings.compared_apart * len(rows)))
-    swept = np.abs(turns[second] - turns[first])
-    moved = swept > 0.0
+    sweeps = np.abs(turns[second] - turns[first])
+    moved = sweeps > 0.0
     if not moved.any():
         return None
-    turn = float(np.median((stamps[second] - stamps[first])[moved] / swept[moved]))
+    turn = float(np.median((stamps[second] - stamps[first])[moved] / sweeps[moved]))
     return turn if FASTEST_TURN_US <= turn <= SLOWEST_TURN_US else None
 
 

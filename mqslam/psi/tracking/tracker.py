@@ -122,8 +122,8 @@ class Tracker:
             return self._miss(scan, begin, minimum)
         weak = self._matcher.find_weak_directions(scan, State(minimum.state), self._map)
         if len(weak):
-            held = hold_directions(replace(prior, mean=begin.mean.vector), weak)
-            minimum = self._matcher.minimise(scan, begin.mean, held, self._map)
+            stiff = hold_directions(replace(prior, mean=begin.mean.vector), weak)
+            minimum = self._matcher.minimise(scan, begin.mean, stiff, self._map)
         return self._accept(scan, minimum, predicted, weak)
 
     def resume(self, scans: Sequence[Scan], twist: se2.Array | None = None) -> Tracked:
