@@ -52,20 +52,20 @@ def judged(shift_m: float, jobs: int = 1) -> Audit:
 
 
 def test_the_true_map_passes() -> None:
-    found = judged(0.0)
-    assert found.status == "pass", found.reasons
-    assert len(found.windows) == -(-len(lap()[1]) // CONFIG.audit.window)
-    assert found.windows[-1].end == len(lap()[1])
-    sure = [r.revisit for r in found.revisits if r.revisit.sure]
+    judgement = judged(0.0)
+    assert judgement.status == "pass", judgement.reasons
+    assert len(judgement.windows) == -(-len(lap()[1]) // CONFIG.audit.window)
+    assert judgement.windows[-1].end == len(lap()[1])
+    sure = [r.revisit for r in judgement.revisits if r.revisit.sure]
     assert len(sure) >= 3 and max(r.distance_m for r in sure) < 0.2
-    assert not any(r.torn for r in found.revisits)
+    assert not any(r.torn for r in judgement.revisits)
 
 
 def test_a_torn_loop_fails_and_its_offset_is_measured() -> None:
-    found = judged(3.0)
-    assert found.status == "fail"
-    assert any("revisits are torn" in reason for reason in found.reasons)
-    torn = [r.revisit for r in found.revisits if r.torn]
+    judgement = judged(3.0)
+    assert judgement.status == "fail"
+    assert any("revisits are torn" in reason for reason in judgement.reasons)
+    torn = [r.revisit for r in judgement.revisits if r.torn]
     assert len(torn) >= 3
     recording, _ = lap()
     for r in torn:  # offsets are in the frame of the later sweep; the world's y is what was shifted
@@ -86,8 +86,8 @@ def test_a_trajectory_that_has_nothing_to_do_with_the_recording_fails(wrong: str
         "mirrored": truth.poses * [1.0, -1.0, -1.0],
     }[wrong]
     sweeps, _ = place_sweeps(scans, Trajectory(truth.stamps_us, poses), CONFIG.audit, BEAM)
-    found = audit(sweeps, *SETTINGS, LocalEngine(2), silent)
-    assert found.status == "fail", found.reasons
+    judgement = audit(sweeps, *SETTINGS, LocalEngine(2), silent)
+    assert judgement.status == "fail", judgement.reasons
 
 
 def test_the_verdict_does_not_depend_on_the_number_of_threads() -> None:
@@ -127,17 +127,17 @@ def points_of(kind: str, rng: np.random.Generator) -> np.ndarray:
 @pytest.mark.parametrize("kind", ["one", "two", "one object", "at the sensor", "one direction", "one wall"])
 def test_a_window_that_tells_next_to_nothing_is_judged_all_the_same(kind: str, beside: str | None, speed: float) -> None:
     rng = np.random.default_rng(3)
-    found = audit(sparse([kind, beside or kind] * 3, rng, speed), *SETTINGS, HERE, silent)
-    (scan,) = found.windows
+    judgement = audit(sparse([kind, beside or kind] * 3, rng, speed), *SETTINGS, HERE, silent)
+    (scan,) = judgement.windows
     assert np.isfinite([scan.bend.inflation, scan.bend.size_m, *np.diag(scan.bend.covariance)]).all()
     assert scan.bend.inflation >= 0.0
-    assert found.status is VerdictStatus.NOT_JUDGED
+    assert judgement.status is VerdictStatus.NOT_JUDGED
 
 
 def test_windows_without_a_point_are_left_out() -> None:
     rng = np.random.default_rng(3)
-    found = audit(sparse(["noise"] * 6 + ["none"] * 13 + ["noise"] * 6, rng, 8.0), *SETTINGS, HERE, silent)
-    assert [(w.begin, w.end) for w in found.windows] == [(0, 6), (18, 24), (19, 25)]
+    judgement = audit(sparse(["noise"] * 6 + ["none"] * 13 + ["noise"] * 6, rng, 8.0), *SETTINGS, HERE, silent)
+    assert [(w.begin, w.end) for w in judgement.windows] == [(0, 6), (18, 24), (19, 25)]
 
 
 def sparse(kinds: list[str], rng: np.random.Generator, speed: float) -> Sweeps:

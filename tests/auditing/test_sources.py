@@ -70,19 +70,19 @@ def test_a_true_cloud_passes_and_a_bent_one_is_told(given: bool) -> None:
 
 
 def test_a_cloud_whose_points_have_times_of_their_own_is_cut_into_sweeps() -> None:
-    found = cloud(POSES)
+    result = cloud(POSES)
     spread = np.concatenate([t + np.arange(720) * 100 for t in TIMES_US])
-    sweeps = divide_cloud(TimedCloud(found.path, found.points, spread, ()), None, CONFIG.audit, BEAM)
+    sweeps = divide_cloud(TimedCloud(result.path, result.points, spread, ()), None, CONFIG.audit, BEAM)
     assert len(sweeps) == 24
     assert np.all(np.diff(sweeps.turns) >= 0.0) and np.ptp(sweeps.turns) == pytest.approx(23.7, abs=0.1)
 
 
 def test_a_cloud_without_a_course_of_time_is_refused() -> None:
-    found = cloud(POSES)
+    result = cloud(POSES)
     with pytest.raises(DataError, match="all at once"):
-        divide_cloud(TimedCloud(found.path, found.points, np.full(len(found), TIMES_US[0]), ()), None, CONFIG.audit, BEAM)
+        divide_cloud(TimedCloud(result.path, result.points, np.full(len(result), TIMES_US[0]), ()), None, CONFIG.audit, BEAM)
     with pytest.raises(DataError, match="which the trajectory does not"):
-        divide_cloud(found, Trajectory(TIMES_US[:5] - 10**9, POSES[:5]), CONFIG.audit, BEAM)
+        divide_cloud(result, Trajectory(TIMES_US[:5] - 10**9, POSES[:5]), CONFIG.audit, BEAM)
 
 
 def test_clouds_are_told_from_recordings(tmp_path: Path) -> None:
@@ -100,9 +100,9 @@ def test_a_real_corrected_log_passes_and_its_wheels_fail(name: str) -> None:
     if not log.exists():
         pytest.skip(f"the real log is not at {log}")
     source = make_lidar_source(carmen.read_lidar(log))
-    found = {}
+    result = {}
     for track in ("recording", "odometry"):
         sweeps, _ = place_source(source, source.tracks[track], CONFIG.audit, BEAM)
-        found[track] = audit(sweeps, *SETTINGS, LocalEngine(2), ignore_progress)
-    assert found["recording"].status == "pass", found["recording"].reasons
-    assert found["odometry"].status == "fail"
+        result[track] = audit(sweeps, *SETTINGS, LocalEngine(2), ignore_progress)
+    assert result["recording"].status == "pass", result["recording"].reasons
+    assert result["odometry"].status == "fail"

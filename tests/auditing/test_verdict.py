@@ -52,9 +52,11 @@ def test_a_share_needs_evidence_to_be_called_too_large(count: int, total: int, s
 
 @pytest.mark.parametrize("total", [40, 60, 100, 400])
 def test_a_recording_of_ordinary_length_is_judged_whatever_its_share(total: int) -> None:
-    found = [Share(count, total).judge(SETTINGS.windows_warn, SETTINGS.windows_fail, SETTINGS) for count in range(total + 1)]
-    assert NOT_JUDGED not in found
-    ranks = [(PASS, WARN, FAIL).index(status) for status in found]
+    result = [
+        Share(count, total).judge(SETTINGS.windows_warn, SETTINGS.windows_fail, SETTINGS) for count in range(total + 1)
+    ]
+    assert NOT_JUDGED not in result
+    ranks = [(PASS, WARN, FAIL).index(status) for status in result]
     assert ranks == sorted(ranks) and ranks[0] == 0 and ranks[-1] == 2
 
 
@@ -122,8 +124,8 @@ def test_points_that_are_seen_once_fail_where_enough_windows_say_so() -> None:
     ],
 )
 def test_torn_revisits_need_evidence_too(torn: tuple[int, ...], total: int, status: VerdictStatus) -> None:
-    found, reasons = judge_map(scans(0, 40), revisits(torn, total), 240, WINDOW, SETTINGS)
-    assert found is status
+    result, reasons = judge_map(scans(0, 40), revisits(torn, total), 240, WINDOW, SETTINGS)
+    assert result is status
     assert any(f"{len(torn)} of {total} revisit" in reason for reason in reasons)
 
 

@@ -63,10 +63,10 @@ def _bends() -> list[Claim]:
     for name, twist in (("true", (0, 0, 0)), *((name, twist) for name, twist, _ in _BENDS)):
         bent = _bent(truth, np.array(twist, dtype=float))
         sweeps, _ = place_sweeps(scans, bent, config.audit, beam)
-        found = audit_windows(sweeps, config.audit, config.estimator, _ENGINE, _silent)
+        result = audit_windows(sweeps, config.audit, config.estimator, _ENGINE, _silent)
         if chosen is None:
-            chosen = np.sort(np.random.default_rng(0).choice(len(found), min(_PLACES, len(found)), replace=False))
-        values[name] = {m: np.array([get(found[k]) for k in chosen]) for m, get in _MEASURES.items()}
+            chosen = np.sort(np.random.default_rng(0).choice(len(result), min(_PLACES, len(result)), replace=False))
+        values[name] = {m: np.array([get(result[k]) for k in chosen]) for m, get in _MEASURES.items()}
     rows = [[m, *(_auc(values["true"][m], values[name][m]) for name, _, _ in _BENDS)] for m in _MEASURES]
     table([f"AUC, {len(chosen)} places", *(name for name, _, _ in _BENDS)], rows)
     inflation = values["true"]["inflation"]
@@ -107,13 +107,13 @@ def _trajectories(out: Path) -> list[Claim]:
         torn.append(judged.torn)
     off, torn = np.array(off), np.array(torn)
     rows = []
-    for name, found in (("true", true), ("KISS-ICP, no loops", rival)):
-        share = np.mean([w.torn for w in found.windows])
-        sure = [r for r in found.revisits if r.revisit.sure]
+    for name, result in (("true", true), ("KISS-ICP, no loops", rival)):
+        share = np.mean([w.torn for w in result.windows])
+        sure = [r for r in result.revisits if r.revisit.sure]
         rows.append(
             [
                 name,
-                found.status,
+                result.status,
                 f"{share:.1%}",
                 str(len(sure)),
                 str(sum(r.torn for r in sure)),
@@ -165,20 +165,20 @@ def _carmen() -> list[Claim]:
         source = make_lidar_source(carmen.read_lidar(shared(SHARED / "data" / "carmen" / f"{name}-corrected.log.gz")))
         for track, wanted in (("recording", "pass"), ("odometry", "fail")):
             sweeps, _ = place_source(source, source.tracks[track], config.audit, beam_of(config.estimator, 0.0))
-            found = audit(sweeps, config.audit, config.estimator, config.loops, config.verdict, _ENGINE, _silent)
-            sure = [r for r in found.revisits if r.revisit.sure]
+            result = audit(sweeps, config.audit, config.estimator, config.loops, config.verdict, _ENGINE, _silent)
+            sure = [r for r in result.revisits if r.revisit.sure]
             rows.append(
                 [
                     name,
                     track,
-                    found.status,
-                    f"{np.mean([w.torn for w in found.windows]):.1%}",
-                    float(np.median([w.bend.inflation for w in found.windows])),
+                    result.status,
+                    f"{np.mean([w.torn for w in result.windows]):.1%}",
+                    float(np.median([w.bend.inflation for w in result.windows])),
                     str(len(sure)),
                     str(sum(r.torn for r in sure)),
                 ]
             )
-            claims.append(Claim(f"{name}, {track}: verdict {wanted}", float(found.status == wanted), least=1.0))
+            claims.append(Claim(f"{name}, {track}: verdict {wanted}", float(result.status == wanted), least=1.0))
     table(["log", "trajectory", "verdict", "windows torn", "median inflation", "revisits", "torn"], rows)
     return claims
 

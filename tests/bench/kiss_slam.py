@@ -93,9 +93,9 @@ def _detect(recording: Recording, path: Path) -> None:
 def _row(name: str, recording: Recording, python: str, out: Path, copies: int, low: float, high: float) -> list[str | float]:
     """Returns a row of the table: the errors of KISS-SLAM with returns at random heights."""
     stem = f"{copies}-{low:g}-{high:g}"
-    found, log = out / f"{stem}.npz", out / f"{stem}.log"
-    found.unlink(missing_ok=True)
-    words = [python, "-P", _WORKER, out / "returns.npz", copies, low, high, found]
+    outcome, log = out / f"{stem}.npz", out / f"{stem}.log"
+    outcome.unlink(missing_ok=True)
+    words = [python, "-P", _WORKER, out / "returns.npz", copies, low, high, outcome]
     with log.open("w", encoding="utf-8") as file:
         try:
             code = subprocess.run([str(w) for w in words], stdout=file, stderr=file, timeout=_LIMIT_S).returncode
@@ -103,7 +103,7 @@ def _row(name: str, recording: Recording, python: str, out: Path, copies: int, l
             return [name, f"not done after {_LIMIT_S} s", *[""] * 13]
     if code != 0:
         return [name, f"ended with {code}: {log}", *[""] * 13]
-    with np.load(found) as file:
+    with np.load(outcome) as file:
         result = dict(file)
     before, after = (_errors(recording, result[track]) for track in ("odometry", "optimised"))
     distance, angle = _worst_loop(recording, result)
@@ -127,9 +127,9 @@ def _row(name: str, recording: Recording, python: str, out: Path, copies: int, l
 
 
 def _errors(recording: Recording, matrices: NDArray[np.float64]) -> Evaluation:
-    found = evaluate(Trajectory(_ends_us(recording), _planar(matrices)), _truth(recording))
-    assert found is not None
-    return found
+    outcome = evaluate(Trajectory(_ends_us(recording), _planar(matrices)), _truth(recording))
+    assert outcome is not None
+    return outcome
 
 
 def _worst_loop(recording: Recording, result: dict[str, NDArray[np.float64]]) -> tuple[str | float, str | float]:

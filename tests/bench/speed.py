@@ -52,8 +52,8 @@ def run(out: Path) -> list[Claim]:
 
 def _window(detector: DetectorConfig) -> tuple[PointSet, float]:
     recording = open_recording(shared(OXFORD))
-    found = detect_stretch(recording, detector, _FIRST, _FIRST + _SCANS)
-    returns = Returns.concatenate(found.returns)
+    result = detect_stretch(recording, detector, _FIRST, _FIRST + _SCANS)
+    returns = Returns.concatenate(result.returns)
     beam = beam_of(Config().estimator, 0.0)
     t0 = float(recording.start_times[_FIRST])
     return drop_start(place(returns, t0, np.zeros(3), _MOTION, CONSTANT_VELOCITY, beam)), recording.revolution_s

@@ -26,12 +26,12 @@ def test_an_image_that_cannot_be_read(drive: Path, tmp_path: Path) -> None:
     assert shown.code == 0
     warning = f"warning: 3 polar scans could not be read and are left out: {broken[0]}: is not a readable PNG"
     assert warning in shown.err and str(broken[2]) in shown.err
-    found = read_summary(tmp_path / "out")
-    assert found["dataset"]["unread"] == 3 and "3 of 30 polar scans could not be read" in str(found["verdict"])
+    result = read_summary(tmp_path / "out")
+    assert result["dataset"]["unread"] == 3 and "3 of 30 polar scans could not be read" in str(result["verdict"])
     assert "3 polar scans could not be read" in (tmp_path / "out" / "report.html").read_text()
     track = read_tum(tmp_path / "out" / "trajectory.tum")
     assert track.stamps_us.tolist() == [int(image.stem) for image in images(drive)]
-    assert found["evaluation"]["ate_rmse_m"] < 0.5
+    assert result["evaluation"]["ate_rmse_m"] < 0.5
     before = read_contents(tmp_path)
     assert_refused(run_quickly(drive, tmp_path / "strict", "--strict", "--quiet"), f"{broken[0]}: is not a readable PNG")
     assert read_contents(tmp_path) == before
@@ -77,8 +77,8 @@ def test_a_stretch_that_cannot_be_read_costs_no_more_than_itself(drive: Path) ->
         cut_short(images(drive)[k])
     recording = open_recording(drive)
     good = detect_all(open_recording(lane_like(drive)), Config().detector)[0]
-    scans, found = detect_all(recording, Config().detector)
-    assert sorted(found.unread) == broken and all(isinstance(error, DataError) for error in found.unread.values())
+    scans, result = detect_all(recording, Config().detector)
+    assert sorted(result.unread) == broken and all(isinstance(error, DataError) for error in result.unread.values())
     for k, (one, other) in enumerate(zip(scans, good, strict=True)):
         assert (one.t0, one.t1) == (other.t0, other.t1)
         assert len(one.returns) == (0 if k in broken else len(other.returns))

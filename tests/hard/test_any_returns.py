@@ -95,8 +95,8 @@ def test_any_returns_are_rendered_and_audited_under_any_trajectory(data: st.Data
         assert "returns in" in str(error)
         return
     assert np.isfinite(pointmap.psi).all()
-    found = audit(sweeps, CONFIG.audit, CONFIG.estimator, CONFIG.loops, CONFIG.verdict, HERE, ignore_progress)
-    for window in found.windows:
+    result = audit(sweeps, CONFIG.audit, CONFIG.estimator, CONFIG.loops, CONFIG.verdict, HERE, ignore_progress)
+    for window in result.windows:
         assert np.isfinite([window.bend.inflation, window.bend.psi, window.bend.psi_best]).all()
         np.testing.assert_array_less(0.0, np.diag(window.bend.covariance))
 
@@ -108,7 +108,7 @@ def test_any_two_submaps_are_aligned(reference: Scan, query: Scan) -> None:
     if not len(reference.returns) or not len(query.returns):
         return
     one, other = (place_along(w.returns, np.zeros(1), np.zeros((1, 3)), BEAM) for w in (reference, query))
-    found = align(one, other, np.zeros(3), (3.0, 0.05), CONFIG.loops, CONFIG.estimator)
-    assert np.isfinite(found.pose).all()
-    assert np.isfinite(found.covariance).all()
-    assert found.observed in (True, False)
+    result = align(one, other, np.zeros(3), (3.0, 0.05), CONFIG.loops, CONFIG.estimator)
+    assert np.isfinite(result.pose).all()
+    assert np.isfinite(result.covariance).all()
+    assert result.observed in (True, False)

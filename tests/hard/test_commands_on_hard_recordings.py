@@ -80,8 +80,8 @@ def test_front_ends_are_compared_on_a_hard_recording(name: str, tmp_path: Path) 
     rows = ("--frontends", "psi,kiss_icp", "--trajectory", f"truth={truth}")
     result = mqslam("compare", data, "--out", tmp_path / "compared", *rows, *QUIET)
     assert (result.code, result.err) == (0, "")
-    found = strict_json(tmp_path / "compared" / "compare.json")["rows"]
-    assert [(row["name"], row["failure"]) for row in found] == [("psi", None), ("kiss_icp", None), ("truth", None)]
+    outcome = strict_json(tmp_path / "compared" / "compare.json")["rows"]
+    assert [(row["name"], row["failure"]) for row in outcome] == [("psi", None), ("kiss_icp", None), ("truth", None)]
 
 
 @pytest.mark.parametrize("name", ["no return in any scan", "one scan"])
@@ -99,5 +99,5 @@ def test_a_hard_recording_is_audited(name: str, tmp_path: Path) -> None:
     data, truth = write(tmp_path, HARD[name]())
     result = mqslam("audit", data, "--trajectory", truth, "--out", tmp_path / "audited", *QUIET)
     assert (result.code, result.err) == (0, "")
-    found = strict_json(tmp_path / "audited" / "audit.json")
-    assert all(scan["points"] > 0 for scan in found["per_window"])
+    outcome = strict_json(tmp_path / "audited" / "audit.json")
+    assert all(scan["points"] > 0 for scan in outcome["per_window"])

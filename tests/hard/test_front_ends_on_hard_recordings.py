@@ -73,8 +73,8 @@ def assert_sound_or_refused(name: str, frontend: str, doppler_beta: float | None
         return
     assert_sound(solution)
     # psi finds where a scan begins, a scan matcher where it ends, which is where the next one begins
-    found = scans[1:] if frontend == "psi" else scans[:-1]
-    for scan, motion in zip(found, solution.measurements, strict=True):
+    result = scans[1:] if frontend == "psi" else scans[:-1]
+    for scan, motion in zip(result, solution.measurements, strict=True):
         assert len(scan.returns) or motion.status is Status.LOST
 
 
@@ -152,6 +152,6 @@ def test_the_motion_of_three_scans_alone_is_sound(name: str) -> None:
     scans, estimator = HARD[name]()[:3], Config().estimator
     returns, turn_s = Returns.concatenate([w.returns for w in scans]), scans[0].t1 - scans[0].t0
     speeds, yaw_rates = np.arange(-1.5, 8.0, 0.75), np.linspace(-0.2, 0.2, 5)
-    found = find_window_motion(returns, scans[0].t0, turn_s, estimator, beam_of(estimator, 0.0), speeds, yaw_rates)
-    assert np.isfinite(found.theta).all()
-    np.testing.assert_array_less(0.0, np.linalg.eigvalsh(found.covariance))
+    result = find_window_motion(returns, scans[0].t0, turn_s, estimator, beam_of(estimator, 0.0), speeds, yaw_rates)
+    assert np.isfinite(result.theta).all()
+    np.testing.assert_array_less(0.0, np.linalg.eigvalsh(result.covariance))

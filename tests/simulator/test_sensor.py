@@ -64,8 +64,8 @@ def peak(power: NDArray[np.uint8], sensor: SensorModel = QUIET) -> tuple[float, 
 
 @pytest.mark.parametrize(("r", "bearing"), [(20.0, 0.3), (7.31, -2.0), (45.08, 3.0), (33.333, 1.234)])
 def test_a_pole_peaks_at_its_range_and_bearing_to_a_fraction_of_a_bin(r: float, bearing: float) -> None:
-    found, azimuth, _ = peak(render(pole((r + 0.05) * np.cos(bearing), (r + 0.05) * np.sin(bearing))))
-    assert found == pytest.approx(r, abs=0.06 * QUIET.range_resolution)
+    result, azimuth, _ = peak(render(pole((r + 0.05) * np.cos(bearing), (r + 0.05) * np.sin(bearing))))
+    assert result == pytest.approx(r, abs=0.06 * QUIET.range_resolution)
     assert abs(se2.wrap(azimuth - bearing)) < 0.06 * 2.0 * np.pi / QUIET.azimuths
 
 

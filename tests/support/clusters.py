@@ -62,14 +62,14 @@ class Cluster:
 @contextmanager
 def cluster(folder: Path, workers: int = 2) -> Iterator[Cluster]:
     """Yields a cluster that runs while the block lasts."""
-    found = Cluster(folder)
+    running = Cluster(folder)
     try:
         for _ in range(workers):
-            found.add_worker()
-        found.wait()
-        yield found
+            running.add_worker()
+        running.wait()
+        yield running
     finally:
-        found.kill()
+        running.kill()
 
 
 def at(monkeypatch: pytest.MonkeyPatch, stage: str, happens: Callable[[], None]) -> list[int]:

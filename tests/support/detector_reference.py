@@ -16,7 +16,7 @@ def peaks_reference(
 ) -> list[NDArray[np.float64]]:
     """Returns for each azimuth all local maxima (K, 2) as range [bins] and smoothed power, the strongest first."""
     azimuths, bins = power.shape
-    found = []
+    maxima = []
     for a in range(azimuths):
         smooth, area = power[a].astype(np.int64), 1
         for half in halves:
@@ -30,8 +30,8 @@ def peaks_reference(
             before, peak, after = smooth[b - 1 : b + 2]
             if peak >= threshold and before <= peak > after:  # the vertex of the parabola through the three
                 rows.append((b + 0.5 + 0.5 * (before - after) / (before - 2.0 * peak + after), peak))
-        found.append(np.array(sorted(rows, key=lambda row: -row[1])).reshape(-1, 2))
-    return found
+        maxima.append(np.array(sorted(rows, key=lambda row: -row[1])).reshape(-1, 2))
+    return maxima
 
 
 def targets_reference(

@@ -101,12 +101,12 @@ def without_returns(scans: Sequence[Scan], which: range) -> list[Scan]:
 
 def thin(scans: Sequence[Scan], count: int, which: range, seed: int = 0) -> list[Scan]:
     """Returns the same scans, those of numbers in `which` with at most `count` of their returns."""
-    found = list(scans)
+    result = list(scans)
     for k in which:
         chosen = np.zeros(len(scans[k].returns), dtype=bool)
         chosen[np.random.default_rng([seed, k]).permutation(len(chosen))[:count]] = True
-        found[k] = Scan(scans[k].t0, scans[k].t1, scans[k].returns.take(chosen))
-    return found
+        result[k] = Scan(scans[k].t0, scans[k].t1, scans[k].returns.take(chosen))
+    return result
 
 
 def repeated(scan: Scan, scans: int) -> list[Scan]:
@@ -152,12 +152,12 @@ def farther(scans: Sequence[Scan], by_m: float) -> list[Scan]:
 def parked_among_cars(scans: int) -> list[Scan]:
     """Returns scans of a parked sensor that cars pass; forty of two hundred returns are theirs."""
     still, cars = poles(160, 100.0), poles(40, 100.0, seed=2)
-    found = []
+    result = []
     for k in range(scans):
         moving = cars + np.array([8.0 * TURN_S * k, 0.0])
         moving[:, 0] = (moving[:, 0] + 50.0) % 100.0 - 50.0
-        found.append(scan(np.concatenate([still, moving]), k * TURN_S, at_rest))
-    return found
+        result.append(scan(np.concatenate([still, moving]), k * TURN_S, at_rest))
+    return result
 
 
 def into_a_tunnel(scans: int, way: Way = straight_on) -> list[Scan]:

@@ -103,8 +103,8 @@ def plain(content: bytes, change: Change) -> bytes:
         case "number":
             numbers = list(_NUMBER.finditer(content))
             if numbers:
-                found = numbers[int(change.where * len(numbers))]
-                return content[: found.start()] + _WORDS[value % len(_WORDS)] + content[found.end() :]
+                result = numbers[int(change.where * len(numbers))]
+                return content[: result.start()] + _WORDS[value % len(_WORDS)] + content[result.end() :]
     return content
 
 

@@ -97,12 +97,12 @@ def chromium(width: int = 1360, height: int = 1000) -> Iterator[WebDriver]:
         options.add_argument(f"--{flag}")
     options.add_argument(f"--window-size={width},{height}")
     options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
-    found = webdriver.Chrome(options=options, service=Service(driver))
-    found.set_script_timeout(PATIENCE_S)
+    result = webdriver.Chrome(options=options, service=Service(driver))
+    result.set_script_timeout(PATIENCE_S)
     try:
-        yield found
+        yield result
     finally:
-        found.quit()
+        result.quit()
 
 
 def opened(browser: WebDriver, path: Path) -> None:

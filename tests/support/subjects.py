@@ -63,9 +63,9 @@ def check_radar(format: str) -> Callable[[Path], None]:
     def read(path: Path) -> None:
         recording = open_recording(path, format=format)
         check_recording(recording)
-        found = detect_stretch(_Checked(recording), Config().detector, 0, len(recording), strict=False)  # type: ignore[arg-type]
-        assert len(found.returns) == len(recording)
-        for returns in found.returns:
+        detected = detect_stretch(_Checked(recording), Config().detector, 0, len(recording), strict=False)  # type: ignore[arg-type]
+        assert len(detected.returns) == len(recording)
+        for returns in detected.returns:
             check_returns(returns)
 
     return read

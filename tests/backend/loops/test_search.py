@@ -61,8 +61,8 @@ def test_of_each_earlier_pass_one_scan_is_taken_and_of_so_many_passes_as_are_ask
         k for k in pick_spaced(drive.travelled, CONFIG.loops.spacing_m) if 2.0 < (drive.travelled[k] - 1.0) / LAP_M < 2.9
     ]
     for k in last:
-        found = sorted(between_m(drive, [pair for pair in pairs if pair[1] == k]) / LAP_M)
-        np.testing.assert_allclose(found, [1.0, 2.0], atol=0.03)
+        result = sorted(between_m(drive, [pair for pair in pairs if pair[1] == k]) / LAP_M)
+        np.testing.assert_allclose(result, [1.0, 2.0], atol=0.03)
     assert len({b for _, b in find_candidate_pairs(drive, LoopConfig(passes=1), set())}) == len({b for _, b in pairs})
     assert len(find_candidate_pairs(drive, LoopConfig(passes=1), set())) < len(pairs)
 
@@ -134,9 +134,9 @@ CLOSE = LoopConfig(least_path_m=35.0)  # a pass is 40 m long
 def test_loops_found_are_true(later: tuple[float, float, float]) -> None:
     drive, truth = two_passes(later, (1.5, -1.0, 0.02))
     tried: set[tuple[int, int]] = set()
-    found = find_loops(drive, CLOSE, CONFIG.estimator, BEAM, tried, HERE, ignore_progress)
-    assert len(found) >= 3 and {(loop.earlier, loop.later) for loop in found} <= tried
-    for loop in found:
+    result = find_loops(drive, CLOSE, CONFIG.estimator, BEAM, tried, HERE, ignore_progress)
+    assert len(result) >= 3 and {(loop.earlier, loop.later) for loop in result} <= tried
+    for loop in result:
         error = loop.pose - se2.between(truth[loop.earlier], truth[loop.later])
         assert np.hypot(error[0], error[1]) < 0.1 and abs(se2.wrap(error[2])) < 0.005
 
@@ -209,8 +209,8 @@ def test_a_loop_that_only_confirms_a_good_map_stays() -> None:
     reference = render_submap(drive, a, settings.submap_m, settings.spacing_m, BEAM)
     query = render_submap(drive, b, 0.5 * settings.submap_m, settings.spacing_m, BEAM)
     pose = se2.between(truth[a], truth[b])
-    found = align(reference, query, pose, (3.0, 0.03), CONFIG.loops, CONFIG.estimator)
-    loop = Loop(a, b, found.pose, found.covariance, found.matched, found.psi)
+    result = align(reference, query, pose, (3.0, 0.03), CONFIG.loops, CONFIG.estimator)
+    loop = Loop(a, b, result.pose, result.covariance, result.matched, result.psi)
     nudged = truth.copy()
     nudged[len(truth) // 2 :, 0] += 0.02  # within what the graph may weigh it against
     assert confirm_by_map([loop], drive, nudged, *KEEP, HERE) == [loop]
