@@ -106,7 +106,7 @@ def _make_config(settings: KissIcpConfig) -> Any:
 
 
 def _make_repeatable(config: Any) -> Any:
-    """Turns 0 threads of a KISSConfig, which stands for any number, into one: several add up in any order.
+    """Sets the threads of a KISSConfig to one if they are 0 (any number), because several threads add up in any order.
 
     The first KISS-ICP of a process decides how many threads all of them have.
     """

@@ -161,7 +161,7 @@ class ReadingConfig(BaseModel):
     lidar_clip_count: int = expert(
         10,
         ge=0,
-        description="Number of readings that a lidar log must have at its longest range at least to be clipped there.",
+        description="Least number of readings at the longest range of a lidar log that is clipped there.",
     )
     lidar_clip_m: float = expert(3.0, gt=0.0, description="No lidar log is clipped at a range below this [m].")
     lidar_same_m: float = expert(

@@ -43,7 +43,10 @@ class SensorConfig(BaseModel):
     )
     doppler_scans: int = expert(12, ge=3, description="Number of scans of each of those stretches.")
     doppler_step: float = expert(
-        0.05, gt=0.0, description="Step between the Doppler shifts that are tried [s]. Those of Navtech's radars lie within."
+        0.05,
+        gt=0.0,
+        description="Step between the Doppler shifts that are tried [s]. The tried shifts include those of Navtech's "
+        "radars.",
     )
     doppler_steps: int = expert(2, ge=1, description="Number of those steps to either side of zero.")
     doppler_gain: float = expert(

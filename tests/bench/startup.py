@@ -1,4 +1,4 @@
-"""Processor time until a command answers, beside that of importing the libraries that no radar program does without."""
+"""Processor time until a command answers, compared with that of importing the libraries that every radar program needs."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A run of the real sample follows the radar, and to the same bytes from a bag."""
+"""A run of the real sample follows the radar, and gives the same trajectory from a bag."""
 
 from __future__ import annotations
 

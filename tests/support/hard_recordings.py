@@ -229,7 +229,7 @@ def assert_sound(solution: Solution) -> None:
 
 @dataclass(frozen=True, kw_only=True)
 class RecordingInMemory(Recording):
-    """Scans of returns as the power that a radar would have measured.
+    """Scans as the power that a radar would have measured.
 
     Args:
         scans: what the radar sees.

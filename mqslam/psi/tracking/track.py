@@ -146,7 +146,7 @@ class _Track:
                 self._measure_again()
 
     def _measure_again(self) -> None:
-        """Measures the scans of a track that has only begun once more, if there are enough of them."""
+        """Measures a second time the scans of a track that has only begun, if there are enough of them."""
         young, self._young = self._young, []
         if len(young) < self._settings.young_least:
             return

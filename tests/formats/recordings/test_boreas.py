@@ -79,7 +79,7 @@ def test_of_alternating_chirps_the_rising_ones_are_kept(tmp_path: Path) -> None:
     up = np.arange(AZIMUTHS) % 2 == 1
     folder = write_boreas(tmp_path / "rt", left_turn(), up)
     recording = open_recording(folder)
-    assert "50% of the rows: taken as the direction of the chirp" in note_of(folder, "byte 10")
+    assert "50% of the rows and is taken as the direction of the chirp" in note_of(folder, "byte 10")
     for kept, whole in zip(recording.polar_scans(), left_turn().polar_scans(), strict=True):
         assert kept.valid.all()
         np.testing.assert_array_equal(kept.power, whole.power[up])
@@ -91,7 +91,7 @@ def test_of_alternating_chirps_the_rising_ones_are_kept(tmp_path: Path) -> None:
 
 def test_falling_chirps_only_or_an_unused_byte_are_all_kept(tmp_path: Path) -> None:
     folder = write_boreas(tmp_path / "rt", left_turn(), np.zeros(AZIMUTHS, bool))
-    assert "0% of the rows: taken as unused or as down-chirps" in note_of(folder, "byte 10")
+    assert "0% of the rows and is taken as unused or as down-chirps" in note_of(folder, "byte 10")
     assert_alike(open_recording(folder), left_turn())
 
 
