@@ -53,7 +53,10 @@ class DetectorConfig(BaseModel):
         2.0, ge=1.0, description="Factor by which more azimuths peak in a ring than at the ranges around it."
     )
     ring_cells: int = expert(
-        9, ge=3, description="Number of range cells around a ring whose median share of peaking azimuths is the usual one."
+        9,
+        ge=3,
+        description="Number of range cells around a ring from which the usual share of peaking azimuths is taken, as "
+        "their median.",
     )
     saturation_bins: int = expert(
         4,

@@ -67,8 +67,8 @@ def read_numbers(path: Path, columns: list[int]) -> NDArray[np.float64]:
 def read_stamped(path: Path, columns: list[int]) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
     """Reads stamps (N,) [us] and columns (N, len(columns)) of a CSV with or without a header.
 
-    The first column holds whole stamps in us or ns, too long for a float. Rows come in the order of their stamps, one of
-    each.
+    The first column holds whole stamps in us or ns, too long for a float. Rows are returned in the order of their stamps,
+    and only one of those that share a stamp.
 
     Raises:
         DataError: a row is too short or holds something other than finite numbers.
