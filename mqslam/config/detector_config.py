@@ -74,7 +74,11 @@ class DetectorConfig(BaseModel):
         gt=0.0,
         description="Length of the polar cells in which returns that repeat in the sensor's own frame are counted [m].",
     )
-    fixed_sectors: int = expert(180, ge=1, description="Number of those cells around a turn.")
+    fixed_sectors: int = expert(
+        180,
+        ge=1,
+        description="Number of cells around a turn in which returns that repeat in the sensor's own frame are counted.",
+    )
     fixed_share: float = expert(
         0.7, gt=0.0, lt=1.0, description="A cell that returns in more than this share of all scans is part of the vehicle."
     )

@@ -100,9 +100,13 @@ class EstimatorConfig(BaseModel):
         "s_start. The minimiser surely bridges that distance.",
     )
     search_same: float = expert(
-        2.0, gt=0.0, description="Poses that are nearer to each other than this many of those pixels count as one."
+        2.0,
+        gt=0.0,
+        description="Poses that are nearer to each other than this many pixels of the global search count as one.",
     )
-    search_blur: float = expert(1.4, ge=0.0, description="Standard deviation of the images' blur, in those pixels.")
+    search_blur: float = expert(
+        1.4, ge=0.0, description="Standard deviation of the images' blur, in pixels of the global search."
+    )
     search_extent: float = expert(
         110.0,
         gt=0.0,

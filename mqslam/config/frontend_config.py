@@ -37,7 +37,9 @@ class ScanMatchingConfig(BaseModel):
         description="Least variance of a surface's points across it, as a share of that along it.",
     )
     start_scans: int = expert(10, ge=2, description="Number of scans from which a front end finds its first motion.")
-    start_returns: int = expert(20, ge=1, description="Fewest returns in all of those scans.")
+    start_returns: int = expert(
+        20, ge=1, description="Fewest returns in all scans from which a front end finds its first motion."
+    )
     start_step_m: float = expert(2.0, gt=0.0, description="Travel per turn between the speeds that a start tries [m].")
     start_as_good: float = expert(
         0.95,

@@ -180,7 +180,10 @@ def _find_cheapest_path(costs: NDArray[np.float64], change: float) -> NDArray[np
 
 
 def _choose_examples(steps: NDArray[np.int64], count: int) -> list[int]:
-    """Chooses polar scans that stand for some of the steps 0..count - 1: the first or last of all, else the middle of the longest run."""
+    """Chooses polar scans that stand for some of the steps 0..count - 1.
+
+    They are the first or last of all, or else one in the middle of the longest run of steps.
+    """
     ends = [k for k, step in ((0, 0), (count, count - 1)) if step in (steps[0], steps[-1])]
     runs = np.split(steps, np.flatnonzero(np.diff(steps) > 1) + 1)
     longest = max(runs, key=len)
