@@ -218,7 +218,7 @@ def make_b_scan(bag: Bag, recording: Recording, k: int, polar_scan: PolarScan) -
 
 
 def _choose_encoder(polar_scan: PolarScan) -> int:
-    """Chooses the ticks per turn of the encoder: the finer one if only its ticks fit the azimuths, and values exceed the coarser one."""
+    """Chooses the ticks per turn of the encoder: the finer one if only its ticks fit and its values show it."""
     usual, fine = _ENCODER_TURNS
     turns = -polar_scan.azimuths / (2.0 * np.pi)
     on_usual, on_fine = (np.allclose(turns * t, np.round(turns * t), rtol=0.0, atol=1e-6) for t in (usual, fine))
