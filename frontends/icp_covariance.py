@@ -23,7 +23,7 @@ class Surface:
     def __init__(self, points: NDArray[np.float64], settings: ScanMatchingConfig) -> None:
         self._points = points
         self._settings = settings
-        self._tree = cKDTree(points, compact_nodes=False, balanced_tree=False)  # searched too seldom to be worth more
+        self._tree = cKDTree(points, compact_nodes=False, balanced_tree=False)  # too few searches for a better tree
 
     def count_matched(self, scan: NDArray[np.float64], pose: se2.Array, reach: float) -> int:
         """Returns how many points (N, 2) [m] of a scan at a pose (3,) have a map point within reach [m]."""
@@ -43,12 +43,15 @@ class Surface:
         _, nearest = self._tree.query(points, k=self._ranks())
         return self._find_directions(nearest)
 
-    def covariance(self, scan: NDArray[np.float64], pose: se2.Array, reach: float, kernel: float) -> NDArray[np.float64]:
+    def compute_covariance(
+        self, scan: NDArray[np.float64], pose: se2.Array, reach: float, kernel: float
+    ) -> NDArray[np.float64]:
         """Returns the covariance s^2 H^-1 (3, 3) of a scan's pose, matched point to point, in its own frame [m, m, rad].
 
         H is the Gauss-Newton Hessian of the residuals over x, y, yaw under Geman-McClure weights, s^2 their weighted mean
-        square. Push a wall along itself and its points find others as near as before: along a surface a residual counts
-        only as far as the surface is as thick as long, or ICP would claim to know where it is along a corridor.
+        square. The points of a wall that is moved along itself find others as near as before. Residuals along a surface
+        therefore count only in proportion to its thickness over its length; otherwise ICP would claim to know its place
+        along a corridor.
 
         Args:
             scan: (N, 2) m, sensor frame at the pose.

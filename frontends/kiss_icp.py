@@ -88,7 +88,7 @@ class _KissIcpMatcher:
         if surface.count_matched(scan, pose, reach) < settings.fewest_matched:
             return None
         near = surface.count_matched(scan, pose, kiss.config.mapping.voxel_size) / len(scan)
-        return Match(pose, surface.covariance(scan, pose, reach, kernel), near)
+        return Match(pose, surface.compute_covariance(scan, pose, reach, kernel), near)
 
 
 def _make_config(settings: KissIcpConfig) -> Any:
@@ -106,7 +106,7 @@ def _make_config(settings: KissIcpConfig) -> Any:
 
 
 def _make_repeatable(config: Any) -> Any:
-    """Turns 0 threads of a KISSConfig, which stands for any number, into one: several add up in any order.
+    """Sets the threads of a KISSConfig to one if they are 0 (any number), because several threads add up in any order.
 
     The first KISS-ICP of a process decides how many threads all of them have.
     """

@@ -86,7 +86,7 @@ class _Open3dMatcher:
         matched = surface.count_matched(scan, pose, reach)
         if matched < self._settings.fewest_matched:
             return None
-        return Match(pose, surface.covariance(scan, pose, reach, reach**2), matched / len(scan))
+        return Match(pose, surface.compute_covariance(scan, pose, reach, reach**2), matched / len(scan))
 
     def _run_icp(self, source: Any, target: Any, distance: float, begin: se2.Array) -> NDArray[np.float64]:
         """Returns where Open3D puts a scan that begins at a pose (3,), as a (4, 4) matrix."""
@@ -157,5 +157,5 @@ def _import_open3d() -> Any:
             f"front end open3d_icp: Open3D cannot be imported ({error}); it needs the system library libusb-1.0-0 "
             "(apt-get install libusb-1.0-0)"
         ) from error
-    open3d.utility.set_max_threads(1)  # more add up in any order, and the same scans are to give the same motions
+    open3d.utility.set_max_threads(1)  # several threads add up in any order, but the same scans must give the same motions
     return open3d

@@ -39,7 +39,7 @@ class PsiFrontEnd:
         beam = beam_of(config.estimator, context.doppler_beta)
         tracker = Tracker(config.tracker, config.estimator, beam, context.revolution_s)
         unsteadiness = Unsteadiness(config.tracker, context.revolution_s)
-        young: list[Measurement] = []  # motions on a map that has only begun: what they leave out shows later
+        young: list[Measurement] = []  # motions on a new map: later ones show what the motion model leaves out
         for motions, is_young in _steps(follow_scans(list(scans), tracker, context.odometry_twist)):
             for motion in motions:
                 if motion.status is not Status.LOST:
@@ -54,7 +54,7 @@ class PsiFrontEnd:
 def _steps(scans: Iterator[Followed]) -> Iterator[tuple[list[Measurement], bool]]:
     """Yields the motions from each matched scan to the next matched one, and whether the map has only begun."""
     matched = next(scans)
-    lost: list[Followed] = []  # scans since then
+    lost: list[Followed] = []  # scans since the last matched one
     for scan in scans:
         lost.append(scan)
         if scan.tracked.status is Status.LOST and not scan.tracked.begins_map:

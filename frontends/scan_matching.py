@@ -51,7 +51,7 @@ def match_scans(
         after = track.follow(scan)
         end = se2.interpolate([step.time, after.time], np.array([step.pose, after.pose]), [scan.t0])[0]
         motion = se2.wrapped_between(begin, end)
-        gap = scan.t0 - before.t1 > settings.gap_turns * (before.t1 - before.t0)  # the next match bridges it, if it is one
+        gap = scan.t0 - before.t1 > settings.gap_turns * (before.t1 - before.t0)  # only a match after the gap bridges it
         unseen_s = np.array([coasted_s, step.coasted_s, scan.t0 - before.t1])
         yield Measurement(
             before.t0,

@@ -48,8 +48,8 @@ def crew(tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPat
     """A scheduler and two workers; stretches are so short that both have work for a while, and waits are short."""
     monkeypatch.setattr(detection, "_CHUNK", 4)
     monkeypatch.setattr("mqslam.execution.cluster._LOOK_S", 1.0)
-    with cluster(tmp_path_factory.mktemp("crew") / "dask") as found:
-        yield found
+    with cluster(tmp_path_factory.mktemp("crew") / "dask") as running:
+        yield running
 
 
 @pytest.fixture(scope="session")

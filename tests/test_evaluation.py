@@ -19,7 +19,7 @@ PERIOD_US = 250_000
 
 
 def drive(twists: se2.Array) -> Trajectory:
-    """The path of twists (N, 3), a quarter of a second each."""
+    """Returns the path of twists (N, 3), a quarter of a second each."""
     poses = [np.array([3.0, -2.0, 0.7])]
     for twist in twists:
         poses.append(se2.compose(poses[-1], se2.exp(twist, PERIOD_US * 1e-6)))

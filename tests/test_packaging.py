@@ -31,8 +31,8 @@ def wheel(tmp_path_factory: pytest.TempPathFactory) -> zipfile.ZipFile:
     if "No matching distribution found for setuptools" in built.stderr:
         pytest.skip("the build needs setuptools from the package index, which cannot be reached")
     assert built.returncode == 0, built.stderr
-    (found,) = (folder / "out").glob("mqslam-*.whl")
-    return zipfile.ZipFile(found)
+    (result,) = (folder / "out").glob("mqslam-*.whl")
+    return zipfile.ZipFile(result)
 
 
 def test_every_package_is_listed() -> None:

@@ -15,7 +15,7 @@ from mqslam.execution.engine import LocalEngine
 from mqslam.execution.runner import Runner
 from mqslam.formats.g2o import format_g2o
 from mqslam.results.run_results import summarise
-from mqslam.simulator import SensorModel, SimulatedRecording, loop_drive, simulated_recording, street_scene
+from mqslam.simulator import SensorModel, SimulatedRecording, make_loop_drive, make_street_scene, simulate_recording
 from mqslam.slam import Slam
 from mqslam.solution import Run
 
@@ -24,7 +24,7 @@ SENSOR = SensorModel(azimuths=200, range_resolution=0.175, max_range=80.0)
 
 
 def slam(recording: SimulatedRecording, config: Config, jobs: int, out: Path, *, resume: bool) -> Run:
-    """The stream by radar alone, with the returns and measurements of an earlier run where they are to be used."""
+    """Runs the recording by radar alone, with the returns and measurements of an earlier run where they are to be used."""
     (out / FOLDER / "loops.npz").unlink(missing_ok=True)
     checkpoint = Checkpoint(out, "lap", resume=resume)
     return Slam(config, "psi", Runner(LocalEngine(jobs), checkpoint=checkpoint)).run(recording, None)
@@ -39,7 +39,7 @@ def out(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def lap() -> SimulatedRecording:
     """A bit more than one round of a block."""
-    return simulated_recording(street_scene(1, movers=0), loop_drive(54.0), duration_s=54.0, sensor=SENSOR, seed=1)
+    return simulate_recording(make_street_scene(1, movers=0), make_loop_drive(54.0), duration_s=54.0, sensor=SENSOR, seed=1)
 
 
 @pytest.fixture(scope="module")

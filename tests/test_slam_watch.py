@@ -13,7 +13,7 @@ from mqslam.core.scans import Scan
 from mqslam.execution.checkpoint import Checkpoint
 from mqslam.execution.runner import Runner
 from mqslam.mapping.render import place_along
-from mqslam.simulator import street_scene
+from mqslam.simulator import make_street_scene
 from mqslam.slam import Slam
 from mqslam.solution import Run
 
@@ -21,14 +21,14 @@ Seen = list[tuple[Scan, NDArray[np.float64], NDArray[np.float64]]]
 
 
 def watched(folder: Path, *, resume: bool) -> tuple[Seen, Run, list[Scan]]:
-    """What the watch of a run that keeps a checkpoint is shown."""
-    recording, scans = drive(street_scene(1, movers=0), constant(8.0, 0.2), 2.0)
+    """Returns what the watch of a run that keeps a checkpoint is shown."""
+    recording, scans = drive(make_street_scene(1, movers=0), constant(8.0, 0.2), 2.0)
     seen: Seen = []
     runner = Runner(checkpoint=Checkpoint(folder, "key", resume=resume), watch=lambda *shown: seen.append(shown))
     return seen, Slam(Config(), "odometry", runner).run(recording, recording.ground_truth), scans
 
 
-def test_every_measured_revolution_is_shown_where_it_was_measured(tmp_path: Path) -> None:
+def test_every_measured_scan_is_shown_where_it_was_measured(tmp_path: Path) -> None:
     seen, run, scans = watched(tmp_path, resume=False)
     assert [scan.t0 for scan, _, _ in seen] == [scan.t0 for scan in scans[:-1]]
     assert np.allclose([pose for _, pose, _ in seen], run.odometry.poses[:-1])
@@ -46,7 +46,7 @@ def test_a_resumed_run_shows_what_was_measured_before(tmp_path: Path) -> None:
 
 
 def test_a_watch_that_fails_is_asked_no_more_and_the_run_goes_on() -> None:
-    recording, _ = drive(street_scene(1, movers=0), constant(8.0, 0.2), 2.0)
+    recording, _ = drive(make_street_scene(1, movers=0), constant(8.0, 0.2), 2.0)
     asked: list[Scan] = []
 
     def closed(scan: Scan, *_: object) -> None:

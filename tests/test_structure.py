@@ -17,12 +17,12 @@ OPTION = re.compile(r"(?<![\w-])--[a-z][a-z-]+")
 
 
 def entries(folder: Path) -> list[str]:
-    """Names of the files and folders that a folder holds."""
+    """Returns the names of the files and folders that a folder holds."""
     return [path.name for path in folder.iterdir() if path.name != "__pycache__"]
 
 
 def modules() -> list[Path]:
-    """All modules of the package."""
+    """Returns all modules of the package."""
     return [path for part in PARTS for path in part.rglob("*.py")]
 
 

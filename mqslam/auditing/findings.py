@@ -48,7 +48,7 @@ def judge_windows(windows: Sequence[WindowAudit], scans: int, size: int, setting
     status = torn.judge(settings.windows_warn, settings.windows_fail, settings)
     reason = f"{torn.count} of {count_of(torn.total, 'window')} {is_or_are(torn.count)} torn"
     if status is VerdictStatus.NOT_JUDGED:
-        reason += f", too few to judge the map by: the share of torn ones may be {torn.range_text(settings)}"
+        reason += f", too few to judge the map by: the share of torn ones may be {torn.describe_range(settings)}"
     findings = [Finding(status, reason)]
     apart = Share(sum(w.bend.matched < settings.matched for w in windows), len(windows))
     if apart.is_above(settings.apart_fail, settings):
@@ -73,7 +73,7 @@ def judge_revisits(revisits: Sequence[RevisitAudit], settings: VerdictConfig) ->
     if successive and status is not VerdictStatus.FAIL:
         status = VerdictStatus.WARN
     if status is VerdictStatus.NOT_JUDGED:
-        reason += f", too few to judge drift by: the share of torn ones may be {torn.range_text(settings)}"
+        reason += f", too few to judge drift by: the share of torn ones may be {torn.describe_range(settings)}"
     return Finding(status, reason)
 
 

@@ -17,7 +17,7 @@ from mqslam.config import AuditConfig
 from mqslam.core import se2
 
 _LEAST_M2: Final = 1e-6  # numerical [m^2]: added to variances, so that points on one spot have a finite entropy
-_LARGEST: Final = 2e7  # cells; a size limit: a window that is spread wider is torn far apart, and its grid says nothing
+_LARGEST: Final = 2e7  # size limit [cells]: a window that is spread wider is torn far apart, and its grid says nothing
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from mqslam.auditing.sweeps import Sweeps
 from mqslam.auditing.windows import torn_threshold
 from mqslam.backend.loops.align import align, score_at_pose
-from mqslam.backend.loops.passes import find_pass_pairs, is_unrivalled, search_reach
+from mqslam.backend.loops.passes import compute_reach, find_pass_pairs, is_unrivalled
 from mqslam.backend.loops.submap import pick_around
 from mqslam.config import AuditConfig, EstimatorConfig, LoopConfig
 from mqslam.core import se2
@@ -119,7 +119,7 @@ def measure_revisit(
         return None
     guess = se2.between(sweeps.poses[earlier], sweeps.poses[later])
     path_m = float(sweeps.travelled[later] - sweeps.travelled[earlier])
-    alignment = align(reference, query, guess, search_reach(path_m, settings), settings, estimator)
+    alignment = align(reference, query, guess, compute_reach(path_m, settings), settings, estimator)
     offset = se2.wrapped_between(guess, alignment.pose)
     floor = np.diag([loops.floor_m**2, loops.floor_m**2, loops.floor_rad**2])
     covariance = se2.rotate_covariance(alignment.covariance, -guess[2]) + floor

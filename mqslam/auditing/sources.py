@@ -58,7 +58,7 @@ def is_cloud(path: Path) -> bool:
         return False
 
 
-def lidar_source(lidar: LidarRecording) -> Source:
+def make_lidar_source(lidar: LidarRecording) -> Source:
     """Returns a lidar recording as a source."""
     tracks = {"recording": lidar.trajectory, "odometry": lidar.odometry}
     return Source(
@@ -70,7 +70,7 @@ def lidar_source(lidar: LidarRecording) -> Source:
     )
 
 
-def sweeps_of(source: Source, trajectory: Trajectory, settings: AuditConfig, beam: Beam) -> tuple[Sweeps, list[str]]:
+def place_source(source: Source, trajectory: Trajectory, settings: AuditConfig, beam: Beam) -> tuple[Sweeps, list[str]]:
     """Places a recording under a trajectory.
 
     Args:
@@ -90,7 +90,7 @@ def sweeps_of(source: Source, trajectory: Trajectory, settings: AuditConfig, bea
     return sweeps, [f"the trajectory does not cover {missing} of {len(source.scans)} scans"] if missing else []
 
 
-def sweeps_of_cloud(
+def divide_cloud(
     cloud: TimedCloud,
     trajectory: Trajectory | None,
     settings: AuditConfig,

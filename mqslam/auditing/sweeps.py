@@ -136,5 +136,5 @@ def find_covered(scans: Scans, trajectory: Trajectory, settings: AuditConfig) ->
 
 
 def _stamp_spans(scans: Scans) -> NDArray[np.int64]:
-    """Returns the stamps (N, 2) [us] of the begins and ends of scans."""
+    """Returns the stamps (N, 2) [us] of the beginnings and ends of scans."""
     return scans.start_us + np.round(np.array([(scan.t0, scan.t1) for scan in scans]) * 1e6).astype(np.int64)

@@ -39,13 +39,13 @@ class Share:
     count: int
     total: int
 
-    def at_least(self, confidence: float) -> float:
+    def lower_bound(self, confidence: float) -> float:
         """Returns the lower bound of the share at a confidence (Clopper and Pearson, 1934), 0 where none is faulty."""
         if self.count == 0:
             return 0.0
         return float(betaincinv(self.count, self.total - self.count + 1, 1.0 - confidence))
 
-    def at_most(self, confidence: float) -> float:
+    def upper_bound(self, confidence: float) -> float:
         """Returns the upper bound of the share at a confidence (Clopper and Pearson, 1934), 1 where all are faulty."""
         if self.count == self.total:
             return 1.0
@@ -53,11 +53,11 @@ class Share:
 
     def is_above(self, bound: float, settings: VerdictConfig) -> bool:
         """Returns whether there is evidence that the share is above a bound."""
-        return self.at_least(settings.confidence) > bound + _ROUNDING
+        return self.lower_bound(settings.confidence) > bound + _ROUNDING
 
     def is_below(self, bound: float, settings: VerdictConfig) -> bool:
         """Returns whether there is evidence that the share is not above a bound."""
-        return self.at_most(settings.power) <= bound + _ROUNDING
+        return self.upper_bound(settings.power) <= bound + _ROUNDING
 
     def judge(self, warn: float, fail: float, settings: VerdictConfig) -> VerdictStatus:
         """Returns the verdict that the share alone gives: `not judged` if it may be above or below the limit of `fail`."""
@@ -67,9 +67,9 @@ class Share:
             return VerdictStatus.WARN
         return VerdictStatus.PASS if self.is_below(fail, settings) else VerdictStatus.NOT_JUDGED
 
-    def range_text(self, settings: VerdictConfig) -> str:
+    def describe_range(self, settings: VerdictConfig) -> str:
         """Returns the range in which the share lies, in words."""
-        low, high = (100.0 * bound(settings.confidence) for bound in (self.at_least, self.at_most))
+        low, high = (100.0 * bound(settings.confidence) for bound in (self.lower_bound, self.upper_bound))
         return f"anything from {low:.0f} to {high:.0f} %"
 
 
@@ -89,8 +89,8 @@ class Finding:
 def verdict_of(findings: Iterable[Finding]) -> tuple[VerdictStatus, list[str]]:
     """Returns the gravest verdict of all findings, and the reasons for it, the gravest first.
 
-    Evidence of a fault counts more than lack of evidence: a map that cannot be judged by its windows but of a run that lost
-    track is `warn`.
+    Evidence of a fault counts more than lack of evidence: if the windows cannot judge a map but its run lost track, the
+    verdict is `warn`.
     """
     ranked = sorted(findings, key=lambda finding: _GRAVEST_FIRST.index(finding.status))
     if not ranked:

@@ -12,7 +12,7 @@ from mqslam.auditing.measures import Measures, compute_measures, locate_sensors
 from mqslam.auditing.sweeps import Sweeps, place_sweeps
 from mqslam.config import AuditConfig, EstimatorConfig
 from mqslam.core import se2
-from mqslam.core.evenly import evenly
+from mqslam.core.evenly import pick_evenly
 from mqslam.core.scans import Scans
 from mqslam.core.trajectory import Trajectory
 from mqslam.errors import EstimationError
@@ -95,7 +95,7 @@ def audit_window(sweeps: Sweeps, begin: int, end: int, settings: AuditConfig, es
         locate_sensors(turns, sweeps.numbers, sweeps.poses),
         settings,
     )
-    bent = bend.inflation > torn_threshold(settings) and bend.size_m > settings.bend_m
+    is_bent = bend.inflation > torn_threshold(settings) and bend.size_m > settings.bend_m
     return WindowAudit(
         begin=begin,
         end=end,
@@ -104,7 +104,7 @@ def audit_window(sweeps: Sweeps, begin: int, end: int, settings: AuditConfig, es
         pose=sweeps.poses[(begin + end) // 2],
         bend=bend,
         measures=measures,
-        torn=bool(bent or bend.matched_best < settings.overlap),
+        torn=bool(is_bent or bend.matched_best < settings.overlap),
     )
 
 
@@ -133,7 +133,7 @@ def audit_sample(
     """
     size = settings.window
     begins = np.arange(0, len(scans) - size + 1, size)
-    begins = begins[evenly(len(begins), settings.sampled_windows)]
+    begins = begins[pick_evenly(len(begins), settings.sampled_windows)]
 
     def report(number: int, window: WindowAudit | None) -> None:
         runner.progress("check", number, len(begins))

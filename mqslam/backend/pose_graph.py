@@ -20,7 +20,7 @@ from mqslam.factors.prior import prior
 
 # numerical limits, none of which changes a result that is exact
 _RELATIVE_ERROR: Final = 1e-9  # change of the graph's error, relative to it, below which the optimiser stops
-_ITERATIONS: Final = 100  # of the optimiser; it converges in far fewer
+_ITERATIONS: Final = 100  # most iterations of the optimiser, which converges in far fewer
 _POSES_AT_A_TIME: Final = 16  # number of poses whose columns are solved together: bounds the memory of right-hand sides
 _ASYMMETRY: Final = 1e-6  # largest difference between a covariance and its transpose, per product of standard deviations
 
@@ -147,11 +147,11 @@ def compute_marginals(graph: PoseGraph, values: gtsam.Values, indices: Sequence[
         return PoseCovariances.unknown(describe_error(error))
     sigmas = np.sqrt(np.maximum(np.einsum("kii->ki", blocks), 0.0))
     if not np.isfinite(blocks).all() or not np.all(sigmas > 0.0):
-        return PoseCovariances.unknown("the graph leaves a direction open")
+        return PoseCovariances.unknown("the graph leaves a direction undetermined")
     correlations = blocks / (sigmas[:, :, None] * sigmas[:, None, :])
     uneven = np.abs(correlations - correlations.transpose(0, 2, 1)).max(initial=0.0)
     if uneven > _ASYMMETRY or np.linalg.eigvalsh(correlations).min(initial=0.0) < -_ASYMMETRY:
-        return PoseCovariances.unknown("the precision of numbers does not suffice for edges this unequal")
+        return PoseCovariances.unknown("floating-point precision does not suffice for edges this unequal")
     return PoseCovariances(np.asarray(indices, dtype=np.int64), 0.5 * (blocks + blocks.transpose(0, 2, 1)))
 
 
@@ -173,9 +173,9 @@ def _inverse_blocks(jacobian: sparse.csc_array, indices: Sequence[int]) -> NDArr
     system = sparse.block_array([[sparse.diags_array(sigmas**2), unit], [unit.T, None]], format="csc")
     try:
         factorised = splu(system)
-    except RuntimeError as error:  # whose own message speaks of matrices
-        raise EstimationError("the graph leaves a direction open") from error
-    rows = len(sigmas) + 3 * np.asarray(indices, dtype=np.int64)[:, None] + np.arange(3)  # (K, 3) of the poses' own columns
+    except RuntimeError as error:  # SciPy's own message speaks of matrices, not of the graph
+        raise EstimationError("the graph leaves a direction undetermined") from error
+    rows = len(sigmas) + 3 * np.asarray(indices, dtype=np.int64)[:, None] + np.arange(3)  # (K, 3) the poses' own columns
     blocks = [np.empty((0, 3, 3))]
     for begin in range(0, len(rows), _POSES_AT_A_TIME):
         some = rows[begin : begin + _POSES_AT_A_TIME]

@@ -18,7 +18,7 @@ from mqslam.core.recording import Recording
 from mqslam.core.trajectory import Trajectory
 
 _LEAST_SLOPE = 1e-9  # numerical [rad/s^2]: keeps the error of a shift finite where the yaw rate does not change
-_LEAST_RATIO = 0.1  # of speeds: with less, the two have little in common, and no length of a range bin would fit
+_LEAST_RATIO = 0.1  # below this ratio of speeds the two have little in common, and no length of a range bin would fit
 
 
 def check_order(followed: Followed, settings: CheckConfig) -> Finding:
@@ -29,12 +29,12 @@ def check_order(followed: Followed, settings: CheckConfig) -> Finding:
         settings: of the check.
     """
     name = "order of azimuths"
-    usable = (followed.psi > 0.0) & (followed.psi_backward > 0.0)  # false for NaN, where no motion was found
+    usable = (followed.psi > 0.0) & (followed.psi_backward > 0.0)  # NaN where no motion was found
     gain = np.log(followed.psi_backward[usable] / followed.psi[usable])
     if len(gain) < settings.fewest_steps:
         return Finding(name, Verdict.UNTOLD, followed.shortage)
     middle = float(np.median(gain))
-    chance = float(wilcoxon(gain).pvalue) if gain.any() else 1.0  # by ranks: turning stretches gain many times as much
+    chance = float(wilcoxon(gain).pvalue) if gain.any() else 1.0  # a test by ranks, since turns gain many times as much
     psi, backward = float(followed.psi[usable].mean()), float(followed.psi_backward[usable].mean())
     numbers = {"psi": psi, "psi_backward": backward, "log_ratio": middle, "chance": chance}
     both = f"psi per point is {psi:.3f} as recorded and {backward:.3f} with every turn taken backward"
@@ -44,7 +44,7 @@ def check_order(followed: Followed, settings: CheckConfig) -> Finding:
         )
     if middle > 0.0:
         return Finding(name, Verdict.OK, both, numbers)
-    remedy = "azimuths seem to be stored against the direction of rotation: bring them in the order they were measured in"
+    remedy = "azimuths seem to be stored against the direction of rotation: store them in the order of measurement"
     return Finding(name, Verdict.SUSPICIOUS, f"{both}; {remedy}", numbers)
 
 
@@ -96,7 +96,7 @@ def check_stamp(recording: Recording, followed: Followed, odometry: Trajectory |
     rest -= rest.mean(axis=1, keepdims=True)  # the gyro's bias
     rms = np.sqrt(np.mean(rest**2, axis=1))
     best = int(np.argmin(rms))
-    slope = float(np.std(np.gradient(given, shifts * 1e-6, axis=0)[best]))  # of the yaw rate over the shift [rad/s^2]
+    slope = float(np.std(np.gradient(given, shifts * 1e-6, axis=0)[best]))  # yaw rate per shift [rad/s^2]
     shift = shifts[best] * 1e-6
     error = max(float(rms[best]), settings.yaw_rate_floor) / max(slope, _LEAST_SLOPE) / np.sqrt(len(measured))
     explained = 1.0 - float(rms[best]) ** 2 / max(float(np.var(measured)), settings.yaw_rate_floor**2)
@@ -125,7 +125,7 @@ def check_scale(recording: Recording, followed: Followed, odometry: Trajectory |
     name = "range resolution"
     if odometry is None or len(followed.steps) < settings.fewest_steps:
         return Finding(
-            name, Verdict.UNTOLD, _explain_untold(followed, odometry, "a map that is scaled as a whole is as crisp")
+            name, Verdict.UNTOLD, _explain_untold(followed, odometry, "psi is the same for a map and a scaled copy of it")
         )
     measured, given = followed.steps.twists[:, 0], followed.steps.of(odometry)[:, 0]
     fast = np.abs(given) > settings.least_speed

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from mqslam.auditing import judge
-from mqslam.auditing.sources import LIDAR_CONFIG, Source, is_cloud, lidar_source, sweeps_of, sweeps_of_cloud
+from mqslam.auditing.sources import LIDAR_CONFIG, Source, divide_cloud, is_cloud, make_lidar_source, place_source
 from mqslam.auditing.sweeps import Sweeps, require_covered
 from mqslam.commands.opening import choose_settings, open_data
 from mqslam.commands.result import JudgedResult
@@ -75,11 +75,11 @@ def audit(  # noqa: PLR0913 - these are the options of an audit, each with its d
     if is_cloud(data):
         settings = choose_settings(config, LIDAR_CONFIG)
         cloud = read_cloud(data, heights)
-        sweeps = sweeps_of_cloud(cloud, given, settings.audit, beam_of(settings.estimator, 0.0), settings.reading)
+        sweeps = divide_cloud(cloud, given, settings.audit, beam_of(settings.estimator, 0.0), settings.reading)
         notes, kind = list(cloud.notes), data.suffix.lower()[1:]
     elif format is None and data.exists() and lidars.recognises(data):
         settings = choose_settings(config, LIDAR_CONFIG)
-        source = lidar_source(lidars.read_lidar(data, settings.reading))
+        source = make_lidar_source(lidars.read_lidar(data, settings.reading))
         track = given or _pick_carried(data, source.tracks, name)
         sweeps, notes, kind = *_render_sweeps(source, track, settings), source.format
     else:
@@ -132,7 +132,7 @@ def _pick_carried(path: Path, tracks: dict[str, Trajectory], name: str) -> Traje
 
 def _render_sweeps(source: Source, track: Trajectory, settings: Config) -> tuple[Sweeps, list[str]]:
     """Returns the sweeps of a recording under a trajectory, and what a user should know about them."""
-    sweeps, notes = sweeps_of(
+    sweeps, notes = place_source(
         source, track, settings.audit, beam_of(settings.estimator, settings.sensor.doppler_beta or 0.0)
     )
     return sweeps, [*source.notes, *notes]
@@ -152,7 +152,7 @@ def _detect_radar(
     carried = {"odometry": recording.odometry, "ground_truth": recording.ground_truth}
     tracks = {name: track for name, track in carried.items() if track is not None}
     track = given or _pick_carried(data, tracks, name)
-    require_covered(make_scans(recording), track, settings.audit)  # raises before the recording is read
+    require_covered(make_scans(recording), track, settings.audit)  # a mistake is raised before the recording is read
     scans, detected = detect_all(recording, settings.detector, Runner(work.engine, work.progress))
     notes = (*recording.notes, *recording.faults, *warn_of_unread(detected.unread))
     source = Source(recording.path, recording.format, scans, tracks, notes)

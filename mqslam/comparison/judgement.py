@@ -15,7 +15,7 @@ from mqslam.auditing.sweeps import Sweeps, find_covered, place_sweeps
 from mqslam.comparison.rows import Row
 from mqslam.config import AuditConfig, CompareConfig, EstimatorConfig, LoopConfig, MapConfig, VerdictConfig
 from mqslam.core import se2
-from mqslam.core.evenly import evenly
+from mqslam.core.evenly import pick_evenly
 from mqslam.core.point_map import PointMap, pick_thinned
 from mqslam.core.scans import Scans
 from mqslam.core.trajectory import Trajectory
@@ -145,7 +145,7 @@ def find_places(scans: Scans, tracks: Sequence[Trajectory], size: int, settings:
 def pick_stations(scans: Scans, size: int) -> list[Place]:
     """Returns places evenly spread along the way, each a window of `size` scans, whether the rows differ there or not."""
     begins = np.arange(0, len(scans) - size + 1, size)
-    chosen = begins[evenly(len(begins), _STATIONS)]
+    chosen = begins[pick_evenly(len(begins), _STATIONS)]
     return [Place(k, k + size, scans[k].t0, scans[k + size - 1].t1, 0.0) for k in chosen.tolist()]
 
 

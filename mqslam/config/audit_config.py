@@ -118,8 +118,8 @@ class VerdictConfig(BaseModel):
         0.8,
         gt=0.5,
         lt=1.0,
-        description="A map passes only if a map whose share is at the limit of `fail` would have shown more faults with "
-        "this probability. Where no window is torn that takes 8 windows.",
+        description="A map passes only if a map at the limit of `fail` would have shown more faults with this "
+        "probability. If no window is torn, that takes 8 windows.",
     )
     windows_warn: float = Field(
         0.05, ge=0.0, lt=1.0, description="A map with a larger share of torn windows than this is worth a look."
@@ -177,7 +177,9 @@ class CompareConfig(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
 
     places: int = expert(6, ge=1, description="Number of places shown at which the trajectories differ most.")
-    places_apart: int = expert(2, ge=0, description="Number of windows that lie at least between two such places.")
+    places_apart: int = expert(2, ge=0, description="Least number of windows between two such places.")
     lever_m: float = expert(
-        20.0, gt=0.0, description="A difference in yaw counts as much as it moves a point at this distance [m]."
+        20.0,
+        gt=0.0,
+        description="A difference in yaw counts as much as the distance by which it moves a point this far away [m].",
     )

@@ -40,7 +40,10 @@ class CheckConfig(BaseModel):
     unmeasured_share: float = expert(0.05, ge=0.0, lt=1.0, description="Largest share of azimuths marked as not measured.")
 
     fewest_steps: int = expert(
-        5, ge=2, description="Number of motions between scans that a comparison with odometry, or of the two orders, takes."
+        5,
+        ge=2,
+        description="Least number of motions between scans for a comparison with odometry, or of the two orders of "
+        "azimuths.",
     )
     keyframe_m: float = expert(
         40.0,
@@ -52,7 +55,8 @@ class CheckConfig(BaseModel):
         5e-3,
         gt=0.0,
         lt=1.0,
-        description="Probability below which it is no chance that psi prefers one order of the azimuths.",
+        description="psi's preference for one order of the azimuths counts if it would come about by chance with a "
+        "smaller probability than this.",
     )
     order_gain: float = expert(
         0.02,
@@ -63,7 +67,8 @@ class CheckConfig(BaseModel):
     mirrored: float = expert(
         4.0,
         gt=1.0,
-        description="Ratio of the mean squared yaw rate errors of the two directions of rotation from which one is right.",
+        description="A direction of rotation is right if the mean squared yaw rate error of the other one is this "
+        "many times as large.",
     )
     least_turn: float = expert(
         0.03, gt=0.0, description="Yaw rate [rad/s], root mean square, below which left and right cannot be told apart."
@@ -78,7 +83,9 @@ class CheckConfig(BaseModel):
     largest_shift: float = expert(1.5, gt=0.5, description="Largest shift of stamps that is tried [turns].")
     shifts: int = expert(61, ge=3, description="Number of shifts of stamps that are tried, from earliest to latest.")
     shift_error: float = expert(
-        0.25, gt=0.0, description="Largest error of the shift, three standard deviations of it [turns]."
+        0.25,
+        gt=0.0,
+        description="A shift of stamps is only judged if three standard deviations of it are at most this [turns].",
     )
     shift_ok: float = expert(0.5, gt=0.0, description="Smallest shift of stamps that is suspicious [turns].")
     least_speed: float = expert(1.0, gt=0.0, description="Speed [m/s] above which the length of a range bin shows.")

@@ -39,8 +39,8 @@ class DetectorConfig(BaseModel):
         0.3,
         gt=0.0,
         le=1.0,
-        description="A range is a ring of the sensor's own where this share of all azimuths peaks, and more than at the "
-        "ranges around it by the factor ring_contrast.",
+        description="A range counts as a ring of the sensor itself if this share of all azimuths has a peak there, "
+        "and ring_contrast times as many as at the ranges around it.",
     )
 
     join_bins: float = expert(
@@ -53,13 +53,20 @@ class DetectorConfig(BaseModel):
         2.0, ge=1.0, description="Factor by which more azimuths peak in a ring than at the ranges around it."
     )
     ring_cells: int = expert(
-        9, ge=3, description="Number of range cells around a ring whose median share of peaking azimuths is the usual one."
+        9,
+        ge=3,
+        description="Number of range cells around a ring from which the usual share of peaking azimuths is taken, as "
+        "their median.",
     )
     saturation_bins: int = expert(
-        4, ge=1, description="Every so many range bins one is looked at for an azimuth's median power, to save time."
+        4,
+        ge=1,
+        description="Step between the range bins from which an azimuth's median power is taken; a larger step saves time.",
     )
     noise_azimuths: int = expert(
-        8, ge=1, description="Every so many azimuths one is looked at for the spread of the noise, to save time."
+        8,
+        ge=1,
+        description="Step between the azimuths from which the spread of the noise is taken; a larger step saves time.",
     )
 
     fixed_range_m: float = expert(
@@ -67,7 +74,11 @@ class DetectorConfig(BaseModel):
         gt=0.0,
         description="Length of the polar cells in which returns that repeat in the sensor's own frame are counted [m].",
     )
-    fixed_sectors: int = expert(180, ge=1, description="Number of those cells around a turn.")
+    fixed_sectors: int = expert(
+        180,
+        ge=1,
+        description="Number of cells around a turn in which returns that repeat in the sensor's own frame are counted.",
+    )
     fixed_share: float = expert(
         0.7, gt=0.0, lt=1.0, description="A cell that returns in more than this share of all scans is part of the vehicle."
     )
@@ -78,8 +89,8 @@ class DetectorConfig(BaseModel):
         0.2,
         gt=0.0,
         le=1.0,
-        description="Where more than this share of all returns repeats, the sensor stood still and sees the world: "
-        "nothing is dropped.",
+        description="If more than this share of all returns repeats, the sensor stood still and they are returns of "
+        "the world: none are dropped.",
     )
     most_unread: float = expert(
         0.5, gt=0.0, le=1.0, description="A recording of which more than this share cannot be read is refused."

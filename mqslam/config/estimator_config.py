@@ -44,18 +44,20 @@ class EstimatorConfig(BaseModel):
     stabiliser: float = Field(
         0.15,
         ge=0.0,
-        description="Share of Gauss-Newton's curvature that is added to the re-selecting curvature, so that steps are safe.",
+        description="Share of Gauss-Newton's curvature that is added to the curvature that knows of re-selected "
+        "neighbours, so that steps are safe.",
     )
     correlation: float = Field(
         10.0,
         ge=1.0,
-        description="Number of returns that repeat one another: psi's information is divided by this against a prior.",
+        description="Number of returns that tell the same. psi's information is divided by this number where it is "
+        "weighed against a prior.",
     )
     cluster_m: float = expert(
         2.0,
         gt=0.0,
-        description="Side of the cells within which returns count as one object, whose errors are common, in the covariance "
-        "of a minimum [m].",
+        description="Side of the cells [m] within which returns count as one object in the covariance of a minimum, "
+        "because their errors are common.",
     )
     observed_share: float = expert(
         0.16,
@@ -94,16 +96,22 @@ class EstimatorConfig(BaseModel):
     search_pixel: float = expert(
         0.3,
         gt=0.0,
-        description="Side of a pixel of the images that the global search of a pose correlates, as a share of s_start: "
-        "what the minimiser surely bridges.",
+        description="Side of a pixel of the images that the global search of a pose correlates, as a share of "
+        "s_start. The minimiser surely bridges that distance.",
     )
-    search_same: float = expert(2.0, gt=0.0, description="Poses that are nearer than this many of those pixels are one.")
-    search_blur: float = expert(1.4, ge=0.0, description="Standard deviation of the images' blur, in those pixels.")
+    search_same: float = expert(
+        2.0,
+        gt=0.0,
+        description="Poses that are nearer to each other than this many pixels of the global search count as one.",
+    )
+    search_blur: float = expert(
+        1.4, ge=0.0, description="Standard deviation of the images' blur, in pixels of the global search."
+    )
     search_extent: float = expert(
         110.0,
         gt=0.0,
-        description="Points farther from the query's origin than this many pixels take no part in the search: they would "
-        "ask for finer yaws.",
+        description="Points farther from the query's origin than this many pixels take no part in the search, "
+        "because they would need finer steps of yaw.",
     )
     search_peaks: int = expert(3, ge=1, description="Most poses that the global search hands on to the minimiser.")
 

@@ -26,7 +26,7 @@ class ScanMatchingConfig(BaseModel):
         description="Factor on the covariance of a match, because the residuals of one scan err together and their mean "
         "square does not show it.",
     )
-    fewest_matched: int = expert(20, ge=1, description="With fewer correspondences than this a scan matches nothing.")
+    fewest_matched: int = expert(20, ge=1, description="A scan with fewer correspondences than this does not match.")
     surface_points: int = expert(
         10, ge=2, description="Number of map points that show how the surface around the nearest one runs."
     )
@@ -36,20 +36,27 @@ class ScanMatchingConfig(BaseModel):
         lt=1.0,
         description="Least variance of a surface's points across it, as a share of that along it.",
     )
-    start_scans: int = expert(10, ge=2, description="Number of scans from which the first motion is found.")
-    start_returns: int = expert(20, ge=1, description="Fewest returns in all of those scans.")
+    start_scans: int = expert(10, ge=2, description="Number of scans from which a front end finds its first motion.")
+    start_returns: int = expert(
+        20, ge=1, description="Fewest returns in all scans from which a front end finds its first motion."
+    )
     start_step_m: float = expert(2.0, gt=0.0, description="Travel per turn between the speeds that a start tries [m].")
     start_as_good: float = expert(
         0.95,
         gt=0.0,
         le=1.0,
-        description="A start at a slower speed is as good if it matches this share of the points that the best one does.",
+        description="A start at a slower speed is as good if it matches this share of the points that the best start "
+        "matches.",
     )
     coast_vx: float = expert(
         1.0, gt=0.0, description="Standard deviation of the forward speed where it is only predicted [m/s]."
     )
-    coast_vy: float = expert(0.3, gt=0.0, description="The same for the sideways speed [m/s].")
-    coast_omega: float = expert(0.1, gt=0.0, description="The same for the yaw rate [rad/s].")
+    coast_vy: float = expert(
+        0.3, gt=0.0, description="Standard deviation of the sideways speed where it is only predicted [m/s]."
+    )
+    coast_omega: float = expert(
+        0.1, gt=0.0, description="Standard deviation of the yaw rate where it is only predicted [rad/s]."
+    )
     longest_coast_s: float = expert(
         60.0,
         gt=0.0,

@@ -34,7 +34,9 @@ class PassConfig(BaseModel):
     gate_m: float = Field(40.0, gt=0.0, description="Largest half width of the search for the later pass's position [m].")
     gate_rad: GateRad = 0.15
     submap_m: float = Field(
-        15.0, gt=0.0, description="Path [m] to either side of a scan whose returns the submap of the earlier pass holds."
+        15.0,
+        gt=0.0,
+        description="The submap of the earlier pass holds the returns within this path [m] to either side of a scan.",
     )
     fewest: int = Field(300, ge=1, description="A submap with fewer returns than this is not compared.")
     matched: float = Field(
@@ -52,8 +54,8 @@ class PassConfig(BaseModel):
     tried_factor: float = expert(
         20.0,
         ge=1.0,
-        description="A pair of passes stands for all pairs within least_path_m on the earlier pass and within this many "
-        "times less on the later one, which are not tried again.",
+        description="Once a pair of passes is compared, no pair is compared whose earlier scan lies within "
+        "least_path_m of this pair's, and whose later scan lies within that path divided by this.",
     )
     beyond_m: float = expert(
         1.0, ge=0.0, description="An alignment may end this far [m] outside the searched region and still counts."
@@ -85,7 +87,9 @@ class LoopConfig(PassConfig):
         gt=0.0,
         description="Standard deviation [m] added to a loop's own, because submaps bend, which their score does not show.",
     )
-    floor_rad: float = Field(0.0015, gt=0.0, description="Standard deviation of yaw [rad] added for the same reason.")
+    floor_rad: float = Field(
+        0.0015, gt=0.0, description="Standard deviation of yaw [rad] added to a loop's own, because submaps bend."
+    )
     cauchy: float = Field(
         3.0, gt=0.0, description="Residual [standard deviations] from which on the pull of a loop becomes weaker."
     )

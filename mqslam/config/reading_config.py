@@ -34,8 +34,8 @@ class ReadingConfig(BaseModel):
         0.25,
         ge=0.0,
         le=1.0,
-        description="In a recording of few polar scans a turn takes as long as the step that this share of all steps is "
-        "shorter than. It lies among the short steps, because polar scans may be missing but never come early.",
+        description="Quantile of the steps between polar scans that counts as the duration of a turn in a recording "
+        "of few polar scans. It is low, because polar scans may be missing but never come early.",
     )
     rate_cell: float = expert(
         1.1,
@@ -91,11 +91,14 @@ class ReadingConfig(BaseModel):
     smoothest_ratio: float = expert(
         1e8,
         gt=0.0,
-        description="Largest ratio that is tried of the variance of arrival jitter to the variance of changes of a turn's "
-        "duration. This one averages over about a hundred turns.",
+        description="Largest ratio that is tried between the variance of arrival jitter and the variance of changes "
+        "of a turn's duration. With this ratio stamps are averaged over about a hundred turns.",
     )
     roughest_ratio: float = expert(
-        1e-4, gt=0.0, description="Smallest ratio that is tried of the same two variances; the others are ten times apart."
+        1e-4,
+        gt=0.0,
+        description="Smallest ratio that is tried between the variance of arrival jitter and that of changes of a "
+        "turn's duration; each further ratio is ten times as large.",
     )
     equal_likelihood: float = expert(
         0.01,
@@ -158,7 +161,7 @@ class ReadingConfig(BaseModel):
     lidar_clip_count: int = expert(
         10,
         ge=0,
-        description="Number of readings that a lidar log must have at its longest range at least to be clipped there.",
+        description="Least number of readings at the longest range of a lidar log that is clipped there.",
     )
     lidar_clip_m: float = expert(3.0, gt=0.0, description="No lidar log is clipped at a range below this [m].")
     lidar_same_m: float = expert(
@@ -175,7 +178,12 @@ class ReadingConfig(BaseModel):
         description="Poses beside the scans of a lidar log that stay within this [m] of its odometry are the odometry's "
         "own, and no SLAM has corrected them.",
     )
-    lidar_same_track_rad: float = expert(0.02, gt=0.0, description="The same for their headings [rad].")
+    lidar_same_track_rad: float = expert(
+        0.02,
+        gt=0.0,
+        description="Headings beside the scans of a lidar log that stay within this [rad] of its odometry are the "
+        "odometry's own.",
+    )
     lidar_longest_sweep: float = expert(
         1.05,
         ge=1.0,

@@ -41,11 +41,16 @@ class SensorConfig(BaseModel):
     doppler_stretches: int = expert(
         4, ge=1, description="Number of stretches of a recording on which psi measures the Doppler shift."
     )
-    doppler_scans: int = expert(12, ge=3, description="Number of scans of each of those stretches.")
-    doppler_step: float = expert(
-        0.05, gt=0.0, description="Step between the Doppler shifts that are tried [s]. Those of Navtech's radars lie within."
+    doppler_scans: int = expert(
+        12, ge=3, description="Number of scans in a stretch on which psi measures the Doppler shift."
     )
-    doppler_steps: int = expert(2, ge=1, description="Number of those steps to either side of no shift.")
+    doppler_step: float = expert(
+        0.05,
+        gt=0.0,
+        description="Step between the Doppler shifts that are tried [s]. The tried shifts include those of Navtech's "
+        "radars.",
+    )
+    doppler_steps: int = expert(2, ge=1, description="Number of Doppler shifts that are tried to either side of zero.")
     doppler_gain: float = expert(
         0.003, ge=0.0, lt=1.0, description="Share of psi that a Doppler shift must save to be believed."
     )

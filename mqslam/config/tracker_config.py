@@ -81,8 +81,8 @@ class TrackerConfig(BaseModel):
     start_speeds: float = expert(
         13.0,
         gt=0.0,
-        description="The cold start tries speeds in steps of the annealing's widest reach per turn, divided by this: so "
-        "near a speed the minimiser surely finds the minimum.",
+        description="The cold start tries speeds in steps of the annealing's widest reach per turn, divided by this, "
+        "so that the minimiser surely finds the minimum from the nearest of them.",
     )
     start_yaw_step: float = expert(
         0.025, gt=0.0, description="Turn per scan between the yaw rates that a start tries [rad]."
@@ -92,8 +92,16 @@ class TrackerConfig(BaseModel):
         gt=0.0,
         description="Spread of forward speeds around rest, in directions that psi does not observe at a start [m/s].",
     )
-    rest_slip: float = expert(0.5, gt=0.0, description="The same spread for sideways speed [m/s].")
-    rest_omega: float = expert(0.1, gt=0.0, description="The same spread for the yaw rate [rad/s].")
+    rest_slip: float = expert(
+        0.5,
+        gt=0.0,
+        description="Spread of sideways speeds around rest, in directions that psi does not observe at a start [m/s].",
+    )
+    rest_omega: float = expert(
+        0.1,
+        gt=0.0,
+        description="Spread of yaw rates around rest, in directions that psi does not observe at a start [rad/s].",
+    )
     unknown_travel: float = expert(
         0.5,
         gt=0.0,
@@ -105,7 +113,10 @@ class TrackerConfig(BaseModel):
         0.75, gt=0.0, description="Longest time between two scans over which an acceleration is taken to last [s]."
     )
     steady_turns: float = expert(
-        1.5, gt=0.0, description="The same in turns, for radars so slow that this many turns take longer than steady_s."
+        1.5,
+        gt=0.0,
+        description="Longest time between two scans over which an acceleration is taken to last, in turns. It serves "
+        "where that is longer than steady_s, for slow radars.",
     )
     longest_coast_s: float = expert(
         60.0,
@@ -119,11 +130,15 @@ class TrackerConfig(BaseModel):
         description="Half width of the search for a scan around its prediction, in the prediction's standard deviations.",
     )
     search_least_m: float = expert(
-        3.0, gt=0.0, description="Least half width of that search [m], however sure the prediction claims to be."
+        3.0, gt=0.0, description="Least half width of the search for a scan [m], however sure the prediction claims to be."
     )
-    search_least_rad: float = expert(0.05, gt=0.0, description="The same for yaw [rad].")
-    search_most_m: float = expert(30.0, gt=0.0, description="Largest half width of that search [m].")
-    search_most_rad: float = expert(0.8, gt=0.0, description="The same for yaw [rad].")
+    search_least_rad: float = expert(
+        0.05,
+        gt=0.0,
+        description="Least half width of the search for a scan in yaw [rad], however sure the prediction claims to be.",
+    )
+    search_most_m: float = expert(30.0, gt=0.0, description="Largest half width of the search for a scan [m].")
+    search_most_rad: float = expert(0.8, gt=0.0, description="Largest half width of the search for a scan in yaw [rad].")
 
     grown_keyframes: int = expert(
         8, ge=1, description="A map with fewer keyframes than this takes new ones at shorter distances, because it is thin."
@@ -142,7 +157,9 @@ class TrackerConfig(BaseModel):
         40, ge=1, description="Number of past scans that show how far the motion is from what the motion model can follow."
     )
     unsteady_least: int = expert(
-        8, ge=1, description="With fewer such scans the process noise takes part in what the motion model leaves out."
+        8,
+        ge=1,
+        description="With fewer such scans, the process noise stands in for part of what the motion model leaves out.",
     )
     unsteady_forward: float = expert(
         1.7,

@@ -29,7 +29,7 @@ def parse_yaml(model: type[M], name: str | Path, text: str | bytes) -> M:
     except yaml.MarkedYAMLError as error:
         where = f"line {error.problem_mark.line + 1}: " if error.problem_mark else ""
         raise ConfigError(f"{name}: is not a readable YAML file ({where}{error.problem or error.context})") from error
-    except Exception as error:  # PyYAML lets errors through that making numbers, dates and keys raises
+    except Exception as error:  # PyYAML lets through what making numbers, dates and keys raises
         first = (str(error) or type(error).__name__).splitlines()[0]
         raise ConfigError(f"{name}: is not a readable YAML file ({first})") from error
     if tree is None:

@@ -147,7 +147,7 @@ def _check_motion(name: str, motion: Measurement) -> None:
     raise EstimationError(
         f"front end {name}: the motion from {motion.t0:.2f} s to {motion.t1:.2f} s has "
         + ("a covariance with negative variances" if known else "a pose or a covariance that is not a number")
-        + "; leave it to another front end, or have this one mended"
+        + "; choose another front end, or have this one mended"
     )
 
 

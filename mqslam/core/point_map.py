@@ -57,7 +57,7 @@ class PointMap:
 
 
 def pick_thinned(points: NDArray[np.float64], most: int) -> NDArray[np.int64]:
-    """Returns the indices of points that show a map with less: all, or one of each cell of the finest raster that does.
+    """Returns indices of at most `most` points that show a map: all, or one per cell of the finest raster with so few cells.
 
     Args:
         points: (N, 2) m.

@@ -50,7 +50,7 @@ def detect_stretch(recording: Recording, config: DetectorConfig, start: int, sto
         elif strict:
             raise polar_scan
         elif not recording.path.exists():  # all of them are out of reach of this worker
-            raise DataError(recording.path, f"is not there on {gethostname()}", "it must be, on every machine that reads it")
+            raise DataError(recording.path, f"is not there on {gethostname()}", "put it on every machine that reads it")
         else:
             unread[k] = polar_scan.with_traceback(None)
             scans.append(Returns.none())

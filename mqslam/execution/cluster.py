@@ -58,7 +58,7 @@ def connect(address: str) -> Iterator[DaskEngine]:
         ConfigError: the address has another form.
         ClusterError: no scheduler answers there, or its machines have another version of mqslam.
     """
-    for name in _LOGGERS:  # what matters is raised as an error of one line
+    for name in _LOGGERS:  # Dask's own log is noise: what matters is raised as an error
         logging.getLogger(name).setLevel(logging.CRITICAL)
     workers = re.fullmatch(r"local:([1-9]\d{0,3})", address)
     if workers is None and not re.fullmatch(r"(tcp|tls)://\S+:\d+", address):

@@ -18,9 +18,9 @@ from mqslam.formats.shared.stamps import convert_stamps, time_unit
 _WANTED = "a cloud needs x, y and one of time, t, timestamp, stamp or gps_time for every point"
 _COARSEST_S = 0.05  # coarser times cannot tell one sweep of a sensor from the next: such files are refused
 _NOTED_S = 1e-3  # finer steps of time than this move no map and are not worth a note
-_MOST_EXPANSION = 1000  # times its size a file may claim to hold: larger claims would fill the memory
-_MOST_NUMBERS = 10_000  # of a point, for the same reason
-_RECORD_BYTES, _COMPRESSED = 54, 0x80  # of LAS: header of a variable-length record, and flag of compressed points
+_MOST_EXPANSION = 1000  # a file may claim to hold this many times its size: larger claims would fill the memory
+_MOST_NUMBERS = 10_000  # a point may have this many numbers, for the same reason
+_RECORD_BYTES, _COMPRESSED = 54, 0x80  # in LAS files: header of a variable-length record, flag of compressed points
 _PANIC = "PanicException"  # what lazrs, written in Rust, raises beside all of Python's exceptions
 Columns = Mapping[str, Any]
 
@@ -125,7 +125,9 @@ def _load_pcd(path: Path) -> Columns:
         while len(lines) < 64 and not (lines and lines[-1].startswith("DATA")):
             lines.append(file.readline(1 << 16).decode("utf-8").strip())
         header = MetaData.parse_header(lines)
-        if min(header.count, default=1) < 1 or sum(header.count) > _MOST_NUMBERS:  # pypcd4 makes a list of them
+        if (
+            min(header.count, default=1) < 1 or sum(header.count) > _MOST_NUMBERS
+        ):  # pypcd4 would make a list of all that the header claims
             raise DataError(path, f"claims {sum(header.count)} numbers per point", "write it anew")
         claimed = header.points * header.build_dtype().itemsize
         if claimed > _MOST_EXPANSION * path.stat().st_size:

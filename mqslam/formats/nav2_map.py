@@ -20,7 +20,7 @@ _UNKNOWN = 205
 """Pixels of cells. map_server reads a pixel p as the occupancy (255 - p) / 255: 205 gives 0.19608, just above the threshold
 of free cells."""
 _OCCUPIED_ABOVE, _FREE_BELOW = 0.65, 0.196  # map_server's usual thresholds
-_MESSAGE_OCCUPIED, _MESSAGE_FREE, _MESSAGE_UNKNOWN = 100, 0, -1  # of nav_msgs/OccupancyGrid
+_MESSAGE_OCCUPIED, _MESSAGE_FREE, _MESSAGE_UNKNOWN = 100, 0, -1  # as nav_msgs/OccupancyGrid defines them
 
 
 @dataclass(frozen=True, slots=True)

@@ -28,7 +28,7 @@ def read_odometry(path: Path) -> Trajectory:
     stamp, so the poses lie on exact constant-twist arcs; the first pose is the origin.
 
     Raises:
-        DataError: the file cannot be read, is in neither layout, holds a number that is none, or its stamps do not increase.
+        DataError: the file cannot be read, is in neither layout or holds a non-number, or its stamps do not increase.
     """
     try:
         with path.open(encoding="utf-8") as lines:
@@ -41,7 +41,7 @@ def read_odometry(path: Path) -> Trajectory:
 
 
 def read_beside(read: Callable[[], _Read]) -> tuple[_Read | None, list[str]]:
-    """Reads what lies beside the images of a recording, which are of use without it.
+    """Reads a file beside the images of a recording; where it cannot be used, the images still can.
 
     Args:
         read: reads it, or raises a DataError.
@@ -67,8 +67,8 @@ def read_numbers(path: Path, columns: list[int]) -> NDArray[np.float64]:
 def read_stamped(path: Path, columns: list[int]) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
     """Reads stamps (N,) [us] and columns (N, len(columns)) of a CSV with or without a header.
 
-    The first column holds whole stamps in us or ns, too long for a float. Rows come in the order of their stamps, one of
-    each.
+    The first column holds whole stamps in us or ns, too long for a float. Rows are returned in the order of their stamps,
+    and only one of those that share a stamp.
 
     Raises:
         DataError: a row is too short or holds something other than finite numbers.
@@ -131,7 +131,7 @@ def _read_twists(path: Path, header: str) -> Trajectory:
     wanted = [names.index(name) for name in ("t", "v", "omega", "vy") if name in names]
     table = read_numbers(path, wanted)
     if np.abs(table[:, 0]).max(initial=0.0) > LATEST_US:
-        raise DataError(path, "holds stamps beyond any clock", "give them in microseconds")
+        raise DataError(path, "holds stamps too large for any clock", "give them in microseconds")
     stamps = np.round(table[:, 0]).astype(np.int64)
     lateral = table[:, 3] if "vy" in names else np.zeros(len(table))
     twists = np.column_stack([table[:, 1], lateral, table[:, 2]])

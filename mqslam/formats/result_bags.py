@@ -17,7 +17,7 @@ from mqslam.formats.tum import read_tum
 WORLD_FRAME = "map"
 _GRID_TYPE = "nav_msgs/msg/OccupancyGrid"
 _CLOUD_TYPE = "sensor_msgs/msg/PointCloud2"
-_FLOAT32 = 7  # of sensor_msgs/PointField
+_FLOAT32 = 7  # as sensor_msgs/PointField defines it
 _COLUMNS = ("x", "y", "z", "intensity")
 
 

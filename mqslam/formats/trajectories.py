@@ -41,7 +41,7 @@ def read_trajectory(path: Path, times: Path | None = None, topic: str | None = N
         topic: a topic, for bags alone.
 
     Raises:
-        DataError: the file is none of these, holds a number that is none, or its stamps do not increase.
+        DataError: the file is none of these, holds a value that is not a number, or its stamps do not increase.
     """
     if bags.recognises(path):
         _refuse_times(path, times)

@@ -12,7 +12,7 @@ MAX_SIDE = 20_000
 """Longest side of a grid [cells]: a limit on memory, which single returns far away would otherwise break."""
 
 
-def occupancy_grid(points: NDArray[np.float64], settings: MapConfig) -> OccupancyGrid:
+def make_occupancy_grid(points: NDArray[np.float64], settings: MapConfig) -> OccupancyGrid:
     """Returns the cells that hold so many returns that something stands there.
 
     They hold at least as many returns as the geometric middle between one stray return and a well-seen cell, so that the

@@ -42,7 +42,7 @@ def find_correlation_peaks(
     if len(reference) == 0 or len(query) == 0:
         return []
     extent = float(np.abs(query).max()) + 1.5 * pixel_m
-    step = pixel_m / (0.5 * extent)  # turns the middle of the query by a pixel
+    step = pixel_m / (0.5 * extent)  # it moves points halfway out by a pixel
     count = int(np.ceil(reach_rad / step))
     lowest = guess[:2] - extent - reach_m
     side = next_fast_len(int(np.ceil(2.0 * (extent + reach_m) / pixel_m)) + 1, real=True)

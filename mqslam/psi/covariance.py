@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from mqslam.psi.estimator import Evaluation
 
-# Neither number is tuning: the first stands for "unknown", the second keeps the inverse of the curvature finite.
+# Neither number tunes anything: the first stands for "unknown", the second keeps the inverse of the curvature finite.
 _UNKNOWN = 1e6  # variance, over that of the curvature alone, where there are no more objects than variables
 _LEAST = 1e-3  # share of Gauss-Newton's curvature below which a direction counts as not observed at all
 
@@ -46,7 +46,7 @@ def estimate_covariance(
     values, vectors = np.linalg.eigh((evaluation.curvature + known) * scale)
     spread = vectors.T @ ((sums.T @ sums * (objects / (objects - variables)) + known) * scale) @ vectors
     inverse = 1.0 / np.maximum(values, _LEAST)
-    # a direction that psi does not hold at all varies by as much as its curvature fails to bound it
+    # along a direction that psi does not hold, the variance is at least the inverse of the least curvature
     spread += np.diag(np.where(values < _LEAST, 1.0, 0.0) * _LEAST)
     covariance = (vectors * inverse) @ spread @ (vectors * inverse).T * scale
     return np.asarray(0.5 * (covariance + covariance.T))

@@ -7,13 +7,13 @@ from mqslam.report.audit_report import AuditReport
 from mqslam.report.compare_page import write_compare_report
 from mqslam.report.compare_report import CompareReport
 from mqslam.report.run_page import write_report
-from mqslam.report.run_report import Report, WindowScores
+from mqslam.report.run_report import Report, ScanScores
 
 __all__ = [
     "AuditReport",
     "CompareReport",
     "Report",
-    "WindowScores",
+    "ScanScores",
     "write_audit_report",
     "write_compare_report",
     "write_report",

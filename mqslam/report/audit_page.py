@@ -137,7 +137,7 @@ def _make_window_tiles(report: AuditReport) -> tuple[Tile, ...]:
         Tile(
             f"{100.0 * torn.count / torn.total:.1f} %",
             f"of windows torn: {torn.count:,} of {torn.total:,}, so that the true share may be "
-            f"{torn.range_text(report.config.verdict)}",
+            f"{torn.describe_range(report.config.verdict)}",
         ),
         Tile(
             format_three_digits(median),
@@ -159,7 +159,8 @@ def _make_revisit_tiles(report: AuditReport) -> tuple[Tile, ...]:
     return (
         Tile(
             f"{torn.count:,} of {torn.total:,}",
-            f"revisits torn, of those that are sure, so that the true share may be {torn.range_text(report.config.verdict)}",
+            "revisits torn, of those that are sure, so that the true share may be "
+            f"{torn.describe_range(report.config.verdict)}",
         ),
         Tile(format_length(float(np.median([r.revisit.distance_m for r in sure]))), "median offset of two passes"),
     )

@@ -12,7 +12,7 @@ import numpy as np
 
 from mqslam.backend.pose_graph import compute_marginals
 from mqslam.core import se2
-from mqslam.core.evenly import evenly
+from mqslam.core.evenly import pick_evenly
 from mqslam.core.recording import Recording
 from mqslam.core.trajectory import Trajectory
 from mqslam.errors import tolerate
@@ -78,7 +78,7 @@ def write_run_pages(folder: Path, run: Run, recording: Recording, summary: Mappi
     """
     failures: list[str] = []
     with tolerate("report.html", failures):
-        covariances = compute_marginals(run.graph, run.values, evenly(run.graph.size, _ELLIPSES).tolist())
+        covariances = compute_marginals(run.graph, run.values, pick_evenly(run.graph.size, _ELLIPSES).tolist())
         if covariances.failure is not None:
             failures.append(
                 f"the covariances of the poses are not known ({covariances.failure}): the report shows no ellipses"
@@ -186,19 +186,19 @@ def _show_trajectories(report: Report, truth: Trajectory | None) -> Section:
     drawn = run_figures.draw_trajectories(report.odometry, report.optimised, truth, report.before)
     caption = "ground truth laid on the optimised trajectory by the best rigid motion" if truth is not None else ""
     trajectory = Figure(drawn, "Trajectory", caption)
-    if len(report.windows) == 0:
+    if len(report.scores) == 0:
         return Section("Trajectory", figures=(trajectory,))
-    counts = Counter(report.windows.status).most_common()
-    statuses = f"{len(report.windows):,} windows: " + ", ".join(f"{n:,} {status}" for status, n in counts)
+    counts = Counter(report.scores.status).most_common()
+    statuses = f"{len(report.scores):,} scans: " + ", ".join(f"{n:,} {status}" for status, n in counts)
     charts = (
-        Figure(run_figures.draw_psi(report.windows), "ψ per window", statuses),
+        Figure(run_figures.draw_psi(report.scores), "ψ per scan", statuses),
         Figure(
-            run_figures.draw_matched(report.windows),
+            run_figures.draw_matched(report.scores),
             "Matched share",
             "points with a neighbour that takes part in the score",
         ),
     )
-    return Section("Trajectory and windows", figures=(trajectory,), stacked=charts)
+    return Section("Trajectory and scans", figures=(trajectory,), stacked=charts)
 
 
 def _align_truth(report: Report) -> Trajectory | None:

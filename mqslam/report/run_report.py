@@ -21,17 +21,17 @@ from mqslam.solution import Run
 
 
 @dataclass(frozen=True, slots=True)
-class WindowScores:
+class ScanScores:
     """The score of every measurement, as measurements.csv lists it.
 
     Args:
-        t0: (W,) start of the window [s] since the recording's start.
+        t0: (W,) start of the scan [s] since the recording's start.
         t1: (W,) its end [s].
-        psi_minimum: (W,) psi of the window's map under the motion found.
+        psi_minimum: (W,) psi of the scan under the motion that the front end found.
         psi_odometry: (W,) psi of the same returns under odometry, NaN where there is none.
         points: (W,) number of returns.
         matched: (W,) share of the returns with a neighbour that takes part in the score, 0..1.
-        status: W times "converged", or why the window gave no full measurement.
+        status: W times "converged", or why the scan gave no full measurement.
     """
 
     t0: NDArray[np.float64]
@@ -58,7 +58,7 @@ class Report:
         ground_truth: for comparison only, in any fixed frame, or None.
         map_odometry: map rendered under `odometry`.
         map_optimised: map rendered under `optimised`.
-        windows: the score of every window.
+        scores: the score of every scan.
         before: name of the trajectory before optimisation.
         checks: windows of the optimised map compared with their own best.
         settings: settings of the audit, by which the windows are judged.
@@ -77,7 +77,7 @@ class Report:
     ground_truth: Trajectory | None
     map_odometry: PointMap
     map_optimised: PointMap
-    windows: WindowScores
+    scores: ScanScores
     before: str
     checks: tuple[WindowAudit, ...]
     settings: AuditConfig
@@ -89,9 +89,9 @@ class Report:
     stood_still: bool = False
 
 
-def score_windows(measurements: Sequence[Measurement]) -> WindowScores:
+def list_scores(measurements: Sequence[Measurement]) -> ScanScores:
     """Returns the scores of the measurements, as the page plots them."""
-    return WindowScores(
+    return ScanScores(
         t0=np.array([m.t0 for m in measurements]),
         t1=np.array([m.t1 for m in measurements]),
         psi_minimum=np.array([m.psi for m in measurements]),
@@ -123,7 +123,7 @@ def report_run(
         ground_truth=recording.ground_truth,
         map_odometry=run.map_odometry,
         map_optimised=run.map_optimised,
-        windows=score_windows(run.measurements),
+        scores=list_scores(run.measurements),
         before=run.before,
         checks=tuple(run.checks),
         settings=run.config.audit,

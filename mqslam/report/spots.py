@@ -92,7 +92,7 @@ def find_worst_spots(sweeps: Sweeps, audit: Audit, count: int = WORST) -> tuple[
 
 
 def rank_spot(spot: Spot) -> tuple[bool, float]:
-    """Ranks torn places by how far they are off and the others, which may be off by far unobserved, by inflation."""
+    """Ranks torn places by how far they are off, and the others by inflation, because directions may be unobserved."""
     return spot.torn, spot.off_m if spot.torn else spot.inflation
 
 

@@ -15,7 +15,7 @@ from mqslam.auditing.verdict import Share
 from mqslam.auditing.windows import WindowAudit, torn_threshold
 from mqslam.config import AuditConfig, Config, VerdictConfig, dump_yaml
 from mqslam.execution.files import write_json, write_text
-from mqslam.results.summary_files import csv_text
+from mqslam.results.summary_files import format_csv
 from mqslam.version import __version__
 
 
@@ -60,8 +60,8 @@ def summarise(
         "windows": {
             "count": torn.total,
             "torn": torn.count,
-            "torn_share_at_least": torn.at_least(confidence),
-            "torn_share_at_most": torn.at_most(confidence),
+            "torn_share_at_least": torn.lower_bound(confidence),
+            "torn_share_at_most": torn.upper_bound(confidence),
             "inflation_median": float(np.median(inflation)) if inflation else None,
             "psi_per_point": _mean([w.bend.psi for w in audit.windows]),
             "matched": _mean([w.bend.matched for w in audit.windows]),
@@ -70,8 +70,8 @@ def summarise(
             "count": len(audit.revisits),
             "sure": off.total,
             "torn": off.count,
-            "torn_share_at_least": off.at_least(confidence),
-            "torn_share_at_most": off.at_most(confidence),
+            "torn_share_at_least": off.lower_bound(confidence),
+            "torn_share_at_most": off.upper_bound(confidence),
             "median_m": float(np.median([r.revisit.distance_m for r in sure])) if sure else None,
             "worst_m": max((r.revisit.distance_m for r in sure if r.torn), default=None),
         },
@@ -161,4 +161,4 @@ def write_audit(folder: Path, config: Config, summary: Mapping[str, Any]) -> Non
 
 def _format_csv(rows: Sequence[Mapping[str, Any]]) -> str:
     """Returns rows of numbers under their names; empty without any."""
-    return csv_text([{key: f"{v:.9g}" if isinstance(v, float) else v for key, v in row.items()} for row in rows])
+    return format_csv([{key: f"{v:.9g}" if isinstance(v, float) else v for key, v in row.items()} for row in rows])

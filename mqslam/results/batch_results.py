@@ -11,7 +11,7 @@ from mqslam.auditing.verdict import VerdictStatus
 from mqslam.config import Config
 from mqslam.errors import OutputError, Remedy
 from mqslam.execution.files import write_json, write_text
-from mqslam.results.summary_files import csv_text
+from mqslam.results.summary_files import format_csv
 from mqslam.version import __version__
 
 
@@ -123,5 +123,5 @@ def write_batch(out: Path, summary: Mapping[str, Any]) -> None:
     Raises:
         OutputError: a file cannot be written.
     """
-    write_text(out / "batch.csv", csv_text(summary["runs"]))
+    write_text(out / "batch.csv", format_csv(summary["runs"]))
     write_json(out / "batch.json", summary)

@@ -17,8 +17,8 @@ from mqslam.config import Config, dump_yaml
 from mqslam.execution.files import write_json, write_text
 from mqslam.formats.trajectories import write_kitti
 from mqslam.formats.tum import write_tum
-from mqslam.results.run_results import measurements_csv
-from mqslam.results.summary_files import csv_text
+from mqslam.results.run_results import format_measurements
+from mqslam.results.summary_files import format_csv
 from mqslam.version import __version__
 
 # columns of the table: key in a row of compare.json, head, format
@@ -93,8 +93,8 @@ def _list_row(row: Row, judged: Judged | None, scans: int, settings: Config) -> 
         "inflation": _find_median_inflation(windows, settings.audit.overlap),
         "windows": len(windows),
         "windows_torn": torn.count / torn.total if windows else None,
-        "windows_torn_at_least": torn.at_least(settings.verdict.confidence),
-        "windows_torn_at_most": torn.at_most(settings.verdict.confidence),
+        "windows_torn_at_least": torn.lower_bound(settings.verdict.confidence),
+        "windows_torn_at_most": torn.upper_bound(settings.verdict.confidence),
         "revisits": len(sure),
         "revisits_torn": sum(r.torn for r in sure),
         "revisit_m": float(np.median([r.revisit.distance_m for r in sure])) if sure else None,
@@ -149,7 +149,7 @@ def write_compare(folder: Path, comparison: Comparison, summary: Mapping[str, An
         if row.trajectory is not None:
             _write_row(folder / row.name, row)
     write_text(folder / "config.yaml", dump_yaml(comparison.settings))
-    write_text(folder / "compare.csv", csv_text(summary["rows"]))
+    write_text(folder / "compare.csv", format_csv(summary["rows"]))
     write_json(folder / "compare.json", summary)
 
 
@@ -162,4 +162,4 @@ def _write_row(folder: Path, row: Row) -> None:
     write_text(folder / "times.txt", "".join(f"{t / 1e6:.6f}\n" for t in row.trajectory.stamps_us.tolist()))
     if row.measurements:
         write_tum(folder / "odometry.tum", row.odometry)
-        write_text(folder / "measurements.csv", measurements_csv(row.measurements))
+        write_text(folder / "measurements.csv", format_measurements(row.measurements))

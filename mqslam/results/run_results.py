@@ -24,7 +24,7 @@ from mqslam.formats.g2o import format_g2o
 from mqslam.formats.nav2_map import write_nav2_map
 from mqslam.formats.ply import write_ply
 from mqslam.formats.tum import write_tum
-from mqslam.mapping.occupancy_grid import occupancy_grid
+from mqslam.mapping.occupancy_grid import make_occupancy_grid
 from mqslam.results.run_verdict import judge_run
 from mqslam.solution import Run
 from mqslam.version import __version__
@@ -80,8 +80,8 @@ def summarise(run: Run, recording: Recording) -> dict[str, Any]:
         "inflation": {
             "windows": torn.total,
             "torn": torn.count,
-            "torn_share_at_least": torn.at_least(confidence),
-            "torn_share_at_most": torn.at_most(confidence),
+            "torn_share_at_least": torn.lower_bound(confidence),
+            "torn_share_at_most": torn.upper_bound(confidence),
             "median": float(np.median([w.bend.inflation for w in run.checks])) if run.checks else None,
         },
         "verdict": {"status": status, "reasons": reasons},
@@ -118,7 +118,7 @@ def write_run(folder: Path, run: Run, summary: dict[str, Any], notes: Sequence[s
     """
     write_tum(folder / "trajectory.tum", run.optimised)
     write_tum(folder / "odometry.tum", run.odometry)
-    write_text(folder / "measurements.csv", measurements_csv(run.measurements))
+    write_text(folder / "measurements.csv", format_measurements(run.measurements))
     write_text(folder / "config.yaml", dump_yaml(set_doppler_beta(run.config, run.doppler_beta)))
     _write_numbers(folder, summary, notes)
     failures: list[str] = []
@@ -127,7 +127,7 @@ def write_run(folder: Path, run: Run, summary: dict[str, Any], notes: Sequence[s
     with tolerate("map.ply", failures):
         write_ply(folder / "map.ply", run.map_optimised)
     with tolerate("map.pgm", failures):
-        write_nav2_map(folder, occupancy_grid(run.map_optimised.points, run.config.map))
+        write_nav2_map(folder, make_occupancy_grid(run.map_optimised.points, run.config.map))
     add_warnings(folder, summary, notes, failures)
 
 
@@ -148,7 +148,7 @@ def add_warnings(folder: Path, summary: dict[str, Any], notes: Sequence[str], wa
         _write_numbers(folder, summary, notes)
 
 
-def measurements_csv(measurements: Sequence[Measurement]) -> str:
+def format_measurements(measurements: Sequence[Measurement]) -> str:
     """Returns a row per measurement, with the covariance of dx [m], dy [m], dyaw [rad] in the frame of the pose at t0."""
     text = io.StringIO()
     rows = csv.writer(text, lineterminator="\n")

@@ -11,7 +11,7 @@ from typing import Any
 from mqslam.execution.files import write_json
 
 
-def csv_text(rows: Sequence[Mapping[str, Any]]) -> str:
+def format_csv(rows: Sequence[Mapping[str, Any]]) -> str:
     """Returns rows under the names of the row that has the most; what a row lacks or does not know is an empty cell."""
     if not rows:
         return ""

@@ -1,13 +1,13 @@
 """A simulated radar drive: a geometric scene, a true motion, a spinning radar and wheels that slip.
 
-`simulated_recording` renders a drive in memory, `simulate` writes the same drive as a recording in the Oxford layout.
+`simulate_recording` renders a drive in memory, `simulate` writes the same drive as a recording in the Oxford layout.
 """
 
-from mqslam.simulator.drive import ConstantDrive, Drive, SampledDrive, clear_way, loop_drive
-from mqslam.simulator.in_memory import SimulatedRecording, simulated_recording
-from mqslam.simulator.scene import Scene, corridor_scene, street_scene, yard_scene
+from mqslam.simulator.drive import ConstantDrive, Drive, SampledDrive, clear_way, make_loop_drive
+from mqslam.simulator.in_memory import SimulatedRecording, simulate_recording
+from mqslam.simulator.scene import Scene, make_corridor_scene, make_street_scene, make_yard_scene
 from mqslam.simulator.sensor import SensorModel, render_polar_scan
-from mqslam.simulator.wheels import OdometryModel, WheelOdometry, wheel_odometry
+from mqslam.simulator.wheels import OdometryModel, WheelOdometry, simulate_wheel_odometry
 from mqslam.simulator.write import SCENES, simulate
 
 __all__ = [
@@ -21,12 +21,12 @@ __all__ = [
     "SimulatedRecording",
     "WheelOdometry",
     "clear_way",
-    "corridor_scene",
-    "loop_drive",
+    "make_corridor_scene",
+    "make_loop_drive",
+    "make_street_scene",
+    "make_yard_scene",
     "render_polar_scan",
     "simulate",
-    "simulated_recording",
-    "street_scene",
-    "wheel_odometry",
-    "yard_scene",
+    "simulate_recording",
+    "simulate_wheel_odometry",
 ]

@@ -154,7 +154,7 @@ def _keep_near(things: Things, poses: Array, max_range: float) -> Things:
     middle = len(poses) // 2
     x, y = poses[middle, 0], poses[middle, 1]
     moved = np.hypot(poses[:, 0] - x, poses[:, 1] - y).max()
-    reach = max_range + moved + 2.0  # the margin spares a look at how large the things are
+    reach = max_range + moved + 2.0  # the margin covers the size of any thing
     walls, poles = things.walls, things.poles
     walls = walls[np.array([_is_near(a[0], a[1], a[2], a[3], x, y, reach) for a in walls], dtype=np.bool_)]
     poles = poles[np.hypot(poles[:, 0] - x, poles[:, 1] - y) < reach]
@@ -209,7 +209,7 @@ def _cast_wall(
     u0, w0 = start
     u1, w1 = end
     if u0 < NEAREST and u1 < NEAREST:
-        return  # before any array is taken out of its tuple, which costs as much as these tests
+        return  # returns this early because taking arrays out of their tuples costs as much as these tests
     edges, gains = pattern.edges, pattern.gains
     cells = len(gains)
     if w0 * edges[0, 1] < u0 * edges[0, 0] and w1 * edges[0, 1] < u1 * edges[0, 0]:

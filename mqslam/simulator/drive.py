@@ -95,7 +95,7 @@ class SampledDrive(Drive):
         return self.samples[i], self.samples[i + 1], self.rates[i] * step, self.rates[i + 1] * step
 
 
-def loop_drive(
+def make_loop_drive(
     duration_s: float,
     *,
     size: tuple[float, float] = (BLOCK[0] + 2.0 * LANE, BLOCK[1] + 2.0 * LANE),

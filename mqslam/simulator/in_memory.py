@@ -15,7 +15,7 @@ from mqslam.errors import ConfigError
 from mqslam.simulator.drive import Drive
 from mqslam.simulator.scene import Scene
 from mqslam.simulator.sensor import SensorModel, render_polar_scan
-from mqslam.simulator.wheels import OdometryModel, WheelOdometry, wheel_odometry
+from mqslam.simulator.wheels import OdometryModel, WheelOdometry, simulate_wheel_odometry
 
 START_US = 1_600_000_000_000_000
 """Stamp [us] of a simulated recording's first azimuth."""
@@ -23,7 +23,7 @@ START_US = 1_600_000_000_000_000
 
 @dataclass(frozen=True, kw_only=True)
 class SimulatedRecording(Recording):
-    """A drive through a scene as a recording; `simulated_recording` makes one.
+    """A drive through a scene as a recording; `simulate_recording` makes one.
 
     Args:
         scene: what reflects.
@@ -53,7 +53,7 @@ class SimulatedRecording(Recording):
             yield PolarScan(times, self.sensor.angles, power, np.ones(len(times), dtype=np.bool_))
 
 
-def simulated_recording(
+def simulate_recording(
     scene: Scene,
     drive: Drive,
     *,
@@ -81,7 +81,7 @@ def simulated_recording(
         raise ConfigError(f"simulator: {duration_s} s hold no whole turn at {sensor.turn_rate_hz} turns/s")
     borders = np.round(np.arange(turns + 1) / sensor.turn_rate_hz * 1e6).astype(np.int64)
     starts = np.asarray(borders[:-1] * 1e-6, dtype=np.float64)
-    wheels = wheel_odometry(drive, float(borders[-1] * 1e-6), START_US, odometry or OdometryModel(), seed)
+    wheels = simulate_wheel_odometry(drive, float(borders[-1] * 1e-6), START_US, odometry or OdometryModel(), seed)
     return SimulatedRecording(
         path=Path("simulated"),
         format="simulated",

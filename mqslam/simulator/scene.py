@@ -43,7 +43,7 @@ class Scene:
     movers: Array = field(default_factory=lambda: _no_rows(9))
 
 
-def street_scene(seed: int, *, movers: int = 10) -> Scene:
+def make_street_scene(seed: int, *, movers: int = 10) -> Scene:
     """Makes nine blocks of a city: broken facades, gaps and a park, lamps, trees, parked and moving vehicles.
 
     The middle block is centred at the origin. The lanes around it that a counter-clockwise drive keeps to are free of
@@ -70,7 +70,7 @@ def street_scene(seed: int, *, movers: int = 10) -> Scene:
     return Scene(np.concatenate(walls), np.concatenate(poles), _traffic(rng, movers))
 
 
-def corridor_scene(*, width: float = 14.0, length: float = 4000.0) -> Scene:
+def make_corridor_scene(*, width: float = 14.0, length: float = 4000.0) -> Scene:
     """Makes two long, featureless, parallel walls along x: motion along them cannot be seen.
 
     Args:
@@ -81,7 +81,7 @@ def corridor_scene(*, width: float = 14.0, length: float = 4000.0) -> Scene:
     return Scene(np.array([[-ends, y, ends, y, 1.0, WALL_OPACITY] for y in (-half, half)]))
 
 
-def yard_scene(seed: int, *, movers: int = 0) -> Scene:
+def make_yard_scene(seed: int, *, movers: int = 0) -> Scene:
     """Makes a yard at the origin with buildings around it, 10 to 150 m away, trees, lamps and parked vehicles.
 
     Args:

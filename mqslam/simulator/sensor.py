@@ -14,7 +14,7 @@ from mqslam.simulator.scene import Scene
 
 ENCODER = 5600
 """Encoder steps per turn, clockwise, as the Oxford layout stores azimuths."""
-_MOST_READINGS = 64_000_000  # of a polar scan: readers take no larger images
+_MOST_READINGS = 64_000_000  # size of the largest polar scan: readers take no larger images
 _PATTERN_WIDTHS = 3.0  # beam widths that the cells of a beam span: beyond them hardly anything comes back
 
 

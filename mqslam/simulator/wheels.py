@@ -58,7 +58,9 @@ class WheelOdometry:
         return Trajectory(self.stamps_us, se2.integrate_steps(moves))
 
 
-def wheel_odometry(drive: Drive, duration_s: float, start_us: int, model: OdometryModel, seed: int) -> WheelOdometry:
+def simulate_wheel_odometry(
+    drive: Drive, duration_s: float, start_us: int, model: OdometryModel, seed: int
+) -> WheelOdometry:
     """Simulates what wheel odometry reports of a drive, up to the first row at or after its end.
 
     Args:

@@ -19,9 +19,9 @@ from mqslam.execution.files import write_text
 from mqslam.execution.folders import make_folder
 from mqslam.formats.odometry_files import write_twists
 from mqslam.formats.recordings import oxford
-from mqslam.simulator.drive import ConstantDrive, Drive, clear_way, loop_drive
-from mqslam.simulator.in_memory import SimulatedRecording, simulated_recording
-from mqslam.simulator.scene import Scene, corridor_scene, street_scene, yard_scene
+from mqslam.simulator.drive import ConstantDrive, Drive, clear_way, make_loop_drive
+from mqslam.simulator.in_memory import SimulatedRecording, simulate_recording
+from mqslam.simulator.scene import Scene, make_corridor_scene, make_street_scene, make_yard_scene
 from mqslam.simulator.sensor import SensorModel
 from mqslam.simulator.wheels import OdometryModel
 
@@ -68,7 +68,7 @@ def simulate(
         raise ConfigError(f"simulator: seed is {seed}; it must be 0 or more")
     errors = OdometryModel()
     world, drive = _make_world(scene, seed, duration_s, movers)
-    recording = simulated_recording(world, drive, duration_s=duration_s, sensor=sensor, seed=seed, odometry=errors)
+    recording = simulate_recording(world, drive, duration_s=duration_s, sensor=sensor, seed=seed, odometry=errors)
     truth = recording.ground_truth
     assert truth is not None
     parameters = {
@@ -101,14 +101,14 @@ def _make_world(scene: str, seed: int, duration_s: float, movers: int | None) ->
     if not 0.0 < duration_s <= _LONGEST_S:
         raise ConfigError(f"simulator: duration is {duration_s} s; it must be above 0 and at most {_LONGEST_S:.0f}, a week")
     if scene == "street":
-        drive = loop_drive(duration_s)
-        return clear_way(street_scene(seed, movers=10 if movers is None else movers), drive, duration_s), drive
+        drive = make_loop_drive(duration_s)
+        return clear_way(make_street_scene(seed, movers=10 if movers is None else movers), drive, duration_s), drive
     if scene == "yard":
-        return yard_scene(seed, movers=movers or 0), ConstantDrive(1.0, -0.192)
+        return make_yard_scene(seed, movers=movers or 0), ConstantDrive(1.0, -0.192)
     if scene == "corridor":
         if movers:
             raise ConfigError("simulator: nothing moves in the corridor; leave movers out")
-        return corridor_scene(length=2.0 * (8.0 * duration_s + 1000.0)), ConstantDrive(8.0, 0.0)
+        return make_corridor_scene(length=2.0 * (8.0 * duration_s + 1000.0)), ConstantDrive(8.0, 0.0)
     raise ConfigError(f"simulator: there is no scene '{scene}'; choose one of {', '.join(SCENES)}")
 
 

@@ -126,7 +126,7 @@ def stream() -> Iterator[RerunLog]:
     if not has_display():
         raise ViewerError("there is no display to open Rerun's viewer on", Remedy.RECORD_LIVE_VIEW)
     open_viewer()
-    recording.connect_grpc(default_blueprint=_make_blueprint())  # waits for the viewer to listen
+    recording.connect_grpc(default_blueprint=_make_blueprint())  # this call waits until the viewer listens
     try:
         yield RerunLog(recording)
     finally:
@@ -139,7 +139,7 @@ def open_viewer(*files: Path) -> None:
     Args:
         files: .rrd files to show; without any, the viewer waits for what is streamed to it.
     """
-    command = [sys.executable, "-m", "rerun", *map(str, files)]  # its name may not be on the PATH
+    command = [sys.executable, "-m", "rerun", *map(str, files)]  # the command `rerun` may not be on the PATH
     subprocess.Popen(command, start_new_session=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
 
 

@@ -24,7 +24,7 @@ SIZE = CONFIG.audit.window
 
 
 def bent(truth: Trajectory, twist: tuple[float, float, float]) -> Trajectory:
-    """A trajectory whose every step errs by a twist."""
+    """Returns a trajectory whose every step errs by a twist."""
     seconds = np.diff(truth.stamps_us) * 1e-6
     steps = se2.between(truth.poses[:-1], truth.poses[1:])
     erring = (se2.compose(step, se2.exp(twist, dt)) for step, dt in zip(steps, seconds, strict=True))
@@ -44,7 +44,7 @@ TRUE = (0.0, 0.0, 0.0)
 
 
 def test_the_true_trajectory_is_as_good_as_a_chi_square_says() -> None:
-    inflation = np.array([found.inflation for found in under(TRUE)[1]])
+    inflation = np.array([result.inflation for result in under(TRUE)[1]])
     assert np.mean(inflation) < 9.0  # 3 when the covariance is right; six windows only
     assert np.all(inflation < chi2.ppf(0.9999, 3))
 
@@ -53,10 +53,10 @@ def test_the_true_trajectory_is_as_good_as_a_chi_square_says() -> None:
     "twist", [(0.3, 0.0, 0.0), (0.0, 0.3, 0.0), (0.0, 0.0, 0.02), (0.15, 0.0, 0.0), (0.0, 0.0, 0.01), (2.0, 0.0, 0.0)]
 )
 def test_a_bent_window_is_told_and_its_mending_is_the_bend_undone(twist: tuple[float, float, float]) -> None:
-    true, (sweeps, found) = under(TRUE)[1], under(twist)
+    true, (sweeps, result) = under(TRUE)[1], under(twist)
     span = SIZE * sweeps.revolution_s
-    assert min(b.inflation for b in found) > max(b.inflation for b in true)
-    for good, b in zip(true, found, strict=True):
+    assert min(b.inflation for b in result) > max(b.inflation for b in true)
+    for good, b in zip(true, result, strict=True):
         undone = (b.correction - good.correction) / span
         speed = 0.06 + 0.12 * np.hypot(twist[0], twist[1])  # along and across mix in a turn
         assert np.all(np.abs(undone + np.array(twist)) < [speed, speed, 0.002 + 0.12 * abs(twist[2])]), undone
@@ -64,9 +64,9 @@ def test_a_bent_window_is_told_and_its_mending_is_the_bend_undone(twist: tuple[f
 
 
 def test_the_covariance_is_positive_and_tight_where_there_is_something_to_see() -> None:
-    for found in under(TRUE)[1]:
-        assert np.linalg.eigvalsh(found.covariance)[0] > 0.0
-        sigma = np.sqrt(np.diag(found.covariance))
+    for result in under(TRUE)[1]:
+        assert np.linalg.eigvalsh(result.covariance)[0] > 0.0
+        sigma = np.sqrt(np.diag(result.covariance))
         assert sigma[:2].max() < 0.1 and sigma[2] < 0.01
 
 
@@ -84,20 +84,20 @@ def test_derivatives_of_twisted_points_are_those_of_the_points() -> None:
     sweeps, _ = under(TRUE)
     points, into = centre_window(sweeps, 0, SIZE)
     twist, step = np.array([0.02, -0.01, 0.003]), 1e-6
-    found = twist_points(points, into, twist)
+    result = twist_points(points, into, twist)
     for k in range(3):
         aside = np.eye(3)[k] * step
         numeric = (twist_points(points, into, twist + aside).points - twist_points(points, into, twist - aside).points) / (
             2 * step
         )
-        np.testing.assert_allclose(found.jacobians[:, :, k], numeric, atol=1e-5)
+        np.testing.assert_allclose(result.jacobians[:, :, k], numeric, atol=1e-5)
     assert np.abs(into).max() <= 0.5 * SIZE + 1e-6
 
 
 def test_curvature_by_differences_is_the_hessian_of_a_known_function() -> None:
     hessian = np.array([[4.0, 1.0], [1.0, 3.0]])
-    found = curvature_by_differences(lambda x: hessian @ x + 0.1 * x**3, np.array([0.5, -0.2]), np.array([1e-3, 1e-3]))
-    np.testing.assert_allclose(found, hessian + np.diag(0.3 * np.array([0.25, 0.04])), atol=1e-5)
+    result = curvature_by_differences(lambda x: hessian @ x + 0.1 * x**3, np.array([0.5, -0.2]), np.array([1e-3, 1e-3]))
+    np.testing.assert_allclose(result, hessian + np.diag(0.3 * np.array([0.25, 0.04])), atol=1e-5)
 
 
 def test_sweeps_outside_the_trajectory_are_left_out_and_none_is_an_error() -> None:

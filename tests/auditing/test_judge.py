@@ -18,7 +18,7 @@ from mqslam.core.trajectory import Trajectory
 from mqslam.detection.stage import detect_all
 from mqslam.execution.engine import HERE, LocalEngine
 from mqslam.psi.place import beam_of
-from mqslam.simulator import SensorModel, SimulatedRecording, loop_drive, simulated_recording, street_scene
+from mqslam.simulator import SensorModel, SimulatedRecording, make_loop_drive, make_street_scene, simulate_recording
 
 CONFIG = Config()
 SETTINGS = (CONFIG.audit, CONFIG.estimator, CONFIG.loops, CONFIG.verdict)
@@ -32,14 +32,16 @@ def silent(stage: str, done: int, total: int) -> None:
 
 @lru_cache
 def lap() -> tuple[SimulatedRecording, Scans]:
-    """A bit more than one round of a block: the last 100 m are driven twice."""
-    recording = simulated_recording(street_scene(1, movers=0), loop_drive(54.0), duration_s=54.0, sensor=SENSOR, seed=1)
+    """Returns a bit more than one round of a block: the last 100 m are driven twice."""
+    recording = simulate_recording(
+        make_street_scene(1, movers=0), make_loop_drive(54.0), duration_s=54.0, sensor=SENSOR, seed=1
+    )
     return recording, detect_all(recording, CONFIG.detector)[0]
 
 
 @lru_cache
 def judged(shift_m: float, jobs: int = 1) -> Audit:
-    """The lap under a trajectory whose second pass is shifted sideways, slowly enough to bend no window."""
+    """Returns the lap under a trajectory whose second pass is shifted sideways, slowly enough to bend no window."""
     recording, scans = lap()
     truth = recording.ground_truth
     along = np.linspace(0.0, 1.0, len(truth))
@@ -50,20 +52,20 @@ def judged(shift_m: float, jobs: int = 1) -> Audit:
 
 
 def test_the_true_map_passes() -> None:
-    found = judged(0.0)
-    assert found.status == "pass", found.reasons
-    assert len(found.windows) == -(-len(lap()[1]) // CONFIG.audit.window)
-    assert found.windows[-1].end == len(lap()[1])
-    sure = [r.revisit for r in found.revisits if r.revisit.sure]
+    judgement = judged(0.0)
+    assert judgement.status == "pass", judgement.reasons
+    assert len(judgement.windows) == -(-len(lap()[1]) // CONFIG.audit.window)
+    assert judgement.windows[-1].end == len(lap()[1])
+    sure = [r.revisit for r in judgement.revisits if r.revisit.sure]
     assert len(sure) >= 3 and max(r.distance_m for r in sure) < 0.2
-    assert not any(r.torn for r in found.revisits)
+    assert not any(r.torn for r in judgement.revisits)
 
 
 def test_a_torn_loop_fails_and_its_offset_is_measured() -> None:
-    found = judged(3.0)
-    assert found.status == "fail"
-    assert any("revisits are torn" in reason for reason in found.reasons)
-    torn = [r.revisit for r in found.revisits if r.torn]
+    judgement = judged(3.0)
+    assert judgement.status == "fail"
+    assert any("revisits are torn" in reason for reason in judgement.reasons)
+    torn = [r.revisit for r in judgement.revisits if r.torn]
     assert len(torn) >= 3
     recording, _ = lap()
     for r in torn:  # offsets are in the frame of the later sweep; the world's y is what was shifted
@@ -84,8 +86,8 @@ def test_a_trajectory_that_has_nothing_to_do_with_the_recording_fails(wrong: str
         "mirrored": truth.poses * [1.0, -1.0, -1.0],
     }[wrong]
     sweeps, _ = place_sweeps(scans, Trajectory(truth.stamps_us, poses), CONFIG.audit, BEAM)
-    found = audit(sweeps, *SETTINGS, LocalEngine(2), silent)
-    assert found.status == "fail", found.reasons
+    judgement = audit(sweeps, *SETTINGS, LocalEngine(2), silent)
+    assert judgement.status == "fail", judgement.reasons
 
 
 def test_the_verdict_does_not_depend_on_the_number_of_threads() -> None:
@@ -107,7 +109,7 @@ def test_revisits_are_looked_for_where_the_path_comes_back_only() -> None:
 
 
 def points_of(kind: str, rng: np.random.Generator) -> np.ndarray:
-    """Points (N, 2) [m] of one scan, of the kinds that leave directions untold."""
+    """Returns the points (N, 2) [m] of one scan, of the kinds that leave directions untold."""
     return {
         "none": np.empty((0, 2)),
         "one": rng.uniform(-50.0, 50.0, (1, 2)),
@@ -125,21 +127,21 @@ def points_of(kind: str, rng: np.random.Generator) -> np.ndarray:
 @pytest.mark.parametrize("kind", ["one", "two", "one object", "at the sensor", "one direction", "one wall"])
 def test_a_window_that_tells_next_to_nothing_is_judged_all_the_same(kind: str, beside: str | None, speed: float) -> None:
     rng = np.random.default_rng(3)
-    found = audit(sparse([kind, beside or kind] * 3, rng, speed), *SETTINGS, HERE, silent)
-    (scan,) = found.windows
+    judgement = audit(sparse([kind, beside or kind] * 3, rng, speed), *SETTINGS, HERE, silent)
+    (scan,) = judgement.windows
     assert np.isfinite([scan.bend.inflation, scan.bend.size_m, *np.diag(scan.bend.covariance)]).all()
     assert scan.bend.inflation >= 0.0
-    assert found.status is VerdictStatus.NOT_JUDGED
+    assert judgement.status is VerdictStatus.NOT_JUDGED
 
 
 def test_windows_without_a_point_are_left_out() -> None:
     rng = np.random.default_rng(3)
-    found = audit(sparse(["noise"] * 6 + ["none"] * 13 + ["noise"] * 6, rng, 8.0), *SETTINGS, HERE, silent)
-    assert [(w.begin, w.end) for w in found.windows] == [(0, 6), (18, 24), (19, 25)]
+    judgement = audit(sparse(["noise"] * 6 + ["none"] * 13 + ["noise"] * 6, rng, 8.0), *SETTINGS, HERE, silent)
+    assert [(w.begin, w.end) for w in judgement.windows] == [(0, 6), (18, 24), (19, 25)]
 
 
 def sparse(kinds: list[str], rng: np.random.Generator, speed: float) -> Sweeps:
-    """Sweeps of points of some kinds under a straight drive."""
+    """Returns sweeps of points of some kinds under a straight drive."""
     scans = []
     for k, kind in enumerate(kinds):
         points = points_of(kind, rng)

@@ -31,22 +31,22 @@ def entropy(points: np.ndarray) -> float:
 
 
 def test_mean_map_entropy_and_plane_variance_are_those_of_numpy() -> None:
-    found = compute_measures(POINTS, SWEEPS, SENSORS, AuditConfig(radius_m=1.0, cell_m=0.5))
+    result = compute_measures(POINTS, SWEEPS, SENSORS, AuditConfig(radius_m=1.0, cell_m=0.5))
     filled = [n for n in neighbourhoods(POINTS, 1.0) if len(n) >= 5]
-    assert found.map_entropy == pytest.approx(np.mean([entropy(n) for n in filled]), abs=1e-9)
+    assert result.map_entropy == pytest.approx(np.mean([entropy(n) for n in filled]), abs=1e-9)
     least = [np.linalg.eigvalsh(np.cov(n.T, bias=True) + 1e-6 * np.eye(2))[0] for n in filled]
-    assert found.plane_variance == pytest.approx(np.mean(least), abs=1e-9)
+    assert result.plane_variance == pytest.approx(np.mean(least), abs=1e-9)
 
 
 def test_joint_entropy_is_that_of_all_sweeps_less_that_of_each_points_own() -> None:
-    found = compute_measures(POINTS, SWEEPS, SENSORS, AuditConfig(radius_m=1.5, cell_m=0.5))
+    result = compute_measures(POINTS, SWEEPS, SENSORS, AuditConfig(radius_m=1.5, cell_m=0.5))
     differences = []
     for point, sweep in zip(POINTS, SWEEPS, strict=True):
         near = np.hypot(*(POINTS - point).T) <= 1.5
         own = near & (sweep == SWEEPS)
         if near.sum() >= 5 and own.sum() >= 5:
             differences.append(entropy(POINTS[near]) - entropy(POINTS[own]))
-    assert found.joint_entropy == pytest.approx(np.mean(differences), abs=1e-9)
+    assert result.joint_entropy == pytest.approx(np.mean(differences), abs=1e-9)
 
 
 def test_a_doubled_wall_is_worse_by_every_entropy_than_a_single_one() -> None:
@@ -85,8 +85,8 @@ def test_evidence_is_that_of_a_walk_in_numpy() -> None:
 
 def test_nothing_has_no_measure() -> None:
     empty = np.empty((0, 2))
-    found = compute_measures(empty, np.empty(0, dtype=np.int64), empty, AuditConfig())
-    assert np.isnan([found.map_entropy, found.plane_variance, found.joint_entropy, found.grid_entropy]).all()
+    result = compute_measures(empty, np.empty(0, dtype=np.int64), empty, AuditConfig())
+    assert np.isnan([result.map_entropy, result.plane_variance, result.joint_entropy, result.grid_entropy]).all()
     assert np.isnan(compute_grid_entropy(empty, empty, 0.5, MODEL))
 
 

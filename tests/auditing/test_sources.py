@@ -9,7 +9,7 @@ import pytest
 
 from mqslam.auditing.inflation import fit_bend
 from mqslam.auditing.judge import audit
-from mqslam.auditing.sources import LIDAR_CONFIG, is_cloud, lidar_source, sweeps_of, sweeps_of_cloud
+from mqslam.auditing.sources import LIDAR_CONFIG, divide_cloud, is_cloud, make_lidar_source, place_source
 from mqslam.config import load_config
 from mqslam.core import se2
 from mqslam.core.timed_cloud import TimedCloud
@@ -27,7 +27,7 @@ REVOLUTION_S = 0.1
 
 
 def room(poses: np.ndarray, seed: int = 1) -> list[np.ndarray]:
-    """Points (M, 2) in the sensor's frame of a room of 12 m by 8 m with two pillars, one scan per pose."""
+    """Returns the points (M, 2) in the sensor's frame of a room of 12 m by 8 m with two pillars, one scan per pose."""
     rng = np.random.default_rng(seed)
     angles = np.linspace(-np.pi, np.pi, 720, endpoint=False)
     scans = []
@@ -60,7 +60,7 @@ def cloud(poses: np.ndarray) -> TimedCloud:
 def test_a_true_cloud_passes_and_a_bent_one_is_told(given: bool) -> None:
     track = Trajectory(TIMES_US, POSES) if given else None
     wrong = se2.compose(POSES, np.c_[0.02 * np.arange(24), np.zeros(24), 0.004 * np.arange(24)])
-    good, bad = (sweeps_of_cloud(cloud(poses), track, CONFIG.audit, BEAM) for poses in (POSES, wrong))
+    good, bad = (divide_cloud(cloud(poses), track, CONFIG.audit, BEAM) for poses in (POSES, wrong))
     assert len(good) == 24 and good.revolution_s == pytest.approx(REVOLUTION_S)
     size = CONFIG.audit.window
     for begin in range(0, 24 - size + 1, size):
@@ -70,19 +70,19 @@ def test_a_true_cloud_passes_and_a_bent_one_is_told(given: bool) -> None:
 
 
 def test_a_cloud_whose_points_have_times_of_their_own_is_cut_into_sweeps() -> None:
-    found = cloud(POSES)
+    result = cloud(POSES)
     spread = np.concatenate([t + np.arange(720) * 100 for t in TIMES_US])
-    sweeps = sweeps_of_cloud(TimedCloud(found.path, found.points, spread, ()), None, CONFIG.audit, BEAM)
+    sweeps = divide_cloud(TimedCloud(result.path, result.points, spread, ()), None, CONFIG.audit, BEAM)
     assert len(sweeps) == 24
     assert np.all(np.diff(sweeps.turns) >= 0.0) and np.ptp(sweeps.turns) == pytest.approx(23.7, abs=0.1)
 
 
 def test_a_cloud_without_a_course_of_time_is_refused() -> None:
-    found = cloud(POSES)
+    result = cloud(POSES)
     with pytest.raises(DataError, match="all at once"):
-        sweeps_of_cloud(TimedCloud(found.path, found.points, np.full(len(found), TIMES_US[0]), ()), None, CONFIG.audit, BEAM)
+        divide_cloud(TimedCloud(result.path, result.points, np.full(len(result), TIMES_US[0]), ()), None, CONFIG.audit, BEAM)
     with pytest.raises(DataError, match="which the trajectory does not"):
-        sweeps_of_cloud(found, Trajectory(TIMES_US[:5] - 10**9, POSES[:5]), CONFIG.audit, BEAM)
+        divide_cloud(result, Trajectory(TIMES_US[:5] - 10**9, POSES[:5]), CONFIG.audit, BEAM)
 
 
 def test_clouds_are_told_from_recordings(tmp_path: Path) -> None:
@@ -99,10 +99,10 @@ def test_a_real_corrected_log_passes_and_its_wheels_fail(name: str) -> None:
     log = Path(__file__).parents[3] / "shared" / "data" / "carmen" / f"{name}-corrected.log.gz"
     if not log.exists():
         pytest.skip(f"the real log is not at {log}")
-    source = lidar_source(carmen.read_lidar(log))
-    found = {}
+    source = make_lidar_source(carmen.read_lidar(log))
+    result = {}
     for track in ("recording", "odometry"):
-        sweeps, _ = sweeps_of(source, source.tracks[track], CONFIG.audit, BEAM)
-        found[track] = audit(sweeps, *SETTINGS, LocalEngine(2), ignore_progress)
-    assert found["recording"].status == "pass", found["recording"].reasons
-    assert found["odometry"].status == "fail"
+        sweeps, _ = place_source(source, source.tracks[track], CONFIG.audit, BEAM)
+        result[track] = audit(sweeps, *SETTINGS, LocalEngine(2), ignore_progress)
+    assert result["recording"].status == "pass", result["recording"].reasons
+    assert result["odometry"].status == "fail"

@@ -21,12 +21,12 @@ WINDOW = 6  # scans
 @pytest.mark.parametrize(("count", "total"), [(0, 8), (1, 3), (3, 3), (5, 41), (6, 100), (99, 100)])
 def test_bounds_of_a_share_are_those_of_clopper_and_pearson(count: int, total: int) -> None:
     share, both = Share(count, total), binomtest(count, total).proportion_ci(0.9, "exact")
-    assert share.at_least(0.95) == pytest.approx(both.low, abs=1e-12)
-    assert share.at_most(0.95) == pytest.approx(both.high, abs=1e-12)
+    assert share.lower_bound(0.95) == pytest.approx(both.low, abs=1e-12)
+    assert share.upper_bound(0.95) == pytest.approx(both.high, abs=1e-12)
 
 
 def test_a_share_of_nothing_may_be_anything() -> None:
-    assert (Share(0, 0).at_least(0.95), Share(0, 0).at_most(0.95)) == (0.0, 1.0)
+    assert (Share(0, 0).lower_bound(0.95), Share(0, 0).upper_bound(0.95)) == (0.0, 1.0)
     assert Share(0, 0).judge(0.05, 0.2, SETTINGS) is NOT_JUDGED
 
 
@@ -52,9 +52,11 @@ def test_a_share_needs_evidence_to_be_called_too_large(count: int, total: int, s
 
 @pytest.mark.parametrize("total", [40, 60, 100, 400])
 def test_a_recording_of_ordinary_length_is_judged_whatever_its_share(total: int) -> None:
-    found = [Share(count, total).judge(SETTINGS.windows_warn, SETTINGS.windows_fail, SETTINGS) for count in range(total + 1)]
-    assert NOT_JUDGED not in found
-    ranks = [(PASS, WARN, FAIL).index(status) for status in found]
+    result = [
+        Share(count, total).judge(SETTINGS.windows_warn, SETTINGS.windows_fail, SETTINGS) for count in range(total + 1)
+    ]
+    assert NOT_JUDGED not in result
+    ranks = [(PASS, WARN, FAIL).index(status) for status in result]
     assert ranks == sorted(ranks) and ranks[0] == 0 and ranks[-1] == 2
 
 
@@ -122,8 +124,8 @@ def test_points_that_are_seen_once_fail_where_enough_windows_say_so() -> None:
     ],
 )
 def test_torn_revisits_need_evidence_too(torn: tuple[int, ...], total: int, status: VerdictStatus) -> None:
-    found, reasons = judge_map(scans(0, 40), revisits(torn, total), 240, WINDOW, SETTINGS)
-    assert found is status
+    result, reasons = judge_map(scans(0, 40), revisits(torn, total), 240, WINDOW, SETTINGS)
+    assert result is status
     assert any(f"{len(torn)} of {total} revisit" in reason for reason in reasons)
 
 

@@ -38,9 +38,9 @@ def test_without_loops_the_optimum_is_the_chain_wherever_it_starts() -> None:
 
 def test_yaw_is_continued_past_a_turn() -> None:
     truth = se2.chain(TURNS)
-    found = poses_of(graph_of(TURNS, truth).initial, len(truth))
-    assert found[-1, 2] == pytest.approx(9.0)
-    assert np.abs(np.diff(found[:, 2])).max() < np.pi
+    result = poses_of(graph_of(TURNS, truth).initial, len(truth))
+    assert result[-1, 2] == pytest.approx(9.0)
+    assert np.abs(np.diff(result[:, 2])).max() < np.pi
 
 
 def test_the_first_pose_is_held_where_the_graph_starts() -> None:
@@ -65,27 +65,27 @@ def test_a_loop_shares_the_drift_along_the_way() -> None:
 
 def test_marginals_are_covariances_that_grow_away_from_the_held_pose() -> None:
     graph = graph_of(TURNS, se2.chain(TURNS))
-    found = compute_marginals(graph, optimise(graph).values, [0, 1, 10, 30])
-    assert found.failure is None
-    np.testing.assert_array_equal(found.indices, [0, 1, 10, 30])
-    np.testing.assert_array_equal(found.covariances, found.covariances.transpose(0, 2, 1))
-    np.testing.assert_array_less(0.0, np.linalg.eigvalsh(found.covariances))
+    result = compute_marginals(graph, optimise(graph).values, [0, 1, 10, 30])
+    assert result.failure is None
+    np.testing.assert_array_equal(result.indices, [0, 1, 10, 30])
+    np.testing.assert_array_equal(result.covariances, result.covariances.transpose(0, 2, 1))
+    np.testing.assert_array_less(0.0, np.linalg.eigvalsh(result.covariances))
     np.testing.assert_allclose(
-        np.sqrt(np.diag(found.covariances[0])), [FLAT.prior_m, FLAT.prior_m, FLAT.prior_rad], rtol=1e-6
+        np.sqrt(np.diag(result.covariances[0])), [FLAT.prior_m, FLAT.prior_m, FLAT.prior_rad], rtol=1e-6
     )
-    assert np.all(np.diff(np.linalg.det(found.covariances)) > 0.0)
+    assert np.all(np.diff(np.linalg.det(result.covariances)) > 0.0)
 
 
 def test_the_marginal_of_the_first_edge_is_its_covariance_in_the_frame_it_ends_in() -> None:
     graph = graph_of(TURNS[:1], se2.chain(TURNS[:1]))
-    (found,) = compute_marginals(graph, optimise(graph).values, [1]).covariances
+    (result,) = compute_marginals(graph, optimise(graph).values, [1]).covariances
     c, s = np.cos(0.3), np.sin(0.3)
     to_end = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
-    np.testing.assert_allclose(found, to_end @ COVARIANCE @ to_end.T, atol=2e-6)
+    np.testing.assert_allclose(result, to_end @ COVARIANCE @ to_end.T, atol=2e-6)
 
 
 def unequal(count: int, lowest: float, highest: float, loops: int = 0, seed: int = 1) -> PoseGraph:
-    """A chain whose edges know some directions and not others: variances 10^lowest to 10^highest along any axes."""
+    """Returns a chain whose edges know some directions and not others: variances 10^lowest to 10^highest along any axes."""
     rng = np.random.default_rng(seed)
     motions = np.column_stack([rng.uniform(-1.0, 3.0, count), rng.normal(0.0, 0.1, count), rng.normal(0.0, 0.05, count)])
     poses = se2.chain(motions)
@@ -103,7 +103,7 @@ def unequal(count: int, lowest: float, highest: float, loops: int = 0, seed: int
 
 
 def dense_marginals(graph: PoseGraph) -> np.ndarray:
-    """All marginals (n, 3, 3) by a dense QR decomposition, its rows sorted so that it is as exact as it can be."""
+    """Returns all marginals (n, 3, 3) by a dense QR decomposition, its rows sorted so that it is as exact as it can be."""
     rows, _ = graph.factors.linearize(graph.initial).jacobian()
     rows = rows[np.argsort(-np.linalg.norm(rows, axis=1))]
     inverse = np.linalg.inv(np.linalg.qr(rows, mode="r"))
@@ -117,10 +117,10 @@ def test_marginals_are_those_of_a_dense_computation_however_unequal_the_edges(
 ) -> None:
     graph = unequal(20, lowest, highest, loops)
     expected = dense_marginals(graph)
-    found = compute_marginals(graph, graph.initial, range(graph.size)).covariances
+    result = compute_marginals(graph, graph.initial, range(graph.size)).covariances
     sigmas = np.sqrt(np.einsum("kii->ki", expected))
     np.testing.assert_allclose(
-        found / (sigmas[:, :, None] * sigmas[:, None, :]), expected / (sigmas[:, :, None] * sigmas[:, None, :]), atol=1e-6
+        result / (sigmas[:, :, None] * sigmas[:, None, :]), expected / (sigmas[:, :, None] * sigmas[:, None, :]), atol=1e-6
     )
 
 
@@ -128,25 +128,25 @@ def test_a_long_chain_without_a_known_direction_has_marginals_where_gtsam_has_no
     graph = unequal(300, -10.0, 6.0)
     with pytest.raises(RuntimeError, match="Indeterminate linear system"):
         gtsam.Marginals(graph.factors, graph.initial)
-    found = compute_marginals(graph, graph.initial, [1, 150, 300])
-    assert found.failure is None
-    assert np.linalg.eigvalsh(found.covariances).min() > 0.0
+    result = compute_marginals(graph, graph.initial, [1, 150, 300])
+    assert result.failure is None
+    assert np.linalg.eigvalsh(result.covariances).min() > 0.0
 
 
 @pytest.mark.parametrize(("lowest", "highest"), [(-20.0, 20.0), (-300.0, 300.0)])
 def test_marginals_beyond_all_precision_are_said_to_be_unknown(lowest: float, highest: float) -> None:
     graph = unequal(30, lowest, highest)
-    found = compute_marginals(graph, graph.initial, [0, 15, 30])
-    assert found.failure
-    assert found.covariances.shape == (0, 3, 3)
-    assert len(found.indices) == 0
+    result = compute_marginals(graph, graph.initial, [0, 15, 30])
+    assert result.failure
+    assert result.covariances.shape == (0, 3, 3)
+    assert len(result.indices) == 0
 
 
 def test_marginals_of_a_pose_that_nothing_ties_are_said_to_be_unknown() -> None:
     tied = graph_of(TURNS[:2], se2.chain(TURNS[:2]))
     tied.initial.insert(X(3), gtsam.Pose2())
     loose = PoseGraph(tied.factors, tied.initial, 4)
-    assert compute_marginals(loose, loose.initial, [3]).failure == "the graph leaves a direction open"
+    assert compute_marginals(loose, loose.initial, [3]).failure == "the graph leaves a direction undetermined"
 
 
 def test_the_optimum_is_found_however_unequal_the_edges() -> None:

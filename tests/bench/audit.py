@@ -11,7 +11,7 @@ import numpy as np
 from common import SHARED, Claim, shared, table, twin
 
 from mqslam.auditing.judge import audit
-from mqslam.auditing.sources import LIDAR_CONFIG, lidar_source, sweeps_of
+from mqslam.auditing.sources import LIDAR_CONFIG, make_lidar_source, place_source
 from mqslam.auditing.sweeps import place_sweeps
 from mqslam.auditing.windows import audit_windows
 from mqslam.config import load_config
@@ -51,7 +51,7 @@ def run(out: Path) -> list[Claim]:
 
 
 def _bends() -> list[Claim]:
-    """AUC of every measure for windows whose trajectory errs by a constant twist, over places of kaist01."""
+    """Measures the AUC of every measure for windows whose trajectory errs by a constant twist, over places of kaist01."""
     recording = open_recording(twin("kaist01", 1))
     config = load_config()
     scans, _ = detect_all(recording, config.detector, Runner(_ENGINE))
@@ -63,10 +63,10 @@ def _bends() -> list[Claim]:
     for name, twist in (("true", (0, 0, 0)), *((name, twist) for name, twist, _ in _BENDS)):
         bent = _bent(truth, np.array(twist, dtype=float))
         sweeps, _ = place_sweeps(scans, bent, config.audit, beam)
-        found = audit_windows(sweeps, config.audit, config.estimator, _ENGINE, _silent)
+        result = audit_windows(sweeps, config.audit, config.estimator, _ENGINE, _silent)
         if chosen is None:
-            chosen = np.sort(np.random.default_rng(0).choice(len(found), min(_PLACES, len(found)), replace=False))
-        values[name] = {m: np.array([get(found[k]) for k in chosen]) for m, get in _MEASURES.items()}
+            chosen = np.sort(np.random.default_rng(0).choice(len(result), min(_PLACES, len(result)), replace=False))
+        values[name] = {m: np.array([get(result[k]) for k in chosen]) for m, get in _MEASURES.items()}
     rows = [[m, *(_auc(values["true"][m], values[name][m]) for name, _, _ in _BENDS)] for m in _MEASURES]
     table([f"AUC, {len(chosen)} places", *(name for name, _, _ in _BENDS)], rows)
     inflation = values["true"]["inflation"]
@@ -78,7 +78,7 @@ def _bends() -> list[Claim]:
 
 
 def _bent(truth: Trajectory, twist: np.ndarray) -> Trajectory:
-    """A trajectory whose every step errs by a constant body twist (3,) [m/s, m/s, rad/s]."""
+    """Returns a trajectory whose every step errs by a constant body twist (3,) [m/s, m/s, rad/s]."""
     seconds = np.diff(truth.stamps_us) * 1e-6
     steps = se2.between(truth.poses[:-1], truth.poses[1:])
     erring = (se2.compose(step, se2.exp(twist, dt)) for step, dt in zip(steps, seconds, strict=True))
@@ -86,7 +86,7 @@ def _bent(truth: Trajectory, twist: np.ndarray) -> Trajectory:
 
 
 def _trajectories(out: Path) -> list[Claim]:
-    """kaist01 in full: the true trajectory, and KISS-ICP's without loops, its revisits against truth."""
+    """Audits kaist01 in full: the true trajectory, and KISS-ICP's without loops with its revisits against the truth."""
     recording = open_recording(twin("kaist01", 1, frames=None))
     config = load_config()
     scans, _ = detect_all(recording, config.detector, Runner(_ENGINE))
@@ -107,13 +107,13 @@ def _trajectories(out: Path) -> list[Claim]:
         torn.append(judged.torn)
     off, torn = np.array(off), np.array(torn)
     rows = []
-    for name, found in (("true", true), ("KISS-ICP, no loops", rival)):
-        share = np.mean([w.torn for w in found.windows])
-        sure = [r for r in found.revisits if r.revisit.sure]
+    for name, result in (("true", true), ("KISS-ICP, no loops", rival)):
+        share = np.mean([w.torn for w in result.windows])
+        sure = [r for r in result.revisits if r.revisit.sure]
         rows.append(
             [
                 name,
-                found.status,
+                result.status,
                 f"{share:.1%}",
                 str(len(sure)),
                 str(sum(r.torn for r in sure)),
@@ -145,7 +145,7 @@ def _trajectories(out: Path) -> list[Claim]:
 
 
 def _cost(out: Path) -> Claim:
-    """Seconds of an audit over those of the run whose trajectory it judges, one after the other."""
+    """Measures how long an audit takes, over the time of the run whose trajectory it judges, one after the other."""
     data, command = twin("kaist01", 1), Path(sys.executable).with_name("mqslam")
     spent = []
     judged = out / "cost" / "run" / "trajectory.tum"
@@ -159,32 +159,32 @@ def _cost(out: Path) -> Claim:
 
 
 def _carmen() -> list[Claim]:
-    """Real lidar logs: the corrected trajectory against the wheels' own."""
+    """Audits real lidar logs: the corrected trajectory against the wheels' own."""
     config, claims, rows = load_config(LIDAR_CONFIG), [], []
     for name in ("intel", "aces"):
-        source = lidar_source(carmen.read_lidar(shared(SHARED / "data" / "carmen" / f"{name}-corrected.log.gz")))
+        source = make_lidar_source(carmen.read_lidar(shared(SHARED / "data" / "carmen" / f"{name}-corrected.log.gz")))
         for track, wanted in (("recording", "pass"), ("odometry", "fail")):
-            sweeps, _ = sweeps_of(source, source.tracks[track], config.audit, beam_of(config.estimator, 0.0))
-            found = audit(sweeps, config.audit, config.estimator, config.loops, config.verdict, _ENGINE, _silent)
-            sure = [r for r in found.revisits if r.revisit.sure]
+            sweeps, _ = place_source(source, source.tracks[track], config.audit, beam_of(config.estimator, 0.0))
+            result = audit(sweeps, config.audit, config.estimator, config.loops, config.verdict, _ENGINE, _silent)
+            sure = [r for r in result.revisits if r.revisit.sure]
             rows.append(
                 [
                     name,
                     track,
-                    found.status,
-                    f"{np.mean([w.torn for w in found.windows]):.1%}",
-                    float(np.median([w.bend.inflation for w in found.windows])),
+                    result.status,
+                    f"{np.mean([w.torn for w in result.windows]):.1%}",
+                    float(np.median([w.bend.inflation for w in result.windows])),
                     str(len(sure)),
                     str(sum(r.torn for r in sure)),
                 ]
             )
-            claims.append(Claim(f"{name}, {track}: verdict {wanted}", float(found.status == wanted), least=1.0))
+            claims.append(Claim(f"{name}, {track}: verdict {wanted}", float(result.status == wanted), least=1.0))
     table(["log", "trajectory", "verdict", "windows torn", "median inflation", "revisits", "torn"], rows)
     return claims
 
 
 def _auc(low: np.ndarray, high: np.ndarray) -> float:
-    """Probability that a bent place scores above a true one."""
+    """Returns the probability that a bent place scores above a true one."""
     known = high[np.isfinite(high)][:, None], low[np.isfinite(low)][None]
     return float(np.mean(known[0] > known[1]) + 0.5 * np.mean(known[0] == known[1]))
 

@@ -4,7 +4,7 @@ usage: kiss_slam.py --python PYTHON [--data DATA] [--out DIR]
 
 PYTHON is an interpreter of its own that has kiss-slam (`pip install kiss-slam`); `kiss_slam_worker.py` runs in it. KISS-SLAM
 wants points in space: it is given the returns in their plane, and spread over heights at random. KISS-ICP deskews a scan to
-its end, so that a pose is the sensor's where its revolution ends.
+its end, so that a pose is the sensor's where its turn ends.
 """
 
 from __future__ import annotations
@@ -79,7 +79,7 @@ def main() -> int:
 
 
 def _detect(recording: Recording, path: Path) -> None:
-    """Returns in the sensor's frame [m], when in their revolution each was measured, and how many a revolution has."""
+    """Writes the returns of a recording: points [m], the part of its turn that each has, and their number per scan."""
     scans, _ = detect_all(recording, load_config().detector, Runner(LocalEngine(2)))
     together = Returns.concatenate([scan.returns for scan in scans])
     np.savez(
@@ -91,11 +91,11 @@ def _detect(recording: Recording, path: Path) -> None:
 
 
 def _row(name: str, recording: Recording, python: str, out: Path, copies: int, low: float, high: float) -> list[str | float]:
-    """A row of the table: what KISS-SLAM makes of returns at random heights."""
+    """Returns a row of the table: the errors of KISS-SLAM with returns at random heights."""
     stem = f"{copies}-{low:g}-{high:g}"
-    found, log = out / f"{stem}.npz", out / f"{stem}.log"
-    found.unlink(missing_ok=True)
-    words = [python, "-P", _WORKER, out / "returns.npz", copies, low, high, found]
+    outcome, log = out / f"{stem}.npz", out / f"{stem}.log"
+    outcome.unlink(missing_ok=True)
+    words = [python, "-P", _WORKER, out / "returns.npz", copies, low, high, outcome]
     with log.open("w", encoding="utf-8") as file:
         try:
             code = subprocess.run([str(w) for w in words], stdout=file, stderr=file, timeout=_LIMIT_S).returncode
@@ -103,7 +103,7 @@ def _row(name: str, recording: Recording, python: str, out: Path, copies: int, l
             return [name, f"not done after {_LIMIT_S} s", *[""] * 13]
     if code != 0:
         return [name, f"ended with {code}: {log}", *[""] * 13]
-    with np.load(found) as file:
+    with np.load(outcome) as file:
         result = dict(file)
     before, after = (_errors(recording, result[track]) for track in ("odometry", "optimised"))
     distance, angle = _worst_loop(recording, result)
@@ -127,13 +127,16 @@ def _row(name: str, recording: Recording, python: str, out: Path, copies: int, l
 
 
 def _errors(recording: Recording, matrices: NDArray[np.float64]) -> Evaluation:
-    found = evaluate(Trajectory(_ends_us(recording), _planar(matrices)), _truth(recording))
-    assert found is not None
-    return found
+    outcome = evaluate(Trajectory(_ends_us(recording), _planar(matrices)), _truth(recording))
+    assert outcome is not None
+    return outcome
 
 
 def _worst_loop(recording: Recording, result: dict[str, NDArray[np.float64]]) -> tuple[str | float, str | float]:
-    """Largest error of an accepted loop [m], [deg]; a loop is the pose of its first local map in the frame of its second."""
+    """Returns the largest error of an accepted loop [m], [deg].
+
+    A loop is the pose of its first local map in the frame of its second.
+    """
     if len(result["loops"]) == 0:
         return "-", "-"
     begins = _truth(recording).at(_ends_us(recording))[result["starts"]]
@@ -143,7 +146,7 @@ def _worst_loop(recording: Recording, result: dict[str, NDArray[np.float64]]) ->
 
 
 def _ends_us(recording: Recording) -> NDArray[np.int64]:
-    """When each revolution ends: there its pose belongs."""
+    """Returns the stamps (N,) [us] at which the turns end, which are those of their poses."""
     return np.append(recording.stamps_us[1:], recording.end_us)
 
 
@@ -154,7 +157,7 @@ def _truth(recording: Recording) -> Trajectory:
 
 
 def _planar(matrices: NDArray[np.float64]) -> se2.Array:
-    """The planar parts (N, 3) of (N, 4, 4) matrices."""
+    """Returns the planar parts (N, 3) of (N, 4, 4) matrices."""
     return np.array([from_matrix(matrix) for matrix in matrices])
 
 

@@ -58,7 +58,7 @@ def main() -> None:
 
 
 def _watched(slam: KissSLAM) -> tuple[list, list, list]:
-    """Lists that fill with KISS-SLAM's loops, its candidates for them, and the errors that registering those ended with."""
+    """Returns lists that fill with KISS-SLAM's loops, the candidates for them, and the errors of their registration."""
     loops, seen, failed = [], [], []
     compute, validate = slam.closer.compute, slam.closer.validate_closure
 
@@ -72,7 +72,7 @@ def _watched(slam: KissSLAM) -> tuple[list, list, list]:
         try:
             accepted, pose = validate(*arguments)
         except RuntimeError as error:
-            print(f"in revolution {len(slam.poses)}: {error}", flush=True)
+            print(f"in scan {len(slam.poses)}: {error}", flush=True)
             accepted, pose = False, np.eye(4)
             failed.append(error)
         seen.append(pose)
@@ -83,7 +83,7 @@ def _watched(slam: KissSLAM) -> tuple[list, list, list]:
 
 
 def _chained(tracks: list[list[np.ndarray]]) -> np.ndarray:
-    """Poses (N, 4, 4) of local trajectories, each of which begins where the one before it ends."""
+    """Returns the poses (N, 4, 4) of local trajectories, each of which begins where the one before it ends."""
     poses, origin = [np.eye(4)], np.eye(4)
     for track in tracks:
         poses += [origin @ pose for pose in track[1:]]

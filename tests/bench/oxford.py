@@ -19,8 +19,8 @@ def run(out: Path) -> list[Claim]:
             settings = out / "doppler.yaml"
             settings.write_text(f"sensor: {{doppler_beta: {'null' if doppler is None else doppler}}}\n", encoding="utf-8")
             options = ["--range-resolution", str(bin_m), "--config", str(settings)]
-            found = _measured(data, out, *options)
-            rows.append([f"{bin_m}", _name(doppler, out / "oxford"), *_errors(found)])
+            errors = _measured(data, out, *options)
+            rows.append([f"{bin_m}", _name(doppler, out / "oxford"), *_errors(errors)])
     default = _measured(data, out)
     kiss = _measured(data, out, "--frontend", "kiss_icp")
     rows += [["default", "default", *_errors(default)], ["KISS-ICP front end", "", *_errors(kiss)]]
@@ -38,7 +38,7 @@ def _measured(data: Path, out: Path, *options: str) -> dict[str, float]:
 
 
 def _name(doppler: float | None, result: Path) -> str:
-    """The shift, and what psi measured where it did."""
+    """Returns the Doppler shift in words, with the value that psi measured where it did."""
     if doppler is not None:
         return f"{doppler:g}"
     import yaml
@@ -47,5 +47,5 @@ def _name(doppler: float | None, result: Path) -> str:
     return f"measured: {used:g}"
 
 
-def _errors(found: dict[str, float]) -> list[float]:
-    return [found["rpe_v_bias"], found["rpe_v_rms"], found["rpe_w_rms"]]
+def _errors(errors: dict[str, float]) -> list[float]:
+    return [errors["rpe_v_bias"], errors["rpe_v_rms"], errors["rpe_w_rms"]]

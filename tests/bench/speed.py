@@ -23,7 +23,7 @@ from mqslam.psi.place import PointSet, beam_of, place
 from mqslam.psi.published.equations import score
 from mqslam.psi.published.reference import score_reference
 from mqslam.psi.window import drop_start
-from mqslam.simulator import SimulatedRecording, loop_drive, simulated_recording, street_scene
+from mqslam.simulator import SimulatedRecording, make_loop_drive, make_street_scene, simulate_recording
 
 _FIRST, _SCANS = 4, 3  # of the real sample
 _MOTION = np.array([8.3, 0.034])  # near its true motion there [m/s, rad/s]
@@ -52,15 +52,15 @@ def run(out: Path) -> list[Claim]:
 
 def _window(detector: DetectorConfig) -> tuple[PointSet, float]:
     recording = open_recording(shared(OXFORD))
-    found = detect_stretch(recording, detector, _FIRST, _FIRST + _SCANS)
-    returns = Returns.concatenate(found.returns)
+    result = detect_stretch(recording, detector, _FIRST, _FIRST + _SCANS)
+    returns = Returns.concatenate(result.returns)
     beam = beam_of(Config().estimator, 0.0)
     t0 = float(recording.start_times[_FIRST])
     return drop_start(place(returns, t0, np.zeros(3), _MOTION, CONSTANT_VELOCITY, beam)), recording.revolution_s
 
 
 def _ratio(p: PointSet, turn: float) -> tuple[float, float, float, float]:
-    """Median ratio, and median seconds of ours with reused lists, with new ones, and of the reference."""
+    """Returns the median ratio, and the median seconds of ours with reused lists, with new ones, and of the reference."""
     config = PsiConfig()
     lists = find_candidates(sort_into_cells(p.points, config.s), p.points, config.s)
     ours, anew, reference = [], [], []
@@ -98,7 +98,7 @@ class _InMemory(SimulatedRecording):
 def _real_time() -> Claim:
     """Times detection and psi front end over a simulated drive with a real radar's 3,767 bins, in seconds of one core."""
     config = Config()
-    plain = simulated_recording(street_scene(3, movers=0), loop_drive(45.0), duration_s=40.0, seed=3)
+    plain = simulate_recording(make_street_scene(3, movers=0), make_loop_drive(45.0), duration_s=40.0, seed=3)
     parts = {name: getattr(plain, name) for name in plain.__dataclass_fields__}
     recording = _InMemory(**parts, rendered=tuple(plain.polar_scans()))
     context = Context(config, recording.revolution_s, recording.start_us, None)

@@ -1,4 +1,4 @@
-"""Processor time until a command answers, beside that of importing the libraries that no radar program does without."""
+"""Processor time until a command answers, compared with that of importing the libraries that every radar program needs."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _REFERENCE = "import numpy, scipy.spatial"
 
 
 def run(out: Path) -> list[Claim]:
-    """Measure all commands in turn, several times, so that other work on the machine slows each of them alike."""
+    """Measures all commands in turn, several times, so that other work on the machine slows each of them alike."""
     installed = str(Path(sys.executable).with_name("mqslam"))
     commands = {
         f"python -c '{_REFERENCE}'": [sys.executable, "-c", _REFERENCE],
@@ -41,7 +41,7 @@ def run(out: Path) -> list[Claim]:
 
 
 def processor_s(command: Sequence[str]) -> float:
-    """Processor time [s] of a command and all its children, in user and in system mode.
+    """Returns the processor time [s] of a command and all its children, in user and in system mode.
 
     Raises:
         subprocess.CalledProcessError: the command failed.

@@ -44,7 +44,7 @@ class Holed(SimulatedRecording):
 
 
 def spread(folder: Path, begins_us: list[int], *, turn_us: int = TURN_US, swept: float = 1.0) -> Recording:
-    """A recording of revolutions that begin at stamps after the start [us], each swept for part of a turn."""
+    """Returns a recording of polar scans that begin at stamps after the start [us], each swept for part of a turn."""
     (folder / "radar").mkdir(parents=True)
     rows = np.arange(40)
     for k, begin in enumerate(begins_us):
@@ -61,7 +61,7 @@ def test_a_steady_recording_is_ok(oxford: Path) -> None:
 
 
 def test_gaps_are_counted(tmp_path: Path) -> None:
-    stamps, _ = findings(open_recording(write_oxford(tmp_path / "d", revolutions=20, skip=(4, 5, 12))))
+    stamps, _ = findings(open_recording(write_oxford(tmp_path / "d", polar_scans=20, skip=(4, 5, 12))))
     assert stamps.verdict is Verdict.SUSPICIOUS and "followed by a gap, 0.75 s in all: 2" in stamps.text
 
 
@@ -81,7 +81,7 @@ def test_turns_that_do_not_follow_one_another_are_named(
     assert stamps.verdict is Verdict.SUSPICIOUS and problem in stamps.text
 
 
-def test_a_revolution_that_comes_twice_is_noticed(oxford: Path) -> None:
+def test_a_polar_scan_that_comes_twice_is_noticed(oxford: Path) -> None:
     rows = np.arange(40)
     stamps = START_US + 3 * TURN_US + rows * TURN_US // 40
     write_png(oxford, with_metadata(oxford_rows(2)[:, 11:], stamps, 140 * rows, np.ones(40, bool)))
@@ -96,7 +96,7 @@ def test_faults_that_the_reader_found_are_passed_on(oxford: Path) -> None:
     assert stamps.verdict is Verdict.SUSPICIOUS and "2 messages repeat or run backward" in stamps.text
 
 
-def test_revolutions_that_cannot_be_read_are_named_and_the_others_looked_at(oxford: Path) -> None:
+def test_polar_scans_that_cannot_be_read_are_named_and_the_others_looked_at(oxford: Path) -> None:
     image = oxford / "radar" / f"{START_US + 3 * TURN_US}.png"
     image.write_bytes(image.read_bytes()[:2000])
     stamps, azimuths = findings(open_recording(oxford))
@@ -123,7 +123,7 @@ def test_azimuths_that_were_not_measured_are_counted(tmp_path: Path) -> None:
 
 
 def test_stretches_are_short_few_and_apart_and_lie_where_odometry_turns(tmp_path: Path) -> None:
-    recording = open_recording(write_oxford(tmp_path / "d", revolutions=80, skip=(60,)))
+    recording = open_recording(write_oxford(tmp_path / "d", polar_scans=80, skip=(60,)))
     spans = [
         [w.t0 for w in s.scans]
         for s in read_stretches(recording, None, CONFIG.check, DetectorConfig(), lambda done, total: None)
@@ -146,7 +146,7 @@ def test_where_gaps_leave_no_long_stretch_the_longest_is_looked_at(tmp_path: Pat
         ("middle", (3, 9, 10), [range(4, 9)]),
         ("all", tuple(range(1, 16, 2)), [range(k, k + 1) for k in (2, 8, 12)]),
     ):
-        recording = open_recording(write_oxford(tmp_path / name, revolutions=16, skip=skip))
+        recording = open_recording(write_oxford(tmp_path / name, polar_scans=16, skip=skip))
         stretches = read_stretches(recording, None, CONFIG.check, DetectorConfig(), lambda done, total: None)
         assert all(len(stretch.turns) == len(stretch.scans) == len(expected[0]) for stretch in stretches)
         if len(expected) == 1:
@@ -157,20 +157,20 @@ def test_where_gaps_leave_no_long_stretch_the_longest_is_looked_at(tmp_path: Pat
 
 
 @pytest.mark.parametrize("skip", [(), (1, 2, 3)])
-def test_one_and_two_revolutions_say_what_they_cannot_tell(tmp_path: Path, skip: tuple[int, ...]) -> None:
-    for revolutions in (1, 5 if skip else 2):
-        recording = open_recording(write_oxford(tmp_path / f"{revolutions}", revolutions=revolutions, skip=skip))
+def test_one_and_two_polar_scans_say_what_they_cannot_tell(tmp_path: Path, skip: tuple[int, ...]) -> None:
+    for polar_scans in (1, 5 if skip else 2):
+        recording = open_recording(write_oxford(tmp_path / f"{polar_scans}", polar_scans=polar_scans, skip=skip))
         stretches = read_stretches(recording, None, CONFIG.check, DetectorConfig(), lambda done, total: None)
         stamps, azimuths = findings(recording)
         assert azimuths.verdict is Verdict.OK
         assert "too few to tell how steady turns are" in stamps.text or recording.gaps()
         order = check_order(follow(recording, stretches, CONFIG.check, CONFIG.tracker, CONFIG.estimator, BEAM), CONFIG.check)
-        longest = 1 if skip else min(revolutions, 2)
+        longest = 1 if skip else min(polar_scans, 2)
         assert order.verdict is Verdict.UNTOLD
         assert order.text == f"it takes 7 polar scans without a gap to tell, and there are no more than {longest}"
 
 
-def test_revolutions_that_are_swept_alike_in_both_orders_cannot_tell_the_order() -> None:
+def test_polar_scans_that_are_swept_alike_in_both_orders_cannot_tell_the_order() -> None:
     same = np.full(9, 1.5)
     none = np.zeros(0, dtype=np.int64)
     finding = check_order(Followed(Steps(none, none, np.zeros((0, 3))), same, same, shortage=""), CONFIG.check)
@@ -186,7 +186,7 @@ def test_a_radar_that_turns_faster_from_some_moment_on_is_only_called_unsteady(t
 
 
 def test_the_settings_say_what_is_suspicious(tmp_path: Path) -> None:
-    recording = open_recording(write_oxford(tmp_path / "d", revolutions=20))
+    recording = open_recording(write_oxford(tmp_path / "d", polar_scans=20))
     strict = CheckConfig(stretches=2, stretch_scans=5, fewest_turns=30)
     stretches = read_stretches(recording, None, strict, DetectorConfig(), lambda done, total: None)
     assert [len(stretch.scans) for stretch in stretches] == [5, 5]

@@ -24,10 +24,10 @@ from mqslam.simulator import (
     SensorModel,
     SimulatedRecording,
     clear_way,
-    loop_drive,
-    simulated_recording,
-    street_scene,
-    yard_scene,
+    make_loop_drive,
+    make_street_scene,
+    make_yard_scene,
+    simulate_recording,
 )
 
 SENSOR = SensorModel(azimuths=200, range_resolution=0.175, max_range=100.0)
@@ -36,14 +36,14 @@ NAMES = ["stamps", "azimuths", "order of azimuths", "direction of rotation", "st
 
 
 def drive(scene: Scene, motion: Drive, duration_s: float) -> SimulatedRecording:
-    return simulated_recording(scene, motion, duration_s=duration_s, sensor=SENSOR)
+    return simulate_recording(scene, motion, duration_s=duration_s, sensor=SENSOR)
 
 
 @lru_cache(maxsize=1)
 def corner() -> SimulatedRecording:
-    """Eleven seconds along a street and round its corner."""
-    motion = loop_drive(11.0, speed=8.0)
-    return drive(clear_way(street_scene(1, movers=3), motion, 11.0), motion, 11.0)
+    """Returns a drive of eleven seconds along a street and round its corner."""
+    motion = make_loop_drive(11.0, speed=8.0)
+    return drive(clear_way(make_street_scene(1, movers=3), motion, 11.0), motion, 11.0)
 
 
 @pytest.fixture(scope="module")
@@ -56,7 +56,7 @@ def polar(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
 
 
 def verdicts(*words: str | Path) -> dict[str, dict[str, Any]]:
-    """The findings of a check as JSON, by name; the exit code says whether one is suspicious."""
+    """Returns the findings of a check by name, and checks that the exit code says whether one is suspicious."""
     shown = mqslam("check", *words, "--json")
     answer = json.loads(shown.out)
     assert shown.code == int(answer["suspicious"]) == int(any(c["verdict"] == "suspicious" for c in answer["checks"]))
@@ -141,7 +141,7 @@ def test_a_mirrored_recording_is_as_crisp_so_without_odometry_it_cannot_be_told(
     ],
 )
 def test_a_drive_that_does_not_show_something_is_not_blamed_for_it(tmp_path: Path, motion: Drive, untold: set[str]) -> None:
-    write_native(tmp_path / "drive.npz", drive(yard_scene(1), motion, 4.0))
+    write_native(tmp_path / "drive.npz", drive(make_yard_scene(1), motion, 4.0))
     checks = verdicts(tmp_path / "drive.npz")
     assert {name for name, check in checks.items() if check["verdict"] == "cannot be told"} == untold
     assert not suspicious(checks)
@@ -171,7 +171,7 @@ def test_real_recordings_with_a_gap_are_checked_as_far_as_they_go(oxford_tiny: P
 
 
 def test_ground_truth_is_never_used(tmp_path: Path) -> None:
-    recording = drive(yard_scene(1), ConstantDrive(8.0, 0.1), 2.0)
+    recording = drive(make_yard_scene(1), ConstantDrive(8.0, 0.1), 2.0)
     write_native(tmp_path / "with.npz", replace(recording, odometry=None))
     write_native(tmp_path / "without.npz", replace(recording, odometry=None, ground_truth=None))
     assert verdicts(tmp_path / "with.npz") == verdicts(tmp_path / "without.npz")
@@ -184,7 +184,7 @@ def test_a_person_reads_a_line_per_check_and_nothing_is_written(oxford: Path, tm
     assert [line[:24].strip() for line in lines[:-1]] == NAMES and shown.err == ""
     assert lines[-1].startswith("4 of 6 checks cannot be told, so that most mistakes would go unnoticed here;")
     assert all(line[24:].startswith(("ok", "suspicious", "cannot be told")) for line in lines[:-1])
-    assert "note: range resolution 0.0438 m assumed" in mqslam("check", oxford).err
+    assert "note: range resolution 0.0438 m is assumed" in mqslam("check", oxford).err
     assert read_contents(tmp_path) == before
 
 
@@ -194,8 +194,8 @@ def test_an_error_is_one_line_and_exit_code_2(tmp_path: Path) -> None:
     assert shown.err.startswith(f"mqslam: error: {tmp_path / 'nowhere'}: does not exist")
 
 
-def test_one_revolution_is_enough_to_be_checked(tmp_path: Path) -> None:
-    short = drive(yard_scene(1), ConstantDrive(1.0, 0.0), 0.25)
+def test_one_polar_scan_is_enough_to_be_checked(tmp_path: Path) -> None:
+    short = drive(make_yard_scene(1), ConstantDrive(1.0, 0.0), 0.25)
     write_native(tmp_path / "drive.npz", replace(short, ground_truth=None))
     assert len(open_recording(tmp_path / "drive.npz")) == 1
     assert not suspicious(verdicts(tmp_path / "drive.npz"))

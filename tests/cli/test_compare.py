@@ -18,7 +18,7 @@ OPTIONS = ("--odometry-only", "--quiet")
 
 
 class Dawdler:
-    """A front end of somebody's: 2 m straight on per revolution."""
+    """A front end of somebody's: 2 m straight on per scan."""
 
     def __init__(self, context) -> None: ...
 

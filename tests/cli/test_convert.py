@@ -30,7 +30,7 @@ LIKE_OXFORD = [name for name in STAMPED if name not in ("boreas", "mulran_oxford
 def test_the_suffix_says_the_layout(oxford: Path, tmp_path: Path, name: str, format: str) -> None:
     shown = mqslam("convert", oxford, tmp_path / "deep" / name)
     assert (shown.code, shown.out) == (0, "") and f"wrote {tmp_path / 'deep' / name}" in shown.err
-    assert "converting: 6/6" in shown.err and "note: range resolution 0.0438 m assumed" in shown.err
+    assert "converting: 6/6" in shown.err and "note: range resolution 0.0438 m is assumed" in shown.err
     recording = open_recording(tmp_path / "deep" / name)
     assert recording.format == format
     assert_same(open_recording(oxford), recording)
@@ -215,7 +215,7 @@ def test_results_of_a_run_come_back_from_a_bag(finished: Path, tmp_path: Path, w
 
 
 def assert_is_nav2_map(grid: Any, finished: Path) -> None:
-    """An occupancy grid marks the places that the image marks."""
+    """Checks that an occupancy grid marks the places that the image marks."""
     settings = yaml.safe_load((finished / "map.yaml").read_text())
     header, pixels = (finished / "map.pgm").read_bytes().split(b"\n255\n", 1)
     width, height = (int(word) for word in header.split()[1:])
@@ -230,7 +230,7 @@ def assert_is_nav2_map(grid: Any, finished: Path) -> None:
 
 
 def assert_is_point_map(cloud: Any, finished: Path) -> None:
-    """A point cloud holds the points of the PLY with their intensities."""
+    """Checks that a point cloud holds the points of the PLY with their intensities."""
     from plyfile import PlyData
 
     vertices = PlyData.read(str(finished / "map.ply"))["vertex"]
@@ -277,7 +277,7 @@ def test_a_damaged_result_is_named(finished: Path, tmp_path: Path, file: str, co
 
 
 @pytest.mark.parametrize("layout", LIKE_OXFORD)
-def test_real_revolutions_come_back_bit_by_bit(oxford_tiny: Path, tmp_path: Path, layout: str) -> None:
+def test_real_polar_scans_come_back_bit_by_bit(oxford_tiny: Path, tmp_path: Path, layout: str) -> None:
     back = there_and_back(oxford_tiny, tmp_path, layout)
     assert_same(open_recording(oxford_tiny), open_recording(back))
 
@@ -300,7 +300,7 @@ def test_real_motion_is_that_of_the_original(oxford_tiny: Path, tmp_path: Path, 
 
 
 def there_and_back(drive: Path, folder: Path, layout: str) -> Path:
-    """A recording converted to a layout and back to Oxford's."""
+    """Converts a recording to a layout and back to Oxford's."""
     suffix = {"rosbag1": ".bag", "b_scan": ".bag", "mcap": ".mcap", "native": ".npz"}.get(layout, "")
     words = ["--message", "b_scan"] if layout == "b_scan" else ["--to", layout]
     there, back = folder / f"there{suffix}", folder / "back"
@@ -310,7 +310,7 @@ def there_and_back(drive: Path, folder: Path, layout: str) -> Path:
 
 
 def motions(drive: Path, out: Path) -> np.ndarray:
-    """t0, t1, dx, dy, dyaw of every measurement of a run."""
+    """Returns t0, t1, dx, dy and dyaw of every measurement of a run."""
     shown = mqslam("run", drive, "--out", out, "--jobs", 1, "--json")
     assert shown.code == 0 and json.loads(shown.out)["dataset"]["revolutions"] == 11
     return np.loadtxt(out / "measurements.csv", delimiter=",", skiprows=1, usecols=range(5))

@@ -30,7 +30,7 @@ def empty_folder(folder: Path) -> Arguments:
 
 
 def truncated_image(folder: Path) -> Arguments:
-    drive = write_oxford(folder / "drive", revolutions=9)
+    drive = write_oxford(folder / "drive", polar_scans=9)
     image = drive / "radar" / f"{START_US + 4 * TURN_US}.png"
     image.write_bytes(image.read_bytes()[:2000])
     return [drive, "--strict"]
@@ -47,7 +47,7 @@ def no_returns_but_odometry(folder: Path) -> Arguments:
 
 
 def one_polar_scan(folder: Path) -> Arguments:
-    return [write_oxford(folder / "drive", revolutions=1)]
+    return [write_oxford(folder / "drive", polar_scans=1)]
 
 
 def bag_without_radar(kind: str) -> Callable[[Path], Arguments]:
@@ -90,7 +90,7 @@ CASES: dict[str, tuple[Callable[[Path], Arguments], str]] = {
     "empty folder": (empty_folder, "empty: is an empty folder"),
     "truncated image": (truncated_image, f"{START_US + 4 * TURN_US}.png: is not a readable PNG"),
     "no returns": (no_returns, "lower detector.threshold"),
-    "one revolution": (one_polar_scan, "at least two"),
+    "one polar scan": (one_polar_scan, "at least two"),
     **{f"{kind} without radar": (bag_without_radar(kind), "has no radar (topics: /camera") for kind in KINDS},
     "unknown setting": (config("psi: {bta_s: 1.0}"), "unknown setting psi.bta_s; did you mean beta_s?"),
     "unknown section": (config("detecter: {}"), "unknown setting detecter; did you mean detector?"),

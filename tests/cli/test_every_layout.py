@@ -22,13 +22,13 @@ DISTINCT = [name for name in LAYOUTS if name != "rosbag2_mcap"]  # that one is a
 
 
 def twists(track: Trajectory) -> se2.Array:
-    """Mean twists between its poses [m/s, m/s, rad/s]."""
+    """Returns the mean twists between a trajectory's poses [m/s, m/s, rad/s]."""
     return track.mean_twists(track.stamps_us[:-1], track.stamps_us[1:])
 
 
 @pytest.fixture(scope="module")
 def sample(oxford_tiny: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The real revolutions, run from the layout they have."""
+    """The real polar scans, run from the layout they have."""
     out = tmp_path_factory.mktemp("sample") / "run"
     assert mqslam("run", oxford_tiny, "--out", out, "--range-resolution", 0.0438, "--quiet").code == 0
     return out

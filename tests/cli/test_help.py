@@ -112,7 +112,7 @@ UNITS = {
 
 
 def imported(words: list[str], libraries: tuple[str, ...]) -> list[str]:
-    """Which of the libraries a command has loaded when it ends, in a process of its own; no words: its start alone."""
+    """Returns which libraries a command loads in a process of its own; without words, the command line is only imported."""
     program = f"""
 import sys
 from mqslam.cli import main
@@ -134,7 +134,7 @@ def test_no_heavy_library_is_imported_for_help(words: list[str]) -> None:
 
 
 def test_no_heavy_library_is_imported_to_describe_a_recording(tmp_path: Path) -> None:
-    drive = write_oxford(tmp_path / "drive", revolutions=12, skip=(5,))
+    drive = write_oxford(tmp_path / "drive", polar_scans=12, skip=(5,))
     (drive / "odom.csv").write_text(f"t,v,omega\n{START_US},2,0\n{START_US + 12 * TURN_US},2,0\n")
     assert imported(["info", str(drive)], HEAVY) == []
 

@@ -14,18 +14,18 @@ from mqslam.formats.recordings import open_recording
 
 
 def table_of(text: str) -> dict[str, str]:
-    """The lines of the table by their first column."""
+    """Returns the lines of the table by their first column."""
     return {line[:14].strip(): line[14:] for line in text.splitlines()}
 
 
 def test_a_person_reads_a_line_per_fact(tmp_path: Path) -> None:
-    drive = write_oxford(tmp_path / "drive", revolutions=9, skip=(4, 5))
+    drive = write_oxford(tmp_path / "drive", polar_scans=9, skip=(4, 5))
     (drive / "odom.csv").write_text(f"t,v,omega\n{START_US},2,0\n{START_US + 9 * TURN_US},2,0\n")
     before = read_contents(tmp_path)
     shown = mqslam("info", drive)
     assert (shown.code, shown.err) == (0, "")
     table = table_of(shown.out)
-    assert table.pop("note").startswith("range resolution 0.0438 m assumed")
+    assert table.pop("note").startswith("range resolution 0.0438 m is assumed")
     assert table == {
         "format": "oxford",
         "path": str(drive),
@@ -42,7 +42,7 @@ def test_a_person_reads_a_line_per_fact(tmp_path: Path) -> None:
 
 
 def test_of_many_gaps_the_first_are_listed_and_the_others_counted(tmp_path: Path) -> None:
-    drive = write_oxford(tmp_path / "drive", revolutions=20, skip=tuple(range(1, 20, 2)))
+    drive = write_oxford(tmp_path / "drive", polar_scans=20, skip=tuple(range(1, 20, 2)))
     table = table_of(mqslam("info", drive).out)
     assert table["turn rate"] == "4.000 Hz"
     listed = ", ".join(f"0.25 s after scan {k}" for k in range(5))

@@ -58,7 +58,7 @@ def command(lap: Path, out: Path, *more: str | Path) -> list[str | Path]:
 
 
 def run(lap: Path, out: Path, *more: str | Path) -> subprocess.CompletedProcess[str]:
-    """A run in a process of its own."""
+    """Runs a command in a process of its own."""
     words = [INSTALLED, *command(lap, out, *more)]
     return subprocess.run(words, capture_output=True, text=True, timeout=600)
 
@@ -67,7 +67,7 @@ INSTALLED = Path(sys.executable).with_name("mqslam")
 
 
 def killed(lap: Path, folder: Path, moment: str) -> Path:
-    """The result folder of a run that was killed as soon as a file appeared below its parent."""
+    """Kills a run as soon as a file appears below the parent of its results, and returns the result folder."""
     process = subprocess.Popen([INSTALLED, *command(lap, folder / "out")], stdout=subprocess.DEVNULL)
     end = time.monotonic() + 600.0
     while process.poll() is None and not list(folder.glob(moment)) and time.monotonic() < end:
@@ -78,7 +78,7 @@ def killed(lap: Path, folder: Path, moment: str) -> Path:
 
 
 def assert_as_whole(out: Path, whole: dict[str, bytes | None]) -> None:
-    """The results are those of the uninterrupted run, and nothing lies in or beside them."""
+    """Checks that the results are those of the uninterrupted run, and that nothing lies in or beside them."""
     left = read_contents(out)
     assert left.keys() == whole.keys()
     for name in whole:
@@ -143,7 +143,7 @@ def dead(lap: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def refused(lap: Path, dead: Path, *more: str | Path) -> str:
-    """The error of a run over an unfinished one, which it leaves as it was."""
+    """Returns the error of a run over an unfinished one, and checks that the unfinished one stays as it was."""
     before = read_contents(dead.parent)
     shown = mqslam(*command(lap, dead, *more))
     assert shown.code == 2 and shown.out == ""

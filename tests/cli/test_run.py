@@ -74,7 +74,7 @@ COLUMNS = [
     "matched",
     "status",
 ]
-REVOLUTIONS = 48
+SCANS = 48
 
 
 def summary_of(out: Path) -> dict[str, Any]:
@@ -86,7 +86,7 @@ def rows_of(out: Path) -> list[dict[str, str]]:
 
 
 def but_doppler(config: Config) -> Config:
-    """Settings without the Doppler shift, which a run measures and writes where it is left open."""
+    """Returns settings without the Doppler shift, which a run measures and writes where it is left open."""
     return config.model_copy(update={"sensor": config.sensor.model_copy(update={"doppler_beta": 0.0})})
 
 
@@ -95,7 +95,7 @@ def lines_of(out: Path, kind: str) -> list[list[str]]:
 
 
 def error_m(estimate: Trajectory, truth: Trajectory) -> float:
-    """RMS of the position [m] after the first poses have been laid on each other."""
+    """Returns the RMS of the position [m] after the first poses have been laid on each other."""
     there = truth.at(estimate.stamps_us)
     apart = se2.between(estimate.poses[0], estimate.poses) - se2.between(there[0], there)
     return float(np.sqrt((apart[:, :2] ** 2).sum(axis=1).mean()))
@@ -149,11 +149,11 @@ def test_the_summary_has_the_stable_keys(result: Path, street: Path) -> None:
         if inner is not None:
             assert inner <= summary[key].keys(), key
     assert summary["dataset"]["format"] == "oxford" and summary["dataset"]["path"] == str(street)
-    assert summary["dataset"]["revolutions"] == REVOLUTIONS
+    assert summary["dataset"]["revolutions"] == SCANS
     assert summary["dataset"]["duration_s"] == pytest.approx(12.0, abs=0.01)
     truth = read_tum(street / "gt" / "poses_tum.txt")
     assert summary["dataset"]["length_m"] == pytest.approx(truth.length_m, rel=0.02)
-    assert summary["factors"] == {"odometry": REVOLUTIONS - 1, "psi": REVOLUTIONS - 1, "loop": 0, "loop_rejected": 0}
+    assert summary["factors"] == {"odometry": SCANS - 1, "psi": SCANS - 1, "loop": 0, "loop_rejected": 0}
     assert summary["verdict"]["status"] == "pass" and summary["verdict"]["reasons"]
     assert summary["inflation"]["torn"] == summary["inflation"]["torn_share_at_least"] == 0
     assert 0.3 < summary["inflation"]["torn_share_at_most"] < 0.35  # of 8 windows
@@ -178,7 +178,7 @@ def test_the_optimised_trajectory_is_closer_to_truth_than_the_odometry(result: P
 
 
 @pytest.mark.parametrize("name", ["trajectory", "odometry"])
-def test_evo_reads_a_pose_per_revolution(result: Path, street: Path, name: str) -> None:
+def test_evo_reads_a_pose_per_scan(result: Path, street: Path, name: str) -> None:
     file_interface = pytest.importorskip("evo.tools.file_interface")
     track = file_interface.read_tum_trajectory_file(str(result / f"{name}.tum"))
     assert track.check()[0]
@@ -189,10 +189,10 @@ def test_evo_reads_a_pose_per_revolution(result: Path, street: Path, name: str) 
     np.testing.assert_allclose(se2.wrap(yaws - ours.poses[:, 2]), 0.0, atol=1e-8)
 
 
-def test_measurements_have_a_row_per_pair_of_revolutions(result: Path) -> None:
+def test_measurements_have_a_row_per_pair_of_scans(result: Path) -> None:
     assert (result / "measurements.csv").read_text().splitlines()[0].split(",") == COLUMNS
     rows = rows_of(result)
-    assert len(rows) == REVOLUTIONS - 1
+    assert len(rows) == SCANS - 1
     assert float(rows[0]["t0"]) == 0.0
     assert all(a["t1"] == b["t0"] for a, b in pairwise(rows))
     for row in rows:
@@ -244,14 +244,14 @@ def test_the_nav2_map_shows_the_points_where_they_are(result: Path) -> None:
     assert occupied.mean() > 0.2 and 0.0 < (cells == 0).mean() < 0.1
 
 
-def test_the_graph_has_a_vertex_per_revolution_and_an_edge_per_factor(result: Path) -> None:
+def test_the_graph_has_a_vertex_per_scan_and_an_edge_per_factor(result: Path) -> None:
     vertices, edges = lines_of(result, "VERTEX_SE2"), lines_of(result, "EDGE_SE2")
-    assert [int(v[0]) for v in vertices] == list(range(REVOLUTIONS))
+    assert [int(v[0]) for v in vertices] == list(range(SCANS))
     poses = np.array([[float(word) for word in v[1:]] for v in vertices])
     apart = poses - read_tum(result / "trajectory.tum").poses
     np.testing.assert_allclose(apart[:, :2], 0.0, atol=1e-5)
     np.testing.assert_allclose(se2.wrap(apart[:, 2]), 0.0, atol=1e-5)
-    successive = [(str(k), str(k + 1)) for k in range(REVOLUTIONS - 1)]
+    successive = [(str(k), str(k + 1)) for k in range(SCANS - 1)]
     assert sorted((e[0], e[1]) for e in edges) == sorted(2 * successive)
     assert all(len(e) == 11 and float(e[5]) > 0.0 for e in edges)
 
@@ -278,7 +278,7 @@ def test_report_and_log_tell_the_verdict(result: Path) -> None:
 def test_without_odometry_psi_alone_makes_the_trajectory(without_odometry: tuple[Path, Path], street: Path) -> None:
     out, _ = without_odometry
     summary = summary_of(out)
-    assert summary["factors"]["odometry"] == 0 and len(lines_of(out, "EDGE_SE2")) == REVOLUTIONS - 1
+    assert summary["factors"]["odometry"] == 0 and len(lines_of(out, "EDGE_SE2")) == SCANS - 1
     assert all(row["psi_odometry"] == "nan" for row in rows_of(out))
     assert error_m(read_tum(out / "trajectory.tum"), read_tum(street / "gt" / "poses_tum.txt")) < 0.5
 
@@ -286,7 +286,7 @@ def test_without_odometry_psi_alone_makes_the_trajectory(without_odometry: tuple
 def test_odometry_of_a_file_replaces_the_recordings(run: Callable[..., Path], quick: Path, street: Path) -> None:
     given = street / "gt" / "poses_tum.txt"
     out = run("--odometry", given, "--config", quick)
-    assert summary_of(out)["factors"]["odometry"] == REVOLUTIONS - 1
+    assert summary_of(out)["factors"]["odometry"] == SCANS - 1
     assert error_m(read_tum(out / "odometry.tum"), read_tum(given)) < 1e-4
 
 
@@ -375,7 +375,7 @@ def test_odometry_that_stops_early_is_not_used_and_said(street: Path, quick: Pat
 
 
 @pytest.mark.parametrize("kind", mostly_slow(KINDS, ("ros1",)))
-def test_a_bag_of_the_same_revolutions_gives_the_same_trajectory(
+def test_a_bag_of_the_same_scans_gives_the_same_trajectory(
     street: Path, without_odometry: tuple[Path, Path], tmp_path: Path, kind: str
 ) -> None:
     expected, settings = without_odometry

@@ -1,4 +1,4 @@
-"""A run of the real sample follows the radar, and to the same bytes from a bag."""
+"""A run of the real sample follows the radar, and gives the same trajectory from a bag."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def test_real_radar_is_followed_without_odometry(real: Path, oxford_tiny: Path) 
 
 
 @pytest.mark.parametrize("kind", mostly_slow(KINDS, ("ros1",)))
-def test_a_bag_of_real_revolutions_gives_the_same_trajectory(
+def test_a_bag_of_real_polar_scans_gives_the_same_trajectory(
     real: Path, oxford_tiny: Path, tmp_path: Path, kind: str
 ) -> None:
     bag = write_bag(open_recording(oxford_tiny), bag_path(tmp_path, kind), kind)

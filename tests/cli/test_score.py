@@ -25,9 +25,9 @@ SPEED = 9.0  # of the street's drive [m/s]
 BEAM = beam_of(Config().estimator, 0.0)
 
 
-def window(street: Path, first: int, revolutions: int) -> Returns:
+def window(street: Path, first: int, scans: int) -> Returns:
     recording = open_recording(street)
-    return Returns.concatenate(detect_stretch(recording, Config().detector, first, first + revolutions).returns)
+    return Returns.concatenate(detect_stretch(recording, Config().detector, first, first + scans).returns)
 
 
 def shown(street: Path, *words: str | float) -> dict[str, Any]:
@@ -100,7 +100,7 @@ def test_a_motion_may_begin_with_a_minus(street: Path) -> None:
     assert shown(street, "--start", 0, "--motion", "-1,0")["motion"] == {"v": -1.0, "omega": 0.0}
 
 
-def test_only_the_windows_revolutions_are_read(street: Path, tmp_path: Path) -> None:
+def test_only_the_windows_scans_are_read(street: Path, tmp_path: Path) -> None:
     copy = tmp_path / "drive"
     shutil.copytree(street, copy)
     images = sorted((copy / "radar").iterdir())

@@ -33,6 +33,6 @@ def test_a_recording_is_described_in_plain_values(oxford: Path) -> None:
 
 
 def test_gaps_are_described_by_place_and_length(tmp_path: Path) -> None:
-    description = describe_radar(open_recording(write_oxford(tmp_path / "drive", revolutions=9, skip=(4, 5))))
+    description = describe_radar(open_recording(write_oxford(tmp_path / "drive", polar_scans=9, skip=(4, 5))))
     assert description["revolutions"] == 7
     assert description["gaps"] == [{"after_revolution": 3, "missing_s": pytest.approx(0.5)}]

@@ -37,32 +37,32 @@ def row(name: str, back_end: bool) -> Row:
 
 @pytest.mark.parametrize("name", ["psi", "kiss_icp"])
 def test_a_row_holds_the_front_ends_own_motions_chained(name: str) -> None:
-    found = row(name, False)
-    assert found.failure is None and found.odometry is not None
-    np.testing.assert_array_equal(found.odometry.poses, se2.chain(m.pose for m in found.measurements))
-    assert found.trajectory is found.odometry
-    assert found.measure_s is not None and found.measure_s > 0.0
+    result = row(name, False)
+    assert result.failure is None and result.odometry is not None
+    np.testing.assert_array_equal(result.odometry.poses, se2.chain(m.pose for m in result.measurements))
+    assert result.trajectory is result.odometry
+    assert result.measure_s is not None and result.measure_s > 0.0
 
 
 def test_the_back_end_follows_where_it_is_asked_for() -> None:
-    found = row("psi", True)
-    assert found.trajectory is not None and found.odometry is not None
-    assert not np.array_equal(found.trajectory.poses, found.odometry.poses)
-    np.testing.assert_allclose(found.odometry.poses, row("psi", False).odometry.poses, atol=1e-12)
+    result = row("psi", True)
+    assert result.trajectory is not None and result.odometry is not None
+    assert not np.array_equal(result.trajectory.poses, result.odometry.poses)
+    np.testing.assert_allclose(result.odometry.poses, row("psi", False).odometry.poses, atol=1e-12)
 
 
 def test_a_process_of_its_own_gives_the_same_row() -> None:
     _, scans = street_drive()
     contexts = {"kiss_icp": context()}
-    (found,) = run_front_ends(contexts, scans, HERE, lambda *_: None, back_end=False)
-    np.testing.assert_allclose(found.odometry.poses, row("kiss_icp", False).odometry.poses, atol=1e-9)
-    assert found.peak_rss_mb is not None and found.peak_rss_mb > 50.0
+    (result,) = run_front_ends(contexts, scans, HERE, lambda *_: None, back_end=False)
+    np.testing.assert_allclose(result.odometry.poses, row("kiss_icp", False).odometry.poses, atol=1e-9)
+    assert result.peak_rss_mb is not None and result.peak_rss_mb > 50.0
 
 
 @pytest.mark.parametrize(("name", "why"), [("odometry", "needs odometry"), ("psy", "did you mean psi")])
 def test_a_front_end_that_cannot_run_says_why(name: str, why: str) -> None:
-    found = row(name, False)
-    assert found.trajectory is None and found.failure is not None and why in found.failure
+    result = row(name, False)
+    assert result.trajectory is None and result.failure is not None and why in result.failure
 
 
 def test_a_front_end_of_somebody_that_raises_anything_is_a_row_too(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -76,8 +76,8 @@ def test_a_front_end_of_somebody_that_raises_anything_is_a_row_too(monkeypatch: 
 
     monkeypatch.setattr(frontend, "load", lambda name: Broken)
     _, scans = street_drive()
-    found = run_front_end(FrontEndTask(scans, False, 1), ("broken", context()))
-    assert found.failure.startswith("front end broken: stopped with ZeroDivisionError: by nothing; ")
+    result = run_front_end(FrontEndTask(scans, False, 1), ("broken", context()))
+    assert str(result.failure).startswith("front end broken: stopped with ZeroDivisionError: by nothing; ")
 
 
 def test_rows_are_judged_by_truth_and_without_it() -> None:
@@ -91,13 +91,13 @@ def test_rows_are_judged_by_truth_and_without_it() -> None:
     assert len(common) == len(scans)
     where = find_places(common, tracks, 6, CONFIG.compare)
     assert where and all(a.apart_m >= b.apart_m for a, b in itertools.pairwise(where))
-    found = [judge(r, common, truth, where, JUDGES, BEAM, HERE, lambda *_: None) for r in rows]
-    psi, best, shaken = found
-    inflation = [np.median([w.bend.inflation for w in f.audit.windows]) for f in found]
+    result = [judge(r, common, truth, where, JUDGES, BEAM, HERE, lambda *_: None) for r in rows]
+    psi, best, shaken = result
+    inflation = [np.median([w.bend.inflation for w in f.audit.windows]) for f in result]
     assert inflation[2] > 3.0 * inflation[1]
     assert psi.psi_per_point < shaken.psi_per_point and best.psi_per_point < shaken.psi_per_point
     assert best.after.ate_rmse_m < 1e-6 and psi.after.ate_rmse_m < 0.1
-    assert all(len(f.crops) == len(where) for f in found)
+    assert all(len(f.crops) == len(where) for f in result)
     pairs = {(a, b): errors for a, b, errors in compare_pairs(rows)}
     assert set(pairs) == {("psi", "truth"), ("psi", "shaken"), ("truth", "shaken")}
     assert pairs["psi", "truth"].ate_rmse_m == pytest.approx(psi.after.ate_rmse_m, rel=1e-6)

@@ -27,7 +27,7 @@ def twist_at(model: MotionModel, theta: se2.Array, t: float) -> se2.Array:
 
 
 def by_ode(model: MotionModel, theta: se2.Array, t: float) -> se2.Array:
-    """The pose by integrating the body twist in steps that a solver controls."""
+    """Integrates the body twist to a pose, in steps that a solver controls."""
 
     def rate(u: float, pose: se2.Array) -> se2.Array:
         vx, vy, omega = twist_at(model, theta, u)

@@ -14,13 +14,13 @@ SIZES = [0.0, 1e-12, 1e-7, 1e-3, 0.3, 1.0, 3.0]
 
 
 def matrix(pose: se2.Array) -> Matrix:
-    """The homogeneous (3, 3) matrix of a pose."""
+    """Returns the homogeneous (3, 3) matrix of a pose."""
     x, y, yaw = pose
     return np.array([[np.cos(yaw), -np.sin(yaw), x], [np.sin(yaw), np.cos(yaw), y], [0.0, 0.0, 1.0]])
 
 
 def hat(twist: se2.Array) -> Matrix:
-    """The (3, 3) matrix of a twist, whose exponential is the matrix of a pose."""
+    """Returns the (3, 3) matrix of a twist, whose exponential is the matrix of a pose."""
     vx, vy, omega = twist
     return np.array([[0.0, -omega, vx], [omega, 0.0, vy], [0.0, 0.0, 0.0]])
 

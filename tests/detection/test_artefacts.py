@@ -13,7 +13,7 @@ MOUNT = np.array([[4.26, 0.53], [7.27, -2.01], [4.26, 3.02]])  # range [m], azim
 
 
 def drive(speed: float, count: int = 20, world: int = 60, mount: np.ndarray = MOUNT) -> list[Returns]:
-    """A drive along x past fixed points, with reflections of the mount in every scan."""
+    """Returns a drive along x past fixed points, with reflections of the mount in every scan."""
     rng = np.random.default_rng(4)
     points = rng.uniform([-40.0, -40.0], [40.0 + speed * TURN_S * count, 40.0], (world, 2))
     scans = []

@@ -30,7 +30,7 @@ def quiet() -> NDArray[np.uint8]:
 
 
 def add(power: NDArray[np.uint8], azimuth: int, range_m: float, level: float = 180.0, width_bins: float = 2.0) -> None:
-    """An echo at a range that need not be a bin's centre, over three azimuths."""
+    """Adds an echo at a range that need not be a bin's centre, over three azimuths."""
     centre = range_m / BIN_M - 0.5
     shape = np.exp(-0.5 * ((np.arange(power.shape[1]) - centre) / width_bins) ** 2)
     for a, part in ((azimuth - 1, 0.6), (azimuth, 1.0), (azimuth + 1, 0.6)):
@@ -42,7 +42,7 @@ def detect_in(power: NDArray[np.uint8], config: DetectorConfig = SETTINGS, inval
 
 
 def pictures(levels: int) -> st.SearchStrategy[NDArray[np.uint8]]:
-    """Random power, coarse enough for plateaus and ties where there are few levels."""
+    """Draws random power, coarse enough for plateaus and ties where there are few levels."""
 
     def picture(seed: int, azimuths: int, bins: int) -> NDArray[np.uint8]:
         rng = np.random.default_rng(seed)

@@ -23,7 +23,7 @@ from mqslam.execution.checkpoint import FOLDER, Checkpoint, hash_run, keep_check
 from mqslam.execution.kept import LOOPS, MEASURED, describe_kept_stretch
 from mqslam.execution.runner import Runner
 from mqslam.psi import doppler as doppler_module
-from mqslam.simulator import SensorModel, SimulatedRecording, simulated_recording, street_scene
+from mqslam.simulator import SensorModel, SimulatedRecording, make_street_scene, simulate_recording
 from mqslam.slam import Slam
 
 RNG = np.random.default_rng(1)
@@ -49,7 +49,7 @@ FILES = ("returns-000000-000005.npz", "measurements.npz", "loops.npz")
 
 
 def filled(out: Path, key: str = "this run") -> Checkpoint:
-    """A checkpoint with every stage."""
+    """Returns a checkpoint with every stage."""
     checkpoint = Checkpoint(out, key, resume=False)
     checkpoint.keep(describe_kept_stretch(0, 5), DETECTED)
     checkpoint.keep(MEASURED, Measured(MEASUREMENTS, 0.0489))
@@ -66,7 +66,7 @@ def found_in(checkpoint: Checkpoint) -> list[Any]:
 
 
 def assert_same(one: Any, other: Any) -> None:
-    """Two dataclasses are of equal fields, bit by bit, NaN included, and of equal types."""
+    """Checks that two dataclasses have equal types and fields, bit by bit, NaN included."""
     for f in fields(one):
         a, b = getattr(one, f.name), getattr(other, f.name)
         assert type(a) is type(b), f.name
@@ -156,9 +156,9 @@ def test_something_else_under_the_name_is_not_there(tmp_path: Path, other: bytes
 
 @pytest.fixture(scope="module")
 def recording() -> SimulatedRecording:
-    """Forty-four revolutions, which are detected in two stretches."""
+    """Forty-four polar scans, which are detected in two stretches."""
     sensor = SensorModel(turn_rate_hz=8.0, azimuths=200, range_resolution=0.175, max_range=60.0)
-    return simulated_recording(street_scene(1, movers=0), constant(6.0, 0.0), duration_s=5.5, sensor=sensor)
+    return simulate_recording(make_street_scene(1, movers=0), constant(6.0, 0.0), duration_s=5.5, sensor=sensor)
 
 
 def silent(stage: str, done: int, total: int) -> None:
@@ -293,7 +293,7 @@ ANOTHER: dict[str, Callable[[SimulatedRecording], str]] = {
     "no odometry": lambda s: hash_run(s, Config(), "psi", None),
     "other odometry": lambda s: hash_run(s, Config(), "psi", moved(s.odometry)),
     "other recording": lambda s: hash_run(
-        simulated_recording(s.scene, s.drive, duration_s=4.0, sensor=s.sensor), Config(), "psi", s.odometry
+        simulate_recording(s.scene, s.drive, duration_s=4.0, sensor=s.sensor), Config(), "psi", s.odometry
     ),
 }
 

@@ -22,7 +22,7 @@ def gaussian(factor: gtsam.BetweenFactorPose2) -> np.ndarray:
 
 
 def error(factor: gtsam.BetweenFactorPose2, measured: np.ndarray) -> float:
-    """The factor's error where key b lies at a pose (3,) in the frame of key a."""
+    """Returns the factor's error where key b lies at a pose (3,) in the frame of key a."""
     start = np.array([10.0, -4.0, 2.0])
     values = gtsam.Values()
     values.insert(X(3), gtsam.Pose2(*start))
@@ -64,7 +64,7 @@ def test_a_residual_far_off_pulls_less_than_a_moderate_one() -> None:
     c, s = np.cos(loop.pose[2]), np.sin(loop.pose[2])
 
     def pull(residual: float) -> float:
-        """Derivative of the error by the residual [1 / sigma]."""
+        """Returns the derivative of the error by the residual [1 / sigma]."""
         ahead = sigma * np.array([c, s, 0.0])  # one sigma along x of the frame in which errors are stated
         beyond, before = (error(factor, loop.pose + (residual + d) * ahead) for d in (1e-4, -1e-4))
         return (beyond - before) / 2e-4

@@ -53,10 +53,10 @@ def test_a_file_cut_short(drive: Path, tmp_path: Path, kind: str) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("layout", ["oxford", "radiate"])
 def test_a_recording_of_twelve_hours(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, layout: str) -> None:
-    """170,000 revolutions: opening reads names and two images, and what a worker is sent does not grow with them."""
+    """170,000 polar scans: opening reads names and two images, and what a worker is sent does not grow with them."""
     count = 170_000
     if layout == "oxford":
-        drive = write_oxford(tmp_path / "drive", revolutions=2)
+        drive = write_oxford(tmp_path / "drive", polar_scans=2)
         first, last = images(drive)
         stamps = START_US + TURN_US * np.arange(count)
         for stamp in stamps[1:-1].tolist():
@@ -85,7 +85,7 @@ def test_a_recording_of_twelve_hours(tmp_path: Path, monkeypatch: pytest.MonkeyP
 
 
 def test_workers_are_sent_a_recordings_index_once(lane: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Not a row of its own: that of twelve hours has megabytes, and there are thousands of stretches."""
+    """This has no row in the README's table. The index of twelve hours has megabytes, and thousands of stretches use it."""
     sent: list[int] = []
 
     class Spied(ProcessPoolExecutor):

@@ -54,7 +54,7 @@ def test_a_file_that_would_unpack_to_gigabytes(drive: Path, tmp_path: Path) -> N
 
 
 def big_png(width: int, height: int) -> bytes:
-    """An image of zeros, which packs a thousandfold."""
+    """Returns an image of zeros, which packs a thousandfold."""
 
     def chunk(kind: bytes, content: bytes) -> bytes:
         return struct.pack(">I", len(content)) + kind + content + struct.pack(">I", zlib.crc32(kind + content))
@@ -67,7 +67,7 @@ def big_png(width: int, height: int) -> bytes:
 
 
 def peak_mb(work: Callable[[], None]) -> float:
-    """Memory that a piece of work takes at its worst [MB]."""
+    """Returns the most memory [MB] that a piece of work takes at a time."""
     Path("/proc/self/clear_refs").write_text("5")
     before = _megabytes("VmRSS")
     work()

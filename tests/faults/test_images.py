@@ -26,19 +26,19 @@ def test_an_image_that_cannot_be_read(drive: Path, tmp_path: Path) -> None:
     assert shown.code == 0
     warning = f"warning: 3 polar scans could not be read and are left out: {broken[0]}: is not a readable PNG"
     assert warning in shown.err and str(broken[2]) in shown.err
-    found = read_summary(tmp_path / "out")
-    assert found["dataset"]["unread"] == 3 and "3 of 30 polar scans could not be read" in str(found["verdict"])
+    result = read_summary(tmp_path / "out")
+    assert result["dataset"]["unread"] == 3 and "3 of 30 polar scans could not be read" in str(result["verdict"])
     assert "3 polar scans could not be read" in (tmp_path / "out" / "report.html").read_text()
     track = read_tum(tmp_path / "out" / "trajectory.tum")
     assert track.stamps_us.tolist() == [int(image.stem) for image in images(drive)]
-    assert found["evaluation"]["ate_rmse_m"] < 0.5
+    assert result["evaluation"]["ate_rmse_m"] < 0.5
     before = read_contents(tmp_path)
     assert_refused(run_quickly(drive, tmp_path / "strict", "--strict", "--quiet"), f"{broken[0]}: is not a readable PNG")
     assert read_contents(tmp_path) == before
 
 
-def test_an_unread_revolution_stays_one_when_a_run_is_resumed(drive: Path, tmp_path: Path) -> None:
-    """Not a row of its own: what an interrupted run could not read is known to the run that continues it."""
+def test_an_unread_polar_scan_stays_one_when_a_run_is_resumed(drive: Path, tmp_path: Path) -> None:
+    """This has no row in the README's table. A continued run knows what the interrupted one could not read."""
     cut_short(images(drive)[11])
     assert run_quickly(drive, tmp_path / "whole").code == 0
     with pytest.MonkeyPatch.context() as patch:
@@ -56,8 +56,8 @@ def test_a_first_or_last_image_that_cannot_be_read(drive: Path, tmp_path: Path) 
         cut_short(image)
     shown = run_quickly(drive, tmp_path / "out")
     assert shown.code == 0
-    assert f"the first 2 polar scans could not be read, left out: {first}: " in shown.err
-    assert f"the last polar scan could not be read, left out: {last}: " in shown.err
+    assert f"the first 2 polar scans could not be read and are left out: {first}: " in shown.err
+    assert f"the last polar scan could not be read and is left out: {last}: " in shown.err
     assert len(read_tum(tmp_path / "out" / "trajectory.tum")) == 27
     assert_refused(run_quickly(drive, tmp_path / "strict", "--strict"), str(first))
 
@@ -71,21 +71,21 @@ def test_over_half_of_the_images_cannot_be_read(drive: Path, tmp_path: Path) -> 
 
 
 def test_a_stretch_that_cannot_be_read_costs_no_more_than_itself(drive: Path) -> None:
-    """Not a row of its own: reading goes on behind an error, in a recording of any layout."""
+    """This has no row in the README's table. Reading goes on after an error, in a recording of any layout."""
     broken = [3, 4, 11, 29 - 1]
     for k in broken:
         cut_short(images(drive)[k])
     recording = open_recording(drive)
     good = detect_all(open_recording(lane_like(drive)), Config().detector)[0]
-    scans, found = detect_all(recording, Config().detector)
-    assert sorted(found.unread) == broken and all(isinstance(error, DataError) for error in found.unread.values())
+    scans, result = detect_all(recording, Config().detector)
+    assert sorted(result.unread) == broken and all(isinstance(error, DataError) for error in result.unread.values())
     for k, (one, other) in enumerate(zip(scans, good, strict=True)):
         assert (one.t0, one.t1) == (other.t0, other.t1)
         assert len(one.returns) == (0 if k in broken else len(other.returns))
 
 
 def lane_like(drive: Path) -> Path:
-    """The undamaged drive that a copy was made of."""
+    """Returns the undamaged drive that a copy was made of."""
     folder = drive.parent / "whole"
     write_drive(folder, small_street())
     return folder

@@ -62,7 +62,7 @@ def test_ctrl_c_or_sigterm(drive: Path, tmp_path: Path, command: str, number: si
 def test_a_signal_during_an_import_is_an_interrupt(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Not a row of its own: libraries make other errors of it."""
+    """This has no row in the README's table. Libraries turn the signal into errors of other kinds."""
 
     def interrupted_import(**_: object) -> None:
         try:

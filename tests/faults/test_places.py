@@ -43,9 +43,9 @@ def test_a_tunnel_that_tells_nothing_along_it(
     write_tum(wheels, open_recording(drive).ground_truth)
     load, seen = frontend.load, []
 
-    def watched(found: PoseGraph, values: gtsam.Values, indices: list[int]) -> PoseCovariances:
-        seen.append((found.factors, values))
-        return compute_marginals(found, values, indices)
+    def watched(result: PoseGraph, values: gtsam.Values, indices: list[int]) -> PoseCovariances:
+        seen.append((result.factors, values))
+        return compute_marginals(result, values, indices)
 
     monkeypatch.setattr(frontend, "load", lambda name: Tunnel if name == "psi" else load(name))
     monkeypatch.setattr("mqslam.report.run_page.compute_marginals", watched)
@@ -72,9 +72,9 @@ def test_the_twins_tunnel(tmp_path: Path, seed: int) -> None:
     for odometry in ("none", "auto"):
         out = tmp_path / odometry
         assert mqslam("run", tunnel, "--out", out, "--odometry", odometry, "--jobs", "1", "--quiet").code == 0
-        found = parse_strict_json((out / "summary.json").read_text())
-        assert found["verdict"]["status"] in ("warn", "fail") and "every direction" in str(found["verdict"]["reasons"])
-        assert not [warning for warning in found["warnings"] if "could not" in warning or "not known" in warning]
+        result = parse_strict_json((out / "summary.json").read_text())
+        assert result["verdict"]["status"] in ("warn", "fail") and "every direction" in str(result["verdict"]["reasons"])
+        assert not [warning for warning in result["warnings"] if "could not" in warning or "not known" in warning]
         assert "ellipses" in (out / "report.html").read_text(encoding="utf-8")
 
 
@@ -85,6 +85,6 @@ def test_a_recording_of_two_scans(drive: Path, tmp_path: Path) -> None:
     stamps.write_text("".join(stamps.read_text().splitlines(keepends=True)[:2]))
     shown = run_quickly(drive, tmp_path / "out")
     assert shown.code == 0 and "verdict: not judged: 2 scans are too few to judge a map by: a window takes 6" in shown.out
-    found = parse_strict_json((tmp_path / "out" / "summary.json").read_text())
-    assert found["verdict"]["status"] == "not judged" and found["inflation"]["windows"] == 0
+    result = parse_strict_json((tmp_path / "out" / "summary.json").read_text())
+    assert result["verdict"]["status"] == "not judged" and result["inflation"]["windows"] == 0
     assert "not judged" in (tmp_path / "out" / "report.html").read_text()

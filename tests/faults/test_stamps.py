@@ -51,7 +51,7 @@ def test_stamps_that_repeat_or_run_backward(drive: Path, tmp_path: Path) -> None
 
 
 def write_stray(folder: Path, recording: Recording) -> Path:
-    """A bag whose fifth message is stamped an hour too late."""
+    """Writes a bag whose fifth message is stamped an hour too late."""
     with bag_writer(folder / "drive.bag", "ros1") as bag:
         radar = bag.topic("/Navtech/Polar", "sensor_msgs/msg/Image")
         for k, (stamp, rows) in enumerate(raw_rows(recording)):

@@ -23,7 +23,7 @@ ORDER = [1, 2, 0, 3]
 
 
 def ply(path: Path, kind: str, values: NDArray[Any], body: str = "ascii") -> Path:
-    """x, y, z as double and a time of a kind, written by hand."""
+    """Writes by hand a PLY with x, y and z as double, and a time of a kind."""
     properties = "".join(f"property double {name}\n" for name in "xyz")
     header = f"ply\nformat {body} 1.0\nelement vertex {len(values)}\n{properties}property {kind} time\nend_header\n"
     types = {"float": "f4", "double": "f8", "int": "i4", "uint": "u4", "ushort": "u2"}
@@ -36,7 +36,7 @@ def ply(path: Path, kind: str, values: NDArray[Any], body: str = "ascii") -> Pat
 
 
 def pcd(path: Path, kind: str, values: NDArray[Any], data: str = "binary") -> Path:
-    """A cloud the way PCL writes it: padding between z and the time."""
+    """Writes a PCD the way PCL does: with padding between z and the time."""
     header = (
         "# .PCD v0.7 - Point Cloud Data file format\nVERSION 0.7\nFIELDS x y z _ t\nSIZE 4 4 4 1 8\n"
         f"TYPE F F F U {kind}\nCOUNT 1 1 1 4 1\nWIDTH {len(values)}\nHEIGHT 1\nVIEWPOINT 0 0 0 1 0 0 0\n"
@@ -186,7 +186,7 @@ def test_a_cloud_without_times_is_refused_with_its_fields(tmp_path: Path) -> Non
 
 
 def damaged(tmp_path: Path) -> dict[str, bytes]:
-    """Files that claim what they do not hold."""
+    """Returns files that claim what they do not hold."""
     text = ply(tmp_path / "whole.ply", "double", T).read_bytes()
     packed = ply(tmp_path / "whole.ply", "double", T, "binary_little_endian").read_bytes()
     padded = pcd(tmp_path / "whole.pcd", "F", T).read_bytes()
@@ -252,7 +252,7 @@ def test_damaged_clouds_are_named_in_one_line(tmp_path: Path) -> None:
         ({"x": X, "y": Y, "t": np.array([{}] * 4)}, "is not a readable"),
         ({"points": np.zeros((4, 5)), "t": T}, r"points are \(4, 5\)"),
         ({"x": X[:0], "y": Y[:0], "t": T[:0]}, "holds no points"),
-        ({"x": X, "y": Y, "t": T * 1e40}, "t holds stamps beyond any clock"),
+        ({"x": X, "y": Y, "t": T * 1e40}, "t holds stamps too large for any clock"),
     ],
 )
 def test_an_npz_that_is_no_cloud_is_refused(tmp_path: Path, arrays: dict[str, NDArray[Any]], problem: str) -> None:

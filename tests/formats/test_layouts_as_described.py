@@ -12,12 +12,12 @@ from support.layouts import left_turn, write_boreas, write_mulran_columns, write
 
 
 def images(root: Path) -> dict[str, np.ndarray]:
-    """Pixels of every image below a folder by its path."""
+    """Returns the pixels of every image below a folder by its path."""
     return {str(path.relative_to(root)): np.array(Image.open(path)) for path in sorted(root.rglob("*.png"))}
 
 
 def to_whole_us(name: str) -> str:
-    """A path whose file is named after ns, without those beyond whole microseconds."""
+    """Returns a path whose file is named after a stamp in ns, cut to whole microseconds."""
     folder, _, stem = name.removesuffix(".png").rpartition("/")
     return f"{folder}/{int(stem) // 1000}"
 

@@ -48,8 +48,8 @@ def test_the_native_layout_holds_it_as_it_is(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("recording", "problem"),
     [
-        (changed(azimuths=lambda r: r.azimuths - 0.3), "azimuths of polar scan 0 lie 8.19 deg beside even steps"),
-        (changed(azimuths=lambda r: r.azimuths * 0.9), "azimuths of polar scan 0 lie 35.10 deg beside even steps"),
+        (changed(azimuths=lambda r: r.azimuths - 0.3), "azimuths of polar scan 0 lie 8.19 deg off the even steps"),
+        (changed(azimuths=lambda r: r.azimuths * 0.9), "azimuths of polar scan 0 lie 35.10 deg off the even steps"),
         (changed(power=lambda r: r.power[:, :30]), r"has more azimuths \(40\) than range bins \(30\)"),
         (
             changed(power=lambda r: r.power[:, : 190 if r.times[0] > 0.6 else 200]),
@@ -65,11 +65,11 @@ def test_polar_images_refuse_what_they_would_bend(tmp_path: Path, layout: str, r
 
 def test_a_small_offset_of_polar_images_is_told(tmp_path: Path) -> None:
     _, notes = convert(changed(azimuths=lambda r: r.azimuths - 0.01), tmp_path, "radiate")
-    assert any("azimuths lie up to 0.57 deg beside the even steps" in note for note in notes)
+    assert any("azimuths lie up to 0.57 deg off the even steps" in note for note in notes)
 
 
 @pytest.mark.parametrize("layout", [*EVEN, *(layout for layout in STAMPED if layout != "native")])
-def test_images_cannot_hold_a_revolution_of_one_azimuth(tmp_path: Path, layout: str) -> None:
+def test_images_cannot_hold_a_polar_scan_of_one_azimuth(tmp_path: Path, layout: str) -> None:
     with pytest.raises(DataError, match=r"drive: polar scan 0 has one azimuth, \w+ need two"):
         convert(spinning([0, 250_000], 250_000, azimuths=1), tmp_path, layout)
     assert list(tmp_path.iterdir()) == []
@@ -152,7 +152,7 @@ def test_a_full_disk_is_an_error_of_the_output(
 
 
 @pytest.mark.parametrize("layout", [*STAMPED, *EVEN])
-def test_one_revolution_is_held_at_a_time(tmp_path: Path, layout: str) -> None:
+def test_one_polar_scan_is_held_at_a_time(tmp_path: Path, layout: str) -> None:
     alive: list[int] = []
     most = 0
 

@@ -68,7 +68,7 @@ def test_layouts_named_after_the_middle_or_the_end_give_the_starts_nearly(
         [*itertools.product(EVEN, ("oxford", "rosbag1")), *itertools.product(("boreas", "native"), EVEN)],
     ),
 )
-def test_even_revolutions_survive_layouts_that_stamp_only_them(tmp_path: Path, first: str, second: str) -> None:
+def test_even_polar_scans_survive_layouts_that_stamp_only_them(tmp_path: Path, first: str, second: str) -> None:
     there = converted(left_turn(), tmp_path / "a", first)
     assert_alike(left_turn(), there)
     assert_alike(left_turn(), converted(converted(there, tmp_path / "b", second), tmp_path / "c", "oxford"))
@@ -119,7 +119,7 @@ def test_marks_of_azimuths_that_were_not_measured_are_kept_or_missed(oxford: Pat
 
 
 def assert_same_motion(a: Trajectory | None, b: Trajectory | None) -> None:
-    """Two trajectories agree but for their fixed frame, to the micrometres that files keep."""
+    """Checks that two trajectories agree but for their fixed frame, to the micrometres that files keep."""
     assert a is not None and b is not None
     np.testing.assert_array_equal(a.stamps_us, b.stamps_us)
     moved = [se2.between(track.poses[:1], track.poses) for track in (a, b)]

@@ -26,10 +26,10 @@ def arc() -> Trajectory:
     return Trajectory(stamps, se2.exp(np.tile([8.0, 0.1, 5.5], (6, 1)), (stamps - START_US) * 1e-6))
 
 
-def assert_same(found: Trajectory, expected: Trajectory, atol: float = 2e-6) -> None:
-    np.testing.assert_array_equal(found.stamps_us, expected.stamps_us)
-    np.testing.assert_allclose(found.poses[:, :2], expected.poses[:, :2], atol=atol)
-    np.testing.assert_allclose(se2.wrap(found.poses[:, 2] - expected.poses[:, 2]), 0.0, atol=atol)
+def assert_same(result: Trajectory, expected: Trajectory, atol: float = 2e-6) -> None:
+    np.testing.assert_array_equal(result.stamps_us, expected.stamps_us)
+    np.testing.assert_allclose(result.poses[:, :2], expected.poses[:, :2], atol=atol)
+    np.testing.assert_allclose(se2.wrap(result.poses[:, 2] - expected.poses[:, 2]), 0.0, atol=atol)
 
 
 def write_times(path: Path, trajectory: Trajectory, unit: str = "s") -> Path:
@@ -95,8 +95,8 @@ def test_a_straight_drive_over_hills_is_not_taken_for_a_cameras(tmp_path: Path) 
         pose[:3, 3] = 2.0 * k, 0.01 * np.sin(k), 0.5 * np.sin(0.3 * k)
     (tmp_path / "t.kitti").write_text(kitti(poses))
     (tmp_path / "times.txt").write_text("".join(f"{k}\n" for k in range(20)))
-    found = read_trajectory(tmp_path / "t.kitti", tmp_path / "times.txt")
-    np.testing.assert_allclose(found.poses[:, 0], 2.0 * np.arange(20))
+    result = read_trajectory(tmp_path / "t.kitti", tmp_path / "times.txt")
+    np.testing.assert_allclose(result.poses[:, 0], 2.0 * np.arange(20))
 
 
 @pytest.mark.parametrize(
@@ -194,7 +194,7 @@ KITTI_LINE = "1 0 0 {} 0 1 0 0 0 0 1 0\n"
         (b"t,x,y,yaw\n1,2,3,0\n2,3,4,nan\n", "pose 2 is not made of finite numbers"),
         (b"t,x,y,yaw\n1,2,3,0\n2,3,4,left\n", "pose 2 is not made of finite numbers"),
         (b"t,x,y,yaw\n2,2,3,0\n1,3,4,0\n", "stamps do not increase at pose 2"),
-        (b"t_s,x,y,yaw\n1,2,3,0\n1e300,3,4,0\n", "holds stamps beyond any clock"),
+        (b"t_s,x,y,yaw\n1,2,3,0\n1e300,3,4,0\n", "holds stamps too large for any clock"),
         ((2 * KITTI_LINE).encode(), "is a KITTI trajectory, which holds no stamps"),
     ],
 )

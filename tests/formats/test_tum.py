@@ -46,9 +46,9 @@ def test_evo_reads_the_tum_file(arc: Trajectory, tmp_path: Path) -> None:
 def test_comments_blank_lines_and_any_form_of_seconds_are_read(tmp_path: Path) -> None:
     file = tmp_path / "t.tum"
     file.write_text("# t x y z qx qy qz qw\n\n1 0 0 0 0 0 0 1\n1.5 1 2 9 0 0 1 0 # note\n2.25e0 2 0 0 0 0 -0.5 0.5\n")
-    found = read_tum(file)
-    assert found.stamps_us.tolist() == [1_000_000, 1_500_000, 2_250_000]
-    np.testing.assert_allclose(found.poses, [[0, 0, 0], [1, 2, np.pi], [2, 0, -np.pi / 2]])
+    result = read_tum(file)
+    assert result.stamps_us.tolist() == [1_000_000, 1_500_000, 2_250_000]
+    np.testing.assert_allclose(result.poses, [[0, 0, 0], [1, 2, np.pi], [2, 0, -np.pi / 2]])
 
 
 @pytest.mark.parametrize(

@@ -16,7 +16,7 @@ def surface(points: NDArray[np.float64]) -> Surface:
 
 
 def scene(rng: np.random.Generator, thick: float) -> NDArray[np.float64]:
-    """Two walls along x of the map, 20 m apart."""
+    """Returns two walls along x of the map, 20 m apart."""
     along = rng.uniform(-40.0, 40.0, 800)
     return np.column_stack([along, np.where(rng.random(800) < 0.5, -10.0, 10.0) + rng.normal(0.0, thick, 800)])
 
@@ -25,7 +25,7 @@ def covariance(thick: float, noise: float = 0.1) -> NDArray[np.float64]:
     rng = np.random.default_rng(1)
     points = scene(rng, thick)
     scan = se2.transform(se2.inverse(POSE), points + rng.normal(0.0, noise, points.shape))
-    return surface(points).covariance(scan, POSE, 2.0, 1.0)
+    return surface(points).compute_covariance(scan, POSE, 2.0, 1.0)
 
 
 def test_it_is_large_along_walls_in_the_frame_of_the_pose() -> None:
@@ -44,7 +44,7 @@ def test_points_spread_all_ways_count_as_point_to_point_residuals_do() -> None:
     lattice = np.stack(np.meshgrid(np.arange(-20.0, 20.0), np.arange(-20.0, 20.0)), axis=-1).reshape(-1, 2)
     off = rng.normal(0.0, 0.05, lattice.shape)
     scan = se2.transform(se2.inverse(POSE), lattice + off)
-    spread = surface(lattice).covariance(scan, POSE, 0.5, 1e6)  # so wide a kernel weighs all alike
+    spread = surface(lattice).compute_covariance(scan, POSE, 0.5, 1e6)  # so wide a kernel weighs all alike
     variance = np.mean(off**2)
     assert spread[0, 0] == pytest.approx(variance / len(scan), rel=0.4)
     centred = scan - scan.mean(axis=0)
@@ -62,6 +62,6 @@ def test_a_scan_that_lies_exactly_on_the_map_is_not_known_without_error() -> Non
 
 
 def test_returns_at_the_sensor_leave_the_yaw_open() -> None:
-    spread = surface(np.zeros((30, 2))).covariance(np.zeros((30, 2)), np.zeros(3), 2.0, 1.0)
+    spread = surface(np.zeros((30, 2))).compute_covariance(np.zeros((30, 2)), np.zeros(3), 2.0, 1.0)
     np.testing.assert_array_less(0.0, np.linalg.eigvalsh(spread))
     assert spread[2, 2] > 100.0 * spread[0, 0]

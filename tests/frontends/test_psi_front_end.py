@@ -16,7 +16,7 @@ from mqslam.core.scans import Scan
 from mqslam.core.trajectory import Trajectory
 from mqslam.errors import EstimationError, FewReturnsError
 from mqslam.frontends.psi import PsiFrontEnd
-from mqslam.simulator import ConstantDrive, SimulatedRecording, corridor_scene
+from mqslam.simulator import ConstantDrive, SimulatedRecording, make_corridor_scene
 
 
 def measured(recording: SimulatedRecording, scans: Sequence[Scan], odometry: Trajectory | None = None) -> list[Measurement]:
@@ -46,7 +46,7 @@ def test_the_motions_are_those_driven_and_their_covariances_say_how_well() -> No
 
 
 def wrong_odometry(recording: SimulatedRecording) -> Trajectory:
-    """Odometry that is a tenth too fast and turns by 0.02 rad/s too much."""
+    """Returns odometry that is a tenth too fast and turns by 0.02 rad/s too much."""
     assert recording.odometry is not None
     twists = se2.log(se2.between(recording.odometry.poses[:-1], recording.odometry.poses[1:]))
     moves = se2.exp(twists * [1.1, 1.0, 1.0] + [0.0, 0.0, 0.02 * 0.05])
@@ -117,7 +117,7 @@ def test_a_gap_of_a_second_is_bridged(with_odometry: bool) -> None:
 
 
 def test_a_corridor_is_called_degenerate_with_the_covariance_large_along_it() -> None:
-    recording, scans = drive(corridor_scene(), ConstantDrive(5.0, 0.0), 3.0)
+    recording, scans = drive(make_corridor_scene(), ConstantDrive(5.0, 0.0), 3.0)
     motions = measured(recording, scans, recording.odometry)
     assert {m.status for m in motions} == {Status.DEGENERATE}
     for m in motions:

@@ -23,7 +23,7 @@ from mqslam.errors import EstimationError
 from mqslam.formats.recordings import open_recording
 from mqslam.frontends.scan_matching import match_scans
 from mqslam.frontends.scan_track import Match
-from mqslam.simulator import ConstantDrive, SimulatedRecording, corridor_scene, street_scene
+from mqslam.simulator import ConstantDrive, SimulatedRecording, make_corridor_scene, make_street_scene
 
 Measure = Callable[..., list[Measurement]]
 
@@ -62,7 +62,7 @@ def test_the_motions_are_those_driven_through_a_corner(measured: Measure) -> Non
 
 @pytest.mark.parametrize("speed", [8.0, 25.0])
 def test_a_recording_that_begins_on_the_move_is_followed_from_its_first_pair(measured: Measure, speed: float) -> None:
-    recording, scans = drive(street_scene(1, movers=3), ConstantDrive(speed, 0.0, (-60.0, -37.75, 0.0)), 2.0)
+    recording, scans = drive(make_street_scene(1, movers=3), ConstantDrive(speed, 0.0, (-60.0, -37.75, 0.0)), 2.0)
     off = errors(recording, measured(recording, scans))
     np.testing.assert_array_less(np.abs(off[0]), [0.4, 0.1, 0.02])
     np.testing.assert_array_less(np.abs(off).max(axis=0), [0.4, 0.15, 0.02])
@@ -116,7 +116,7 @@ def test_a_gap_of_a_second_is_bridged(measured: Measure) -> None:
 
 
 def test_a_covariance_is_one_and_large_along_a_corridor(measured: Measure) -> None:
-    recording, scans = drive(corridor_scene(), ConstantDrive(5.0, 0.0), 1.5)
+    recording, scans = drive(make_corridor_scene(), ConstantDrive(5.0, 0.0), 1.5)
     for motion in measured(recording, scans):
         np.testing.assert_array_equal(motion.covariance, motion.covariance.T)
         np.testing.assert_array_less(0.0, np.linalg.eigvalsh(motion.covariance))
@@ -160,7 +160,7 @@ class Recorder:
 
 
 def through_recorder(doppler_beta: float = 0.0) -> tuple[Recorder, Scans, list[Measurement]]:
-    """Three scans through a recorder that starts with odometry of 8 m/s in a bend."""
+    """Sends three scans through a recorder that starts with odometry of 8 m/s in a bend."""
     recording, scans = street_drive()
     stamps = recording.start_us + np.array([0, 10_000_000])
     odometry = Trajectory(stamps, np.array([np.zeros(3), se2.exp([8.0, 0.0, 0.1], 10.0)]))

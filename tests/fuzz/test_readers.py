@@ -56,7 +56,7 @@ def test_a_damaged_input_is_read_soundly_or_refused_clearly(tmp_path: Path, name
 
 
 def damage(contents: dict[Path, bytes], subject: Subject, change: Change) -> None:
-    """Apply a change to one of the files."""
+    """Applies a change to one of the files."""
     file = list(contents)[change.which % len(contents)]
     mutations = subject.mutations(file)
     mutate = mutations[change.value % len(mutations)]
@@ -67,7 +67,7 @@ def damage(contents: dict[Path, bytes], subject: Subject, change: Change) -> Non
 
 
 def read(subject: Subject, path: Path, size: int) -> None:
-    """Read within the limits; an error must be one that is meant for users: a line or so, that names a file."""
+    """Reads within the limits; an error must be one that is meant for users: a line or so, that names a file."""
     gc.collect(0)
     with within_limits(size):
         try:

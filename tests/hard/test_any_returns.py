@@ -34,7 +34,7 @@ shares = st.one_of(st.sampled_from([0.0, 0.25, 0.5, 0.75, 0.999]), st.floats(0.0
 
 @st.composite
 def single_scans(draw: st.DrawFn, t0: float = 0.0, most: int = 40) -> Scan:
-    """A scan with a few returns, some of them at one place."""
+    """Draws a scan with a few returns, some of them at one place."""
     seen = sorted(draw(st.lists(st.tuples(shares, ranges_m), max_size=most)))
     turn, r = np.array([share for share, _ in seen]), np.array([value for _, value in seen])
     returns = Returns(r, -2.0 * np.pi * turn, t0 + TURN_S * turn, np.full(len(seen), 100.0))
@@ -43,7 +43,7 @@ def single_scans(draw: st.DrawFn, t0: float = 0.0, most: int = 40) -> Scan:
 
 @st.composite
 def recordings(draw: st.DrawFn) -> list[Scan]:
-    """Two to eight scans, with gaps between some."""
+    """Draws two to eight scans, with gaps between some."""
     starts = np.cumsum(draw(st.lists(st.sampled_from([1, 1, 1, 2, 9, 400]), min_size=2, max_size=8)))
     alike = draw(st.booleans())
     first = draw(single_scans())
@@ -58,7 +58,7 @@ def recordings(draw: st.DrawFn) -> list[Scan]:
 
 @st.composite
 def tracks(draw: st.DrawFn, size: int) -> se2.Array:
-    """Poses of any kind: at rest, scattered, one of them on another continent."""
+    """Draws poses of any kind: at rest, scattered, one of them on another continent."""
     steps = st.one_of(st.just(0.0), st.floats(-10.0, 10.0), st.sampled_from([1e4, 1e9]))
     return np.array(draw(st.lists(st.tuples(steps, steps, st.floats(-4.0, 4.0)), min_size=size, max_size=size)))
 
@@ -95,8 +95,8 @@ def test_any_returns_are_rendered_and_audited_under_any_trajectory(data: st.Data
         assert "returns in" in str(error)
         return
     assert np.isfinite(pointmap.psi).all()
-    found = audit(sweeps, CONFIG.audit, CONFIG.estimator, CONFIG.loops, CONFIG.verdict, HERE, ignore_progress)
-    for window in found.windows:
+    result = audit(sweeps, CONFIG.audit, CONFIG.estimator, CONFIG.loops, CONFIG.verdict, HERE, ignore_progress)
+    for window in result.windows:
         assert np.isfinite([window.bend.inflation, window.bend.psi, window.bend.psi_best]).all()
         np.testing.assert_array_less(0.0, np.diag(window.bend.covariance))
 
@@ -108,7 +108,7 @@ def test_any_two_submaps_are_aligned(reference: Scan, query: Scan) -> None:
     if not len(reference.returns) or not len(query.returns):
         return
     one, other = (place_along(w.returns, np.zeros(1), np.zeros((1, 3)), BEAM) for w in (reference, query))
-    found = align(one, other, np.zeros(3), (3.0, 0.05), CONFIG.loops, CONFIG.estimator)
-    assert np.isfinite(found.pose).all()
-    assert np.isfinite(found.covariance).all()
-    assert found.observed in (True, False)
+    result = align(one, other, np.zeros(3), (3.0, 0.05), CONFIG.loops, CONFIG.estimator)
+    assert np.isfinite(result.pose).all()
+    assert np.isfinite(result.covariance).all()
+    assert result.observed in (True, False)

@@ -18,7 +18,7 @@ QUIET = ("--jobs", "1", "--quiet")
 
 
 def strict_json(path: Path) -> Any:
-    """JSON as other languages read it: without NaN and Infinity."""
+    """Parses JSON as other languages read it: without NaN and Infinity."""
 
     def refuse(constant: str) -> None:
         raise AssertionError(f"{path.name}: {constant} is no JSON")
@@ -27,7 +27,7 @@ def strict_json(path: Path) -> Any:
 
 
 def assert_refused(result: Result, out: Path) -> None:
-    """The command says in one line why there is no result, and leaves none."""
+    """Checks that the command says in one line why there is no result, and leaves none."""
     assert result.code == 2
     assert result.err.startswith("mqslam: error: ")
     assert result.err.count("\n") == 1
@@ -35,7 +35,7 @@ def assert_refused(result: Result, out: Path) -> None:
 
 
 def assert_run_written(out: Path) -> dict[str, Any]:
-    """A run has left its files, with finite numbers; the summary is returned."""
+    """Checks that a run has left its files, with finite numbers, and returns the summary."""
     assert (out / "report.html").stat().st_size > 0
     for name in ("trajectory.tum", "odometry.tum"):
         assert np.isfinite(read_tum(out / name).poses).all()
@@ -80,8 +80,8 @@ def test_front_ends_are_compared_on_a_hard_recording(name: str, tmp_path: Path) 
     rows = ("--frontends", "psi,kiss_icp", "--trajectory", f"truth={truth}")
     result = mqslam("compare", data, "--out", tmp_path / "compared", *rows, *QUIET)
     assert (result.code, result.err) == (0, "")
-    found = strict_json(tmp_path / "compared" / "compare.json")["rows"]
-    assert [(row["name"], row["failure"]) for row in found] == [("psi", None), ("kiss_icp", None), ("truth", None)]
+    outcome = strict_json(tmp_path / "compared" / "compare.json")["rows"]
+    assert [(row["name"], row["failure"]) for row in outcome] == [("psi", None), ("kiss_icp", None), ("truth", None)]
 
 
 @pytest.mark.parametrize("name", ["no return in any scan", "one scan"])
@@ -99,5 +99,5 @@ def test_a_hard_recording_is_audited(name: str, tmp_path: Path) -> None:
     data, truth = write(tmp_path, HARD[name]())
     result = mqslam("audit", data, "--trajectory", truth, "--out", tmp_path / "audited", *QUIET)
     assert (result.code, result.err) == (0, "")
-    found = strict_json(tmp_path / "audited" / "audit.json")
-    assert all(scan["points"] > 0 for scan in found["per_window"])
+    outcome = strict_json(tmp_path / "audited" / "audit.json")
+    assert all(scan["points"] > 0 for scan in outcome["per_window"])

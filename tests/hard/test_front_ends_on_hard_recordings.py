@@ -57,7 +57,7 @@ ASKING_FOR_DOPPLER = (
 
 @cache
 def solved(name: str, frontend: str, doppler_beta: float | None) -> tuple[Sequence[Scan], Solution]:
-    """A recording and what is found in it; a warning of NumPy's is an error: what divides by nothing there is NaN later."""
+    """Returns a recording and its solution; a warning of NumPy is an error, because a division by nothing is NaN later."""
     scans = HARD[name]()
     with warnings.catch_warnings():
         warnings.simplefilter("error", RuntimeWarning)
@@ -65,7 +65,7 @@ def solved(name: str, frontend: str, doppler_beta: float | None) -> tuple[Sequen
 
 
 def assert_sound_or_refused(name: str, frontend: str, doppler_beta: float | None) -> None:
-    """A front end solves a recording soundly, or its error says that the recording holds no motion."""
+    """Checks that a front end solves a recording soundly, or says in its error that the recording holds no motion."""
     try:
         scans, solution = solved(name, frontend, doppler_beta)
     except EstimationError as error:
@@ -73,8 +73,8 @@ def assert_sound_or_refused(name: str, frontend: str, doppler_beta: float | None
         return
     assert_sound(solution)
     # psi finds where a scan begins, a scan matcher where it ends, which is where the next one begins
-    found = scans[1:] if frontend == "psi" else scans[:-1]
-    for scan, motion in zip(found, solution.measurements, strict=True):
+    result = scans[1:] if frontend == "psi" else scans[:-1]
+    for scan, motion in zip(result, solution.measurements, strict=True):
         assert len(scan.returns) or motion.status is Status.LOST
 
 
@@ -152,6 +152,6 @@ def test_the_motion_of_three_scans_alone_is_sound(name: str) -> None:
     scans, estimator = HARD[name]()[:3], Config().estimator
     returns, turn_s = Returns.concatenate([w.returns for w in scans]), scans[0].t1 - scans[0].t0
     speeds, yaw_rates = np.arange(-1.5, 8.0, 0.75), np.linspace(-0.2, 0.2, 5)
-    found = find_window_motion(returns, scans[0].t0, turn_s, estimator, beam_of(estimator, 0.0), speeds, yaw_rates)
-    assert np.isfinite(found.theta).all()
-    np.testing.assert_array_less(0.0, np.linalg.eigvalsh(found.covariance))
+    result = find_window_motion(returns, scans[0].t0, turn_s, estimator, beam_of(estimator, 0.0), speeds, yaw_rates)
+    assert np.isfinite(result.theta).all()
+    np.testing.assert_array_less(0.0, np.linalg.eigvalsh(result.covariance))

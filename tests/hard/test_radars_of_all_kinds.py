@@ -26,18 +26,18 @@ FAR = DetectorConfig(max_range_m=690.0, min_range_m=50.0, smoothing_m=8.0, join_
 
 
 def run(recording: Recording, config: Config) -> Run:
-    """A recording's run, whose checks and maps are finite."""
-    found = Slam(config).run(recording, None)
-    assert_sound(found)
-    assert np.isfinite(found.map_optimised.points).all()
-    assert np.isfinite(found.map_optimised.psi).all()
-    assert all(np.isfinite(check.bend.inflation) for check in found.checks)
-    return found
+    """Runs a recording, and checks that the checks and the maps are finite."""
+    finished = Slam(config).run(recording, None)
+    assert_sound(finished)
+    assert np.isfinite(finished.map_optimised.points).all()
+    assert np.isfinite(finished.map_optimised.psi).all()
+    assert all(np.isfinite(check.bend.inflation) for check in finished.checks)
+    return finished
 
 
-def off_m(found: Run, scans: Sequence[Scan], way: Way = straight_on) -> float:
-    """The farthest that the trajectory is off [m]."""
-    return float(np.hypot(*(found.optimised.poses - truth_of(scans, way))[:, :2].T).max())
+def off_m(finished: Run, scans: Sequence[Scan], way: Way = straight_on) -> float:
+    """Returns how far the trajectory is off at most [m]."""
+    return float(np.hypot(*(finished.optimised.poses - truth_of(scans, way))[:, :2].T).max())
 
 
 @pytest.mark.parametrize(
@@ -62,15 +62,15 @@ def test_a_radar_of_any_turn_rate_finds_the_drive(turn_s: float) -> None:
 
 
 def marine(scans: int) -> list[Scan]:
-    """A ship among buoys, seen by a radar that takes two and a half seconds for a turn."""
+    """Returns scans of a ship among buoys, seen by a radar that takes two and a half seconds for a turn."""
     return drive(scans, MARINE_WORLD, turn_s=2.5, noise_m=2.0, reach_m=MARINE_REACH_M)
 
 
 def test_a_marine_radar_with_own_settings_finds_the_drive() -> None:
     scans = marine(8)
-    found = run(recorded(scans, 250, 173, 4.0), Config(sensor=KNOWN, tracker=SLOW, detector=FAR, estimator=MARINE))
-    assert {m.status for m in found.measurements} == {Status.CONVERGED}
-    assert off_m(found, scans) < 4.0
+    finished = run(recorded(scans, 250, 173, 4.0), Config(sensor=KNOWN, tracker=SLOW, detector=FAR, estimator=MARINE))
+    assert {m.status for m in finished.measurements} == {Status.CONVERGED}
+    assert off_m(finished, scans) < 4.0
 
 
 @pytest.mark.slow

@@ -55,15 +55,15 @@ def rendered(scans: Sequence[Scan], poses: se2.Array) -> PointMap:
     return render(joined(scans), poses, CONFIG.map, CONFIG.estimator, BEAM)
 
 
-def assert_sound(found: Audit) -> None:
-    """What is judged holds points; its numbers are finite, its covariances positive definite."""
-    assert found.status in ("pass", "warn", "fail", "not judged")
-    for scan in found.windows:
+def assert_sound(result: Audit) -> None:
+    """Checks that what is judged holds points, that its numbers are finite and its covariances positive definite."""
+    assert result.status in ("pass", "warn", "fail", "not judged")
+    for scan in result.windows:
         assert scan.bend.points > 0
         assert np.isfinite([scan.bend.inflation, scan.bend.size_m, scan.bend.psi, scan.bend.psi_best]).all()
         assert scan.bend.inflation >= 0.0
         np.testing.assert_array_less(0.0, np.linalg.eigvalsh(scan.bend.covariance))
-    for revisit in (r.revisit for r in found.revisits):
+    for revisit in (r.revisit for r in result.revisits):
         assert np.isfinite([*revisit.offset, revisit.inflation, revisit.psi]).all()
         np.testing.assert_array_less(0.0, np.linalg.eigvalsh(revisit.covariance))
 
@@ -80,10 +80,10 @@ def test_a_hard_recording_is_audited(name: str) -> None:
 def test_a_hard_recording_is_rendered_and_checked(name: str) -> None:
     scans = HARD[name]()
     poses = poses_of(name, scans)
-    found = rendered(scans, poses)
-    assert len(found)
-    assert np.isfinite(found.points).all()
-    assert np.isfinite(found.psi).all()
+    result = rendered(scans, poses)
+    assert len(result)
+    assert np.isfinite(result.points).all()
+    assert np.isfinite(result.psi).all()
     track = Trajectory(stamps_of(scans), poses)
     checks = audit_sample(joined(scans), track, CONFIG.audit, CONFIG.estimator, BEAM, Runner())
     assert all(check.bend.points and np.isfinite(check.bend.inflation) for check in checks)

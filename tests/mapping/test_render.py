@@ -16,21 +16,21 @@ from mqslam.execution.engine import HERE, Engine, LocalEngine
 from mqslam.mapping import render as rendering
 from mqslam.mapping.render import place_along, render, select_moving
 from mqslam.psi.place import beam_of, place
-from mqslam.simulator import street_scene
+from mqslam.simulator import make_street_scene
 
 CONFIG = Config()
 BEAM = beam_of(CONFIG.estimator, 0.0)
 
 
 def rendered(scans: Scans, poses: se2.Array, engine: Engine = HERE) -> PointMap:
-    """The map of scans under poses (N, 3), by the default settings."""
+    """Returns the map of scans under poses (N, 3), by the default settings."""
     return render(scans, poses, CONFIG.map, CONFIG.estimator, BEAM, engine)
 
 
 @pytest.fixture(scope="module")
 def still_street() -> tuple[Scans, se2.Array]:
     """Five seconds past things that stand still, and the true poses."""
-    recording, scans = drive(street_scene(2, movers=0), constant(6.0, 0.02), 5.0)
+    recording, scans = drive(make_street_scene(2, movers=0), constant(6.0, 0.02), 5.0)
     assert recording.ground_truth is not None
     return scans, recording.ground_truth.poses
 
@@ -58,13 +58,13 @@ def test_a_map_does_not_depend_on_where_it_lies(still_street: tuple[Scans, se2.A
 
 def test_every_return_is_a_point_with_its_share(still_street: tuple[Scans, se2.Array]) -> None:
     scans, poses = still_street
-    found, returns = rendered(scans, poses), joined(scans)
-    np.testing.assert_array_equal(found.times, returns.times)
-    np.testing.assert_array_equal(found.intensities, returns.intensities)
+    result, returns = rendered(scans, poses), joined(scans)
+    np.testing.assert_array_equal(result.times, returns.times)
+    np.testing.assert_array_equal(result.intensities, returns.intensities)
     charge = CONFIG.estimator.c**2
-    np.testing.assert_array_equal(found.psi[~found.matched], charge)
-    assert np.all(found.psi <= charge * (1.0 + 1e-12))
-    assert found.matched.mean() > 0.8
+    np.testing.assert_array_equal(result.psi[~result.matched], charge)
+    assert np.all(result.psi <= charge * (1.0 + 1e-12))
+    assert result.matched.mean() > 0.8
 
 
 @pytest.mark.parametrize("chunk", [100, 1_000_000])
@@ -101,23 +101,23 @@ def test_the_returns_of_a_parked_scan_are_left_out(still_street: tuple[Scans, se
     scans, poses = still_street
     parked = poses.copy()
     parked[7] = parked[6]
-    found = rendered(scans, parked)
-    assert len(found) == len(joined(scans)) - len(scans[7].returns)
-    assert not np.isin(scans[7].returns.times, found.times).any()
+    result = rendered(scans, parked)
+    assert len(result) == len(joined(scans)) - len(scans[7].returns)
+    assert not np.isin(scans[7].returns.times, result.times).any()
 
 
 @pytest.mark.parametrize("beta", [0.0, 0.05])
 def test_a_return_is_placed_as_the_motion_model_places_it(still_street: tuple[Scans, se2.Array], beta: float) -> None:
     scans, poses = still_street
     beam = beam_of(CONFIG.estimator, beta)
-    found = place_along(scans[3].returns, scans.start_times, poses, beam)
+    result = place_along(scans[3].returns, scans.start_times, poses, beam)
     twist = se2.log(se2.between(poses[3], poses[4])) / 0.25
     expected = place(scans[3].returns, scans[3].t0, poses[3], twist, CONSTANT_TWIST, beam)
-    np.testing.assert_allclose(found.points, expected.points, atol=1e-5)  # an arc is all but a cubic
+    np.testing.assert_allclose(result.points, expected.points, atol=1e-5)  # an arc is all but a cubic
     if beta == 0.0:
-        np.testing.assert_allclose(found.covariances, expected.covariances, atol=1e-12)
+        np.testing.assert_allclose(result.covariances, expected.covariances, atol=1e-12)
     else:  # the shift lengthens the lever by a hundredth at most
-        np.testing.assert_allclose(found.covariances, expected.covariances, rtol=0.2, atol=1e-3)
+        np.testing.assert_allclose(result.covariances, expected.covariances, rtol=0.2, atol=1e-3)
 
 
 def test_a_run_without_returns_is_refused_with_advice(still_street: tuple[Scans, se2.Array]) -> None:

@@ -55,33 +55,33 @@ def test_the_kernel_equals_the_reference(
 def test_the_comparison_is_of_crowded_neighbourhoods_too() -> None:
     queries, references = point_set(1, 200), point_set(2, 200)
     for others in (queries, references):
-        found = evaluated(queries, others)
-        assert 150 < found.matched.sum() <= 200
+        evaluation = evaluated(queries, others)
+        assert 150 < evaluation.matched.sum() <= 200
         moving = others is queries
-        assert_equal(found, evaluate_reference(queries, others, SCALE, KERNEL, moving_references=moving))
+        assert_equal(evaluation, evaluate_reference(queries, others, SCALE, KERNEL, moving_references=moving))
 
 
 def test_points_without_a_neighbour_are_charged_and_pull_nowhere() -> None:
     queries, references = point_set(1, 10), point_set(2, 10)
     far = replace(references, points=references.points + 100.0)
     for others in (far, point_set(2, 0)):
-        found = evaluated(queries, others)
-        assert not found.matched.any()
-        np.testing.assert_array_equal(found.shares, np.full(10, SCALE.c**2))
-        np.testing.assert_array_equal(found.gradient, np.zeros(3))
-        np.testing.assert_array_equal(found.curvature, np.zeros((3, 3)))
+        evaluation = evaluated(queries, others)
+        assert not evaluation.matched.any()
+        np.testing.assert_array_equal(evaluation.shares, np.full(10, SCALE.c**2))
+        np.testing.assert_array_equal(evaluation.gradient, np.zeros(3))
+        np.testing.assert_array_equal(evaluation.curvature, np.zeros((3, 3)))
 
 
 @given(seed=st.integers(0, 2**32 - 2), side=st.sampled_from([1.0, 5.0, 40.0]))
 @settings(max_examples=50, deadline=None)
 def test_no_point_costs_more_than_an_unmatched_one(seed: int, side: float) -> None:
-    found = evaluated(point_set(seed, 30, side), point_set(seed + 1, 30, side))
-    assert np.all(found.shares >= 0.0)
-    assert np.all(found.shares <= SCALE.c**2 * (1.0 + 1e-12))
+    evaluation = evaluated(point_set(seed, 30, side), point_set(seed + 1, 30, side))
+    assert np.all(evaluation.shares >= 0.0)
+    assert np.all(evaluation.shares <= SCALE.c**2 * (1.0 + 1e-12))
 
 
 def one_pair(apart: float, times: tuple[float, float] = (0.0, 1.0)) -> tuple[PointSet, PointSet]:
-    """A query at the origin and a reference beside it, both of unit covariance less the blur's."""
+    """Returns a query at the origin and a reference beside it, both of unit covariance less the blur's."""
 
     def single(x: float, t: float) -> PointSet:
         own = 0.5 * (1.0 - KERNEL.blur**2)
@@ -93,9 +93,9 @@ def one_pair(apart: float, times: tuple[float, float] = (0.0, 1.0)) -> tuple[Poi
 def test_a_pair_costs_what_the_chain_of_equations_says_and_never_less_for_lying_farther_apart() -> None:
     wide = Scale(10.0, 10.0, 2.0)
     for d in (0.0, 0.5, 2.0, 4.0):
-        found = evaluated(*one_pair(d), wide)
-        assert found.shares[0] == pytest.approx(d**2 / (1.0 + d**2 / 4.0))
-        assert found.scores[0] == pytest.approx([-d / (1.0 + d**2 / 4.0) ** 2, 0.0])
+        evaluation = evaluated(*one_pair(d), wide)
+        assert evaluation.shares[0] == pytest.approx(d**2 / (1.0 + d**2 / 4.0))
+        assert evaluation.scores[0] == pytest.approx([-d / (1.0 + d**2 / 4.0) ** 2, 0.0])
     shares = [evaluated(*one_pair(d), wide).shares[0] for d in np.linspace(0.0, 9.0, 19)]
     assert np.all(np.diff(shares) > 0.0)
 
@@ -124,23 +124,23 @@ def test_the_scores_are_half_the_gradient_of_the_shares() -> None:
     def losses(theta: np.ndarray) -> np.ndarray:
         return evaluated(replace(queries, points=queries.points + queries.jacobians @ theta), references).shares
 
-    found = evaluated(queries, references)
-    small = found.shares < 0.9 * SCALE.c**2
-    assert found.matched.all()
+    evaluation = evaluated(queries, references)
+    small = evaluation.shares < 0.9 * SCALE.c**2
+    assert evaluation.matched.all()
     assert small.sum() > 30
     step = 1e-6
     for p in range(5):
         up, down = (losses(sign * step * np.eye(5)[p]) for sign in (1.0, -1.0))
         difference = 0.5 * (up - down) / (2.0 * step)
-        within = small & (np.abs(found.scores[:, p]) > 1e-3)
-        np.testing.assert_allclose(difference[within], found.scores[within, p], rtol=1e-4)
+        within = small & (np.abs(evaluation.scores[:, p]) > 1e-3)
+        np.testing.assert_allclose(difference[within], evaluation.scores[within, p], rtol=1e-4)
 
 
 def test_the_curvature_knows_that_neighbours_are_selected_anew_as_a_point_moves() -> None:
     around = np.array([[0.3, 0.1], [-0.3, -0.1], [0.1, -0.4], [-0.1, 0.4]])  # their centroid is the query: L = 1, e = 0
     query, _ = one_pair(0.0)
     references = PointSet(around, np.zeros((0, 2, 0)), np.tile([0.05, 0.01, 0.02], (4, 1)), np.full(4, 1.0))
-    found = evaluated(query, references)
+    evaluation = evaluated(query, references)
     step = 1e-6
     slope = np.empty((2, 2))
     for p in range(2):
@@ -149,8 +149,8 @@ def test_the_curvature_knows_that_neighbours_are_selected_anew_as_a_point_moves(
             for sign in (1.0, -1.0)
         )
         slope[:, p] = (up - down) / (2.0 * step)
-    np.testing.assert_allclose(found.curvature, 0.5 * (slope + slope.T), rtol=1e-6)
-    np.testing.assert_array_less(np.linalg.eigvalsh(found.curvature), 0.8 * np.linalg.eigvalsh(found.information))
+    np.testing.assert_allclose(evaluation.curvature, 0.5 * (slope + slope.T), rtol=1e-6)
+    np.testing.assert_array_less(np.linalg.eigvalsh(evaluation.curvature), 0.8 * np.linalg.eigvalsh(evaluation.information))
 
 
 def test_lists_that_hold_more_than_needed_give_the_same_score() -> None:

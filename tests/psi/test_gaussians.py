@@ -12,7 +12,7 @@ UNITS = np.array([1e-3, 1e-3, 2e-5, 5e-3])
 
 
 def covariance(seed: int, rank: int = 4) -> NDArray[np.float64]:
-    """A random covariance in the units of the variables, singular where the rank is below four."""
+    """Returns a random covariance in the units of the variables, singular where the rank is below four."""
     roots = np.random.default_rng(seed).normal(size=(4, rank)) * UNITS[:, None]
     return roots @ roots.T
 

@@ -18,7 +18,7 @@ def sets(lists: CandidateLists) -> list[list[int]]:
 
 
 def by_tree(references: Points, queries: Points, radius: float) -> list[list[int]]:
-    return [sorted(found) for found in cKDTree(references).query_ball_point(queries, radius)]
+    return [sorted(result) for result in cKDTree(references).query_ball_point(queries, radius)]
 
 
 def square(seed: int, count: int, side: float = 10.0) -> Points:
@@ -27,7 +27,7 @@ def square(seed: int, count: int, side: float = 10.0) -> Points:
 
 def holds_all_within(lists: CandidateLists, references: Points, queries: Points, radius: float) -> bool:
     wanted = by_tree(references, queries, radius)
-    return all(set(want) <= set(found) for want, found in zip(wanted, sets(lists), strict=True))
+    return all(set(want) <= set(result) for want, result in zip(wanted, sets(lists), strict=True))
 
 
 @given(

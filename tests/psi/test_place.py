@@ -35,7 +35,7 @@ def placed(start: se2.Array, theta: se2.Array, model: MotionModel, beta: float) 
 
 
 def step_by_step(start: se2.Array, theta: se2.Array, model: MotionModel, beta: float) -> np.ndarray:
-    """Each return on its own: the pose at its time, the closing speed along its ray, the point."""
+    """Renders each return on its own: the pose at its time, the closing speed along its ray, the point."""
     returns, points = some_returns(), []
     for r, azimuth, t in zip(returns.ranges, returns.azimuths, returns.times - T0, strict=True):
         ray = np.array([np.cos(azimuth), np.sin(azimuth)])
@@ -51,9 +51,9 @@ def step_by_step(start: se2.Array, theta: se2.Array, model: MotionModel, beta: f
 @betas
 def test_a_return_lies_where_the_sensor_was_at_its_own_time(model: MotionModel, beta: float) -> None:
     theta = THETAS[model.name]
-    found = placed(START, theta, model, beta)
-    np.testing.assert_allclose(found.points, step_by_step(START, theta, model, beta), atol=1e-10)
-    np.testing.assert_array_equal(found.times, some_returns().times)
+    result = placed(START, theta, model, beta)
+    np.testing.assert_allclose(result.points, step_by_step(START, theta, model, beta), atol=1e-10)
+    np.testing.assert_array_equal(result.times, some_returns().times)
 
 
 @models
@@ -70,22 +70,22 @@ def test_jacobians_are_those_of_finite_differences(model: MotionModel, beta: flo
 
 def test_doppler_lengthens_what_the_sensor_drives_at() -> None:
     returns = Returns(np.full(3, 20.0), np.array([0.0, np.pi / 2.0, np.pi]), np.full(3, T0), np.full(3, 100.0))
-    found = place(returns, T0, np.zeros(3), np.array([10.0, 0.0]), MODELS["constant_velocity"], Beam(0.1, 0.01, 0.05))
-    np.testing.assert_allclose(found.points, [[20.5, 0.0], [0.0, 20.0], [-19.5, 0.0]], atol=1e-12)
+    result = place(returns, T0, np.zeros(3), np.array([10.0, 0.0]), MODELS["constant_velocity"], Beam(0.1, 0.01, 0.05))
+    np.testing.assert_allclose(result.points, [[20.5, 0.0], [0.0, 20.0], [-19.5, 0.0]], atol=1e-12)
 
 
 def test_covariances_are_long_along_the_ray_and_wide_across_it() -> None:
     theta = THETAS["constant_twist"]
-    found, returns = placed(START, theta, MODELS["constant_twist"], 0.0), some_returns()
+    result, returns = placed(START, theta, MODELS["constant_twist"], 0.0), some_returns()
     for i, t in enumerate(returns.times - T0):
         yaw = START[2] + theta[2] * t + returns.azimuths[i]
         turn = np.array([[np.cos(yaw), -np.sin(yaw)], [np.sin(yaw), np.cos(yaw)]])
         polar = np.diag([0.15**2, (0.008 * returns.ranges[i]) ** 2])
-        np.testing.assert_allclose(found.covariances[i], (turn @ polar @ turn.T)[[0, 0, 1], [0, 1, 1]], atol=1e-12)
+        np.testing.assert_allclose(result.covariances[i], (turn @ polar @ turn.T)[[0, 0, 1], [0, 1, 1]], atol=1e-12)
 
 
 def test_no_returns_are_no_points() -> None:
     none = Returns(*(np.empty(0) for _ in range(4)))
-    found = place(none, T0, START, THETAS["constant_twist"], MODELS["constant_twist"], Beam(0.1, 0.01))
-    assert len(found) == 0
-    assert found.jacobians.shape == (0, 2, 6)
+    result = place(none, T0, START, THETAS["constant_twist"], MODELS["constant_twist"], Beam(0.1, 0.01))
+    assert len(result) == 0
+    assert result.jacobians.shape == (0, 2, 6)

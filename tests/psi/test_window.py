@@ -10,7 +10,7 @@ from mqslam.core.motion import ACCELERATED_TWIST, CONSTANT_VELOCITY
 from mqslam.core.scans import Returns
 from mqslam.psi.place import beam_of
 from mqslam.psi.window import WindowMotion, estimate_window, find_window_motion, score_window, search_twist
-from mqslam.simulator import ConstantDrive, Drive, Scene, corridor_scene, street_scene, yard_scene
+from mqslam.simulator import ConstantDrive, Drive, Scene, make_corridor_scene, make_street_scene, make_yard_scene
 
 ESTIMATOR = Config().estimator
 TURN_S = 0.25
@@ -28,11 +28,11 @@ def estimated(returns: Returns, start: np.ndarray, beta: float = 0.0) -> WindowM
 
 
 def in_yard(seed: int) -> tuple[Scene, ConstantDrive]:
-    return yard_scene(seed), ConstantDrive(3.0, 0.15)
+    return make_yard_scene(seed), ConstantDrive(3.0, 0.15)
 
 
 def on_street(seed: int) -> tuple[Scene, ConstantDrive]:
-    return street_scene(seed, movers=0), constant(6.0, 0.05)
+    return make_street_scene(seed, movers=0), constant(6.0, 0.05)
 
 
 @pytest.mark.parametrize("place", [in_yard, on_street])
@@ -42,10 +42,10 @@ def test_the_motion_is_recovered_from_a_start_far_off(place: object) -> None:
     for seed in range(1, 7):
         scene, motion = place(seed)
         truth = np.array([motion.v, 0.0, motion.omega])
-        found = estimated(window(scene, motion, seed), truth + OFF * (-1) ** seed)
-        assert found.status is Status.CONVERGED
-        np.testing.assert_array_less(0.0, np.linalg.eigvalsh(found.covariance))
-        errors.append(found.theta - truth)
+        estimate = estimated(window(scene, motion, seed), truth + OFF * (-1) ** seed)
+        assert estimate.status is Status.CONVERGED
+        np.testing.assert_array_less(0.0, np.linalg.eigvalsh(estimate.covariance))
+        errors.append(estimate.theta - truth)
     rms = np.sqrt(np.mean(np.square(errors), axis=0))
     np.testing.assert_array_less(rms, [0.05, 0.05, 0.002])
     np.testing.assert_array_less(np.abs(np.mean(errors, axis=0)), [0.03, 0.02, 0.0015])
@@ -80,10 +80,10 @@ def test_a_known_doppler_shift_gives_a_crisper_map_and_no_false_slide(beta: floa
     known, unknown = [], []
     for seed in range(1, 5):
         motion = constant(14.0, 0.0)
-        returns = window(street_scene(seed, movers=0), motion, seed, beta)
+        returns = window(make_street_scene(seed, movers=0), motion, seed, beta)
         known.append(estimated(returns, np.array([14.0, 0.0, 0.0]), beta))
         unknown.append(estimated(returns, np.array([14.0, 0.0, 0.0])))
-    slides = [np.mean([w.theta[1] for w in found]) for found in (known, unknown)]
+    slides = [np.mean([w.theta[1] for w in estimate]) for estimate in (known, unknown)]
     assert abs(slides[0]) < 0.02 < 0.05 < abs(slides[1])
     assert abs(np.mean([w.theta[0] for w in known]) - 14.0) < 0.05
     for with_it, without in zip(known, unknown, strict=True):
@@ -99,21 +99,23 @@ def test_each_model_estimates_its_own_parameters() -> None:
         (ACCELERATED_TWIST, [6.0, 0.0, 0.05, 0.0, 0.0], [0.2, 0.1, 0.01, 0.6, 0.04]),
     ):
         beam = beam_of(ESTIMATOR, 0.0)
-        found = estimate_window(returns, 0.0, TURN_S, ESTIMATOR, beam, start, model)
-        assert found.covariance.shape == (model.size, model.size)
-        np.testing.assert_array_less(np.linalg.eigvalsh(-found.covariance), 0.0)
-        np.testing.assert_array_less(np.abs(found.theta - truth), bounds)
+        estimate = estimate_window(returns, 0.0, TURN_S, ESTIMATOR, beam, start, model)
+        assert estimate.covariance.shape == (model.size, model.size)
+        np.testing.assert_array_less(np.linalg.eigvalsh(-estimate.covariance), 0.0)
+        np.testing.assert_array_less(np.abs(estimate.theta - truth), bounds)
 
 
 def test_a_window_needs_no_start() -> None:
     scene, motion = on_street(2)
-    found = find_window_motion(window(scene, motion, 2), 0.0, TURN_S, ESTIMATOR, beam_of(ESTIMATOR, 0.0), SPEEDS, YAW_RATES)
-    assert found.status is Status.CONVERGED
-    np.testing.assert_array_less(np.abs(found.theta - [motion.v, 0.0, motion.omega]), [0.1, 0.05, 0.005])
+    estimate = find_window_motion(
+        window(scene, motion, 2), 0.0, TURN_S, ESTIMATOR, beam_of(ESTIMATOR, 0.0), SPEEDS, YAW_RATES
+    )
+    assert estimate.status is Status.CONVERGED
+    np.testing.assert_array_less(np.abs(estimate.theta - [motion.v, 0.0, motion.omega]), [0.1, 0.05, 0.005])
 
 
 def past_a_fence(spacing: float, v: float, seed: int) -> Returns:
-    """Three scans past two endless rows of equal posts, of which those within 40 m are seen."""
+    """Returns three scans past two endless rows of equal posts, of which those within 40 m are seen."""
     rng, rows = np.random.default_rng(seed), []
     for k in range(3):
         for y in (-7.0, 5.0):
@@ -131,18 +133,18 @@ def past_a_fence(spacing: float, v: float, seed: int) -> Returns:
 def test_a_fence_of_equal_posts_is_not_taken_for_a_sure_motion(seed: int) -> None:
     """A metre and a half between posts looks like six metres a second more or less."""
     returns = past_a_fence(1.5, 4.0, seed)
-    found = find_window_motion(returns, 0.0, TURN_S, ESTIMATOR, beam_of(ESTIMATOR, 0.0), SPEEDS, YAW_RATES)
-    assert found.status in (Status.AMBIGUOUS, Status.DEGENERATE)
-    assert abs((found.theta[0] - 4.0 + 3.0) % 6.0 - 3.0) < 0.2
+    estimate = find_window_motion(returns, 0.0, TURN_S, ESTIMATOR, beam_of(ESTIMATOR, 0.0), SPEEDS, YAW_RATES)
+    assert estimate.status in (Status.AMBIGUOUS, Status.DEGENERATE)
+    assert abs((estimate.theta[0] - 4.0 + 3.0) % 6.0 - 3.0) < 0.2
 
 
 @pytest.mark.parametrize("seed", [1, 2, 3, 4])
 def test_a_corridor_is_degenerate_with_the_covariance_large_along_it(seed: int) -> None:
-    returns = window(corridor_scene(), ConstantDrive(5.0, 0.0), seed)
-    found = estimated(returns, np.array([5.0 + (-1) ** seed, 0.0, 0.0]))
-    assert found.status is Status.DEGENERATE
-    assert abs(found.theta[1]) < 0.05
-    assert abs(found.theta[2]) < 0.005
-    assert found.covariance[0, 0] > 1000.0 * found.covariance[1, 1]
-    assert abs(found.theta[0] - 5.0) < 3.0 * np.sqrt(found.covariance[0, 0])
-    np.testing.assert_array_less(0.0, np.linalg.eigvalsh(found.covariance))
+    returns = window(make_corridor_scene(), ConstantDrive(5.0, 0.0), seed)
+    estimate = estimated(returns, np.array([5.0 + (-1) ** seed, 0.0, 0.0]))
+    assert estimate.status is Status.DEGENERATE
+    assert abs(estimate.theta[1]) < 0.05
+    assert abs(estimate.theta[2]) < 0.005
+    assert estimate.covariance[0, 0] > 1000.0 * estimate.covariance[1, 1]
+    assert abs(estimate.theta[0] - 5.0) < 3.0 * np.sqrt(estimate.covariance[0, 0])
+    np.testing.assert_array_less(0.0, np.linalg.eigvalsh(estimate.covariance))

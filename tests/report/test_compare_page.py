@@ -25,7 +25,7 @@ START_US = 1_600_000_000_000_000
 
 
 def bow(turn: float, begin: tuple[float, float, float] = (0.0, 0.0, 0.0), count: int = 200) -> Trajectory:
-    """A path of 1 m steps that turns by the same angle [rad] at each, from some pose."""
+    """Returns a path of 1 m steps that turns by the same angle [rad] at each, from some pose."""
     steps = se2.exp(np.tile([1.0, 0.0, turn], (count, 1)), np.arange(count))
     return Trajectory(START_US + 250_000 * np.arange(count), se2.compose(np.array(begin), steps))
 

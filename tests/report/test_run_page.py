@@ -23,7 +23,7 @@ from mqslam.core import se2
 from mqslam.core.point_map import PointMap
 from mqslam.core.trajectory import Trajectory
 from mqslam.errors import OutputError
-from mqslam.report import Report, WindowScores, write_report
+from mqslam.report import Report, ScanScores, write_report
 from mqslam.report.explorers.scene_data import MOST_POINTS
 from mqslam.report.figures.run_figures import draw_maps
 
@@ -48,10 +48,10 @@ def walls(offset: float, count: int = 4000) -> PointMap:
     )
 
 
-def windows(count: int) -> WindowScores:
+def scores(count: int) -> ScanScores:
     rng = np.random.default_rng(12)
     t0 = 1.5 * np.arange(count)
-    return WindowScores(
+    return ScanScores(
         t0=t0,
         t1=t0 + 1.5,
         psi_minimum=rng.uniform(20.0, 30.0, count),
@@ -95,19 +95,19 @@ def a_report() -> Report:
         ground_truth=Trajectory(truth.stamps_us, se2.compose(np.array([500.0, 300.0, 1.0]), truth.poses)),
         map_odometry=walls(3.0),
         map_optimised=walls(0.2),
-        windows=windows(20),
+        scores=scores(20),
         before="odometry",
         checks=tuple(judged_walls(swept_walls()).windows),
         settings=AuditConfig(),
         loops=np.array([[0, 59]]),
         covariances=PoseCovariances(np.array([0, 30, 59]), np.diag([0.04, 0.09, 1e-4]) * np.arange(1, 4)[:, None, None]),
-        warnings=("revolution 7 <img src=x> is truncated", "odometry ends & the run goes on"),
+        warnings=("polar scan 7 <img src=x> is truncated", "odometry ends & the run goes on"),
         settings_yaml="detector:\n  k_strongest: 12  # <per azimuth>\n",
     )
 
 
 def scene_of(path: Path) -> str:
-    """The names of the lines on the map to move in."""
+    """Returns the names of the lines on the map to move in."""
     scene = re.search(r'<script type="application/json" id="scene">(.*?)</script>', path.read_text(), re.DOTALL)
     assert scene is not None
     return ", ".join(line["name"] for line in json.loads(scene[1])["lines"])
@@ -126,7 +126,7 @@ def test_the_page_needs_nothing_from_outside(written: Path) -> None:
 
 def test_both_maps_and_all_curves_are_pictures_of_one_size_each(written: Path) -> None:
     images = page_of(written).images
-    assert set(images) == {"Under odometry", "Optimised", "Trajectory", "ψ per window", "Matched share"}
+    assert set(images) == {"Under odometry", "Optimised", "Trajectory", "ψ per scan", "Matched share"}
     before, after = (Image.open(io.BytesIO(images[name])) for name in ("Under odometry", "Optimised"))
     assert before.size == after.size
     assert images["Under odometry"] != images["Optimised"]
@@ -134,7 +134,7 @@ def test_both_maps_and_all_curves_are_pictures_of_one_size_each(written: Path) -
 
 def test_warnings_stand_before_the_verdict_and_are_escaped(written: Path) -> None:
     text = page_of(written).text
-    first = text.index("revolution 7 <img src=x> is truncated")
+    first = text.index("polar scan 7 <img src=x> is truncated")
     assert first < text.index("warn\n") < text.index("torn near t = 31 s & 40 s") < text.index("Map quality")
     assert "<img src=x>" not in written.read_text(encoding="utf-8")
 
@@ -168,7 +168,7 @@ def test_numbers_of_the_summary_are_shown_with_units(written: Path) -> None:
         "0.41 °/100 m",
         "812.5 MB",
         "/data/<run>",
-        "20 windows: 19 converged, 1 lost",
+        "20 scans: 19 converged, 1 lost",
     ):
         assert shown in text, shown
     assert "drift\n–" in re.sub(r"\n+", "\n", text)
@@ -201,7 +201,7 @@ def test_a_run_with_almost_nothing_in_it_still_has_a_report(tmp_path: Path) -> N
         ground_truth=None,
         map_odometry=PointMap.empty(),
         map_optimised=PointMap.empty(),
-        windows=windows(0),
+        scores=scores(0),
         warnings=(),
     )
     write_report(tmp_path / "bare.html", bare)
@@ -233,9 +233,9 @@ def test_a_full_disk_is_no_part_that_cannot_be_drawn(tmp_path: Path, monkeypatch
 
 
 def test_covariances_that_are_not_known_are_said_and_not_drawn(written: Path, tmp_path: Path) -> None:
-    unknown = PoseCovariances.unknown("the graph leaves a direction open")
+    unknown = PoseCovariances.unknown("the graph leaves a direction undetermined")
     write_report(tmp_path / "unsure.html", replace(a_report(), covariances=unknown))
-    said = "the covariances of the poses are not known (the graph leaves a direction open)"
+    said = "the covariances of the poses are not known (the graph leaves a direction undetermined)"
     assert said in page_of(tmp_path / "unsure.html").text and said not in page_of(written).text
     assert "3σ ellipses" not in scene_of(tmp_path / "unsure.html") and "3σ ellipses" in scene_of(written)
 
@@ -246,11 +246,11 @@ def test_one_map_that_could_not_be_rendered_leaves_the_other_to_be_looked_at(tmp
     assert len(page_of(tmp_path / "half.html").images) == 5
 
 
-def test_windows_without_odometry_have_one_curve(tmp_path: Path) -> None:
+def test_scans_without_odometry_have_one_curve(tmp_path: Path) -> None:
     report = a_report()
-    lone = replace(report.windows, psi_odometry=np.full(20, np.nan))
-    write_report(tmp_path / "lone.html", replace(report, windows=lone))
-    assert "ψ per window" in page_of(tmp_path / "lone.html").images
+    lone = replace(report.scores, psi_odometry=np.full(20, np.nan))
+    write_report(tmp_path / "lone.html", replace(report, scores=lone))
+    assert "ψ per scan" in page_of(tmp_path / "lone.html").images
 
 
 def test_maps_share_scale_and_shade() -> None:
@@ -267,7 +267,7 @@ def test_maps_share_scale_and_shade() -> None:
 
 
 def inside_axes(png: bytes) -> NDArray[np.int64]:
-    """Opacity (H, W) of the points drawn: neither axes, nor grid, nor the red path."""
+    """Returns the opacity (H, W) of the points drawn: neither axes, nor grid, nor the red path."""
     image = np.asarray(Image.open(io.BytesIO(png))).astype(int)[30:-110, 170:-30]
     return np.where((image[..., 3] > 70) & (image[..., 0] < 60), image[..., 3], 0)
 
@@ -276,7 +276,7 @@ def inside_axes(png: bytes) -> NDArray[np.int64]:
 def test_a_million_points_stay_under_fifteen_megabytes(tmp_path: Path) -> None:
     report = a_report()
     many = walls(20.0, 1_000_000)
-    write_report(tmp_path / "many.html", replace(report, map_odometry=many, map_optimised=many, windows=windows(1200)))
+    write_report(tmp_path / "many.html", replace(report, map_odometry=many, map_optimised=many, scores=scores(1200)))
     assert (tmp_path / "many.html").stat().st_size < 15_000_000
 
 

@@ -30,13 +30,13 @@ def test_a_long_stop_is_named_and_a_short_one_is_not(standing_s, said):
 
 
 def pointmap(psi, matched=0.9, count=100):
-    """A map of so many points with a psi each."""
+    """Returns a map of so many points with a psi each."""
     zeros = np.zeros(count)
     return PointMap(np.zeros((count, 2)), zeros, zeros, np.full(count, psi), np.arange(count) < matched * count)
 
 
 def run(scans, *, lost=0, degenerate=0, torn=0, before=0.5, after=0.4, **others):
-    """What the verdict looks at of a run of so many scans."""
+    """Returns the parts of a run of so many scans that the verdict looks at."""
     statuses = [Status.LOST] * lost + [Status.DEGENERATE] * degenerate + [Status.CONVERGED] * (scans - 1 - lost - degenerate)
     sweeps = swept_walls()
     return SimpleNamespace(

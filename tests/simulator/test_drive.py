@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from mqslam.core import se2
-from mqslam.simulator import ConstantDrive, Drive, Scene, clear_way, loop_drive
+from mqslam.simulator import ConstantDrive, Drive, Scene, clear_way, make_loop_drive
 
 
-@pytest.mark.parametrize("drive", [ConstantDrive(3.0, -0.4, (1.0, 2.0, 0.5)), loop_drive(60.0)])
+@pytest.mark.parametrize("drive", [ConstantDrive(3.0, -0.4, (1.0, 2.0, 0.5)), make_loop_drive(60.0)])
 def test_twists_are_the_derivative_of_the_poses(drive: Drive) -> None:
     times, step = np.arange(1.003, 58.0, 0.7), 1e-4
     before, after = drive.poses(times - step / 2.0), drive.poses(times + step / 2.0)
@@ -25,7 +25,7 @@ def test_constant_drive_is_an_exact_arc() -> None:
 
 def test_loop_closes_and_drives_its_first_street_again() -> None:
     times = np.arange(0.0, 60.0, 0.05)
-    poses = loop_drive(60.0).poses(times)
+    poses = make_loop_drive(60.0).poses(times)
     again = poses[times > 40.0]
     nearest = np.argmin(np.hypot(*(again[:, :2] - poses[0, :2]).T))
     np.testing.assert_allclose(again[nearest, 1], poses[0, 1], atol=1e-3)
@@ -36,7 +36,7 @@ def test_loop_closes_and_drives_its_first_street_again() -> None:
 
 def test_loop_takes_corners_slower_and_keeps_to_its_acceleration() -> None:
     times = np.arange(0.0, 60.0, 0.02)
-    v, _, omega = loop_drive(60.0, speed=9.0, corner_speed=4.0, acceleration=1.5).twists(times).T
+    v, _, omega = make_loop_drive(60.0, speed=9.0, corner_speed=4.0, acceleration=1.5).twists(times).T
     assert v.max() == pytest.approx(9.0, abs=1e-3)
     assert np.all(v[np.abs(omega) > 0.2] < 4.1)
     assert np.abs(np.diff(v)).max() / 0.02 < 1.6
@@ -44,7 +44,7 @@ def test_loop_takes_corners_slower_and_keeps_to_its_acceleration() -> None:
 
 
 def test_loop_can_start_from_standstill() -> None:
-    drive = loop_drive(10.0, from_standstill=True, acceleration=1.5)
+    drive = make_loop_drive(10.0, from_standstill=True, acceleration=1.5)
     v = drive.twists(np.array([0.0, 2.0]))[:, 0]
     np.testing.assert_allclose(v, [0.0, 3.0], atol=0.02)
 

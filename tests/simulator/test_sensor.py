@@ -13,10 +13,10 @@ from mqslam.simulator import (
     Drive,
     Scene,
     SensorModel,
-    corridor_scene,
+    make_corridor_scene,
+    make_street_scene,
     render_polar_scan,
-    simulated_recording,
-    street_scene,
+    simulate_recording,
 )
 
 QUIET = SensorModel(
@@ -36,7 +36,7 @@ def quiet(**changes: float) -> SensorModel:
 
 
 def render(scene: Scene, drive: Drive = STILL, sensor: SensorModel = QUIET, turn: int = 0) -> NDArray[np.uint8]:
-    return simulated_recording(scene, drive, duration_s=5.0, sensor=sensor)[turn].power
+    return simulate_recording(scene, drive, duration_s=5.0, sensor=sensor)[turn].power
 
 
 def pole(x: float, y: float, radius: float = 0.05) -> Scene:
@@ -48,7 +48,7 @@ def vehicle(x: float, y: float, speed: float) -> Scene:
 
 
 def peak(power: NDArray[np.uint8], sensor: SensorModel = QUIET) -> tuple[float, float, int]:
-    """Range [m], azimuth [rad] and row of the strongest echo, by parabolas through the logarithmic power."""
+    """Returns the range [m], azimuth [rad] and row of the strongest echo, by parabolas through the logarithmic power."""
     row, b = np.unravel_index(np.argmax(power), power.shape)
 
     def vertex(y: NDArray[np.float64]) -> float:
@@ -64,8 +64,8 @@ def peak(power: NDArray[np.uint8], sensor: SensorModel = QUIET) -> tuple[float, 
 
 @pytest.mark.parametrize(("r", "bearing"), [(20.0, 0.3), (7.31, -2.0), (45.08, 3.0), (33.333, 1.234)])
 def test_a_pole_peaks_at_its_range_and_bearing_to_a_fraction_of_a_bin(r: float, bearing: float) -> None:
-    found, azimuth, _ = peak(render(pole((r + 0.05) * np.cos(bearing), (r + 0.05) * np.sin(bearing))))
-    assert found == pytest.approx(r, abs=0.06 * QUIET.range_resolution)
+    result, azimuth, _ = peak(render(pole((r + 0.05) * np.cos(bearing), (r + 0.05) * np.sin(bearing))))
+    assert result == pytest.approx(r, abs=0.06 * QUIET.range_resolution)
     assert abs(se2.wrap(azimuth - bearing)) < 0.06 * 2.0 * np.pi / QUIET.azimuths
 
 
@@ -92,7 +92,7 @@ def test_echoes_weaken_with_range() -> None:
 def test_an_azimuth_is_cast_from_its_own_pose() -> None:
     drive, sensor = ConstantDrive(10.0, 0.5, (1.0, 2.0, 0.4)), quiet(beam_width_deg=0.9)
     place = np.array([-8.0, 25.0])
-    recording = simulated_recording(pole(place[0], place[1]), drive, duration_s=2.0, sensor=sensor)
+    recording = simulate_recording(pole(place[0], place[1]), drive, duration_s=2.0, sensor=sensor)
     for k in (0, 3, 6):
         r, _, row = peak(recording[k].power, sensor)
         pose = drive.poses(recording[k].times[row : row + 1])[0]
@@ -139,13 +139,13 @@ def test_saturated_azimuths_are_lifted_as_a_whole() -> None:
 
 def test_the_same_seed_gives_the_same_bytes_in_any_order() -> None:
     sensor = SensorModel(range_resolution=0.5, max_range=80.0)
-    recordings = [simulated_recording(street_scene(4), STILL, duration_s=1.0, sensor=sensor, seed=s) for s in (7, 7, 8)]
+    recordings = [simulate_recording(make_street_scene(4), STILL, duration_s=1.0, sensor=sensor, seed=s) for s in (7, 7, 8)]
     first, second, third = (list(s.polar_scans()) for s in recordings)
     assert all(np.array_equal(a.power, b.power) for a, b in zip(first, second, strict=True))
     assert np.array_equal(recordings[0][2].power, first[2].power)
     assert not np.array_equal(first[0].power, first[1].power)
     assert not np.array_equal(first[0].power, third[0].power)
-    assert not np.array_equal(street_scene(4).walls, street_scene(5).walls)
+    assert not np.array_equal(make_street_scene(4).walls, make_street_scene(5).walls)
 
 
 def test_azimuths_lie_on_encoder_steps_whatever_their_number() -> None:
@@ -156,7 +156,7 @@ def test_azimuths_lie_on_encoder_steps_whatever_their_number() -> None:
 
 
 def test_a_corridor_looks_the_same_all_along() -> None:
-    views = [render(corridor_scene(), ConstantDrive(0.0, 0.0, (x, 0.0, 0.0))) for x in (0.0, 13.7)]
+    views = [render(make_corridor_scene(), ConstantDrive(0.0, 0.0, (x, 0.0, 0.0))) for x in (0.0, 13.7)]
     np.testing.assert_allclose(views[0].astype(int), views[1].astype(int), atol=1)
 
 

@@ -15,7 +15,7 @@ TURN_S = 0.25
 
 @dataclass(frozen=True)
 class Cloud:
-    """Points as a window of three revolutions would leave them.
+    """Points as a window of three scans would leave them.
 
     Args:
         points: (N, 2) m.
@@ -32,34 +32,34 @@ class Cloud:
 
 
 def cloud(seed: int, count: int, side: float = 5.0, parameters: int = 3) -> Cloud:
-    """A cloud of `count` points in a square of `side` [m]."""
+    """Returns a cloud of `count` points in a square of `side` [m]."""
     rng = np.random.default_rng(seed)
     points = rng.uniform(-side / 2.0, side / 2.0, (count, 2))
     times = rng.uniform(0.0, 3.0 * TURN_S, count)
     return Cloud(points, times, rng.normal(0.0, 1.0, (count, 2, parameters)))
 
 
-def with_duplicates(found: Cloud, seed: int) -> Cloud:
-    """The cloud with some of its points a second time: the same place, another time or the same."""
-    if len(found.points) == 0:
-        return found
+def with_duplicates(sample: Cloud, seed: int) -> Cloud:
+    """Returns the cloud with some of its points a second time: the same place, another time or the same."""
+    if len(sample.points) == 0:
+        return sample
     rng = np.random.default_rng(seed)
-    again = found.take(rng.integers(0, len(found.points), 5))
+    again = sample.take(rng.integers(0, len(sample.points), 5))
     late = rng.uniform(0.0, 3.0 * TURN_S, 5) * rng.integers(0, 2, 5)
     return Cloud(
-        np.r_[found.points, again.points],
-        np.r_[found.times, again.times + late],
-        np.r_[found.jacobians, again.jacobians + late[:, None, None]],
+        np.r_[sample.points, again.points],
+        np.r_[sample.times, again.times + late],
+        np.r_[sample.jacobians, again.jacobians + late[:, None, None]],
     )
 
 
 def point_set(seed: int, count: int, side: float = 5.0, parameters: int = 3) -> PointSet:
-    """A cloud whose points have covariances of their own."""
-    found = cloud(seed, count, side, parameters)
+    """Returns a cloud whose points have covariances of their own."""
+    sample = cloud(seed, count, side, parameters)
     roots = np.random.default_rng([seed, 1]).normal(0.0, 0.2, (count, 2, 2))
     matrices = roots @ roots.transpose(0, 2, 1) + 0.01 * np.eye(2)
     covariances = np.ascontiguousarray(matrices[:, [0, 0, 1], [0, 1, 1]])  # as `place` has them: compiled once
-    return PointSet(found.points, found.jacobians, covariances, found.times)
+    return PointSet(sample.points, sample.jacobians, covariances, sample.times)
 
 
 @dataclass(frozen=True)
@@ -81,7 +81,7 @@ class Selection:
 
 
 def selection(points: NDArray[np.float64], times: NDArray[np.float64], config: PsiConfig) -> Selection:
-    """Which pairs of a cloud take part in the published score."""
+    """Finds the pairs of a cloud that take part in the published score."""
     n = len(points)
     if n == 0:
         return Selection(np.zeros((0, 0), bool), np.zeros(0, np.int64), np.inf)

@@ -26,18 +26,18 @@ class Cluster:
         self.address = self._said("scheduler", "Scheduler at:").split()[-1]
 
     def add_worker(self, finds: Path = BELOW) -> None:
-        """Start a worker that finds modules in a folder before all others; it joins within seconds."""
+        """Starts a worker that finds modules in a folder before all others; it joins within seconds."""
         name = f"worker{len(self.workers)}"
         options = ("--nthreads", "1", "--no-nanny", "--no-dashboard", "--local-directory", self._folder / name)
         self.workers.append(self._started("worker", self.address, *options, log=name, finds=finds))
 
     def wait(self) -> None:
-        """Until all workers have joined."""
+        """Waits until all workers have joined."""
         for number in range(len(self.workers)):
             self._said(f"worker{number}", "Registered to:")
 
     def kill(self) -> None:
-        """End everything."""
+        """Ends the scheduler and all workers."""
         for process in (*self.workers, self.scheduler):
             process.kill()
             process.wait()
@@ -61,19 +61,19 @@ class Cluster:
 
 @contextmanager
 def cluster(folder: Path, workers: int = 2) -> Iterator[Cluster]:
-    """A cluster while the block lasts."""
-    found = Cluster(folder)
+    """Yields a cluster that runs while the block lasts."""
+    running = Cluster(folder)
     try:
         for _ in range(workers):
-            found.add_worker()
-        found.wait()
-        yield found
+            running.add_worker()
+        running.wait()
+        yield running
     finally:
-        found.kill()
+        running.kill()
 
 
 def at(monkeypatch: pytest.MonkeyPatch, stage: str, happens: Callable[[], None]) -> list[int]:
-    """Have something happen as soon as the first part of a stage is done; the parts that were left then."""
+    """Makes something happen after the first part of a stage; the list returned then gets the number of parts left."""
     left: list[int] = []
 
     @contextmanager
@@ -90,13 +90,13 @@ def at(monkeypatch: pytest.MonkeyPatch, stage: str, happens: Callable[[], None])
 
 
 def slow_sum(shared: list[int], item: int) -> int:
-    """Their sum, a tenth of a second later."""
+    """Returns the sum of all numbers, a tenth of a second later."""
     time.sleep(0.1)
     return sum(shared) + item
 
 
 def full_disk(shared: list[int], item: int) -> int:
-    """What an operating system raises, by the function itself."""
+    """Raises what an operating system raises when a disk is full."""
     raise OSError(28, "No space left on device")
 
 

@@ -22,7 +22,7 @@ BAGS = ("rosbag1", "mcap", "rosbag2", "rosbag2_mcap")
 STAMPED = ("oxford", "boreas", "mulran_oxford", *BAGS, "b_scan", "native")
 """Layouts, and the other message of bags, that keep time and angle of every azimuth."""
 EVEN = ("mulran", "radiate")
-"""Layouts that keep one stamp per revolution."""
+"""Layouts that keep one stamp per polar scan."""
 _RESOLUTION_M = 0.5
 
 
@@ -39,12 +39,12 @@ def target_named(name: str, message: str = "image") -> Target:
 
 
 def converted(recording: Recording, root: Path, to: str) -> Recording:
-    """The stream after it has been written in a layout and read back."""
+    """Returns the recording after it has been written in a layout and read back."""
     return open_recording(convert(recording, root, to)[0], range_resolution=_RESOLUTION_M)
 
 
 def uneven_oxford(folder: Path) -> Path:
-    """Seven revolutions that begin anywhere, at an uneven pace, one lost, with azimuths that were not measured."""
+    """Writes seven uneven polar scans that begin anywhere; one is lost, and some azimuths were not measured."""
     rng = np.random.default_rng(3)
     (folder / "radar").mkdir(parents=True)
     for k in (0, 1, 2, 4, 5, 6, 7):
@@ -65,7 +65,7 @@ def uneven_oxford(folder: Path) -> Path:
 
 @dataclass(frozen=True, kw_only=True)
 class Turns(Recording):
-    """A recording of given revolutions."""
+    """A recording of given polar scans."""
 
     turns: tuple[PolarScan, ...]
 
@@ -74,7 +74,7 @@ class Turns(Recording):
 
 
 def changed(start_us: int | None = None, **by_name: Any) -> Turns:
-    """The left turn, each of its revolutions changed by functions of a revolution that make new fields."""
+    """Returns the left turn with every polar scan changed: each function returns new fields for a polar scan."""
     recording = left_turn()
     turns = tuple(replace(r, **{name: change(r) for name, change in by_name.items()}) for r in recording.polar_scans())
     late = recording.start_us - (recording.start_us if start_us is None else start_us)
@@ -89,7 +89,7 @@ def changed(start_us: int | None = None, **by_name: Any) -> Turns:
 
 
 def stamps_of(azimuths: int, turn_us: float, burst: int = 1) -> NDArray[np.float64]:
-    """Stamps (A,) [us] of the azimuths of a turn that are handed over in bursts: all of one when its last is measured."""
+    """Returns the stamps (A,) [us] of azimuths that are handed over in bursts, as the last one of each burst is measured."""
     rows = np.arange(azimuths)
     return (np.minimum(rows // burst * burst + burst - 1, azimuths - 1) + 0.01 * (rows % burst)) * turn_us / azimuths
 
@@ -99,32 +99,32 @@ def angles_of(azimuths: int) -> NDArray[np.float64]:
 
 
 def spinning(begins_us: list[int], turns_us: int | list[int], azimuths: int = 60, burst: int = 4) -> Turns:
-    """A recording of revolutions that begin at stamps after the start [us] and take so long by their azimuths' stamps."""
+    """Returns a recording of polar scans that begin at given stamps and last as long as their azimuths' stamps say [us]."""
     takes = [turns_us] * len(begins_us) if isinstance(turns_us, int) else turns_us
-    revolutions = []
+    polar_scans = []
     for k, (begin, turn) in enumerate(zip(begins_us, takes, strict=True)):
         stamps = np.round(begin + stamps_of(azimuths, turn, burst) - stamps_of(azimuths, turn, burst)[0])
         ticks = np.round(np.arange(azimuths) * 5600 / azimuths)
         power = np.full((azimuths, azimuths), k % 40, dtype=np.uint8)
-        revolutions.append(PolarScan(stamps * 1e-6, -2.0 * np.pi * ticks / 5600, power, np.ones(azimuths, dtype=np.bool_)))
+        polar_scans.append(PolarScan(stamps * 1e-6, -2.0 * np.pi * ticks / 5600, power, np.ones(azimuths, dtype=np.bool_)))
     return Turns(
         path=Path("drive"),
         format="given",
         stamps_us=START_US + np.array(begins_us),
         turns_us=np.array(takes),
         range_resolution=0.5,
-        turns=tuple(revolutions),
+        turns=tuple(polar_scans),
     )
 
 
 def arriving(turns: NDArray[np.int64], delays_us: NDArray[np.float64]) -> NDArray[np.int64]:
-    """NDArray[np.int64] of turns that arrive late, one after the other."""
+    """Returns stamps of turns that arrive late, one after the other."""
     numbers = np.arange(len(turns))
     return np.asarray(np.maximum.accumulate(turns + delays_us.round().astype(np.int64) - numbers) + numbers)
 
 
 def write_jittered(root: Path, layout: str, delays: NDArray[np.float64]) -> Path:
-    """Write steady revolutions in a layout of one stamp each, their ends, which come late."""
+    """Writes steady polar scans in a layout that stamps only the ends of turns; these stamps come late."""
     recording = spinning([TURN_US * k for k in range(len(delays))], TURN_US)
     ends = arriving(recording.ends_us, delays).tolist()
     if layout == "bag":

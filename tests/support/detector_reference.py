@@ -14,9 +14,9 @@ def peaks_reference(
     halves: tuple[int, int],
     threshold: float,
 ) -> list[NDArray[np.float64]]:
-    """Per azimuth all local maxima (K, 2) as range [bins] and smoothed power, strongest first."""
+    """Returns for each azimuth all local maxima (K, 2) as range [bins] and smoothed power, the strongest first."""
     azimuths, bins = power.shape
-    found = []
+    maxima = []
     for a in range(azimuths):
         smooth, area = power[a].astype(np.int64), 1
         for half in halves:
@@ -30,8 +30,8 @@ def peaks_reference(
             before, peak, after = smooth[b - 1 : b + 2]
             if peak >= threshold and before <= peak > after:  # the vertex of the parabola through the three
                 rows.append((b + 0.5 + 0.5 * (before - after) / (before - 2.0 * peak + after), peak))
-        found.append(np.array(sorted(rows, key=lambda row: -row[1])).reshape(-1, 2))
-    return found
+        maxima.append(np.array(sorted(rows, key=lambda row: -row[1])).reshape(-1, 2))
+    return maxima
 
 
 def targets_reference(
@@ -41,7 +41,7 @@ def targets_reference(
     times: NDArray[np.float64],
     join: float,
 ) -> NDArray[np.float64]:
-    """(N, 4) the peaks that no neighbouring azimuth sees stronger, as centroids over the azimuths that see them."""
+    """Returns (N, 4) the peaks that no neighbouring azimuth sees stronger, as centroids over the azimuths that see them."""
     rows = []
     for a, k in np.argwhere(values > 0.0):
         seen = [(a, k)]

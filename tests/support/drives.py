@@ -10,14 +10,14 @@ import numpy as np
 from mqslam.config import Config
 from mqslam.core.scans import Returns, Scan, Scans
 from mqslam.detection.stage import detect_all
-from mqslam.simulator import ConstantDrive, Drive, Scene, SensorModel, SimulatedRecording, simulated_recording
+from mqslam.simulator import ConstantDrive, Drive, Scene, SensorModel, SimulatedRecording, simulate_recording
 
 SENSOR = SensorModel(range_resolution=0.0875, max_range=60.0)
 ON_THE_STREET = (-20.0, -37.75, 0.0)  # on the right-hand lane of a street scene, heading along x
 
 
 def detected(recording: SimulatedRecording) -> Scans:
-    """The scans of a recording under the default settings."""
+    """Returns the scans of a recording under the default settings."""
     scans, _ = detect_all(recording, Config().detector)
     return scans
 
@@ -25,33 +25,33 @@ def detected(recording: SimulatedRecording) -> Scans:
 def drive(
     scene: Scene, motion: Drive, duration_s: float, seed: int = 1, doppler_beta: float = 0.0, max_range: float = 60.0
 ) -> tuple[SimulatedRecording, Scans]:
-    """A drive and its scans."""
+    """Returns a drive and its scans."""
     sensor = SensorModel(range_resolution=0.0875, max_range=max_range, doppler_beta=doppler_beta)
-    recording = simulated_recording(scene, motion, duration_s=duration_s, sensor=sensor, seed=seed)
+    recording = simulate_recording(scene, motion, duration_s=duration_s, sensor=sensor, seed=seed)
     return recording, detected(recording)
 
 
 @lru_cache(maxsize=1)
 def street_drive() -> tuple[SimulatedRecording, Scans]:
-    """Ten seconds along a street and into its corner, past moving vehicles."""
-    from mqslam.simulator import clear_way, loop_drive, street_scene
+    """Returns a drive of ten seconds along a street and into its corner, past moving vehicles."""
+    from mqslam.simulator import clear_way, make_loop_drive, make_street_scene
 
-    motion = loop_drive(10.0, speed=8.0)
-    return drive(clear_way(street_scene(1, movers=4), motion, 10.0), motion, 10.0)
+    motion = make_loop_drive(10.0, speed=8.0)
+    return drive(clear_way(make_street_scene(1, movers=4), motion, 10.0), motion, 10.0)
 
 
 def constant(v: float, omega: float) -> ConstantDrive:
-    """A constant motion that starts on the street."""
+    """Returns a constant motion that starts on the street."""
     return ConstantDrive(v, omega, ON_THE_STREET)
 
 
 def joined(scans: Sequence[Scan]) -> Returns:
-    """The returns of several scans as one."""
+    """Returns the returns of several scans as one."""
     return Returns.concatenate([w.returns for w in scans])
 
 
 def noise(scan: Scan, count: int = 400, seed: int = 1) -> Scan:
-    """A scan of returns that are nowhere in the world."""
+    """Returns a scan of returns that are nowhere in the world."""
     rng = np.random.default_rng(seed)
     times = np.sort(rng.uniform(scan.t0, scan.t1, count))
     azimuths = -2.0 * np.pi * (times - scan.t0) / (scan.t1 - scan.t0)

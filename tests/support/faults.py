@@ -10,19 +10,21 @@ from support.commands import Result, mqslam
 
 from mqslam.core.recording import Recording
 from mqslam.formats.recordings import oxford as writer
-from mqslam.simulator import SensorModel, SimulatedRecording, loop_drive, simulated_recording, street_scene
+from mqslam.simulator import SensorModel, SimulatedRecording, make_loop_drive, make_street_scene, simulate_recording
 
 QUICK = ("--odometry", "none", "--jobs", "1")
 
 
 def small_street(turn_rate_hz: float = 4.0, duration_s: float = 7.5) -> SimulatedRecording:
-    """Coarse polar scans of a street; thirty of them unless another length is wanted."""
+    """Returns coarse polar scans of a street; thirty of them unless another length is wanted."""
     sensor = SensorModel(turn_rate_hz=turn_rate_hz, azimuths=200, range_resolution=0.175, max_range=60.0)
-    return simulated_recording(street_scene(1, movers=0), loop_drive(duration_s), duration_s=duration_s, sensor=sensor)
+    return simulate_recording(
+        make_street_scene(1, movers=0), make_loop_drive(duration_s), duration_s=duration_s, sensor=sensor
+    )
 
 
 def write_drive(folder: Path, recording: Recording) -> None:
-    """Write a recording in the Oxford layout."""
+    """Writes a recording in the Oxford layout."""
     writer.write(folder, recording)
 
 
@@ -31,12 +33,12 @@ def images(drive: Path) -> list[Path]:
 
 
 def cut_short(image: Path) -> None:
-    """Leave the beginning of an image, as a full disk or a broken copy does."""
+    """Leaves only the beginning of an image, as a full disk or a broken copy does."""
     image.write_bytes(image.read_bytes()[:1500])
 
 
 def run_quickly(drive: Path, out: Path, *more: str | Path) -> Result:
-    """Run a drive without odometry, Doppler shift and loops, in this process."""
+    """Runs a drive without odometry, Doppler shift and loops, in this process."""
     quick = drive.parent / "quick.yaml"
     quick.write_text("sensor: {doppler_beta: 0.0}\nloops: {enabled: false}\n")
     return mqslam("run", drive, "--out", out, "--config", quick, *QUICK, *more)
@@ -48,7 +50,7 @@ def read_summary(out: Path) -> dict[str, dict[str, float]]:
 
 
 def assert_refused(shown: Result, *words: str) -> None:
-    """Check that the command ended with one line that says all the words."""
+    """Checks that the command ended with one line that says all the words."""
     assert shown.code == 2, shown.err
     line = shown.err.splitlines()[-1]
     assert line.startswith("mqslam: error: ") and all(word in line for word in words), line
@@ -56,5 +58,5 @@ def assert_refused(shown: Result, *words: str) -> None:
 
 
 def interrupt(*_: object) -> NoReturn:
-    """Stand in for a stage during which the user presses Ctrl-C."""
+    """Stands in for a stage during which the user presses Ctrl-C."""
     raise KeyboardInterrupt

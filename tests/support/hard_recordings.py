@@ -36,23 +36,23 @@ Way = Callable[[NDArray[np.float64]], NDArray[np.float64]]  # x [m] at times [s]
 
 
 def poles(count: int = 220, side_m: float = 120.0, seed: int = 1) -> Points:
-    """Poles (N, 2) [m] strewn around the origin."""
+    """Returns poles (N, 2) [m] strewn around the origin."""
     return np.random.default_rng(seed).uniform(-0.5 * side_m, 0.5 * side_m, (count, 2))
 
 
 def bare_walls(spacing_m: float = 1.0) -> Points:
-    """Two bare walls (N, 2) [m] along x, 6 m to either side."""
+    """Returns two bare walls (N, 2) [m] along x, 6 m to either side."""
     x = np.arange(-100.0, 100.0, spacing_m)
     return np.concatenate([np.column_stack([x, np.full(len(x), side)]) for side in (-6.0, 6.0)])
 
 
 def straight_on(times: NDArray[np.float64]) -> NDArray[np.float64]:
-    """A drive at `SPEED`."""
+    """Returns the distances driven at `SPEED` [m]."""
     return SPEED * times
 
 
 def at_rest(times: NDArray[np.float64]) -> NDArray[np.float64]:
-    """No drive at all."""
+    """Returns the distances driven at rest: zero."""
     return np.zeros_like(times)
 
 
@@ -65,7 +65,7 @@ def scan(
     reach_m: tuple[float, float] = (2.5, 80.0),
     seed: int = 0,
 ) -> Scan:
-    """What a clockwise radar that drives along a way sees of a world in the turn that begins at t0 [s]."""
+    """Returns what a clockwise radar on a drive sees of a world in the turn that begins at t0 [s]."""
     rng = np.random.default_rng([seed, round(t0 * 1e6)])
     times = np.full(len(world), t0)
     for _ in range(5):  # a point is seen when the beam points at it, and it lies where it does then
@@ -89,28 +89,28 @@ def drive(
     noise_m: float = NOISE_M,
     reach_m: tuple[float, float] = (2.5, 80.0),
 ) -> list[Scan]:
-    """Successive scans of a world; those of numbers in `missing` are left out."""
+    """Returns successive scans of a world; those of numbers in `missing` are left out."""
     world = poles() if world is None else world
     return [scan(world, k * turn_s, way, turn_s, noise_m, reach_m) for k in range(scans) if k not in missing]
 
 
 def without_returns(scans: Sequence[Scan], which: range) -> list[Scan]:
-    """The same windows, those of numbers in `which` without returns."""
+    """Returns the same scans, those of numbers in `which` without returns."""
     return [Scan(w.t0, w.t1, Returns.none()) if k in which else w for k, w in enumerate(scans)]
 
 
 def thin(scans: Sequence[Scan], count: int, which: range, seed: int = 0) -> list[Scan]:
-    """The same windows, those of numbers in `which` with at most `count` of their returns."""
-    found = list(scans)
+    """Returns the same scans, those of numbers in `which` with at most `count` of their returns."""
+    result = list(scans)
     for k in which:
         chosen = np.zeros(len(scans[k].returns), dtype=bool)
         chosen[np.random.default_rng([seed, k]).permutation(len(chosen))[:count]] = True
-        found[k] = Scan(scans[k].t0, scans[k].t1, scans[k].returns.take(chosen))
-    return found
+        result[k] = Scan(scans[k].t0, scans[k].t1, scans[k].returns.take(chosen))
+    return result
 
 
 def repeated(scan: Scan, scans: int) -> list[Scan]:
-    """One scan again and again, at successive times: what a sensor delivers whose driver is stuck."""
+    """Returns one scan again and again, at successive times, as a sensor with a stuck driver delivers it."""
     length, r = scan.t1 - scan.t0, scan.returns
     return [
         Scan(
@@ -123,18 +123,18 @@ def repeated(scan: Scan, scans: int) -> list[Scan]:
 
 
 def one_spot(scans: int, range_m: float = 10.0, count: int = 40) -> list[Scan]:
-    """Scans whose returns all are one and the same."""
+    """Returns scans whose returns all are one and the same."""
     first = Returns(*(np.full(count, value) for value in (range_m, -1.0, 0.04, 99.0)))
     return repeated(Scan(0.0, TURN_S, first), scans)
 
 
 def one_direction(scans: int) -> list[Scan]:
-    """Scans whose returns all lie straight ahead, exactly."""
+    """Returns scans whose returns all lie straight ahead, exactly."""
     return drive(scans, np.column_stack([np.linspace(3.0, 300.0, 150), np.zeros(150)]), noise_m=0.0)
 
 
 def around_the_sensor(scans: int, range_m: float) -> list[Scan]:
-    """Scans whose returns all have one range, in all directions."""
+    """Returns scans whose returns all have one range, in all directions."""
     azimuths = np.linspace(0.0, -6.2, 60)
     times = -azimuths / (2.0 * np.pi) * TURN_S
     first = Returns(np.full(60, range_m), azimuths, times, np.full(60, 99.0))
@@ -142,7 +142,7 @@ def around_the_sensor(scans: int, range_m: float) -> list[Scan]:
 
 
 def farther(scans: Sequence[Scan], by_m: float) -> list[Scan]:
-    """The same windows with every return farther away."""
+    """Returns the same scans with every return farther away."""
     return [
         Scan(w.t0, w.t1, Returns(w.returns.ranges + by_m, w.returns.azimuths, w.returns.times, w.returns.intensities))
         for w in scans
@@ -150,41 +150,41 @@ def farther(scans: Sequence[Scan], by_m: float) -> list[Scan]:
 
 
 def parked_among_cars(scans: int) -> list[Scan]:
-    """A parked sensor that cars pass, forty returns of two hundred."""
+    """Returns scans of a parked sensor that cars pass; forty of two hundred returns are theirs."""
     still, cars = poles(160, 100.0), poles(40, 100.0, seed=2)
-    found = []
+    result = []
     for k in range(scans):
         moving = cars + np.array([8.0 * TURN_S * k, 0.0])
         moving[:, 0] = (moving[:, 0] + 50.0) % 100.0 - 50.0
-        found.append(scan(np.concatenate([still, moving]), k * TURN_S, at_rest))
-    return found
+        result.append(scan(np.concatenate([still, moving]), k * TURN_S, at_rest))
+    return result
 
 
 def into_a_tunnel(scans: int, way: Way = straight_on) -> list[Scan]:
-    """A drive past poles into a bare tunnel; after two seconds hardly a pole is left in reach."""
+    """Returns a drive past poles into a bare tunnel; after two seconds hardly a pole is left in reach."""
     before = np.random.default_rng(3).uniform((-60.0, -30.0), (5.0, 30.0), (80, 2))
     walls = bare_walls()
     return drive(scans, np.concatenate([before, walls[walls[:, 0] > 5.0]]), way, reach_m=(2.5, 30.0))
 
 
 def braking(times: NDArray[np.float64]) -> NDArray[np.float64]:
-    """A drive at `SPEED` that comes to rest from the second to the fourth second."""
+    """Returns the distances driven [m] at `SPEED` by a vehicle that brakes from the second to the fourth second."""
     late = np.clip(times - 2.0, 0.0, 2.0)
     return SPEED * (np.minimum(times, 2.0) + late - 0.25 * late**2)
 
 
 def joined(scans: Sequence[Scan]) -> Scans:
-    """The scans as those of one recording that begins at stamp 0."""
+    """Returns the scans as those of one recording that begins at stamp 0."""
     return Scans(tuple(scans), 0, scans[0].t1 - scans[0].t0)
 
 
 def stamps_of(scans: Sequence[Scan]) -> NDArray[np.int64]:
-    """Stamps (N,) [us] of the windows' begins, counted from their time zero."""
+    """Returns the stamps (N,) [us] of the beginnings of the scans, counted from their time zero."""
     return np.array([round(w.t0 * 1e6) for w in scans], dtype=np.int64)
 
 
 def truth_of(scans: Sequence[Scan], way: Way = straight_on) -> NDArray[np.float64]:
-    """True poses (N, 3) at the windows' begins."""
+    """Returns the true poses (N, 3) at the beginnings of the scans."""
     return np.column_stack([way(np.array([w.t0 for w in scans])), np.zeros((len(scans), 2))])
 
 
@@ -195,7 +195,7 @@ def solve(
     odometry: Trajectory | None = None,
     doppler_beta: float | None = 0.0,
 ) -> Solution:
-    """The trajectory that a front end and the graph find; with None psi measures the Doppler shift itself."""
+    """Finds the trajectory by a front end and the graph; where the Doppler shift is None, psi measures it."""
     config = (config or Config()).model_copy(update={"sensor": SensorConfig(doppler_beta=doppler_beta)})
     together = joined(scans)
     beta = choose_doppler_beta(together, config.sensor, config.tracker, config.estimator)
@@ -204,19 +204,19 @@ def solve(
 
 
 def errors_of(solution: Solution, scans: Sequence[Scan], way: Way = straight_on) -> NDArray[np.float64]:
-    """Errors (N - 1, 3) [m, m, rad] of the measurements of a drive straight ahead."""
+    """Returns the errors (N - 1, 3) [m, m, rad] of the measurements of a drive straight ahead."""
     steps = np.diff(truth_of(scans, way), axis=0)
     return np.array([m.pose for m in solution.measurements]) - steps
 
 
 def normalised(solution: Solution, errors: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Errors (N - 1, 3) squared in units of the covariances: chi-squares of three degrees of freedom if these are right."""
+    """Returns the squared errors (N - 1,) in units of their covariances: chi-squares of 3 degrees of freedom if right."""
     covariances = np.array([m.covariance for m in solution.measurements])
     return np.asarray(np.einsum("ni,nij,nj->n", errors, np.linalg.inv(covariances), errors))
 
 
 def assert_sound(solution: Solution) -> None:
-    """Poses are finite; covariances are finite, symmetric and positive definite."""
+    """Checks that poses are finite, and that covariances are finite, symmetric and positive definite."""
     assert np.isfinite(solution.optimised.poses).all()
     assert np.isfinite(solution.odometry.poses).all()
     for m in solution.measurements:
@@ -229,7 +229,7 @@ def assert_sound(solution: Solution) -> None:
 
 @dataclass(frozen=True, kw_only=True)
 class RecordingInMemory(Recording):
-    """Windows of returns as the power that a radar would have measured.
+    """Scans as the power that a radar would have measured.
 
     Args:
         scans: what the radar sees.
@@ -262,7 +262,7 @@ class RecordingInMemory(Recording):
 def recorded(
     scans: Sequence[Scan], azimuths: int = 400, bins: int = 400, bin_m: float = 0.25, width: int = 1
 ) -> RecordingInMemory:
-    """Windows as a recording."""
+    """Returns the scans as a recording."""
     return RecordingInMemory(
         path=Path("in memory"),
         format="native",
@@ -277,7 +277,7 @@ def recorded(
 
 
 def write(folder: Path, scans: Sequence[Scan]) -> tuple[Path, Path]:
-    """A native recording of windows and a trajectory file of the true poses, up to the recording's end."""
+    """Writes a native recording of scans and a trajectory file of the true poses, up to the recording's end."""
     folder.mkdir(parents=True, exist_ok=True)
     recording = recorded(scans)
     write_native(folder / "drive.npz", recording)
@@ -326,6 +326,6 @@ AT_REST = {name for name in HARD if "again" in name or name in ("all returns at 
 
 
 def but(names: Iterable[str], failing: Mapping[str, str]) -> list[Any]:
-    """Names of recordings as parameters of a test, those that are known to fail marked with the reason."""
+    """Returns names of recordings as parameters of a test, those that are known to fail marked with the reason."""
     marks = {name: [pytest.mark.xfail(strict=True, reason=failing[name])] for name in failing}
     return [pytest.param(name, marks=marks.get(name, [])) for name in names]

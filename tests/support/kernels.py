@@ -13,7 +13,7 @@ from support.commands import mqslam
 
 
 def main() -> None:
-    """Run the commands that between them call all kernels on a recording of a second; numba keeps what it compiles."""
+    """Runs commands that together call all kernels on a recording of a second; numba keeps what it compiles."""
     with tempfile.TemporaryDirectory() as folder:
         drive, out, quick = (Path(folder) / name for name in ("drive", "out", "quick.yaml"))
         quick.write_text("sensor: {doppler_beta: 0.0}\n")

@@ -13,7 +13,7 @@ from support.recordings import bag_writer, with_metadata
 from mqslam.core import se2
 from mqslam.core.recording import PolarScan, Recording
 from mqslam.core.trajectory import Trajectory
-from mqslam.simulator import ConstantDrive, SensorModel, SimulatedRecording, simulated_recording, yard_scene
+from mqslam.simulator import ConstantDrive, SensorModel, SimulatedRecording, make_yard_scene, simulate_recording
 
 NS = 417
 """What the stamps of a recording in ns have beyond whole microseconds [ns]."""
@@ -21,29 +21,29 @@ NS = 417
 
 @lru_cache(maxsize=1)
 def left_turn() -> SimulatedRecording:
-    """Six small revolutions of a drive that turns left, 8 m/s and 0.4 rad/s."""
+    """Returns six small polar scans of a drive that turns left, 8 m/s and 0.4 rad/s."""
     sensor = SensorModel(azimuths=40, range_resolution=0.5, max_range=100.0)
-    return simulated_recording(yard_scene(1), ConstantDrive(8.0, 0.4), duration_s=1.5, sensor=sensor)
+    return simulate_recording(make_yard_scene(1), ConstantDrive(8.0, 0.4), duration_s=1.5, sensor=sensor)
 
 
 def truth_at(recording: SimulatedRecording, stamps_us: NDArray[np.int64]) -> Trajectory:
-    """True poses of the radar at stamps (N,) [us]."""
+    """Returns the true poses of the radar at stamps (N,) [us]."""
     return Trajectory(stamps_us, recording.drive.poses((stamps_us - recording.start_us) * 1e-6))
 
 
 def ends(recording: Recording) -> list[int]:
-    """Ends of the revolutions of a stream without gaps [us]."""
+    """Returns the ends of the turns of a recording without gaps [us]."""
     return [*recording.stamps_us[1:].tolist(), recording.end_us]
 
 
 def rows_of(recording: SimulatedRecording, k: int, flags: NDArray[np.bool_], per_us: int = 1) -> NDArray[np.uint8]:
-    """Revolution k as Oxford rows with flags (A,) in byte 10 and `per_us` ticks of time in a microsecond."""
+    """Returns polar scan k as Oxford rows with flags (A,) in byte 10 and `per_us` ticks of time in a microsecond."""
     stamps = recording.azimuth_stamps(k) * per_us + (NS if per_us == 1000 else 0)
     return with_metadata(recording[k].power, stamps, recording.sensor.encoders, flags)
 
 
 def write_boreas(folder: Path, recording: SimulatedRecording, flags: NDArray[np.bool_] | None = None) -> Path:
-    """Write a stream as Boreas: images named after the middle of the revolution, poses of that instant."""
+    """Writes a recording as Boreas: images named after the middle of the turn, poses of that instant."""
     (folder / "radar").mkdir(parents=True)
     (folder / "applanix").mkdir()
     flags = np.ones(recording.sensor.azimuths, dtype=np.bool_) if flags is None else flags
@@ -59,7 +59,7 @@ def write_boreas(folder: Path, recording: SimulatedRecording, flags: NDArray[np.
 
 
 def boreas_angles(yaw: float, *, nose_up: float, left_side_up: float) -> tuple[float, float, float]:
-    """Roll, pitch and heading of Boreas' file for a radar that looks along a yaw, tilted [rad].
+    """Returns roll, pitch and heading of Boreas' file for a radar that looks along a yaw, tilted [rad].
 
     The columns of C_enu_radar are the radar's forward, right and down in east, north, up; C = R1 R2 R3.
     """
@@ -71,7 +71,7 @@ def boreas_angles(yaw: float, *, nose_up: float, left_side_up: float) -> tuple[f
 
 
 def write_mulran_columns(root: Path, recording: SimulatedRecording) -> Path:
-    """Write a stream as MulRan's polar images, named after the ends of the revolutions [ns]."""
+    """Writes a recording as MulRan's polar images, named after the ends of the turns [ns]."""
     folder = root / "sensor_data" / "radar" / "polar"
     folder.mkdir(parents=True)
     for end, polar_scan in zip(ends(recording), recording.polar_scans(), strict=True):
@@ -80,7 +80,7 @@ def write_mulran_columns(root: Path, recording: SimulatedRecording) -> Path:
 
 
 def write_mulran_rows(root: Path, recording: SimulatedRecording, inside: str = "sensor_data/radar") -> Path:
-    """Write a stream as MulRan's Oxford rows, with stamps in ns."""
+    """Writes a recording as MulRan's Oxford rows, with stamps in ns."""
     folder = root / inside / "polar_oxford_form"
     folder.mkdir(parents=True)
     for k, end in enumerate(ends(recording)):
@@ -90,7 +90,7 @@ def write_mulran_rows(root: Path, recording: SimulatedRecording, inside: str = "
 
 
 def write_mulran_poses(root: Path, recording: SimulatedRecording) -> None:
-    """Write the poses of the vehicle that carries the radar: the radar is 1.50 m ahead, 0.04 m right, turned by 0.9 deg."""
+    """Writes the poses of the vehicle that carries the radar: the radar is 1.50 m ahead, 0.04 m right, turned by 0.9 deg."""
     lines = []
     stamps = recording.start_us + np.arange(0, 1_500_001, 100_000)
     radars = truth_at(recording, stamps).poses
@@ -102,7 +102,7 @@ def write_mulran_poses(root: Path, recording: SimulatedRecording) -> None:
 
 
 def write_radiate(root: Path, recording: SimulatedRecording) -> Path:
-    """Write a stream as RADIATE: numbered images, stamps of the revolutions' ends [s] in a file."""
+    """Writes a recording as RADIATE: numbered images, stamps of the ends of the turns [s] in a file."""
     folder = root / "Navtech_Polar"
     folder.mkdir(parents=True)
     lines = []
@@ -114,7 +114,7 @@ def write_radiate(root: Path, recording: SimulatedRecording) -> Path:
 
 
 def write_player_bag(path: Path, recording: SimulatedRecording) -> Path:
-    """Write a stream as MulRan's player sends it: images of columns, stamped at the ends of the revolutions."""
+    """Writes a recording as MulRan's player sends it: images of columns, stamped at the ends of the turns."""
     path = path.with_suffix(".bag")
     with bag_writer(path, "ros1") as bag:
         radar = bag.topic("/radar/polar", "sensor_msgs/msg/Image")
@@ -124,7 +124,7 @@ def write_player_bag(path: Path, recording: SimulatedRecording) -> Path:
 
 
 def assert_alike(a: Recording, b: Recording) -> None:
-    """Two streams hold the same power at the same times and angles, to a microsecond."""
+    """Checks that two recordings hold the same power at the same times and angles, to a microsecond."""
     np.testing.assert_allclose(a.stamps_us - b.stamps_us, 0, atol=1)
     assert abs(a.end_us - b.end_us) <= 1
     for one, other in zip(a.polar_scans(), b.polar_scans(), strict=True):
@@ -132,7 +132,7 @@ def assert_alike(a: Recording, b: Recording) -> None:
 
 
 def assert_alike_polar_scan(a: PolarScan, b: PolarScan) -> None:
-    """Two revolutions hold the same power at the same times and angles, to a microsecond."""
+    """Checks that two polar scans hold the same power at the same times and angles, to a microsecond."""
     np.testing.assert_array_equal(a.power, b.power)
     np.testing.assert_array_equal(a.valid, b.valid)
     np.testing.assert_allclose(a.times, b.times, rtol=0.0, atol=1.001e-6)
@@ -140,7 +140,7 @@ def assert_alike_polar_scan(a: PolarScan, b: PolarScan) -> None:
 
 
 def assert_turns_left(truth: Trajectory | None, recording: SimulatedRecording, stamps_us: NDArray[np.int64]) -> None:
-    """Ground truth is the recording's own at the stamps, whatever the fixed frame: forward and to the left."""
+    """Checks that ground truth goes forward and to the left, whatever the fixed frame."""
     assert truth is not None
     np.testing.assert_array_equal(truth.stamps_us, stamps_us)
     moved = se2.between(truth.poses[:1], truth.poses)

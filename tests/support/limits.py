@@ -20,7 +20,7 @@ class TookTooLong(BaseException):
 
 @contextmanager
 def within_limits(size: int) -> Iterator[None]:
-    """Fail where the block takes longer, or more memory, than reading a file of a size [bytes] may.
+    """Fails where the block takes longer, or more memory, than reading a file of a size [bytes] may.
 
     A block that does not come back from a library ends the whole process with a traceback.
     """

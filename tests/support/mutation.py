@@ -74,7 +74,7 @@ CHANGES = st.lists(
 
 
 def plain(content: bytes, change: Change) -> bytes:
-    """Damage to a file as it lies on the disk."""
+    """Damages a file as it lies on the disk."""
     at, value = int(change.where * len(content)), change.value
     length = 1 + value % 64
     match change.kind:
@@ -103,13 +103,13 @@ def plain(content: bytes, change: Change) -> bytes:
         case "number":
             numbers = list(_NUMBER.finditer(content))
             if numbers:
-                found = numbers[int(change.where * len(numbers))]
-                return content[: found.start()] + _WORDS[value % len(_WORDS)] + content[found.end() :]
+                result = numbers[int(change.where * len(numbers))]
+                return content[: result.start()] + _WORDS[value % len(_WORDS)] + content[result.end() :]
     return content
 
 
 def inside_png(content: bytes, change: Change) -> bytes:
-    """Damage to the pixels of an image and to its shape, packed as a faultless PNG again."""
+    """Damages the pixels of an image and its shape, and packs it as a faultless PNG again."""
     with Image.open(io.BytesIO(content)) as image:
         pixels = np.asarray(image)
     height, width = pixels.shape
@@ -123,7 +123,7 @@ def inside_png(content: bytes, change: Change) -> bytes:
 
 
 def inside_zip(content: bytes, change: Change) -> bytes:
-    """Damage to a member of an archive, packed with a right checksum again."""
+    """Damages a member of an archive, and packs it with a right checksum again."""
     packed = io.BytesIO()
     with zipfile.ZipFile(io.BytesIO(content)) as before, zipfile.ZipFile(packed, "w", zipfile.ZIP_DEFLATED) as after:
         names = before.namelist()
@@ -134,5 +134,5 @@ def inside_zip(content: bytes, change: Change) -> bytes:
 
 
 def inside_gzip(content: bytes, change: Change) -> bytes:
-    """Damage to what is compressed, with a right checksum again."""
+    """Damages what is compressed, and packs it with a right checksum again."""
     return gzip.compress(plain(gzip.decompress(content), change), 1)

@@ -9,7 +9,7 @@ import pytest
 
 
 def mostly_slow(values: Iterable[Any], fast: Collection[Any]) -> list[Any]:
-    """Mark all parameters of a test as slow but a few, which show the behaviour in `make test`.
+    """Marks all parameters of a test as slow but a few, which show the behaviour in `make test`.
 
     Args:
         values: all parameters; tuples are the values of several names.

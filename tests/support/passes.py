@@ -12,36 +12,36 @@ from mqslam.core import se2
 from mqslam.core.scans import Returns, Scan
 from mqslam.detection.stage import detect_all
 from mqslam.psi.place import beam_of
-from mqslam.simulator import ConstantDrive, Scene, SensorModel, corridor_scene, simulated_recording, street_scene
+from mqslam.simulator import ConstantDrive, Scene, SensorModel, make_corridor_scene, make_street_scene, simulate_recording
 
 CONFIG = Config()
 BEAM = beam_of(CONFIG.estimator, 0.0)
 SENSOR = SensorModel(range_resolution=0.175, max_range=80.0)
 LANE_Y, OTHER_LANE_Y = -37.75, -34.25  # the two lanes of the street south of the middle block
-MIDDLE = 10  # a revolution in the middle of a pass
+MIDDLE = 10  # a scan in the middle of a pass
 
 
 @lru_cache(maxsize=16)
 def street_pass(x: float, y: float, yaw: float, seed: int) -> Drive:
-    """Five seconds at 8 m/s along a street without traffic; another seed is another day's noise."""
-    return _driven(street_scene(1, movers=0), (x, y, yaw), seed)
+    """Returns five seconds at 8 m/s along a street without traffic; another seed is another day's noise."""
+    return _driven(make_street_scene(1, movers=0), (x, y, yaw), seed)
 
 
 @lru_cache(maxsize=16)
 def corridor_pass(x: float, y: float, seed: int) -> Drive:
-    """The same along two bare walls."""
-    return _driven(corridor_scene(), (x, y, 0.0), seed)
+    """Returns a drive like that of `street_pass` along two bare walls."""
+    return _driven(make_corridor_scene(), (x, y, 0.0), seed)
 
 
 def _driven(scene: Scene, start: tuple[float, float, float], seed: int) -> Drive:
-    recording = simulated_recording(scene, ConstantDrive(8.0, 0.0, start), duration_s=5.0, sensor=SENSOR, seed=seed)
+    recording = simulate_recording(scene, ConstantDrive(8.0, 0.0, start), duration_s=5.0, sensor=SENSOR, seed=seed)
     scans, _ = detect_all(recording, CONFIG.detector)
     assert recording.ground_truth is not None
     return Drive.of(scans, recording.ground_truth.poses)
 
 
 def joined(first: Drive, second: Drive, poses: se2.Array | None = None) -> Drive:
-    """Two passes as one drive, a minute apart; the second under other poses (N, 3) than its own where they are given."""
+    """Returns two passes as one drive, a minute apart; poses (N, 3), if given, take the place of the second pass's own."""
     late = float(first.times[-1]) + 60.0
     scans = list(first.scans)
     for w in second.scans:
@@ -51,7 +51,7 @@ def joined(first: Drive, second: Drive, poses: se2.Array | None = None) -> Drive
 
 
 def path(xy: np.ndarray) -> Drive:
-    """A drive without returns along places (N, 2) [m], a revolution at each."""
+    """Returns a drive without returns along places (N, 2) [m], a scan at each."""
     nothing = Returns(*(np.empty(0) for _ in range(4)))
     scans = [Scan(0.25 * k, 0.25 * (k + 1), nothing) for k in range(len(xy))]
     ahead = np.diff(xy, axis=0, append=2.0 * xy[-1:] - xy[-2:-1])

@@ -30,7 +30,7 @@ TRUTH_TOPIC = "/ground_truth/pose"
 
 
 def oxford_rows(k: int, azimuths: int = 40, bins: int = 200) -> NDArray[np.uint8]:
-    """The image (azimuths, 11 + bins) of revolution k: noise and two walls, one of them turning."""
+    """Returns the image (azimuths, 11 + bins) of polar scan k: noise and two walls, one of them turning."""
     rng = np.random.default_rng(k)
     power = rng.integers(0, 40, (azimuths, bins), dtype=np.uint8)
     power[:, bins // 2] = 200
@@ -44,7 +44,7 @@ def oxford_rows(k: int, azimuths: int = 40, bins: int = 200) -> NDArray[np.uint8
 def with_metadata(
     power: NDArray[np.uint8], stamps_us: NDArray[np.int64], ticks: NDArray[np.int64], valid: NDArray[np.bool_]
 ) -> NDArray[np.uint8]:
-    """An image of Oxford rows."""
+    """Returns an image of Oxford rows."""
     return np.hstack(
         [
             stamps_us.astype("<i8").view(np.uint8).reshape(-1, 8),
@@ -55,10 +55,10 @@ def with_metadata(
     )
 
 
-def write_oxford(folder: Path, revolutions: int = 6, skip: tuple[int, ...] = ()) -> Path:
-    """Write a folder in the Oxford layout; the revolutions in `skip` are missing."""
+def write_oxford(folder: Path, polar_scans: int = 6, skip: tuple[int, ...] = ()) -> Path:
+    """Writes a folder in the Oxford layout; the polar scans in `skip` are missing."""
     (folder / "radar").mkdir(parents=True)
-    stamps = [START_US + k * TURN_US for k in range(revolutions) if k not in skip]
+    stamps = [START_US + k * TURN_US for k in range(polar_scans) if k not in skip]
     for stamp in stamps:
         write_png(folder, oxford_rows((stamp - START_US) // TURN_US))
     (folder / "radar.timestamps").write_text("".join(f"{stamp} 1\n" for stamp in stamps))
@@ -66,13 +66,13 @@ def write_oxford(folder: Path, revolutions: int = 6, skip: tuple[int, ...] = ())
 
 
 def write_png(folder: Path, image: NDArray[np.uint8]) -> None:
-    """Write an image of Oxford rows under the stamp of its first row."""
+    """Writes an image of Oxford rows under the stamp of its first row."""
     stamp = int(image[0, :8].copy().view("<i8")[0])
     Image.fromarray(image).save(folder / "radar" / f"{stamp}.png")
 
 
 def circle(stamps_us: NDArray[np.int64]) -> Trajectory:
-    """A drive along an arc."""
+    """Returns a drive along an arc."""
     yaw = (stamps_us - stamps_us[0]) * 1e-7
     return Trajectory(stamps_us, np.column_stack([50 * np.sin(yaw), 50 * (1 - np.cos(yaw)), yaw]))
 
@@ -162,12 +162,12 @@ class bag_writer:
 
 
 def bag_path(folder: Path, kind: str) -> Path:
-    """Where a bag of a kind lies by the habits of its users."""
+    """Returns the path that users usually give to a bag of a kind."""
     return folder / {"ros1": "drive.bag", "ros2": "drive_ros2", "mcap": "drive.mcap"}[kind]
 
 
 def raw_rows(recording: Recording) -> Iterator[tuple[int, NDArray[np.uint8]]]:
-    """The stamp [us] and the Oxford rows of every revolution of a stream."""
+    """Yields the stamp [us] and the Oxford rows of every polar scan of a recording."""
     for stamp, polar_scan in zip(recording.stamps_us.tolist(), recording.polar_scans(), strict=True):
         stamps = recording.start_us + np.round(polar_scan.times * 1e6).astype(np.int64)
         ticks = np.round(-polar_scan.azimuths * 5600 / (2 * np.pi)).astype(np.int64)
@@ -175,7 +175,7 @@ def raw_rows(recording: Recording) -> Iterator[tuple[int, NDArray[np.uint8]]]:
 
 
 def write_bag(recording: Recording, path: Path, kind: str, topic: str = "/Navtech/Polar") -> Path:
-    """Write a stream as a bag of Oxford rows in mono8 images, with its odometry and ground truth where it has any."""
+    """Writes a recording as a bag of Oxford rows in mono8 images, with its odometry and ground truth where it has any."""
     with bag_writer(path, kind) as bag:
         radar = bag.topic(topic, "sensor_msgs/msg/Image")
         messages = [(stamp, radar, bag.image(stamp, rows)) for stamp, rows in raw_rows(recording)]
@@ -191,7 +191,7 @@ def write_bag(recording: Recording, path: Path, kind: str, topic: str = "/Navtec
 
 
 def assert_same(a: Recording, b: Recording) -> None:
-    """Two streams hold identical revolutions at identical stamps."""
+    """Checks that two recordings hold identical polar scans at identical stamps."""
     np.testing.assert_array_equal(a.stamps_us, b.stamps_us)
     assert a.end_us == b.end_us
     for one, other in zip(a.polar_scans(), b.polar_scans(), strict=True):
@@ -199,7 +199,7 @@ def assert_same(a: Recording, b: Recording) -> None:
 
 
 def assert_same_polar_scan(a: PolarScan, b: PolarScan) -> None:
-    """Two revolutions are identical, bit by bit."""
+    """Checks that two polar scans are identical, bit by bit."""
     for name in ("times", "azimuths", "power", "valid"):
         one, other = getattr(a, name), getattr(b, name)
         assert one.dtype == other.dtype

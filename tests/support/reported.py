@@ -75,7 +75,7 @@ def page_of(path: Path) -> Page:
 
 
 def assert_alone(path: Path) -> None:
-    """A page brings everything with it, and would be kept from fetching anything."""
+    """Checks that a page brings everything with it, and would be kept from fetching anything."""
     page, text = page_of(path), path.read_text(encoding="utf-8")
     assert page.addresses and all(address.startswith("data:image/png;base64,") for address in page.addresses)
     assert not {"link", "iframe"} & set(page.tags)
@@ -85,7 +85,7 @@ def assert_alone(path: Path) -> None:
 
 @contextmanager
 def chromium(width: int = 1360, height: int = 1000) -> Iterator[WebDriver]:
-    """A browser without a window; the test is skipped where Chromium or its driver is missing."""
+    """Yields a browser without a window; the test is skipped where Chromium or its driver is missing."""
     browser, driver = shutil.which("chromium") or shutil.which("google-chrome"), shutil.which("chromedriver")
     if browser is None or driver is None:
         pytest.skip("Chromium or chromedriver is not installed")
@@ -97,16 +97,16 @@ def chromium(width: int = 1360, height: int = 1000) -> Iterator[WebDriver]:
         options.add_argument(f"--{flag}")
     options.add_argument(f"--window-size={width},{height}")
     options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
-    found = webdriver.Chrome(options=options, service=Service(driver))
-    found.set_script_timeout(PATIENCE_S)
+    result = webdriver.Chrome(options=options, service=Service(driver))
+    result.set_script_timeout(PATIENCE_S)
     try:
-        yield found
+        yield result
     finally:
-        found.quit()
+        result.quit()
 
 
 def opened(browser: WebDriver, path: Path) -> None:
-    """Open a report and wait until its map can be moved in; the test fails on any message in the console."""
+    """Opens a report and waits until its map can be moved in; the test fails on any message in the console."""
     browser.get(path.as_uri())
     ready = "return document.body.classList.contains('ready')"
     WebDriverWait(browser, PATIENCE_S).until(lambda b: b.execute_script(ready))
@@ -114,7 +114,7 @@ def opened(browser: WebDriver, path: Path) -> None:
 
 
 def click_curve(browser: WebDriver, name: str, number: int) -> float:
-    """Click with the mouse on a point of a curve over time; its time [s]."""
+    """Clicks with the mouse on a point of a curve over time, and returns its time [s]."""
     script = """
         const gd = document.getElementById("charts"), trace = gd.data.find((t) => t.name === arguments[0]);
         gd.scrollIntoView({ block: "center" });
@@ -135,7 +135,7 @@ def click_curve(browser: WebDriver, name: str, number: int) -> float:
 
 
 def swept_walls(count: int = 60, per_sweep: int = 40) -> Sweeps:
-    """A drive of `count` sweeps 5 m apart, out along x between two walls and back on the same way."""
+    """Returns a drive of `count` sweeps 5 m apart, out along x between two walls and back on the same way."""
     rng = np.random.default_rng(5)
     out = np.minimum(np.arange(count), np.arange(count)[::-1])
     poses = np.column_stack([5.0 * out, 0.5 * (np.arange(count) > count // 2), np.zeros(count)])
@@ -169,7 +169,7 @@ def judged_revisit(earlier: int, later: int, offset: Motion, torn: bool, sure: b
 
 
 def judged_walls(sweeps: Sweeps) -> Audit:
-    """An audit of such a drive: one torn window, one torn revisit, one that is well and one that is not sure."""
+    """Audits the drive of `swept_walls`: a torn window, a torn revisit, one that is well and one that is not sure."""
     inflations = np.random.default_rng(6).chisquare(3, len(sweeps) // WINDOW)
     windows = [
         judged_window(sweeps, WINDOW * k, float(inflation), (0.01, -0.02, 0.001), False)

@@ -54,7 +54,7 @@ class Subject:
     inside: dict[str, Mutate]
 
     def mutations(self, file: Path) -> tuple[Mutate, ...]:
-        """The kinds of damage to a file."""
+        """Returns the kinds of damage to a file."""
         inside = self.inside.get(file.suffix)
         return (plain, inside) if inside else (plain,)
 
@@ -63,16 +63,16 @@ def check_radar(format: str) -> Callable[[Path], None]:
     def read(path: Path) -> None:
         recording = open_recording(path, format=format)
         check_recording(recording)
-        found = detect_stretch(_Checked(recording), Config().detector, 0, len(recording), strict=False)  # type: ignore[arg-type]
-        assert len(found.returns) == len(recording)
-        for returns in found.returns:
+        detected = detect_stretch(_Checked(recording), Config().detector, 0, len(recording), strict=False)  # type: ignore[arg-type]
+        assert len(detected.returns) == len(recording)
+        for returns in detected.returns:
             check_returns(returns)
 
     return read
 
 
 class _Checked:
-    """A stream whose revolutions are checked as they are read."""
+    """A recording whose polar scans are checked as they are read."""
 
     def __init__(self, recording: Recording) -> None:
         self._recording = recording

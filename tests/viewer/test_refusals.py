@@ -10,7 +10,7 @@ from support.commands import mqslam, read_contents
 
 
 def refusal(*arguments: str | Path) -> str:
-    """What is said on the way to exit code 2."""
+    """Returns the message that comes with exit code 2."""
     shown = mqslam(*arguments)
     assert (shown.code, shown.out) == (2, "") and len(shown.err.splitlines()) == 1, shown
     return shown.err

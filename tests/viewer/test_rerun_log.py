@@ -19,7 +19,7 @@ chunks = pytest.importorskip("rerun.chunk", reason="Rerun is not installed: pip 
 
 
 def logged(path: Path, entity: str, component: str) -> list[tuple[float | None, Any]]:
-    """What an .rrd file holds of an entity, in the order of time [s]; None is the time of what always is."""
+    """Returns what an .rrd file holds of an entity in the order of time [s]; what has no time comes with None."""
     rows: list[tuple[float | None, Any]] = []
     reader = chunks.RrdReader(path)
     for chunk in reader.stream() if hasattr(reader, "stream") else reader.recording():

@@ -72,7 +72,7 @@ def align(
     free = Prior(guess, np.zeros((3, 3)))
     minima = []
     peaks = find_correlation_peaks(reference.points, query.points, guess, reach_m, reach_rad, config)
-    for start in [guess, *peaks]:  # where the trajectory has it is as good a hypothesis as any
+    for start in [guess, *peaks]:  # the trajectory's own pose is a hypothesis, too
         minimum = minimise(
             start, lambda pose: move_rigidly(query, pose), reference, free, config, ANY_TIME, _TOLERANCES, grid
         )

@@ -26,9 +26,9 @@ def find_pass_pairs(
 ) -> list[tuple[int, int]]:
     """Finds pairs (earlier, later) of poses that may show one place, the nearest earlier pass first.
 
-    Two poses are a candidate where they lie within the sensor's reach of a common view plus what the trajectory may have
-    drifted on the way from one to the other. Only the nearest pose of the nearest earlier passes is taken, and none where
-    a neighbouring pair has been tried.
+    Two poses are a candidate if they are no farther apart than two passes may be to see the same things, plus the drift
+    of the trajectory on the way from one to the other. Only the nearest pose of each of the nearest earlier passes is
+    taken, and none if a neighbouring pair has been tried.
 
     Args:
         travelled: (N,) length of the path so far [m].
@@ -58,7 +58,7 @@ def find_pass_pairs(
     return pairs
 
 
-def search_reach(path_m: float, settings: PassConfig) -> tuple[float, float]:
+def compute_reach(path_m: float, settings: PassConfig) -> tuple[float, float]:
     """Returns how far the relative pose of two passes may be off [m], [rad] after path_m [m] of path between them."""
     position_m = min(settings.search_m + settings.drift * path_m, settings.gate_m)
     yaw = min(settings.search_rad + settings.drift_rad * path_m, settings.gate_rad)

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from mqslam.backend.loops.align import align, score_at_pose
-from mqslam.backend.loops.passes import find_pass_pairs, is_unrivalled, search_reach
+from mqslam.backend.loops.passes import compute_reach, find_pass_pairs, is_unrivalled
 from mqslam.backend.loops.submap import Drive, render_submap
 from mqslam.config import EstimatorConfig, LoopConfig
 from mqslam.core import se2
@@ -60,7 +60,7 @@ def _verify(shared: tuple[Drive, LoopConfig, EstimatorConfig, Beam], pair: tuple
     if len(reference) < settings.fewest or len(query) < settings.fewest:
         return None
     guess = se2.between(drive.poses[earlier], drive.poses[later])
-    reach = search_reach(float(drive.travelled[later] - drive.travelled[earlier]), settings)
+    reach = compute_reach(float(drive.travelled[later] - drive.travelled[earlier]), settings)
     alignment = align(reference, query, guess, reach, settings, estimator)
     sigmas = np.sqrt(np.diag(alignment.covariance))
     if not is_unrivalled(alignment, settings) or max(sigmas[0], sigmas[1]) > settings.sure_m:
@@ -93,7 +93,7 @@ def confirm_by_map(
 
 
 def _improves(shared: tuple[Drive, se2.Array, LoopConfig, EstimatorConfig, Beam], loop: Loop) -> bool:
-    """Returns whether psi of the two passes is lower than before, or about as low as it was and as it can be."""
+    """Returns whether psi of the two passes is lower than before, or hardly above both that and the loop's own psi."""
     drive, after, settings, estimator, beam = shared
     reference, query = _render_submaps(drive, loop.earlier, loop.later, settings, beam)
     before_psi, after_psi = (

@@ -56,7 +56,7 @@ def pick_around(travelled: NDArray[np.float64], centre: int, reach_m: float, spa
         reach_m: length of path to either side [m].
         spacing_m: distance between the indices [m].
     """
-    marks = travelled[centre] + np.arange(-reach_m, reach_m + 1e-9, spacing_m)  # the last mark, too, in spite of rounding
+    marks = travelled[centre] + np.arange(-reach_m, reach_m + 1e-9, spacing_m)  # rounding must not lose the last mark
     chosen = np.unique(np.clip(np.searchsorted(travelled, marks), 0, len(travelled) - 1))
     return np.asarray(chosen[np.abs(travelled[chosen] - travelled[centre]) <= reach_m + spacing_m])
 

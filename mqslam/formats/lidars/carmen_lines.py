@@ -22,9 +22,9 @@ from numpy.typing import NDArray
 
 from mqslam.errors import DataError
 
-_LONGEST_LINE = 1 << 20  # bytes: longer lines would fill the memory
+_LONGEST_LINE = 1 << 20  # [bytes] longer lines would fill the memory
 _GZIP_MAGIC = b"\x1f\x8b"
-_MOST_EXPANSION = 100  # times its size a file may unpack to: numbers pack to a tenth
+_MOST_EXPANSION = 100  # a file may unpack to this many times its size: numbers pack to a tenth
 
 
 @dataclass(frozen=True, slots=True)

@@ -179,5 +179,5 @@ def _find_times(
     note = "no time of their own" if sweep == 0.0 else f"impossible times (a sweep of {sweep:.3g} s)"
     return (
         [np.full(len(scan), start) for start, scan in zip(starts, scans, strict=True)],
-        [f"beams have {note}: all of a scan have the scan's"],
+        [f"beams have {note}: all beams of a scan get the scan's time"],
     )

@@ -61,7 +61,7 @@ def open_recording(
 
     Raises:
         ConfigError: the format is unknown, or the range resolution is no length.
-        DataError: there is nothing, no known layout, or a recording that cannot be used.
+        DataError: the path does not exist, is in no known layout, or holds a recording that cannot be used.
     """
     if range_resolution is not None and not is_bin_length(range_resolution):
         raise ConfigError(f"range resolution {range_resolution}: is no length of a range bin; give metres, such as 0.0438")

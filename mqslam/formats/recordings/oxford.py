@@ -99,9 +99,9 @@ def _list_names(root: Path, folder: Path) -> tuple[NDArray[np.int64], list[str],
     notes = []
     if len(kept) < len(listed):
         skipped = len(listed) - len(kept)
-        notes.append(f"{skipped} of {len(listed)} polar scans in radar.timestamps have no image: skipped")
+        notes.append(f"{skipped} of {len(listed)} polar scans in radar.timestamps have no image and are skipped")
     if extra := len(present - {stamp for stamp, _ in listed}):
-        notes.append(f"{extra} images are not listed in radar.timestamps: left out")
+        notes.append(f"{extra} images are not listed in radar.timestamps and are left out")
     backward = [later for earlier, later in itertools.pairwise(kept) if later < earlier]
     twice = len(kept) - len(set(kept))
     faults = [f"radar.timestamps runs backward {len(backward)} times, first at {backward[0]}: sorted"] if backward else []

@@ -67,7 +67,7 @@ def open_recording(path: Path, sensing: Sensing, settings: ReadingConfig) -> Col
     present = order[np.isin(frames[order], list(there))]
     names, stamps = frames[present], stamps[present]
     missing = len(order) - len(names)
-    skipped = [f"{missing} of {len(frames)} frames in {listing.name} have no image: skipped"] if missing else []
+    skipped = [f"{missing} of {len(frames)} frames in {listing.name} have no image and are skipped"] if missing else []
     notes = (*skipped, _OTHER_CLOCK)
     images = ColumnImages(folder, names, _DIGITS)
     recording = open_columns(path, "radiate", images, stamps, RANGE_RESOLUTION_M, sensing, settings)

@@ -115,7 +115,8 @@ def open_recording(path: Path, sensing: Sensing, settings: ReadingConfig) -> Ros
         index = _read_index(path, reader, (topic, layout), {odometry_topic, truth_topic} - {None}, settings)
     ordered = mark_increasing(index.stamps_us)
     messages_us = np.array(index.stamps_us, dtype=np.int64)[ordered]
-    faults = [f"{index.unread} messages on {topic} could not be read, left out: {index.error}"] if index.unread else []
+    unread = f"{index.unread} messages on {topic} could not be read and are left out: {index.error}"
+    faults = [unread] if index.unread else []
     if skipped := len(ordered) - len(messages_us):
         faults.append(f"the stamps of {skipped} messages on {topic} repeat or run backward: left out")
     clockwise = sensing.clockwise is not False
@@ -129,15 +130,15 @@ def open_recording(path: Path, sensing: Sensing, settings: ReadingConfig) -> Ros
         stamp = sensing.stamp or polar_message.usual_stamp(topic, layout)
         arrivals, smoothed = smooth_arrivals(messages_us, settings)
         starts, turns = place_turns(arrivals, stamp, find_usual_turns(arrivals, settings), settings)
-        notes.append(f"{layout.value} of the images taken as azimuths; " + note_spread("header", stamp, clockwise))
+        notes.append(f"{layout.value} of the images are taken as azimuths; " + note_spread("header", stamp, clockwise))
         notes += smoothed
     if sensing.range_resolution is None:
         notes.append(note_resolution(RANGE_RESOLUTION_M))
     odometry, truth = (bags.trajectory_of(index.poses.get(name or "", ())) for name in (odometry_topic, truth_topic))
     if odometry is not None:
-        notes.append(f"odometry from {odometry_topic}, taken as the motion of the radar itself")
+        notes.append(f"odometry from {odometry_topic} is taken as the motion of the radar itself")
     if truth is not None:
-        notes.append(f"ground truth from {truth_topic}, taken as the pose of the radar itself")
+        notes.append(f"ground truth from {truth_topic} is taken as the pose of the radar itself")
     return RosbagRecording(
         path=path,
         format="rosbag",

@@ -91,16 +91,16 @@ def repair_azimuths(
     inside = ticks <= turn
     unwrapped = np.zeros(len(ticks))
     unwrapped[inside] = np.unwrap(ticks[inside].astype(np.float64), period=turn)
-    turned = _mark_increasing(unwrapped, inside)
-    for usable, what in ((timed, "times that increase"), (turned, f"encoder values of one turn (0..{turn})")):
+    rotating = _mark_increasing(unwrapped, inside)
+    for usable, what in ((timed, "times that increase"), (rotating, f"encoder values of one turn (0..{turn})")):
         if 2 * np.count_nonzero(usable) < len(usable):
             raise ValueError(f"has no {what} in its rows")
     rows = np.arange(len(ticks))
     if not timed.all():
         stamps_us = np.round(np.interp(rows, rows[timed], stamps_us[timed])).astype(np.int64)
-    if not turned.all():
-        unwrapped = np.interp(rows, rows[turned], unwrapped[turned])
-    return Azimuths(stamps_us, -2.0 * np.pi * unwrapped / turn, measured & timed & turned)
+    if not rotating.all():
+        unwrapped = np.interp(rows, rows[rotating], unwrapped[rotating])
+    return Azimuths(stamps_us, -2.0 * np.pi * unwrapped / turn, measured & timed & rotating)
 
 
 def stamps_in_us(stamps: NDArray[np.int64]) -> NDArray[np.int64]:
@@ -118,9 +118,9 @@ def spread_azimuths(count: int, stamp_us: int, duration_us: int, *, clockwise: b
 def note_spread(whose: str, stamp: Stamp, clockwise: bool) -> str:
     """Words the note on what was assumed of azimuths without stamps and angles, timed by the stamps of files or headers."""
     return (
-        f"azimuths carry no own stamps: spread evenly over the turn; {whose} stamps taken as the {stamp} of the turn "
-        f"(sensor.stamp), azimuths as {'clockwise' if clockwise else 'counter-clockwise'} from straight ahead "
-        "(sensor.clockwise)"
+        "azimuths carry no stamps of their own and are spread evenly over the turn; "
+        f"{whose} stamps are taken as the {stamp} of the turn (sensor.stamp), "
+        f"azimuths as {'clockwise' if clockwise else 'counter-clockwise'} from straight ahead (sensor.clockwise)"
     )
 
 
@@ -148,8 +148,8 @@ def has_metadata(image: NDArray[np.uint8]) -> bool:
         azimuths = read_metadata(image)
     except ValueError:
         return False
-    swept = azimuths.angles[0] - azimuths.angles[-1]
-    return bool(azimuths.stamps_us[-1] > azimuths.stamps_us[0] and swept > np.pi)
+    sweep = azimuths.angles[0] - azimuths.angles[-1]
+    return bool(azimuths.stamps_us[-1] > azimuths.stamps_us[0] and sweep > np.pi)
 
 
 def azimuth_stamps(recording: Recording, polar_scan: PolarScan) -> NDArray[np.int64]:

@@ -19,7 +19,7 @@ from mqslam.formats.shared.images import read_first, read_grey, write_png
 from mqslam.formats.shared.sensing import Sensing
 from mqslam.formats.shared.turns import find_usual_turns, place_turns
 
-_MOST_STEPS = 0.75  # a polar image does not stand for azimuths that lie further than this beside even ones [steps]
+_MOST_STEPS = 0.75  # a polar image cannot hold azimuths that lie further than this off even ones [steps]
 _NOTED_DEG = 0.05  # smaller deviations of azimuths from even ones are not worth a note
 
 
@@ -147,7 +147,8 @@ def write_columns(folder: Path, recording: Recording, names: Sequence[str]) -> l
         DataError: polar scans differ in size, or azimuths are not spread evenly from straight ahead.
     """
     shape, apart, clockwise, late = (0, 0), 0.0, True, False
-    ahead: NDArray[np.uint8] | None = None  # of a turn that begins one step late: the next one's first column
+    # the last azimuth of a turn that begins one step late: it is the first column of the next image
+    ahead: NDArray[np.uint8] | None = None
     follows = np.append(False, recording.ends_us[:-1] == recording.stamps_us[1:])
     for k, polar_scan in enumerate(recording.polar_scans()):
         if len(polar_scan.azimuths) < 2:
@@ -165,7 +166,7 @@ def write_columns(folder: Path, recording: Recording, names: Sequence[str]) -> l
         write_png(folder / f"{names[k]}.png", np.ascontiguousarray(power.T))
     notes = ["azimuths lose their own times and angles: polar images hold one stamp per turn, its end"]
     if np.rad2deg(apart) > _NOTED_DEG:
-        notes.append(f"azimuths lie up to {np.rad2deg(apart):.2f} deg beside the even steps that readers will take them at")
+        notes.append(f"azimuths lie up to {np.rad2deg(apart):.2f} deg off the even steps at which readers will place them")
     if not clockwise:
         notes.append("the radar turns counter-clockwise: read the result with sensor: {clockwise: false}")
     return notes
@@ -192,8 +193,8 @@ def _check_fits(recording: Recording, k: int, polar_scan: PolarScan, shape: tupl
     if shape[0] > shape[1]:
         raise DataError(recording.path, f"has more azimuths ({shape[0]}) than range bins ({shape[1]})", remedy)
     if off * shape[0] > _MOST_STEPS * 2.0 * np.pi:
-        problem = f"azimuths of polar scan {k} lie {np.rad2deg(off):.2f} deg beside even steps from straight ahead"
-        raise DataError(recording.path, f"{problem}, which polar images stand for", remedy)
+        problem = f"azimuths of polar scan {k} lie {np.rad2deg(off):.2f} deg off the even steps from straight ahead"
+        raise DataError(recording.path, f"{problem} that polar images stand for", remedy)
 
 
 def _measure_deviation(polar_scan: PolarScan, clockwise: bool, late: int) -> float:

@@ -12,10 +12,11 @@ from typing import BinaryIO, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from mqslam.core.wording import is_or_are
 from mqslam.errors import DataError
 
-_MOST_PIXELS = 64_000_000  # of a polar scan: larger images are damaged, or made to fill the memory
-_MOST_EXPANSION = 1032  # of deflate: an image that claims more pixels per byte of its file is cut short
+_MOST_PIXELS = 64_000_000  # largest polar scan: larger images are damaged, or made to fill the memory
+_MOST_EXPANSION = 1032  # the most that deflate can do: an image with more pixels per byte of its file is cut short
 _Read = TypeVar("_Read")
 _DAMAGE = (OSError, SyntaxError, ValueError, EOFError, zlib.error, struct.error)
 
@@ -103,9 +104,11 @@ def read_first(names: Sequence[int], read: Callable[[int], _Read], place: str) -
             errors.append(error)
             if 2 * len(errors) > len(names) - 1:
                 raise errors[0] from None
+    if not errors:
+        return content, 0, []
     several = f"{place} polar scan" if len(errors) == 1 else f"{place} {len(errors)} polar scans"
-    faults = [f"the {several} could not be read, left out: {errors[0].path}: {errors[0].problem}"] if errors else []
-    return content, len(errors), faults
+    fault = f"the {several} could not be read and {is_or_are(len(errors))} left out: {errors[0].path}: {errors[0].problem}"
+    return content, len(errors), [fault]
 
 
 def write_png(path: Path, image: NDArray[np.uint8]) -> None:

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from mqslam.errors import DataError
 
-_MOST_EXPANSION = 100  # times its size an archive may unpack to: power is noise, which hardly packs
-_ALWAYS_BYTES = 16_000_000  # any archive may unpack to these: small ones may hold masks and zeros alone
+_MOST_EXPANSION = 100  # an archive may unpack to this many times its size: power is noise, which hardly packs
+_ALWAYS_BYTES = 16_000_000  # any archive may unpack to this size: small ones may hold only masks and zeros
 _HEADERS = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}
 
 

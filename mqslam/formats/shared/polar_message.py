@@ -37,10 +37,10 @@ if TYPE_CHECKING:
 
 _GREY = ("mono8", "8UC1")
 _COMPRESSIONS = ("PNG", "JPEG")
-_FIRST_TRIED = 10  # messages of a topic, of which one at least must be a polar scan
+_FIRST_TRIED = 10  # at least one of this many first messages of a topic must be a polar scan
 _ENCODER_TURNS = (5600, 16000)  # ticks per turn of the encoders that Navtech's radars have
-_FEWEST_PIXELS = 100  # on the short side of an image that is polar
-_LONG_SIDE = 3  # times its short side, at least, is the long side of a polar image of an unknown topic
+_FEWEST_PIXELS = 100  # a polar image has at least this many pixels on its short side
+_LONG_SIDE = 3  # on an unknown topic, a polar image is at least this many times as long as wide
 _MULRAN_PLAYER = "/radar/polar"
 _NAVTECH = "/navtech/polar"
 
@@ -78,7 +78,7 @@ def choose_topic(path: Path, reader: AnyReader) -> tuple[str, Layout, list[str]]
             raise DataError(
                 path,
                 f"has {'several topics that could be' if alike else 'no'} radar (topics: {list_topics(reader)})",
-                f"radar is {IMAGE_TYPE} or CompressedImage on /Navtech/Polar or /radar/polar, or {B_SCAN_TYPE}",
+                f"give a bag with {IMAGE_TYPE} or CompressedImage on /Navtech/Polar or /radar/polar, or {B_SCAN_TYPE}",
             )
         chosen = next(iter(alike.values()))
         note = f"radar from {chosen.topic}, the only topic with images shaped like a radar's"
@@ -200,7 +200,7 @@ def make_image(bag: Bag, recording: Recording, k: int, polar_scan: PolarScan) ->
     """
     rows = make_rows(recording, k, polar_scan)
     if k == 0 and not has_metadata(rows):
-        problem = "its first polar scan is under half a turn, by which readers know rows with times and angles"
+        problem = "its first polar scan is under half a turn, so that readers would not find times and angles in its rows"
         raise DataError(recording.path, problem, "write b_scan messages, or convert it to oxford or .npz")
     return _make_mono8(bag, int(azimuth_stamps(recording, polar_scan)[0]), rows)
 
@@ -218,7 +218,7 @@ def make_b_scan(bag: Bag, recording: Recording, k: int, polar_scan: PolarScan) -
 
 
 def _choose_encoder(polar_scan: PolarScan) -> int:
-    """Chooses the ticks per turn of the encoder: the finer one if azimuths lie on its ticks only and values show it."""
+    """Chooses the ticks per turn of the encoder: the finer one if only its ticks fit and its values show it."""
     usual, fine = _ENCODER_TURNS
     turns = -polar_scan.azimuths / (2.0 * np.pi)
     on_usual, on_fine = (np.allclose(turns * t, np.round(turns * t), rtol=0.0, atol=1e-6) for t in (usual, fine))

@@ -35,5 +35,6 @@ def make_trajectory(path: Path, stamps_us: NDArray[np.int64], poses: se2.Array) 
         raise DataError(path, f"stamps do not increase at pose {row}", "sort the file by time and drop duplicates")
     finite = np.isfinite(poses).all(axis=1)
     if not finite.all():
-        raise DataError(path, f"pose {int(np.argmin(finite)) + 1} is beyond all numbers", "repair or remove its line")
+        row = int(np.argmin(finite)) + 1
+        raise DataError(path, f"pose {row} is not made of finite numbers", "repair or remove its line")
     return Trajectory(stamps_us, poses)

@@ -18,7 +18,7 @@ from mqslam.formats.shared.azimuth_rows import FLAG_BYTE, METADATA_BYTES, Azimut
 from mqslam.formats.shared.images import read_first, read_grey
 from mqslam.formats.shared.turns import find_usual_turns, place_turns
 
-_MOST_STAMP_ERROR_US = 1_000_000  # a name further than this outside the turn that it is an instant of is damaged
+_MOST_STAMP_ERROR_US = 1_000_000  # a name that is a stamp further than this outside its turn is damaged
 _REMEDY = "copy it anew, or leave it out of the recording"
 
 
@@ -204,10 +204,10 @@ def _interpret_flag(pixels: NDArray[np.uint8], settings: ReadingConfig) -> tuple
         return Flag.VALIDITY, ()
     if share > settings.chirp_share:
         return Flag.CHIRP, (
-            f"byte 10 is 255 in {share:.0%} of the rows: taken as the direction of the chirp (Boreas-RT), whose Doppler "
-            "shifts have opposite signs, so only the up-chirps (255) are used",
+            f"byte 10 is 255 in {share:.0%} of the rows and is taken as the direction of the chirp "
+            "(Boreas-RT), whose Doppler shifts have opposite signs, so only the up-chirps (255) are used",
         )
     return Flag.NOTHING, (
-        f"byte 10 is 255 in {share:.0%} of the rows: taken as unused or as down-chirps (Boreas-RT, where doppler_beta is "
-        "below zero), not as azimuths that were not measured",
+        f"byte 10 is 255 in {share:.0%} of the rows and is taken as unused or as down-chirps "
+        "(Boreas-RT, where doppler_beta is below zero), not as azimuths that were not measured",
     )

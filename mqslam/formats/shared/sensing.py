@@ -36,4 +36,4 @@ class Sensing:
 
 def note_resolution(metres: float, why: str = "") -> str:
     """Words the note that a length of range bins [m] is assumed, with the reason for the number."""
-    return f"range resolution {metres} m assumed{why}: sensor.range_resolution_m overrides it"
+    return f"range resolution {metres} m is assumed{why}: sensor.range_resolution_m overrides it"

@@ -58,7 +58,7 @@ def parse_stamps(words: Sequence[str], unit: str = "") -> NDArray[np.int64]:
         raise ValueError("holds stamps that are not finite")
     scale = UNITS[unit or guess_unit(float(max(map(abs, values), default=Decimal(0))))]
     if any(abs(value) * scale > LATEST_US for value in values):
-        raise ValueError("holds stamps beyond any clock")
+        raise ValueError("holds stamps too large for any clock")
     return np.array([int((value * scale).to_integral_value()) for value in values], dtype=np.int64)
 
 
@@ -71,7 +71,7 @@ def convert_stamps(values: NDArray[Any], unit: str = "") -> tuple[NDArray[np.int
     largest = float(np.abs(values.astype(np.float64)).max(initial=0.0))
     unit = unit or guess_unit(largest)
     if largest * float(UNITS[unit]) > LATEST_US:
-        raise ValueError("holds stamps beyond any clock")
+        raise ValueError("holds stamps too large for any clock")
     if unit == "ns" and np.issubdtype(values.dtype, np.integer):
         return (values // 1000).astype(np.int64), unit
     if unit == "us" and np.issubdtype(values.dtype, np.integer):

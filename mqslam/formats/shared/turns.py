@@ -8,11 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mqslam.config.reading_config import ReadingConfig
-from mqslam.core.evenly import evenly
+from mqslam.core.evenly import pick_evenly
 from mqslam.core.recording import FASTEST_TURN_US, SLOWEST_TURN_US
 from mqslam.formats.shared.sensing import Stamp
 
-_COST_MISSING = 1.0  # of assuming that a polar scan is missing: the unit of the costs in the settings
+_COST_MISSING = 1.0  # cost of assuming that a polar scan is missing: the unit of the costs in the settings
 Measure = Callable[[int], float | None]
 
 
@@ -32,14 +32,14 @@ def measure_turn(stamps_us: NDArray[np.float64], angles: NDArray[np.float64], se
     """
     if len(angles) < settings.fewest_azimuths:
         return None
-    rows = evenly(len(angles), settings.compared_azimuths)
+    rows = pick_evenly(len(angles), settings.compared_azimuths)
     stamps, turns = stamps_us[rows], angles[rows] / (2.0 * np.pi)
     first, second = np.triu_indices(len(rows), int(settings.compared_apart * len(rows)))
-    swept = np.abs(turns[second] - turns[first])
-    moved = swept > 0.0
+    sweeps = np.abs(turns[second] - turns[first])
+    moved = sweeps > 0.0
     if not moved.any():
         return None
-    turn = float(np.median((stamps[second] - stamps[first])[moved] / swept[moved]))
+    turn = float(np.median((stamps[second] - stamps[first])[moved] / sweeps[moved]))
     return turn if FASTEST_TURN_US <= turn <= SLOWEST_TURN_US else None
 
 
@@ -180,7 +180,10 @@ def _find_cheapest_path(costs: NDArray[np.float64], change: float) -> NDArray[np
 
 
 def _choose_examples(steps: NDArray[np.int64], count: int) -> list[int]:
-    """Chooses polar scans that stand for some of the steps 0..count - 1: the first or last of all, else one amid most."""
+    """Chooses polar scans that stand for some of the steps 0..count - 1.
+
+    They are the first or last of all, or else one in the middle of the longest run of steps.
+    """
     ends = [k for k, step in ((0, 0), (count, count - 1)) if step in (steps[0], steps[-1])]
     runs = np.split(steps, np.flatnonzero(np.diff(steps) > 1) + 1)
     longest = max(runs, key=len)

@@ -29,7 +29,7 @@ SCANS = 4
 _MOTION_2 = CASES[2]  # motion of figure 2, which both drives and turns
 _DPI = 160
 _INK, _SOFT = "#1c2430", "#5b6675"
-_COLOURS = ("#9ecae1", "#4292c6", "#08519c", "#d9620d")  # of the scans; the last one stands out
+_COLOURS = ("#9ecae1", "#4292c6", "#08519c", "#d9620d")  # colours of the scans; the last one stands out
 _HALF_WIDTH_M = 45.0  # half the width of the world that is shown, about the sensor
 _PANEL_IN = 4.3
 

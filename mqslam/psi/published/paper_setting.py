@@ -17,7 +17,7 @@ from mqslam.core.scans import Returns
 from mqslam.detection.stage import detect_stretch
 from mqslam.psi.place import PointSet, beam_of, place
 from mqslam.psi.window import WindowMotion, drop_start, find_window_motion
-from mqslam.simulator import ConstantDrive, SensorModel, simulated_recording, yard_scene
+from mqslam.simulator import ConstantDrive, SensorModel, make_yard_scene, simulate_recording
 
 CASES = ((0.0, -0.3840), (0.1, 0.2967), (1.0, -0.1920))
 """v [m/s] and omega [rad/s] in the cases of Table I."""
@@ -25,8 +25,8 @@ PAPER_LARGEST = (0.1, 0.0227)
 """Largest errors of v [m/s] and omega [rad/s] in the paper's Table I; nothing else of its results is at hand."""
 SENSOR = SensorModel(turn_rate_hz=2.0, azimuths=720, range_resolution=0.25, max_range=400.0)
 REVOLUTION_S = 1.0 / SENSOR.turn_rate_hz
-SPEEDS = np.arange(-0.5, 1.6, 0.4)  # that the estimator's search tries [m/s]
-YAW_RATES = np.linspace(-0.6, 0.6, 25)  # that the estimator's search tries [rad/s]
+SPEEDS = np.arange(-0.5, 1.6, 0.4)  # speeds that the estimator's search tries [m/s]
+YAW_RATES = np.linspace(-0.6, 0.6, 25)  # yaw rates that the estimator's search tries [rad/s]
 _ESTIMATOR = EstimatorConfig()
 _BEAM = beam_of(_ESTIMATOR, 0.0)
 
@@ -55,6 +55,6 @@ class PaperWindow:
 def simulate_window(case: tuple[float, float], seed: int, scans: int) -> PaperWindow:
     """Simulates a number of scans of a case in the yard of a seed, as the detector with its default settings sees them."""
     drive = ConstantDrive(*case)
-    recording = simulated_recording(yard_scene(seed), drive, duration_s=scans * REVOLUTION_S, sensor=SENSOR, seed=seed)
+    recording = simulate_recording(make_yard_scene(seed), drive, duration_s=scans * REVOLUTION_S, sensor=SENSOR, seed=seed)
     detected = detect_stretch(recording, DetectorConfig(), 0, scans)
     return PaperWindow(np.array(case), Returns.concatenate(detected.returns))

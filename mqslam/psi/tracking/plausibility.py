@@ -1,4 +1,4 @@
-"""Whether a scan, and where it was found in a map, can be believed."""
+"""Whether a scan can be matched, and whether the place where it was found in a map can be believed."""
 
 from __future__ import annotations
 

@@ -65,8 +65,8 @@ class _Track:
         self._followed: dict[int, Followed] = {}  # scans that are not handed on yet
         self._young: list[int] = []  # scans of a track that has only begun
         self._matched = 0  # the last scan that was matched
-        self._pose = np.zeros(3)  # its pose
-        self._lost: list[int] = []  # scans since then, which were not matched
+        self._pose = np.zeros(3)  # the pose of that scan
+        self._lost: list[int] = []  # scans since that one, which were not matched
         self._patience = self._settings.patience  # number of lost scans at which a new map is tried
 
     def follow(self) -> Iterator[Followed]:
@@ -146,7 +146,7 @@ class _Track:
                 self._measure_again()
 
     def _measure_again(self) -> None:
-        """Measures the scans of a track that has only begun once more, if there are enough of them."""
+        """Measures a second time the scans of a track that has only begun, if there are enough of them."""
         young, self._young = self._young, []
         if len(young) < self._settings.young_least:
             return

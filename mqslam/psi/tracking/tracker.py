@@ -84,7 +84,7 @@ class Tracker:
             needed = self.settings.fewest_returns
             raise FewReturnsError(f"the first scans hold {counts} returns, and {needed} in each are needed")
         first = find_first_motion(scans, self._setup, begin, odometry)
-        covariance = np.diag(list_motion_noise(self.settings) ** 2) + first.covariance  # it may have changed since
+        covariance = np.diag(list_motion_noise(self.settings) ** 2) + first.covariance  # the motion may have changed since
         return self._begin_map(scans[0], replace_motion(ORIGIN, first.motion, covariance), Status.CONVERGED)
 
     def find_first_twist(self, scans: Sequence[Scan]) -> se2.Array:
@@ -122,8 +122,8 @@ class Tracker:
             return self._miss(scan, begin, minimum)
         weak = self._matcher.find_weak_directions(scan, State(minimum.state), self._map)
         if len(weak):
-            held = hold_directions(replace(prior, mean=begin.mean.vector), weak)
-            minimum = self._matcher.minimise(scan, begin.mean, held, self._map)
+            stiff = hold_directions(replace(prior, mean=begin.mean.vector), weak)
+            minimum = self._matcher.minimise(scan, begin.mean, stiff, self._map)
         return self._accept(scan, minimum, predicted, weak)
 
     def resume(self, scans: Sequence[Scan], twist: se2.Array | None = None) -> Tracked:

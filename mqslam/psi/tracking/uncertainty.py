@@ -33,7 +33,7 @@ def measure_covariance(
     known[AX, AX] = correlation / settings.sigma_ax**2
     known[ALPHA, ALPHA] = correlation / settings.sigma_alpha**2
     gain = settings.prediction_gain if smoothed else 1.0
-    thin = 1.0 + 1.0 / max(len(into), 1)  # the map's points err as the scan's do, and its keyframes average
+    thin = 1.0 + 1.0 / max(len(into), 1)  # the map's points err like the scan's, but several keyframes average their errors
     measured = estimate_covariance(evaluation, placed.points, setup.estimator.cluster_m, known)
     return fuse(gain * thin * measured, predicted.covariance, TOLERANCES)
 

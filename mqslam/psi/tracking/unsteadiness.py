@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from mqslam.config import TrackerConfig
 from mqslam.core.measurement import Measurement
 
-_MEDIAN_OF_CHI2 = 0.4549  # of a chi-square with one degree of freedom: it turns a median of squares into a variance
+_MEDIAN_OF_CHI2 = 0.4549  # median of a chi-square with one degree of freedom: it turns a median of squares into a variance
 _GAIN = 10.0  # variance of a third difference of poses over that of a first one, for poses that err independently: 20 / 2
 
 

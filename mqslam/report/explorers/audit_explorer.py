@@ -8,7 +8,7 @@ from mqslam.auditing.judge import Audit
 from mqslam.auditing.sweeps import Sweeps
 from mqslam.auditing.windows import WindowAudit, torn_threshold
 from mqslam.config import AuditConfig
-from mqslam.core.evenly import evenly
+from mqslam.core.evenly import pick_evenly
 from mqslam.report.explorers.explorer import Chart, Curve, Explorer, Layer, Lines, Place, View, join_lines, mix_shades
 from mqslam.report.explorers.run_explorer import chart_inflation, explain_torn
 from mqslam.report.figures.canvas import BLUE, RED
@@ -49,9 +49,9 @@ def _choose_spots(sweeps: Sweeps, audit: Audit) -> list[Spot]:
     """Returns windows, all torn ones and others evenly spread, and revisits that are torn, in the order of time."""
     torn = [w for w in audit.windows if w.torn][:_MOST_WINDOWS]
     fine = [w for w in audit.windows if not w.torn]
-    fine = [fine[k] for k in evenly(len(fine), _MOST_WINDOWS - len(torn))]
+    fine = [fine[k] for k in pick_evenly(len(fine), _MOST_WINDOWS - len(torn))]
     off = [r for r in audit.revisits if r.torn]
-    off = [off[k] for k in evenly(len(off), _MOST_REVISITS)]
+    off = [off[k] for k in pick_evenly(len(off), _MOST_REVISITS)]
     spots = [spot_of_window(w) for w in [*torn, *fine]] + [spot_of_revisit(sweeps, r) for r in off]
     return sorted(spots, key=lambda spot: spot.t1)
 

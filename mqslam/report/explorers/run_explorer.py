@@ -99,14 +99,14 @@ def _round_down(factor: float) -> float:
 
 
 def _make_charts(report: Report) -> tuple[Chart, ...]:
-    windows, checks = report.windows, report.checks
-    times = 0.5 * (windows.t0 + windows.t1)
-    points = np.maximum(windows.points, 1)
+    scores, checks = report.scores, report.checks
+    times = 0.5 * (scores.t0 + scores.t1)
+    points = np.maximum(scores.points, 1)
     curves = []
-    if np.isfinite(windows.psi_odometry).any():
-        curves.append(Curve("ψ under odometry", ORANGE, times, windows.psi_odometry / points))
-    curves.append(Curve("ψ at its minimum", BLUE, times, windows.psi_minimum / points))
-    charts = [Chart("ψ per point of a window", tuple(curves))]
+    if np.isfinite(scores.psi_odometry).any():
+        curves.append(Curve("ψ under odometry", ORANGE, times, scores.psi_odometry / points))
+    curves.append(Curve("ψ at its minimum", BLUE, times, scores.psi_minimum / points))
+    charts = [Chart("ψ per point of a scan", tuple(curves))]
     if checks:
         charts.append(chart_inflation([("inflation", checks, BLUE)], torn_threshold(report.settings)))
     return tuple(charts)

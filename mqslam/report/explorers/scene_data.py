@@ -12,7 +12,7 @@ from jinja2.utils import htmlsafe_json_dumps
 from markupsafe import Markup
 from numpy.typing import ArrayLike, NDArray
 
-from mqslam.core.evenly import evenly
+from mqslam.core.evenly import pick_evenly
 from mqslam.core.point_map import pick_thinned
 from mqslam.report.explorers.explorer import Curve, Explorer, Layer, Place, Points, Values
 from mqslam.report.figures.canvas import BLUE, MAP_SHAPE, OUTERMOST, RED, find_common_view
@@ -126,7 +126,7 @@ def _encode_places(places: Sequence[Place]) -> tuple[list[dict[str, Any]], dict[
         for view in place.views:
             spans = []
             for group in view.groups:
-                parts.append(group[evenly(len(group), int(len(group) / step))])
+                parts.append(group[pick_evenly(len(group), int(len(group) / step))])
                 spans.append([begin, begin + len(parts[-1])])
                 begin = spans[-1][1]
             views.append({"name": view.name, "groups": spans, "colours": view.colours})

@@ -24,7 +24,9 @@ from mqslam.report.spots import WORST, Spot, find_worst_spots
 _REACH_M = 80.0  # farther points are not looked at
 _CLOSE_M, _FAR_M = 12.0, 80.0  # shortest and longest side of a crop
 _SIDE = 40.0  # side of a crop per length by which the place is off
-_LEAST = 0.02  # weight of a point that the correction does not move closer: without others such points decide
+_LEAST = (
+    0.02  # weight of a point that the correction does not move closer: such points decide only where there are no others
+)
 _CELLS = 4  # cells along the side of a crop when its place is looked for
 
 Points: TypeAlias = NDArray[np.float64]

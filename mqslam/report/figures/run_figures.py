@@ -23,7 +23,7 @@ from mqslam.report.figures.canvas import (
     make_world,
     put_legend_above,
 )
-from mqslam.report.run_report import WindowScores
+from mqslam.report.run_report import ScanScores
 
 ODOMETRY_COLOUR, OPTIMISED_COLOUR, TRUTH_COLOUR = ORANGE, BLUE, GREEN
 
@@ -71,15 +71,15 @@ def draw_trajectories(odometry: Trajectory, optimised: Trajectory, truth: Trajec
     return encode_png(figure)
 
 
-def draw_psi(windows: WindowScores) -> bytes:
-    """Draws psi per point of every window over time, at its minimum and under odometry."""
+def draw_psi(scores: ScanScores) -> bytes:
+    """Draws psi per point of every scan over time, at its minimum and under odometry."""
     figure, axes = make_chart("ψ per point")
-    time = 0.5 * (windows.t0 + windows.t1)
-    points = np.maximum(windows.points, 1)
-    if np.isfinite(windows.psi_odometry).any():
-        axes.plot(time, windows.psi_odometry / points, color=ODOMETRY_COLOUR, linewidth=1.2, label="under odometry")
-    axes.plot(time, windows.psi_minimum / points, color=OPTIMISED_COLOUR, linewidth=1.2, label="at its minimum")
-    unused = time[np.array([s != "converged" for s in windows.status], dtype=np.bool_)]
+    time = 0.5 * (scores.t0 + scores.t1)
+    points = np.maximum(scores.points, 1)
+    if np.isfinite(scores.psi_odometry).any():
+        axes.plot(time, scores.psi_odometry / points, color=ODOMETRY_COLOUR, linewidth=1.2, label="under odometry")
+    axes.plot(time, scores.psi_minimum / points, color=OPTIMISED_COLOUR, linewidth=1.2, label="at its minimum")
+    unused = time[np.array([s != "converged" for s in scores.status], dtype=np.bool_)]
     if len(unused):
         height = np.full(len(unused), 0.02)
         label = f"no measurement ({len(unused)})"
@@ -89,11 +89,11 @@ def draw_psi(windows: WindowScores) -> bytes:
     return encode_png(figure)
 
 
-def draw_matched(windows: WindowScores) -> bytes:
-    """Draws the share of every window's points that have a neighbour, over time."""
+def draw_matched(scores: ScanScores) -> bytes:
+    """Draws the share of every scan's points that have a neighbour, over time."""
     figure, axes = make_chart("matched points [%]")
-    time = 0.5 * (windows.t0 + windows.t1)
-    axes.fill_between(time, 100.0 * windows.matched, color=OPTIMISED_COLOUR, alpha=0.15, linewidth=0)
-    axes.plot(time, 100.0 * windows.matched, color=OPTIMISED_COLOUR, linewidth=1.2)
+    time = 0.5 * (scores.t0 + scores.t1)
+    axes.fill_between(time, 100.0 * scores.matched, color=OPTIMISED_COLOUR, alpha=0.15, linewidth=0)
+    axes.plot(time, 100.0 * scores.matched, color=OPTIMISED_COLOUR, linewidth=1.2)
     axes.set_ylim(0.0, 100.0)
     return encode_png(figure)

@@ -1,4 +1,4 @@
-"""Two submaps are laid on each other where they belong, and it is said where they do not belong or do not hold."""
+"""Two submaps are laid on each other where they belong; an alignment tells if they do not, or leave a direction open."""
 
 from __future__ import annotations
 
@@ -24,10 +24,10 @@ def submaps(reference: Drive, query: Drive, a: int = MIDDLE, b: int = MIDDLE) ->
 
 
 def aligned(reference: Drive, query: Drive, wrong: tuple[float, float, float]) -> tuple[Alignment, se2.Array]:
-    """The alignment from a wrong guess, and the true pose."""
+    """Returns the alignment from a wrong guess, and the true pose."""
     truth = se2.between(reference.poses[MIDDLE], query.poses[MIDDLE])
-    found = align(*submaps(reference, query), truth + np.array(wrong), REACH, CONFIG.loops, CONFIG.estimator)
-    return found, truth
+    result = align(*submaps(reference, query), truth + np.array(wrong), REACH, CONFIG.loops, CONFIG.estimator)
+    return result, truth
 
 
 @pytest.mark.parametrize("wrong", WRONG_GUESSES)
@@ -39,24 +39,24 @@ def aligned(reference: Drive, query: Drive, wrong: tuple[float, float, float]) -
 def test_two_passes_of_a_street_are_laid_where_they_were(
     later: tuple[float, float, float], wrong: tuple[float, float, float]
 ) -> None:
-    found, truth = aligned(street_pass(-25.0, LANE_Y, 0.0, 1), street_pass(*later, 2), wrong)
-    error = found.pose - truth
+    result, truth = aligned(street_pass(-25.0, LANE_Y, 0.0, 1), street_pass(*later, 2), wrong)
+    error = result.pose - truth
     assert np.hypot(error[0], error[1]) < 0.1 and abs(se2.wrap(error[2])) < 0.005
-    assert found.observed and found.matched > CONFIG.loops.matched
-    assert found.psi * CONFIG.loops.rival <= found.rival
+    assert result.observed and result.matched > CONFIG.loops.matched
+    assert result.psi * CONFIG.loops.rival <= result.rival
 
 
 def test_the_covariance_is_positive_and_fits_the_error() -> None:
     chi_squares = []
     for seed, later in enumerate([(-22.0, LANE_Y, 0.0), (-28.0, OTHER_LANE_Y, 0.0), (15.0, OTHER_LANE_Y, np.pi)], 2):
-        found, truth = aligned(street_pass(-25.0, LANE_Y, 0.0, 1), street_pass(*later, seed), WRONG_GUESSES[0])
-        np.testing.assert_array_equal(found.covariance, found.covariance.T)
-        assert np.linalg.eigvalsh(found.covariance)[0] > 0.0
-        sure = np.sqrt(np.diag(found.covariance))
+        result, truth = aligned(street_pass(-25.0, LANE_Y, 0.0, 1), street_pass(*later, seed), WRONG_GUESSES[0])
+        np.testing.assert_array_equal(result.covariance, result.covariance.T)
+        assert np.linalg.eigvalsh(result.covariance)[0] > 0.0
+        sure = np.sqrt(np.diag(result.covariance))
         assert sure[:2].max() < 0.05 and sure[2] < 0.005
-        error = found.pose - truth
+        error = result.pose - truth
         error[2] = se2.wrap(error[2])
-        chi_squares.append(error @ np.linalg.solve(found.covariance, error))
+        chi_squares.append(error @ np.linalg.solve(result.covariance, error))
     assert np.mean(chi_squares) < 12.0  # 3 when the covariance is right
 
 
@@ -64,26 +64,26 @@ def test_places_that_have_nothing_in_common_are_poorly_matched_or_have_a_rival()
     """Another street of the same city, guessed to be the first one."""
     reference = street_pass(-25.0, LANE_Y, 0.0, 1)
     for other in (street_pass(-25.0, 37.75, 0.0, 3), street_pass(-51.75, -18.0, -np.pi / 2.0, 3)):
-        found = align(*submaps(reference, other), np.zeros(3), REACH, CONFIG.loops, CONFIG.estimator)
-        assert found.matched < CONFIG.loops.matched or found.psi * CONFIG.loops.rival > found.rival
+        result = align(*submaps(reference, other), np.zeros(3), REACH, CONFIG.loops, CONFIG.estimator)
+        assert result.matched < CONFIG.loops.matched or result.psi * CONFIG.loops.rival > result.rival
         right, _ = aligned(reference, street_pass(-22.0, LANE_Y, 0.0, 2), (0.0, 0.0, 0.0))
-        assert found.matched < 0.8 * right.matched and found.psi > 2.0 * right.psi
+        assert result.matched < 0.8 * right.matched and result.psi > 2.0 * right.psi
 
 
 def test_bare_walls_are_not_observed_along_themselves() -> None:
-    found, truth = aligned(corridor_pass(-25.0, 0.0, 1), corridor_pass(-22.0, 0.5, 2), WRONG_GUESSES[0])
-    assert not found.observed
-    assert abs(found.pose[1] - truth[1]) < 0.1 and abs(found.pose[2] - truth[2]) < 0.005
+    result, truth = aligned(corridor_pass(-25.0, 0.0, 1), corridor_pass(-22.0, 0.5, 2), WRONG_GUESSES[0])
+    assert not result.observed
+    assert abs(result.pose[1] - truth[1]) < 0.1 and abs(result.pose[2] - truth[2]) < 0.005
 
 
 def test_a_truth_outside_the_gate_is_not_found() -> None:
     reference, query = street_pass(-25.0, LANE_Y, 0.0, 1), street_pass(-22.0, LANE_Y, 0.0, 2)
     truth = se2.between(reference.poses[MIDDLE], query.poses[MIDDLE])
     guess = truth + np.array([0.0, 12.0, 0.0])
-    found = align(*submaps(reference, query), guess, REACH, CONFIG.loops, CONFIG.estimator)
-    off = found.pose - guess
+    result = align(*submaps(reference, query), guess, REACH, CONFIG.loops, CONFIG.estimator)
+    off = result.pose - guess
     assert np.hypot(off[0], off[1]) <= REACH_M + 1.0 and abs(off[2]) <= REACH_RAD + 0.05
-    assert found.matched < CONFIG.loops.matched
+    assert result.matched < CONFIG.loops.matched
 
 
 def test_the_joint_score_is_least_where_the_passes_belong() -> None:
@@ -91,8 +91,8 @@ def test_the_joint_score_is_least_where_the_passes_belong() -> None:
     truth = se2.between(reference.poses[MIDDLE], query.poses[MIDDLE])
     maps = submaps(reference, query)
     right = score_at_pose(*maps, truth, CONFIG.estimator)
-    found, _ = aligned(reference, query, (0.0, 0.0, 0.0))
-    assert found.psi == pytest.approx(score_at_pose(*maps, found.pose, CONFIG.estimator), rel=1e-6)
+    result, _ = aligned(reference, query, (0.0, 0.0, 0.0))
+    assert result.psi == pytest.approx(score_at_pose(*maps, result.pose, CONFIG.estimator), rel=1e-6)
     for offset in ([0.3, 0.0, 0.0], [0.0, -0.3, 0.0], [0.0, 0.0, 0.02]):
         assert score_at_pose(*maps, truth + offset, CONFIG.estimator) > 1.3 * right
 
@@ -108,19 +108,19 @@ def scattered(seed: int = 1, count: int = 40) -> PointSet:
 @pytest.mark.parametrize("pose", [(0.0, 0.0, 0.0), (3.0, -1.0, 0.7), (-2.0, 5.0, -2.9)])
 def test_jacobians_of_a_moved_submap_are_its_differences(pose: tuple[float, float, float]) -> None:
     points, at, step = scattered(), np.array(pose), 1e-6
-    found = move_rigidly(points, at)
-    np.testing.assert_allclose(found.points, se2.transform(at, points.points), atol=1e-12)
+    result = move_rigidly(points, at)
+    np.testing.assert_allclose(result.points, se2.transform(at, points.points), atol=1e-12)
     for axis in range(3):
         nudge = step * np.eye(3)[axis]
         numeric = (move_rigidly(points, at + nudge).points - move_rigidly(points, at - nudge).points) / (2.0 * step)
-        np.testing.assert_allclose(found.jacobians[:, :, axis], numeric, atol=1e-7)
+        np.testing.assert_allclose(result.jacobians[:, :, axis], numeric, atol=1e-7)
 
 
 def test_covariances_of_a_moved_submap_turn_with_it() -> None:
     points, yaw = scattered(), 0.7
     turn = np.array([[np.cos(yaw), -np.sin(yaw)], [np.sin(yaw), np.cos(yaw)]])
-    found = move_rigidly(points, np.array([3.0, -1.0, yaw]))
-    for before, after in zip(points.covariances, found.covariances, strict=True):
+    result = move_rigidly(points, np.array([3.0, -1.0, yaw]))
+    for before, after in zip(points.covariances, result.covariances, strict=True):
         expected = turn @ before[[[0, 1], [1, 2]]] @ turn.T
         np.testing.assert_allclose(after[[[0, 1], [1, 2]]], expected, atol=1e-12)
-    np.testing.assert_array_equal(found.times, points.times)
+    np.testing.assert_array_equal(result.times, points.times)

@@ -7,7 +7,7 @@ import pytest
 from support.passes import BEAM, CONFIG, LANE_Y, MIDDLE, OTHER_LANE_Y, joined, path, street_pass
 
 from mqslam.backend.loops.align import align, score_at_pose
-from mqslam.backend.loops.passes import search_reach
+from mqslam.backend.loops.passes import compute_reach
 from mqslam.backend.loops.search import confirm_by_map, find_candidate_pairs, find_loops
 from mqslam.backend.loops.submap import Drive, pick_spaced, render_submap
 from mqslam.config import LoopConfig
@@ -21,19 +21,19 @@ LAP_M = 2.0 * np.pi * RADIUS
 
 
 def laps(number: float) -> Drive:
-    """Rounds of a circle, a revolution every two metres."""
+    """Returns rounds of a circle, a scan every two metres."""
     angles = np.arange(0.0, number * LAP_M, 2.0) / RADIUS
     return path(RADIUS * np.column_stack([np.cos(angles), np.sin(angles)]))
 
 
 def there_and_back(length: float, apart: float) -> Drive:
-    """A straight, and back beside it."""
+    """Returns a straight drive, and the way back beside it."""
     there = np.arange(0.0, length, 2.0)
     return path(np.column_stack([np.r_[there, there[::-1]], np.repeat([0.0, apart], len(there))]))
 
 
 def between_m(drive: Drive, pairs: list[tuple[int, int]]) -> np.ndarray:
-    """Path (N,) [m] between the revolutions of pairs."""
+    """Returns the path (N,) [m] between the scans of pairs."""
     return np.array([drive.travelled[b] - drive.travelled[a] for a, b in pairs])
 
 
@@ -54,15 +54,15 @@ def test_every_place_of_a_second_lap_is_a_candidate_with_the_first() -> None:
     assert all(type(k) is int for pair in pairs for k in pair)
 
 
-def test_of_each_earlier_pass_one_revolution_is_taken_and_of_so_many_passes_as_are_asked_for() -> None:
+def test_of_each_earlier_pass_one_scan_is_taken_and_of_so_many_passes_as_are_asked_for() -> None:
     drive = laps(3.0)
     pairs = find_candidate_pairs(drive, LoopConfig(passes=2), set())
     last = [
         k for k in pick_spaced(drive.travelled, CONFIG.loops.spacing_m) if 2.0 < (drive.travelled[k] - 1.0) / LAP_M < 2.9
     ]
     for k in last:
-        found = sorted(between_m(drive, [pair for pair in pairs if pair[1] == k]) / LAP_M)
-        np.testing.assert_allclose(found, [1.0, 2.0], atol=0.03)
+        result = sorted(between_m(drive, [pair for pair in pairs if pair[1] == k]) / LAP_M)
+        np.testing.assert_allclose(result, [1.0, 2.0], atol=0.03)
     assert len({b for _, b in find_candidate_pairs(drive, LoopConfig(passes=1), set())}) == len({b for _, b in pairs})
     assert len(find_candidate_pairs(drive, LoopConfig(passes=1), set())) < len(pairs)
 
@@ -113,12 +113,12 @@ def test_drift_widens_the_reach_along_the_path() -> None:
 
 def test_the_gate_grows_with_the_path_up_to_its_largest() -> None:
     config = LoopConfig(search_m=3.0, search_rad=0.03, drift=0.005, drift_rad=3e-5, gate_m=7.0, gate_rad=0.05)
-    assert search_reach(100.0, config) == pytest.approx((3.5, 0.033))
-    assert search_reach(1000.0, config) == (7.0, 0.05)
+    assert compute_reach(100.0, config) == pytest.approx((3.5, 0.033))
+    assert compute_reach(1000.0, config) == (7.0, 0.05)
 
 
 def two_passes(later: tuple[float, float, float], wrong: tuple[float, float, float]) -> tuple[Drive, se2.Array]:
-    """Two passes over a street of which the later has drifted by (x, y, yaw) of its first pose, and the true poses."""
+    """Returns two passes over a street, the later one drifted by (x, y, yaw) of its first pose, and the true poses."""
     first, second = street_pass(-25.0, LANE_Y, 0.0, 1), street_pass(*later, 2)
     local = se2.between(second.poses[0], second.poses)
     drifted = se2.compose(second.poses[0] + np.array(wrong), local)
@@ -134,9 +134,9 @@ CLOSE = LoopConfig(least_path_m=35.0)  # a pass is 40 m long
 def test_loops_found_are_true(later: tuple[float, float, float]) -> None:
     drive, truth = two_passes(later, (1.5, -1.0, 0.02))
     tried: set[tuple[int, int]] = set()
-    found = find_loops(drive, CLOSE, CONFIG.estimator, BEAM, tried, HERE, ignore_progress)
-    assert len(found) >= 3 and {(loop.earlier, loop.later) for loop in found} <= tried
-    for loop in found:
+    result = find_loops(drive, CLOSE, CONFIG.estimator, BEAM, tried, HERE, ignore_progress)
+    assert len(result) >= 3 and {(loop.earlier, loop.later) for loop in result} <= tried
+    for loop in result:
         error = loop.pose - se2.between(truth[loop.earlier], truth[loop.later])
         assert np.hypot(error[0], error[1]) < 0.1 and abs(se2.wrap(error[2])) < 0.005
 
@@ -162,7 +162,7 @@ def test_places_that_only_seem_near_are_no_loops() -> None:
 
 
 def loop_at(drive: Drive, earlier: int, later: int, pose: se2.Array) -> Loop:
-    """A loop at a pose (3,), with the score it has there."""
+    """Returns a loop at a pose (3,), with the score it has there."""
     settings = CONFIG.loops
     reference = render_submap(drive, earlier, settings.submap_m, settings.spacing_m, BEAM)
     query = render_submap(drive, later, 0.5 * settings.submap_m, settings.spacing_m, BEAM)
@@ -209,8 +209,8 @@ def test_a_loop_that_only_confirms_a_good_map_stays() -> None:
     reference = render_submap(drive, a, settings.submap_m, settings.spacing_m, BEAM)
     query = render_submap(drive, b, 0.5 * settings.submap_m, settings.spacing_m, BEAM)
     pose = se2.between(truth[a], truth[b])
-    found = align(reference, query, pose, (3.0, 0.03), CONFIG.loops, CONFIG.estimator)
-    loop = Loop(a, b, found.pose, found.covariance, found.matched, found.psi)
+    result = align(reference, query, pose, (3.0, 0.03), CONFIG.loops, CONFIG.estimator)
+    loop = Loop(a, b, result.pose, result.covariance, result.matched, result.psi)
     nudged = truth.copy()
     nudged[len(truth) // 2 :, 0] += 0.02  # within what the graph may weigh it against
     assert confirm_by_map([loop], drive, nudged, *KEEP, HERE) == [loop]

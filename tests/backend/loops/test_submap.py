@@ -1,4 +1,4 @@
-"""A submap holds the revolutions near one along the path, and lies in that one's frame."""
+"""A submap holds the scans near one along the path, and lies in that one's frame."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ LANDMARKS = np.array([[12.0, 20.0], [40.0, -15.0], [75.0, 8.0], [110.0, -20.0]])
 
 
 def watched(drive: Drive) -> Drive:
-    """The drive with windows in which the sensor, still at the start of its turn, sees every landmark of the world."""
+    """Returns the drive with scans in which the sensor, still at the start of its turn, sees every landmark of the world."""
     scans = []
     for scan, pose in zip(drive.scans, drive.poses, strict=True):
         x, y = se2.transform(se2.inverse(pose), LANDMARKS).T
@@ -34,13 +34,13 @@ def drive() -> Drive:
 
 
 def chosen_by(drive: Drive, centre: int, reach_m: float, spacing_m: float) -> np.ndarray:
-    """Indices of the revolutions whose returns a submap holds."""
+    """Returns the indices of the scans whose returns a submap holds."""
     times = render_submap(drive, centre, reach_m, spacing_m, BEAM).times
     return np.unique(np.searchsorted(drive.times, times))
 
 
 @pytest.mark.parametrize("reach_m, spacing_m", [(15.0, 5.0), (30.0, 5.0), (20.0, 10.0)])
-def test_revolutions_reach_as_far_and_lie_as_far_apart_as_asked(drive: Drive, reach_m: float, spacing_m: float) -> None:
+def test_scans_reach_as_far_and_lie_as_far_apart_as_asked(drive: Drive, reach_m: float, spacing_m: float) -> None:
     centre, step = 40, float(np.diff(drive.travelled).max())
     chosen = chosen_by(drive, centre, reach_m, spacing_m)
     path_m = drive.travelled[chosen] - drive.travelled[centre]
@@ -87,7 +87,7 @@ def test_a_submap_is_the_same_whichever_frame_the_drive_is_in(drive: Drive) -> N
     np.testing.assert_allclose(ours.covariances, theirs.covariances, atol=1e-12)
 
 
-def test_spaced_revolutions_are_that_far_apart(drive: Drive) -> None:
+def test_spaced_scans_are_that_far_apart(drive: Drive) -> None:
     nodes = pick_spaced(drive.travelled, 5.0)
     step = float(np.diff(drive.travelled).max())
     np.testing.assert_allclose(np.diff(drive.travelled[nodes]), 5.0, atol=step)

@@ -24,7 +24,7 @@ PERIOD_US = 100_000
 
 
 def scan(bag: Bag, stamp_us: int, ranges: Any, intensities: Any = (), time_increment: float = 1e-3, **changed: float) -> Any:
-    """A scan from -1 rad on by 0.5 rad, in the frame called radar."""
+    """Makes a scan that begins at -1 rad, in steps of 0.5 rad, in the frame called radar."""
     limits = {"range_min": 0.1, "range_max": 30.0, "angle_min": -1.0, **changed}
     return bag.store.types[SCAN](
         bag.header(stamp_us),
@@ -39,7 +39,7 @@ def scan(bag: Bag, stamp_us: int, ranges: Any, intensities: Any = (), time_incre
 
 
 def write(path: Path, kind: str, *scans: dict[str, Any], topics: tuple[str, ...] = ("/scan",)) -> Path:
-    """A bag with scans a period apart on every one of some topics."""
+    """Writes a bag with scans a period apart on each of some topics."""
     with bag_writer(path, kind) as bag:
         connections = [bag.topic(topic, SCAN) for topic in topics]
         for k, content in enumerate(scans):
@@ -110,7 +110,7 @@ def arc(k: NDArray[np.float64] | float) -> NDArray[np.float64]:
 
 
 def drive(path: Path, kind: str = "ros1", mount: Any = None) -> LidarRecording:
-    """Scans, odometry of base_link, poses of a SLAM, a goal a user set, and where the lidar is mounted."""
+    """Writes a bag and reads it: scans, odometry of base_link, poses of a SLAM, a user's goal, and the lidar's mount."""
     with bag_writer(path, kind) as bag:
         types = bag.store.types
         scans, wheels, slam = bag.topic("/scan", SCAN), bag.topic("/odom", ODOMETRY), bag.topic("/amcl_pose", COVARIANT)

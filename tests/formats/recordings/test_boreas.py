@@ -32,7 +32,7 @@ def test_a_drive_in_boreas_layout_is_the_drive(boreas: Path) -> None:
     assert_same(recording, open_recording(boreas / "radar"))
 
 
-def test_poses_are_those_of_the_middle_of_the_revolutions_in_rep_103(boreas: Path) -> None:
+def test_poses_are_those_of_the_middle_of_the_turns_in_rep_103(boreas: Path) -> None:
     names = np.array(sorted(int(image.stem) for image in (boreas / "radar").iterdir()))
     assert_turns_left(open_recording(boreas).ground_truth, left_turn(), names)
     assert np.all(names - left_turn().stamps_us == left_turn().azimuth_stamps(0)[AZIMUTHS // 2 - 1] - left_turn().start_us)
@@ -79,7 +79,7 @@ def test_of_alternating_chirps_the_rising_ones_are_kept(tmp_path: Path) -> None:
     up = np.arange(AZIMUTHS) % 2 == 1
     folder = write_boreas(tmp_path / "rt", left_turn(), up)
     recording = open_recording(folder)
-    assert "50% of the rows: taken as the direction of the chirp" in note_of(folder, "byte 10")
+    assert "50% of the rows and is taken as the direction of the chirp" in note_of(folder, "byte 10")
     for kept, whole in zip(recording.polar_scans(), left_turn().polar_scans(), strict=True):
         assert kept.valid.all()
         np.testing.assert_array_equal(kept.power, whole.power[up])
@@ -91,7 +91,7 @@ def test_of_alternating_chirps_the_rising_ones_are_kept(tmp_path: Path) -> None:
 
 def test_falling_chirps_only_or_an_unused_byte_are_all_kept(tmp_path: Path) -> None:
     folder = write_boreas(tmp_path / "rt", left_turn(), np.zeros(AZIMUTHS, bool))
-    assert "0% of the rows: taken as unused or as down-chirps" in note_of(folder, "byte 10")
+    assert "0% of the rows and is taken as unused or as down-chirps" in note_of(folder, "byte 10")
     assert_alike(open_recording(folder), left_turn())
 
 
@@ -102,7 +102,7 @@ def test_a_few_unmarked_rows_were_not_measured(tmp_path: Path) -> None:
     np.testing.assert_array_equal(recording[2].valid, measured)
 
 
-def test_a_revolution_without_rising_chirps_is_named(tmp_path: Path) -> None:
+def test_a_polar_scan_without_rising_chirps_is_named(tmp_path: Path) -> None:
     folder = write_boreas(tmp_path / "rt", left_turn(), np.arange(AZIMUTHS) % 2 == 1)
     image = sorted((folder / "radar").iterdir())[2]
     falling = with_metadata(
@@ -114,7 +114,7 @@ def test_a_revolution_without_rising_chirps_is_named(tmp_path: Path) -> None:
         list(open_recording(folder).polar_scans())
 
 
-def test_revolutions_begin_where_their_own_turns_did_even_if_the_motor_drifts(tmp_path: Path) -> None:
+def test_polar_scans_begin_where_their_own_turns_did_even_if_the_motor_drifts(tmp_path: Path) -> None:
     folder = tmp_path / "drive"
     for name in ("radar", "calib"):
         (folder / name).mkdir(parents=True)
@@ -154,7 +154,7 @@ def test_an_oxford_folder_stays_oxford(tmp_path: Path) -> None:
 
 
 def test_images_without_metadata_are_named(tmp_path: Path) -> None:
-    folder = write_oxford(tmp_path / "drive", revolutions=1)
+    folder = write_oxford(tmp_path / "drive", polar_scans=1)
     (folder / "applanix").mkdir()
     write_png(folder, oxford_rows(0)[:, :11])
     with pytest.raises(DataError, match=r"\d+\.png: has rows of 11 bytes"):

@@ -63,7 +63,7 @@ def test_a_truncated_file_is_named(native: Path, keep: float) -> None:
         open_recording(native)
 
 
-def test_flipped_bytes_in_a_revolution_are_named(native: Path) -> None:
+def test_flipped_bytes_in_a_polar_scan_are_named(native: Path) -> None:
     with zipfile.ZipFile(native) as archive:
         offset = archive.getinfo("power_000003.npy").header_offset + 1000
     content = bytearray(native.read_bytes())

@@ -17,7 +17,7 @@ from mqslam.formats.shared.azimuth_rows import read_metadata
 from mqslam.formats.tum import write_tum
 
 
-def test_revolutions_carry_time_angle_power_and_validity_of_every_azimuth(oxford: Path) -> None:
+def test_polar_scans_carry_time_angle_power_and_validity_of_every_azimuth(oxford: Path) -> None:
     recording = open_recording(oxford)
     assert (recording.format, len(recording)) == ("oxford", 6)
     np.testing.assert_array_equal(recording.stamps_us, START_US + TURN_US * np.arange(6))
@@ -60,7 +60,7 @@ def test_without_a_list_of_stamps_the_images_make_the_recording(oxford: Path) ->
     assert_same(listed, open_recording(oxford))
 
 
-def test_revolutions_marked_absent_or_without_an_image_are_skipped_and_noted(oxford: Path) -> None:
+def test_polar_scans_marked_absent_or_without_an_image_are_skipped_and_noted(oxford: Path) -> None:
     stamps = [START_US + k * TURN_US for k in range(6)]
     (oxford / "radar.timestamps").write_text("".join(f"{stamp} {int(k != 1)}\n" for k, stamp in enumerate(stamps)))
     (oxford / "radar" / f"{stamps[4]}.png").unlink()
@@ -178,7 +178,7 @@ def test_a_stream_survives_pickling(oxford: Path) -> None:
     assert_same(recording, pickle.loads(pickle.dumps(recording)))
 
 
-def test_a_range_of_revolutions_is_read_lazily(oxford: Path) -> None:
+def test_a_range_of_polar_scans_is_read_lazily(oxford: Path) -> None:
     recording = open_recording(oxford)
     (oxford / "radar" / f"{recording.stamps_us[4]}.png").unlink()
     assert len(list(recording.polar_scans(1, 4))) == 3
@@ -236,7 +236,7 @@ def test_a_truncated_image_in_the_middle_is_named(oxford: Path) -> None:
         (np.zeros((8001, 8001), np.uint8), "too large"),
     ],
 )
-def test_an_image_that_is_no_revolution_is_named(oxford: Path, pixels: np.ndarray, problem: str) -> None:
+def test_an_image_that_is_no_polar_scan_is_named(oxford: Path, pixels: np.ndarray, problem: str) -> None:
     image = oxford / "radar" / f"{START_US + TURN_US}.png"
     Image.fromarray(pixels).save(image)
     with pytest.raises(DataError, match=rf"{image.name}: .*{problem}"):
@@ -256,14 +256,14 @@ def test_a_list_that_goes_back_or_repeats_is_sorted_and_said(oxford: Path) -> No
     )
 
 
-def test_a_list_that_names_no_image_leaves_no_revolutions(oxford: Path) -> None:
+def test_a_list_that_names_no_image_leaves_no_polar_scans(oxford: Path) -> None:
     (oxford / "radar.timestamps").write_text("12345 1\n")
     with pytest.raises(DataError, match="radar: holds no polar scans"):
         open_recording(oxford)
 
 
-def test_a_recording_of_one_revolution_opens(tmp_path: Path) -> None:
-    recording = open_recording(write_oxford(tmp_path / "drive", revolutions=1))
+def test_a_recording_of_one_polar_scan_opens(tmp_path: Path) -> None:
+    recording = open_recording(write_oxford(tmp_path / "drive", polar_scans=1))
     assert len(recording) == 1 and recording.revolution_s == pytest.approx(0.25)
 
 

@@ -35,7 +35,7 @@ def test_images_are_the_drive_spread_over_turns_that_end_at_their_arrival(radiat
 
 def test_what_was_assumed_is_said(radiate: Path) -> None:
     notes = open_recording(radiate).notes
-    assert any(note.startswith("azimuths carry no own stamps: spread evenly over the turn") for note in notes)
+    assert any(note.startswith("azimuths carry no stamps of their own and are spread evenly") for note in notes)
     assert any(note.startswith("GPS and IMU run on another clock") for note in notes)
 
 
@@ -50,7 +50,7 @@ def test_frames_without_an_image_are_skipped_and_noted(radiate: Path) -> None:
     (radiate / "Navtech_Polar" / "000003.png").unlink()
     recording = open_recording(radiate)
     np.testing.assert_allclose(recording.stamps_us, left_turn().stamps_us[[0, 1, 3, 4, 5]], rtol=0.0, atol=1)
-    assert any("1 of 6 frames in Navtech_Polar.txt have no image: skipped" in note for note in recording.notes)
+    assert any("1 of 6 frames in Navtech_Polar.txt have no image and are skipped" in note for note in recording.notes)
     np.testing.assert_array_equal(recording[2].power, left_turn()[3].power)
 
 
@@ -73,7 +73,7 @@ def test_a_missing_list_of_stamps_is_named(radiate: Path) -> None:
         open_recording(radiate)
 
 
-def test_an_empty_list_leaves_no_revolutions(radiate: Path) -> None:
+def test_an_empty_list_leaves_no_polar_scans(radiate: Path) -> None:
     (radiate / "Navtech_Polar.txt").write_text("")
     with pytest.raises(DataError, match="Navtech_Polar: holds no polar scans"):
         open_recording(radiate)
@@ -103,7 +103,7 @@ def test_a_list_in_another_order_is_sorted_and_said(radiate: Path) -> None:
     assert recording.faults == ("Navtech_Polar.txt does not list its frames in order, first at 000005: sorted",)
 
 
-def test_a_folder_without_images_holds_no_revolutions(radiate: Path) -> None:
+def test_a_folder_without_images_holds_no_polar_scans(radiate: Path) -> None:
     for image in (radiate / "Navtech_Polar").iterdir():
         image.unlink()
     with pytest.raises(DataError, match="Navtech_Polar: holds no polar scans"):

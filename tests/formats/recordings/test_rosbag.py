@@ -30,7 +30,7 @@ COMPRESSED = "sensor_msgs/msg/CompressedImage"
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_real_revolutions_are_identical_from_every_kind_of_bag(oxford_tiny: Path, tmp_path: Path, kind: str) -> None:
+def test_real_polar_scans_are_identical_from_every_kind_of_bag(oxford_tiny: Path, tmp_path: Path, kind: str) -> None:
     folder = open_recording(oxford_tiny)
     bag = open_recording(write_bag(folder, bag_path(tmp_path, kind), kind))
     assert bag.format == "rosbag"
@@ -53,7 +53,7 @@ def test_odometry_and_ground_truth_are_told_apart_by_topic(oxford: Path, tmp_pat
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_single_revolutions_are_found_again(oxford: Path, tmp_path: Path, kind: str) -> None:
+def test_single_polar_scans_are_found_again(oxford: Path, tmp_path: Path, kind: str) -> None:
     folder = open_recording(oxford)
     bag = pickle.loads(pickle.dumps(open_recording(write_bag(folder, bag_path(tmp_path, kind), kind))))
     for k in (5, 0, 3):
@@ -79,9 +79,9 @@ def test_images_without_metadata_are_spread_over_the_turn(oxford: Path, tmp_path
     np.testing.assert_array_equal(polar_scan.power, oxford_rows(5)[:, 11:])
     np.testing.assert_allclose(polar_scan.azimuths, -2 * np.pi * np.arange(40) / 40)
     np.testing.assert_allclose(polar_scan.times, 1.25 + 0.25 * np.arange(40) / 40, atol=1e-6)
-    (note,) = (note for note in recording.notes if "carry no own stamps" in note)
-    assert f"{'columns' if columns else 'rows'} of the images taken as azimuths" in note
-    assert f"header stamps taken as the {'end' if columns else 'start'} of the turn (sensor.stamp)" in note
+    (note,) = (note for note in recording.notes if "carry no stamps of their own" in note)
+    assert f"{'columns' if columns else 'rows'} of the images are taken as azimuths" in note
+    assert f"header stamps are taken as the {'end' if columns else 'start'} of the turn (sensor.stamp)" in note
 
 
 def test_a_gap_does_not_stretch_the_turn_before_it(oxford: Path, tmp_path: Path) -> None:
@@ -136,7 +136,7 @@ def test_of_a_topic_and_its_compressed_twin_the_first_is_taken(oxford: Path, tmp
         (np.zeros((8001, 8001), np.uint8), 10**6, "is too large for one polar scan"),
     ],
 )
-def test_a_compressed_image_that_is_no_revolution_is_named(
+def test_a_compressed_image_that_is_no_polar_scan_is_named(
     oxford: Path, tmp_path: Path, pixels: np.ndarray, keep: int, problem: str
 ) -> None:
     with bag_writer(tmp_path / "drive.bag", "ros1") as bag:
@@ -206,7 +206,7 @@ def test_messages_that_repeat_a_stamp_are_skipped_and_noted(oxford: Path, tmp_pa
 
 def test_range_resolution_is_assumed_with_a_note_or_given(oxford: Path, tmp_path: Path) -> None:
     path = write_bag(open_recording(oxford), tmp_path / "drive.bag", "ros1")
-    assert any("0.0438 m assumed" in note for note in open_recording(path).notes)
+    assert any("0.0438 m is assumed" in note for note in open_recording(path).notes)
     given = open_recording(path, range_resolution=0.175)
     assert given.range_resolution == 0.175 and not any("assumed" in note for note in given.notes)
 
@@ -240,7 +240,7 @@ def test_a_ros2_folder_without_its_files_is_named(tmp_path: Path) -> None:
         open_recording(tmp_path / "drive")
 
 
-def test_a_message_that_is_no_revolution_is_left_out_and_named_by_topic_and_time(oxford: Path, tmp_path: Path) -> None:
+def test_a_message_that_is_no_polar_scan_is_left_out_and_named_by_topic_and_time(oxford: Path, tmp_path: Path) -> None:
     with bag_writer(tmp_path / "drive.bag", "ros1") as bag:
         radar = bag.topic("/Navtech/Polar", IMAGE)
         for stamp, rows in raw_rows(open_recording(oxford)):
@@ -250,7 +250,7 @@ def test_a_message_that_is_no_revolution_is_left_out_and_named_by_topic_and_time
     recording = open_recording(tmp_path / "drive.bag")
     assert len(list(recording.polar_scans())) == len(recording) == 5
     (fault,) = recording.faults
-    assert "1 messages on /Navtech/Polar could not be read, left out: " in fault
+    assert "1 messages on /Navtech/Polar could not be read and are left out: " in fault
     assert f"drive.bag: {logged} is an image in '16UC1'" in fault
 
 

@@ -20,7 +20,7 @@ Stamps = NDArray[np.int64]
 
 
 def turning(takes_us: NDArray[np.float64] | NDArray[np.int64]) -> Stamps:
-    """Stamps of revolutions that take so long."""
+    """Returns stamps of polar scans whose turns take so long."""
     return np.asarray(START_US + np.cumsum(takes_us).round().astype(np.int64))
 
 
@@ -35,7 +35,7 @@ def delays_of(kind: str, count: int, seed: int) -> NDArray[np.float64]:
 
 
 def rms(errors: NDArray[np.int64]) -> float:
-    """Root mean square [us], but for what all stamps are late by: nobody can tell that."""
+    """Returns the root mean square [us] without the delay that all stamps share, which nobody can tell."""
     return float(np.sqrt(np.mean((errors - np.median(errors)) ** 2)))
 
 
@@ -51,7 +51,7 @@ def test_jitter_of_a_steady_radar_falls_to_a_third_at_most(kind: str, turn_us: i
         assert f"by {np.sqrt(np.mean(moved**2)):.1f} ms (RMS) and at most by {np.abs(moved).max():.1f} ms" in note
 
 
-def test_eighteen_revolutions_are_enough_for_durations_of_turns_that_can_be_used() -> None:
+def test_eighteen_polar_scans_are_enough_for_durations_of_turns_that_can_be_used() -> None:
     turns = turning(np.full(18, TURN_US))
     ratios = []
     for seed in range(20):
@@ -97,7 +97,7 @@ def test_stamps_that_do_not_jitter_stay_as_they_are(takes: NDArray[np.float64]) 
 
 
 @pytest.mark.parametrize("count", [1, 2, 3])
-def test_up_to_three_revolutions_cannot_tell_jitter(count: int) -> None:
+def test_up_to_three_polar_scans_cannot_tell_jitter(count: int) -> None:
     stamps = arriving(turning(np.full(count, TURN_US)), delays_of("uniform", count, 1))
     assert smooth_arrivals(stamps, USUAL_READING)[0].tolist() == stamps.tolist()
 
@@ -111,7 +111,7 @@ def test_a_gap_a_pause_and_a_jump_of_the_clock_stay_where_they_are(missing_us: i
         assert rms((smooth - turns)[half]) < rms((stamps - turns)[half]) / 2.0
 
 
-def test_revolutions_that_are_held_up_together_are_put_back_and_leave_no_gap() -> None:
+def test_polar_scans_that_are_held_up_together_are_put_back_and_leave_no_gap() -> None:
     turns = turning(np.full(60, TURN_US))
     delays = delays_of("normal", 60, 2)
     delays[30:33] += [600_000.0, 350_000.0, 100_000.0]
@@ -130,7 +130,7 @@ def test_any_stamps_stay_in_order_and_smoothing_them_again_changes_nothing(steps
 
 
 @pytest.mark.parametrize("layout", [*EVEN, "bag"])
-def test_every_layout_of_one_stamp_per_revolution_is_smoothed_and_says_so(tmp_path: Path, layout: str) -> None:
+def test_every_layout_of_one_stamp_per_polar_scan_is_smoothed_and_says_so(tmp_path: Path, layout: str) -> None:
     delays = delays_of("uniform", 60, 1)
     recording = open_recording(write_jittered(tmp_path, layout, delays))
     late = recording.stamps_us - START_US - TURN_US * np.arange(60)

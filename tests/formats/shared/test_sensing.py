@@ -68,9 +68,9 @@ def test_settings_reach_the_reader_and_info_shows_what_was_assumed(tmp_path: Pat
     (tmp_path / "mine.yaml").write_text("sensor: {clockwise: false, stamp: start, range_resolution_m: 0.2}\n")
     shown = mqslam("info", root, "--config", tmp_path / "mine.yaml", "--json")
     assert shown.code == 0
-    found = json.loads(shown.out)
-    assert found["range_resolution_m"] == 0.2
-    assert any("start of the turn" in note and "counter-clockwise" in note for note in found["notes"])
+    facts = json.loads(shown.out)
+    assert facts["range_resolution_m"] == 0.2
+    assert any("start of the turn" in note and "counter-clockwise" in note for note in facts["notes"])
     assert "spread evenly over the turn" in mqslam("info", root).out
 
 

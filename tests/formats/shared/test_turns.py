@@ -1,4 +1,4 @@
-"""How long turns take is measured from the azimuths' own stamps, however few revolutions there are, whatever is missing."""
+"""How long turns take is measured from the azimuths' own stamps, however few polar scans there are, whatever is missing."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ DATA = Path(__file__).parents[4] / "shared" / "data"
 
 
 def written(recording: Recording, folder: Path, layout: str) -> Recording:
-    """The stream as a layout's reader sees it that has only files to go by; older native files name no durations."""
+    """Writes a recording and reads it back in a layout that stamps its files only; older native files state no durations."""
     out, _ = convert(recording, folder, layout)
     if layout == "native":
         with np.load(out) as archive:
@@ -70,7 +70,7 @@ def test_azimuths_that_no_radar_sweeps_like_that_measure_nothing(
 
 @pytest.mark.parametrize("layout", STAMPED)
 @pytest.mark.parametrize("turn_us", [100_000, 250_000, 2_500_000])
-def test_a_gap_after_the_first_of_three_revolutions_is_no_turn(tmp_path: Path, layout: str, turn_us: int) -> None:
+def test_a_gap_after_the_first_of_three_polar_scans_is_no_turn(tmp_path: Path, layout: str, turn_us: int) -> None:
     recording = written(spinning([0, 9 * turn_us, 10 * turn_us], turn_us), tmp_path, layout)
     assert recording.revolution_s == pytest.approx(turn_us * 1e-6, rel=0.05)
     ((after, missing),) = recording.gaps()
@@ -81,7 +81,7 @@ def test_a_gap_after_the_first_of_three_revolutions_is_no_turn(tmp_path: Path, l
 
 
 @pytest.mark.parametrize("layout", STAMPED)
-def test_one_and_two_revolutions_tell_their_turn_rate(tmp_path: Path, layout: str) -> None:
+def test_one_and_two_polar_scans_tell_their_turn_rate(tmp_path: Path, layout: str) -> None:
     for count in (1, 2):
         recording = written(spinning([0, 60_000_000][:count], 400_000), tmp_path / f"{count}", layout)
         assert recording.revolution_s == pytest.approx(0.4, rel=0.05)
@@ -89,13 +89,13 @@ def test_one_and_two_revolutions_tell_their_turn_rate(tmp_path: Path, layout: st
 
 
 @pytest.mark.parametrize("layout", ["oxford", "mulran_oxford", "rosbag1", "native"])
-def test_a_recording_of_every_second_revolution_has_gaps_and_no_slow_radar(tmp_path: Path, layout: str) -> None:
+def test_a_recording_of_every_second_polar_scan_has_gaps_and_no_slow_radar(tmp_path: Path, layout: str) -> None:
     recording = written(spinning(list(range(0, 12_000_000, 500_000)), 250_000), tmp_path, layout)
     assert recording.revolution_s == pytest.approx(0.25, rel=0.05)
     assert len(recording.gaps()) == 23 and recording.gaps()[0][1] == pytest.approx(0.25, rel=0.05)
 
 
-def test_the_azimuths_of_a_few_revolutions_tell_each_turn_rate(tmp_path: Path) -> None:
+def test_the_azimuths_of_a_few_polar_scans_tell_each_turn_rate(tmp_path: Path) -> None:
     turns = spinning([0, 500_000, 1_000_000, 1_250_000], [500_000, 500_000, 250_000, 250_000])
     recording = written(turns, tmp_path, "oxford")
     assert recording.gaps() == [] and recording.turns_us[:3].tolist() == [500_000, 500_000, 250_000]
@@ -107,7 +107,7 @@ def test_a_radar_that_is_told_to_turn_slower_for_a_while_leaves_no_gaps(tmp_path
     assert recording.gaps() == [] and recording.turns_us[:-1].tolist() == takes[:-1]
 
 
-def test_a_last_revolution_that_breaks_off_takes_a_turn_all_the_same(tmp_path: Path) -> None:
+def test_a_last_polar_scan_that_breaks_off_takes_a_turn_all_the_same(tmp_path: Path) -> None:
     whole = spinning([0, 250_000, 500_000], 250_000)
     half = PolarScan(*(getattr(whole.turns[2], name)[:35] for name in ("times", "azimuths", "power", "valid")))
     cut = Turns(**{**{name: getattr(whole, name) for name in whole.__dataclass_fields__}, "turns": (*whole.turns[:2], half)})
@@ -139,7 +139,7 @@ def test_few_stamps_tell_the_turn_as_far_as_they_can(steps: list[int], usual: in
 
 @pytest.mark.parametrize("missing", [0.0, 0.1, 0.2, 0.3, 0.4, 0.5])
 @pytest.mark.parametrize("turn_us", [100_000, 250_000, 2_500_000])
-def test_revolutions_that_are_missing_anywhere_are_gaps_by_stamps_alone(missing: float, turn_us: int) -> None:
+def test_polar_scans_that_are_missing_anywhere_are_gaps_by_stamps_alone(missing: float, turn_us: int) -> None:
     rng = np.random.default_rng(1)
     for _ in range(10):
         numbers = np.flatnonzero(rng.random(80) >= missing)

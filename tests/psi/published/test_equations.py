@@ -31,8 +31,8 @@ angles = st.floats(-7.0, 7.0)
 shifts = st.floats(-1000.0, 1000.0)
 
 
-def scored(found: Cloud, config: PsiConfig) -> PsiScore:
-    return score(found.points, found.times, TURN_S, config, found.jacobians)
+def scored(sample: Cloud, config: PsiConfig) -> PsiScore:
+    return score(sample.points, sample.times, TURN_S, config, sample.jacobians)
 
 
 def assert_equal(one: PsiScore, other: PsiScore, rtol: float = 1e-9) -> None:
@@ -48,36 +48,36 @@ def assert_equal(one: PsiScore, other: PsiScore, rtol: float = 1e-9) -> None:
 @given(seed=seeds, count=counts, side=sides, config=variants, repeat=st.booleans())
 @settings(max_examples=250, deadline=None)
 def test_the_kernel_equals_the_reference(seed: int, count: int, side: float, config: PsiConfig, repeat: bool) -> None:
-    found = cloud(seed, count, side)
+    sample = cloud(seed, count, side)
     if repeat:
-        found = with_duplicates(found, seed)
-    reference = score_reference(found.points, found.times, TURN_S, config, found.jacobians)
-    assert_equal(scored(found, config), reference)
-    plain = score(found.points, found.times, TURN_S, config)
+        sample = with_duplicates(sample, seed)
+    reference = score_reference(sample.points, sample.times, TURN_S, config, sample.jacobians)
+    assert_equal(scored(sample, config), reference)
+    plain = score(sample.points, sample.times, TURN_S, config)
     assert plain.psi == pytest.approx(reference.psi, rel=1e-9)
     assert plain.gradient.shape == (0,)
 
 
 @pytest.mark.parametrize("config", VARIANTS)
 def test_every_variant_equals_the_reference_where_pairs_abound(config: PsiConfig) -> None:
-    found = with_duplicates(cloud(3, 60, 4.0), 3)
-    result = scored(found, config)
+    sample = with_duplicates(cloud(3, 60, 4.0), 3)
+    result = scored(sample, config)
     assert result.pairs > 100
-    assert_equal(result, score_reference(found.points, found.times, TURN_S, config, found.jacobians))
+    assert_equal(result, score_reference(sample.points, sample.times, TURN_S, config, sample.jacobians))
 
 
 def test_every_variant_is_a_score_of_its_own() -> None:
-    found = cloud(3, 60, 4.0)
-    matched = [scored(found, config).pairs_psi for config in VARIANTS if config.unmatched == 0.0]
+    sample = cloud(3, 60, 4.0)
+    matched = [scored(sample, config).pairs_psi for config in VARIANTS if config.unmatched == 0.0]
     assert len({round(psi, 9) for psi in matched}) == len(matched)
 
 
 @pytest.mark.parametrize("count", [0, 1])
 @pytest.mark.parametrize("config", [PsiConfig(unmatched=0.0), PsiConfig(unmatched=1.0)])
 def test_nothing_and_a_single_point_have_no_pairs(count: int, config: PsiConfig) -> None:
-    found = cloud(1, count)
-    result = scored(found, config)
-    assert_equal(result, score_reference(found.points, found.times, TURN_S, config, found.jacobians))
+    sample = cloud(1, count)
+    result = scored(sample, config)
+    assert_equal(result, score_reference(sample.points, sample.times, TURN_S, config, sample.jacobians))
     assert (result.pairs, result.pairs_psi, result.psi) == (0, 0.0, count * config.charge)
     assert not result.matched.any()
     np.testing.assert_array_equal(result.gradient, np.zeros(3))
@@ -88,10 +88,10 @@ def test_nothing_and_a_single_point_have_no_pairs(count: int, config: PsiConfig)
 def test_what_is_not_finite_is_refused(scorer: object, bad: float) -> None:
     assert callable(scorer)
     for where in ("points", "times"):
-        found = cloud(1, 5)
-        getattr(found, where)[2, ...] = bad
+        sample = cloud(1, 5)
+        getattr(sample, where)[2, ...] = bad
         with pytest.raises(ValueError, match="finite"):
-            scorer(found.points, found.times, TURN_S, PsiConfig())
+            scorer(sample.points, sample.times, TURN_S, PsiConfig())
 
 
 @pytest.mark.parametrize(("points", "times"), [((5, 3), (5,)), ((5,), (5,)), ((5, 2), (4,)), ((5, 2), (5, 1))])
@@ -105,10 +105,10 @@ def test_shapes_that_do_not_fit_are_refused(points: tuple[int, ...], times: tupl
 def test_psi_does_not_see_where_the_map_lies_nor_when_it_was_made(
     seed: int, count: int, config: PsiConfig, x: float, y: float, yaw: float, late: float
 ) -> None:
-    found = cloud(seed, count)
-    assume(selection(found.points, found.times, config).margin > 1e-6)
-    before = scored(found, config)
-    moved = score(se2.transform([x, y, yaw], found.points), found.times + late, TURN_S, config)
+    sample = cloud(seed, count)
+    assume(selection(sample.points, sample.times, config).margin > 1e-6)
+    before = scored(sample, config)
+    moved = score(se2.transform([x, y, yaw], sample.points), sample.times + late, TURN_S, config)
     assert moved.pairs == before.pairs
     np.testing.assert_allclose(moved.shares, before.shares, rtol=1e-6)
     assert moved.psi == pytest.approx(before.psi, rel=1e-6)
@@ -160,10 +160,10 @@ def test_an_unmatched_point_costs_its_multiple_of_the_dearest_pair(unmatched: fl
     pair = np.array([[0.0, 0.0], [1e-9 - 1.5, 0.0]])  # as far apart as a pair can be
     dearest = score(pair, np.array([0.0, TURN_S]), TURN_S, config.model_copy(update={"beta_s": 100.0}))
     assert dearest.matched.all()
-    found = score(np.array([[0.0, 0.0], [50.0, 0.0]]), np.array([0.0, TURN_S]), TURN_S, config)
-    np.testing.assert_allclose(found.shares, unmatched * dearest.shares, rtol=1e-6)
-    assert found.charge == pytest.approx(found.shares.sum())
-    assert found.charge == pytest.approx(2.0 * unmatched * (2.0 * 1.5 / (np.pi * 0.4)) ** 2)
+    lone = score(np.array([[0.0, 0.0], [50.0, 0.0]]), np.array([0.0, TURN_S]), TURN_S, config)
+    np.testing.assert_allclose(lone.shares, unmatched * dearest.shares, rtol=1e-6)
+    assert lone.charge == pytest.approx(lone.shares.sum())
+    assert lone.charge == pytest.approx(2.0 * unmatched * (2.0 * 1.5 / (np.pi * 0.4)) ** 2)
 
 
 def test_as_printed_a_map_that_does_not_overlap_is_the_best_of_all_and_with_the_charge_the_worst() -> None:
@@ -186,9 +186,9 @@ def test_as_printed_a_map_that_does_not_overlap_is_the_best_of_all_and_with_the_
 def test_lists_that_hold_more_than_needed_give_the_same_score(
     seed: int, count: int, config: PsiConfig, more: float, repeat: bool
 ) -> None:
-    found = cloud(seed, count)
+    sample = cloud(seed, count)
     if repeat:
-        found = with_duplicates(found, seed)
-    lists = find_candidates(sort_into_cells(found.points, 1.0), found.points, config.s + more)
-    wide = score(found.points, found.times, TURN_S, config, found.jacobians, lists)
-    assert_equal(wide, scored(found, config), rtol=1e-12)
+        sample = with_duplicates(sample, seed)
+    lists = find_candidates(sort_into_cells(sample.points, 1.0), sample.points, config.s + more)
+    wide = score(sample.points, sample.times, TURN_S, config, sample.jacobians, lists)
+    assert_equal(wide, scored(sample, config), rtol=1e-12)

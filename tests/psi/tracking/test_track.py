@@ -25,7 +25,7 @@ Errors = tuple[list[Measurement], se2.Array]
 
 
 def measure(scans: list[Scan], recording: SimulatedRecording | None = None) -> Errors:
-    """The motions of some scans of the street drive, and their errors (N, 3)."""
+    """Measures the motions of some scans of the street drive, and returns them with their errors (N, 3)."""
     recording = recording or street_drive()[0]
     context = Context(Config(sensor=SensorConfig(doppler_beta=0.0)), 0.25, recording.start_us, None)
     motions = list(PsiFrontEnd(context).measure(scans))
@@ -41,7 +41,7 @@ def empty(scan: Scan) -> Scan:
 
 @lru_cache(maxsize=1)
 def across_two_seconds() -> Errors:
-    """Eleven scans, two seconds without any, and two more."""
+    """Measures eleven scans, and after two seconds without any, two more."""
     scans = street_drive()[1]
     before = [*scans[:10], replace(scans[10], t1=scans[10].t0 + 0.25)]
     return measure([*before, *scans[19:21]])
