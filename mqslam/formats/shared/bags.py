@@ -80,7 +80,7 @@ def deserialise(reader: AnyReader, connection: Connection, raw: bytes) -> Any:
     """
     try:
         return reader.deserialize(raw, connection.msgtype)
-    except Exception as error:  # the code that rosbags makes of a type lets through whatever struct and NumPy raise
+    except Exception as error:  # what rosbags generates for a type may raise whatever struct and NumPy do
         raise ValueError(f"is damaged ({str(error) or type(error).__name__})") from error
 
 
