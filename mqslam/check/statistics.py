@@ -161,7 +161,9 @@ def measure_statistics(
         if tracked:
             pairs.add(scans, tracked, beam, tracker.start_scans)
     if not pairs.matched:
-        raise EstimationError(f"{recording.path}: no stretch of it can be followed; give a recording of a radar that moves")
+        raise EstimationError(
+            f"{recording.path}: no stretch of it can be followed, for want of returns or of scans without a gap"
+        )
     across, along = power.correlations()
     return Statistics(
         scans=total,
