@@ -23,7 +23,7 @@ class Surface:
     def __init__(self, points: NDArray[np.float64], settings: ScanMatchingConfig) -> None:
         self._points = points
         self._settings = settings
-        self._tree = cKDTree(points, compact_nodes=False, balanced_tree=False)  # the tree is searched too seldom to pay for balancing it
+        self._tree = cKDTree(points, compact_nodes=False, balanced_tree=False)  # too few searches to pay for balancing
 
     def count_matched(self, scan: NDArray[np.float64], pose: se2.Array, reach: float) -> int:
         """Returns how many points (N, 2) [m] of a scan at a pose (3,) have a map point within reach [m]."""
