@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
+from scipy.stats import median_abs_deviation
 
 from mqslam.check.following import track_scans
 from mqslam.check.stretches import choose_spans
@@ -49,7 +50,8 @@ class Statistics:
         repeats: share of returns with another within `NEAR_M` so many scans later, `SCANS_ON`; NaN where none follow.
         chance: the same for the next scan turned by 10 degrees: what two scans of such a place share by chance.
         unmatched: share of returns with none within `FAR_M` in the next scan.
-        radial_spread_m: median absolute difference in range of returns that are each other's nearest in successive scans.
+        radial_spread_m: spread in range of returns that are each other's nearest in successive scans: their median absolute
+            deviation, as the standard deviation of a normal one.
         matched: share of a scan's returns that the tracker finds in the map of the scans before.
         psi_per_point: the estimator's psi of a scan in that map, per return.
     """
@@ -178,7 +180,7 @@ def measure_statistics(
         repeats=tuple(_mean(pairs.repeats[on]) for on in SCANS_ON),
         chance=_mean(pairs.chance),
         unmatched=_mean(pairs.unmatched),
-        radial_spread_m=float(np.median(np.abs(np.concatenate(pairs.radial)))) if pairs.radial else float("nan"),
+        radial_spread_m=float(median_abs_deviation(np.concatenate(pairs.radial), scale="normal")),
         matched=_mean(pairs.matched),
         psi_per_point=float(np.concatenate(pairs.psi).mean()),
     )

@@ -88,7 +88,7 @@ def _list_statistics(figures: Statistics) -> list[str]:
         (f"returns within {NEAR_M:g} m {join(SCANS_ON, 'd')} scans on", join(figures.repeats, ".2f")),
         ("the same by chance", f"{figures.chance:.2f}"),
         (f"no return within {FAR_M:g} m in the next scan", f"{figures.unmatched:.2f}"),
-        ("difference in range of pairs", f"{figures.radial_spread_m:.2f} m"),
+        ("spread in range of pairs", f"{figures.radial_spread_m:.2f} m"),
         ("matched share", f"{figures.matched:.2f}"),
         ("psi per point", f"{figures.psi_per_point:.2f}"),
     ]

@@ -63,4 +63,5 @@ def test_the_real_sample_has_the_statistics_that_are_known_of_it() -> None:
     np.testing.assert_allclose(figures.range_correlation, [0.89, 0.67, 0.56, 0.49], atol=0.05)
     np.testing.assert_allclose(figures.repeats, [0.42, 0.30], atol=0.03)
     assert figures.chance == pytest.approx(0.10, abs=0.02) and figures.unmatched == pytest.approx(0.36, abs=0.02)
+    assert figures.radial_spread_m == pytest.approx(0.13, abs=0.02)
     assert figures.matched == pytest.approx(0.52, abs=0.02) and figures.psi_per_point == pytest.approx(1.28, abs=0.03)
