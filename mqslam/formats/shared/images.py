@@ -103,7 +103,8 @@ def read_first(names: Sequence[int], read: Callable[[int], _Read], place: str) -
         except DataError as error:
             errors.append(error)
             if 2 * len(errors) > len(names) - 1:
-                raise errors[0] from None
+                first, several = errors[0], f", like {len(errors)} of the {len(names)} polar scans" if errors[1:] else ""
+                raise DataError(first.path, f"{first.problem}{several}", first.remedy) from None
     if not errors:
         return content, 0, []
     several = f"{place} polar scan" if len(errors) == 1 else f"{place} {len(errors)} polar scans"
