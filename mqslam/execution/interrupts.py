@@ -3,12 +3,18 @@
 from __future__ import annotations
 
 import signal
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from multiprocessing import active_children
 from types import FrameType
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from sys import UnraisableHookArgs
 
 _SIGNALS = (signal.SIGINT, signal.SIGTERM)
+_AGAIN_S = 0.05  # after which an interrupt that was lost is raised again
 
 
 class Interrupted(BaseException):
@@ -30,8 +36,11 @@ class Interrupted(BaseException):
 def raise_interrupts() -> Iterator[None]:
     """Makes SIGINT and SIGTERM end all workers and raise `Interrupted` in the main thread, while the block lasts.
 
-    A signal that is ignored, as shells do for their background jobs, stays ignored.
+    A signal that is ignored, as shells do for their background jobs, stays ignored. Python drops an exception that is raised
+    while it deletes an object; an interrupt that is lost so is raised again a moment later.
     """
+    hook = sys.unraisablehook
+    alarm = signal.getsignal(signal.SIGALRM)
     before = {number: signal.getsignal(number) for number in _SIGNALS}
     taken = [number for number in _SIGNALS if before[number] is not signal.SIG_IGN]
     received: list[int] = []
@@ -44,8 +53,19 @@ def raise_interrupts() -> Iterator[None]:
             worker.terminate()
         raise Interrupted(number)
 
+    def stop_again(number: int, frame: FrameType | None) -> None:
+        raise Interrupted(received[0])
+
+    def keep_interrupt(dropped: UnraisableHookArgs) -> None:
+        if isinstance(dropped.exc_value, Interrupted):
+            signal.setitimer(signal.ITIMER_REAL, _AGAIN_S)
+        else:
+            hook(dropped)
+
     for number in taken:
         signal.signal(number, stop)
+    signal.signal(signal.SIGALRM, stop_again)
+    sys.unraisablehook = keep_interrupt
     try:
         yield
     except Exception as error:
@@ -56,6 +76,9 @@ def raise_interrupts() -> Iterator[None]:
             raise stopped from error
         raise
     finally:
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+        sys.unraisablehook = hook
+        signal.signal(signal.SIGALRM, alarm)
         for number in taken:
             signal.signal(number, before[number])
 
