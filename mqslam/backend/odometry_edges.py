@@ -28,6 +28,6 @@ def make_odometry_edges(
     """
     if context.odometry is None or frontend == ODOMETRY or not measurements:
         return []
-    motions = list(frontends.load(ODOMETRY)(context).measure(scans))
+    motions = list(frontends.create(ODOMETRY, context).measure(scans))
     noise = estimate_odometry_covariance(motions, measurements, settings)
     return [replace(motion, covariance=noise) for motion in motions]

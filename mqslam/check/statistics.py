@@ -15,9 +15,10 @@ from mqslam.check.stretches import choose_spans
 from mqslam.config import CheckConfig, DetectorConfig, EstimatorConfig, TrackerConfig
 from mqslam.core import se2
 from mqslam.core.recording import PolarScan, Recording
-from mqslam.core.scans import Returns, Scan, Scans
+from mqslam.core.scans import Returns, Scans
 from mqslam.detection.artefacts import drop_fixed
 from mqslam.detection.detector import detect
+from mqslam.detection.stage import make_scans
 from mqslam.errors import EstimationError
 from mqslam.mapping.render import place_along
 from mqslam.psi.place import Beam
@@ -153,9 +154,7 @@ def measure_statistics(
             azimuths += int(polar_scan.valid.sum())
             returns.append(detect(polar_scan, recording.range_resolution, detector))
             progress(sum(map(len, stretches)) + len(returns), total)
-        times = zip(recording.start_times[begin:end].tolist(), recording.end_times[begin:end].tolist(), strict=True)
-        measured = (Scan(*span, kept) for span, kept in zip(times, drop_fixed(returns, detector), strict=True))
-        stretches.append(Scans(tuple(measured), recording.start_us, recording.revolution_s))
+        stretches.append(make_scans(recording, drop_fixed(returns, detector), begin))
     ranges = np.concatenate([scan.returns.ranges for scans in stretches for scan in scans])
     pairs = _Pairs()
     for scans in stretches:
@@ -167,13 +166,14 @@ def measure_statistics(
             f"{recording.path}: no stretch of it can be followed, for want of returns or of scans without a gap"
         )
     across, along = power.correlations()
+    medians = power.medians()
     return Statistics(
         scans=total,
         returns_per_azimuth=len(ranges) / azimuths,
         power=power.quantiles(),
         loud=power.shares(),
-        row_median=float(power.medians().mean()),
-        row_median_spread=float(power.medians().std()),
+        row_median=float(medians.mean()),
+        row_median_spread=float(medians.std()),
         azimuth_correlation=across,
         range_correlation=along,
         ranges=tuple(np.quantile(ranges, [0.5, 0.9]).tolist()),
@@ -205,11 +205,10 @@ class _Pairs:
         times = np.array([scan.t0 for scan in scans])
         placed = [place_along(scan.returns, times, poses, beam).points for scan in scans]
         trees = [cKDTree(points) for points in placed]
-        for on in SCANS_ON:
-            for points, later in zip(placed, trees[on:], strict=False):
-                self.repeats[on].append(later.query(points)[0] < NEAR_M)
-        for k in range(len(scans) - 1):
-            away, nearest = trees[k + 1].query(placed[k])
+        later = {on: [tree.query(points) for points, tree in zip(placed, trees[on:], strict=False)] for on in SCANS_ON}
+        for on, answers in later.items():
+            self.repeats[on] += [away < NEAR_M for away, _ in answers]
+        for k, (away, nearest) in enumerate(later[1]):
             self.unmatched.append(away > FAR_M)
             aside = np.array([*poses[k + 1, :2], _ASIDE_RAD])
             turned = se2.transform(aside, placed[k + 1] - poses[k + 1, :2])

@@ -9,11 +9,11 @@ import numpy as np
 
 from mqslam.config import CheckConfig, DetectorConfig
 from mqslam.core.recording import PolarScan, Recording
-from mqslam.core.scans import Returns, Scan, Scans
+from mqslam.core.scans import Returns, Scans
 from mqslam.core.trajectory import Trajectory
 from mqslam.detection.artefacts import drop_fixed
 from mqslam.detection.detector import detect
-from mqslam.detection.stage import read_polar_scans
+from mqslam.detection.stage import make_scans, read_polar_scans
 from mqslam.errors import DataError
 
 
@@ -91,12 +91,9 @@ def read_stretches(
                 before = polar_scan
             progress(len(returns), total)
     kept = dict(zip(returns, drop_fixed(list(returns.values()), detector), strict=True))
-    begins, ends = recording.start_times.tolist(), recording.end_times.tolist()
     return [
         Stretch(
-            Scans(
-                tuple(Scan(begins[k], ends[k], kept[k]) for k in range(*span)), recording.start_us, recording.revolution_s
-            ),
+            make_scans(recording, [kept[k] for k in range(*span)], span[0]),
             tuple(turns[k] for k in range(*span) if k in turns),
             tuple(unread[k] for k in range(*span) if k in unread),
         )

@@ -97,7 +97,7 @@ def compare(  # noqa: PLR0913 - these are the options of a comparison, each with
         work.tell(note)
     revolution_s, start_us = recording.revolution_s, recording.start_us
     if kiss_config is not None and _KISS in frontends:  # a file that KISS-ICP refuses is a mistake, not a row that fails
-        known_frontends.load(_KISS)(Context(settings, revolution_s, start_us, None))
+        known_frontends.create(_KISS, Context(settings, revolution_s, start_us, None))
     take_common_scans(given, make_scans(recording), settings.audit)  # a mistake is raised before the recording is read
     key = hash_run(recording, settings, f"compare {','.join(frontends)} {odometry_only}", track)
     with keep_checkpoint(out, key, resume=resume) as checkpoint:

@@ -122,14 +122,16 @@ def warn_of_unread(unread: dict[int, DataError]) -> list[str]:
     return [f"{several} could not be read and {'is' if len(unread) == 1 else 'are'} left out: {', '.join(named + others)}"]
 
 
-def make_scans(recording: Recording, returns: list[Returns] | None = None) -> Scans:
+def make_scans(recording: Recording, returns: list[Returns] | None = None, begin: int = 0) -> Scans:
     """Returns a scan per polar scan: from its start to the next one's, or one turn long before a gap and at the end.
 
     Args:
         recording: the recording.
-        returns: of each polar scan; None leaves the scans empty.
+        returns: of each polar scan of a stretch; None takes the whole recording and leaves the scans empty.
+        begin: number of the first polar scan of the stretch.
     """
     returns = [Returns.none()] * len(recording) if returns is None else returns
-    spans = zip(recording.start_times.tolist(), recording.end_times.tolist(), returns, strict=True)
-    scans = (Scan(begin, end, seen) for begin, end, seen in spans)
+    stretch = slice(begin, begin + len(returns))
+    spans = zip(recording.start_times[stretch].tolist(), recording.end_times[stretch].tolist(), returns, strict=True)
+    scans = (Scan(t0, t1, seen) for t0, t1, seen in spans)
     return Scans(tuple(scans), recording.start_us, recording.revolution_s)

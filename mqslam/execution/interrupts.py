@@ -58,13 +58,13 @@ def raise_interrupts() -> Iterator[None]:
 
     def keep_interrupt(dropped: UnraisableHookArgs) -> None:
         if isinstance(dropped.exc_value, Interrupted):
+            signal.signal(signal.SIGALRM, stop_again)
             signal.setitimer(signal.ITIMER_REAL, _AGAIN_S)
         else:
             hook(dropped)
 
     for number in taken:
         signal.signal(number, stop)
-    signal.signal(signal.SIGALRM, stop_again)
     sys.unraisablehook = keep_interrupt
     try:
         yield
@@ -76,9 +76,10 @@ def raise_interrupts() -> Iterator[None]:
             raise stopped from error
         raise
     finally:
-        signal.setitimer(signal.ITIMER_REAL, 0.0)
         sys.unraisablehook = hook
-        signal.signal(signal.SIGALRM, alarm)
+        if received:
+            signal.setitimer(signal.ITIMER_REAL, 0.0)
+            signal.signal(signal.SIGALRM, alarm)
         for number in taken:
             signal.signal(number, before[number])
 

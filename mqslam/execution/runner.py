@@ -27,11 +27,6 @@ Watch = Callable[[Scan, se2.Array, NDArray[np.float64]], None]  # a scan, its po
 _log = logging.getLogger(__name__)
 
 
-def _accept(result: object) -> bool:
-    """Returns True: any result that was kept is good enough."""
-    return True
-
-
 class Runner:
     """The services that wrap around the stages of one run.
 
@@ -111,7 +106,7 @@ class Runner:
         items: Sequence[T],
         *,
         kept: Callable[[T], Kept[R]],
-        accept: Callable[[R], bool] = _accept,
+        accept: Callable[[R], bool],
         steps: Callable[[T], int],
     ) -> list[R]:
         """Returns function(shared, item) for each item, in order; each result is one that was kept, or is made and kept now.
@@ -131,13 +126,15 @@ class Runner:
             if result is not None and accept(result):
                 results[k] = result
         missing = [k for k in range(len(items)) if k not in results]
-        total = sum(map(steps, items))
+        total, reached = sum(map(steps, items)), sum(steps(items[k]) for k in results)
 
         def done(number: int, result: R) -> None:
+            nonlocal reached
             k = missing[number - 1]
             results[k] = result
+            reached += steps(items[k])
             self.keep(kept(items[k]), result)
-            self.progress(stage, sum(steps(items[i]) for i in results), total)
+            self.progress(stage, reached, total)
 
         self.engine.map(function, shared, [items[k] for k in missing], done, processes=True)
         return [results[k] for k in range(len(items))]
