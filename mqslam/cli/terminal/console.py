@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 from rich.console import Console
+
+from mqslam.execution.progress import Progress, ignore_progress
 
 if TYPE_CHECKING:
     from rich.progress import Progress as Bars
@@ -29,8 +31,6 @@ _TITLES = {
     "revisits": "judging revisits",
 }
 _LINE_EVERY_S = 10.0
-
-Progress = Callable[[str, int, int], None]  # stage, steps done, their total
 
 
 def print_notes(console: Console, notes: Iterable[str]) -> None:
@@ -70,7 +70,7 @@ def set_up_work(
 def show_progress(console: Console, quiet: bool) -> Iterator[Progress]:
     """Yields a callable (stage, done, total) that shows how far a stage has come, or does nothing if quiet."""
     if quiet:
-        yield lambda stage, done, total: None
+        yield ignore_progress
         return
     with _bars(console) if console.is_terminal else _lines(console) as show:
         yield show
@@ -84,12 +84,7 @@ def _bars(console: Console) -> Iterator[Progress]:
 
     columns = TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TextColumn("{task.fields[rate]}")
     with Bars(*columns, TimeRemainingColumn(), console=console) as bars:
-        stages = _Stages(bars)
-
-        def show(stage: str, done: int, total: int) -> None:
-            stages.update(stage, done, total)
-
-        yield show
+        yield _Stages(bars).update
 
 
 @contextmanager
