@@ -1,4 +1,4 @@
-"""Scenes that the simulated radar drives through: walls, poles and moving vehicles, in a fixed world frame.
+"""Scenes that the simulated radar drives through: walls, poles, moving vehicles and plants, in a fixed world frame.
 
 The numbers of this file define the simulated world: with other numbers the same seed would give other recordings.
 """
@@ -36,11 +36,13 @@ class Scene:
         movers: (M, 9) vehicles on straight lanes: lane start x [m], y [m], heading [rad], lane length [m], place along
             the lane at time zero [m], speed [m/s], vehicle length [m], width [m], reflectivity. A vehicle that reaches
             the lane's end begins again at its start.
+        plants: (P, 4) round shrubs and crowns: x [m], y [m], radius [m], density: share of the beam taken per metre, 0..1.
     """
 
     walls: Array = field(default_factory=lambda: _no_rows(6))
     poles: Array = field(default_factory=lambda: _no_rows(4))
     movers: Array = field(default_factory=lambda: _no_rows(9))
+    plants: Array = field(default_factory=lambda: _no_rows(4))
 
 
 def make_street_scene(seed: int, *, movers: int = 10) -> Scene:
