@@ -9,19 +9,21 @@ import typer
 
 from mqslam.cli.terminal.options import CORES, Jobs, Quiet, Verbose
 
-_MOVERS = 6
+_MOVERS = {"street": 6, "yard": 6, "corridor": 0}
+"""Usual number of moving vehicles; the scenes that are not named here know their own."""
 
 
 def simulate(
     out: Annotated[Path, typer.Argument(metavar="OUT", help="Folder for the recording; it must not exist yet.")],
-    scene: Annotated[str, typer.Option(help="The scene: street, yard or corridor.")] = "street",
+    scene: Annotated[str, typer.Option(help="The scene: street, yard, corridor or city.")] = "street",
     duration: Annotated[float, typer.Option(min=1.0, help=r"Length of the drive \[s].")] = 60.0,
     turn_rate: Annotated[float, typer.Option(min=0.1, help=r"Turns of the radar per second \[1/s].")] = 4.0,
     azimuths: Annotated[int, typer.Option(min=8, help="Number of azimuths per turn.")] = 400,
     range_resolution: Annotated[float, typer.Option(min=0.01, help=r"Length of a range bin \[m].")] = 0.175,
     max_range: Annotated[float, typer.Option(min=5.0, help=r"Range of the farthest bin \[m].")] = 120.0,
     movers: Annotated[
-        int | None, typer.Option(min=0, help=f"Number of moving vehicles; {_MOVERS} by default, none in the corridor.")
+        int | None,
+        typer.Option(min=0, help="Number of moving vehicles; 6 by default, none in the corridor, about 200 in the city."),
     ] = None,
     doppler: Annotated[float, typer.Option(help=r"Doppler shift: range error per closing speed \[s].")] = 0.0,
     seed: Annotated[int, typer.Option(help="Seed of the scene and the noise; the same seed gives the same bytes.")] = 1,
@@ -40,8 +42,6 @@ def simulate(
     from mqslam.simulator import simulate as write
 
     console = Console(stderr=True, markup=False)
-    if movers is None:
-        movers = 0 if scene == "corridor" else _MOVERS
     with show_progress(console, quiet) as show:
         write(
             out,
@@ -49,7 +49,7 @@ def simulate(
             duration_s=duration,
             sensor=SensorModel(turn_rate, azimuths, range_resolution, max_range, doppler_beta=doppler),
             seed=seed,
-            movers=movers,
+            movers=_MOVERS.get(scene) if movers is None else movers,
             jobs=jobs,
             progress=lambda done, total: show("simulate", done, total),
         )
