@@ -17,7 +17,9 @@ from mqslam.simulator.parts import Array
 
 OUTWARD = 300.0
 """Length [m] after which the way to something new turns back."""
-AGAIN = 4.0
+LONGEST = 1300.0
+"""Length [m] of a round from which on it turns back earlier."""
+AGAIN = 2.0
 """Factor by which a street driven before counts as longer, where a round looks for its way."""
 LONGEST_BACK = 1100.0
 """Length [m] of a round and of the way to turn round after it, up to which it is driven backwards."""
@@ -98,7 +100,12 @@ def _make_round(net: _Net, base: int, goals: list[int], driven: NDArray[np.bool_
                 gone += net.lengths[course]
         driven = driven | np.isin(np.arange(len(driven)) // 2, np.array(way) // 2)
         goals = [k for k in goals if not driven[k]]
-    return way[1:] + net.find_way(way[-1], [base], np.where(driven, AGAIN, 1.0))
+    factors = np.where(driven, AGAIN, 1.0)
+    tour = way[1:] + net.find_way(way[-1], [base], factors)
+    while len(way) > 2 and net.lengths[tour].sum() > LONGEST:
+        way.pop()
+        tour = way[1:] + net.find_way(way[-1], [base], factors)
+    return tour
 
 
 def _turn_round(net: _Net, here: int, tour: list[int]) -> list[int]:
