@@ -39,6 +39,24 @@ class EstimatorConfig(BaseModel):
         ge=0.0,
         description="Standard deviation by which the returns of one object scatter between views, in any direction [m].",
     )
+    aspect_rad: float = Field(
+        0.05,
+        gt=0.0,
+        description="Difference of viewing directions [rad] at which two views of an object have become mostly different. On "
+        "real radar the returns of two views lie 0.15 m apart along the ray below 1 degree and 0.22 m beyond 12 degrees.",
+    )
+    apart_share: float = Field(
+        0.3,
+        gt=0.0,
+        le=1.0,
+        description="Factor on kappa of a neighbour that was seen from a quite different direction. With 1 all views count "
+        "the same.",
+    )
+    apart_blur_m: float = Field(
+        0.3,
+        ge=0.0,
+        description="The same as blur_m, for views from quite different directions [m].",
+    )
     sigma_range_m: float = Field(0.15, gt=0.0, description="Standard deviation of a return along the ray [m].")
     sigma_azimuth: float = Field(0.008, gt=0.0, description="Standard deviation of a return across the ray [rad].")
     stabiliser: float = Field(
@@ -48,7 +66,7 @@ class EstimatorConfig(BaseModel):
         "neighbours, so that steps are safe.",
     )
     correlation: float = Field(
-        10.0,
+        5.0,
         ge=1.0,
         description="Number of returns that tell the same. psi's information is divided by this number where it is "
         "weighed against a prior.",
@@ -65,6 +83,13 @@ class EstimatorConfig(BaseModel):
         lt=1.0,
         description="A direction in which less than this share of Gauss-Newton's curvature remains at the widest scale "
         "counts as not observed: 0.22 and more remain in streets, 0.12 and less along a bare corridor.",
+    )
+    distinct_sigmas: float = expert(
+        2.0,
+        gt=0.0,
+        description="A direction that seems not observed counts as observed where psi rises by more than this many of the "
+        "rise's standard deviations at all shifts of the scan. Along a bare corridor some shift always rises by less than 1, "
+        "in streets full of traffic none rises by less than 2.2.",
     )
     rival: float = expert(
         1.25,

@@ -13,12 +13,12 @@ class TrackerConfig(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
 
     keyframe_m: float = Field(
-        8.0,
+        4.0,
         gt=0.0,
         description="A scan joins the map after this much travel [m]. A map of few keyframes takes scans sooner.",
     )
     keyframe_rad: float = Field(0.1, gt=0.0, description="A scan also joins the map after this much turning [rad].")
-    keyframes: int = Field(40, ge=1, description="Number of scans that the map holds.")
+    keyframes: int = Field(60, ge=1, description="Number of scans that the map holds.")
     sigma_position_m: float = Field(0.01, gt=0.0, description="Process noise of the start pose's position per 0.25 s [m].")
     sigma_yaw: float = Field(0.0003, gt=0.0, description="Process noise of the start pose's yaw per 0.25 s [rad].")
     sigma_vx: float = Field(
@@ -26,10 +26,10 @@ class TrackerConfig(BaseModel):
     )
     sigma_vy: float = Field(0.15, gt=0.0, description="Change of sideways speed per 0.25 s [m/s].")
     sigma_omega: float = Field(
-        0.08, gt=0.0, description="Change of yaw rate per 0.25 s that yaw acceleration does not explain [rad/s]."
+        0.03, gt=0.0, description="Change of yaw rate per 0.25 s that yaw acceleration does not explain [rad/s]."
     )
     sigma_ax: float = Field(4.0, gt=0.0, description="Change of forward acceleration per 0.25 s [m/s^2].")
-    sigma_alpha: float = Field(0.6, gt=0.0, description="Change of yaw acceleration per 0.25 s [rad/s^2].")
+    sigma_alpha: float = Field(0.2, gt=0.0, description="Change of yaw acceleration per 0.25 s [rad/s^2].")
     persistence: float = Field(0.9, ge=0.0, le=1.0, description="Share of an acceleration that is left after 0.25 s.")
     speed_min: float = Field(-5.0, description="Slowest speed that the cold start tries [m/s]; negative is backwards.")
     speed_max: float = Field(40.0, description="Fastest speed that the cold start tries [m/s].")
@@ -47,6 +47,12 @@ class TrackerConfig(BaseModel):
         description="The track may be lost where a scan's matched share is below this part of the usual one.",
     )
 
+    first_step: int = expert(
+        1,
+        ge=0,
+        description="Step of the annealing at which the match of a predicted scan begins. A prediction is nearer than the "
+        "start of a search, and the widest scale pulls scans back to where the map is denser.",
+    )
     fewest_returns: int = expert(
         40, ge=1, description="Fewest returns of a scan that is matched: five for each of the eight numbers of its state."
     )

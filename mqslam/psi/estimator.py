@@ -8,6 +8,10 @@ selected neighbour is charged c^2, the most that a matched one can cost, so that
 The minimiser takes Newton steps on the equations sum L^2 J^T Sigma^-1 e = 0. Their derivative must know that neighbours
 are re-selected as a point moves: the centroid follows the point by 2 S_kappa / beta_s^2 (S_kappa: scatter of the
 neighbours), which makes the true curvature several times smaller than Gauss-Newton's.
+
+What a radar sees of an object shifts and fades as it looks at it from another side. Where both point sets know the
+directions that they were seen from, a neighbour's kappa and the blur of its offset therefore depend on how far the two
+directions are apart: likeness = exp(-(difference / aspect)^2).
 """
 
 from __future__ import annotations
@@ -45,12 +49,18 @@ class Kernel(NamedTuple):
         beta_t: width of the fade below one turn [s].
         xi: least kappa of a selected neighbour.
         blur: standard deviation [m] added to every offset: how far one object's returns scatter between views.
+        aspect: difference of viewing directions [rad] at which the likeness of two views has fallen to 1/e.
+        apart_share: factor on kappa of a neighbour that was seen from a quite different direction.
+        apart_blur: the blur [m] of such a neighbour.
     """
 
     revolution_s: float
     beta_t: float
     xi: float
     blur: float
+    aspect: float
+    apart_share: float
+    apart_blur: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -113,11 +123,12 @@ class _Points(NamedTuple):
     jacobians: NDArray[np.float64]
     covariances: NDArray[np.float64]
     times: NDArray[np.float64]
+    rays: NDArray[np.float64]
 
 
 def _arrays(points: PointSet) -> _Points:
     """Returns the arrays of a point set."""
-    return _Points(points.points, points.jacobians, points.covariances, points.times)
+    return _Points(points.points, points.jacobians, points.covariances, points.times, points.rays)
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
@@ -137,7 +148,7 @@ def _evaluate(
     scores = np.zeros((n, size))
     information = np.zeros((size, size))
     curvature = np.zeros((size, size))
-    c, blur = scale.c, kernel.blur
+    c = scale.c
     b = 2.0 / (scale.beta_s * scale.beta_s)
     j = np.empty((2, size))
     for i in range(n):
@@ -151,9 +162,9 @@ def _evaluate(
         sxx = sums[i, 3] / sum_k - mx * mx
         sxy = sums[i, 4] / sum_k - mx * my
         syy = sums[i, 5] / sum_k - my * my
-        cxx = sums[i, 6] / sum_k + cov[i, 0] + blur * blur
+        cxx = sums[i, 6] / sum_k + cov[i, 0] + sums[i, 9] / sum_k
         cxy = sums[i, 7] / sum_k + cov[i, 1]
-        cyy = sums[i, 8] / sum_k + cov[i, 2] + blur * blur
+        cyy = sums[i, 8] / sum_k + cov[i, 2] + sums[i, 9] / sum_k
         for p in range(size):
             j[0, p] = jac[i, 0, p] + (pulls[i, 0, p] / sum_k if moving else 0.0)
             j[1, p] = jac[i, 1, p] + (pulls[i, 1, p] / sum_k if moving else 0.0)
@@ -194,7 +205,8 @@ def _sum_neighbours(
     All queries are summed in one call: taking arrays out of their tuples anew for each query would cost a tenth of the time.
 
     Returns:
-        Sums (N, 9) of 1, of the offset's x, y and its products xx, xy, yy, and of the covariance's xx, xy, yy.
+        Sums (N, 10) of 1, of the offset's x, y and its products xx, xy, yy, of the covariance's xx, xy, yy, and of the
+        squared blur.
         Negative sums (N, 2, Q) of the neighbours' jacobians, where the references move; else an array without rows.
     """
     x, t = queries.points, queries.times
@@ -202,8 +214,12 @@ def _sum_neighbours(
     offsets, indices = lists.offsets, lists.indices
     s, beta_s, turn, beta_t = scale.s, scale.beta_s, kernel.revolution_s, kernel.beta_t
     limit = -np.log(kernel.xi)
+    rays, ref_rays = queries.rays, references.rays
+    knows_aspects = len(rays) == len(x) and len(ref_rays) == len(ref_x)
+    aspect, share = kernel.aspect, kernel.apart_share
+    blur, apart_blur = kernel.blur * kernel.blur, kernel.apart_blur * kernel.apart_blur
     n, size = len(x), queries.jacobians.shape[2]
-    sums = np.empty((n, 9))
+    sums = np.empty((n, 10))
     pulls = np.zeros((n if moving else 0, 2, size))
     for i in range(n):
         sum_k = 0.0
@@ -215,6 +231,7 @@ def _sum_neighbours(
         cxx = 0.0
         cxy = 0.0
         cyy = 0.0
+        blurs = 0.0
         for k in range(offsets[i], offsets[i + 1]):
             m = indices[k]
             dx = ref_x[m, 0] - x[i, 0]
@@ -231,6 +248,13 @@ def _sum_neighbours(
                 if q > limit:
                     continue
             kappa = np.exp(-q)
+            if knows_aspects:
+                same = rays[i, 0] * ref_rays[m, 0] + rays[i, 1] * ref_rays[m, 1]
+                likeness = np.exp(-2.0 * (1.0 - same) / (aspect * aspect))
+                kappa *= share + (1.0 - share) * likeness
+                blurs += kappa * (apart_blur + (blur - apart_blur) * likeness)
+            else:
+                blurs += kappa * blur
             sum_k += kappa
             mx += kappa * dx
             my += kappa * dy
@@ -244,5 +268,5 @@ def _sum_neighbours(
                 for p in range(size):
                     pulls[i, 0, p] -= kappa * ref_jac[m, 0, p]
                     pulls[i, 1, p] -= kappa * ref_jac[m, 1, p]
-        sums[i] = (sum_k, mx, my, sxx, sxy, syy, cxx, cxy, cyy)
+        sums[i] = (sum_k, mx, my, sxx, sxy, syy, cxx, cxy, cyy, blurs)
     return sums, pulls

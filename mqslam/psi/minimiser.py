@@ -79,7 +79,9 @@ def score(
         revolution_s: duration of a turn [s]; with zero, points are compared whatever their times are.
         config: settings of the score.
     """
-    kernel = Kernel(revolution_s, config.beta_t, config.xi, config.blur_m)
+    kernel = Kernel(
+        revolution_s, config.beta_t, config.xi, config.blur_m, config.aspect_rad, config.apart_share, config.apart_blur_m
+    )
     return evaluate(queries, references, lists, scale, kernel, moving_references=queries is references)
 
 
@@ -98,6 +100,7 @@ def minimise(
     revolution_s: float,
     tolerances: NDArray[np.float64],
     grid: CellGrid | None = None,
+    first_step: int = 0,
 ) -> Minimum:
     """Minimises psi plus the prior over the state.
 
@@ -110,6 +113,7 @@ def minimise(
         revolution_s: duration of a turn [s].
         tolerances: (Q,) steps that end the search, once the widths are final and a step is smaller.
         grid: the references, sorted into cells; None where they move with the state.
+        first_step: step of the annealing that the search begins with; a good start needs no wide widths.
     """
     state = np.array(start, dtype=np.float64)
     cache = NeighbourCache()
@@ -121,7 +125,7 @@ def minimise(
         lists = cache.lists(queries.points, others.points, scale.s, grid)
         return queries, score(queries, others, lists, scale, revolution_s, config)
 
-    for step in range(config.steps):
+    for step in range(first_step, config.steps):
         scale = annealed_scale(config, step)
         queries, here = evaluate_at(scale)
         curvature = (here.curvature + config.stabiliser * here.information) / config.correlation + prior.information

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numba as nb
@@ -39,12 +39,15 @@ class PointSet:
         jacobians: (N, 2, 3 + P) derivative of each point by the start pose (x, y, yaw) and the P motion parameters.
         covariances: (N, 3) xx, xy, yy [m^2] of each point, world frame.
         times: (N,) [s] since the recording's start.
+        rays: (N, 2) unit vectors from the sensor to each point, world frame; no rows where the direction of view does
+            not take part in the score.
     """
 
     points: NDArray[np.float64]
     jacobians: NDArray[np.float64]
     covariances: NDArray[np.float64]
     times: NDArray[np.float64]
+    rays: NDArray[np.float64] = field(default_factory=lambda: np.empty((0, 2)))
 
     def __len__(self) -> int:
         return len(self.points)
@@ -74,7 +77,7 @@ def place(returns: Returns, t0: float, start: se2.Array, theta: se2.Array, model
         model: motion model, which says what the parameters mean.
         beam: the sensor's errors.
     """
-    points, jacobians, covariances = _place(
+    points, jacobians, covariances, rays = _place(
         returns.ranges,
         returns.azimuths,
         returns.times - t0,
@@ -83,7 +86,7 @@ def place(returns: Returns, t0: float, start: se2.Array, theta: se2.Array, model
         model.arrays,
         beam,
     )
-    return PointSet(points, jacobians, covariances, returns.times)
+    return PointSet(points, jacobians, covariances, returns.times, rays)
 
 
 @register_jitable
@@ -114,8 +117,8 @@ def _place(
     theta: NDArray[np.float64],
     model: tuple[NDArray[np.int64], NDArray[np.int64]],
     beam: Beam,
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Returns the points (N, 2), their jacobians (N, 2, 3 + P) and their covariances (N, 3)."""
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Returns the points (N, 2), their jacobians (N, 2, 3 + P), their covariances (N, 3) and their rays (N, 2)."""
     n, size = len(ranges), len(theta)
     components, powers = model
     beta = beam.doppler_beta
@@ -123,6 +126,7 @@ def _place(
     points = np.empty((n, 2))
     jacobians = np.empty((n, 2, 3 + size))
     covariances = np.empty((n, 3))
+    rays = np.empty((n, 2))
     c0, s0 = np.cos(start[2]), np.sin(start[2])
     for i in range(n):
         ca, sa = np.cos(azimuths[i]), np.sin(azimuths[i])
@@ -148,8 +152,9 @@ def _place(
             jacobians[i, 0, 3 + p] = c0 * jx - s0 * jy
             jacobians[i, 1, 3 + p] = s0 * jx + c0 * jy
         ux, uy = c0 * ahead - s0 * left, s0 * ahead + c0 * left
+        rays[i, 0], rays[i, 1] = ux, uy
         covariances[i, 0], covariances[i, 1], covariances[i, 2] = compute_beam_covariance(ranges[i], ux, uy, beam)
-    return points, jacobians, covariances
+    return points, jacobians, covariances, rays
 
 
 def beam_of(config: EstimatorConfig, doppler_beta: float) -> Beam:

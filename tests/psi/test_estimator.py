@@ -14,7 +14,7 @@ from mqslam.psi.place import PointSet
 from mqslam.psi.published.reference import evaluate_reference
 
 SCALE = Scale(s=1.5, beta_s=0.6, c=2.0)
-KERNEL = Kernel(revolution_s=TURN_S, beta_t=0.06, xi=0.02, blur=0.15)
+KERNEL = Kernel(revolution_s=TURN_S, beta_t=0.06, xi=0.02, blur=0.15, aspect=0.05, apart_share=0.3, apart_blur=0.3)
 
 
 def evaluated(queries: PointSet, references: PointSet, scale: Scale = SCALE, more: float = 0.0) -> Evaluation:

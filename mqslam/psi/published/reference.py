@@ -78,7 +78,8 @@ def evaluate_reference(
     moving_references: bool,
 ) -> Evaluation:
     """Scores the query points against the reference points; arguments and result as `mqslam.psi.estimator.evaluate`."""
-    revolution_s, beta_t, xi, blur = kernel
+    revolution_s, beta_t, xi = kernel.revolution_s, kernel.beta_t, kernel.xi
+    knows_aspects = len(queries.rays) == len(queries) and len(references.rays) == len(references)
     n, size = len(queries), queries.jacobians.shape[2]
     shares = np.full(n, scale.c**2)  # the limit of L d^2
     matched = np.zeros(n, dtype=bool)
@@ -94,11 +95,18 @@ def evaluate_reference(
         if not selected.any():
             continue
         matched[i] = True
-        near, offset, kappa = near[selected], offset[selected], kappa[selected] / kappa[selected].sum()
+        near, offset, kappa = near[selected], offset[selected], kappa[selected]
+        likeness = np.ones(len(near))
+        if knows_aspects:
+            apart = np.linalg.norm(references.rays[near] - queries.rays[i], axis=1)  # the chord: nearly the angle
+            likeness = np.exp(-((apart / kernel.aspect) ** 2))
+            kappa = kappa * (kernel.apart_share + (1.0 - kernel.apart_share) * likeness)
+        kappa = kappa / kappa.sum()
+        blur = kappa @ (kernel.apart_blur**2 + (kernel.blur**2 - kernel.apart_blur**2) * likeness)  # squared
         centroid = kappa @ offset
         e = -centroid
         scatter = np.einsum("k,ka,kb->ab", kappa, offset - centroid, offset - centroid)  # S_kappa
-        sigma = _make_matrix(queries.covariances[i] + kappa @ references.covariances[near]) + blur**2 * np.eye(2)
+        sigma = _make_matrix(queries.covariances[i] + kappa @ references.covariances[near]) + blur * np.eye(2)
         jacobian = queries.jacobians[i]
         if moving_references:
             jacobian = jacobian - np.einsum("k,kap->ap", kappa, references.jacobians[near])

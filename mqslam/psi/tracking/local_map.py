@@ -89,4 +89,5 @@ def _join(parts: list[PointSet]) -> PointSet:
         jacobians=np.zeros((0, 2, 0)),
         covariances=column([p.covariances for p in parts], 3),
         times=column([p.times for p in parts]),
+        rays=column([p.rays for p in parts], 2),
     )

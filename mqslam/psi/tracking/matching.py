@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from mqslam.core.scans import Scan
 from mqslam.psi.correlate import find_correlation_peaks
+from mqslam.psi.covariance import sum_by_object
 from mqslam.psi.estimator import Evaluation, Scale
 from mqslam.psi.minimiser import Minimum, Prior, annealed_scale, final_scale, minimise, score
 from mqslam.psi.neighbours import find_candidates
@@ -17,7 +18,7 @@ from mqslam.psi.observability import find_weak_directions
 from mqslam.psi.place import PointSet, place
 from mqslam.psi.tracking.local_map import LocalMap
 from mqslam.psi.tracking.setup import Setup
-from mqslam.psi.tracking.state import MODEL, TOLERANCES, Belief, State
+from mqslam.psi.tracking.state import MODEL, POSE, TOLERANCES, Belief, State
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,12 +53,18 @@ class Matcher:
         return self._score(scan, state, final_scale(self.setup.estimator), into)
 
     def find_weak_directions(self, scan: Scan, state: State, into: LocalMap) -> NDArray[np.float64]:
-        """Returns the directions (K, 3) of the start pose that a map does not show around a match."""
-        config = self.setup.estimator
-        return find_weak_directions(self._score(scan, state, annealed_scale(config, 0), into), 3, config.observed_share)
+        """Returns the directions (K, 3) of the start pose that a map does not show around a match.
 
-    def minimise(self, scan: Scan, start: State, prior: Prior, into: LocalMap) -> Minimum:
-        """Finds the state near a start that minimises psi plus the prior."""
+        In dense traffic, clutter hides at the widest scale what the scan shows at the final one. A direction that seems
+        weak is therefore looked along: where the match stands out from all shifts of the scan, it is no chance.
+        """
+        config = self.setup.estimator
+        wide = self._score(scan, state, annealed_scale(config, 0), into)
+        weak = find_weak_directions(wide, 3, config.observed_share)
+        return weak[[not self._stands_out(scan, state, direction, into) for direction in weak]]
+
+    def minimise(self, scan: Scan, start: State, prior: Prior, into: LocalMap, first_step: int = 0) -> Minimum:
+        """Finds the state near a start that minimises psi plus the prior; see `mqslam.psi.minimiser.minimise`."""
         return minimise(
             start.vector,
             lambda vector: self.place(scan, State(vector)),
@@ -67,6 +74,7 @@ class Matcher:
             self.setup.revolution_s,
             TOLERANCES,
             into.grid,
+            first_step,
         )
 
     def search(self, scan: Scan, predicted: Belief, into: LocalMap, known: Sequence[Minimum]) -> Match:
@@ -85,6 +93,25 @@ class Matcher:
         elsewhere = [m for m in minima[1:] if np.hypot(*(m.state - best.state)[:2]) > config.search_same_m]
         rivalled = any(m.evaluation.psi < config.rival * best.evaluation.psi for m in elsewhere)
         return Match(best, rivalled)
+
+    def _stands_out(self, scan: Scan, state: State, direction: NDArray[np.float64], into: LocalMap) -> bool:
+        """Returns whether psi is lower at a match than at any shift of the scan along a direction (3,) of the start pose.
+
+        The shifts reach as far as the widest scale. Each difference of psi is compared with its own spread over objects.
+        """
+        config = self.setup.estimator
+        points = self.place(scan, state)
+        moved = np.sqrt(np.mean(np.sum((points.jacobians[:, :, POSE] @ direction) ** 2, axis=1)))
+        here = self.evaluate(scan, state, into)
+        for distance in np.arange(config.s, config.s_start + config.beta_s, config.beta_s):
+            for sign in (-1.0, 1.0):
+                shifted = state.vector.copy()
+                shifted[POSE] += sign * distance / moved * direction
+                rise = self.evaluate(scan, State(shifted), into).shares - here.shares
+                by_object = sum_by_object(rise[:, None], points.points, config.cluster_m)
+                if by_object.sum() <= config.distinct_sigmas * np.sqrt(np.sum(by_object**2)):
+                    return False
+        return True
 
     def _score(self, scan: Scan, state: State, scale: Scale, into: LocalMap) -> Evaluation:
         placed = self.place(scan, state)

@@ -115,7 +115,7 @@ class Tracker:
         if not is_usable(scan, self.settings):
             return self._pass_over(scan, begin)
         prior = predicted.prior
-        minimum = self._matcher.minimise(scan, predicted.mean, prior, self._map)
+        minimum = self._matcher.minimise(scan, predicted.mean, prior, self._map, self.settings.first_step)
         if self._is_out_of_place(minimum):
             minimum = self._matcher.search(scan, begin, self._map, [minimum]).minimum
         if self._is_out_of_place(minimum):
