@@ -1,0 +1,175 @@
+"""The hard world of a drive: all that its turns share, and how one of them is rendered."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mqslam.simulator.drive import Drive
+from mqslam.simulator.hard.aspect import change_with_aspect, fluctuate, glint
+from mqslam.simulator.hard.clock import Clock, make_clock
+from mqslam.simulator.hard.echoes import Beams, Echoes, add_echoes
+from mqslam.simulator.hard.elevation import Suspension, attenuate, make_suspension
+from mqslam.simulator.hard.ground import lay_ground
+from mqslam.simulator.hard.hiding import NEAREST_M, Obstacles, Passed, cast_shadows, make_rays
+from mqslam.simulator.hard.realism import Realism
+from mqslam.simulator.hard.receiver import receive
+from mqslam.simulator.hard.scatterers import Scatterers, is_vehicle, join, plant_heights, sample_scene, vehicle_heights
+from mqslam.simulator.hard.strays import bounce, draw_strays
+from mqslam.simulator.hard.traffic import Traffic, Vehicles, make_traffic
+from mqslam.simulator.hard.vehicles import box_sides, outline
+from mqslam.simulator.scene import Array, Scene
+from mqslam.simulator.sensor import SensorModel
+
+_REFERENCE_M = 20.0  # range at which levels are stated
+_FAINTEST = 0.02  # power below which an echo cannot be seen, even if it fades up
+_MARGIN_M = 5.0  # by which the last range bin is exceeded, since things and the radar move
+
+
+@dataclass(frozen=True)
+class HardWorld:
+    """A drive through a scene whose radar recordings are as hard as real ones; `make_hard_world` makes one.
+
+    Args:
+        scene: what reflects and hides.
+        drive: how the radar moves.
+        sensor: turn rate, azimuths, range bins, beam width and Doppler shift count; the rest is `realism`'s.
+        realism: the magnitudes of all effects.
+        seed: of everything.
+        scatterers: of the scene.
+        traffic: what moves.
+        suspension: how the own vehicle tilts.
+        clock: when azimuths are measured and stamped.
+    """
+
+    scene: Scene
+    drive: Drive
+    sensor: SensorModel
+    realism: Realism
+    seed: int
+    scatterers: Scatterers
+    traffic: Traffic
+    suspension: Suspension
+    clock: Clock
+
+    def render(self, k: int) -> NDArray[np.uint8]:
+        """Renders the readings (A, B) uint8 of turn k; they do not depend on which other turns are rendered."""
+        times = self.clock.times(k)
+        poses = self.drive.poses(times)
+        beams = self._aim(times, poses)
+        turn = float(self.clock.borders[k + 1] - self.clock.borders[k])
+        vehicles = self.traffic.vehicles(float(times[0]), turn)
+        rays = make_rays(poses, self.sensor.angles, beams.times)
+        passed = cast_shadows(self._obstruct(vehicles, poses), rays, self.sensor.bins * self.sensor.range_resolution)
+        echoes, names = self._reflect(k, times, poses, vehicles, passed)
+        rng = np.random.default_rng([self.seed, 16, k])
+        field = np.zeros((self.sensor.azimuths, self.sensor.bins), dtype=np.complex128)
+        add_echoes(echoes, beams, field)
+        add_echoes(bounce(echoes, names, poses[len(poses) // 2, :2], self.realism), beams, field)
+        add_echoes(draw_strays(rng, poses, self.sensor.angles, self.realism), beams, field)
+        return receive(field, self.sensor.range_resolution, self.realism, rng)
+
+    def _aim(self, times: Array, poses: Array) -> Beams:
+        """Returns the beams of a turn from its times (A,) [s] and poses (A, 3)."""
+        twists = self.drive.twists(times)
+        c, s = np.cos(poses[:, 2]), np.sin(poses[:, 2])
+        return Beams(
+            poses=np.column_stack([poses[:, :2], poses[:, 2] + self.sensor.angles]),
+            velocities=np.column_stack([c * twists[:, 0] - s * twists[:, 1], s * twists[:, 0] + c * twists[:, 1]]),
+            times=times - times[0],
+            width=float(np.deg2rad(self.sensor.beam_width_deg)),
+            foot=self.realism.foot,
+            foot_widths=self.realism.foot_widths,
+            resolution=self.sensor.range_resolution,
+            doppler_beta=self.sensor.doppler_beta,
+        )
+
+    def _obstruct(self, vehicles: Vehicles, poses: Array) -> Obstacles:
+        """Returns what hides during a turn with poses (A, 3)."""
+        scene, height = self.scene, self.realism.radar_height_m
+        parked = is_vehicle(scene)
+        opacity = np.where(parked, self.realism.vehicle_opacity, scene.walls[:, 5])
+        sides = box_sides(vehicles)
+        moving = np.full(len(sides), self.realism.vehicle_opacity)
+        return Obstacles(
+            sides=np.concatenate([scene.walls[:, :4], sides]),
+            velocities=np.concatenate([np.zeros((len(scene.walls), 2)), np.repeat(vehicles.velocities, 4, axis=0)]),
+            depths=-np.log1p(-np.minimum(np.concatenate([opacity, moving]), 0.999)),
+            tall=np.concatenate([~parked | (vehicle_heights(scene) > height), np.repeat(vehicles.sizes[:, 2] > height, 4)]),
+            crowns=np.column_stack([scene.plants[:, :3], -np.log1p(-np.minimum(scene.plants[:, 3], 0.999))]),
+            tall_crowns=plant_heights(scene) > height,
+        )
+
+    def _reflect(
+        self, k: int, times: Array, poses: Array, vehicles: Vehicles, passed: Passed
+    ) -> tuple[Echoes, NDArray[np.uint64]]:
+        """Returns the direct echoes of turn k, and the names of their scatterers.
+
+        Args:
+            k: number of the turn.
+            times: (A,) of its azimuths [s].
+            poses: (A, 3) of the radar at them.
+            vehicles: what moves.
+            passed: what passes along rays.
+        """
+        realism = self.realism
+        middle = poses[len(poses) // 2, :2]
+        reach = self.sensor.bins * self.sensor.range_resolution + _MARGIN_M
+        away = self.scatterers.places - middle
+        known = self.scatterers.choose(np.einsum("ij,ij->i", away, away) < reach**2)
+        ground = lay_ground((float(middle[0]), float(middle[1])), realism, self.seed)
+        seen = join(known, ground, outline(vehicles, realism, self.seed))
+        azimuths = _face(seen, times - times[0], poses)
+        at = np.rint(azimuths).astype(np.int64) % len(poses)
+        lines = poses[at, :2] - seen.places - seen.velocities * (times[at] - times[0])[:, None]
+        ranges = np.maximum(np.hypot(*lines.T), NEAREST_M)
+        tips = self.suspension.tip(times, self.sensor.angles)[at]
+        elevations = np.arctan((seen.heights - realism.radar_height_m) / ranges) - tips
+        aspects = np.arctan2(lines[:, 1], lines[:, 0]) - seen.normals
+        level = seen.levels - attenuate(elevations, realism)
+        power = 10.0 ** (level / 10.0) * (_REFERENCE_M / ranges) ** realism.range_law
+        power *= passed.to(azimuths, ranges, seen.heights > realism.radar_height_m) * glint(seen, aspects, realism)
+        kept = np.flatnonzero(power > _FAINTEST)
+        seen = seen.choose(kept)
+        offsets, fades = change_with_aspect(seen, aspects[kept], realism)
+        amplitudes = np.sqrt(power[kept]) * fluctuate(seen, fades, realism, k)
+        return Echoes(seen.places + offsets, seen.velocities, amplitudes, at[kept]), seen.names
+
+
+def make_hard_world(
+    scene: Scene, drive: Drive, sensor: SensorModel, turns: int, realism: Realism, seed: int
+) -> HardWorld:
+    """Makes the hard world of a drive of so many turns through a scene: its scatterers, traffic, tilt and clock."""
+    clock = make_clock(turns, sensor.turn_rate_hz, sensor.azimuths, realism, seed)
+    return HardWorld(
+        scene=scene,
+        drive=drive,
+        sensor=sensor,
+        realism=realism,
+        seed=seed,
+        scatterers=sample_scene(scene, realism, seed),
+        traffic=make_traffic(scene, drive, float(clock.borders[-1]), realism, seed),
+        suspension=make_suspension(drive, realism, seed),
+        clock=clock,
+    )
+
+
+def _face(scatterers: Scatterers, times: Array, poses: Array) -> Array:
+    """Returns the numbers (N,) of the azimuths, with fractions, at which the beam of a turn meets scatterers.
+
+    Args:
+        scatterers: (N,) at the start of the turn.
+        times: (A,) of the azimuths since then [s].
+        poses: (A, 3) of the radar at them.
+    """
+    count = len(times)
+    at = np.zeros(len(scatterers.names), dtype=np.intp)
+    azimuths = np.zeros(len(at))
+    for _ in range(3):  # the radar and the scatterers move little during a turn, so this settles at once
+        lines = scatterers.places + scatterers.velocities * times[at][:, None] - poses[at, :2]
+        bearings = poses[at, 2] - np.arctan2(lines[:, 1], lines[:, 0])
+        azimuths = bearings % (2.0 * np.pi) / (2.0 * np.pi) * count
+        at = np.rint(azimuths).astype(np.intp) % count
+    return azimuths
