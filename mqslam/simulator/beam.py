@@ -27,6 +27,8 @@ NEAREST = 1.0
 """Distance ahead [m] within which nothing is seen."""
 REFERENCE_RANGE = 10.0
 """Range [m] at which the echoes have their nominal power."""
+PLANT_ECHO = 0.3
+"""Echo of leaves that take the whole beam, as a share of a wall's of reflectivity 1 at right angles."""
 GRAZING_ECHO = 0.1
 """Echo of a wall that the beam grazes, as a share of its echo at right angles."""
 CLUTTER_DECADES = (1.5, 4.5)
@@ -51,6 +53,7 @@ class Things(NamedTuple):
     walls: Array
     poles: Array
     movers: Array
+    plants: Array
 
 
 class Sweep(NamedTuple):
@@ -150,15 +153,16 @@ def render_power(things: Things, sweep: Sweep, pattern: Pattern, radar: Radar, s
 
 @nb.njit(cache=True, nogil=True)
 def _keep_near(things: Things, poses: Array, max_range: float) -> Things:
-    """Returns the things without the walls and poles that no beam reaches."""
+    """Returns the things without the walls, poles and plants that no beam reaches."""
     middle = len(poses) // 2
     x, y = poses[middle, 0], poses[middle, 1]
     moved = np.hypot(poses[:, 0] - x, poses[:, 1] - y).max()
     reach = max_range + moved + 2.0  # the margin covers the size of any thing
-    walls, poles = things.walls, things.poles
+    walls, poles, plants = things.walls, things.poles, things.plants
     walls = walls[np.array([_is_near(a[0], a[1], a[2], a[3], x, y, reach) for a in walls], dtype=np.bool_)]
     poles = poles[np.hypot(poles[:, 0] - x, poles[:, 1] - y) < reach]
-    return Things(walls, poles, things.movers)
+    plants = plants[np.hypot(plants[:, 0] - x, plants[:, 1] - y) < reach + plants[:, 2]]
+    return Things(walls, poles, things.movers, plants)
 
 
 @nb.njit(cache=True, nogil=True)
@@ -189,6 +193,10 @@ def _cast_beam(things: Things, sweep: Sweep, k: int, pattern: Pattern, radar: Ra
         _cast_pole(middle, pole[2], pole[3], velocity, radar.pole_echo, pattern, hits)
     for mover in things.movers:
         _cast_mover(mover, sweep.times[k], pose, velocity, (c, s), radar.wall_echo, pattern, hits)
+    for plant in things.plants:
+        dx, dy = plant[0] - x, plant[1] - y
+        middle = (c * dx + s * dy, c * dy - s * dx)
+        _cast_plant(middle, plant[2], plant[3], velocity, radar.wall_echo, pattern, hits)
 
 
 @nb.njit(cache=True, nogil=True)
@@ -326,6 +334,43 @@ def _cast_mover(
         a1, b1 = mover[6] * CORNERS[side + 1, 0], mover[7] * CORNERS[side + 1, 1]
         start, end = (u + a0 * lu - b0 * lw, w + a0 * lw + b0 * lu), (u + a1 * lu - b1 * lw, w + a1 * lw + b1 * lu)
         _cast_wall(start, end, (mover[8], VEHICLE_OPACITY), relative, wall_echo, pattern, hits)
+
+
+@nb.njit(cache=True, nogil=True)
+def _cast_plant(
+    middle: Pair, radius: float, density: float, velocity: Pair, wall_echo: float, pattern: Pattern, hits: Hits
+) -> None:
+    """Adds what a plant returns to the hits of every cell whose middle ray passes through its disc.
+
+    Args:
+        middle: of the plant, along the beam and to its left [m].
+        radius: [m].
+        density: share of the beam taken per metre.
+        velocity: of the sensor relative to the plant [m/s], along the beam and to its left.
+        wall_echo: as in `Radar`.
+        pattern: of the beam.
+        hits: extended.
+    """
+    u, w = middle
+    edges, gains, table, counts = pattern.edges, pattern.gains, hits.table, hits.counts
+    cells = len(counts)
+    if u < NEAREST or abs(w) - radius > u * edges[cells, 0] / edges[cells, 1]:
+        return
+    closing = (velocity[0] * u + velocity[1] * w) / np.hypot(u, w)
+    for c in range(cells):
+        s, a = 0.5 * (edges[c, 0] + edges[c + 1, 0]), 0.5 * (edges[c, 1] + edges[c + 1, 1])
+        nearest, off = a * u + s * w, a * w - s * u
+        if abs(off) >= radius or counts[c] == table.shape[1]:
+            continue
+        half = np.sqrt(radius**2 - off**2)
+        if nearest - half < NEAREST:
+            continue
+        hit = table[c, counts[c]]
+        hit[NEAR], hit[FAR] = nearest - half, nearest + half
+        hit[OPACITY] = 1.0 - (1.0 - density) ** (2.0 * half)
+        hit[ENERGY] = wall_echo * PLANT_ECHO * gains[c] * hit[OPACITY] * (REFERENCE_RANGE / nearest) ** 3
+        hit[CLOSING] = closing
+        counts[c] += 1
 
 
 @nb.njit(cache=True, nogil=True)

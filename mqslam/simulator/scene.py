@@ -1,4 +1,4 @@
-"""Scenes that the simulated radar drives through: walls, poles and moving vehicles, in a fixed world frame.
+"""Scenes that the simulated radar drives through: walls, poles, moving vehicles and plants, in a fixed world frame.
 
 The numbers of this file define the simulated world: with other numbers the same seed would give other recordings.
 """
@@ -36,7 +36,7 @@ class Scene:
         movers: (M, 9) vehicles on straight lanes: lane start x [m], y [m], heading [rad], lane length [m], place along
             the lane at time zero [m], speed [m/s], vehicle length [m], width [m], reflectivity. A vehicle that reaches
             the lane's end begins again at its start.
-        plants: (P, 4) x [m], y [m], radius [m], density: share of the beam taken per metre.
+        plants: (P, 4) round shrubs and crowns: x [m], y [m], radius [m], density: share of the beam taken per metre, 0..1.
         queue: whether vehicles keep exact pace with the sensor for a minute, in the hard world.
     """
 

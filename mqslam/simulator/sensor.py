@@ -126,7 +126,7 @@ def render_polar_scan(
         doppler_beta=sensor.doppler_beta,
     )
     power = render_power(
-        Things(scene.walls, scene.poles, scene.movers),
+        Things(scene.walls, scene.poles, scene.movers, scene.plants),
         Sweep(np.ascontiguousarray(poses), np.ascontiguousarray(twists), times, sensor.angles),
         Pattern(np.c_[np.sin(borders), np.cos(borders)], gains / gains.sum(), width),
         radar,

@@ -84,6 +84,18 @@ def test_what_stands_behind_is_seen_weaker() -> None:
     assert alone[b] - 25 < hidden[b] < alone[b] - 15
 
 
+def test_a_plant_returns_over_its_depth_and_dims_what_stands_behind() -> None:
+    back = np.array([[30.0, -8.0, 30.0, 8.0, 1.0, 0.9]])
+    bush = np.array([[20.0, 0.0, 2.0, 0.6]])
+    alone, hidden = render(Scene(back))[0], render(Scene(back, plants=bush))[0]
+    ranges = (np.arange(QUIET.bins) + 0.5) * QUIET.range_resolution
+    seen = ranges[(hidden > 60) & (ranges < 25.0)]
+    assert seen.min() == pytest.approx(18.0, abs=0.4) and seen.max() == pytest.approx(22.0, abs=0.4)
+    behind = int(30.0 / QUIET.range_resolution)
+    assert alone[behind] - 40 < hidden[behind] < alone[behind] - 20
+    assert np.array_equal(render(Scene(back))[200], render(Scene(back, plants=bush))[200])
+
+
 def test_echoes_weaken_with_range() -> None:
     levels = [int(render(pole(x, 0.0)).max()) for x in (10.0, 20.0, 40.0)]
     assert levels[0] > levels[1] + 20 > levels[2] + 40
