@@ -32,7 +32,7 @@ COARSE_SENSOR = SensorModel(range_resolution=0.175, max_range=120.0)
 _LONGEST_S = 7 * 24 * 3600.0  # a limit on disk space, far beyond any use
 
 
-def simulate(
+def simulate(  # noqa: PLR0913 - these are the options of a simulation, each with its default
     out: Path,
     *,
     scene: str = "street",

@@ -32,7 +32,7 @@ class Suspension:
     phases: Array
 
     def tip(self, times: Times, angles: Array) -> Array:
-        """Returns by how much the beam is tipped upwards (A,) [rad] at times [s], in directions [rad] against the heading."""
+        """Returns the tip of the beam upwards (A,) [rad] at times (A,) [s], in directions (A,) [rad] against the heading."""
         speed = self.drive.twists(times)[:, 0]
         braking = (self.drive.twists(times - 0.05)[:, 0] - self.drive.twists(times + 0.05)[:, 0]) / 0.1
         waves = np.sin(2.0 * np.pi * self.rates[:, None] * times[:, None] + self.phases[:, None]).sum(axis=2)

@@ -41,12 +41,12 @@ class Scatterers(NamedTuple):
 
     def choose(self, which: NDArray[np.bool_] | NDArray[np.intp]) -> Scatterers:
         """Returns some of the scatterers."""
-        return Scatterers(*(column[which] for column in self))
+        return Scatterers._make(column[which] for column in self)
 
 
 def join(*parts: Scatterers) -> Scatterers:
     """Returns the scatterers of several parts."""
-    return Scatterers(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))
+    return Scatterers._make(np.concatenate(columns) for columns in zip(*parts, strict=True))
 
 
 def sample_scene(scene: Scene, realism: Realism, seed: int) -> Scatterers:

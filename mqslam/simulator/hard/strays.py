@@ -49,9 +49,7 @@ def bounce(echoes: Echoes, names: chance.Names, origin: Array, realism: Realism)
     )
 
 
-def draw_strays(
-    rng: np.random.Generator, poses: Array, angles: Array, realism: Realism
-) -> Echoes:
+def draw_strays(rng: np.random.Generator, poses: Array, angles: Array, realism: Realism) -> Echoes:
     """Draws the short-lived echoes of one turn, from the poses (A, 3) of its azimuths and their angles (A,) [rad]."""
     number = int(rng.poisson(realism.strays))
     azimuths: NDArray[np.int64] = rng.integers(len(angles), size=number)

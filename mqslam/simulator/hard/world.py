@@ -16,7 +16,15 @@ from mqslam.simulator.hard.ground import lay_ground
 from mqslam.simulator.hard.hiding import NEAREST_M, Obstacles, Passed, cast_shadows, make_rays
 from mqslam.simulator.hard.realism import Realism
 from mqslam.simulator.hard.receiver import receive
-from mqslam.simulator.hard.scatterers import Scatterers, is_vehicle, join, plant_heights, sample_scene, vehicle_heights
+from mqslam.simulator.hard.scatterers import (
+    PLANT,
+    Scatterers,
+    is_vehicle,
+    join,
+    plant_heights,
+    sample_scene,
+    vehicle_heights,
+)
 from mqslam.simulator.hard.strays import bounce, draw_strays
 from mqslam.simulator.hard.traffic import Traffic, Vehicles, make_traffic
 from mqslam.simulator.hard.vehicles import box_sides, outline
@@ -124,33 +132,33 @@ class HardWorld:
         azimuths = _face(seen, times - times[0], poses)
         at = np.rint(azimuths).astype(np.int64) % len(poses)
         lines = poses[at, :2] - seen.places - seen.velocities * (times[at] - times[0])[:, None]
-        ranges = np.maximum(np.hypot(*lines.T), NEAREST_M)
+        ranges = np.maximum(np.hypot(*lines.T), 1e-3)
         tips = self.suspension.tip(times, self.sensor.angles)[at]
         elevations = np.arctan((seen.heights - realism.radar_height_m) / ranges) - tips
         aspects = np.arctan2(lines[:, 1], lines[:, 0]) - seen.normals
         level = seen.levels - attenuate(elevations, realism)
         power = 10.0 ** (level / 10.0) * (_REFERENCE_M / ranges) ** realism.range_law
         power *= passed.to(azimuths, ranges, seen.heights > realism.radar_height_m) * glint(seen, aspects, realism)
-        kept = np.flatnonzero(power > _FAINTEST)
+        kept = np.flatnonzero((power > _FAINTEST) & (ranges > NEAREST_M))
         seen = seen.choose(kept)
         offsets, fades = change_with_aspect(seen, aspects[kept], realism)
         amplitudes = np.sqrt(power[kept]) * fluctuate(seen, fades, realism, k)
         return Echoes(seen.places + offsets, seen.velocities, amplitudes, at[kept]), seen.names
 
 
-def make_hard_world(
-    scene: Scene, drive: Drive, sensor: SensorModel, turns: int, realism: Realism, seed: int
-) -> HardWorld:
+def make_hard_world(scene: Scene, drive: Drive, sensor: SensorModel, turns: int, realism: Realism, seed: int) -> HardWorld:
     """Makes the hard world of a drive of so many turns through a scene: its scatterers, traffic, tilt and clock."""
     clock = make_clock(turns, sensor.turn_rate_hz, sensor.azimuths, realism, seed)
+    scatterers = sample_scene(scene, realism, seed)
+    solid = scatterers.places[scatterers.materials != PLANT]
     return HardWorld(
         scene=scene,
         drive=drive,
         sensor=sensor,
         realism=realism,
         seed=seed,
-        scatterers=sample_scene(scene, realism, seed),
-        traffic=make_traffic(scene, drive, float(clock.borders[-1]), realism, seed),
+        scatterers=scatterers,
+        traffic=make_traffic(scene, solid, drive, float(clock.borders[-1]), realism, seed),
         suspension=make_suspension(drive, realism, seed),
         clock=clock,
     )
