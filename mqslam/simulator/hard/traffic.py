@@ -113,19 +113,26 @@ class Traffic:
 
     def vehicles(self, time: float, turn: float) -> Vehicles:
         """Returns the vehicles in sight at a time [s]; their velocities are the means over a turn of so many seconds."""
-        groups = [self._in_lanes(time)]
+        in_lanes = self._in_lanes(time)
+        groups = [in_lanes]
         if self.road is not None:
-            others = (self._pace(self.road, time, turn), self._come(self.road, time, turn))
-            groups += [*map(self._keep_free, others), self._queue_up(self.road, time, turn)]
+            for others in (self._pace(self.road, time, turn), self._come(self.road, time, turn)):
+                groups.append(self._keep_free(others, in_lanes))
+            groups.append(self._queue_up(self.road, time, turn))
         return Vehicles._make(np.concatenate(columns) for columns in zip(*groups, strict=True))
 
-    def _keep_free(self, vehicles: Vehicles) -> Vehicles:
-        """Leaves out the vehicles that would drive through something solid: the road is narrower there."""
+    def _keep_free(self, vehicles: Vehicles, others: Vehicles) -> Vehicles:
+        """Leaves out the vehicles that would drive through something solid, or through others: the road is narrow there."""
         lengths, widths, _ = vehicles.sizes.T
-        ahead = np.multiply.outer(lengths, [-0.4, 0.0, 0.4])
         yaw = vehicles.poses[:, 2:]
-        points = vehicles.poses[:, None, :2] + np.stack([ahead * np.cos(yaw), ahead * np.sin(yaw)], axis=-1)
+        c, s = np.cos(yaw), np.sin(yaw)
+        ahead = np.multiply.outer(lengths, [-0.4, 0.0, 0.4])
+        points = vehicles.poses[:, None, :2] + np.stack([ahead * c, ahead * s], axis=-1)
         free = (self.solid.query(points)[0] > 0.5 * widths[:, None] + _ASIDE_M).all(axis=1)
+        dx, dy = np.moveaxis(others.poses[:, :2] - vehicles.poses[:, None, :2], -1, 0)
+        along, across = np.abs(c * dx + s * dy), np.abs(c * dy - s * dx)
+        long, wide = (0.5 * np.add.outer(vehicles.sizes[:, k], others.sizes[:, k]) for k in (0, 1))
+        free &= ~((along < long + _ASIDE_M) & (across < wide + _ASIDE_M)).any(axis=1)
         return Vehicles._make(column[free] for column in vehicles)
 
     def _in_lanes(self, time: float) -> Vehicles:

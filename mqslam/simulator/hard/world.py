@@ -68,9 +68,9 @@ class HardWorld:
         poses = self.drive.poses(times)
         beams = self._aim(times, poses)
         turn = float(self.clock.borders[k + 1] - self.clock.borders[k])
-        vehicles = self.traffic.vehicles(float(times[0]), turn)
+        vehicles = self._look_around(self.traffic.vehicles(float(times[0]), turn), poses)
         rays = make_rays(poses, self.sensor.angles, beams.times)
-        passed = cast_shadows(self._obstruct(vehicles, poses), rays, self.sensor.bins * self.sensor.range_resolution)
+        passed = cast_shadows(self._obstruct(vehicles), rays, self._reach())
         echoes, names = self._reflect(k, times, poses, vehicles, passed)
         rng = np.random.default_rng([self.seed, 16, k])
         field = np.zeros((self.sensor.azimuths, self.sensor.bins), dtype=np.complex128)
@@ -78,6 +78,15 @@ class HardWorld:
         add_echoes(bounce(echoes, names, poses[len(poses) // 2, :2], self.realism), beams, field)
         add_echoes(draw_strays(rng, poses, self.sensor.angles, self.realism), beams, field)
         return receive(field, self.sensor.range_resolution, self.realism, rng)
+
+    def _look_around(self, vehicles: Vehicles, poses: Array) -> Vehicles:
+        """Returns the vehicles near enough to be seen in a turn with poses (A, 3)."""
+        near = np.hypot(*(vehicles.poses[:, :2] - poses[len(poses) // 2, :2]).T) < self._reach()
+        return Vehicles._make(column[near] for column in vehicles)
+
+    def _reach(self) -> float:
+        """Returns the range [m] beyond which nothing is seen."""
+        return self.sensor.bins * self.sensor.range_resolution + _MARGIN_M
 
     def _aim(self, times: Array, poses: Array) -> Beams:
         """Returns the beams of a turn from its times (A,) [s] and poses (A, 3)."""
@@ -94,8 +103,8 @@ class HardWorld:
             doppler_beta=self.sensor.doppler_beta,
         )
 
-    def _obstruct(self, vehicles: Vehicles, poses: Array) -> Obstacles:
-        """Returns what hides during a turn with poses (A, 3)."""
+    def _obstruct(self, vehicles: Vehicles) -> Obstacles:
+        """Returns what hides during a turn: the scene and the vehicles about."""
         scene, height = self.scene, self.realism.radar_height_m
         parked = is_vehicle(scene)
         opacity = np.where(parked, self.realism.vehicle_opacity, scene.walls[:, 5])
@@ -124,9 +133,8 @@ class HardWorld:
         """
         realism = self.realism
         middle = poses[len(poses) // 2, :2]
-        reach = self.sensor.bins * self.sensor.range_resolution + _MARGIN_M
         away = self.scatterers.places - middle
-        known = self.scatterers.choose(np.einsum("ij,ij->i", away, away) < reach**2)
+        known = self.scatterers.choose(np.einsum("ij,ij->i", away, away) < self._reach() ** 2)
         ground = lay_ground((float(middle[0]), float(middle[1])), realism, self.seed)
         seen = join(known, ground, outline(vehicles, realism, self.seed))
         azimuths = _face(seen, times - times[0], poses)
