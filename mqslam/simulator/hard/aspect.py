@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from mqslam.simulator.hard import chance
 from mqslam.simulator.hard.realism import Realism
 from mqslam.simulator.hard.scatterers import PLANT, VEHICLE, WALL, Scatterers
-from mqslam.simulator.scene import Array
+from mqslam.simulator.parts import Array
 
 
 def change_with_aspect(scatterers: Scatterers, aspects: Array, realism: Realism) -> tuple[Array, NDArray[np.complex128]]:

@@ -8,7 +8,7 @@ import numpy as np
 
 from mqslam.simulator.drive import Drive, Times
 from mqslam.simulator.hard.realism import Realism
-from mqslam.simulator.scene import Array
+from mqslam.simulator.parts import Array
 
 _WAVES = 14  # so many sines look irregular
 _SLOWEST_HZ, _FASTEST_HZ = 0.15, 2.2  # a car's body on its springs

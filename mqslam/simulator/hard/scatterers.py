@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 
 from mqslam.simulator.hard import chance
 from mqslam.simulator.hard.realism import Realism
-from mqslam.simulator.scene import VEHICLE_OPACITY, Array, Scene
+from mqslam.simulator.parts import VEHICLE_OPACITY, Array
+from mqslam.simulator.scene import Scene
 
 WALL, POLE, PLANT, VEHICLE, GROUND = range(5)
 """Materials."""

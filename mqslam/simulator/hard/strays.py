@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from mqslam.simulator.hard import chance
 from mqslam.simulator.hard.echoes import Echoes
 from mqslam.simulator.hard.realism import Realism
-from mqslam.simulator.scene import Array
+from mqslam.simulator.parts import Array
 
 _STRONGEST = 24  # scatterers that bounce
 _BOUNCE_M = 45.0  # farther ones are too weak to [m]

@@ -12,7 +12,8 @@ from scipy.spatial import cKDTree
 from mqslam.core import se2
 from mqslam.simulator.drive import Drive
 from mqslam.simulator.hard.realism import Realism
-from mqslam.simulator.scene import LANE, Array, Scene
+from mqslam.simulator.parts import Array
+from mqslam.simulator.scene import LANE, Scene
 
 CAR_HEIGHT, TRUCK_HEIGHT = 1.5, 3.2
 _ROAD_M = 60.0  # a drive that stays within so many metres is on a yard, where no traffic flows

@@ -28,7 +28,8 @@ from mqslam.simulator.hard.scatterers import (
 from mqslam.simulator.hard.strays import bounce, draw_strays
 from mqslam.simulator.hard.traffic import Traffic, Vehicles, make_traffic
 from mqslam.simulator.hard.vehicles import box_sides, outline
-from mqslam.simulator.scene import Array, Scene
+from mqslam.simulator.parts import Array
+from mqslam.simulator.scene import Scene
 from mqslam.simulator.sensor import SensorModel
 
 _REFERENCE_M = 20.0  # range at which levels are stated

@@ -13,7 +13,7 @@ from mqslam.simulator.drive import Drive
 from mqslam.simulator.hard import Realism
 from mqslam.simulator.hard.traffic import Traffic, Vehicles, make_traffic
 from mqslam.simulator.hard.vehicles import box_sides, outline
-from mqslam.simulator.scene import Array
+from mqslam.simulator.parts import Array
 
 NOWHERE = np.array([[1e6, 1e6]])
 STOPPING = make_loop_drive(60.0, from_standstill=True)
