@@ -76,7 +76,7 @@ class Realism:
     wall_depth_m: float = 0.12
     plant_density: float = 4.0
 
-    wander_m: float = 0.18
+    wander_m: float = 0.15
     aspect_deg: float = 3.0
     block_m: float = 0.75
     fading: float = 0.95
