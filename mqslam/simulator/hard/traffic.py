@@ -16,7 +16,7 @@ from mqslam.simulator.parts import Array
 from mqslam.simulator.scene import LANE, Scene
 
 CAR_HEIGHT, TRUCK_HEIGHT = 1.5, 3.2
-_ROAD_M = 60.0  # a drive that stays within so many metres is on a yard, where no traffic flows
+_YARD = 0.15  # a drive that turns more than this in the mean [rad/m] is on a yard, where no traffic flows
 _BEYOND_M = 250.0  # the road goes straight on for so long before and behind the drive [m]
 _IN_SIGHT_M = 130.0  # farther vehicles are not rendered
 _QUEUE_FROM_S, _QUEUE_FOR_S = 10.0, 60.0  # when the queue keeps exact pace
@@ -211,9 +211,9 @@ def _find_road(drive: Drive, duration_s: float) -> _Road | None:
     """Returns the road that a drive follows, or None if it is on a yard."""
     times = np.arange(0.0, duration_s + 0.2, 0.1)
     poses = drive.poses(times)
-    if np.ptp(poses[:, :2], axis=0).max() < _ROAD_M:
-        return None
     reached = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(poses[:, :2], axis=0).T))])
+    if np.abs(np.diff(poses[:, 2])).sum() > _YARD * reached[-1]:
+        return None
     speeds = np.gradient(reached, times)
     flow = np.concatenate([[0.0], np.cumsum(np.minimum(1.0, speeds / 4.0))[:-1]]) * 0.1
     moving = np.concatenate([[True], np.diff(reached) > 0.02])

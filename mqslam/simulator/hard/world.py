@@ -21,6 +21,7 @@ from mqslam.simulator.hard.scatterers import (
     Scatterers,
     is_vehicle,
     join,
+    look_about,
     plant_heights,
     sample_scene,
     vehicle_heights,
@@ -47,7 +48,7 @@ class HardWorld:
         sensor: turn rate, azimuths, range bins, beam width and Doppler shift count; the rest is `realism`'s.
         realism: the magnitudes of all effects.
         seed: of everything.
-        scatterers: of the scene.
+        scatterers: of the scene, in the order of their x.
         traffic: what moves.
         suspension: how the own vehicle tilts.
         clock: when azimuths are measured and stamped.
@@ -134,8 +135,7 @@ class HardWorld:
         """
         realism = self.realism
         middle = poses[len(poses) // 2, :2]
-        away = self.scatterers.places - middle
-        known = self.scatterers.choose(np.einsum("ij,ij->i", away, away) < self._reach() ** 2)
+        known = look_about(self.scatterers, middle, self._reach())
         ground = lay_ground((float(middle[0]), float(middle[1])), realism, self.seed)
         seen = join(known, ground, outline(vehicles, realism, self.seed))
         azimuths = _face(seen, times - times[0], poses)
