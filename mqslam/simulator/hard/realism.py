@@ -112,7 +112,7 @@ class Realism:
 
     bounce_db: float = 20.0
     echo_back_db: float = 28.0
-    strays: float = 450.0
+    strays: float = 420.0
     stray_db: float = 22.0
 
     spin: float = 0.007
