@@ -15,6 +15,8 @@ from mqslam.simulator.scene import Scene
 WALL, POLE, PLANT, VEHICLE, GROUND = range(5)
 """Materials."""
 _ON_A_POLE = 4  # scatterers: a lamp's head, its foot and what hangs between
+_CAR_M, _VAN_M, _RAILING_M = 1.5, 2.4, 1.0  # heights of what is no house
+_RAILING_OPACITY = 0.3  # a wall that takes less of the beam than this is a railing
 _LOWEST_M, _POLES_M = 0.3, (3.0, 8.0)  # where scatterers begin, and how high poles are
 
 
@@ -64,7 +66,7 @@ def sample_scene(scene: Scene, realism: Realism, seed: int) -> Scatterers:
     """
     rng = np.random.default_rng([seed, 11])
     points = join(
-        _sample_walls(rng, scene, realism, seed), _sample_poles(rng, scene, realism), _sample_plants(rng, scene, realism)
+        _sample_walls(rng, scene, realism), _sample_poles(rng, scene, realism), _sample_plants(rng, scene, realism)
     )
     points = points.choose(np.argsort(points.places[:, 0], kind="stable"))
     number = len(points.names)
@@ -93,27 +95,24 @@ def is_vehicle(scene: Scene) -> NDArray[np.bool_]:
     return np.asarray(scene.walls[:, 5] == VEHICLE_OPACITY)
 
 
-def wall_heights(places: Array, seed: int) -> Array:
-    """Returns the heights (N,) [m] of house walls at places (N, 2) [m]: 2.5 to 14.5 m, the same over some metres."""
-    return 2.5 + 12.0 * chance.uniform(name_blocks(places, 8.0, seed), 2)
-
-
-def vehicle_heights(scene: Scene) -> Array:
-    """Returns the heights (W,) [m] of walls that are sides of vehicles; one vehicle in eight is a van.
+def wall_heights(scene: Scene) -> Array:
+    """Returns the heights (W,) [m] of walls: houses of 2.5 to 14.5 m, railings, parked cars and, one in eight of them, vans.
 
     The four sides of a vehicle share a reflectivity that hardly any other has, which is therefore its name.
     """
-    bits = np.ascontiguousarray(scene.walls[:, 4]).view(np.uint64)
-    return np.where(chance.uniform(chance.name(bits), 0) < 0.125, 2.4, 1.5)
+    drawn = chance.name(np.ascontiguousarray(scene.walls[:, 4]).view(np.int64))
+    vehicle = np.where(chance.uniform(drawn, 0) < 0.125, _VAN_M, _CAR_M)
+    railing = scene.walls[:, 5] < _RAILING_OPACITY
+    return np.select([is_vehicle(scene), railing], [vehicle, _RAILING_M], 2.5 + 12.0 * chance.uniform(drawn, 1))
 
 
 def plant_heights(scene: Scene) -> Array:
     """Returns the heights (P,) [m] of plants: bushes of 1 m to trees of 8 m, the more the wider."""
-    bits = np.ascontiguousarray(scene.plants[:, 2]).view(np.uint64)
-    return 1.0 + np.minimum(7.0, 2.0 * scene.plants[:, 2]) * chance.uniform(chance.name(bits), 0)
+    drawn = chance.name(np.ascontiguousarray(scene.plants[:, 2]).view(np.int64))
+    return 1.0 + np.minimum(7.0, 2.0 * scene.plants[:, 2]) * chance.uniform(drawn, 0)
 
 
-def _sample_walls(rng: np.random.Generator, scene: Scene, realism: Realism, seed: int) -> Scatterers:
+def _sample_walls(rng: np.random.Generator, scene: Scene, realism: Realism) -> Scatterers:
     """Samples walls, and the sides of parked vehicles among them, about their planes."""
     walls = scene.walls
     along = walls[:, 2:4] - walls[:, :2]
@@ -123,7 +122,7 @@ def _sample_walls(rng: np.random.Generator, scene: Scene, realism: Realism, seed
     depths = realism.wall_depth_m * rng.standard_normal(len(which))
     places = walls[which, :2] + rng.random(len(which))[:, None] * along[which] + depths[:, None] * across[which]
     parked = is_vehicle(scene)[which]
-    tops = np.where(parked, vehicle_heights(scene)[which], wall_heights(places, seed))
+    tops = wall_heights(scene)[which]
     typical = np.where(parked, realism.vehicle_db, realism.wall_db)
     return _make(
         places,
