@@ -205,7 +205,7 @@ def make_traffic(scene: Scene, solid: Array, drive: Drive, duration_s: float, re
     ends = 0.0 if road is None or scene.queue else road.reached[-1] + realism.oncoming_mps * duration_s + _IN_SIGHT_M
     gaps = rng.exponential(realism.oncoming_m, int(ends / realism.oncoming_m)) + 6.0
     lanes = 2.0 * LANE * np.where(rng.random(len(gaps)) < 0.8, 1.0, 2.0) + 0.2 * rng.standard_normal(len(gaps))
-    oncoming = np.column_stack([np.cumsum(gaps), lanes, _draw_sizes(rng, len(gaps), _TRUCKS)])
+    oncoming = np.column_stack([np.cumsum(gaps), lanes, _draw_sizes(rng, len(gaps))])
     queue = _line_up(rng) if scene.queue else np.empty((0, 5))
     return Traffic(scene, realism, road, pacers, oncoming, queue, cKDTree(solid))
 
@@ -240,24 +240,24 @@ def _draw_pacers(rng: np.random.Generator, number: int, flows: float) -> _Pacers
         phases=rng.uniform(-np.pi, np.pi, number),
         leads=np.clip(0.12 * gaps + rng.normal(0.0, 0.4, number), -3.0, 3.0),
         left=np.where(in_lane, 0.0, 2.0 * LANE) + rng.normal(0.0, 0.2, number),
-        sizes=_draw_sizes(rng, number, _TRUCKS),
+        sizes=_draw_sizes(rng, number),
     )
 
 
-def _draw_sizes(rng: np.random.Generator, number: int, trucks: float) -> Array:
-    """Draws lengths, widths and heights (V, 3) [m] of vehicles, a share of which are trucks."""
-    large = (rng.random(number) < trucks)[:, None]
+def _draw_sizes(rng: np.random.Generator, number: int) -> Array:
+    """Draws lengths, widths and heights (V, 3) [m] of vehicles, one in six of them a truck."""
+    large = (rng.random(number) < _TRUCKS)[:, None]
     truck = np.column_stack([rng.uniform(6.0, 11.0, number), np.full(number, 2.5), np.full(number, TRUCK_HEIGHT)])
     car = np.column_stack([rng.normal(4.5, 0.3, number), np.full(number, 1.8), np.full(number, CAR_HEIGHT)])
     return np.where(large, truck, car)
 
 
 def _line_up(rng: np.random.Generator) -> Array:
-    """Lines up a queue (V, 5) before and behind the own vehicle, in its lane and the two to the left; half are trucks."""
+    """Lines up a queue (V, 5) before and behind the own vehicle, in its lane and the two to the left."""
     rows = []
     for lane in range(3):
         for sense in (-1.0, 1.0):
-            sizes = _draw_sizes(rng, _QUEUE_LENGTH, 0.5)
+            sizes = _draw_sizes(rng, _QUEUE_LENGTH)
             lengths = sizes[:, 0]
             free = _OWN_M if lane == 0 else rng.uniform(0.0, _QUEUE_GAP_M)
             away = free + np.cumsum(lengths + _QUEUE_GAP_M) - 0.5 * lengths
