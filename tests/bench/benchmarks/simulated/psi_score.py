@@ -25,7 +25,7 @@ _SEED = 11  # of a drive that `heading` measures too
 _FIRST, _SCANS = 100, 3
 _MOTION = np.array([8.0, 0.03])  # near the motions that a search tries [m/s, rad/s]
 _ROUNDS, _REPEATS = 7, 25
-_DETECTORS = {"default": DetectorConfig(), "without non-maximum suppression": DetectorConfig(join_m=0.0, strongest=7)}
+_DETECTORS = {"default": DetectorConfig(), "without non-maximum suppression": DetectorConfig(join_m=0.0)}
 
 
 def _measure(out: Path) -> list[Row]:
