@@ -9,12 +9,13 @@ import typer
 
 from mqslam.cli.terminal.options import CORES, Jobs, Quiet, Verbose
 
-_MOVERS = 6
+_MOVERS = {"street": 6, "yard": 6, "corridor": 0}
+"""Usual number of moving vehicles; the scenes that are not named here know their own."""
 
 
 def simulate(
     out: Annotated[Path, typer.Argument(metavar="OUT", help="Folder for the recording; it must not exist yet.")],
-    scene: Annotated[str, typer.Option(help="The scene: street, yard, corridor or queue.")] = "street",
+    scene: Annotated[str, typer.Option(help="The scene: street, yard, corridor, city or queue.")] = "street",
     realism: Annotated[
         str, typer.Option(help="The world: kind (all shows from everywhere) or hard (as hard as real radar).")
     ] = "kind",
@@ -24,7 +25,8 @@ def simulate(
     range_resolution: Annotated[float, typer.Option(min=0.01, help=r"Length of a range bin \[m].")] = 0.175,
     max_range: Annotated[float, typer.Option(min=5.0, help=r"Range of the farthest bin \[m].")] = 120.0,
     movers: Annotated[
-        int | None, typer.Option(min=0, help=f"Number of moving vehicles; {_MOVERS} by default, none in the corridor.")
+        int | None,
+        typer.Option(min=0, help="Number of moving vehicles; 6 by default, none in the corridor, about 200 in the city."),
     ] = None,
     doppler: Annotated[float, typer.Option(help=r"Doppler shift: range error per closing speed \[s].")] = 0.0,
     seed: Annotated[int, typer.Option(help="Seed of the scene and the noise; the same seed gives the same bytes.")] = 1,
@@ -43,8 +45,6 @@ def simulate(
     from mqslam.simulator import simulate as write
 
     console = Console(stderr=True, markup=False)
-    if movers is None:
-        movers = 0 if scene == "corridor" else _MOVERS
     with show_progress(console, quiet) as show:
         write(
             out,
@@ -52,7 +52,7 @@ def simulate(
             duration_s=duration,
             sensor=SensorModel(turn_rate, azimuths, range_resolution, max_range, doppler_beta=doppler),
             seed=seed,
-            movers=movers,
+            movers=_MOVERS.get(scene) if movers is None else movers,
             realism=realism,
             jobs=jobs,
             progress=lambda done, total: show("simulate", done, total),

@@ -3,6 +3,7 @@
 `simulate_recording` renders a drive in memory, `simulate` writes the same drive as a recording in the Oxford layout.
 """
 
+from mqslam.simulator.city import give_way, make_city_drive, make_city_scene
 from mqslam.simulator.drive import ConstantDrive, Drive, SampledDrive, clear_way, make_loop_drive
 from mqslam.simulator.in_memory import SimulatedRecording, simulate_recording
 from mqslam.simulator.scene import Scene, make_corridor_scene, make_street_scene, make_yard_scene
@@ -21,6 +22,9 @@ __all__ = [
     "SimulatedRecording",
     "WheelOdometry",
     "clear_way",
+    "give_way",
+    "make_city_drive",
+    "make_city_scene",
     "make_corridor_scene",
     "make_loop_drive",
     "make_street_scene",

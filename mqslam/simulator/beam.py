@@ -15,7 +15,7 @@ import numba as nb
 import numpy as np
 from numpy.typing import NDArray
 
-from mqslam.simulator.scene import POLE_OPACITY, VEHICLE_OPACITY, Array
+from mqslam.simulator.parts import POLE_OPACITY, VEHICLE_OPACITY, Array
 
 COUNTS_PER_DECADE = 20.0
 """uint8 counts per factor of ten in power: half a decibel each, as Navtech radars store it."""
@@ -327,7 +327,11 @@ def _cast_mover(
     u, w = axis[0] * dx + axis[1] * dy, axis[0] * dy - axis[1] * dx
     lu, lw = axis[0] * c + axis[1] * s, axis[0] * s - axis[1] * c
     relative = (velocity[0] - mover[5] * lu, velocity[1] - mover[5] * lw)
-    if u + mover[6] + mover[7] < NEAREST:
+    reach = mover[6] + mover[7]
+    if u + reach < NEAREST:
+        return
+    edge = pattern.edges[-1]
+    if (abs(w) - reach) * edge[1] > (u + reach) * edge[0]:
         return
     for side in range(4):
         a0, b0 = mover[6] * CORNERS[side, 0], mover[7] * CORNERS[side, 1]

@@ -122,7 +122,7 @@ def make_loop_drive(
     places, lap, curvatures, limits = _lay_lap(size, curvature, corner_speed, speed)
     distance = np.arange(0.0, speed * duration_s + 10.0, 0.1)
     limit = np.interp(distance % places[-1], places, limits)
-    speeds = _limit_acceleration(distance, limit, acceleration, from_standstill)
+    speeds = limit_acceleration(distance, limit, acceleration, from_standstill=from_standstill)
     step = 2.0 * np.diff(distance) / (speeds[1:] + speeds[:-1])
     reached = np.concatenate([[0.0], np.cumsum(step)])
     times = np.arange(0.0, duration_s + 0.5, 0.02)
@@ -182,8 +182,15 @@ def _lay_corner(curvature: float, ramp: float = 5.0) -> tuple[se2.Array, Times, 
     return poses[1:], bend[1:], float(spacing)
 
 
-def _limit_acceleration(distance: Times, limit: Times, acceleration: float, from_standstill: bool) -> Times:
-    """Returns the largest speeds (N,) [m/s] at distances (N,) [m] that keep to limits (N,) [m/s] and an acceleration."""
+def limit_acceleration(distance: Times, limit: Times, acceleration: float, *, from_standstill: bool) -> Times:
+    """Returns the largest speeds (N,) [m/s] at distances (N,) [m] that keep to limits (N,) [m/s] and an acceleration.
+
+    Args:
+        distance: along the path [m], increasing by equal steps.
+        limit: of the speed there [m/s].
+        acceleration: largest change of speed [m/s^2].
+        from_standstill: whether the first speed is zero.
+    """
     squared = limit**2
     if from_standstill:
         squared[0] = 0.0
@@ -204,15 +211,25 @@ def clear_way(scene: Scene, drive: Drive, duration_s: float) -> Scene:
         duration_s: how long the drive takes [s].
     """
     times = np.arange(0.0, duration_s, 0.05)
-    x, y, _ = drive.poses(times).T
+    poses = drive.poses(times)
     movers = scene.movers.copy()
     for mover in movers:
-        c, s = np.cos(mover[2]), np.sin(mover[2])
-        along, across = c * (x - mover[0]) + s * (y - mover[1]), c * (y - mover[1]) - s * (x - mover[0])
-        met = np.abs(across) < 0.5 * mover[7] + 1.2
-        for place in mover[4] + np.arange(0.0, mover[3], 10.0):
-            ahead = along - (place + mover[5] * times) % mover[3]
-            if not np.any(met & (np.abs(ahead) < 0.5 * mover[6] + 2.5)):
-                mover[4] = place
-                break
+        places = mover[4] + np.arange(0.0, mover[3], 10.0)
+        mover[4] = next((place for place in places if not meets(mover, place, times, poses)), mover[4])
     return replace(scene, movers=movers)
+
+
+def meets(mover: Times, place: float, times: Times, poses: se2.Array) -> bool:
+    """Returns whether a vehicle comes so near to the sensor's own that they would touch.
+
+    Args:
+        mover: (9,) row of `Scene.movers`.
+        place: of the vehicle along its lane at time zero [m].
+        times: (N,) [s].
+        poses: (N, 3) of the sensor at these times.
+    """
+    x, y, _ = poses.T
+    c, s = np.cos(mover[2]), np.sin(mover[2])
+    along, across = c * (x - mover[0]) + s * (y - mover[1]), c * (y - mover[1]) - s * (x - mover[0])
+    ahead = along - (place + mover[5] * times) % mover[3]
+    return bool(np.any((np.abs(across) < 0.5 * mover[7] + 1.2) & (np.abs(ahead) < 0.5 * mover[6] + 2.5)))

@@ -9,16 +9,13 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from mqslam.simulator.parts import WALL_OPACITY, Array, add_building, make_poles, make_vehicle
 
 LANE = 1.75
 """Distance of a lane's middle from the street's middle [m]; traffic keeps to the right."""
 BLOCK = (100.0, 72.0)
 """Distance between the middles of neighbouring streets of a street scene [m], along x and along y."""
-WALL_OPACITY, VEHICLE_OPACITY, POLE_OPACITY = 0.95, 0.35, 0.5
-"""Share of the beam that does not pass: the antenna sits on a roof, so that much of it passes over things."""
 
 
 def _no_rows(columns: int) -> Array:
@@ -66,7 +63,7 @@ def make_street_scene(seed: int, *, movers: int = 10) -> Scene:
         centre = np.array([i * BLOCK[0], j * BLOCK[1]])
         if (i, j) == around[park]:
             spread = rng.uniform(-0.38, 0.38, (30, 2)) * BLOCK
-            poles.append(_poles(centre + spread, rng.uniform(0.15, 0.4, 30), rng.uniform(0.8, 2.5, 30)))
+            poles.append(make_poles(centre + spread, rng.uniform(0.15, 0.4, 30), rng.uniform(0.8, 2.5, 30)))
         else:
             _block(rng, centre, np.array(BLOCK) / 2.0 - 9.5, walls, poles)
     for start, heading, length in _streets():
@@ -112,73 +109,17 @@ def make_yard_scene(seed: int, *, movers: int = 0) -> Scene:
             if inward @ (x, y) < 0.0:
                 along, inward = -along, -inward
             corner = np.array([x, y]) - along * length / 2.0 - inward * depth / 2.0
-            _building(rng, corner, along, inward, length, depth, walls, poles)
+            add_building(rng, corner, along, inward, length, depth, walls, poles)
     for number, low, high in ((25, 0.15, 0.35), (15, 0.06, 0.1)):
         bearings, distances = rng.uniform(-np.pi, np.pi, number), rng.uniform(9.0, 110.0, number)
         places = np.c_[distances * np.cos(bearings), distances * np.sin(bearings)]
-        poles.append(_poles(places, rng.uniform(low, high, number), rng.uniform(0.5, 2.0, number)))
+        poles.append(make_poles(places, rng.uniform(low, high, number), rng.uniform(0.5, 2.0, number)))
     for _ in range(8):
         bearing, distance = rng.uniform(-np.pi, np.pi), rng.uniform(9.0, 40.0)
         place = distance * np.array([np.cos(bearing), np.sin(bearing)])
-        walls.append(_vehicle(rng, place, rng.uniform(-np.pi, np.pi)))
+        walls.append(make_vehicle(rng, place, rng.uniform(-np.pi, np.pi)))
     lanes = [(np.array([-200.0, y]), 0.0, 400.0) for y in (-18.0, 18.0)]
     return Scene(np.concatenate(walls), np.concatenate(poles), _on_lanes(rng, lanes, movers))
-
-
-def _poles(places: Array, radii: Array, reflectivities: Array) -> Array:
-    """Returns poles (N, 4) at places (N, 2) [m]."""
-    return np.column_stack([places, radii, reflectivities])
-
-
-def _box(centre: Array, yaw: float, length: float, width: float, reflectivity: float, opacity: float) -> Array:
-    """Returns the four sides of a rectangle as walls (4, 6)."""
-    along = 0.5 * length * np.array([np.cos(yaw), np.sin(yaw)])
-    across = 0.5 * width * np.array([-np.sin(yaw), np.cos(yaw)])
-    corners = centre + np.array([along + across, across - along, -along - across, along - across])
-    return np.hstack([corners, np.roll(corners, -1, axis=0), np.full((4, 2), (reflectivity, opacity))])
-
-
-def _vehicle(rng: np.random.Generator, centre: Array, yaw: float) -> Array:
-    """Returns a parked vehicle as four walls (4, 6)."""
-    length, width = rng.uniform(3.8, 5.0), rng.uniform(1.7, 1.95)
-    return _box(centre, yaw, length, width, rng.uniform(0.5, 2.0), VEHICLE_OPACITY)
-
-
-def _building(
-    rng: np.random.Generator,
-    corner: Array,
-    along: Array,
-    inward: Array,
-    length: float,
-    depth: float,
-    walls: list[Array],
-    poles: list[Array],
-) -> None:
-    """Adds a house: a front of bays at different depths, plain sides and back, bright reflectors in some of its corners.
-
-    Args:
-        rng: generator of the house's details.
-        corner: (2,) [m] left end of the front, seen with `inward` to the left of `along`.
-        along: (2,) unit vector along the front.
-        inward: (2,) unit vector from the street into the house.
-        length: of the front [m].
-        depth: of the house [m].
-        walls: the scene's walls, extended.
-        poles: the scene's poles, extended.
-    """
-    bays = max(2, round(length / rng.uniform(3.0, 5.0)))
-    cuts = np.concatenate([[0.0], np.sort(rng.uniform(1.0, length - 1.0, bays - 1)), [length]])
-    recess = rng.choice([0.0, 0.25, 0.6, 1.2, 2.0], bays)
-    outline = [(cuts[b + side], recess[b]) for b in range(bays) for side in (0, 1)]
-    outline += [(length, depth), (0.0, depth), outline[0]]
-    places = np.array(outline)
-    world = corner + places[:, :1] * along + places[:, 1:] * inward
-    pieces = np.c_[world[:-1], world[1:]]
-    pieces = pieces[np.hypot(*(pieces[:, 2:] - pieces[:, :2]).T) > 0.05]
-    reflectivity = rng.lognormal(0.0, 0.6, len(pieces))
-    walls.append(np.c_[pieces, reflectivity, np.full(len(pieces), WALL_OPACITY)])
-    bright = world[: 2 * bays][rng.random(2 * bays) < 0.5]
-    poles.append(_poles(bright, np.full(len(bright), 0.05), rng.lognormal(0.0, 0.7, len(bright))))
 
 
 def _block(rng: np.random.Generator, centre: Array, half: Array, walls: list[Array], poles: list[Array]) -> None:
@@ -192,7 +133,7 @@ def _block(rng: np.random.Generator, centre: Array, half: Array, walls: list[Arr
         while row - place > 8.0:
             length = min(rng.uniform(10.0, 24.0), row - place)
             corner = centre + place * along - (away - rng.uniform(0.0, 2.5)) * inward
-            _building(rng, corner, along, inward, length, depth - 2.5, walls, poles)
+            add_building(rng, corner, along, inward, length, depth - 2.5, walls, poles)
             place += length + (rng.uniform(3.0, 7.0) if rng.random() < 0.3 else 0.0)
 
 
@@ -221,12 +162,12 @@ def _furnish(
             kept = np.array([p for p in places if is_free(p) and p < length])
             at = start + kept[:, None] * along + side * offset * left
             n = len(kept)
-            poles.append(_poles(at, rng.uniform(*radius, n), bright * rng.lognormal(0.0, 0.4, n)))
+            poles.append(make_poles(at, rng.uniform(*radius, n), bright * rng.lognormal(0.0, 0.4, n)))
         place = rng.uniform(0.0, 10.0)
         while place < length:
             if is_free(place) and rng.random() < 0.5:
                 centre = start + place * along + side * (4.7 + rng.uniform(-0.15, 0.15)) * left
-                walls.append(_vehicle(rng, centre, heading + rng.normal(0.0, 0.03)))
+                walls.append(make_vehicle(rng, centre, heading + rng.normal(0.0, 0.03)))
             place += rng.uniform(6.0, 9.0)
 
 

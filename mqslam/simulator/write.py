@@ -19,20 +19,21 @@ from mqslam.execution.files import write_text
 from mqslam.execution.folders import make_folder
 from mqslam.formats.odometry_files import write_twists
 from mqslam.formats.recordings import oxford
+from mqslam.simulator.city import give_way, make_city_drive, make_city_scene
 from mqslam.simulator.drive import ConstantDrive, Drive, clear_way, make_loop_drive
 from mqslam.simulator.in_memory import SimulatedRecording, simulate_recording
 from mqslam.simulator.scene import Scene, make_corridor_scene, make_street_scene, make_yard_scene
 from mqslam.simulator.sensor import SensorModel
 from mqslam.simulator.wheels import OdometryModel
 
-SCENES = ("street", "corridor", "yard", "queue")
+SCENES = ("street", "corridor", "yard", "city", "queue")
 """Names of the scenes that `simulate` knows."""
 COARSE_SENSOR = SensorModel(range_resolution=0.175, max_range=120.0)
 """A Navtech CTS350-X whose range bins are longer than they could be, and end sooner: its recordings stay small."""
 _LONGEST_S = 7 * 24 * 3600.0  # a limit on disk space, far beyond any use
 
 
-def simulate(
+def simulate(  # noqa: PLR0913 - these are the options of a simulation, each with its default
     out: Path,
     *,
     scene: str = "street",
@@ -48,8 +49,9 @@ def simulate(
 
     Args:
         out: folder to make; it may exist, but must be empty.
-        scene: `street` (rounds of a block), `corridor` (straight on between endless walls), `yard` (a slow circle) or
-            `queue` (the street, where vehicles keep exact pace with the sensor for a minute; hard world only).
+        scene: `street` (rounds of a block), `corridor` (straight on between endless walls), `yard` (a slow circle),
+            `city` (kilometres of streets, of which a drive comes to many again) or `queue` (the city, where vehicles keep
+            exact pace with the sensor for a minute; hard world only).
         duration_s: how long to drive [s].
         sensor: the radar.
         seed: of the scene and of all noise.
@@ -110,8 +112,11 @@ def _make_world(scene: str, seed: int, duration_s: float, movers: int | None) ->
     if scene == "street":
         drive = make_loop_drive(duration_s)
         return clear_way(make_street_scene(seed, movers=10 if movers is None else movers), drive, duration_s), drive
-    if scene == "queue":
-        return replace(make_street_scene(seed, movers=movers or 0), queue=True), make_loop_drive(duration_s)
+    if scene in ("city", "queue"):
+        drive = make_city_drive(seed, duration_s)
+        if scene == "queue":
+            return replace(make_city_scene(seed, movers=movers or 0), queue=True), drive
+        return give_way(make_city_scene(seed, movers=movers), drive, duration_s), drive
     if scene == "yard":
         return make_yard_scene(seed, movers=movers or 0), ConstantDrive(1.0, -0.192)
     if scene == "corridor":

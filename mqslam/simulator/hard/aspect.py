@@ -8,12 +8,10 @@ from numpy.typing import NDArray
 from mqslam.simulator.hard import chance
 from mqslam.simulator.hard.realism import Realism
 from mqslam.simulator.hard.scatterers import PLANT, VEHICLE, WALL, Scatterers
-from mqslam.simulator.scene import Array
+from mqslam.simulator.parts import Array
 
 
-def change_with_aspect(
-    scatterers: Scatterers, aspects: Array, realism: Realism
-) -> tuple[Array, NDArray[np.complex128]]:
+def change_with_aspect(scatterers: Scatterers, aspects: Array, realism: Realism) -> tuple[Array, NDArray[np.complex128]]:
     """Finds where scatterers shine and how strongly, seen under aspects.
 
     What a block does is drawn for each few degrees of aspect and interpolated between them, so that it is continuous and

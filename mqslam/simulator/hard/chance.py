@@ -11,7 +11,7 @@ _STEP, _FIRST, _SECOND = (np.uint64(n) for n in (0x9E3779B97F4A7C15, 0xBF58476D1
 
 
 def name(*parts: NDArray[np.integer] | int) -> Names:
-    """Makes one name (N,) of several whole numbers, arrays (N,) or single ones; names of different numbers look unrelated."""
+    """Makes one name (N,) of several whole numbers, arrays (N,) or single ones; different numbers have unrelated names."""
     mixed = np.zeros(1, dtype=np.uint64)
     for part in parts:
         mixed = _mix(mixed ^ np.atleast_1d(np.asarray(part)).astype(np.uint64))
@@ -26,7 +26,7 @@ def uniform(names: Names, number: int) -> NDArray[np.float64]:
 
 def complex_normal(names: Names) -> NDArray[np.complex128]:
     """Draws circular complex normal numbers (N,) of mean power 1."""
-    return np.sqrt(-np.log(uniform(names, 0))) * np.exp(2j * np.pi * uniform(names, 1))
+    return np.asarray(np.sqrt(-np.log(uniform(names, 0))) * np.exp(2j * np.pi * uniform(names, 1)))
 
 
 def _mix(x: Names) -> Names:

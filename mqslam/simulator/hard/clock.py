@@ -49,7 +49,7 @@ class Clock:
         first = int(bursts[0])
         delays = np.stack([self._delays(burst) for burst in range(first, int(bursts[-1]) + 1)])
         waiting = (0.5 * (BURST - 1) - place) * step
-        return self.times(k) + waiting + delays[bursts - first, place]
+        return np.asarray(self.times(k) + waiting + delays[bursts - first, place])
 
     def _delays(self, burst: int) -> NDArray[np.float64]:
         """Returns by how much the azimuths of a burst are stamped after one another, about their mean [s]."""

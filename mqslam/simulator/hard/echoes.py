@@ -12,12 +12,12 @@ import numba as nb
 import numpy as np
 from numpy.typing import NDArray
 
-from mqslam.simulator.scene import Array
+from mqslam.simulator.parts import Array
 
 WAVELENGTH = 0.004
 """Of a radar at 76 GHz [m]."""
 _MAIN_LOBE = 0.6
-"""Width at which the two-way amplitude pattern has fallen by a factor of e, in one-way half-power widths: 1 / (2 sqrt(ln 2))."""
+"""Width at which the two-way amplitude has fallen by a factor of e, in one-way half-power widths: 1 / (2 sqrt(ln 2))."""
 _FAINT = 0.3
 """Amplitudes below this are lost in noise, of amplitude 1.4."""
 

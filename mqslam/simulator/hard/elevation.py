@@ -8,7 +8,7 @@ import numpy as np
 
 from mqslam.simulator.drive import Drive, Times
 from mqslam.simulator.hard.realism import Realism
-from mqslam.simulator.scene import Array
+from mqslam.simulator.parts import Array
 
 _WAVES = 14  # so many sines look irregular
 _SLOWEST_HZ, _FASTEST_HZ = 0.15, 2.2  # a car's body on its springs
@@ -32,7 +32,7 @@ class Suspension:
     phases: Array
 
     def tip(self, times: Times, angles: Array) -> Array:
-        """Returns by how much the beam is tipped upwards (A,) [rad] at times [s], in directions [rad] against the heading."""
+        """Returns the tip of the beam upwards (A,) [rad] at times (A,) [s], in directions (A,) [rad] against the heading."""
         speed = self.drive.twists(times)[:, 0]
         braking = (self.drive.twists(times - 0.05)[:, 0] - self.drive.twists(times + 0.05)[:, 0]) / 0.1
         waves = np.sin(2.0 * np.pi * self.rates[:, None] * times[:, None] + self.phases[:, None]).sum(axis=2)

@@ -19,9 +19,9 @@ def lay_ground(middle: tuple[float, float], realism: Realism, seed: int) -> Scat
     number = int(2.0 * _REACH / _CELL)
     i, j = (start + axis.ravel() for start, axis in zip(first, np.mgrid[:number, :number], strict=True))
     names = chance.name(i, j, seed, GROUND)
-    kept = chance.uniform(names, 0) < _SHARE
-    i, j, names = i[kept], j[kept], names[kept]
     places = np.column_stack([i + chance.uniform(names, 1), j + chance.uniform(names, 2)]) * _CELL
+    kept = (chance.uniform(names, 0) < _SHARE) & (np.hypot(*(places - middle).T) < _REACH)
+    places, names = places[kept], names[kept]
     count = len(names)
     return Scatterers(
         places=places,

@@ -11,7 +11,7 @@ import numba as nb
 import numpy as np
 from numpy.typing import NDArray
 
-from mqslam.simulator.scene import Array
+from mqslam.simulator.parts import Array
 
 RAYS_PER_AZIMUTH = 2
 STEP_M = 0.5
@@ -77,7 +77,7 @@ class Passed(NamedTuple):
         rays, steps = self.low.shape
         ray = np.rint(azimuths * RAYS_PER_AZIMUTH).astype(np.intp) % rays
         step = np.clip(((ranges - _OWN_M) / STEP_M).astype(np.intp), 0, steps - 1)
-        return np.exp(-np.where(high, self.high[ray, step], self.low[ray, step]))
+        return np.asarray(np.exp(-np.where(high, self.high[ray, step], self.low[ray, step])), dtype=np.float64)
 
 
 def make_rays(poses: Array, angles: Array, times: Array) -> Rays:
@@ -98,9 +98,7 @@ def cast_shadows(obstacles: Obstacles, rays: Rays, reach: float) -> Passed:
 
 
 @nb.njit(cache=True, nogil=True)
-def _hide_behind_sides(
-    obstacles: Obstacles, rays: Rays, low: NDArray[np.float32], high: NDArray[np.float32]
-) -> None:
+def _hide_behind_sides(obstacles: Obstacles, rays: Rays, low: NDArray[np.float32], high: NDArray[np.float32]) -> None:
     """Adds the optical depth of sides where rays cross them, half of it half a metre on: walls have a thickness."""
     count, steps = low.shape
     angle = 2.0 * np.pi / count
@@ -143,9 +141,7 @@ def _hide_behind_sides(
 
 
 @nb.njit(cache=True, nogil=True)
-def _hide_behind_crowns(
-    obstacles: Obstacles, rays: Rays, low: NDArray[np.float32], high: NDArray[np.float32]
-) -> None:
+def _hide_behind_crowns(obstacles: Obstacles, rays: Rays, low: NDArray[np.float32], high: NDArray[np.float32]) -> None:
     """Adds the optical depth of plants to the steps of rays that lie within them."""
     count, steps = low.shape
     angle = 2.0 * np.pi / count

@@ -38,7 +38,8 @@ def receive(
     like_echoes = _blur(white, sigma) * np.sqrt(sigma * np.sqrt(np.pi))  # mean power 1 once more
     seen += np.sqrt(noise) * like_echoes
     counts = np.floor(seen.real**2 + seen.imag**2)
-    return np.minimum(255.0, _COUNTS_PER_DECADE * np.log10(np.maximum(counts, 1.0))).astype(np.uint8)
+    readings = _COUNTS_PER_DECADE * np.log10(np.maximum(counts, 1.0))
+    return np.asarray(np.minimum(255.0, readings), dtype=np.uint8)
 
 
 def _blur(field: NDArray[np.complex128], sigma: float) -> NDArray[np.complex128]:

@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 
 from mqslam.simulator.hard import chance
 from mqslam.simulator.hard.realism import Realism
-from mqslam.simulator.scene import VEHICLE_OPACITY, Array, Scene
+from mqslam.simulator.parts import VEHICLE_OPACITY, Array
+from mqslam.simulator.scene import Scene
 
 WALL, POLE, PLANT, VEHICLE, GROUND = range(5)
 """Materials."""
@@ -41,12 +42,12 @@ class Scatterers(NamedTuple):
 
     def choose(self, which: NDArray[np.bool_] | NDArray[np.intp]) -> Scatterers:
         """Returns some of the scatterers."""
-        return Scatterers(*(column[which] for column in self))
+        return Scatterers._make(column[which] for column in self)
 
 
 def join(*parts: Scatterers) -> Scatterers:
     """Returns the scatterers of several parts."""
-    return Scatterers(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))
+    return Scatterers._make(np.concatenate(columns) for columns in zip(*parts, strict=True))
 
 
 def sample_scene(scene: Scene, realism: Realism, seed: int) -> Scatterers:

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from mqslam.simulator.hard import chance
 from mqslam.simulator.hard.echoes import Echoes
 from mqslam.simulator.hard.realism import Realism
-from mqslam.simulator.scene import Array
+from mqslam.simulator.parts import Array
 
 _STRONGEST = 24  # scatterers that bounce
 _BOUNCE_M = 45.0  # farther ones are too weak to [m]
@@ -49,9 +49,7 @@ def bounce(echoes: Echoes, names: chance.Names, origin: Array, realism: Realism)
     )
 
 
-def draw_strays(
-    rng: np.random.Generator, poses: Array, angles: Array, realism: Realism
-) -> Echoes:
+def draw_strays(rng: np.random.Generator, poses: Array, angles: Array, realism: Realism) -> Echoes:
     """Draws the short-lived echoes of one turn, from the poses (A, 3) of its azimuths and their angles (A,) [rad]."""
     number = int(rng.poisson(realism.strays))
     azimuths: NDArray[np.int64] = rng.integers(len(angles), size=number)

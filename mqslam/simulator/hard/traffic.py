@@ -7,11 +7,13 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
 from mqslam.core import se2
 from mqslam.simulator.drive import Drive
 from mqslam.simulator.hard.realism import Realism
-from mqslam.simulator.scene import LANE, Array, Scene
+from mqslam.simulator.parts import Array
+from mqslam.simulator.scene import LANE, Scene
 
 CAR_HEIGHT, TRUCK_HEIGHT = 1.5, 3.2
 _ROAD_M = 60.0  # a drive that stays within so many metres is on a yard, where no traffic flows
@@ -19,6 +21,7 @@ _BEYOND_M = 250.0  # the road goes straight on for so long before and behind the
 _IN_SIGHT_M = 130.0  # farther vehicles are not rendered
 _QUEUE_FROM_S, _QUEUE_FOR_S = 10.0, 60.0  # when the queue keeps exact pace
 _QUEUE_LEAVES_MPS = 2.0  # how quickly it forms and dissolves
+_ASIDE_M = 0.2  # vehicles keep so far from what stands [m]
 _PACER_S = 30.0  # median time for which a vehicle paces
 
 
@@ -98,6 +101,7 @@ class Traffic:
         pacers: those that keep pace.
         oncoming: (V, 5) place along the road at time zero [m], distance to its left [m], length, width, height [m].
         queue: (V, 5) distance ahead of the own vehicle [m], distance to its left [m], length, width, height [m].
+        solid: places of what no vehicle drives through; the scene's own vehicles and the queue keep to lanes that are free.
     """
 
     scene: Scene
@@ -106,14 +110,31 @@ class Traffic:
     pacers: _Pacers
     oncoming: Array
     queue: Array
+    solid: cKDTree
 
     def vehicles(self, time: float, turn: float) -> Vehicles:
         """Returns the vehicles in sight at a time [s]; their velocities are the means over a turn of so many seconds."""
-        groups = [self._in_lanes(time)]
+        in_lanes = self._in_lanes(time)
+        groups = [in_lanes]
         if self.road is not None:
-            groups += [self._pace(self.road, time, turn), self._come(self.road, time, turn)]
+            for others in (self._pace(self.road, time, turn), self._come(self.road, time, turn)):
+                groups.append(self._keep_free(others, in_lanes))
             groups.append(self._queue_up(self.road, time, turn))
-        return Vehicles(*(np.concatenate(columns) for columns in zip(*groups, strict=True)))
+        return Vehicles._make(np.concatenate(columns) for columns in zip(*groups, strict=True))
+
+    def _keep_free(self, vehicles: Vehicles, others: Vehicles) -> Vehicles:
+        """Leaves out the vehicles that would drive through something solid, or through others: the road is narrow there."""
+        lengths, widths, _ = vehicles.sizes.T
+        yaw = vehicles.poses[:, 2:]
+        c, s = np.cos(yaw), np.sin(yaw)
+        ahead = np.multiply.outer(lengths, [-0.4, 0.0, 0.4])
+        points = vehicles.poses[:, None, :2] + np.stack([ahead * c, ahead * s], axis=-1)
+        free = (self.solid.query(points)[0] > 0.5 * widths[:, None] + _ASIDE_M).all(axis=1)
+        dx, dy = np.moveaxis(others.poses[:, :2] - vehicles.poses[:, None, :2], -1, 0)
+        along, across = np.abs(c * dx + s * dy), np.abs(c * dy - s * dx)
+        long, wide = (0.5 * np.add.outer(vehicles.sizes[:, k], others.sizes[:, k]) for k in (0, 1))
+        free &= ~((along < long + _ASIDE_M) & (across < wide + _ASIDE_M)).any(axis=1)
+        return Vehicles._make(column[free] for column in vehicles)
 
     def _in_lanes(self, time: float) -> Vehicles:
         """Returns the vehicles of the scene's lanes."""
@@ -130,7 +151,7 @@ class Traffic:
         p = self.pacers
         now = np.interp(time, road.times, road.flow)
         here = np.flatnonzero((p.births < now) & (now < p.births + p.lives))
-        p = _Pacers(*(column[here] for column in p))
+        p = _Pacers._make(column[here] for column in p)
         in_lane = np.abs(p.left) < 0.5 * LANE
         shortest = 7.0 + 0.5 * p.sizes[:, 0]
         places = []
@@ -163,11 +184,12 @@ class Traffic:
         return _between(road, 30_000 + np.arange(len(self.queue)), places, self.queue[:, 1], self.queue[:, 2:], turn)
 
 
-def make_traffic(scene: Scene, drive: Drive, duration_s: float, realism: Realism, seed: int) -> Traffic:
+def make_traffic(scene: Scene, solid: Array, drive: Drive, duration_s: float, realism: Realism, seed: int) -> Traffic:
     """Makes the traffic of a drive: vehicles that pace it, oncoming ones, or a queue where the scene has one.
 
     Args:
         scene: the scene.
+        solid: (N, 2) places of what stands in it [m].
         drive: the own motion.
         duration_s: how long it takes [s].
         realism: how much traffic there is.
@@ -181,7 +203,8 @@ def make_traffic(scene: Scene, drive: Drive, duration_s: float, realism: Realism
     gaps = rng.exponential(realism.oncoming_m, int(ends / realism.oncoming_m)) + 6.0
     lanes = 2.0 * LANE * np.where(rng.random(len(gaps)) < 0.8, 1.0, 2.0) + 0.2 * rng.standard_normal(len(gaps))
     oncoming = np.column_stack([np.cumsum(gaps), lanes, _draw_sizes(rng, len(gaps))])
-    return Traffic(scene, realism, road, pacers, oncoming, _line_up(rng) if scene.queue else np.empty((0, 5)))
+    queue = _line_up(rng) if scene.queue else np.empty((0, 5))
+    return Traffic(scene, realism, road, pacers, oncoming, queue, cKDTree(solid))
 
 
 def _find_road(drive: Drive, duration_s: float) -> _Road | None:

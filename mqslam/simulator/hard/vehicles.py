@@ -10,7 +10,7 @@ from mqslam.simulator.hard import chance
 from mqslam.simulator.hard.realism import Realism
 from mqslam.simulator.hard.scatterers import VEHICLE, Scatterers
 from mqslam.simulator.hard.traffic import Vehicles
-from mqslam.simulator.scene import Array
+from mqslam.simulator.parts import Array
 
 
 def outline(vehicles: Vehicles, realism: Realism, seed: int) -> Scatterers:

@@ -16,11 +16,20 @@ from mqslam.simulator.hard.ground import lay_ground
 from mqslam.simulator.hard.hiding import NEAREST_M, Obstacles, Passed, cast_shadows, make_rays
 from mqslam.simulator.hard.realism import Realism
 from mqslam.simulator.hard.receiver import receive
-from mqslam.simulator.hard.scatterers import Scatterers, is_vehicle, join, plant_heights, sample_scene, vehicle_heights
+from mqslam.simulator.hard.scatterers import (
+    PLANT,
+    Scatterers,
+    is_vehicle,
+    join,
+    plant_heights,
+    sample_scene,
+    vehicle_heights,
+)
 from mqslam.simulator.hard.strays import bounce, draw_strays
 from mqslam.simulator.hard.traffic import Traffic, Vehicles, make_traffic
 from mqslam.simulator.hard.vehicles import box_sides, outline
-from mqslam.simulator.scene import Array, Scene
+from mqslam.simulator.parts import Array
+from mqslam.simulator.scene import Scene
 from mqslam.simulator.sensor import SensorModel
 
 _REFERENCE_M = 20.0  # range at which levels are stated
@@ -60,9 +69,9 @@ class HardWorld:
         poses = self.drive.poses(times)
         beams = self._aim(times, poses)
         turn = float(self.clock.borders[k + 1] - self.clock.borders[k])
-        vehicles = self.traffic.vehicles(float(times[0]), turn)
+        vehicles = self._look_around(self.traffic.vehicles(float(times[0]), turn), poses)
         rays = make_rays(poses, self.sensor.angles, beams.times)
-        passed = cast_shadows(self._obstruct(vehicles, poses), rays, self.sensor.bins * self.sensor.range_resolution)
+        passed = cast_shadows(self._obstruct(vehicles), rays, self._reach())
         echoes, names = self._reflect(k, times, poses, vehicles, passed)
         rng = np.random.default_rng([self.seed, 16, k])
         field = np.zeros((self.sensor.azimuths, self.sensor.bins), dtype=np.complex128)
@@ -70,6 +79,15 @@ class HardWorld:
         add_echoes(bounce(echoes, names, poses[len(poses) // 2, :2], self.realism), beams, field)
         add_echoes(draw_strays(rng, poses, self.sensor.angles, self.realism), beams, field)
         return receive(field, self.sensor.range_resolution, self.realism, rng)
+
+    def _look_around(self, vehicles: Vehicles, poses: Array) -> Vehicles:
+        """Returns the vehicles near enough to be seen in a turn with poses (A, 3)."""
+        near = np.hypot(*(vehicles.poses[:, :2] - poses[len(poses) // 2, :2]).T) < self._reach()
+        return Vehicles._make(column[near] for column in vehicles)
+
+    def _reach(self) -> float:
+        """Returns the range [m] beyond which nothing is seen."""
+        return self.sensor.bins * self.sensor.range_resolution + _MARGIN_M
 
     def _aim(self, times: Array, poses: Array) -> Beams:
         """Returns the beams of a turn from its times (A,) [s] and poses (A, 3)."""
@@ -86,8 +104,8 @@ class HardWorld:
             doppler_beta=self.sensor.doppler_beta,
         )
 
-    def _obstruct(self, vehicles: Vehicles, poses: Array) -> Obstacles:
-        """Returns what hides during a turn with poses (A, 3)."""
+    def _obstruct(self, vehicles: Vehicles) -> Obstacles:
+        """Returns what hides during a turn: the scene and the vehicles about."""
         scene, height = self.scene, self.realism.radar_height_m
         parked = is_vehicle(scene)
         opacity = np.where(parked, self.realism.vehicle_opacity, scene.walls[:, 5])
@@ -116,41 +134,40 @@ class HardWorld:
         """
         realism = self.realism
         middle = poses[len(poses) // 2, :2]
-        reach = self.sensor.bins * self.sensor.range_resolution + _MARGIN_M
         away = self.scatterers.places - middle
-        known = self.scatterers.choose(np.einsum("ij,ij->i", away, away) < reach**2)
+        known = self.scatterers.choose(np.einsum("ij,ij->i", away, away) < self._reach() ** 2)
         ground = lay_ground((float(middle[0]), float(middle[1])), realism, self.seed)
         seen = join(known, ground, outline(vehicles, realism, self.seed))
         azimuths = _face(seen, times - times[0], poses)
         at = np.rint(azimuths).astype(np.int64) % len(poses)
         lines = poses[at, :2] - seen.places - seen.velocities * (times[at] - times[0])[:, None]
-        ranges = np.maximum(np.hypot(*lines.T), NEAREST_M)
+        ranges = np.maximum(np.hypot(*lines.T), 1e-3)
         tips = self.suspension.tip(times, self.sensor.angles)[at]
         elevations = np.arctan((seen.heights - realism.radar_height_m) / ranges) - tips
         aspects = np.arctan2(lines[:, 1], lines[:, 0]) - seen.normals
         level = seen.levels - attenuate(elevations, realism)
         power = 10.0 ** (level / 10.0) * (_REFERENCE_M / ranges) ** realism.range_law
         power *= passed.to(azimuths, ranges, seen.heights > realism.radar_height_m) * glint(seen, aspects, realism)
-        kept = np.flatnonzero(power > _FAINTEST)
+        kept = np.flatnonzero((power > _FAINTEST) & (ranges > NEAREST_M))
         seen = seen.choose(kept)
         offsets, fades = change_with_aspect(seen, aspects[kept], realism)
         amplitudes = np.sqrt(power[kept]) * fluctuate(seen, fades, realism, k)
         return Echoes(seen.places + offsets, seen.velocities, amplitudes, at[kept]), seen.names
 
 
-def make_hard_world(
-    scene: Scene, drive: Drive, sensor: SensorModel, turns: int, realism: Realism, seed: int
-) -> HardWorld:
+def make_hard_world(scene: Scene, drive: Drive, sensor: SensorModel, turns: int, realism: Realism, seed: int) -> HardWorld:
     """Makes the hard world of a drive of so many turns through a scene: its scatterers, traffic, tilt and clock."""
     clock = make_clock(turns, sensor.turn_rate_hz, sensor.azimuths, realism, seed)
+    scatterers = sample_scene(scene, realism, seed)
+    solid = scatterers.places[scatterers.materials != PLANT]
     return HardWorld(
         scene=scene,
         drive=drive,
         sensor=sensor,
         realism=realism,
         seed=seed,
-        scatterers=sample_scene(scene, realism, seed),
-        traffic=make_traffic(scene, drive, float(clock.borders[-1]), realism, seed),
+        scatterers=scatterers,
+        traffic=make_traffic(scene, solid, drive, float(clock.borders[-1]), realism, seed),
         suspension=make_suspension(drive, realism, seed),
         clock=clock,
     )

@@ -1,0 +1,157 @@
+"""A drive through a city: in the right lane, slower in corners, with stops at some crossings.
+
+The numbers of this file define the simulated world: with other numbers the same seed would give other recordings.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+from scipy.ndimage import gaussian_filter1d
+
+from mqslam.simulator.city.polygons import offset_line
+from mqslam.simulator.city.route import Course, plan_route
+from mqslam.simulator.city.streets import Plan, lay_plan
+from mqslam.simulator.drive import SampledDrive, limit_acceleration
+from mqslam.simulator.parts import Array
+
+SPACING = 0.25
+"""Distance of the samples of a path [m]."""
+CORNER = 9.0
+"""Distance before a crossing's outermost lane at which a corner begins [m]."""
+BEND = 8.0
+"""Distance before a bend within a street at which it begins [m]."""
+ROUNDING = 0.39
+"""Length of a corner's handles as a share of the distance between its ends: a right angle becomes nearly an arc."""
+PATH_SMOOTHING, TIME_SMOOTHING = 2.5, 0.5
+"""Standard deviations of the smoothing of the path [m] and of the progress along it [s]."""
+WANDER, WANDER_LENGTH = 0.12, 25.0
+"""Standard deviation of the place in the lane, and the distance over which it changes [m]."""
+AHEAD, SIDEWAYS = 1.4, 1.8
+"""Largest accelerations along and across the path [m/s^2]."""
+STOP_CHANCE = 0.25
+"""Probability of a stop before a crossing."""
+STOP_S = (2.0, 6.0)
+"""Shortest and longest stop [s]."""
+
+
+class _Path(NamedTuple):
+    """The way of a drive, before its speeds are known.
+
+    Args:
+        points: (N, 2) [m], about `SPACING` apart.
+        speeds: (N,) at which one drives there [m/s].
+        crossings: indices (C,) of the points before each crossing.
+    """
+
+    points: Array
+    speeds: Array
+    crossings: list[int]
+
+
+def make_city_drive(seed: int, duration_s: float) -> SampledDrive:
+    """Makes a drive through the city of the same seed.
+
+    Args:
+        seed: of the city and of the route.
+        duration_s: how long to drive [s].
+    """
+    plan = lay_plan(seed)
+    fastest = max(street.profile.speed for street in plan.driven_streets())
+    path = _lay_path(plan, plan_route(seed, plan, fastest * duration_s + 50.0))
+    rng = np.random.default_rng([seed, 9])
+    points = _wander(rng, gaussian_filter1d(path.points, PATH_SMOOTHING / SPACING, axis=0, mode="nearest"))
+    reach = round(4.0 * PATH_SMOOTHING / SPACING)  # the ends are smoothed with points that are not there
+    points, speeds = points[reach:-reach], path.speeds[reach:-reach]
+    places = np.r_[0.0, np.cumsum(np.hypot(*np.diff(points, axis=0).T))]
+    along = np.arange(0.0, places[-1], SPACING)
+    speeds = np.interp(along, places, speeds)
+    line = CubicSpline(places, points)
+    speeds = np.minimum(speeds, np.sqrt(SIDEWAYS / np.maximum(np.abs(_curvatures(line, along)), 1e-6)))
+    stops = [k - reach for k in path.crossings if rng.random() < STOP_CHANCE and reach < k - reach < len(places)]
+    stops = np.searchsorted(along, places[stops]) - 1
+    speeds[stops] = 0.0
+    speeds = limit_acceleration(along, speeds, AHEAD, from_standstill=False)
+    waits = np.zeros(len(along))
+    waits[stops] = rng.uniform(*STOP_S, len(stops))
+    return _drive_along(line, *_time_progress(along, speeds, waits), duration_s)
+
+
+def _lay_path(plan: Plan, route: list[Course]) -> _Path:
+    """Lays the way along the lanes of a route, with rounded corners and bends."""
+    corners = np.zeros(len(plan.crossings))
+    for street in plan.driven_streets():
+        for end in street.ends:
+            corners[end] = max(corners[end], street.profile.lanes[-1] + CORNER)
+    points: list[Array] = []
+    speeds: list[Array] = []
+    crossings: list[int] = []
+    number = 0
+    for course in route:
+        profile = course.street.profile
+        steps = np.diff(course.line, axis=0)
+        lane = offset_line(course.line, np.full(len(steps), -profile.lanes[-1]), closed=False)
+        for piece, step in enumerate(steps):
+            length = float(np.hypot(*step))
+            first = corners[course.start] if piece == 0 else BEND
+            last = corners[course.end] if piece == len(steps) - 1 else BEND
+            ends = lane[piece] + np.array([[first], [max(length - last, first + 1.0)]]) / length * step
+            if points:
+                points.append(_round_corner(points[-1][-2:], ends))
+                speeds.append(np.full(len(points[-1]), profile.speed))
+                number += len(points[-1])
+            share = np.linspace(0.0, 1.0, max(2, round(float(np.hypot(*(ends[1] - ends[0]))) / SPACING)))[:, None]
+            points.append(ends[0] + share * (ends[1] - ends[0]))
+            speeds.append(np.full(len(share), profile.speed))
+            number += len(share)
+        crossings.append(number - 1)
+    return _Path(np.concatenate(points), np.concatenate(speeds), crossings)
+
+
+def _round_corner(before: Array, after: Array) -> Array:
+    """Returns points (N, 2) between the end of the piece `before` (2, 2) and the start of the piece `after` (2, 2)."""
+    a, b = before[1], after[0]
+    distance = float(np.hypot(*(b - a)))
+    u, v = before[1] - before[0], after[1] - after[0]
+    p = a + ROUNDING * distance * u / np.hypot(*u)
+    q = b - ROUNDING * distance * v / np.hypot(*v)
+    t = np.linspace(0.0, 1.0, max(3, round(1.1 * distance / SPACING)))[1:-1, None]
+    return np.asarray((1 - t) ** 3 * a + 3 * t * (1 - t) ** 2 * p + 3 * t**2 * (1 - t) * q + t**3 * b)
+
+
+def _wander(rng: np.random.Generator, points: Array) -> Array:
+    """Moves points (N, 2) of a path a little to its sides, since nobody drives in the middle of the lane."""
+    sigma = WANDER_LENGTH / SPACING
+    aside = gaussian_filter1d(rng.standard_normal(len(points)), sigma) * np.sqrt(2.0 * np.sqrt(np.pi) * sigma) * WANDER
+    along = np.gradient(points, axis=0)
+    along /= np.hypot(*along.T)[:, None]
+    return np.asarray(points + aside[:, None] * np.c_[-along[:, 1], along[:, 0]])
+
+
+def _curvatures(line: CubicSpline, along: Array) -> Array:
+    """Returns the curvatures (N,) [1/m] of a line at distances (N,) along it [m]."""
+    (dx, dy), (ex, ey) = line(along, 1).T, line(along, 2).T
+    return np.asarray((dx * ey - dy * ex) / np.hypot(dx, dy) ** 3)
+
+
+def _time_progress(along: Array, speeds: Array, waits: Array) -> tuple[Array, Array]:
+    """Returns times (M,) [s] and the distances (M,) [m] reached by them, with the acceleration constant in between."""
+    steps = 2.0 * np.diff(along) / (speeds[1:] + speeds[:-1])
+    arrived = np.r_[0.0, np.cumsum(steps + waits[:-1])]
+    leaving = arrived + waits
+    return np.c_[arrived, leaving].ravel(), np.repeat(along, 2)
+
+
+def _drive_along(line: CubicSpline, times: Array, reached: Array, duration_s: float) -> SampledDrive:
+    """Drives along a line (parameter: distance [m]) so that distances `reached` [m] are passed at given times [s]."""
+    ticks = np.arange(-200, round(duration_s / 0.02) + 250) * 0.02
+    start = 10.0
+    progress = gaussian_filter1d(np.interp(ticks + start, times, reached), TIME_SMOOTHING / 0.02)
+    kept = (ticks >= -1.0) & (ticks <= duration_s + 1.0)
+    ticks, progress, pace = ticks[kept], progress[kept], np.gradient(progress, 0.02)[kept]
+    points, slopes = line(progress), line(progress, 1)
+    yaw = np.unwrap(np.arctan2(slopes[:, 1], slopes[:, 0]))
+    turning = _curvatures(line, progress) * np.hypot(*slopes.T)
+    return SampledDrive(ticks, np.c_[points, yaw], np.c_[slopes, turning] * pace[:, None])
