@@ -36,7 +36,7 @@ def simulate(
 ) -> None:
     """Simulate a drive through a scene, azimuth by azimuth, with ground truth and with wheel odometry that slips.
 
-    Example: mqslam simulate drive --duration 60 --seed 1
+    Example: mqslam simulate drive --scene city --duration 60 --seed 1
     """
     from rich.console import Console
 

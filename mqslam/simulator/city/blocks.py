@@ -151,9 +151,11 @@ def _build_houses(rng: np.random.Generator, block: Block, house_line: Array, sty
 
 def _overlaps(shape: Array, others: list[Array]) -> bool:
     """Returns whether a house (4, 2) reaches into one of the others."""
+    boxes = np.array(others).reshape(-1, 4, 2)
+    near = (boxes.min(axis=1) < shape.max(axis=0)) & (boxes.max(axis=1) > shape.min(axis=0))
     inner = 0.9 * shape + 0.1 * shape.mean(axis=0)
     points = np.r_[inner, 0.5 * (inner + np.roll(inner, 1, axis=0))]
-    return any(contains(other, points).any() or contains(shape, other).any() for other in others)
+    return any(contains(other, points).any() or contains(shape, other).any() for other in boxes[near.all(axis=1)])
 
 
 def _bound_plot(rng: np.random.Generator, start: Array, end: Array, things: Things) -> None:

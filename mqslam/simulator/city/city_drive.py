@@ -19,12 +19,12 @@ from mqslam.simulator.parts import Array
 
 SPACING = 0.25
 """Distance of the samples of a path [m]."""
-CORNER = 9.0
+CORNER = 8.0
 """Distance before a crossing's outermost lane at which a corner begins [m]."""
 BEND = 8.0
 """Distance before a bend within a street at which it begins [m]."""
-ROUNDING = 0.39
-"""Length of a corner's handles as a share of the distance between its ends: a right angle becomes nearly an arc."""
+ROUNDING = 0.47
+"""Length of a corner's handles as a share of the distance between its ends: a little more than those of an arc."""
 PATH_SMOOTHING, TIME_SMOOTHING = 2.5, 0.5
 """Standard deviations of the smoothing of the path [m] and of the progress along it [s]."""
 WANDER, WANDER_LENGTH = 0.12, 25.0

@@ -17,7 +17,9 @@ from mqslam.simulator.parts import Array
 
 OUTWARD = 300.0
 """Length [m] after which the way to something new turns back."""
-AGAIN = 4.0
+LONGEST = 1300.0
+"""Length [m] of a round from which on it turns back earlier."""
+AGAIN = 2.0
 """Factor by which a street driven before counts as longer, where a round looks for its way."""
 LONGEST_BACK = 1100.0
 """Length [m] of a round and of the way to turn round after it, up to which it is driven backwards."""
@@ -54,7 +56,7 @@ def plan_route(seed: int, plan: Plan, length: float) -> list[Course]:
     """Plans a route of rounds through several blocks each, without turning round in a street.
 
     A round leads out to something new and back by other streets. Each is driven twice: every other one
-    backwards, if it is short.
+    backwards, if it is short. Then the route goes on to where the next begins.
 
     Args:
         seed: of the route.
@@ -70,12 +72,16 @@ def plan_route(seed: int, plan: Plan, length: float) -> list[Course]:
     route = [int(rng.choice(wide))]
     backwards = False
     while sum(courses[k].street.length for k in route) < length:
-        driven = np.isin(np.arange(len(courses)) // 2, np.array(route) // 2)
-        tour = _make_round(net, route[-1], [k for k in sights if not driven[k]] or [int(rng.integers(len(courses)))], driven)
+        driven = net.are_driven(route)
+        new = [k for k in sights if not driven[k]] or np.flatnonzero(~driven).tolist() or list(range(len(courses)))
+        tour = _make_round(net, route[-1], new, driven)
         route += tour
         back = _turn_round(net, route[-1], tour)
         backwards = not backwards and net.lengths[back].sum() < LONGEST_BACK
         route += back if backwards else tour
+        driven = net.are_driven(route)
+        onward = [k for k in new if not driven[k]] or [int(rng.integers(len(courses)))]
+        route += net.find_way(route[-1], onward, np.ones(len(courses)))
     return [courses[k] for k in route]
 
 
@@ -96,9 +102,14 @@ def _make_round(net: _Net, base: int, goals: list[int], driven: NDArray[np.bool_
             if gone < OUTWARD:
                 way.append(course)
                 gone += net.lengths[course]
-        driven = driven | np.isin(np.arange(len(driven)) // 2, np.array(way) // 2)
+        driven = driven | net.are_driven(way)
         goals = [k for k in goals if not driven[k]]
-    return way[1:] + net.find_way(way[-1], [base], np.where(driven, AGAIN, 1.0))
+    factors = np.where(driven, AGAIN, 1.0)
+    tour = way[1:] + net.find_way(way[-1], [base], factors)
+    while len(way) > 2 and net.lengths[tour].sum() > LONGEST:
+        way.pop()
+        tour = way[1:] + net.find_way(way[-1], [base], factors)
+    return tour
 
 
 def _turn_round(net: _Net, here: int, tour: list[int]) -> list[int]:
@@ -124,6 +135,10 @@ class _Net:
         self._before, self._after = np.array(
             [(k, m) for k, course in enumerate(courses) for m in leaving[course.end] if m != k ^ 1]
         ).T
+
+    def are_driven(self, route: list[int]) -> NDArray[np.bool_]:
+        """Returns which courses lie in streets that a route uses in one direction or the other."""
+        return np.isin(np.arange(len(self.lengths)) // 2, np.array(route) // 2)
 
     def find_way(self, here: int, goals: list[int], factors: NDArray[np.float64]) -> list[int]:
         """Returns the courses after `here` of the shortest way to the nearest goal, with lengths times their factors."""
