@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
@@ -84,9 +82,3 @@ def test_a_change_of_a_result_shows_on_the_page(results: Path) -> None:
     path = results / "city.json"
     path.write_text(path.read_text(encoding="utf-8").replace("0.123457", "0.2"), encoding="utf-8")
     assert fill_page(filled, results) != filled
-
-
-def test_an_unknown_benchmark_is_refused_with_those_that_exist() -> None:
-    command = Path(__file__).with_name("run.py")
-    done = subprocess.run([sys.executable, command, "cty"], capture_output=True, text=True)
-    assert done.returncode == 2 and "no benchmark cty" in done.stderr and "city" in done.stderr
