@@ -9,7 +9,6 @@ fills the pages from it.
 from __future__ import annotations
 
 import argparse
-import time
 import traceback
 from pathlib import Path
 
@@ -17,8 +16,8 @@ from bench.benchmark import MissingData, list_benchmarks, load_benchmark
 from bench.losses import find_losses, find_missed
 from bench.measuring.recordings import cache
 from bench.pages import BASELINE, write_pages
-from bench.results import make_result, read_result, write_result
-from bench.tables import make_table
+from bench.results import Took, make_result, read_result, write_result
+from bench.tables import describe_time, make_table
 
 
 def main() -> int:
@@ -65,12 +64,12 @@ def main() -> int:
 def _run(name: str, out: Path, *, write: bool) -> tuple[list[str], list[str]]:
     """Runs a benchmark and returns the bounds it missed, and its losses against the baseline."""
     benchmark, before = load_benchmark(name), BASELINE / f"{name}.json"
-    begin = time.monotonic()
+    begin = Took.now()
     work = out / name
     work.mkdir(parents=True, exist_ok=True)
     rows = benchmark.measure(work)
-    result = make_result(name, benchmark, rows, time.monotonic() - begin)
-    print(benchmark.what, make_table(result, {}), f"({result.took_s:.0f} s)", sep="\n\n", flush=True)
+    result = make_result(name, benchmark, rows, Took.now().since(begin))
+    print(benchmark.what, make_table(result, {}), f"({describe_time(result)})", sep="\n\n", flush=True)
     lost = find_losses(result, read_result(before), benchmark.columns) if before.exists() else []
     missed = find_missed(result, benchmark.columns, benchmark.bounds)
     write_result(out / f"{name}.json", result)

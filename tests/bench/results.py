@@ -7,7 +7,7 @@ import os
 import platform
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from bench.benchmark import Benchmark, Cell, Row
 
@@ -38,7 +38,7 @@ class Result(Table):
         version: of mqslam.
         machine: the processor, the number of its cores, and Python's version.
         command: which makes the result.
-        took_s: how long that took [s].
+        took: how long that took, with the making of recordings that were not there.
     """
 
     what: str
@@ -47,10 +47,32 @@ class Result(Table):
     version: str
     machine: dict[str, Any]
     command: str
-    took_s: float
+    took: dict[str, float]
 
 
-def make_result(name: str, benchmark: Benchmark, rows: list[Row], took_s: float) -> Result:
+class Took(NamedTuple):
+    """The time that something took.
+
+    Args:
+        wall_s: on the clock [s].
+        processor_s: of all cores, with that of the processes that it started and that have ended [s].
+    """
+
+    wall_s: float
+    processor_s: float
+
+    @classmethod
+    def now(cls) -> Took:
+        """Returns the time so far, of which only differences mean anything."""
+        times = os.times()
+        return cls(times.elapsed, times.user + times.system + times.children_user + times.children_system)
+
+    def since(self, begin: Took) -> Took:
+        """Returns the time from another one on."""
+        return Took(self.wall_s - begin.wall_s, self.processor_s - begin.processor_s)
+
+
+def make_result(name: str, benchmark: Benchmark, rows: list[Row], took: Took) -> Result:
     """Returns the result of a benchmark that has just been run on this machine."""
     from mqslam.version import __version__
 
@@ -62,7 +84,7 @@ def make_result(name: str, benchmark: Benchmark, rows: list[Row], took_s: float)
         version=__version__,
         machine={"processor": _name_processor(), "cores": os.cpu_count(), "python": platform.python_version()},
         command=f".venv/bin/python tests/bench/run.py {name}",
-        took_s=round(took_s),
+        took={"wall_s": round(took.wall_s), "processor_s": round(took.processor_s)},
         columns=[{"key": column.key, "head": column.head, "form": column.form} for column in benchmark.columns],
         rows=[{"judged": row.judged, **{key: _shorten(cell) for key, cell in row.cells.items()}} for row in rows],
     )

@@ -35,8 +35,16 @@ def describe_making(result: Result) -> str:
     """Returns a line in Markdown that says how a table was made, and how long that took."""
     machine = f"{result.machine['cores']} cores of {result.machine['processor']}"
     seeds = f", seeds {', '.join(map(str, result.seeds))}" if result.seeds else ""
-    took = f"{result.took_s:.0f} s" if result.took_s < 100 else f"{result.took_s / 60:.0f} min"
-    return f"`{result.command}` ({result.data} data{seeds}; mqslam {result.version}; {took} on {machine})"
+    return f"`{result.command}` ({result.data} data{seeds}; mqslam {result.version}; {describe_time(result)}, {machine})"
+
+
+def describe_time(result: Result) -> str:
+    """Returns how long a benchmark took, on the clock and on all cores together."""
+    return f"{_format_seconds(result.took['wall_s'])}, {_format_seconds(result.took['processor_s'])} of processor time"
+
+
+def _format_seconds(seconds: float) -> str:
+    return f"{seconds:.0f} s" if seconds < 100 else f"{seconds / 60:.0f} min"
 
 
 def _format(cell: str | float | None, form: str) -> str:

@@ -34,7 +34,7 @@ def result(*rows: Row) -> Result:
         version="0",
         machine={},
         command="",
-        took_s=1.0,
+        took={},
         columns=[],
         rows=listed,
     )

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from bench.benchmark import Benchmark, Column, Row, label, list_benchmarks, load_benchmark
 from bench.pages import BASELINE, LITERATURE, PAGES, fill_page, list_blocks
-from bench.results import make_result, read_result, write_result
+from bench.results import Took, make_result, read_result, write_result
 
 PAGE = "Before.\n\n<!-- bench: city -->\nold\n<!-- /bench -->\n\nAfter.\n"
 
@@ -25,7 +25,7 @@ def results(tmp_path: Path) -> Path:
             Row({"world": "hard", "run": "seed 1", "drift": None}, judged=False),
         ],
     )
-    write_result(tmp_path / "city.json", make_result("city", benchmark, benchmark.measure(tmp_path), 150.4))
+    write_result(tmp_path / "city.json", make_result("city", benchmark, benchmark.measure(tmp_path), Took(160.4, 70.0)))
     return tmp_path
 
 
@@ -71,6 +71,7 @@ def test_a_block_can_ask_for_some_rows(results: Path) -> None:
 def test_a_block_can_ask_how_the_table_was_made(results: Path) -> None:
     filled = fill_page(PAGE.replace("city -->", "city made -->"), results)
     assert "`.venv/bin/python tests/bench/run.py city` (simulated data, seeds 1, 2; mqslam " in filled
+    assert "; 3 min, 70 s of processor time, " in filled
 
 
 def test_a_table_that_has_not_been_measured_says_so(tmp_path: Path) -> None:
