@@ -14,6 +14,7 @@ SMALL = ["--duration", "1.5", "--azimuths", "90", "--range-resolution", "0.5", "
 def test_every_option_reaches_the_simulation(tmp_path: Path) -> None:
     options = {
         "--scene": "yard",
+        "--realism": "hard",
         "--duration": 2.0,
         "--turn-rate": 2.0,
         "--azimuths": 90,
@@ -30,6 +31,7 @@ def test_every_option_reaches_the_simulation(tmp_path: Path) -> None:
     sensor = written["sensor"]
     recorded = {
         "--scene": written["scene"],
+        "--realism": written["realism"],
         "--duration": written["duration_s"],
         "--turn-rate": sensor["turn_rate_hz"],
         "--azimuths": sensor["azimuths"],
@@ -60,7 +62,16 @@ def test_progress_and_the_place_are_told_unless_quiet(tmp_path: Path) -> None:
     assert (quiet.out, quiet.err) == ("", "")
 
 
-@pytest.mark.parametrize("words", [["--scene", "moon"], ["--seed", "-1"], ["--scene", "corridor", "--movers", "2"]])
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["--scene", "moon"],
+        ["--realism", "soft"],
+        ["--scene", "queue"],
+        ["--seed", "-1"],
+        ["--scene", "corridor", "--movers", "2"],
+    ],
+)
 def test_an_impossible_wish_is_one_line_and_nothing_is_made(tmp_path: Path, words: list[str]) -> None:
     shown = mqslam("simulate", tmp_path / "drive", *SMALL, *words)
     assert shown.code == 2 and shown.out == ""

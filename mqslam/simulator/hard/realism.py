@@ -59,24 +59,24 @@ class Realism:
 
         bounce_db: a double bounce between two scatterers, below the geometric mean of their powers.
         echo_back_db: a bounce from a target to the own vehicle and back again, below the target.
-        strays: short-lived echoes per turn: birds, rain, other radars.
+        strays: short-lived echoes per turn: birds, rain, other radars, paths by way of what moves.
         stray_db: their level at any range.
 
         spin: relative standard deviation of the rate of turning, which drifts over some seconds.
     """
 
-    wall_db: float = 51.0
+    wall_db: float = 49.0
     pole_db: float = 45.0
     plant_db: float = 39.0
-    vehicle_db: float = 46.0
+    vehicle_db: float = 44.0
     ground_db: float = 4.0
-    spread_db: float = 9.0
+    spread_db: float = 7.5
     range_law: float = 3.0
-    spacing_m: float = 0.3
+    spacing_m: float = 0.15
     wall_depth_m: float = 0.12
     plant_density: float = 4.0
 
-    wander_m: float = 0.2
+    wander_m: float = 0.15
     aspect_deg: float = 3.0
     block_m: float = 0.75
     fading: float = 0.95
@@ -98,7 +98,7 @@ class Realism:
     oncoming_mps: float = 9.0
 
     range_width_m: float = 0.38
-    foot: float = 0.12
+    foot: float = 0.14
     foot_widths: float = 2.6
     noise: float = 2.1
     noise_varies: float = 0.25
@@ -112,7 +112,7 @@ class Realism:
 
     bounce_db: float = 20.0
     echo_back_db: float = 28.0
-    strays: float = 225.0
+    strays: float = 450.0
     stray_db: float = 22.0
 
     spin: float = 0.007
