@@ -175,17 +175,21 @@ def _fill_court(rng: np.random.Generator, block: Block, house_line: Array, house
     for place in draw_inside(rng, inside, 10):
         size = rng.uniform(3.0, 9.0, 2)
         shed = make_box(place, rng.uniform(-np.pi, np.pi), size[0], size[1], rng.lognormal(-0.2, 0.6), WALL_OPACITY)
-        if not _overlaps(shed[:, :2], taken) and np.all(contains(house_line, shed[:, :2])):
-            taken.append(shed[:, :2])
-            things.walls.append(shed)
+        _add_where_free(shed, house_line, taken, things)
     for place in draw_inside(rng, inside, 3 * vehicles)[:vehicles]:
         vehicle = make_vehicle(rng, place, rng.uniform(-np.pi, np.pi))
-        if not _overlaps(vehicle[:, :2], taken) and np.all(contains(house_line, vehicle[:, :2])):
-            taken.append(vehicle[:, :2])
-            things.walls.append(vehicle)
+        _add_where_free(vehicle, house_line, taken, things)
     trees = draw_inside(rng, inside, 16)
     free = ~np.any([contains(other, trees) for other in taken], axis=0) if taken else np.ones(len(trees), dtype=np.bool_)
     add_trees(rng, trees[free], 0.6, things)
+
+
+def _add_where_free(box: Array, house_line: Array, taken: list[Array], things: Things) -> None:
+    """Adds a box of four walls (4, 6) if it is within the house line and reaches into nothing that is there."""
+    corners = box[:, :2]
+    if not _overlaps(corners, taken) and np.all(contains(house_line, corners)):
+        taken.append(corners)
+        things.walls.append(box)
 
 
 def _plant_park(rng: np.random.Generator, block: Block, house_line: Array, things: Things) -> None:
@@ -193,17 +197,15 @@ def _plant_park(rng: np.random.Generator, block: Block, house_line: Array, thing
     for side, street in enumerate(block.fronts):
         if street.kind != "footway":
             start, end = house_line[side], house_line[(side + 1) % len(house_line)]
-            (_add_hedge if rng.random() < 0.6 else _fence_park)(rng, start, end, things)
+            if rng.random() < 0.6:
+                _add_hedge(rng, start, end, things)
+            else:
+                add_low_wall(rng, start, end, (0.05, 0.3), things)
     inside = offset_line(house_line, np.full(len(house_line), 2.5), closed=True)
     add_trees(rng, draw_inside(rng, inside, int(rng.integers(40, 80))), 0.5, things)
     _add_plants(rng, draw_inside(rng, inside, 18), (0.6, 2.2), (0.2, 0.6), things)
     benches = draw_inside(rng, inside, 14)
     things.poles.append(make_poles(benches, np.full(len(benches), 0.05), rng.uniform(0.1, 1.0, len(benches))))
-
-
-def _fence_park(rng: np.random.Generator, start: Array, end: Array, things: Things) -> None:
-    """Adds the park's fence."""
-    add_low_wall(rng, start, end, (0.05, 0.3), things)
 
 
 def _build_banks(rng: np.random.Generator, block: Block, house_line: Array, things: Things) -> None:

@@ -36,6 +36,9 @@ STOP_CHANCE = 0.25
 STOP_S = (2.0, 6.0)
 """Shortest and longest stop [s]."""
 
+UNDER_WAY_S = 10.0
+"""Time on the route before the drive's time zero [s]."""
+
 
 class _Path(NamedTuple):
     """The way of a drive, before its speeds are known.
@@ -60,7 +63,7 @@ def make_city_drive(seed: int, duration_s: float) -> SampledDrive:
     """
     plan = lay_plan(seed)
     fastest = max(street.profile.speed for street in plan.driven_streets())
-    path = _lay_path(plan, plan_route(seed, plan, fastest * duration_s + 50.0))
+    path = _lay_path(plan, plan_route(seed, plan, fastest * (duration_s + 2.0 * UNDER_WAY_S)))
     rng = np.random.default_rng([seed, 9])
     points = _wander(rng, gaussian_filter1d(path.points, PATH_SMOOTHING / SPACING, axis=0, mode="nearest"))
     reach = round(4.0 * PATH_SMOOTHING / SPACING)  # the ends are smoothed with points that are not there
@@ -146,9 +149,8 @@ def _time_progress(along: Array, speeds: Array, waits: Array) -> tuple[Array, Ar
 
 def _drive_along(line: CubicSpline, times: Array, reached: Array, duration_s: float) -> SampledDrive:
     """Drives along a line (parameter: distance [m]) so that distances `reached` [m] are passed at given times [s]."""
-    ticks = np.arange(-200, round(duration_s / 0.02) + 250) * 0.02
-    start = 10.0
-    progress = gaussian_filter1d(np.interp(ticks + start, times, reached), TIME_SMOOTHING / 0.02)
+    ticks = np.asarray(np.arange(-200, round(duration_s / 0.02) + 250) * 0.02, dtype=np.float64)
+    progress = gaussian_filter1d(np.interp(ticks + UNDER_WAY_S, times, reached), TIME_SMOOTHING / 0.02)
     kept = (ticks >= -1.0) & (ticks <= duration_s + 1.0)
     ticks, progress, pace = ticks[kept], progress[kept], np.gradient(progress, 0.02)[kept]
     points, slopes = line(progress), line(progress, 1)

@@ -53,12 +53,11 @@ def _furnish_side(rng: np.random.Generator, street: Street, span: tuple[float, f
         trees, _ = street.places(_draw_places(rng, *span, (6.0, 25.0)), side * (half + 3.7))
         add_trees(rng, trees, 0.25, things)
     if parks:
-        fill = rng.uniform(0.15, 0.9)
-        for along in _draw_places(rng, span[0] + 2.0, span[1] - 2.0, (5.8, 8.5)):
-            if rng.random() < fill:
-                left = side * (half + 1.25 + rng.uniform(-0.15, 0.15))
-                (place,), (heading,) = street.places(np.array([along]), left)
-                things.walls.append(make_vehicle(rng, place, heading + rng.normal(0.0, 0.03)))
+        along = _draw_places(rng, span[0] + 2.0, span[1] - 2.0, (5.8, 8.5))
+        along = along[rng.random(len(along)) < rng.uniform(0.15, 0.9)]
+        places, headings = street.places(along, side * (half + 1.25))
+        for place, heading in zip(places, headings, strict=True):
+            things.walls.append(make_vehicle(rng, place + rng.uniform(-0.1, 0.1, 2), heading + rng.normal(0.0, 0.03)))
 
 
 def _add_lamps(rng: np.random.Generator, street: Street, along: Array, left: float, things: Things) -> None:

@@ -23,8 +23,9 @@ def offset_line(line: Array, distances: Array, *, closed: bool) -> Array:
     along = after - line[: len(after)]
     along /= np.hypot(*along.T)[:, None]
     normal = np.c_[-along[:, 1], along[:, 0]]
-    first = np.r_[len(along) - 1 if closed else 0, np.arange(len(line) - 1)]
-    second = np.r_[np.arange(len(along)), [] if closed else len(along) - 1].astype(np.intp)
+    first, second = np.arange(len(line)) - 1, np.arange(len(line))  # the pieces before and after each point
+    if not closed:
+        first[0], second[-1] = 0, len(along) - 1
     n, m, a, b = normal[first], normal[second], distances[first], distances[second]
     cross = n[:, 0] * m[:, 1] - n[:, 1] * m[:, 0]
     straight = np.abs(cross) < 1e-3

@@ -165,7 +165,7 @@ def _place_crossings(rng: np.random.Generator, carriageway: int) -> Array:
     moves[carriageway, :, 1] = 0.0
     lengths, phases = rng.uniform(560.0, 960.0, (2, 2)), rng.uniform(0.0, 2.0 * np.pi, (2, 2))
     waves = [12.0 * np.sin(2.0 * np.pi * grid / lengths[k] + phases[k]).sum(axis=-1) for k in (0, 1)]
-    return (grid + moves + np.stack(waves, axis=-1)).reshape(-1, 2)
+    return np.asarray(grid + moves + np.stack(waves, axis=-1)).reshape(-1, 2)
 
 
 def _lay_streets(rng: np.random.Generator, crossings: Array, sights: _Sights) -> dict[tuple[int, int], Street]:
