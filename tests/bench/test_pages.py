@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import pytest
@@ -33,6 +34,12 @@ def results(tmp_path: Path) -> Path:
 def test_a_page_shows_what_the_committed_results_hold(page: Path) -> None:
     text = page.read_text(encoding="utf-8")
     assert text == fill_page(text), f"run `.venv/bin/python {Path('tests/bench/run.py')} --fill`"
+
+
+def test_no_table_is_typed() -> None:
+    text = PAGES[1].read_text(encoding="utf-8")
+    outside = re.sub(r"<!-- bench: .*?<!-- /bench -->", "", text, flags=re.DOTALL)
+    assert [line for line in outside.splitlines() if line.startswith("|")] == []
 
 
 def test_every_benchmark_has_its_table_and_its_making_on_the_page() -> None:
