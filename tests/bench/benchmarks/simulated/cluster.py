@@ -15,7 +15,7 @@ _WORKERS = (1, 2)
 
 
 def _measure(out: Path) -> list[Row]:
-    data = simulate_short_city("hard", _SEED)
+    data = simulate_short_city("kind", _SEED)
     runs = out / "runs.yaml"
     lines = [f"  - {{data: {data}, name: run{k}, odometry: none}}" for k in range(_RUNS)]
     runs.write_text("\n".join(["runs:", *lines, ""]), encoding="utf-8")
