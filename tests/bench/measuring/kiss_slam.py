@@ -3,7 +3,7 @@
 `MQSLAM_BENCH_KISS_SLAM` names that interpreter; otherwise the one that runs the benchmarks is asked. KISS-SLAM wants points
 in space. With all returns in one plane its loop closer ends with an exception (a singular system in Open3D's
 point-to-plane ICP), so each return lies at a random height. Its pose is the sensor's where the turn ends, since it deskews a
-scan to there.
+scan to there. It takes a recording to begin at rest, so it is told the first motion that the KISS-ICP front end found.
 """
 
 from __future__ import annotations
@@ -43,19 +43,22 @@ def find_interpreter() -> str | None:
 
 
 @cache
-def run_kiss_slam(python: str, data: Path, out: Path) -> KissSlam:
+def run_kiss_slam(python: str, data: Path, first: Path, out: Path) -> KissSlam:
     """Runs KISS-SLAM over the returns that mqslam detects, by its defaults but for voxels and range.
 
     Args:
         python: an interpreter that has it.
         data: the recording.
+        first: table of measurements, of which it is told the first.
         out: folder for what it reads and leaves.
     """
     out.mkdir(parents=True, exist_ok=True)
     returns, poses = out / "returns.npz", out / "poses.npz"
     stamps_us = _write_returns(data, returns)
+    table = np.genfromtxt(first, delimiter=",", names=True, usecols=range(5), max_rows=1)
+    motion = np.array([table[name] for name in ("dx", "dy", "dyaw")])
     with (out / "log.txt").open("w", encoding="utf-8") as log:
-        words = [python, "-P", _WORKER, returns, f"{_HIGHEST_M}", poses]
+        words = [python, "-P", _WORKER, returns, _HIGHEST_M, poses, *motion.tolist()]
         subprocess.run([str(word) for word in words], stdout=log, stderr=log, check=True)
     made = KissSlam(out / "odometry.tum", out / "trajectory.tum", int(np.load(poses)["loops"]))
     with np.load(poses) as file:

@@ -1,8 +1,9 @@
 """KISS-SLAM over returns that mqslam has detected; runs in an interpreter that has kiss-slam, and need not have mqslam.
 
-usage: python -P kiss_slam_worker.py RETURNS.npz HIGHEST_M OUT.npz
+usage: python -P kiss_slam_worker.py RETURNS.npz HIGHEST_M OUT.npz DX DY DYAW
 
-Without -P the kiss_slam.py beside it hides the package of that name. Each return lies at a height drawn from 0 to HIGHEST_M.
+Without -P the kiss_slam.py beside it hides the package of that name. Each return lies at a height drawn from 0 to
+HIGHEST_M. The motion of the first scan is DX, DY [m], DYAW [rad].
 """
 
 from __future__ import annotations
@@ -26,6 +27,7 @@ def main() -> None:
     config.odometry.mapping.voxel_size = _VOXEL_M
     config.odometry.preprocessing.max_range = _MAX_RANGE_M
     slam = KissSLAM(config)
+    slam.odometry.last_delta = _make_pose(*map(float, sys.argv[4:7]))
     loops = _count_loops(slam)
     rng = np.random.default_rng(0)
     for points, fractions in scans:
@@ -38,6 +40,14 @@ def main() -> None:
     tracks = [local.local_trajectory for local in slam.local_map_graph.local_maps()]
     optimised = slam.fine_grained_optimization()[0]
     np.savez(out, trajectory=np.array(optimised), odometry=_chain(tracks), loops=len(loops))
+
+
+def _make_pose(x: float, y: float, yaw: float) -> np.ndarray:
+    """Returns a planar pose as a matrix (4, 4)."""
+    pose = np.eye(4)
+    pose[:2, :2] = [[np.cos(yaw), -np.sin(yaw)], [np.sin(yaw), np.cos(yaw)]]
+    pose[:2, 3] = x, y
+    return pose
 
 
 def _count_loops(slam: KissSLAM) -> list[tuple[int, int]]:
@@ -57,7 +67,7 @@ def _count_loops(slam: KissSLAM) -> list[tuple[int, int]]:
 
 def _chain(tracks: list[list[np.ndarray]]) -> np.ndarray:
     """Returns the poses (N, 4, 4) of local trajectories, each of which begins where the one before it ends."""
-    poses, origin = [np.eye(4)], np.eye(4)
+    poses, origin = [tracks[0][0]], np.eye(4)
     for track in tracks:
         poses += [origin @ pose for pose in track[1:]]
         origin = origin @ track[-1]

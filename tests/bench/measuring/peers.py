@@ -69,7 +69,7 @@ def measure_peers(run: Run, out: Path, *, back_end: bool = True) -> list[Row]:
         rows.append(cells)
     python = find_interpreter()
     if python is not None and back_end:
-        slam = run_kiss_slam(python, run.data, out / f"{run.data.name}-kiss-slam")
+        slam = run_kiss_slam(python, run.data, folder / "kiss_icp" / "measurements.csv", out / f"{run.data.name}-kiss-slam")
         cells = {"world": run.world, "run": run.name, "front_end": KISS_SLAM, "loops": slam.loops}
         rows.append(cells | _score(slam.odometry, slam.trajectory, run.data / TRUTH))
     _relate(rows)
