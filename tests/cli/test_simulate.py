@@ -14,7 +14,6 @@ SMALL = ["--duration", "1.5", "--azimuths", "90", "--range-resolution", "0.5", "
 def test_every_option_reaches_the_simulation(tmp_path: Path) -> None:
     options = {
         "--scene": "yard",
-        "--realism": "hard",
         "--duration": 2.0,
         "--turn-rate": 2.0,
         "--azimuths": 90,
@@ -31,7 +30,6 @@ def test_every_option_reaches_the_simulation(tmp_path: Path) -> None:
     sensor = written["sensor"]
     recorded = {
         "--scene": written["scene"],
-        "--realism": written["realism"],
         "--duration": written["duration_s"],
         "--turn-rate": sensor["turn_rate_hz"],
         "--azimuths": sensor["azimuths"],
@@ -46,6 +44,12 @@ def test_every_option_reaches_the_simulation(tmp_path: Path) -> None:
     described = json.loads(mqslam("info", tmp_path / "drive", "--json").out)
     assert (described["revolutions"], described["azimuths"], described["bins"]) == (4, 90, 120)
     assert described["turn_rate_hz"] == pytest.approx(2.0) and described["range_resolution_m"] == 0.5
+
+
+def test_the_realism_reaches_the_simulation(tmp_path: Path) -> None:
+    assert mqslam("simulate", tmp_path / "drive", *SMALL, "--realism", "hard").code == 0
+    written = json.loads((tmp_path / "drive" / "simulation.json").read_text())
+    assert written["realism"] == "hard" and written["effects"]
 
 
 def test_the_same_seed_gives_the_same_bytes(tmp_path: Path) -> None:

@@ -27,7 +27,7 @@ class Obstacles(NamedTuple):
     Args:
         sides: (S, 4) x0, y0, x1, y1 [m] of flat sides, at the start of the turn.
         velocities: (S, 2) [m/s].
-        depths: (S,) optical depth: the negative logarithm of the share that passes.
+        depths: (S,) optical depths.
         tall: (S,) whether it is taller than the radar.
         crowns: (C, 4) x [m], y [m], radius [m], optical depth per metre of plants.
         tall_crowns: (C,) whether they are taller than the radar.
@@ -78,6 +78,11 @@ class Passed(NamedTuple):
         ray = np.rint(azimuths * RAYS_PER_AZIMUTH).astype(np.intp) % rays
         step = np.clip(((ranges - _OWN_M) / STEP_M).astype(np.intp), 0, steps - 1)
         return np.asarray(np.exp(-np.where(high, self.high[ray, step], self.low[ray, step])), dtype=np.float64)
+
+
+def to_depths(opacities: Array) -> Array:
+    """Returns the optical depths of things that take shares of the beam: the negative logarithms of what they let pass."""
+    return np.asarray(-np.log1p(-np.minimum(opacities, 0.999)))
 
 
 def make_rays(poses: Array, angles: Array, times: Array) -> Rays:

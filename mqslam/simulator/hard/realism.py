@@ -38,6 +38,7 @@ class Realism:
         tilt_deg: standard deviation of pitch and roll at speed, from the road's unevenness and the springs.
         dive_deg: pitch per m/s^2 of braking.
 
+        wall_depth: optical depth of a wall over that of the scene, whose beam passes partly above the walls.
         vehicle_opacity: share of the beam that one side of a vehicle takes from what is no higher than the vehicle.
 
         pacing: vehicles that keep pace with the own one at a time.
@@ -91,6 +92,7 @@ class Realism:
     tilt_deg: float = 0.5
     dive_deg: float = 0.3
 
+    wall_depth: float = 1.5
     vehicle_opacity: float = 0.8
 
     pacing: float = 5.0
@@ -112,7 +114,7 @@ class Realism:
 
     bounce_db: float = 20.0
     echo_back_db: float = 28.0
-    strays: float = 450.0
+    strays: float = 420.0
     stray_db: float = 22.0
 
     spin: float = 0.007

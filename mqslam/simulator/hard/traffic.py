@@ -16,11 +16,14 @@ from mqslam.simulator.parts import Array
 from mqslam.simulator.scene import LANE, Scene
 
 CAR_HEIGHT, TRUCK_HEIGHT = 1.5, 3.2
-_ROAD_M = 60.0  # a drive that stays within so many metres is on a yard, where no traffic flows
+_YARD = 0.15  # a drive that turns more than this in the mean [rad/m] is on a yard, where no traffic flows
 _BEYOND_M = 250.0  # the road goes straight on for so long before and behind the drive [m]
 _IN_SIGHT_M = 130.0  # farther vehicles are not rendered
 _QUEUE_FROM_S, _QUEUE_FOR_S = 10.0, 60.0  # when the queue keeps exact pace
+_QUEUE_LENGTH, _QUEUE_GAP_M = 5, 3.0  # vehicles before and behind in each lane, and the gaps between them [m]
 _QUEUE_LEAVES_MPS = 2.0  # how quickly it forms and dissolves
+_OWN_M = 2.5  # from the radar to the ends of the own vehicle
+_TRUCKS = 1.0 / 6.0  # share of vehicles
 _ASIDE_M = 0.2  # vehicles keep so far from what stands [m]
 _PACER_S = 30.0  # median time for which a vehicle paces
 
@@ -202,7 +205,7 @@ def make_traffic(scene: Scene, solid: Array, drive: Drive, duration_s: float, re
     ends = 0.0 if road is None or scene.queue else road.reached[-1] + realism.oncoming_mps * duration_s + _IN_SIGHT_M
     gaps = rng.exponential(realism.oncoming_m, int(ends / realism.oncoming_m)) + 6.0
     lanes = 2.0 * LANE * np.where(rng.random(len(gaps)) < 0.8, 1.0, 2.0) + 0.2 * rng.standard_normal(len(gaps))
-    oncoming = np.column_stack([np.cumsum(gaps), lanes, _draw_sizes(rng, len(gaps))])
+    oncoming = np.column_stack([np.cumsum(gaps), lanes, _draw_sizes(rng, len(gaps), _TRUCKS)])
     queue = _line_up(rng) if scene.queue else np.empty((0, 5))
     return Traffic(scene, realism, road, pacers, oncoming, queue, cKDTree(solid))
 
@@ -211,9 +214,9 @@ def _find_road(drive: Drive, duration_s: float) -> _Road | None:
     """Returns the road that a drive follows, or None if it is on a yard."""
     times = np.arange(0.0, duration_s + 0.2, 0.1)
     poses = drive.poses(times)
-    if np.ptp(poses[:, :2], axis=0).max() < _ROAD_M:
-        return None
     reached = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(poses[:, :2], axis=0).T))])
+    if np.abs(np.diff(poses[:, 2])).sum() > _YARD * reached[-1]:
+        return None
     speeds = np.gradient(reached, times)
     flow = np.concatenate([[0.0], np.cumsum(np.minimum(1.0, speeds / 4.0))[:-1]]) * 0.1
     moving = np.concatenate([[True], np.diff(reached) > 0.02])
@@ -237,29 +240,30 @@ def _draw_pacers(rng: np.random.Generator, number: int, flows: float) -> _Pacers
         phases=rng.uniform(-np.pi, np.pi, number),
         leads=np.clip(0.12 * gaps + rng.normal(0.0, 0.4, number), -3.0, 3.0),
         left=np.where(in_lane, 0.0, 2.0 * LANE) + rng.normal(0.0, 0.2, number),
-        sizes=_draw_sizes(rng, number),
+        sizes=_draw_sizes(rng, number, _TRUCKS),
     )
 
 
-def _draw_sizes(rng: np.random.Generator, number: int) -> Array:
-    """Draws lengths, widths and heights (V, 3) [m] of vehicles, one in six of them a truck."""
-    truck = (rng.random(number) < 1.0 / 6.0)[:, None]
-    trucks = np.column_stack([rng.uniform(6.0, 11.0, number), np.full(number, 2.5), np.full(number, TRUCK_HEIGHT)])
-    cars = np.column_stack([rng.normal(4.5, 0.3, number), np.full(number, 1.8), np.full(number, CAR_HEIGHT)])
-    return np.where(truck, trucks, cars)
+def _draw_sizes(rng: np.random.Generator, number: int, trucks: float) -> Array:
+    """Draws lengths, widths and heights (V, 3) [m] of vehicles, a share of which are trucks."""
+    large = (rng.random(number) < trucks)[:, None]
+    truck = np.column_stack([rng.uniform(6.0, 11.0, number), np.full(number, 2.5), np.full(number, TRUCK_HEIGHT)])
+    car = np.column_stack([rng.normal(4.5, 0.3, number), np.full(number, 1.8), np.full(number, CAR_HEIGHT)])
+    return np.where(large, truck, car)
 
 
 def _line_up(rng: np.random.Generator) -> Array:
-    """Lines up a queue (V, 5) in the own lane and the one to its left, before and behind the own vehicle."""
-    own = np.array([[gap, 0.0] for gap in (-30.0, -22.0, -14.0, -7.5, 8.0, 15.5, 23.0, 31.0, 39.0)])
-    beside = np.array([[gap, 2.0 * LANE] for gap in (-19.0, -11.0, -3.5, 4.0, 12.0, 20.0, 28.0)])
-    places = np.concatenate([own, beside])
-    return np.column_stack([places + 0.3 * rng.standard_normal(places.shape), _draw_cars(rng, len(places))])
-
-
-def _draw_cars(rng: np.random.Generator, number: int) -> Array:
-    """Draws lengths, widths and heights (V, 3) [m] of cars."""
-    return np.column_stack([rng.normal(4.5, 0.3, number), np.full(number, 1.8), np.full(number, CAR_HEIGHT)])
+    """Lines up a queue (V, 5) before and behind the own vehicle, in its lane and the two to the left; half are trucks."""
+    rows = []
+    for lane in range(3):
+        for sense in (-1.0, 1.0):
+            sizes = _draw_sizes(rng, _QUEUE_LENGTH, 0.5)
+            lengths = sizes[:, 0]
+            free = _OWN_M if lane == 0 else rng.uniform(0.0, _QUEUE_GAP_M)
+            away = free + np.cumsum(lengths + _QUEUE_GAP_M) - 0.5 * lengths
+            left = np.full(_QUEUE_LENGTH, lane * 2.0 * LANE)
+            rows.append(np.column_stack([sense * away, left, sizes]))
+    return np.concatenate(rows)
 
 
 def _between(

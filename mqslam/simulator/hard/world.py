@@ -13,7 +13,7 @@ from mqslam.simulator.hard.clock import Clock, make_clock
 from mqslam.simulator.hard.echoes import Beams, Echoes, add_echoes
 from mqslam.simulator.hard.elevation import Suspension, attenuate, make_suspension
 from mqslam.simulator.hard.ground import lay_ground
-from mqslam.simulator.hard.hiding import NEAREST_M, Obstacles, Passed, cast_shadows, make_rays
+from mqslam.simulator.hard.hiding import NEAREST_M, Obstacles, Passed, cast_shadows, make_rays, to_depths
 from mqslam.simulator.hard.realism import Realism
 from mqslam.simulator.hard.receiver import receive
 from mqslam.simulator.hard.scatterers import (
@@ -21,9 +21,10 @@ from mqslam.simulator.hard.scatterers import (
     Scatterers,
     is_vehicle,
     join,
+    look_about,
     plant_heights,
     sample_scene,
-    vehicle_heights,
+    wall_heights,
 )
 from mqslam.simulator.hard.strays import bounce, draw_strays
 from mqslam.simulator.hard.traffic import Traffic, Vehicles, make_traffic
@@ -47,7 +48,7 @@ class HardWorld:
         sensor: turn rate, azimuths, range bins, beam width and Doppler shift count; the rest is `realism`'s.
         realism: the magnitudes of all effects.
         seed: of everything.
-        scatterers: of the scene.
+        scatterers: of the scene, in the order of their x.
         traffic: what moves.
         suspension: how the own vehicle tilts.
         clock: when azimuths are measured and stamped.
@@ -108,15 +109,15 @@ class HardWorld:
         """Returns what hides during a turn: the scene and the vehicles about."""
         scene, height = self.scene, self.realism.radar_height_m
         parked = is_vehicle(scene)
-        opacity = np.where(parked, self.realism.vehicle_opacity, scene.walls[:, 5])
         sides = box_sides(vehicles)
-        moving = np.full(len(sides), self.realism.vehicle_opacity)
+        vehicle = to_depths(np.array(self.realism.vehicle_opacity))
+        standing = np.where(parked, vehicle, self.realism.wall_depth * to_depths(scene.walls[:, 5]))
         return Obstacles(
             sides=np.concatenate([scene.walls[:, :4], sides]),
             velocities=np.concatenate([np.zeros((len(scene.walls), 2)), np.repeat(vehicles.velocities, 4, axis=0)]),
-            depths=-np.log1p(-np.minimum(np.concatenate([opacity, moving]), 0.999)),
-            tall=np.concatenate([~parked | (vehicle_heights(scene) > height), np.repeat(vehicles.sizes[:, 2] > height, 4)]),
-            crowns=np.column_stack([scene.plants[:, :3], -np.log1p(-np.minimum(scene.plants[:, 3], 0.999))]),
+            depths=np.concatenate([standing, np.full(len(sides), vehicle)]),
+            tall=np.concatenate([wall_heights(scene) > height, np.repeat(vehicles.sizes[:, 2] > height, 4)]),
+            crowns=np.column_stack([scene.plants[:, :3], to_depths(scene.plants[:, 3])]),
             tall_crowns=plant_heights(scene) > height,
         )
 
@@ -134,8 +135,7 @@ class HardWorld:
         """
         realism = self.realism
         middle = poses[len(poses) // 2, :2]
-        away = self.scatterers.places - middle
-        known = self.scatterers.choose(np.einsum("ij,ij->i", away, away) < self._reach() ** 2)
+        known = look_about(self.scatterers, middle, self._reach())
         ground = lay_ground((float(middle[0]), float(middle[1])), realism, self.seed)
         seen = join(known, ground, outline(vehicles, realism, self.seed))
         azimuths = _face(seen, times - times[0], poses)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mqslam.simulator.hard.hiding import STEP_M, Obstacles, Passed, cast_shadows, make_rays
+from mqslam.simulator.hard.hiding import NEAREST_M, STEP_M, Obstacles, Passed, cast_shadows, make_rays
 from mqslam.simulator.parts import Array
 
 AZIMUTHS, TURN_S, REACH = 400, 0.25, 60.0
@@ -90,3 +90,20 @@ def test_shadows_are_those_of_every_ray_held_against_every_side(poses: Array) ->
             low[np.flatnonzero(met)[inside], step[inside]] += 0.5 * np.log(10.0)
     passed = cast(obstacles(sides, velocities), poses)
     np.testing.assert_allclose(passed.low, np.cumsum(low, axis=1), atol=1e-4)
+
+
+@pytest.mark.parametrize("poses", [STILL, DRIVING], ids=["still", "driving"])
+def test_plants_take_what_the_length_of_every_ray_within_them_says(poses: Array) -> None:
+    rng = np.random.default_rng(3)
+    crowns = np.column_stack([rng.uniform(-45.0, 45.0, (40, 2)), rng.uniform(0.5, 6.0, 40), rng.uniform(0.05, 0.5, 40)])
+    rays = make_rays(poses, ANGLES, TIMES)
+    ends = STEP_M * np.arange(1, int(REACH / STEP_M) + 3)
+    low = np.zeros((len(rays.headings), len(ends)))
+    c, s = np.cos(rays.headings), np.sin(rays.headings)
+    for x, y, radius, depth in crowns:
+        dx, dy = x - rays.origins[:, 0], y - rays.origins[:, 1]
+        along, aside = c * dx + s * dy, c * dy - s * dx
+        half = np.sqrt(np.maximum(0.0, radius**2 - aside**2))
+        near, far = (np.maximum(NEAREST_M, along + side * half)[:, None] for side in (-1.0, 1.0))
+        low += depth * (np.clip(ends, near, far) - near)
+    np.testing.assert_allclose(cast(obstacles(crowns=crowns), poses).low, low, atol=1e-3)

@@ -38,8 +38,6 @@ def test_pacers_stay_near_and_stop_with_the_own_vehicle() -> None:
         assert np.all(away < 90.0)
         seen += len(away)
     assert seen > 40
-    standing = make(ConstantDrive(0.0, 0.0))
-    assert len(standing.vehicles(10.0, 0.25).numbers) == 0  # who stands still is on no road
     speeds = np.hypot(*only(traffic.vehicles(30.0, 0.25), 10).velocities.T)
     assert np.all(np.abs(speeds - STOPPING.twists(np.array([30.0]))[0, 0]) < 5.0)
 
@@ -76,6 +74,12 @@ def test_oncoming_vehicles_come_at_their_speed_on_the_left() -> None:
     assert np.all(before.poses[:, 1] > 2.5)
 
 
+def test_a_parked_vehicle_sees_traffic_pass_and_a_yard_has_none() -> None:
+    parked, circling = (make(ConstantDrive(v, omega)).vehicles(20.0, 0.25) for v, omega in ((0.0, 0.0), (1.0, -0.192)))
+    assert set(parked.numbers // 1000) == {20}
+    assert len(circling.numbers) == 0
+
+
 def test_nobody_drives_through_what_stands() -> None:
     drive = ConstantDrive(8.0, 0.0)
     beside = np.column_stack([np.arange(-300.0, 1100.0), np.full(1400, 3.5)])
@@ -86,7 +90,7 @@ def test_nobody_drives_through_what_stands() -> None:
 
 def test_vehicles_of_the_scenes_lanes_drive_on_them() -> None:
     mover = np.array([[0.0, 5.0, np.pi / 2.0, 100.0, 90.0, 6.0, 11.0, 2.5, 1.0]])
-    vehicles = make(ConstantDrive(0.0, 0.0), Scene(movers=mover)).vehicles(2.0, 0.25)
+    vehicles = only(make(ConstantDrive(0.0, 0.0), Scene(movers=mover)).vehicles(2.0, 0.25), 0)
     np.testing.assert_allclose(vehicles.poses, [[0.0, 7.0, np.pi / 2.0]], atol=1e-9)
     np.testing.assert_allclose(vehicles.velocities, [[0.0, 6.0]], atol=1e-9)
     assert vehicles.sizes[0, 2] > 3.0  # so long a vehicle is a truck
