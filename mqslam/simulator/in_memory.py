@@ -13,12 +13,15 @@ from mqslam.core.recording import PolarScan, Recording
 from mqslam.core.trajectory import Trajectory
 from mqslam.errors import ConfigError
 from mqslam.simulator.drive import Drive
+from mqslam.simulator.hard import HardWorld, Realism, make_hard_world
 from mqslam.simulator.scene import Scene
 from mqslam.simulator.sensor import SensorModel, render_polar_scan
 from mqslam.simulator.wheels import OdometryModel, WheelOdometry, simulate_wheel_odometry
 
 START_US = 1_600_000_000_000_000
-"""Stamp [us] of a simulated recording's first azimuth."""
+"""Stamp [us] of a simulated drive's time zero, at which the first azimuth of a kind recording is measured."""
+REALISMS = ("kind", "hard")
+"""Names of the worlds that a scene can be seen in."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -31,6 +34,7 @@ class SimulatedRecording(Recording):
         sensor: the radar.
         seed: of the noise; the noise of a polar scan does not depend on which others are rendered.
         wheel_odometry: what the wheels report.
+        hard_world: what the radar sees of the scene in the hard world; None for the kind one.
     """
 
     scene: Scene
@@ -38,9 +42,12 @@ class SimulatedRecording(Recording):
     sensor: SensorModel
     seed: int
     wheel_odometry: WheelOdometry
+    hard_world: HardWorld | None = None
 
     def azimuth_stamps(self, k: int) -> NDArray[np.int64]:
         """Returns the stamps (A,) [us] of the azimuths of polar scan k, in whole microseconds as files have them."""
+        if self.hard_world is not None:
+            return _to_stamps(self.hard_world.clock.stamps(k))
         turns = k + np.arange(self.sensor.azimuths) / self.sensor.azimuths
         return self.start_us + np.round(turns / self.sensor.turn_rate_hz * 1e6).astype(np.int64)
 
@@ -48,8 +55,11 @@ class SimulatedRecording(Recording):
         """Renders the polar scans start <= k < stop, one after the other."""
         for k in range(*slice(start, stop).indices(len(self))):
             times = np.asarray((self.azimuth_stamps(k) - self.start_us) * 1e-6, dtype=np.float64)
-            poses, twists = self.drive.poses(times), self.drive.twists(times)
-            power = render_polar_scan(self.scene, poses, twists, times, self.sensor, (self.seed, k))
+            if self.hard_world is not None:
+                power = self.hard_world.render(k)
+            else:
+                poses, twists = self.drive.poses(times), self.drive.twists(times)
+                power = render_polar_scan(self.scene, poses, twists, times, self.sensor, (self.seed, k))
             yield PolarScan(times, self.sensor.angles, power, np.ones(len(times), dtype=np.bool_))
 
 
@@ -61,6 +71,7 @@ def simulate_recording(
     sensor: SensorModel | None = None,
     seed: int = 1,
     odometry: OdometryModel | None = None,
+    realism: str = "kind",
 ) -> SimulatedRecording:
     """Makes a recording of a drive through a scene: whole polar scans, wheel odometry and ground truth.
 
@@ -71,28 +82,44 @@ def simulate_recording(
         sensor: the radar; None takes a Navtech CTS350-X.
         seed: of all noise.
         odometry: errors of the wheel odometry; None takes the usual ones.
+        realism: `kind` (every surface shows from everywhere) or `hard` (as hard as real radar).
 
     Raises:
-        ConfigError: the duration holds no whole turn.
+        ConfigError: the duration holds no whole turn, or there is no such realism.
     """
+    if realism not in REALISMS:
+        raise ConfigError(f"simulator: there is no realism '{realism}'; choose one of {', '.join(REALISMS)}")
+    if scene.queue and realism == "kind":
+        raise ConfigError("simulator: the kind world has no queue; choose the hard one")
     sensor = sensor or SensorModel()
     turns = int(duration_s * sensor.turn_rate_hz + 1e-9) if np.isfinite(duration_s) else 0
     if turns < 1:
         raise ConfigError(f"simulator: {duration_s} s hold no whole turn at {sensor.turn_rate_hz} turns/s")
-    borders = np.round(np.arange(turns + 1) / sensor.turn_rate_hz * 1e6).astype(np.int64)
-    starts = np.asarray(borders[:-1] * 1e-6, dtype=np.float64)
-    wheels = simulate_wheel_odometry(drive, float(borders[-1] * 1e-6), START_US, odometry or OdometryModel(), seed)
+    world = make_hard_world(scene, drive, sensor, turns, Realism(), seed) if realism == "hard" else None
+    if world is None:
+        stamps_us = START_US + np.round(np.arange(turns + 1) / sensor.turn_rate_hz * 1e6).astype(np.int64)
+    else:
+        starts = np.array([world.clock.stamps(k)[0] for k in range(turns)])
+        stamps_us = _to_stamps(np.append(starts, starts[-1] + np.diff(world.clock.borders[-2:])))
+    times = np.asarray((stamps_us - START_US) * 1e-6, dtype=np.float64)
+    wheels = simulate_wheel_odometry(drive, float(times[-1]), START_US, odometry or OdometryModel(), seed)
     return SimulatedRecording(
         path=Path("simulated"),
         format="simulated",
-        stamps_us=START_US + borders[:-1],
-        turns_us=np.diff(borders),
+        stamps_us=stamps_us[:-1],
+        turns_us=np.diff(stamps_us),
         range_resolution=sensor.range_resolution,
         odometry=wheels.dead_reckon(),
-        ground_truth=Trajectory(START_US + borders[:-1], drive.poses(starts)),
+        ground_truth=Trajectory(stamps_us[:-1], drive.poses(times[:-1])),
         scene=scene,
         drive=drive,
         sensor=sensor,
         seed=seed,
         wheel_odometry=wheels,
+        hard_world=world,
     )
+
+
+def _to_stamps(times: NDArray[np.float64]) -> NDArray[np.int64]:
+    """Returns the stamps (N,) [us] of times (N,) [s] of a drive."""
+    return START_US + np.round(times * 1e6).astype(np.int64)

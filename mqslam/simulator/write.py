@@ -8,7 +8,7 @@ import shutil
 import tempfile
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
 
@@ -26,14 +26,14 @@ from mqslam.simulator.scene import Scene, make_corridor_scene, make_street_scene
 from mqslam.simulator.sensor import SensorModel
 from mqslam.simulator.wheels import OdometryModel
 
-SCENES = ("street", "corridor", "yard", "city")
+SCENES = ("street", "corridor", "yard", "city", "queue")
 """Names of the scenes that `simulate` knows."""
 COARSE_SENSOR = SensorModel(range_resolution=0.175, max_range=120.0)
 """A Navtech CTS350-X whose range bins are longer than they could be, and end sooner: its recordings stay small."""
 _LONGEST_S = 7 * 24 * 3600.0  # a limit on disk space, far beyond any use
 
 
-def simulate(
+def simulate(  # noqa: PLR0913 - these are the options of a simulation, each with its default
     out: Path,
     *,
     scene: str = "street",
@@ -41,6 +41,7 @@ def simulate(
     sensor: SensorModel = COARSE_SENSOR,
     seed: int = 1,
     movers: int | None = None,
+    realism: str = "kind",
     jobs: int = 1,
     progress: Callable[[int, int], object] | None = None,
 ) -> SimulatedRecording:
@@ -48,12 +49,14 @@ def simulate(
 
     Args:
         out: folder to make; it may exist, but must be empty.
-        scene: `street` (rounds of a block), `corridor` (straight on between endless walls), `yard` (a slow circle) or
-            `city` (kilometres of streets, of which a drive comes to many again).
+        scene: `street` (rounds of a block), `corridor` (straight on between endless walls), `yard` (a slow circle),
+            `city` (kilometres of streets, of which a drive comes to many again) or `queue` (the city, where vehicles keep
+            exact pace with the sensor for a minute; hard world only).
         duration_s: how long to drive [s].
         sensor: the radar.
         seed: of the scene and of all noise.
-        movers: number of moving vehicles; None takes the scene's usual number.
+        movers: number of vehicles in the scene's lanes; None takes the scene's usual number.
+        realism: `kind` (every surface shows from everywhere) or `hard` (as hard as real radar).
         jobs: number of polar scans that are rendered at the same time.
         progress: called with (polar scans written, polar scans in all).
 
@@ -70,7 +73,9 @@ def simulate(
         raise ConfigError(f"simulator: seed is {seed}; it must be 0 or more")
     errors = OdometryModel()
     world, drive = _make_world(scene, seed, duration_s, movers)
-    recording = simulate_recording(world, drive, duration_s=duration_s, sensor=sensor, seed=seed, odometry=errors)
+    recording = simulate_recording(
+        world, drive, duration_s=duration_s, sensor=sensor, seed=seed, odometry=errors, realism=realism
+    )
     truth = recording.ground_truth
     assert truth is not None
     parameters = {
@@ -84,6 +89,8 @@ def simulate(
         "sensor": asdict(sensor),
         "odometry": asdict(errors),
     }
+    if recording.hard_world is not None:
+        parameters |= {"realism": realism, "effects": asdict(recording.hard_world.realism)}
     with _write_folder_whole(out) as folder:
         (folder / "radar").mkdir()
         oxford.write_ground_truth(folder, recording)
@@ -105,8 +112,10 @@ def _make_world(scene: str, seed: int, duration_s: float, movers: int | None) ->
     if scene == "street":
         drive = make_loop_drive(duration_s)
         return clear_way(make_street_scene(seed, movers=10 if movers is None else movers), drive, duration_s), drive
-    if scene == "city":
+    if scene in ("city", "queue"):
         drive = make_city_drive(seed, duration_s)
+        if scene == "queue":
+            return replace(make_city_scene(seed, movers=movers or 0), queue=True), drive
         return give_way(make_city_scene(seed, movers=movers), drive, duration_s), drive
     if scene == "yard":
         return make_yard_scene(seed, movers=movers or 0), ConstantDrive(1.0, -0.192)

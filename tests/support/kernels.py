@@ -19,6 +19,7 @@ def main() -> None:
         quick.write_text("sensor: {doppler_beta: 0.0}\n")
         for words in (
             ["simulate", drive, "--duration", 2, "--azimuths", 100, "--movers", 1],
+            ["simulate", Path(folder) / "hard", "--duration", 1, "--scene", "city", "--realism", "hard"],
             ["run", drive, "--out", out, "--config", quick],
             ["audit", drive, "--trajectory", out / "trajectory.tum", "--out", Path(folder) / "audited", "--config", quick],
             ["score", drive, "--start", 0, "--motion", "8,0"],

@@ -1,0 +1,92 @@
+"""One evaluation of the published psi with its gradient, against a reference by SciPy's tree and NumPy."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+from bench.benchmark import Benchmark, Bound, Column, Goal, Row, label
+from bench.measuring.recordings import simulate_short_city
+
+from mqslam.config import Config, DetectorConfig, PsiConfig
+from mqslam.core.motion import CONSTANT_VELOCITY
+from mqslam.core.scans import Returns
+from mqslam.detection.stage import detect_stretch
+from mqslam.formats.recordings import open_recording
+from mqslam.psi.neighbours import find_candidates, sort_into_cells
+from mqslam.psi.place import PointSet, beam_of, place
+from mqslam.psi.published.equations import score
+from mqslam.psi.published.reference import score_reference
+from mqslam.psi.window import drop_start
+
+_SEED = 11  # of a drive that `heading` measures too
+_FIRST, _SCANS = 100, 3
+_MOTION = np.array([8.0, 0.03])  # near the motions that a search tries [m/s, rad/s]
+_ROUNDS, _REPEATS = 7, 25
+_DETECTORS = {"default": DetectorConfig(), "without non-maximum suppression": DetectorConfig(join_m=0.0)}
+
+
+def _measure(out: Path) -> list[Row]:
+    return [_measure_detector(name, detector) for name, detector in _DETECTORS.items()]
+
+
+def _measure_detector(name: str, detector: DetectorConfig) -> Row:
+    points, turn_s = _make_window(detector)
+    config = PsiConfig()
+    lists = find_candidates(sort_into_cells(points.points, config.s), points.points, config.s)
+    calls: list[Callable[[], object]] = [
+        lambda: score(points.points, points.times, turn_s, config, points.jacobians, lists),
+        lambda: score(points.points, points.times, turn_s, config, points.jacobians, None),
+        lambda: score_reference(points.points, points.times, turn_s, config, points.jacobians),
+    ]
+    calls[0]()
+    repeats = (_REPEATS, _REPEATS, 1)
+    rounds = [[_spend(call, number) for call, number in zip(calls, repeats, strict=True)] for _ in range(_ROUNDS)]
+    ours, anew, reference = np.median(rounds, axis=0).tolist()
+    return Row(
+        {
+            "detector": name,
+            "points": float(len(points)),
+            "reference": 1e3 * reference,
+            "ours": 1e3 * ours,
+            "anew": 1e3 * anew,
+            "share": ours / reference,
+        }
+    )
+
+
+def _make_window(detector: DetectorConfig) -> tuple[PointSet, float]:
+    """Returns the points of a window under a motion, and the time of a turn [s]."""
+    recording = open_recording(simulate_short_city("hard", _SEED))
+    returns = Returns.concatenate(detect_stretch(recording, detector, _FIRST, _FIRST + _SCANS).returns)
+    beam, t0 = beam_of(Config().estimator, 0.0), float(recording.start_times[_FIRST])
+    return drop_start(place(returns, t0, np.zeros(3), _MOTION, CONSTANT_VELOCITY, beam)), recording.revolution_s
+
+
+def _spend(call: Callable[[], object], number: int) -> float:
+    """Returns the median time [s] of a number of calls."""
+    spent = []
+    for _ in range(number):
+        begin = time.perf_counter()
+        call()
+        spent.append(time.perf_counter() - begin)
+    return float(np.median(spent))
+
+
+BENCHMARK = Benchmark(
+    what="One evaluation of the published psi with its gradient by v and omega, on three scans.",
+    data="simulated",
+    seeds=(_SEED,),
+    columns=(
+        label("detector", "detector"),
+        Column("points", "points", "{:.0f}"),
+        Column("reference", "SciPy [ms]", "{:.0f}"),
+        Column("ours", "ours [ms]", "{:.2f}"),
+        Column("anew", "ours, lists built anew [ms]", "{:.2f}"),
+        Column("share", "ours over SciPy", "{:.4f}", Goal.FAST),
+    ),
+    measure=_measure,
+    bounds=(Bound("share", {}, most=0.01),),
+)

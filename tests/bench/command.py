@@ -1,0 +1,79 @@
+"""The measurements of BENCHMARKS.md.
+
+A benchmark is a file of `benchmarks/simulated`, or of `benchmarks/shared` if it needs material that mqslam does not ship.
+It prints its table and leaves it as JSON. The exit code is 1 if a figure misses its bound or has lost against
+`baseline`: more than 5 % of its accuracy, or 25 % in a ratio of times. `--write` makes the results the new baseline, and
+fills the pages from it.
+"""
+
+from __future__ import annotations
+
+import argparse
+import traceback
+from pathlib import Path
+
+from bench.benchmark import MissingData, list_benchmarks, load_benchmark
+from bench.losses import find_losses, find_missed
+from bench.measuring.recordings import cache
+from bench.pages import BASELINE, write_pages
+from bench.results import Took, make_result, read_result, write_result
+from bench.tables import describe_time, make_table
+
+
+def main() -> int:
+    """Runs the benchmarks that the command line names, and returns the exit code."""
+    names = list_benchmarks()
+    parser = argparse.ArgumentParser(description="The measurements of BENCHMARKS.md.")
+    parser.add_argument("names", nargs="*", metavar="NAME", help=f"one of {', '.join(names)}; all by default")
+    parser.add_argument("--write", action="store_true", help="make the results the new baseline, and fill the pages")
+    parser.add_argument("--fill", action="store_true", help="fill the pages from the baseline, and measure nothing")
+    parser.add_argument("--out", type=Path, default=None, help="folder for the results; in the cache by default")
+    chosen = parser.parse_args()
+    if chosen.fill:
+        write_pages()
+        return 0
+    unknown = set(chosen.names) - set(names)
+    if unknown:
+        parser.error(f"no benchmark {', '.join(sorted(unknown))}; there are {', '.join(names)}")
+    out = (chosen.out or cache() / "out").resolve()
+    failed: list[str] = []
+    missed: list[str] = []
+    lost: list[str] = []
+    skipped: list[str] = []
+    for name in chosen.names or names:
+        print(f"\n== {name}", flush=True)
+        try:
+            missed_here, lost_here = _run(name, out, write=chosen.write)
+        except MissingData as missing:
+            print(f"SKIPPED: {missing}")
+            skipped.append(name)
+            continue
+        except Exception as error:  # the others go on, for an hour's work is not to be lost by one of them
+            traceback.print_exc()
+            failed.append(f"{name} failed: {error}")
+            continue
+        missed += missed_here
+        lost += lost_here
+    if chosen.write:
+        write_pages()
+    counts = f"{len(failed)} benchmarks failed, {len(missed)} bounds missed, {len(lost)} losses, {len(skipped)} skipped"
+    print("", counts, *failed, *missed, *lost, sep="\n")
+    return 1 if failed or missed or (lost and not chosen.write) else 0
+
+
+def _run(name: str, out: Path, *, write: bool) -> tuple[list[str], list[str]]:
+    """Runs a benchmark and returns the bounds it missed, and its losses against the baseline."""
+    benchmark, before = load_benchmark(name), BASELINE / f"{name}.json"
+    begin = Took.now()
+    work = out / name
+    work.mkdir(parents=True, exist_ok=True)
+    rows = benchmark.measure(work)
+    result = make_result(name, benchmark, rows, Took.now().since(begin))
+    print(benchmark.what, make_table(result, {}), f"({describe_time(result)})", sep="\n\n", flush=True)
+    lost = find_losses(result, read_result(before), benchmark.columns) if before.exists() else []
+    missed = find_missed(result, benchmark.columns, benchmark.bounds)
+    write_result(out / f"{name}.json", result)
+    if write:
+        write_result(before, result)
+    print(*missed, *lost, sep="\n")
+    return missed, lost

@@ -1,0 +1,57 @@
+"""The commands of mqslam that benchmarks run; each leaves a folder, once per call of `run.py`."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from bench.measuring.recordings import MQSLAM
+
+FRONT_ENDS = {"psi": "psi", "kiss_icp": "KISS-ICP", "open3d_icp": "Open3D ICP"}
+"""The front ends that are compared, with the names that tables show."""
+
+
+@cache
+def compare(data: Path, out: Path, frontends: tuple[str, ...], *, back_end: bool) -> Path:
+    """Runs front ends by radar alone, on the same returns; returns a folder that holds one per front end.
+
+    Args:
+        data: the recording.
+        out: folder for the results.
+        frontends: their names.
+        back_end: whether graph and loops follow, the same for all of them.
+    """
+    chained = [] if back_end else ["--odometry-only"]
+    _call("compare", data, "--out", out, "--frontends", ",".join(frontends), "--odometry", "none", *chained)
+    return out
+
+
+@cache
+def run(data: Path, out: Path, *options: str) -> Path:
+    """Runs the whole method by radar alone; returns the folder of the results."""
+    _call("run", data, "--out", out, "--odometry", "none", *options)
+    return out
+
+
+def audit(data: Path, trajectory: Path | str, out: Path) -> dict[str, Any]:
+    """Audits the map of a trajectory, a file or one that the recording carries; returns what `audit.json` holds."""
+    _call("audit", data, "--trajectory", trajectory, "--out", out)
+    return read_json(out / "audit.json")
+
+
+def batch(runs: Path, out: Path, *options: str) -> None:
+    """Runs a list of recordings."""
+    _call("batch", runs, "--out", out, *options)
+
+
+def read_json(path: Path) -> dict[str, Any]:
+    """Returns what a JSON file holds."""
+    content: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+    return content
+
+
+def _call(*words: object) -> None:
+    subprocess.run([str(word) for word in (MQSLAM, *words, "--force", "--quiet")], check=True)

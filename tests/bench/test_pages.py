@@ -1,0 +1,92 @@
+"""The tables on the pages are those of the committed results, and every benchmark is on a page and can be run."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+from bench.benchmark import Benchmark, Column, Row, label, list_benchmarks, load_benchmark
+from bench.pages import BASELINE, LITERATURE, PAGES, fill_page, list_blocks
+from bench.results import Took, make_result, read_result, write_result
+
+PAGE = "Before.\n\n<!-- bench: city -->\nold\n<!-- /bench -->\n\nAfter.\n"
+
+
+@pytest.fixture
+def results(tmp_path: Path) -> Path:
+    """A folder with one result."""
+    benchmark = Benchmark(
+        what="Drives.",
+        data="simulated",
+        seeds=(1, 2),
+        columns=(label("world", "world"), label("run", "run"), Column("drift", "drift [%]", "{:.2f}")),
+        measure=lambda out: [
+            Row({"world": "kind", "run": "mean", "drift": 0.123456789}),
+            Row({"world": "hard", "run": "seed 1", "drift": None}, judged=False),
+        ],
+    )
+    write_result(tmp_path / "city.json", make_result("city", benchmark, benchmark.measure(tmp_path), Took(160.4, 70.0)))
+    return tmp_path
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_a_page_shows_what_the_committed_results_hold(page: Path) -> None:
+    text = page.read_text(encoding="utf-8")
+    assert text == fill_page(text), f"run `.venv/bin/python {Path('tests/bench/run.py')} --fill`"
+
+
+def test_no_table_is_typed() -> None:
+    text = PAGES[1].read_text(encoding="utf-8")
+    outside = re.sub(r"<!-- bench: .*?<!-- /bench -->", "", text, flags=re.DOTALL)
+    assert [line for line in outside.splitlines() if line.startswith("|")] == []
+
+
+def test_every_benchmark_has_its_table_and_its_making_on_the_page() -> None:
+    text = PAGES[1].read_text(encoding="utf-8")
+    shown = list_blocks(text)
+    assert sorted(set(shown)) == sorted([*list_benchmarks(), LITERATURE.stem])
+    assert {name: shown.count(name) for name in list_benchmarks()} == dict.fromkeys(list_benchmarks(), 2)
+
+
+def test_committed_results_are_of_benchmarks_that_exist_and_have_their_columns() -> None:
+    for path in BASELINE.glob("*.json"):
+        benchmark = load_benchmark(path.stem)
+        assert [column["key"] for column in read_result(path).columns] == [column.key for column in benchmark.columns]
+
+
+def test_a_block_is_filled_with_the_table(results: Path) -> None:
+    filled = fill_page(PAGE, results)
+    assert filled == (
+        "Before.\n\n<!-- bench: city -->\n\n"
+        "| world | run    | drift [%] |\n"
+        "|-------|--------|-----------|\n"
+        "| kind  | mean   | 0.12      |\n"
+        "| hard  | seed 1 | -         |\n"
+        "\n<!-- /bench -->\n\nAfter.\n"
+    )
+    assert fill_page(filled, results) == filled
+
+
+def test_a_block_can_ask_for_some_rows(results: Path) -> None:
+    filled = fill_page(PAGE.replace("city -->", "city run=mean -->"), results)
+    assert "| world | drift [%] |\n" in filled and "hard" not in filled
+    with pytest.raises(ValueError, match="city has no row"):
+        fill_page(PAGE.replace("city -->", "city run=none -->"), results)
+
+
+def test_a_block_can_ask_how_the_table_was_made(results: Path) -> None:
+    filled = fill_page(PAGE.replace("city -->", "city made -->"), results)
+    assert "`.venv/bin/python tests/bench/run.py city` (simulated data, seeds 1, 2; mqslam " in filled
+    assert "; 3 min, 70 s of processor time, " in filled
+
+
+def test_a_table_that_has_not_been_measured_says_so(tmp_path: Path) -> None:
+    assert "These figures have not been measured yet." in fill_page(PAGE, tmp_path)
+
+
+def test_a_change_of_a_result_shows_on_the_page(results: Path) -> None:
+    filled = fill_page(PAGE, results)
+    path = results / "city.json"
+    path.write_text(path.read_text(encoding="utf-8").replace("0.123457", "0.2"), encoding="utf-8")
+    assert fill_page(filled, results) != filled
