@@ -12,11 +12,11 @@ class EstimatorConfig(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
-    s: float = Field(0.6, gt=0.0, description="Distance beyond which neighbours take no part, at the end of annealing [m].")
+    s: float = Field(0.7, gt=0.0, description="Distance beyond which neighbours take no part, at the end of annealing [m].")
     s_start: float = Field(
         2.5, gt=0.0, description="Distance beyond which neighbours take no part, at the start of annealing [m]."
     )
-    beta_s: float = Field(0.25, gt=0.0, description="Width of the spatial kernel at the end of annealing [m].")
+    beta_s: float = Field(0.3, gt=0.0, description="Width of the spatial kernel at the end of annealing [m].")
     beta_s_start: float = Field(1.25, gt=0.0, description="Width of the spatial kernel at the start of annealing [m].")
     c: float = Field(
         1.5,
@@ -52,10 +52,10 @@ class EstimatorConfig(BaseModel):
         description="Factor on kappa of a neighbour that was seen from a quite different direction. With 1 all views count "
         "the same.",
     )
-    apart_blur_m: float = Field(
-        0.3,
-        ge=0.0,
-        description="The same as blur_m, for views from quite different directions [m].",
+    apart_blur: float = Field(
+        2.0,
+        ge=1.0,
+        description="Factor on blur_m for views from quite different directions.",
     )
     sigma_range_m: float = Field(0.15, gt=0.0, description="Standard deviation of a return along the ray [m].")
     sigma_azimuth: float = Field(0.008, gt=0.0, description="Standard deviation of a return across the ray [rad].")

@@ -80,7 +80,13 @@ def score(
         config: settings of the score.
     """
     kernel = Kernel(
-        revolution_s, config.beta_t, config.xi, config.blur_m, config.aspect_rad, config.apart_share, config.apart_blur_m
+        revolution_s,
+        config.beta_t,
+        config.xi,
+        config.blur_m,
+        config.aspect_rad,
+        config.apart_share,
+        config.apart_blur * config.blur_m,
     )
     return evaluate(queries, references, lists, scale, kernel, moving_references=queries is references)
 

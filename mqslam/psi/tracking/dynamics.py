@@ -29,6 +29,7 @@ from mqslam.psi.tracking.state import (
     State,
 )
 
+_DEPENDENT = 1e-6  # singular values of unit vectors below this are rounding
 _NOISE_PERIOD_S = 0.25  # the settings state process noise and persistence per this time: a definition
 
 
@@ -133,17 +134,25 @@ def limit_step(turn_s: float, settings: TrackerConfig) -> float:
 
 def hold_directions(prior: Prior, weak: NDArray[np.float64]) -> Prior:
     """Makes a prior stiff along directions (K, 3) that psi does not observe: for pose, twist and acceleration."""
-    to_body = _rotation(-prior.mean[YAW])
-    information = prior.information.copy()
-    for direction in weak:
-        body = to_body @ direction
-        for block, along in ((POSE, direction), (TWIST, body), (ACCELERATION, body[[0, 2]])):
-            units = TOLERANCES[block]
-            length = float(np.linalg.norm(along / units))
-            if length > 0.0:
-                unit = along / units / length / units
-                information[block, block] += np.outer(unit, unit)
-    return Prior(prior.mean, information)
+    along = _follow_directions(weak, prior.mean[YAW]) / TOLERANCES
+    return Prior(prior.mean, prior.information + along.T @ along)
+
+
+def drop_directions(information: NDArray[np.float64], weak: NDArray[np.float64], yaw: float) -> NDArray[np.float64]:
+    """Takes from an information matrix (8, 8) what it claims to know along directions (K, 3) that psi does not observe.
+
+    Args:
+        information: of psi alone.
+        weak: the directions, for the start pose.
+        yaw: of the start pose [rad].
+    """
+    if not len(weak):
+        return information
+    units = TOLERANCES[:, None] * TOLERANCES[None, :]
+    _, values, basis = np.linalg.svd(_follow_directions(weak, yaw), full_matrices=False)
+    basis = basis[values > _DEPENDENT]
+    across = np.eye(SIZE) - basis.T @ basis
+    return np.asarray(across @ (information * units) @ across / units)
 
 
 def bound_pose(settings: TrackerConfig, revolution_s: float) -> NDArray[np.float64]:
@@ -155,6 +164,21 @@ def bound_pose(settings: TrackerConfig, revolution_s: float) -> NDArray[np.float
 def list_motion_noise(settings: TrackerConfig) -> NDArray[np.float64]:
     """Returns the standard deviations (5,) by which twist and accelerations change per scan."""
     return np.array([settings.sigma_vx, settings.sigma_vy, settings.sigma_omega, settings.sigma_ax, settings.sigma_alpha])
+
+
+def _follow_directions(weak: NDArray[np.float64], yaw: float) -> NDArray[np.float64]:
+    """Returns unit vectors (L, 8), in units of the tolerances, along directions (K, 3) of pose, twist and acceleration."""
+    to_body = _rotation(-yaw)
+    vectors = []
+    for direction in weak:
+        body = to_body @ direction
+        for block, along in ((POSE, direction), (TWIST, body), (ACCELERATION, body[[0, 2]])):
+            vector = np.zeros(SIZE)
+            vector[block] = along / TOLERANCES[block]
+            length = float(np.linalg.norm(vector))
+            if length > 0.0:
+                vectors.append(vector / length)
+    return np.array(vectors).reshape(-1, SIZE)
 
 
 def _rotation(yaw: float) -> NDArray[np.float64]:

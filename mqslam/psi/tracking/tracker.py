@@ -184,7 +184,7 @@ class Tracker:
     def _accept(self, scan: Scan, minimum: Minimum, predicted: Belief, weak: NDArray[np.float64]) -> Tracked:
         """Takes a match as the new state, and as a keyframe where the last one is far away."""
         setup, evaluation, smoothed = self._setup, minimum.evaluation, self._last.smooths
-        belief = update_belief(minimum.state, evaluation, predicted.information, setup)
+        belief = update_belief(minimum.state, evaluation, predicted.information, setup, weak)
         placed = self._matcher.place(scan, belief.mean)
         measured = measure_covariance(evaluation, placed, predicted, self._map, setup, smoothed=smoothed)
         measured[POSE, POSE] = loosen(measured[POSE, POSE], weak, bound_pose(self.settings, setup.revolution_s))

@@ -9,9 +9,10 @@ from mqslam.psi.covariance import estimate_covariance
 from mqslam.psi.estimator import Evaluation
 from mqslam.psi.gaussians import fuse, invert_information
 from mqslam.psi.place import PointSet
+from mqslam.psi.tracking.dynamics import drop_directions
 from mqslam.psi.tracking.local_map import LocalMap
 from mqslam.psi.tracking.setup import Setup
-from mqslam.psi.tracking.state import ALPHA, AX, SIZE, TOLERANCES, VY, Belief, State
+from mqslam.psi.tracking.state import ALPHA, AX, SIZE, TOLERANCES, VY, YAW, Belief, State
 
 
 def measure_covariance(
@@ -39,7 +40,11 @@ def measure_covariance(
 
 
 def update_belief(
-    vector: NDArray[np.float64], evaluation: Evaluation, prior_information: NDArray[np.float64], setup: Setup
+    vector: NDArray[np.float64],
+    evaluation: Evaluation,
+    prior_information: NDArray[np.float64],
+    setup: Setup,
+    weak: NDArray[np.float64] | None = None,
 ) -> Belief:
     """Returns what is known of a state after a match, as the next prediction starts from it.
 
@@ -48,9 +53,13 @@ def update_belief(
         evaluation: psi there.
         prior_information: (8, 8) of the prediction.
         setup: settings of the score.
+        weak: (K, 3) directions of the start pose that psi does not observe, along which only the prediction counts; None
+            where it observes all.
     """
     config = setup.estimator
     information = (evaluation.curvature + config.stabiliser * evaluation.information) / config.correlation
+    if weak is not None:
+        information = drop_directions(information, weak, float(vector[YAW]))
     units = TOLERANCES[:, None] * TOLERANCES[None, :]
     values, vectors = np.linalg.eigh(information * units)
     safe = (vectors * np.maximum(values, 0.0)) @ vectors.T / units
