@@ -12,7 +12,9 @@ class EstimatorConfig(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
-    s: float = Field(0.7, gt=0.0, description="Distance beyond which neighbours take no part, at the end of annealing [m].")
+    s: float = Field(
+        0.7, gt=0.0, description="Distance beyond which neighbours take no part, at the end of annealing [m]."
+    )
     s_start: float = Field(
         2.5, gt=0.0, description="Distance beyond which neighbours take no part, at the start of annealing [m]."
     )
@@ -42,20 +44,22 @@ class EstimatorConfig(BaseModel):
     aspect_rad: float = Field(
         0.05,
         gt=0.0,
-        description="Difference of viewing directions [rad] at which two views of an object have become mostly different. On "
-        "real radar the returns of two views lie 0.15 m apart along the ray below 1 degree and 0.22 m beyond 12 degrees.",
+        description="Difference of viewing directions [rad] at which the likeness of two views of an object has fallen to "
+        "1/e. On real radar, the returns of two views scatter by 0.15 m along the ray if the directions differ by less than "
+        "1 degree, and by 0.22 m if they differ by more than 12 degrees.",
     )
     apart_share: float = Field(
         0.3,
         gt=0.0,
         le=1.0,
-        description="Factor on kappa of a neighbour that was seen from a quite different direction. With 1 all views count "
-        "the same.",
+        description="Factor on the weight (kappa) of a neighbour that was seen from a quite different direction. With 1, "
+        "all views count the same.",
     )
     apart_blur: float = Field(
         2.0,
         ge=1.0,
-        description="Factor on blur_m for views from quite different directions.",
+        description="Factor on blur_m for a neighbour that was seen from a quite different direction. With 1, all views "
+        "scatter the same.",
     )
     sigma_range_m: float = Field(0.15, gt=0.0, description="Standard deviation of a return along the ray [m].")
     sigma_azimuth: float = Field(0.008, gt=0.0, description="Standard deviation of a return across the ray [rad].")
@@ -87,9 +91,9 @@ class EstimatorConfig(BaseModel):
     distinct_sigmas: float = expert(
         2.0,
         gt=0.0,
-        description="A direction that seems not observed counts as observed where psi rises by more than this many of the "
-        "rise's standard deviations at all shifts of the scan. Along a bare corridor some shift always rises by less than 1, "
-        "in streets full of traffic none rises by less than 2.2.",
+        description="A direction that seems not observed counts as observed if every shift of the scan along it raises psi "
+        "by more than this many standard deviations of the rise. Along a bare corridor there is always a shift that raises "
+        "it by less than 1, in streets full of traffic there is none below 2.2.",
     )
     rival: float = expert(
         1.25,

@@ -50,8 +50,8 @@ class TrackerConfig(BaseModel):
     first_step: int = expert(
         1,
         ge=0,
-        description="Step of the annealing at which the match of a predicted scan begins. A prediction is nearer than the "
-        "start of a search, and the widest scale pulls scans back to where the map is denser.",
+        description="Step of the annealing at which the match of a predicted scan begins. A prediction is nearer to the "
+        "match than the start of a search is, and the widest scale pulls scans back to where the map is denser.",
     )
     fewest_returns: int = expert(
         40, ge=1, description="Fewest returns of a scan that is matched: five for each of the eight numbers of its state."

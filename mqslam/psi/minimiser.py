@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,6 +45,18 @@ class Prior:
 
     mean: NDArray[np.float64]
     information: NDArray[np.float64]
+
+
+class References(NamedTuple):
+    """Points that stay where they are while others are compared with them.
+
+    Args:
+        points: the points.
+        grid: the same points, sorted into cells.
+    """
+
+    points: PointSet
+    grid: CellGrid
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,12 +113,11 @@ def score_itself(points: PointSet, scale: Scale, revolution_s: float, config: Es
 def minimise(
     start: NDArray[np.float64],
     render: Callable[[NDArray[np.float64]], PointSet],
-    references: PointSet | None,
+    references: References | None,
     prior: Prior,
     config: EstimatorConfig,
     revolution_s: float,
     tolerances: NDArray[np.float64],
-    grid: CellGrid | None = None,
     first_step: int = 0,
 ) -> Minimum:
     """Minimises psi plus the prior over the state.
@@ -118,7 +130,6 @@ def minimise(
         config: settings of the score and of its minimiser.
         revolution_s: duration of a turn [s].
         tolerances: (Q,) steps that end the search, once the widths are final and a step is smaller.
-        grid: the references, sorted into cells; None where they move with the state.
         first_step: step of the annealing that the search begins with; a good start needs no wide widths.
     """
     state = np.array(start, dtype=np.float64)
@@ -127,7 +138,7 @@ def minimise(
 
     def evaluate_at(scale: Scale) -> tuple[PointSet, Evaluation]:
         queries = render(state)
-        others = queries if references is None else references
+        others, grid = (queries, None) if references is None else references
         lists = cache.lists(queries.points, others.points, scale.s, grid)
         return queries, score(queries, others, lists, scale, revolution_s, config)
 

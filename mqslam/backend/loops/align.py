@@ -17,7 +17,7 @@ from mqslam.core import se2
 from mqslam.psi.correlate import find_correlation_peaks
 from mqslam.psi.covariance import estimate_covariance
 from mqslam.psi.estimator import Evaluation
-from mqslam.psi.minimiser import Prior, annealed_scale, final_scale, minimise, score
+from mqslam.psi.minimiser import Prior, References, annealed_scale, final_scale, minimise, score
 from mqslam.psi.neighbours import CellGrid, find_candidates, sort_into_cells
 from mqslam.psi.observability import find_weak_directions
 from mqslam.psi.place import PointSet, rotate_covariances
@@ -74,7 +74,13 @@ def align(
     peaks = find_correlation_peaks(reference.points, query.points, guess, reach_m, reach_rad, config)
     for start in [guess, *peaks]:  # the trajectory's own pose is a hypothesis, too
         minimum = minimise(
-            start, lambda pose: move_rigidly(query, pose), reference, free, config, ANY_TIME, _TOLERANCES, grid
+            start,
+            lambda pose: move_rigidly(query, pose),
+            References(reference, grid),
+            free,
+            config,
+            ANY_TIME,
+            _TOLERANCES,
         )
         off = se2.between(guess, minimum.state)
         if np.hypot(off[0], off[1]) <= reach_m + settings.beyond_m and abs(off[2]) <= reach_rad + settings.beyond_rad:

@@ -12,7 +12,7 @@ from mqslam.core.scans import Scan
 from mqslam.psi.correlate import find_correlation_peaks
 from mqslam.psi.covariance import sum_by_object
 from mqslam.psi.estimator import Evaluation, Scale
-from mqslam.psi.minimiser import Minimum, Prior, annealed_scale, final_scale, minimise, score
+from mqslam.psi.minimiser import Minimum, Prior, References, annealed_scale, final_scale, minimise, score
 from mqslam.psi.neighbours import find_candidates
 from mqslam.psi.observability import find_weak_directions
 from mqslam.psi.place import PointSet, place
@@ -68,12 +68,11 @@ class Matcher:
         return minimise(
             start.vector,
             lambda vector: self.place(scan, State(vector)),
-            into.points,
+            References(into.points, into.grid),
             prior,
             self.setup.estimator,
             self.setup.revolution_s,
             TOLERANCES,
-            into.grid,
             first_step,
         )
 
