@@ -12,9 +12,7 @@ class EstimatorConfig(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
-    s: float = Field(
-        0.7, gt=0.0, description="Distance beyond which neighbours take no part, at the end of annealing [m]."
-    )
+    s: float = Field(0.7, gt=0.0, description="Distance beyond which neighbours take no part, at the end of annealing [m].")
     s_start: float = Field(
         2.5, gt=0.0, description="Distance beyond which neighbours take no part, at the start of annealing [m]."
     )
