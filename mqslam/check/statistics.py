@@ -1,4 +1,8 @@
-"""What a recording's power and returns are like, in figures that tell a kind simulated world from a real one."""
+"""What a recording's power and returns are like, in figures that tell a kind simulated world from a real one.
+
+The stretches are followed with fixed widths of the score and a fixed map, whatever the settings of a run are. They are
+part of the figures' definition: a table stays comparable when the tracker's defaults change.
+"""
 
 from __future__ import annotations
 
@@ -31,6 +35,8 @@ METRES_ON = (0.2, 0.5, 1.0, 2.0)
 SCANS_ON = (1, 4)
 NEAR_M = 0.5  # a return that has another this near is seen again
 FAR_M = 1.0  # a return that has none this near is not
+_WIDTHS = {"s": 0.6, "beta_s": 0.25, "correlation": 10.0, "apart_share": 1.0, "apart_blur": 1.0}  # all views count the same
+_MAP = {"keyframe_m": 8.0, "keyframes": 40, "sigma_omega": 0.08, "sigma_alpha": 0.6, "first_step": 0}
 _ASIDE_RAD = np.deg2rad(10.0)  # turned so far about the sensor, a scan meets another's returns by chance alone
 
 
@@ -133,8 +139,8 @@ def measure_statistics(
         recording: the recording.
         settings: of the check, which say how many stretches are read, and how long they are.
         detector: settings of the detector.
-        tracker: settings of the tracker.
-        estimator: settings of the score.
+        tracker: settings of the tracker, but for its map and the noise of the yaw rate.
+        estimator: settings of the score, but for its widths and how it weighs views.
         beam: the sensor's errors.
         progress: called with (polar scans read, polar scans in all).
 
@@ -225,7 +231,7 @@ def _follow(scans: Scans, tracker: TrackerConfig, estimator: EstimatorConfig, be
     if len(scans) <= tracker.start_scans or not all(len(scan.returns) for scan in scans):
         return []
     try:
-        return track_scans(scans, tracker, estimator, beam)
+        return track_scans(scans, tracker.model_copy(update=_MAP), estimator.model_copy(update=_WIDTHS), beam)
     except EstimationError:
         return []
 

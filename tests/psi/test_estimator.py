@@ -17,6 +17,12 @@ SCALE = Scale(s=1.5, beta_s=0.6, c=2.0)
 KERNEL = Kernel(revolution_s=TURN_S, beta_t=0.06, xi=0.02, blur=0.15, aspect=0.05, apart_share=0.3, apart_blur=0.3)
 
 
+def look(points: PointSet, seed: int) -> PointSet:
+    """Returns the points as seen from directions of their own, some of them alike within the kernel's aspect."""
+    angles = np.random.default_rng([seed, 2]).normal(0.0, 2.0 * KERNEL.aspect, len(points))
+    return replace(points, rays=np.column_stack([np.cos(angles), np.sin(angles)]))
+
+
 def evaluated(queries: PointSet, references: PointSet, scale: Scale = SCALE, more: float = 0.0) -> Evaluation:
     lists = find_candidates(sort_into_cells(references.points, 1.0), queries.points, scale.s + more)
     return evaluate(queries, references, lists, scale, KERNEL, moving_references=queries is references)
@@ -37,15 +43,24 @@ def assert_equal(one: Evaluation, other: Evaluation, rtol: float = 1e-9) -> None
     counts=st.tuples(st.integers(0, 30), st.integers(0, 30)),
     side=st.sampled_from([1.0, 5.0, 40.0]),
     moving=st.booleans(),
+    looks=st.tuples(st.booleans(), st.booleans()),
     parameters=st.sampled_from([0, 2, 6]),
     scale=st.sampled_from([SCALE, Scale(0.7, 0.3, 2.0), Scale(2.5, 1.25, 5.0)]),
 )
 @settings(max_examples=150, deadline=None)
 def test_the_kernel_equals_the_reference(
-    seed: int, counts: tuple[int, int], side: float, moving: bool, parameters: int, scale: Scale
+    seed: int,
+    counts: tuple[int, int],
+    side: float,
+    moving: bool,
+    looks: tuple[bool, bool],
+    parameters: int,
+    scale: Scale,
 ) -> None:
-    queries = point_set(seed, counts[0], side, parameters)
-    references = queries if moving else point_set(seed + 1, counts[1], side, parameters)
+    """Both point sets know the directions that they were seen from, or one of them does, or none."""
+    sets = [point_set(seed + k, count, side, parameters) for k, count in enumerate(counts)]
+    queries, other = (look(points, seed + k) if looks[k] else points for k, points in enumerate(sets))
+    references = queries if moving else other
     if not moving:  # a map has no jacobians
         references = replace(references, jacobians=np.zeros((0, 2, 0)))
     reference = evaluate_reference(queries, references, scale, KERNEL, moving_references=moving)
@@ -53,7 +68,7 @@ def test_the_kernel_equals_the_reference(
 
 
 def test_the_comparison_is_of_crowded_neighbourhoods_too() -> None:
-    queries, references = point_set(1, 200), point_set(2, 200)
+    queries, references = look(point_set(1, 200), 1), look(point_set(2, 200), 2)
     for others in (queries, references):
         evaluation = evaluated(queries, others)
         assert 150 < evaluation.matched.sum() <= 200
@@ -112,6 +127,49 @@ def test_a_neighbour_takes_part_while_its_kappa_reaches_xi_and_it_lies_within_s(
     assert [evaluated(*one_pair(f * reach)).matched[0] for f in (0.999, 1.001)] == [True, False]
     wide = SCALE._replace(beta_s=10.0)
     assert [evaluated(*one_pair(f * wide.s), wide).matched[0] for f in (0.999, 1.001)] == [True, False]
+
+
+def seen_from(points: PointSet, *angles: float) -> PointSet:
+    """Returns the points as seen along rays at these angles [rad]."""
+    return replace(points, rays=np.array([[np.cos(angle), np.sin(angle)] for angle in angles]))
+
+
+@pytest.mark.parametrize(
+    ("apart_rad", "blur"), [(0.0, KERNEL.blur), (KERNEL.aspect, None), (1.0, KERNEL.apart_blur), (np.pi, KERNEL.apart_blur)]
+)
+def test_a_neighbour_is_surer_the_more_alike_the_directions_are_that_the_two_were_seen_from(
+    apart_rad: float, blur: float | None
+) -> None:
+    query, reference = one_pair(0.0)
+    evaluation = evaluated(seen_from(query, 2.0), seen_from(reference, 2.0 + apart_rad))
+    likeness = np.exp(-1.0)  # at the aspect
+    squared = likeness * KERNEL.blur**2 + (1.0 - likeness) * KERNEL.apart_blur**2 if blur is None else blur**2
+    assert evaluation.information[0, 0] == pytest.approx(1.0 / (1.0 - KERNEL.blur**2 + squared), rel=1e-4)
+
+
+def test_of_two_neighbours_the_one_seen_from_the_same_direction_counts_more() -> None:
+    query, beside = one_pair(0.2)
+    pair = replace(
+        beside,
+        points=np.array([[0.2, 0.0], [-0.2, 0.0]]),
+        covariances=np.tile(beside.covariances, (2, 1)),
+        times=np.full(2, 1.0),
+    )
+    evaluation = evaluated(seen_from(query, 2.0), seen_from(pair, 2.0, 3.0))
+    share = KERNEL.apart_share
+    centroid = 0.2 * (1.0 - share) / (1.0 + share)
+    squared = (KERNEL.blur**2 + share * KERNEL.apart_blur**2) / (1.0 + share)
+    d2 = centroid**2 / (1.0 - KERNEL.blur**2 + squared)
+    assert evaluation.shares[0] == pytest.approx(d2 / (1.0 + d2 / SCALE.c**2))
+    assert evaluation.scores[0, 0] < 0.0  # psi falls towards the neighbour at +0.2 m
+
+
+def test_where_one_point_set_does_not_know_its_directions_all_views_count_the_same() -> None:
+    queries, references = point_set(1, 100), point_set(2, 100)
+    blind = evaluated(queries, references)
+    assert_equal(evaluated(look(queries, 1), references), blind)
+    assert_equal(evaluated(queries, look(references, 2)), blind)
+    assert abs(evaluated(look(queries, 1), look(references, 2)).psi - blind.psi) > 0.01 * blind.psi
 
 
 def test_the_scores_are_half_the_gradient_of_the_shares() -> None:

@@ -68,6 +68,17 @@ def test_jacobians_are_those_of_finite_differences(model: MotionModel, beta: flo
         np.testing.assert_allclose(jacobians[:, :, p], (up - down) / (2.0 * step), atol=1e-6)
 
 
+@models
+@betas
+def test_rays_point_from_where_the_sensor_was_to_the_return(model: MotionModel, beta: float) -> None:
+    theta, returns = THETAS[model.name], some_returns()
+    result = placed(START, theta, model, beta)
+    sensor = np.array([se2.compose(START, model.pose(theta, t)[0])[:2] for t in returns.times - T0])
+    away = result.points - sensor
+    np.testing.assert_allclose(np.hypot(*result.rays.T), 1.0, rtol=1e-12)
+    np.testing.assert_allclose(result.rays, away / np.hypot(*away.T)[:, None], atol=1e-10)
+
+
 def test_doppler_lengthens_what_the_sensor_drives_at() -> None:
     returns = Returns(np.full(3, 20.0), np.array([0.0, np.pi / 2.0, np.pi]), np.full(3, T0), np.full(3, 100.0))
     result = place(returns, T0, np.zeros(3), np.array([10.0, 0.0]), MODELS["constant_velocity"], Beam(0.1, 0.01, 0.05))
@@ -89,3 +100,4 @@ def test_no_returns_are_no_points() -> None:
     result = place(none, T0, START, THETAS["constant_twist"], MODELS["constant_twist"], Beam(0.1, 0.01))
     assert len(result) == 0
     assert result.jacobians.shape == (0, 2, 6)
+    assert result.rays.shape == (0, 2)

@@ -9,8 +9,32 @@ from numpy.typing import NDArray
 from mqslam.config import TrackerConfig
 from mqslam.core import se2
 from mqslam.psi.minimiser import Prior
-from mqslam.psi.tracking.dynamics import coast, correct_motion, hold_directions, predict, replace_motion
-from mqslam.psi.tracking.state import ACCELERATION, ALPHA, AX, MOTION, POSE, SIZE, TWIST, Belief, State
+from mqslam.psi.tracking.dynamics import (
+    coast,
+    correct_motion,
+    drop_directions,
+    hold_directions,
+    predict,
+    replace_motion,
+)
+from mqslam.psi.tracking.state import (
+    ACCELERATION,
+    ALPHA,
+    AX,
+    MOTION,
+    OMEGA,
+    POSE,
+    SIZE,
+    TOLERANCES,
+    TWIST,
+    VX,
+    VY,
+    YAW,
+    Belief,
+    State,
+    X,
+    Y,
+)
 
 SETTINGS = TrackerConfig()
 VECTOR = np.array([3.0, -2.0, 0.7, 8.0, 0.1, 0.2, 1.5, -0.3])
@@ -80,3 +104,76 @@ def test_a_held_direction_is_stiff_for_pose_twist_and_acceleration() -> None:
     prior = Prior(np.zeros(SIZE), np.eye(SIZE))
     gain = hold_directions(prior, np.array([[1.0, 0.0, 0.0]])).information - prior.information
     assert set(np.flatnonzero(np.diag(gain) > 0.0)) == {POSE.start, TWIST.start, AX}
+
+
+HEADING = np.array([np.cos(0.7), np.sin(0.7), 0.0])  # of a vehicle at a yaw of 0.7: as its body's x
+ASIDE = np.array([-np.sin(0.7), np.cos(0.7), 0.0])
+
+
+def in_state(part: slice, values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Returns a change of the state (8,) in one of its parts."""
+    change = np.zeros(SIZE)
+    change[part] = values
+    return change
+
+
+def test_a_step_of_a_tolerance_along_a_held_direction_costs_one_more() -> None:
+    prior = Prior(VECTOR, np.eye(SIZE))
+    gain = hold_directions(prior, HEADING[None]).information - prior.information
+    step = TOLERANCES[X] * in_state(POSE, HEADING)
+    assert step @ gain @ step == pytest.approx(1.0)
+    for k in (VX, AX):  # the same direction in the body's frame
+        assert TOLERANCES[k] ** 2 * gain[k, k] == pytest.approx(1.0)
+    np.testing.assert_allclose(gain @ in_state(POSE, ASIDE), 0.0, atol=1e-6)
+    free = [YAW, VY, OMEGA, ALPHA]
+    np.testing.assert_allclose(gain[free], 0.0, atol=1e-6)
+
+
+def some_information() -> NDArray[np.float64]:
+    root = np.random.default_rng(2).normal(size=(SIZE, SIZE)) / TOLERANCES
+    return np.asarray(root.T @ root)
+
+
+def scaled(information: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Returns an information matrix in units of the tolerances."""
+    return np.asarray(information * TOLERANCES[:, None] * TOLERANCES[None, :])
+
+
+def test_a_dropped_direction_holds_no_information_of_pose_twist_or_acceleration() -> None:
+    left = drop_directions(some_information(), HEADING[None], 0.7)
+    for step in (in_state(POSE, HEADING), np.eye(SIZE)[VX], np.eye(SIZE)[AX]):
+        np.testing.assert_allclose(scaled(left) @ (step / np.linalg.norm(step / TOLERANCES) / TOLERANCES), 0.0, atol=1e-9)
+
+
+def test_across_a_dropped_direction_the_information_is_what_it_was() -> None:
+    before = some_information()
+    left = drop_directions(before, HEADING[None], 0.7)
+    across = np.array([in_state(POSE, ASIDE), *np.eye(SIZE)[[YAW, VY, OMEGA, ALPHA]]])
+    np.testing.assert_allclose(across @ left @ across.T, across @ before @ across.T, rtol=1e-9)
+    values = np.linalg.eigvalsh(scaled(left))
+    assert values[0] > -1e-9 * values[-1]
+    assert (values > 1e-9 * values[-1]).sum() == SIZE - 3
+
+
+def test_sideways_there_is_no_acceleration_to_drop() -> None:
+    before = some_information()
+    left = drop_directions(before, np.array([[0.0, 1.0, 0.0]]), 0.0)
+    np.testing.assert_allclose(left[[Y, VY]], 0.0, atol=1e-9 * np.abs(before).max())
+    kept = np.ix_([X, YAW, VX, OMEGA, AX, ALPHA], [X, YAW, VX, OMEGA, AX, ALPHA])
+    np.testing.assert_allclose(left[kept], before[kept], rtol=1e-9)
+
+
+def test_a_direction_that_is_named_twice_is_dropped_once() -> None:
+    turning = np.array([0.3, -0.2, 0.01])
+    once, twice = (drop_directions(some_information(), np.tile(turning, (n, 1)), 0.7) for n in (1, 2))
+    np.testing.assert_allclose(scaled(twice), scaled(once), atol=1e-9)
+
+
+def test_without_weak_directions_the_information_stays() -> None:
+    np.testing.assert_array_equal(drop_directions(some_information(), np.empty((0, 3)), 0.7), some_information())
+
+
+def test_where_nothing_is_observed_no_information_is_left() -> None:
+    before = some_information()
+    left = drop_directions(before, np.eye(3), 0.7)
+    np.testing.assert_allclose(scaled(left), 0.0, atol=1e-9 * np.abs(scaled(before)).max())
