@@ -37,7 +37,7 @@ def test_what_is_shown_is_read_back_the_same_and_explains_itself(tmp_path: Path)
     assert shown.code == 0
     (tmp_path / "mine.yaml").write_text(shown.out)
     assert load_config(tmp_path / "mine.yaml") == load_config("oxford")
-    assert "  # Number of scans that the map holds.\n  keyframes: 40\n" in shown.out
+    assert f"  # Number of scans that the map holds.\n  keyframes: {Config().tracker.keyframes}\n" in shown.out
     assert json.loads(mqslam("config", "show", "--json").out) == Config().model_dump(mode="json")
 
 
@@ -65,11 +65,14 @@ def test_an_expert_setting_is_shown_on_request_and_where_a_file_changes_it(
 def test_the_difference_of_files_is_what_they_change(tmp_path: Path) -> None:
     (tmp_path / "mine.yaml").write_text("tracker: {keyframes: 20}\nsensor: {doppler_beta: 0.049}\n")
     shown = mqslam("config", "diff", tmp_path / "mine.yaml")
-    assert shown.out.splitlines() == ["sensor.doppler_beta: null -> 0.049", "tracker.keyframes: 40 -> 20"]
+    assert shown.out.splitlines() == [
+        "sensor.doppler_beta: null -> 0.049",
+        f"tracker.keyframes: {Config().tracker.keyframes} -> 20",
+    ]
     against = json.loads(mqslam("config", "diff", tmp_path / "mine.yaml", "oxford", "--json").out)
     assert against == {
         "sensor.range_resolution_m": {"from": 0.0438, "to": None},
-        "tracker.keyframes": {"from": 40, "to": 20},
+        "tracker.keyframes": {"from": Config().tracker.keyframes, "to": 20},
     }
     assert mqslam("config", "diff", "default").out == ""
     wrong = mqslam("config", "diff", "oxfrod")

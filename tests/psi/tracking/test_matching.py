@@ -1,0 +1,88 @@
+"""Which directions a map shows: none along bare walls, all where objects stand, however much clutter hides them."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from mqslam.config import Config
+from mqslam.core.scans import Returns, Scan
+from mqslam.psi.minimiser import annealed_scale, score
+from mqslam.psi.neighbours import find_candidates
+from mqslam.psi.observability import find_weak_directions
+from mqslam.psi.place import Beam
+from mqslam.psi.tracking.local_map import LocalMap
+from mqslam.psi.tracking.matching import Matcher
+from mqslam.psi.tracking.setup import Setup
+from mqslam.psi.tracking.state import State
+
+TURN_S = 0.25
+CONFIG = Config()
+MATCHER = Matcher(Setup(CONFIG.tracker, CONFIG.estimator, Beam(0.15, 0.008), TURN_S))
+KEYFRAMES = [(-4.0 * k, 30.0 - 2.5 * k) for k in range(10, 0, -1)]  # places along x [m] and times [s]
+
+
+def at_rest(x: float) -> State:
+    """Returns the state of a sensor that stands at x [m]."""
+    return State.at_constant_twist(np.array([x, 0.0, 0.0]), np.zeros(3))
+
+
+def see(points: NDArray[np.float64], x: float, t0: float, rng: np.random.Generator) -> Scan:
+    """Returns the scan of points (N, 2) m from x [m]; the sensor stands still and turns clockwise."""
+    away = points - [x, 0.0]
+    azimuths = np.arctan2(away[:, 1], away[:, 0])
+    times = t0 + TURN_S * (-azimuths % (2.0 * np.pi)) / (2.0 * np.pi)
+    ranges = np.hypot(*away.T) + rng.normal(0.0, 0.1, len(away))
+    order = np.argsort(times)
+    returns = Returns(ranges[order], azimuths[order], times[order], np.full(len(away), 80.0))
+    return Scan(t0, t0 + TURN_S, returns)
+
+
+def drive_between_walls(objects: int, seed: int) -> tuple[Scan, LocalMap]:
+    """Returns a scan at the origin and the map of the scans before it.
+
+    Bare walls to both sides return something else in every scan; the objects between them are the same in all.
+    """
+    rng = np.random.default_rng(seed)
+    fixed = rng.uniform([-50.0, -7.0], [50.0, 7.0], (objects, 2))
+
+    def look(x: float, t0: float) -> Scan:
+        walls = np.column_stack([rng.uniform(-60.0, 60.0, 300), rng.choice([-7.0, 7.0], 300)])
+        return see(np.concatenate([fixed, walls]), x, t0, rng)
+
+    before = LocalMap(CONFIG.tracker)
+    for x, t0 in KEYFRAMES:
+        before.add(t0, at_rest(x).pose, MATCHER.place(look(x, t0), at_rest(x)))
+    return look(0.0, 30.0), before
+
+
+def seem_weak(scan: Scan, into: LocalMap) -> NDArray[np.float64]:
+    """Returns the directions that the widest scale takes for not observed."""
+    points, scale = MATCHER.place(scan, at_rest(0.0)), annealed_scale(CONFIG.estimator, 0)
+    lists = find_candidates(into.grid, points.points, scale.s)
+    wide = score(points, into.points, lists, scale, TURN_S, CONFIG.estimator)
+    return find_weak_directions(wide, 3, CONFIG.estimator.observed_share)
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_along_bare_walls_the_motion_is_not_observed(seed: int) -> None:
+    scan, into = drive_between_walls(0, seed)
+    (weak,) = MATCHER.find_weak_directions(scan, at_rest(0.0), into)
+    assert abs(weak[0]) > 0.99 * np.linalg.norm(weak)
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_a_few_objects_between_walls_show_the_motion_along_them(seed: int) -> None:
+    scan, into = drive_between_walls(30, seed)
+    assert len(seem_weak(scan, into)) == 1
+    assert len(MATCHER.find_weak_directions(scan, at_rest(0.0), into)) == 0
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_a_place_that_is_off_by_more_than_the_widths_does_not_stand_out(seed: int) -> None:
+    """Psi falls towards the true place, where the objects match."""
+    scan, into = drive_between_walls(30, seed)
+    aside = at_rest(2.0)
+    weak = MATCHER.find_weak_directions(scan, aside, into)
+    assert len(weak) == 1 and abs(weak[0, 0]) > 0.99 * np.linalg.norm(weak[0])
