@@ -91,7 +91,7 @@ class EstimatorConfig(BaseModel):
         gt=0.0,
         description="A direction that seems not observed counts as observed if every shift of the scan along it raises psi "
         "by more than this many standard deviations of the rise. Along a bare corridor there is always a shift that raises "
-        "it by less than 1, in streets full of traffic there is none below 2.2.",
+        "it by less than 1.5, in streets full of traffic there is none below 2.2.",
     )
     rival: float = expert(
         1.25,

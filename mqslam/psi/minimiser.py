@@ -142,7 +142,7 @@ def minimise(
         lists = cache.lists(queries.points, others.points, scale.s, grid)
         return queries, score(queries, others, lists, scale, revolution_s, config)
 
-    for step in range(first_step, config.steps):
+    for step in range(first_step, first_step + config.steps):
         scale = annealed_scale(config, step)
         queries, here = evaluate_at(scale)
         curvature = (here.curvature + config.stabiliser * here.information) / config.correlation + prior.information
