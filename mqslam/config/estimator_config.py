@@ -12,11 +12,11 @@ class EstimatorConfig(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
-    s: float = Field(0.7, gt=0.0, description="Distance beyond which neighbours take no part, at the end of annealing [m].")
+    s: float = Field(0.6, gt=0.0, description="Distance beyond which neighbours take no part, at the end of annealing [m].")
     s_start: float = Field(
         2.5, gt=0.0, description="Distance beyond which neighbours take no part, at the start of annealing [m]."
     )
-    beta_s: float = Field(0.3, gt=0.0, description="Width of the spatial kernel at the end of annealing [m].")
+    beta_s: float = Field(0.25, gt=0.0, description="Width of the spatial kernel at the end of annealing [m].")
     beta_s_start: float = Field(1.25, gt=0.0, description="Width of the spatial kernel at the start of annealing [m].")
     c: float = Field(
         1.5,

@@ -47,6 +47,23 @@ class TrackerConfig(BaseModel):
         description="The track may be lost where a scan's matched share is below this part of the usual one.",
     )
 
+    final_width: float = expert(
+        1.2,
+        ge=1.0,
+        description="Factor on the estimator's final widths s and beta_s where a scan is matched to the running map, whose "
+        "many keyframes scatter more than the scans of a window.",
+    )
+    start_omega: float = expert(
+        0.08,
+        gt=0.0,
+        description="The same as sigma_omega, for the first scans of a track, whose turning is hardly known yet [rad/s].",
+    )
+    start_alpha: float = expert(
+        0.6,
+        gt=0.0,
+        description="The same as sigma_alpha, for the first scans of a track [rad/s^2]. It is also the standard deviation "
+        "of a yaw acceleration of which nothing is known.",
+    )
     first_step: int = expert(
         1,
         ge=0,

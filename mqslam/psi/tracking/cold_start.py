@@ -77,14 +77,14 @@ def find_first_motion(
     motion[: model.size] = theta
     covariance[: model.size, : model.size] = window.covariance
     if model.size < MODEL.size:
-        covariance += np.diag(list_motion_noise(setup.settings) ** 2)
+        covariance += np.diag(list_motion_noise(setup.young) ** 2)
     return FirstMotion(motion, covariance, measure_overlap(window.minimum), window.status is Status.CONVERGED)
 
 
 def _know_nothing(settings: TrackerConfig) -> FirstMotion:
     """Returns rest, with the uncertainty of any motion of a vehicle: scans that have nothing in common show no more."""
     fastest = max(settings.speed_max, -settings.speed_min)
-    spread = np.array([fastest, fastest, settings.omega_max, settings.sigma_ax, settings.sigma_alpha])
+    spread = np.array([fastest, fastest, settings.omega_max, settings.sigma_ax, settings.start_alpha])
     return FirstMotion(np.zeros(MODEL.size), np.diag(spread**2), 0.0, observed=False)
 
 
@@ -92,7 +92,7 @@ def _shrink_unobserved(estimate: WindowMotion, settings: TrackerConfig) -> se2.A
     """Shrinks the motion's parameters towards rest as far as their covariance leaves them open."""
     size = len(estimate.theta)
     at_rest = np.array(
-        [settings.rest_speed, settings.rest_slip, settings.rest_omega, settings.sigma_ax, settings.sigma_alpha]
+        [settings.rest_speed, settings.rest_slip, settings.rest_omega, settings.sigma_ax, settings.start_alpha]
     )
     known = np.diag(at_rest[:size] ** 2)
     return np.asarray(known @ invert(known + estimate.covariance, TOLERANCES[MOTION][:size]) @ estimate.theta)

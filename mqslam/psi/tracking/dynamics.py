@@ -107,7 +107,7 @@ def coast(belief: Belief, dt: float, turn_s: float, settings: TrackerConfig) -> 
     belief = _forget_acceleration(belief, np.zeros(2))
     for _ in range(steps):
         belief = _forget_acceleration(predict(belief, dt / steps, settings), np.zeros(2))
-    return _forget_acceleration(belief, np.square([settings.sigma_ax, settings.sigma_alpha]))
+    return _forget_acceleration(belief, np.square([settings.sigma_ax, settings.start_alpha]))
 
 
 def correct_motion(belief: Belief, motion: se2.Array, covariance: NDArray[np.float64]) -> Belief:

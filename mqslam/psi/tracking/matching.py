@@ -50,16 +50,19 @@ class Matcher:
 
     def evaluate(self, scan: Scan, state: State, into: LocalMap) -> Evaluation:
         """Scores a scan under a state against a map, at the widths that the minimiser ends with."""
-        return self._score(scan, state, final_scale(self.setup.estimator), into)
+        return self._score(self.place(scan, state), final_scale(self.setup.matching), into)
 
     def find_weak_directions(self, scan: Scan, state: State, into: LocalMap) -> NDArray[np.float64]:
         """Returns the directions (K, 3) of the start pose that a map does not show around a match.
 
         In dense traffic, clutter hides at the widest scale what the scan shows at the final one. A direction that seems
         weak is therefore looked along: where the match stands out from all shifts of the scan, it is no chance.
+
+        All views count the same here. Where neighbours that were seen from the same direction counted more, even a bare
+        wall would seem to hold the scan: at the place that the map was seen from.
         """
-        config = self.setup.estimator
-        wide = self._score(scan, state, annealed_scale(config, 0), into)
+        config = self.setup.matching
+        wide = self._score(self._place_blindly(scan, state), annealed_scale(config, 0), into)
         weak = find_weak_directions(wide, 3, config.observed_share)
         return weak[[not self._stands_out(scan, state, direction, into) for direction in weak]]
 
@@ -70,7 +73,7 @@ class Matcher:
             lambda vector: self.place(scan, State(vector)),
             References(into.points, into.grid),
             prior,
-            self.setup.estimator,
+            self.setup.matching,
             self.setup.revolution_s,
             TOLERANCES,
             first_step,
@@ -88,7 +91,7 @@ class Matcher:
         minima = [*known, *self._refine_peaks(scan, predicted, into)]
         minima.sort(key=lambda minimum: minimum.evaluation.psi)
         best = minima[0]
-        config = self.setup.estimator
+        config = self.setup.matching
         elsewhere = [m for m in minima[1:] if np.hypot(*(m.state - best.state)[:2]) > config.search_same_m]
         rivalled = any(m.evaluation.psi < config.rival * best.evaluation.psi for m in elsewhere)
         return Match(best, rivalled)
@@ -98,24 +101,29 @@ class Matcher:
 
         The shifts reach as far as the widest scale. Each difference of psi is compared with its own spread over objects.
         """
-        config = self.setup.estimator
-        points = self.place(scan, state)
+        config = self.setup.matching
+        points = self._place_blindly(scan, state)
         moved = np.sqrt(np.mean(np.sum((points.jacobians[:, :, POSE] @ direction) ** 2, axis=1)))
-        here = self.evaluate(scan, state, into)
+        scale = final_scale(config)
+        here = self._score(points, scale, into)
         for distance in np.arange(config.s, config.s_start + config.beta_s, config.beta_s):
             for sign in (-1.0, 1.0):
                 shifted = state.vector.copy()
                 shifted[POSE] += sign * distance / moved * direction
-                rise = self.evaluate(scan, State(shifted), into).shares - here.shares
+                rise = self._score(self._place_blindly(scan, State(shifted)), scale, into).shares - here.shares
                 by_object = sum_by_object(rise[:, None], points.points, config.cluster_m)
                 if by_object.sum() <= config.distinct_sigmas * np.sqrt(np.sum(by_object**2)):
                     return False
         return True
 
-    def _score(self, scan: Scan, state: State, scale: Scale, into: LocalMap) -> Evaluation:
+    def _place_blindly(self, scan: Scan, state: State) -> PointSet:
+        """Renders a scan without the directions that it sees its points from."""
         placed = self.place(scan, state)
+        return PointSet(placed.points, placed.jacobians, placed.covariances, placed.times)
+
+    def _score(self, placed: PointSet, scale: Scale, into: LocalMap) -> Evaluation:
         lists = find_candidates(into.grid, placed.points, scale.s)
-        return score(placed, into.points, lists, scale, self.setup.revolution_s, self.setup.estimator)
+        return score(placed, into.points, lists, scale, self.setup.revolution_s, self.setup.matching)
 
     def _refine_peaks(self, scan: Scan, predicted: Belief, into: LocalMap) -> list[Minimum]:
         """Returns the minima that start from the peaks of a correlation around the prediction."""
@@ -126,7 +134,7 @@ class Matcher:
         own = self.place(scan, State.of(np.zeros(3), predicted.mean.motion)).points
         information = predicted.information
         minima = []
-        peaks = find_correlation_peaks(into.points.points, own, predicted.pose, reach_m, reach_rad, self.setup.estimator)
+        peaks = find_correlation_peaks(into.points.points, own, predicted.pose, reach_m, reach_rad, self.setup.matching)
         for pose in peaks:
             start = State.of(pose, predicted.mean.motion)
             minima.append(self.minimise(scan, start, Prior(start.vector, information), into))

@@ -62,6 +62,7 @@ class Tracker:
         self._map = LocalMap(settings)
         self._last = LastMatch(0.0, revolution_s, ORIGIN, smooths=False)
         self._usual_share = 0.0
+        self._matches = 0  # since the track began or was resumed
 
     @property
     def settings(self) -> TrackerConfig:
@@ -84,8 +85,8 @@ class Tracker:
             needed = self.settings.fewest_returns
             raise FewReturnsError(f"the first scans hold {counts} returns, and {needed} in each are needed")
         first = find_first_motion(scans, self._setup, begin, odometry)
-        covariance = np.diag(list_motion_noise(self.settings) ** 2) + first.covariance  # the motion may have changed since
-        return self._begin_map(scans[0], replace_motion(ORIGIN, first.motion, covariance), Status.CONVERGED)
+        changed = np.diag(list_motion_noise(self._setup.young) ** 2)  # the motion may have changed since
+        return self._begin_map(scans[0], replace_motion(ORIGIN, first.motion, changed + first.covariance), Status.CONVERGED)
 
     def find_first_twist(self, scans: Sequence[Scan]) -> se2.Array:
         """Finds the twist (3,) of a few scans by an exhaustive search."""
@@ -110,7 +111,8 @@ class Tracker:
             twist: (3,) mean twist since the last matched scan according to odometry; it serves where psi alone does not
                 find or does not observe the motion.
         """
-        predicted = self._last.predict(scan, self.settings)
+        is_young = self._matches < self.settings.young_scans
+        predicted = self._last.predict(scan, self._setup.young if is_young else self.settings)
         begin = self._begin_from(predicted, scan, twist)
         if not is_usable(scan, self.settings):
             return self._pass_over(scan, begin)
@@ -144,6 +146,7 @@ class Tracker:
         minimum, is_sure = find_again(scan, bridged, self._map, self._matcher, self._is_out_of_place)
         if is_sure:
             self._last = replace(self._last, smooths=False)
+            self._matches = 0
             tracked = self._accept(scan, minimum, bridged, np.zeros((0, 3)))
             return replace(tracked, arrival=estimate_arrival(before, tracked.pose, self.settings.sigma_scale))
         if after is None:
@@ -176,6 +179,7 @@ class Tracker:
         """Begins a new map with a scan, whose place defines where the map is."""
         known = belief.in_its_own_frame()
         self._last = LastMatch(scan.t0, scan.t1 - scan.t0, known, smooths=False)
+        self._matches = 0
         self._map = LocalMap(self.settings)
         self._map.offer(scan.t0, known.pose, self._matcher.place(scan, known.mean))
         covariance = known.covariance[POSE_AND_TWIST, POSE_AND_TWIST]
@@ -191,6 +195,7 @@ class Tracker:
         memory = self.settings.usual_memory if self._usual_share > 0.0 else 0.0
         self._usual_share = memory * self._usual_share + (1.0 - memory) * measure_overlap(minimum)
         self._last = LastMatch(scan.t0, scan.t1 - scan.t0, belief, smooths=True)
+        self._matches += 1
         self._map.offer(scan.t0, belief.pose, placed)
         status = Status.DEGENERATE if len(weak) else Status.CONVERGED
         return Tracked(scan.t0, belief.mean, measured[POSE_AND_TWIST, POSE_AND_TWIST], evaluation, status)

@@ -80,7 +80,7 @@ def test_coasting_keeps_the_twist_and_forgets_the_acceleration() -> None:
     after = coast(belief(), 3.0, 0.25, SETTINGS)
     np.testing.assert_array_equal(after.mean.acceleration, 0.0)
     np.testing.assert_allclose(after.mean.twist, VECTOR[TWIST])
-    np.testing.assert_allclose(np.diag(after.covariance)[ACCELERATION], [SETTINGS.sigma_ax**2, SETTINGS.sigma_alpha**2])
+    np.testing.assert_allclose(np.diag(after.covariance)[ACCELERATION], [SETTINGS.sigma_ax**2, SETTINGS.start_alpha**2])
 
 
 def test_a_sure_measurement_of_the_motion_replaces_it_and_moves_the_pose_with_it() -> None:
