@@ -17,7 +17,7 @@ from mqslam.psi.tracking.state import State
 from mqslam.psi.tracking.track import Followed, follow_scans
 from mqslam.psi.tracking.tracked import Tracked
 from mqslam.psi.tracking.tracker import Tracker
-from mqslam.psi.tracking.unsteadiness import Unsteadiness
+from mqslam.psi.unsteadiness import Unsteadiness
 
 
 class PsiFrontEnd:

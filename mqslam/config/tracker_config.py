@@ -67,8 +67,22 @@ class TrackerConfig(BaseModel):
     first_step: int = expert(
         1,
         ge=0,
-        description="Step of the annealing at which the match of a predicted scan begins. A prediction is nearer to the "
-        "match than the start of a search is, and the widest scale pulls scans back to where the map is denser.",
+        description="First step of the annealing at which the match of a predicted scan begins. A prediction is nearer to "
+        "the match than the start of a search is, and the widest scale pulls scans back to where the map is denser.",
+    )
+    foresight_scans: int = expert(
+        40, ge=1, description="Number of past scans that show how well predictions foresee where returns lie."
+    )
+    foresight_share: float = expert(
+        0.9,
+        gt=0.0,
+        le=1.0,
+        description="Share of those scans whose predictions erred by less than what is expected of the next.",
+    )
+    foresight_margin: float = expert(
+        1.0,
+        gt=0.0,
+        description="Least beta_s at which a match begins, in units of the error that is expected of its prediction.",
     )
     fewest_returns: int = expert(
         40, ge=1, description="Fewest returns of a scan that is matched: five for each of the eight numbers of its state."

@@ -29,6 +29,7 @@ from mqslam.psi.tracking.dynamics import (
     predict,
     replace_motion,
 )
+from mqslam.psi.tracking.foresight import Foresight
 from mqslam.psi.tracking.local_map import LocalMap
 from mqslam.psi.tracking.matching import Matcher
 from mqslam.psi.tracking.plausibility import is_usable, measure_overlap, overlaps
@@ -62,6 +63,7 @@ class Tracker:
         self._map = LocalMap(settings)
         self._last = LastMatch(0.0, revolution_s, ORIGIN, smooths=False)
         self._usual_share = 0.0
+        self._foresight = Foresight(settings, self._setup.matching)
         self._matches = 0  # since the track began or was resumed
 
     @property
@@ -117,7 +119,7 @@ class Tracker:
         if not is_usable(scan, self.settings):
             return self._pass_over(scan, begin)
         prior = predicted.prior
-        minimum = self._matcher.minimise(scan, predicted.mean, prior, self._map, self.settings.first_step)
+        minimum = self._matcher.minimise(scan, predicted.mean, prior, self._map, self._foresight.choose_step())
         if self._is_out_of_place(minimum):
             minimum = self._matcher.search(scan, begin, self._map, [minimum]).minimum
         if self._is_out_of_place(minimum):
@@ -147,6 +149,7 @@ class Tracker:
         if is_sure:
             self._last = replace(self._last, smooths=False)
             self._matches = 0
+            self._foresight.forget()
             tracked = self._accept(scan, minimum, bridged, np.zeros((0, 3)))
             return replace(tracked, arrival=estimate_arrival(before, tracked.pose, self.settings.sigma_scale))
         if after is None:
@@ -180,6 +183,7 @@ class Tracker:
         known = belief.in_its_own_frame()
         self._last = LastMatch(scan.t0, scan.t1 - scan.t0, known, smooths=False)
         self._matches = 0
+        self._foresight.forget()
         self._map = LocalMap(self.settings)
         self._map.offer(scan.t0, known.pose, self._matcher.place(scan, known.mean))
         covariance = known.covariance[POSE_AND_TWIST, POSE_AND_TWIST]
@@ -196,6 +200,7 @@ class Tracker:
         self._usual_share = memory * self._usual_share + (1.0 - memory) * measure_overlap(minimum)
         self._last = LastMatch(scan.t0, scan.t1 - scan.t0, belief, smooths=True)
         self._matches += 1
+        self._foresight.add(self._matcher.place(scan, predicted.mean), placed)
         self._map.offer(scan.t0, belief.pose, placed)
         status = Status.DEGENERATE if len(weak) else Status.CONVERGED
         return Tracked(scan.t0, belief.mean, measured[POSE_AND_TWIST, POSE_AND_TWIST], evaluation, status)

@@ -1,0 +1,49 @@
+"""How well predictions foresee where the next scan lies: the match of a scan begins only as wide as they err.
+
+Among vehicles that keep pace with the sensor, a second motion explains many returns. A search that begins wide may end
+there, one that begins at a good prediction does not.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from mqslam.config import EstimatorConfig, TrackerConfig
+from mqslam.psi.minimiser import annealed_scale, final_scale
+from mqslam.psi.place import PointSet
+
+
+class Foresight:
+    """Errors of the predictions of the last scans.
+
+    Args:
+        settings: how many scans count, and how much wider than their errors a match begins.
+        matching: settings of the score where a scan is matched to the running map.
+    """
+
+    def __init__(self, settings: TrackerConfig, matching: EstimatorConfig) -> None:
+        self._settings = settings
+        self._matching = matching
+        self._errors: list[float] = []
+
+    def add(self, predicted: PointSet, matched: PointSet) -> None:
+        """Takes the returns of a scan where its prediction put them, and where its match did."""
+        moved = matched.points - predicted.points
+        error = float(np.sqrt(np.mean(np.sum(moved**2, axis=1))))
+        self._errors = [*self._errors, error][-self._settings.foresight_scans :]
+
+    def forget(self) -> None:
+        """Forgets all errors, where a track begins or goes on after a loss."""
+        self._errors = []
+
+    def choose_step(self) -> int:
+        """Returns the step of the annealing at which the match of the next scan begins."""
+        settings, step = self._settings, self._settings.first_step
+        if len(self._errors) < settings.young_scans:
+            return step
+        least = settings.foresight_margin * float(np.quantile(self._errors, settings.foresight_share))
+        while step < self._matching.steps and annealed_scale(self._matching, step) != final_scale(self._matching):
+            if annealed_scale(self._matching, step + 1).beta_s < least:
+                break
+            step += 1
+        return step
