@@ -199,7 +199,8 @@ def test_an_example_of_the_help_works_as_printed(
 ) -> None:
     words = words_of(line)
     monkeypatch.chdir(tmp_path)
-    Path("drive").symlink_to(place / "DATA")
+    if words[0] != "simulate":  # that one writes the drive itself
+        Path("drive").symlink_to(place / "DATA")
     if words[-2:] != ["--out", "result"]:
         Path("result").symlink_to(place / "finished")
     if "drive.bag" in words:

@@ -128,7 +128,7 @@ def test_a_mirrored_recording_is_as_crisp_so_without_odometry_it_cannot_be_told(
     usual, mirrored = (verdicts(polar[0], *RESOLUTION, *words) for words in ([], ["--config", tmp_path / "mine.yaml"]))
     assert not suspicious(usual) and not suspicious(mirrored)
     psi = [checks["order of azimuths"]["numbers"]["psi"] for checks in (usual, mirrored)]
-    assert psi[1] == pytest.approx(psi[0], rel=1e-6)
+    assert psi[1] == pytest.approx(psi[0], rel=1e-4)  # the minimiser stops within its tolerances
     for name in ("direction of rotation", "stamp convention", "range resolution"):
         assert usual[name]["verdict"] == "cannot be told" and "no odometry" in usual[name]["text"]
 

@@ -294,9 +294,10 @@ def test_real_motion_is_that_of_the_original(oxford_tiny: Path, tmp_path: Path, 
         return
     speeds, expected_speeds = (table[:, 2:] / (table[:, 1] - table[:, 0])[:, None] for table in (converted, expected))
     late = 1 if layout in EVEN else 0  # one stamp a turn, its end, leaves the first turn's duration to be guessed
-    # stamps of whole turns are smoothed as far as a turning mass allows, and this radar's turns wander by 5 ms
+    # stamps of whole turns are smoothed as far as a turning mass allows, and this radar's turns wander by 5 ms; where a scan
+    # is matched from another prediction, its yaw differs by up to a milliradian, a quarter of its error
     np.testing.assert_allclose(speeds[late:, 0], expected_speeds[late:, 0], rtol=0.0, atol=0.1)
-    np.testing.assert_allclose(speeds[:, 2], expected_speeds[:, 2], rtol=0.0, atol=0.005)
+    np.testing.assert_allclose(speeds[:, 2], expected_speeds[:, 2], rtol=0.0, atol=0.007)
 
 
 def there_and_back(drive: Path, folder: Path, layout: str) -> Path:
