@@ -49,7 +49,7 @@ class SimulatedRecording(Recording):
         if self.hard_world is not None:
             return _to_stamps(self.hard_world.clock.stamps(k))
         turns = k + np.arange(self.sensor.azimuths) / self.sensor.azimuths
-        return self.start_us + np.round(turns / self.sensor.turn_rate_hz * 1e6).astype(np.int64)
+        return _to_stamps(turns / self.sensor.turn_rate_hz)
 
     def polar_scans(self, start: int = 0, stop: int | None = None) -> Iterator[PolarScan]:
         """Renders the polar scans start <= k < stop, one after the other."""
@@ -97,7 +97,7 @@ def simulate_recording(
         raise ConfigError(f"simulator: {duration_s} s hold no whole turn at {sensor.turn_rate_hz} turns/s")
     world = make_hard_world(scene, drive, sensor, turns, Realism(), seed) if realism == "hard" else None
     if world is None:
-        stamps_us = START_US + np.round(np.arange(turns + 1) / sensor.turn_rate_hz * 1e6).astype(np.int64)
+        stamps_us = _to_stamps(np.arange(turns + 1) / sensor.turn_rate_hz)
     else:
         starts = np.array([world.clock.stamps(k)[0] for k in range(turns)])
         stamps_us = _to_stamps(np.append(starts, starts[-1] + np.diff(world.clock.borders[-2:])))

@@ -33,6 +33,11 @@ def make_vehicle(rng: np.random.Generator, centre: Array, yaw: float) -> Array:
     return make_box(centre, yaw, length, width, rng.uniform(0.5, 2.0), VEHICLE_OPACITY)
 
 
+def draw_mover(rng: np.random.Generator) -> tuple[float, float]:
+    """Draws length and width [m] of a moving vehicle: a car, or a bus now and then."""
+    return (rng.uniform(3.8, 5.2), rng.uniform(1.7, 2.0)) if rng.random() < 0.85 else (11.0, 2.5)
+
+
 def add_building(
     rng: np.random.Generator,
     corner: Array,

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from mqslam.simulator.parts import WALL_OPACITY, Array, add_building, make_poles, make_vehicle
+from mqslam.simulator.parts import WALL_OPACITY, Array, add_building, draw_mover, make_poles, make_vehicle
 
 LANE = 1.75
 """Distance of a lane's middle from the street's middle [m]; traffic keeps to the right."""
@@ -192,6 +192,6 @@ def _on_lanes(rng: np.random.Generator, lanes: list[tuple[Array, float, float]],
     for m in range(number):
         lane = int(rng.integers(len(lanes)))
         start, heading, length = lanes[lane]
-        size = (rng.uniform(3.8, 5.2), rng.uniform(1.7, 2.0)) if rng.random() < 0.85 else (11.0, 2.5)
+        size = draw_mover(rng)
         movers[m] = [*start, heading, length, rng.uniform(0.0, length), speeds[lane], *size, rng.uniform(0.7, 2.5)]
     return movers

@@ -32,18 +32,22 @@ class Foresight:
         error = float(np.sqrt(np.mean(np.sum(moved**2, axis=1))))
         self._errors = [*self._errors, error][-self._settings.foresight_scans :]
 
+    @property
+    def is_young(self) -> bool:
+        """Whether the track has only begun, or gone on after a loss, so that too few predictions are known."""
+        return len(self._errors) < min(self._settings.young_scans, self._settings.foresight_scans)
+
     def forget(self) -> None:
         """Forgets all errors, where a track begins or goes on after a loss."""
         self._errors = []
 
     def choose_step(self) -> int:
         """Returns the step of the annealing at which the match of the next scan begins."""
-        settings, step = self._settings, self._settings.first_step
-        if len(self._errors) < settings.young_scans:
+        settings, matching = self._settings, self._matching
+        step = settings.first_step
+        if self.is_young:
             return step
         least = settings.foresight_margin * float(np.quantile(self._errors, settings.foresight_share))
-        while step < self._matching.steps and annealed_scale(self._matching, step) != final_scale(self._matching):
-            if annealed_scale(self._matching, step + 1).beta_s < least:
-                break
+        while annealed_scale(matching, step) != final_scale(matching) and annealed_scale(matching, step + 1).beta_s >= least:
             step += 1
         return step

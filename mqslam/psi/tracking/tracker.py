@@ -64,7 +64,6 @@ class Tracker:
         self._last = LastMatch(0.0, revolution_s, ORIGIN, smooths=False)
         self._usual_share = 0.0
         self._foresight = Foresight(settings, self._setup.matching)
-        self._matches = 0  # since the track began or was resumed
 
     @property
     def settings(self) -> TrackerConfig:
@@ -113,8 +112,7 @@ class Tracker:
             twist: (3,) mean twist since the last matched scan according to odometry; it serves where psi alone does not
                 find or does not observe the motion.
         """
-        is_young = self._matches < self.settings.young_scans
-        predicted = self._last.predict(scan, self._setup.young if is_young else self.settings)
+        predicted = self._last.predict(scan, self._setup.young if self._foresight.is_young else self.settings)
         begin = self._begin_from(predicted, scan, twist)
         if not is_usable(scan, self.settings):
             return self._pass_over(scan, begin)
@@ -148,7 +146,6 @@ class Tracker:
         minimum, is_sure = find_again(scan, bridged, self._map, self._matcher, self._is_out_of_place)
         if is_sure:
             self._last = replace(self._last, smooths=False)
-            self._matches = 0
             self._foresight.forget()
             tracked = self._accept(scan, minimum, bridged, np.zeros((0, 3)))
             return replace(tracked, arrival=estimate_arrival(before, tracked.pose, self.settings.sigma_scale))
@@ -182,7 +179,6 @@ class Tracker:
         """Begins a new map with a scan, whose place defines where the map is."""
         known = belief.in_its_own_frame()
         self._last = LastMatch(scan.t0, scan.t1 - scan.t0, known, smooths=False)
-        self._matches = 0
         self._foresight.forget()
         self._map = LocalMap(self.settings)
         self._map.offer(scan.t0, known.pose, self._matcher.place(scan, known.mean))
@@ -199,7 +195,6 @@ class Tracker:
         memory = self.settings.usual_memory if self._usual_share > 0.0 else 0.0
         self._usual_share = memory * self._usual_share + (1.0 - memory) * measure_overlap(minimum)
         self._last = LastMatch(scan.t0, scan.t1 - scan.t0, belief, smooths=True)
-        self._matches += 1
         self._foresight.add(self._matcher.place(scan, predicted.mean), placed)
         self._map.offer(scan.t0, belief.pose, placed)
         status = Status.DEGENERATE if len(weak) else Status.CONVERGED

@@ -15,7 +15,7 @@ from mqslam.simulator.city.kerbside import furnish_street
 from mqslam.simulator.city.polygons import offset_line
 from mqslam.simulator.city.streets import Plan, lay_plan
 from mqslam.simulator.drive import Drive, clear_way, meets
-from mqslam.simulator.parts import Array
+from mqslam.simulator.parts import Array, draw_mover
 from mqslam.simulator.scene import Scene
 
 SLOT = 25.0
@@ -84,7 +84,7 @@ def _draw_traffic(rng: np.random.Generator, plan: Plan, number: int | None) -> A
     movers = np.empty((number, 9))
     for m, slot in enumerate(rng.permutation(len(slots))[:number]):
         lane, place = slots[slot]
-        size = (rng.uniform(3.8, 5.2), rng.uniform(1.7, 2.0)) if rng.random() < 0.85 else (11.0, 2.5)
+        size = draw_mover(rng)
         along = place + rng.uniform(0.0, SLOT - 13.0)
         movers[m] = [*lane.start, lane.heading, lane.length, along, lane.speed, *size, rng.uniform(0.7, 2.5)]
     return movers

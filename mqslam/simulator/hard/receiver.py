@@ -7,11 +7,11 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d, uniform_filter1d
 from scipy.signal import lfilter
 
+from mqslam.simulator.beam import COUNTS_PER_DECADE
 from mqslam.simulator.hard.realism import Realism
 
 _HAZY_AZIMUTHS = 7  # the haze of a target spreads over so many
 _TO_SIGMA = 1.0 / np.sqrt(8.0 * np.log(2.0))  # of a normal curve, from its half-power width
-_COUNTS_PER_DECADE = 20.0  # half a decibel each
 _LEAKS = ((1.0, 1.0, 4.0), (0.2, 2.0, 8.0))  # share of the leakage, range where it ends [m], sharpness of its end [1/m]
 _FAINTEST = 1e-6  # a power that no reading shows
 
@@ -38,7 +38,7 @@ def receive(
     like_echoes = _blur(white, sigma) * np.sqrt(sigma * np.sqrt(np.pi))  # mean power 1 once more
     seen += np.sqrt(noise) * like_echoes
     counts = np.floor(seen.real**2 + seen.imag**2)
-    readings = _COUNTS_PER_DECADE * np.log10(np.maximum(counts, 1.0))
+    readings = COUNTS_PER_DECADE * np.log10(np.maximum(counts, 1.0))
     return np.asarray(np.minimum(255.0, readings), dtype=np.uint8)
 
 

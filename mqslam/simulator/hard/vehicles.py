@@ -29,7 +29,7 @@ def outline(vehicles: Vehicles, realism: Realism, seed: int) -> Scatterers:
     body = np.column_stack([corners * np.column_stack([length, width]), np.zeros(len(way))])
     yaw = vehicles.poses[which, 2]
     again = chance.name(names.view(np.int64), 1)
-    normal = np.sqrt(-2.0 * np.log(chance.uniform(again, 0))) * np.cos(2.0 * np.pi * chance.uniform(again, 1))
+    normal = np.sqrt(2.0) * chance.complex_normal(again).real
     return Scatterers(
         places=se2.compose(vehicles.poses[which], body)[:, :2],
         velocities=vehicles.velocities[which],

@@ -49,6 +49,7 @@ class HardWorld:
         realism: the magnitudes of all effects.
         seed: of everything.
         scatterers: of the scene, in the order of their x.
+        standing: what hides and does not move.
         traffic: what moves.
         suspension: how the own vehicle tilts.
         clock: when azimuths are measured and stamped.
@@ -60,6 +61,7 @@ class HardWorld:
     realism: Realism
     seed: int
     scatterers: Scatterers
+    standing: Obstacles
     traffic: Traffic
     suspension: Suspension
     clock: Clock
@@ -107,18 +109,13 @@ class HardWorld:
 
     def _obstruct(self, vehicles: Vehicles) -> Obstacles:
         """Returns what hides during a turn: the scene and the vehicles about."""
-        scene, height = self.scene, self.realism.radar_height_m
-        parked = is_vehicle(scene)
-        sides = box_sides(vehicles)
-        vehicle = to_depths(np.array(self.realism.vehicle_opacity))
-        standing = np.where(parked, vehicle, self.realism.wall_depth * to_depths(scene.walls[:, 5]))
-        return Obstacles(
-            sides=np.concatenate([scene.walls[:, :4], sides]),
-            velocities=np.concatenate([np.zeros((len(scene.walls), 2)), np.repeat(vehicles.velocities, 4, axis=0)]),
-            depths=np.concatenate([standing, np.full(len(sides), vehicle)]),
-            tall=np.concatenate([wall_heights(scene) > height, np.repeat(vehicles.sizes[:, 2] > height, 4)]),
-            crowns=np.column_stack([scene.plants[:, :3], to_depths(scene.plants[:, 3])]),
-            tall_crowns=plant_heights(scene) > height,
+        realism, standing, sides = self.realism, self.standing, box_sides(vehicles)
+        tall = np.repeat(vehicles.sizes[:, 2] > realism.radar_height_m, 4)
+        return standing._replace(
+            sides=np.concatenate([standing.sides, sides]),
+            velocities=np.concatenate([standing.velocities, np.repeat(vehicles.velocities, 4, axis=0)]),
+            depths=np.concatenate([standing.depths, np.full(len(sides), _vehicle_depth(realism))]),
+            tall=np.concatenate([standing.tall, tall]),
         )
 
     def _reflect(
@@ -167,10 +164,29 @@ def make_hard_world(scene: Scene, drive: Drive, sensor: SensorModel, turns: int,
         realism=realism,
         seed=seed,
         scatterers=scatterers,
+        standing=_stand_in_the_way(scene, realism),
         traffic=make_traffic(scene, solid, drive, float(clock.borders[-1]), realism, seed),
         suspension=make_suspension(drive, realism, seed),
         clock=clock,
     )
+
+
+def _stand_in_the_way(scene: Scene, realism: Realism) -> Obstacles:
+    """Returns what of a scene hides: its walls, its parked vehicles and its plants."""
+    walls, plants, height = scene.walls, scene.plants, realism.radar_height_m
+    return Obstacles(
+        sides=walls[:, :4],
+        velocities=np.zeros((len(walls), 2)),
+        depths=np.where(is_vehicle(scene), _vehicle_depth(realism), realism.wall_depth * to_depths(walls[:, 5])),
+        tall=wall_heights(scene) > height,
+        crowns=np.column_stack([plants[:, :3], to_depths(plants[:, 3])]),
+        tall_crowns=plant_heights(scene) > height,
+    )
+
+
+def _vehicle_depth(realism: Realism) -> float:
+    """Returns the optical depth of a side of a vehicle."""
+    return float(to_depths(np.array(realism.vehicle_opacity)))
 
 
 def _face(scatterers: Scatterers, times: Array, poses: Array) -> Array:

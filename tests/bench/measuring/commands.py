@@ -12,6 +12,7 @@ from bench.measuring.recordings import MQSLAM
 
 FRONT_ENDS = {"psi": "psi", "kiss_icp": "KISS-ICP", "open3d_icp": "Open3D ICP"}
 """The front ends that are compared, with the names that tables show."""
+OURS, RIVAL = FRONT_ENDS["psi"], FRONT_ENDS["kiss_icp"]
 
 
 @cache

@@ -8,13 +8,13 @@ from typing import NamedTuple
 import numpy as np
 from bench.benchmark import Cell, Column, Goal, Row, label
 from bench.measuring.calibration import measure_nees
-from bench.measuring.commands import FRONT_ENDS, compare, read_json
+from bench.measuring.commands import FRONT_ENDS, OURS, RIVAL, compare, read_json
 from bench.measuring.kiss_slam import find_interpreter, run_kiss_slam
 from bench.measuring.recordings import TRUTH
 from bench.measuring.scorer import score
 
 MEAN = "mean"
-OURS, RIVAL, KISS_SLAM = "psi", "KISS-ICP", "KISS-SLAM, random heights"
+KISS_SLAM = "KISS-SLAM, random heights"
 COLUMNS = (
     label("world", "world"),
     label("run", "run"),

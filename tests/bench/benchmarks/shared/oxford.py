@@ -6,22 +6,21 @@ from pathlib import Path
 
 import yaml
 from bench.benchmark import Benchmark, Bound, Column, Goal, Row, label
-from bench.measuring.commands import run
+from bench.measuring.commands import OURS, RIVAL, run
 from bench.measuring.recordings import SHARED, shared
 from bench.measuring.scorer import score
 
 _BINS = {"0.0432 m, as published": ("--range-resolution", "0.0432"), "default": ()}
 _MEASURED, _TAKEN_OUT = "measured", "none"
 _DOPPLERS = {_TAKEN_OUT: 0.0, _MEASURED: None}  # [s]; None: measured by psi
-_PSI = "psi"
 
 
 def _measure(out: Path) -> list[Row]:
     data = shared(SHARED / "data" / "oxford_tiny")
     rows = [
-        _measure_run(data, out, (_PSI, bins, doppler), options) for bins, options in _BINS.items() for doppler in _DOPPLERS
+        _measure_run(data, out, (OURS, bins, doppler), options) for bins, options in _BINS.items() for doppler in _DOPPLERS
     ]
-    return [*rows, _measure_run(data, out, ("KISS-ICP", "default", _MEASURED), ("--frontend", "kiss_icp"))]
+    return [*rows, _measure_run(data, out, (RIVAL, "default", _MEASURED), ("--frontend", "kiss_icp"))]
 
 
 def _measure_run(data: Path, out: Path, names: tuple[str, str, str], options: tuple[str, ...]) -> Row:
@@ -34,10 +33,10 @@ def _measure_run(data: Path, out: Path, names: tuple[str, str, str], options: tu
     used = yaml.safe_load((folder / "config.yaml").read_text(encoding="utf-8"))["sensor"]["doppler_beta"]
     cells = {"front_end": front_end, "bins": bins, "doppler": doppler, "shift": used}
     cells |= {"bias": errors.rpe_v_bias, "speed": errors.rpe_v_rms, "rate": errors.rpe_w_rms}
-    return Row(cells, judged=(front_end, bins, doppler) == (_PSI, "default", _MEASURED))
+    return Row(cells, judged=(front_end, bins, doppler) == (OURS, "default", _MEASURED))
 
 
-_DEFAULT = {"front_end": _PSI, "bins": "default", "doppler": _MEASURED}
+_DEFAULT = {"front_end": OURS, "bins": "default", "doppler": _MEASURED}
 
 BENCHMARK = Benchmark(
     what="Ten steps of a real radar; the ground truth's own noise is about 0.15 m/s.",

@@ -5,7 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 from bench.benchmark import Benchmark, Bound, Row
-from bench.measuring.peers import COLUMNS, OURS, Run, average, measure_peers
+from bench.measuring.commands import OURS
+from bench.measuring.peers import COLUMNS, Run, average, measure_peers
 from bench.measuring.recordings import twin
 
 _RUNS = (  # run, seed, world, scans

@@ -5,7 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 from bench.benchmark import Benchmark, Bound, Row
-from bench.measuring.peers import COLUMNS, MEAN, OURS, Run, average, measure_peers
+from bench.measuring.commands import OURS
+from bench.measuring.peers import COLUMNS, MEAN, Run, average, measure_peers
 from bench.measuring.recordings import simulate_city
 
 _SEEDS = {"kind": (1, 2), "hard": (1, 2, 3, 4)}

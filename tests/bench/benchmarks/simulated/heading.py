@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 from bench.benchmark import Benchmark, Bound, Cell, Column, Goal, Row, label
-from bench.measuring.commands import FRONT_ENDS, compare
+from bench.measuring.commands import FRONT_ENDS, OURS, compare
 from bench.measuring.recordings import TRUTH, simulate_short_city
 from bench.measuring.scorer import score
 
@@ -54,5 +54,5 @@ BENCHMARK = Benchmark(
         Column("rms", "RMS [deg/km]", "{:.3f}", Goal.LOW),
     ),
     measure=_measure,
-    bounds=(Bound("errors_off", {"front_end": "psi"}, most=2.0),),
+    bounds=(Bound("errors_off", {"front_end": OURS}, most=2.0),),
 )

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from bench.benchmark import Benchmark, Bound, Cell, Column, Goal, Row, label
-from bench.measuring.commands import FRONT_ENDS, compare
+from bench.measuring.commands import FRONT_ENDS, OURS, compare
 from bench.measuring.recordings import TRUTH, simulate
 from bench.measuring.scorer import score
 
@@ -40,5 +40,5 @@ BENCHMARK = Benchmark(
         Column("speed", "speed RMS [m/s]", "{:.3f}"),
     ),
     measure=_measure,
-    bounds=(Bound("followed", {"front_end": FRONT_ENDS["psi"]}, least=0.99),),
+    bounds=(Bound("followed", {"front_end": OURS}, least=0.99),),
 )
