@@ -180,6 +180,12 @@ class TrackerConfig(BaseModel):
     grown_keyframes: int = expert(
         8, ge=1, description="A map with fewer keyframes than this takes new ones at shorter distances, because it is thin."
     )
+    held_scans: int = expert(
+        8,
+        ge=1,
+        description="Number of matched scans whose mean motion is followed along directions that psi does not observe. "
+        "With fewer the motion is less sure, with more an earlier one is followed.",
+    )
     young_scans: int = expert(
         16, ge=2, description="Number of scans of a new track that are measured again together, once they make a map."
     )

@@ -42,12 +42,14 @@ class LastMatch:
         turn_s: its duration [s]; the radar may be told to turn at another rate.
         belief: what is known of its state.
         smooths: whether a prediction from it rests on a match, and so smooths the next one.
+        twists: (3,) each, of the last scans whose motion psi observed, as many as the settings say at most.
     """
 
     t0: float
     turn_s: float
     belief: Belief
     smooths: bool
+    twists: tuple[se2.Array, ...] = ()
 
     @property
     def pose(self) -> se2.Array:
@@ -66,6 +68,17 @@ class LastMatch:
         if dt > longest:
             belief = Belief(State.at_constant_twist(belief.pose, np.zeros(3)), belief.covariance)
         return coast(belief, min(dt, longest), self.turn_s, settings)
+
+    def predict_steadily(self, scan: Scan) -> State | None:
+        """Predicts the state of a later scan at the mean twist of the last ones, or returns None where there were none.
+
+        The twist of a single match errs by a few tenths of a metre per second. That is little for the next scan, which is
+        matched in turn, and too much where scans are not matched along a direction for some time.
+        """
+        if not self.twists:
+            return None
+        twist = np.mean(self.twists, axis=0)
+        return State.at_constant_twist(se2.compose(self.pose, se2.exp(twist, scan.t0 - self.t0)), twist)
 
 
 def predict(belief: Belief, dt: float, settings: TrackerConfig) -> Belief:

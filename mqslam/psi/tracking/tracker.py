@@ -124,8 +124,9 @@ class Tracker:
             return self._miss(scan, begin, minimum)
         weak = self._matcher.find_weak_directions(scan, State(minimum.state), self._map)
         if len(weak):
-            stiff = hold_directions(replace(prior, mean=begin.mean.vector), weak)
-            minimum = self._matcher.minimise(scan, begin.mean, stiff, self._map)
+            held = begin.mean if twist is not None else self._last.predict_steadily(scan) or begin.mean
+            stiff = hold_directions(replace(prior, mean=held.vector), weak)
+            minimum = self._matcher.minimise(scan, held, stiff, self._map)
         return self._accept(scan, minimum, predicted, weak)
 
     def resume(self, scans: Sequence[Scan], twist: se2.Array | None = None) -> Tracked:
@@ -194,7 +195,9 @@ class Tracker:
         measured[POSE, POSE] = loosen(measured[POSE, POSE], weak, bound_pose(self.settings, setup.revolution_s))
         memory = self.settings.usual_memory if self._usual_share > 0.0 else 0.0
         self._usual_share = memory * self._usual_share + (1.0 - memory) * measure_overlap(minimum)
-        self._last = LastMatch(scan.t0, scan.t1 - scan.t0, belief, smooths=True)
+        observed = () if len(weak) else (belief.mean.twist,)
+        twists = (*self._last.twists, *observed)[-self.settings.held_scans :]
+        self._last = LastMatch(scan.t0, scan.t1 - scan.t0, belief, smooths=True, twists=twists)
         self._foresight.add(self._matcher.place(scan, predicted.mean), placed)
         self._map.offer(scan.t0, belief.pose, placed)
         status = Status.DEGENERATE if len(weak) else Status.CONVERGED
