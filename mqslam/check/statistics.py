@@ -36,7 +36,15 @@ SCANS_ON = (1, 4)
 NEAR_M = 0.5  # a return that has another this near is seen again
 FAR_M = 1.0  # a return that has none this near is not
 _WIDTHS = {"s": 0.6, "beta_s": 0.25, "correlation": 10.0, "apart_share": 1.0, "apart_blur": 1.0}  # all views count the same
-_MAP = {"keyframe_m": 8.0, "keyframes": 40, "first_step": 0, "foresight_margin": np.inf, "final_width": 1.0}  # always wide
+# Each match begins wide, and none is left for a better one beside it.
+_MAP = {
+    "keyframe_m": 8.0,
+    "keyframes": 40,
+    "first_step": 0,
+    "foresight_margin": np.inf,
+    "final_width": 1.0,
+    "doubtful_psi": np.inf,
+}
 _TURNING = {"sigma_omega": 0.08, "sigma_alpha": 0.6, "start_omega": 0.08, "start_alpha": 0.6}  # the same in young tracks
 _ASIDE_RAD = np.deg2rad(10.0)  # turned so far about the sensor, a scan meets another's returns by chance alone
 

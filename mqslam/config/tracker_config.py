@@ -105,7 +105,13 @@ class TrackerConfig(BaseModel):
         0.95,
         ge=0.0,
         lt=1.0,
-        description="Share of the usual matched share that is kept from scan to scan when it is updated.",
+        description="Share of the usual matched share and psi that is kept from scan to scan when it is updated.",
+    )
+    doubtful_psi: float = expert(
+        1.15,
+        ge=0.0,
+        description="A match whose psi per return is this many times the usual one or more may be at a wrong minimum: "
+        "better ones are looked for ahead of it and behind it.",
     )
     prediction_gain: float = expert(
         0.1,

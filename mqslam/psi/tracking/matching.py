@@ -96,6 +96,38 @@ class Matcher:
         rivalled = any(m.evaluation.psi < config.rival * best.evaluation.psi for m in elsewhere)
         return Match(best, rivalled)
 
+    def look_beside(self, scan: Scan, minimum: Minimum, information: NDArray[np.float64], into: LocalMap) -> Minimum | None:
+        """Finds a better match ahead of one or behind it, or returns None where there is none.
+
+        Vehicles that keep pace with the sensor have a minimum of their own. Where all set off together, a match that begins
+        at the prediction may stay with them, although psi is much lower a few decimetres ahead.
+
+        Args:
+            scan: the scan.
+            minimum: a match of it.
+            information: (8, 8) of the prediction.
+            into: the map.
+        """
+        config, scale = self.setup.matching, final_scale(self.setup.matching)
+        here = State(minimum.state)
+        reach = np.arange(config.beta_s, config.beta_s_start, config.beta_s)
+        shifted = [here.moved_ahead(distance, self.setup.revolution_s) for distance in (*-reach, *reach)]
+        best = min(shifted, key=lambda state: self._score(self.place(scan, state), scale, into).psi)
+        other = self.minimise(scan, best, Prior(best.vector, information), into, config.steps)
+        rise = minimum.evaluation.shares - other.evaluation.shares
+        return other if self._is_distinct(rise, self.place(scan, State(other.state))) else None
+
+    def _is_distinct(self, rise: NDArray[np.float64], placed: PointSet) -> bool:
+        """Returns whether psi rises by more than chance explains: by some standard deviations of its sums over objects.
+
+        Args:
+            rise: (N,) by how much each point's share of psi rises.
+            placed: the points before that.
+        """
+        config = self.setup.matching
+        by_object = sum_by_object(rise[:, None], placed.points, config.cluster_m)
+        return bool(by_object.sum() > config.distinct_sigmas * np.sqrt(np.sum(by_object**2)))
+
     def _stands_out(self, scan: Scan, state: State, direction: NDArray[np.float64], into: LocalMap) -> bool:
         """Returns whether psi is lower at a match than at any shift of the scan along a direction (3,) of the start pose.
 
@@ -111,8 +143,7 @@ class Matcher:
                 shifted = state.vector.copy()
                 shifted[POSE] += sign * distance / moved * direction
                 rise = self._score(self._place_blindly(scan, State(shifted)), scale, into).shares - here.shares
-                by_object = sum_by_object(rise[:, None], points.points, config.cluster_m)
-                if by_object.sum() <= config.distinct_sigmas * np.sqrt(np.sum(by_object**2)):
+                if not self._is_distinct(rise, points):
                     return False
         return True
 

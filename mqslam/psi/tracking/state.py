@@ -69,6 +69,11 @@ class State:
         """(5,) twist and accelerations, the parameters of the motion model."""
         return self.vector[MOTION]
 
+    def moved_ahead(self, distance: float, duration_s: float) -> State:
+        """Returns the state of a sensor that came farther ahead [m] in a time [s], and is faster by as much."""
+        pose = se2.compose(self.pose, np.array([distance, 0.0, 0.0]))
+        return State.of(pose, self.motion + np.eye(SIZE)[VX, MOTION] * distance / duration_s)
+
 
 @dataclass(frozen=True, slots=True)
 class Belief:

@@ -32,7 +32,7 @@ from mqslam.psi.tracking.dynamics import (
 from mqslam.psi.tracking.foresight import Foresight
 from mqslam.psi.tracking.local_map import LocalMap
 from mqslam.psi.tracking.matching import Matcher
-from mqslam.psi.tracking.plausibility import is_usable, measure_overlap, overlaps
+from mqslam.psi.tracking.plausibility import Usual, is_usable, measure_overlap, overlaps
 from mqslam.psi.tracking.relocalisation import (
     bridge_gap,
     estimate_arrival,
@@ -62,7 +62,7 @@ class Tracker:
         self._matcher = Matcher(self._setup)
         self._map = LocalMap(settings)
         self._last = LastMatch(0.0, revolution_s, ORIGIN, smooths=False)
-        self._usual_share = 0.0
+        self._usual = Usual()
         self._foresight = Foresight(settings, self._setup.matching)
 
     @property
@@ -118,6 +118,8 @@ class Tracker:
             return self._pass_over(scan, begin)
         prior = predicted.prior
         minimum = self._matcher.minimise(scan, predicted.mean, prior, self._map, self._foresight.choose_step())
+        if self._usual.is_doubtful(minimum, self.settings):
+            minimum = self._matcher.look_beside(scan, minimum, prior.information, self._map) or minimum
         if self._is_out_of_place(minimum):
             minimum = self._matcher.search(scan, begin, self._map, [minimum]).minimum
         if self._is_out_of_place(minimum):
@@ -193,8 +195,7 @@ class Tracker:
         placed = self._matcher.place(scan, belief.mean)
         measured = measure_covariance(evaluation, placed, predicted, self._map, setup, smoothed=smoothed)
         measured[POSE, POSE] = loosen(measured[POSE, POSE], weak, bound_pose(self.settings, setup.revolution_s))
-        memory = self.settings.usual_memory if self._usual_share > 0.0 else 0.0
-        self._usual_share = memory * self._usual_share + (1.0 - memory) * measure_overlap(minimum)
+        self._usual = self._usual.after(minimum, self.settings)
         observed = () if len(weak) else (belief.mean.twist,)
         twists = (*self._last.twists, *observed)[-self.settings.held_scans :]
         self._last = LastMatch(scan.t0, scan.t1 - scan.t0, belief, smooths=True, twists=twists)
@@ -220,4 +221,4 @@ class Tracker:
 
     def _is_poor(self, share: float) -> bool:
         """Returns whether a matched share is much poorer than the usual one."""
-        return share < self.settings.lost_share * self._usual_share
+        return self._usual.is_poor(share, self.settings)

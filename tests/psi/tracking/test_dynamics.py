@@ -8,8 +8,10 @@ from numpy.typing import NDArray
 
 from mqslam.config import TrackerConfig
 from mqslam.core import se2
+from mqslam.core.scans import Returns, Scan
 from mqslam.psi.minimiser import Prior
 from mqslam.psi.tracking.dynamics import (
+    LastMatch,
     coast,
     correct_motion,
     drop_directions,
@@ -23,6 +25,7 @@ from mqslam.psi.tracking.state import (
     AX,
     MOTION,
     OMEGA,
+    ORIGIN,
     POSE,
     SIZE,
     TOLERANCES,
@@ -37,6 +40,7 @@ from mqslam.psi.tracking.state import (
 )
 
 SETTINGS = TrackerConfig()
+EMPTY = Returns(*np.zeros((4, 0)))
 VECTOR = np.array([3.0, -2.0, 0.7, 8.0, 0.1, 0.2, 1.5, -0.3])
 
 
@@ -51,6 +55,25 @@ def test_the_parts_of_a_state_are_its_vector() -> None:
     np.testing.assert_array_equal(State.of(state.pose, state.motion).vector, VECTOR)
     np.testing.assert_array_equal(State.at_constant_twist(state.pose, state.twist).acceleration, 0.0)
     assert state.yaw == VECTOR[2]
+
+
+def test_a_state_farther_ahead_came_there_faster() -> None:
+    ahead = State(VECTOR).moved_ahead(0.5, 0.25)
+    np.testing.assert_allclose(se2.between(State(VECTOR).pose, ahead.pose), [0.5, 0.0, 0.0], atol=1e-12)
+    np.testing.assert_allclose(ahead.motion - VECTOR[MOTION], [2.0, 0.0, 0.0, 0.0, 0.0], atol=1e-12)
+
+
+def test_unobserved_directions_follow_the_mean_twist_of_the_last_matches() -> None:
+    twists = (np.array([8.2, 0.1, 0.1]), np.array([7.8, -0.1, 0.3]))
+    last = LastMatch(1.0, 0.25, Belief(State(VECTOR), np.eye(SIZE)), smooths=True, twists=twists)
+    steady = last.predict_steadily(Scan(1.5, 1.75, EMPTY))
+    assert steady is not None
+    np.testing.assert_allclose(steady.twist, [8.0, 0.0, 0.2])
+    np.testing.assert_allclose(steady.pose, se2.compose(VECTOR[POSE], se2.exp(steady.twist, 0.5)))
+
+
+def test_without_a_match_no_steady_motion_is_known() -> None:
+    assert LastMatch(0.0, 0.25, ORIGIN, smooths=False).predict_steadily(Scan(0.25, 0.5, EMPTY)) is None
 
 
 def test_a_steady_motion_is_predicted_along_its_arc() -> None:

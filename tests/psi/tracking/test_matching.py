@@ -1,4 +1,4 @@
-"""Which directions a map shows: none along bare walls, all where objects stand, however much clutter hides them."""
+"""Which directions a map shows, however much clutter hides them, and whether a better match lies beside one."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from mqslam.config import Config
 from mqslam.core.scans import Returns, Scan
-from mqslam.psi.minimiser import annealed_scale, score
+from mqslam.psi.minimiser import Minimum, Prior, annealed_scale, score
 from mqslam.psi.neighbours import find_candidates
 from mqslam.psi.observability import find_weak_directions
 from mqslam.psi.place import Beam
@@ -19,6 +19,7 @@ from mqslam.psi.tracking.state import State
 
 TURN_S = 0.25
 CONFIG = Config()
+INFORMATION = np.diag([1e2, 1e2, 1e4, 1e2, 1e2, 1e4, 1.0, 1.0])
 MATCHER = Matcher(Setup(CONFIG.tracker, CONFIG.estimator, Beam(0.15, 0.008), TURN_S))
 
 
@@ -93,3 +94,44 @@ def test_a_place_that_is_off_by_more_than_the_widths_does_not_stand_out(seed: in
     aside = at_rest(2.0)
     weak = MATCHER.find_weak_directions(scan, aside, into)
     assert len(weak) == 1 and abs(weak[0, 0]) > 0.99 * np.linalg.norm(weak[0])
+
+
+def leave_in_company(speed: float, seed: int) -> tuple[Scan, LocalMap]:
+    """Returns the scan of a sensor that has set off [m/s], and the map from before; a third of what it sees moves along."""
+    rng = np.random.default_rng(seed)
+    world, company = rng.uniform(-40.0, 40.0, (2, 150, 2))
+    before = LocalMap(CONFIG.tracker)
+    for k in range(4):
+        still = see(np.concatenate([world, company]), 0.0, TURN_S * k, rng)
+        before.add(still.t0, at_rest(0.0).pose, MATCHER.place(still, at_rest(0.0)))
+    x = speed * TURN_S
+    when = (-np.arctan2(*world.T[::-1]) % (2.0 * np.pi)) / (2.0 * np.pi)  # roughly, in turns: how far the sensor is then
+    seen = world - [[x, 0.0]] * when[:, None]
+    return see(np.concatenate([seen, company[:100] + np.array([x, 0.0])]), x, 4 * TURN_S, rng), before
+
+
+def set_off(speed: float) -> State:
+    """Returns the state of a sensor that has moved for a turn."""
+    return at_rest(0.0).moved_ahead(speed * TURN_S, TURN_S)
+
+
+def minimise_narrowly(scan: Scan, start: State, into: LocalMap) -> Minimum:
+    return MATCHER.minimise(scan, start, Prior(start.vector, INFORMATION), into, CONFIG.estimator.steps)
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("speed", [-2.4, 2.4, 3.6])
+def test_a_match_that_stays_with_vehicles_that_set_off_as_well_is_left_for_a_better_one(speed: float, seed: int) -> None:
+    scan, before = leave_in_company(speed, seed)
+    with_company = minimise_narrowly(scan, at_rest(0.0), before)
+    assert abs(with_company.state[0]) < 0.2  # else there is nothing to mend
+    better = MATCHER.look_beside(scan, with_company, INFORMATION, before)
+    assert better is not None
+    assert better.state[0] == pytest.approx(speed * TURN_S, abs=0.1)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_beside_the_right_match_there_is_no_better_one(seed: int) -> None:
+    scan, before = leave_in_company(2.4, seed)
+    right = minimise_narrowly(scan, set_off(2.4), before)
+    assert MATCHER.look_beside(scan, right, INFORMATION, before) is None

@@ -9,7 +9,7 @@ from mqslam.config import TrackerConfig
 from mqslam.core.scans import Returns, Scan
 from mqslam.psi.estimator import Evaluation
 from mqslam.psi.minimiser import Minimum
-from mqslam.psi.tracking.plausibility import is_usable, measure_overlap, overlaps
+from mqslam.psi.tracking.plausibility import Usual, is_usable, measure_overlap, overlaps
 
 SETTINGS = TrackerConfig()
 
@@ -20,10 +20,12 @@ def scan(count: int, sector: float) -> Scan:
     return Scan(0.0, 0.25, Returns(np.full(count, 20.0), azimuths, times, np.full(count, 90.0)))
 
 
-def minimum(matched: int, count: int) -> Minimum:
+def minimum(matched: int, count: int, psi: float = 0.0) -> Minimum:
+    """Returns a match of so many returns, each with the same psi."""
     mask = np.arange(count) < matched
     nothing = np.zeros((8, 8))
-    return Minimum(np.zeros(8), Evaluation(np.zeros(count), mask, np.zeros((count, 8)), nothing, nothing), converged=True)
+    evaluation = Evaluation(np.full(count, psi), mask, np.zeros((count, 8)), nothing, nothing)
+    return Minimum(np.zeros(8), evaluation, converged=True)
 
 
 @pytest.mark.parametrize(("count", "sector", "usable"), [(39, 3.0, False), (40, 3.0, True), (40, 0.19, False)])
@@ -47,3 +49,22 @@ def test_a_match_needs_enough_returns_on_the_map_and_a_share_of_them(matched: in
 def test_a_track_is_given_up_after_no_fewer_scans_than_begin_a_new_one() -> None:
     with pytest.raises(ValueError, match="patience"):
         TrackerConfig(patience=2)
+
+
+def test_before_the_first_match_nothing_is_poor_or_doubtful() -> None:
+    assert not Usual().is_poor(0.1, SETTINGS)
+    assert not Usual().is_doubtful(minimum(10, 100, psi=9.0), SETTINGS)
+
+
+def test_the_first_match_is_usual_and_later_ones_change_that_slowly() -> None:
+    first = Usual().after(minimum(60, 100, psi=2.0), SETTINGS)
+    assert first == Usual(share=0.6, psi=2.0)
+    later = first.after(minimum(80, 100, psi=1.0), SETTINGS)
+    assert 0.6 < later.share < 0.62 and 1.94 < later.psi < 2.0
+
+
+def test_a_match_is_poor_or_doubtful_compared_with_usual_ones() -> None:
+    usual = Usual(share=0.6, psi=2.0)
+    assert usual.is_poor(0.29, SETTINGS) and not usual.is_poor(0.31, SETTINGS)
+    assert usual.is_doubtful(minimum(60, 100, psi=2.31), SETTINGS)
+    assert not usual.is_doubtful(minimum(60, 100, psi=2.29), SETTINGS)
