@@ -10,7 +10,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from mqslam.backend.pose_graph import compute_marginals
+from mqslam.backend.marginals import compute_marginals
 from mqslam.core import se2
 from mqslam.core.evenly import pick_evenly
 from mqslam.core.recording import Recording

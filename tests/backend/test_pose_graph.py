@@ -1,28 +1,11 @@
 from __future__ import annotations
 
-import gtsam
 import numpy as np
 import pytest
-from gtsam.symbol_shorthand import X
+from support.graphs import FLAT, TURNS, graph_of, unequal
 
-from mqslam.backend.pose_graph import PoseGraph, build_pose_graph, compute_marginals, optimise, poses_of
-from mqslam.config import GraphConfig
+from mqslam.backend.pose_graph import build_pose_graph, optimise, poses_of
 from mqslam.core import se2
-from mqslam.core.measurement import Measurement
-from mqslam.factors.psi_between import psi_between
-
-FLAT = GraphConfig(floor_m=1e-6, floor_rad=1e-6, cancelling=1.0)
-COVARIANCE = np.diag([0.01, 0.0025, 1e-4])
-TURNS = np.tile([2.0, 0.1, 0.3], (30, 1))  # more than a full turn in all
-
-
-def graph_of(motions: np.ndarray, initial: np.ndarray, loops: dict[tuple[int, int], np.ndarray] | None = None) -> PoseGraph:
-    edges = {(k, k + 1): motion for k, motion in enumerate(motions)} | (loops or {})
-    return build_pose_graph(
-        initial,
-        [psi_between(X(a), X(b), Measurement(a, b, motion, COVARIANCE), FLAT) for (a, b), motion in edges.items()],
-        FLAT,
-    )
 
 
 def test_without_loops_the_optimum_is_the_chain_wherever_it_starts() -> None:
@@ -61,92 +44,6 @@ def test_a_loop_shares_the_drift_along_the_way() -> None:
     before_m, after_m = (np.hypot(*(p[20, :2] - truth[20, :2])) for p in (start, after))
     assert after_m < 0.2 * before_m
     assert np.abs(se2.between(start[:-1], start[1:]) - se2.between(after[:-1], after[1:])).max() < 0.2
-
-
-def test_marginals_are_covariances_that_grow_away_from_the_held_pose() -> None:
-    graph = graph_of(TURNS, se2.chain(TURNS))
-    result = compute_marginals(graph, optimise(graph).values, [0, 1, 10, 30])
-    assert result.failure is None
-    np.testing.assert_array_equal(result.indices, [0, 1, 10, 30])
-    np.testing.assert_array_equal(result.covariances, result.covariances.transpose(0, 2, 1))
-    np.testing.assert_array_less(0.0, np.linalg.eigvalsh(result.covariances))
-    np.testing.assert_allclose(
-        np.sqrt(np.diag(result.covariances[0])), [FLAT.prior_m, FLAT.prior_m, FLAT.prior_rad], rtol=1e-6
-    )
-    assert np.all(np.diff(np.linalg.det(result.covariances)) > 0.0)
-
-
-def test_the_marginal_of_the_first_edge_is_its_covariance_in_the_frame_it_ends_in() -> None:
-    graph = graph_of(TURNS[:1], se2.chain(TURNS[:1]))
-    (result,) = compute_marginals(graph, optimise(graph).values, [1]).covariances
-    c, s = np.cos(0.3), np.sin(0.3)
-    to_end = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
-    np.testing.assert_allclose(result, to_end @ COVARIANCE @ to_end.T, atol=2e-6)
-
-
-def unequal(count: int, lowest: float, highest: float, loops: int = 0, seed: int = 1) -> PoseGraph:
-    """Returns a chain whose edges know some directions and not others: variances 10^lowest to 10^highest along any axes."""
-    rng = np.random.default_rng(seed)
-    motions = np.column_stack([rng.uniform(-1.0, 3.0, count), rng.normal(0.0, 0.1, count), rng.normal(0.0, 0.05, count)])
-    poses = se2.chain(motions)
-
-    def edge(a: int, b: int) -> gtsam.BetweenFactorPose2:
-        axes, _ = np.linalg.qr(rng.normal(size=(3, 3)))
-        covariance = (axes * 10.0 ** rng.uniform(lowest, highest, 3)) @ axes.T
-        noise = gtsam.noiseModel.Gaussian.Covariance(0.5 * (covariance + covariance.T))
-        return gtsam.BetweenFactorPose2(X(a), X(b), gtsam.Pose2(*se2.between(poses[a], poses[b])), noise)
-
-    edges = [edge(k, k + 1) for k in range(count)]
-    return build_pose_graph(
-        poses, edges + [edge(*sorted(rng.choice(count + 1, 2, replace=False))) for _ in range(loops)], FLAT
-    )
-
-
-def dense_marginals(graph: PoseGraph) -> np.ndarray:
-    """Returns all marginals (n, 3, 3) by a dense QR decomposition, its rows sorted so that it is as exact as it can be."""
-    rows, _ = graph.factors.linearize(graph.initial).jacobian()
-    rows = rows[np.argsort(-np.linalg.norm(rows, axis=1))]
-    inverse = np.linalg.inv(np.linalg.qr(rows, mode="r"))
-    return np.array([inverse[3 * k : 3 * k + 3] @ inverse[3 * k : 3 * k + 3].T for k in range(graph.size)])
-
-
-@pytest.mark.parametrize("loops", [0, 4])
-@pytest.mark.parametrize(("lowest", "highest"), [(-4.0, -2.0), (-10.0, 6.0)])
-def test_marginals_are_those_of_a_dense_computation_however_unequal_the_edges(
-    loops: int, lowest: float, highest: float
-) -> None:
-    graph = unequal(20, lowest, highest, loops)
-    expected = dense_marginals(graph)
-    result = compute_marginals(graph, graph.initial, range(graph.size)).covariances
-    sigmas = np.sqrt(np.einsum("kii->ki", expected))
-    np.testing.assert_allclose(
-        result / (sigmas[:, :, None] * sigmas[:, None, :]), expected / (sigmas[:, :, None] * sigmas[:, None, :]), atol=1e-6
-    )
-
-
-def test_a_long_chain_without_a_known_direction_has_marginals_where_gtsam_has_none() -> None:
-    graph = unequal(300, -10.0, 6.0)
-    with pytest.raises(RuntimeError, match="Indeterminate linear system"):
-        gtsam.Marginals(graph.factors, graph.initial)
-    result = compute_marginals(graph, graph.initial, [1, 150, 300])
-    assert result.failure is None
-    assert np.linalg.eigvalsh(result.covariances).min() > 0.0
-
-
-@pytest.mark.parametrize(("lowest", "highest"), [(-20.0, 20.0), (-300.0, 300.0)])
-def test_marginals_beyond_all_precision_are_said_to_be_unknown(lowest: float, highest: float) -> None:
-    graph = unequal(30, lowest, highest)
-    result = compute_marginals(graph, graph.initial, [0, 15, 30])
-    assert result.failure
-    assert result.covariances.shape == (0, 3, 3)
-    assert len(result.indices) == 0
-
-
-def test_marginals_of_a_pose_that_nothing_ties_are_said_to_be_unknown() -> None:
-    tied = graph_of(TURNS[:2], se2.chain(TURNS[:2]))
-    tied.initial.insert(X(3), gtsam.Pose2())
-    loose = PoseGraph(tied.factors, tied.initial, 4)
-    assert compute_marginals(loose, loose.initial, [3]).failure == "the graph leaves a direction undetermined"
 
 
 def test_the_optimum_is_found_however_unequal_the_edges() -> None:

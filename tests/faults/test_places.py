@@ -14,7 +14,8 @@ import pytest
 from support.commands import mqslam, parse_strict_json
 from support.faults import images, run_quickly
 
-from mqslam.backend.pose_graph import PoseCovariances, PoseGraph, compute_marginals
+from mqslam.backend.marginals import PoseCovariances, compute_marginals
+from mqslam.backend.pose_graph import PoseGraph
 from mqslam.core import frontend
 from mqslam.core.frontend import Context
 from mqslam.core.measurement import Measurement, Status
