@@ -108,14 +108,13 @@ class Slam:
         with runner.time_stage("optimise"):
             odometry = make_odometry_edges(scans, context, self._name, measurements, config.graph)
             problem = Problem(measurements, odometry, config.graph, config.loops)
-            poses = problem.solve_poses([])
         search = LoopSearch([], 0)
         if config.loops.enabled:
             with runner.time_stage("loops"), runner.tolerate("the search for loops"):
-                search = runner.make_once(LOOPS, lambda: close_loops(scans, problem, poses, config.estimator, beam, runner))
+                search = runner.make_once(LOOPS, lambda: close_loops(scans, problem, config.estimator, beam, runner))
         with runner.time_stage("optimise"):
             graph, optimum = problem.optimise(search.loops)
-        runner.warnings += optimum.warnings
+        runner.warnings += search.warnings + optimum.warnings
         return Solution(
             frontend=self._name,
             config=config,

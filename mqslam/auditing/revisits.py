@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from mqslam.auditing.sweeps import Sweeps
 from mqslam.auditing.windows import torn_threshold
 from mqslam.backend.loops.align import align, score_at_pose
-from mqslam.backend.loops.passes import compute_reach, find_pass_pairs, is_unrivalled
+from mqslam.backend.loops.passes import find_passes, is_unrivalled
 from mqslam.backend.loops.submap import pick_around
 from mqslam.config import AuditConfig, EstimatorConfig, LoopConfig
 from mqslam.core import se2
@@ -91,7 +91,20 @@ def audit_revisits(
 
 def find_revisit_pairs(sweeps: Sweeps, settings: AuditConfig) -> list[tuple[int, int]]:
     """Finds pairs (earlier, later) of sweeps that may show one place: the nearest earlier pass every spacing_m of path."""
-    return find_pass_pairs(sweeps.travelled, sweeps.poses, settings)
+    passes = find_passes(
+        sweeps.travelled,
+        sweeps.poses,
+        settings,
+        lambda path_m: np.minimum(settings.reach_m + settings.drift * path_m, settings.gate_m),
+    )
+    return [nearest[0] for nearest in passes if nearest]
+
+
+def compute_reach(path_m: float, settings: AuditConfig) -> tuple[float, float]:
+    """Returns how far the relative pose of two passes may be off [m], [rad] after path_m [m] of path between them."""
+    position_m = min(settings.search_m + settings.drift * path_m, settings.gate_m)
+    yaw = min(settings.search_rad + settings.drift_rad * path_m, settings.gate_rad)
+    return position_m, yaw
 
 
 def _measure_pair(shared: tuple[Sweeps, AuditConfig, EstimatorConfig, LoopConfig], pair: tuple[int, int]) -> Revisit | None:

@@ -85,14 +85,17 @@ def compute_relative_covariances(
     Raises:
         EstimationError: the graph does not determine a pose, or its edges are too unequal for floating-point precision.
     """
-    if not pairs:
-        return np.empty((0, 3, 3))
+    covariances = np.zeros((len(pairs), 3, 3))
+    apart = [k for k, (a, b) in enumerate(pairs) if a != b]  # a pose in its own frame is known
+    if not apart:
+        return covariances
     poses = {k: _pose_at(values, k) for pair in pairs for k in pair}
-    motions = [_differentiate_motion(X(a), X(b), se2.between(poses[a], poses[b])) for a, b in pairs]
+    motions = [_differentiate_motion(X(a), X(b), se2.between(poses[a], poses[b])) for a, b in (pairs[k] for k in apart)]
     try:
-        return _Linearised(graph, values).project(motions)
+        covariances[apart] = _Linearised(graph, values).project(motions)
     except MemoryError as error:
         raise EstimationError("the graph does not fit into memory") from error
+    return covariances
 
 
 _Derivative = tuple[tuple[int, NDArray[np.float64]], ...]  # of three numbers by variables: their keys, with (3, 3) each

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pydantic import BaseModel, ConfigDict, Field
 
 from mqslam.config.fields import expert
-from mqslam.config.loop_config import Drift, DriftRad, GateRad, PassConfig, SearchRad, SpacingM
+from mqslam.config.loop_config import PassConfig, SearchRad, SpacingM
 
 
 class AuditConfig(PassConfig):
@@ -36,10 +36,9 @@ class AuditConfig(PassConfig):
     )
     # an audited trajectory, which anyone may have made, may drift more than our own does before loops are closed
     spacing_m: SpacingM = 10.0
-    drift: Drift = 0.02
-    drift_rad: DriftRad = 1e-4
+    drift: float = Field(0.02, ge=0.0, description="Drift of the trajectory to reckon with, per length of path [m/m].")
+    drift_rad: float = Field(1e-4, ge=0.0, description="Drift of the yaw to reckon with, per length of path [rad/m].")
     search_rad: SearchRad = 0.05
-    gate_rad: GateRad = 0.3
     sampled_windows: int = expert(
         100, ge=1, description="Number of windows, evenly spread, that a run judges of its own map; an audit judges all."
     )

@@ -11,10 +11,8 @@ from mqslam.config.fields import expert
 SpacingM = Annotated[
     float, Field(gt=0.0, description="Path [m] between the scans for which an earlier pass of the same place is looked for.")
 ]
-Drift = Annotated[float, Field(ge=0.0, description="Drift of the trajectory to reckon with, per length of path [m/m].")]
-DriftRad = Annotated[float, Field(ge=0.0, description="Drift of the yaw to reckon with, per length of path [rad/m].")]
+SearchM = Annotated[float, Field(gt=0.0, description="Least half width of the search for the later pass's position [m].")]
 SearchRad = Annotated[float, Field(gt=0.0, description="Least half width of the search in yaw [rad].")]
-GateRad = Annotated[float, Field(gt=0.0, description="Largest half width of the search in yaw [rad].")]
 
 
 class PassConfig(BaseModel):
@@ -27,12 +25,10 @@ class PassConfig(BaseModel):
         60.0, gt=0.0, description="Two scans with less path between them [m] are not two passes: odometry ties them already."
     )
     reach_m: float = Field(12.0, gt=0.0, description="Distance [m] at which two passes still see the same things.")
-    drift: Drift = 0.005
-    drift_rad: DriftRad = 3e-5
-    search_m: float = Field(3.0, gt=0.0, description="Least half width of the search for the later pass's position [m].")
+    search_m: SearchM = 3.0
     search_rad: SearchRad = 0.03
     gate_m: float = Field(40.0, gt=0.0, description="Largest half width of the search for the later pass's position [m].")
-    gate_rad: GateRad = 0.15
+    gate_rad: float = Field(0.3, gt=0.0, description="Largest half width of the search in yaw [rad].")
     submap_m: float = Field(
         15.0,
         gt=0.0,
@@ -74,7 +70,22 @@ class LoopConfig(PassConfig):
         ge=1,
         description="Number of searches; each starts from the trajectory that the loops found before have corrected.",
     )
+    # wider than most trajectories need: a street that repeats shows it within that distance, whatever the trajectory says
+    search_m: SearchM = 15.0
     passes: int = Field(1, ge=1, description="Number of earlier passes, the nearest first, that a scan is tied to.")
+    sigmas: float = Field(
+        3.0,
+        gt=0.0,
+        description="The search reaches as far as so many standard deviations of what the trajectory says about the pose "
+        "of one pass relative to the other. Where that is beyond gate_m or gate_rad, the passes are not compared.",
+    )
+    probability: float = Field(
+        0.999,
+        gt=0.5,
+        lt=1.0,
+        description="Probability of the chi-square quantile that a loop must not exceed, against the trajectory between its "
+        "ends and against neighbouring loops.",
+    )
     sure_m: float = Field(0.3, gt=0.0, description="Largest standard deviation of a loop's position [m].")
     kept: float = Field(
         1.1,

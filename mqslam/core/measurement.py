@@ -86,7 +86,26 @@ class LoopSearch:
     Args:
         loops: the loop closures that are in the graph.
         tried: number of pairs of scans that were compared.
+        ambiguous: number of these that match, but at several places that the trajectory allows.
+        implausible: number of these that match at a place that the trajectory rules out.
+        unsure: number of further pairs that were not compared, because the trajectory is less sure of them than the search
+            reaches.
     """
 
     loops: list[Loop]
     tried: int
+    ambiguous: int = 0
+    implausible: int = 0
+    unsure: int = 0
+
+    @property
+    def warnings(self) -> list[str]:
+        """What to tell where more pairs of passes match than could be tied: a line for each reason."""
+        left_out = {
+            "several places fit": self.ambiguous,
+            "only a place fits that the trajectory rules out": self.implausible,
+            "the trajectory is less sure of the place than the search for loops reaches": self.unsure,
+        }
+        return [
+            f"{why}: {count} pairs of passes were left out" for why, count in left_out.items() if count > len(self.loops)
+        ]

@@ -16,6 +16,8 @@ from mqslam.errors import DataError
 R = TypeVar("R")
 Arrays = dict[str, NDArray[Any]]
 
+_COUNTS = ("tried", "ambiguous", "implausible", "unsure")  # of a search for loops
+
 
 @dataclass(frozen=True)
 class Kept(Generic[R]):
@@ -90,7 +92,7 @@ def _unpack_measured(arrays: Arrays) -> Measured:
 
 def _pack_loops(search: LoopSearch) -> Arrays:
     """Returns loops as arrays, one per field."""
-    arrays: Arrays = {"tried": np.array(search.tried)}
+    arrays: Arrays = {name: np.array(getattr(search, name)) for name in _COUNTS}
     for name in _list_fields(Loop):
         arrays[name] = np.array([getattr(loop, name) for loop in search.loops])
     return arrays
@@ -100,7 +102,7 @@ def _unpack_loops(arrays: Arrays) -> LoopSearch:
     """Returns the loops that arrays hold."""
     rows = zip(*(arrays[name] for name in _list_fields(Loop)), strict=True)
     loops = [Loop(int(a), int(b), pose, covariance, float(share), float(psi)) for a, b, pose, covariance, share, psi in rows]
-    return LoopSearch(loops, int(arrays["tried"]))
+    return LoopSearch(loops, *(int(arrays[name]) for name in _COUNTS))
 
 
 def _list_fields(kind: type) -> list[str]:
@@ -109,4 +111,4 @@ def _list_fields(kind: type) -> list[str]:
 
 
 MEASURED = Kept("measurements.npz", [*_list_fields(Measurement), "doppler_beta"], _pack_measured, _unpack_measured)
-LOOPS = Kept("loops.npz", [*_list_fields(Loop), "tried"], _pack_loops, _unpack_loops)
+LOOPS = Kept("loops.npz", [*_list_fields(Loop), *_COUNTS], _pack_loops, _unpack_loops)

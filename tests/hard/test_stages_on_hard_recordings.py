@@ -7,6 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 import pytest
+from support.chains import chain_of
 from support.hard_recordings import (
     AT_REST,
     HARD,
@@ -23,7 +24,7 @@ from support.hard_recordings import (
 from mqslam.auditing.judge import Audit, audit
 from mqslam.auditing.sweeps import place_sweeps
 from mqslam.auditing.windows import audit_sample
-from mqslam.backend.loops.search import find_loops
+from mqslam.backend.loops.candidates import find_candidates
 from mqslam.backend.loops.submap import Drive
 from mqslam.config import Config
 from mqslam.core import se2
@@ -87,7 +88,7 @@ def test_a_hard_recording_is_rendered_and_checked(name: str) -> None:
     track = Trajectory(stamps_of(scans), poses)
     checks = audit_sample(joined(scans), track, CONFIG.audit, CONFIG.estimator, BEAM, Runner())
     assert all(check.bend.points and np.isfinite(check.bend.inflation) for check in checks)
-    assert find_loops(Drive.of(scans, poses), CONFIG.loops, CONFIG.estimator, BEAM, set(), HERE, ignore_progress) == []
+    assert find_candidates(chain_of(Drive.of(scans, poses)), CONFIG.loops, set()) == ([], [])
 
 
 def test_a_recording_without_returns_is_neither_rendered_nor_audited() -> None:

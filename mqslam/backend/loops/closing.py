@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import logging
+from collections.abc import Sequence
 
-from mqslam.backend.loops.search import confirm_by_map, find_loops
+from mqslam.backend.loops.candidates import Chain, find_candidates
+from mqslam.backend.loops.consistency import keep_consistent
+from mqslam.backend.loops.search import compare_passes, confirm_by_map
 from mqslam.backend.loops.submap import Drive
+from mqslam.backend.pose_graph import poses_of
 from mqslam.backend.problem import Problem
 from mqslam.config import EstimatorConfig
-from mqslam.core import se2
 from mqslam.core.measurement import Loop, LoopSearch
 from mqslam.core.scans import Scans
 from mqslam.execution.runner import Runner
@@ -17,35 +20,45 @@ from mqslam.psi.place import Beam
 _log = logging.getLogger(__name__)
 
 
-def close_loops(
-    scans: Scans,
-    problem: Problem,
-    poses: se2.Array,
-    estimator: EstimatorConfig,
-    beam: Beam,
-    runner: Runner,
-) -> LoopSearch:
-    """Returns the loops that psi verifies and that make the map better.
+def close_loops(scans: Scans, problem: Problem, estimator: EstimatorConfig, beam: Beam, runner: Runner) -> LoopSearch:
+    """Returns the loops that psi verifies, that the trajectory allows, that agree and that make the map better.
 
     Args:
         scans: scans of the recording.
         problem: the trajectory that the loops join.
-        poses: (N, 3) the optimum of the trajectory without loops [m, m, rad].
         estimator: settings of the estimator.
         beam: the sensor model.
         runner: does the work.
+
+    Raises:
+        EstimationError: the uncertainty of the trajectory cannot be computed.
     """
     settings = problem.loop_settings
     loops: list[Loop] = []
-    tried: set[tuple[int, int]] = set()
-    drive = Drive.of(scans, poses)
-    before = drive
+    compared: set[tuple[int, int]] = set()
+    decided: set[tuple[int, int]] = set()
+    ambiguous = 0
+    chain = _optimise(scans, problem, loops)
+    before = chain.drive
     for _ in range(settings.rounds):
-        candidates = find_loops(drive, settings, estimator, beam, tried, runner.engine, runner.progress)
-        if not candidates:
+        candidates, unsure = find_candidates(chain, settings, decided)
+        comparisons = compare_passes(chain.drive, candidates, settings, estimator, beam, runner.engine, runner.progress)
+        implausible = {c[:2] for c, comparison in zip(candidates, comparisons, strict=True) if comparison.implausible}
+        compared |= {c[:2] for c in candidates}
+        decided |= {c[:2] for c in candidates} - implausible  # a trajectory that loops have corrected may allow these
+        ambiguous += sum(comparison.ambiguous for comparison in comparisons)
+        new = [comparison.loop for comparison in comparisons if comparison.loop is not None]
+        if not new:
             break
-        after = problem.solve_poses(loops + candidates)
-        loops = confirm_by_map(loops + candidates, before, after, settings, estimator, beam, runner.engine)
-        drive = Drive.of(scans, problem.solve_poses(loops))
-    _log.info("%d of %d pairs of passes are loops that the map keeps", len(loops), len(tried))
-    return LoopSearch(loops, len(tried))
+        loops = loops + keep_consistent(new, chain, settings)
+        loops = confirm_by_map(loops, before, problem.solve_poses(loops), settings, estimator, beam, runner.engine)
+        chain = _optimise(scans, problem, loops)
+    _log.info("%d of %d pairs of passes are loops that the map keeps", len(loops), len(compared))
+    _log.info("%d pairs match at several places, %d at an implausible one", ambiguous, len(implausible))
+    return LoopSearch(loops, len(compared), ambiguous, len(implausible), len(unsure))
+
+
+def _optimise(scans: Scans, problem: Problem, loops: Sequence[Loop]) -> Chain:
+    """Returns the optimised trajectory with some loops."""
+    graph, optimum = problem.optimise(loops)
+    return Chain(Drive.of(scans, poses_of(optimum.values, graph.size)), graph, optimum.values)

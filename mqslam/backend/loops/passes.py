@@ -5,7 +5,7 @@ Loop closures ask this to correct a trajectory, an audit to judge one; their set
 
 from __future__ import annotations
 
-from collections.abc import Set
+from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,58 +17,49 @@ from mqslam.config import PassConfig
 from mqslam.core import se2
 
 
-def find_pass_pairs(
+def find_passes(
     travelled: NDArray[np.float64],
     poses: se2.Array,
     settings: PassConfig,
-    passes: int = 1,
-    tried: Set[tuple[int, int]] = frozenset(),
-) -> list[tuple[int, int]]:
-    """Finds pairs (earlier, later) of poses that may show one place, the nearest earlier pass first.
-
-    Two poses are a candidate if they are no farther apart than two passes may be to see the same things, plus the drift
-    of the trajectory on the way from one to the other. Only the nearest pose of each of the nearest earlier passes is
-    taken, and none if a neighbouring pair has been tried.
+    reach_m: Callable[[NDArray[np.float64]], NDArray[np.float64]],
+) -> list[list[tuple[int, int]]]:
+    """Finds, for poses a certain path apart, pairs (earlier, later) with the nearest pose of every earlier pass.
 
     Args:
         travelled: (N,) length of the path so far [m].
         poses: (N, 3).
-        settings: how far to look.
-        passes: number of earlier passes that a pose is paired with.
-        tried: pairs that are not taken again.
+        settings: of the comparison of passes.
+        reach_m: returns how far apart two poses may lie [m], given the path between them [m]; it never falls.
+
+    Returns:
+        pairs of each later pose, the nearest pass first.
     """
     nodes = pick_spaced(travelled, settings.spacing_m)
-    paths = np.array([(travelled[a], travelled[b] * settings.tried_factor) for a, b in sorted(tried)])
-    known = cKDTree(paths.reshape(-1, 2))
     travelled, xy = travelled[nodes], poses[nodes, :2]
     tree = cKDTree(xy)
-    widest = settings.reach_m + settings.drift * float(travelled[-1])
-    pairs = []
+    widest_m = float(reach_m(travelled[-1:])[0])
+    passes = []
     for b, place in enumerate(xy):
-        near = np.array(sorted(a for a in tree.query_ball_point(place, min(widest, settings.gate_m)) if a < b), dtype=int)
+        near = np.array(sorted(a for a in tree.query_ball_point(place, widest_m) if a < b), dtype=int)
         path = travelled[b] - travelled[near]
         apart = np.hypot(*(xy[near] - place).T)
-        fits = (path > settings.least_path_m) & (apart <= settings.reach_m + settings.drift * path)
-        groups = _split_passes(near[fits], settings.least_path_m / settings.spacing_m)
+        groups = _split_passes(
+            near[(path > settings.least_path_m) & (apart <= reach_m(path))], settings.least_path_m / settings.spacing_m
+        )
         nearest = [group[np.argmin(np.hypot(*(xy[group] - place).T))] for group in groups]
         nearest.sort(key=lambda a: float(np.hypot(*(xy[a] - place))))
-        for a in nearest[:passes]:
-            if not known.query_ball_point([travelled[a], travelled[b] * settings.tried_factor], settings.least_path_m):
-                pairs.append((int(nodes[a]), int(nodes[b])))
-    return pairs
-
-
-def compute_reach(path_m: float, settings: PassConfig) -> tuple[float, float]:
-    """Returns how far the relative pose of two passes may be off [m], [rad] after path_m [m] of path between them."""
-    position_m = min(settings.search_m + settings.drift * path_m, settings.gate_m)
-    yaw = min(settings.search_rad + settings.drift_rad * path_m, settings.gate_rad)
-    return position_m, yaw
+        passes.append([(int(nodes[a]), int(nodes[b])) for a in nearest])
+    return passes
 
 
 def is_unrivalled(alignment: Alignment, settings: PassConfig) -> bool:
     """Returns whether two passes hold every direction, lie on each other well enough, and fit nowhere else as well."""
-    matched = alignment.matched >= settings.matched
-    return alignment.observed and matched and alignment.psi * settings.rival <= alignment.rival
+    return does_match(alignment, settings) and alignment.psi * settings.rival <= alignment.rival
+
+
+def does_match(alignment: Alignment, settings: PassConfig) -> bool:
+    """Returns whether two passes hold every direction and lie on each other well enough."""
+    return alignment.observed and alignment.matched >= settings.matched
 
 
 def _split_passes(nodes: NDArray[np.int64], gap: float) -> list[NDArray[np.int64]]:

@@ -1,13 +1,16 @@
-"""Loop closures of a drive: candidates from its own uncertainty, verified by psi."""
+"""Loop closures of a drive: candidates verified by psi, and by the map that they make."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
 from mqslam.backend.loops.align import align, score_at_pose
-from mqslam.backend.loops.passes import compute_reach, find_pass_pairs, is_unrivalled
+from mqslam.backend.loops.candidates import Candidate
+from mqslam.backend.loops.consistency import as_relative, compute_chi_square, compute_limit
+from mqslam.backend.loops.passes import does_match, is_unrivalled
 from mqslam.backend.loops.submap import Drive, render_submap
 from mqslam.config import EstimatorConfig, LoopConfig
 from mqslam.core import se2
@@ -17,55 +20,64 @@ from mqslam.execution.progress import Progress
 from mqslam.psi.place import Beam, PointSet
 
 
-def find_loops(
+class Comparison(NamedTuple):
+    """What psi says about a candidate.
+
+    Args:
+        loop: the loop, or None where psi does not confirm it.
+        ambiguous: whether the passes match, but fit several places that the trajectory allows.
+        implausible: whether the passes match at one place only, which the trajectory rules out.
+    """
+
+    loop: Loop | None = None
+    ambiguous: bool = False
+    implausible: bool = False
+
+
+def compare_passes(
     drive: Drive,
+    candidates: Sequence[Candidate],
     settings: LoopConfig,
     estimator: EstimatorConfig,
     beam: Beam,
-    tried: set[tuple[int, int]],
     engine: Engine,
     progress: Progress,
-) -> list[Loop]:
-    """Finds the loops of a drive, each verified by psi on its own.
+) -> list[Comparison]:
+    """Lays the two passes of every candidate on each other, each candidate on its own.
 
     Args:
         drive: scans under the best trajectory so far.
+        candidates: pairs of scans that may show one place.
         settings: of loops.
         estimator: settings of the score.
         beam: the sensor's errors.
-        tried: pairs that are not tried again; those of this search are added.
-        engine: where they are verified; the result does not depend on it.
-        progress: called as candidates are verified.
+        engine: where they are compared; the result does not depend on it.
+        progress: called as candidates are compared.
     """
-    pairs = find_candidate_pairs(drive, settings, tried)
-    tried.update(pairs)
 
-    def report(number: int, loop: Loop | None) -> None:
-        progress("loops", number, len(pairs))
+    def report(number: int, comparison: Comparison) -> None:
+        progress("loops", number, len(candidates))
 
-    loops = engine.map(_verify, (drive, settings, estimator, beam), pairs, report)
-    return [loop for loop in loops if loop is not None]
+    return engine.map(_compare, (drive, settings, estimator, beam), candidates, report)
 
 
-def find_candidate_pairs(drive: Drive, settings: LoopConfig, tried: set[tuple[int, int]]) -> list[tuple[int, int]]:
-    """Finds pairs (earlier, later) of scans that may show one place, as `find_pass_pairs` does."""
-    return find_pass_pairs(drive.travelled, drive.poses, settings, settings.passes, tried)
-
-
-def _verify(shared: tuple[Drive, LoopConfig, EstimatorConfig, Beam], pair: tuple[int, int]) -> Loop | None:
-    """Returns the loop of a pair of scans, or None where psi does not confirm it."""
+def _compare(shared: tuple[Drive, LoopConfig, EstimatorConfig, Beam], candidate: Candidate) -> Comparison:
+    """Returns what psi says about a candidate."""
     drive, settings, estimator, beam = shared
-    earlier, later = pair
-    reference, query = _render_submaps(drive, earlier, later, settings, beam)
+    reference, query = _render_submaps(drive, candidate.earlier, candidate.later, settings, beam)
     if len(reference) < settings.fewest or len(query) < settings.fewest:
-        return None
-    guess = se2.between(drive.poses[earlier], drive.poses[later])
-    reach = compute_reach(float(drive.travelled[later] - drive.travelled[earlier]), settings)
-    alignment = align(reference, query, guess, reach, settings, estimator)
+        return Comparison()
+    reach = candidate.reach_m, candidate.reach_rad
+    alignment = align(reference, query, candidate.chain.motion, reach, settings, estimator)
     sigmas = np.sqrt(np.diag(alignment.covariance))
-    if not is_unrivalled(alignment, settings) or max(sigmas[0], sigmas[1]) > settings.sure_m:
-        return None
-    return Loop(earlier, later, alignment.pose, alignment.covariance, alignment.matched, alignment.psi)
+    if not does_match(alignment, settings) or max(sigmas[0], sigmas[1]) > settings.sure_m:
+        return Comparison()
+    if not is_unrivalled(alignment, settings):
+        return Comparison(ambiguous=True)
+    loop = Loop(candidate.earlier, candidate.later, alignment.pose, alignment.covariance, alignment.matched, alignment.psi)
+    if compute_chi_square(candidate.chain, as_relative(loop, settings)) > compute_limit(settings):
+        return Comparison(implausible=True)
+    return Comparison(loop)
 
 
 def confirm_by_map(

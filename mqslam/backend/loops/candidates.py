@@ -1,0 +1,154 @@
+"""Candidates of loops: pairs of scans that may show one place, by what the graph says about their relative pose."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from collections.abc import Set as AbstractSet
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import gtsam
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from mqslam.backend.loops.passes import find_passes
+from mqslam.backend.loops.submap import Drive
+from mqslam.backend.marginals import compute_relative_covariances
+from mqslam.backend.pose_graph import PoseGraph
+from mqslam.config import LoopConfig
+from mqslam.core import se2
+
+
+class Relative(NamedTuple):
+    """What the trajectory says about the pose of a scan in the frame of another.
+
+    Args:
+        motion: (3,) the pose.
+        covariance: (3, 3) of the pose [m, m, rad].
+    """
+
+    motion: se2.Array
+    covariance: NDArray[np.float64]
+
+
+class Candidate(NamedTuple):
+    """A pair of scans that may show one place.
+
+    Args:
+        earlier, later: indices of the two scans.
+        reach_m: how far the search for the later scan must look around where the trajectory has it [m].
+        reach_rad: the same in yaw [rad].
+        chain: what the trajectory says about the later scan's pose in the frame of the earlier one.
+    """
+
+    earlier: int
+    later: int
+    reach_m: float
+    reach_rad: float
+    chain: Relative
+
+
+@dataclass(frozen=True)
+class Chain:
+    """A trajectory and how sure it is of itself.
+
+    Args:
+        drive: scans under the trajectory.
+        graph: the graph that the trajectory optimises.
+        values: the optimum.
+    """
+
+    drive: Drive
+    graph: PoseGraph
+    values: gtsam.Values
+
+    def relate(self, pairs: Sequence[tuple[int, int]]) -> list[Relative]:
+        """Returns what the trajectory says about pairs of scans, the second of each in the frame of the first.
+
+        Raises:
+            EstimationError: the covariances cannot be computed.
+        """
+        covariances = compute_relative_covariances(self.graph, self.values, pairs)
+        poses = self.drive.poses
+        return [Relative(se2.between(poses[a], poses[b]), c) for (a, b), c in zip(pairs, covariances, strict=True)]
+
+
+def find_candidates(
+    chain: Chain, settings: LoopConfig, tried: AbstractSet[tuple[int, int]]
+) -> tuple[list[Candidate], list[tuple[int, int]]]:
+    """Finds pairs of scans that may show one place.
+
+    A pair is a candidate if its scans are no farther apart than two passes may be to see the same things, plus what the
+    trajectory may be wrong between them. Only the nearest scan of each of the nearest earlier passes is taken, and none
+    if a neighbouring pair has been tried.
+
+    Args:
+        chain: the trajectory, with its uncertainty.
+        settings: of loops.
+        tried: pairs that are not taken again.
+
+    Returns:
+        candidates, and pairs that cannot be compared because the trajectory is less sure of them than the search reaches.
+
+    Raises:
+        EstimationError: the uncertainty cannot be computed.
+    """
+    widest_m = settings.reach_m + settings.gate_m
+    drive = chain.drive
+    passes = find_passes(drive.travelled, drive.poses, settings, lambda path_m: np.full_like(path_m, widest_m))
+    pairs = [pair for nearest in passes for pair in nearest]
+    relatives = dict(zip(pairs, chain.relate(pairs), strict=True))
+    known = _Tried(tried, drive.travelled, settings)
+    candidates, unsure = [], []
+    for nearest in passes:
+        near = [pair for pair in nearest if _may_meet(relatives[pair], settings)]
+        for pair in near[: settings.passes]:
+            reach_m, reach_rad = compute_reach(relatives[pair], settings)
+            if known.covers(pair):
+                continue
+            if reach_m > settings.gate_m or reach_rad > settings.gate_rad:
+                unsure.append(pair)
+            else:
+                candidates.append(Candidate(*pair, reach_m, reach_rad, relatives[pair]))
+    return candidates, unsure
+
+
+def compute_reach(relative: Relative, settings: LoopConfig) -> tuple[float, float]:
+    """Returns how far the relative pose of two passes may be off [m], [rad]."""
+    sigma_m = float(np.sqrt(np.linalg.eigvalsh(relative.covariance[:2, :2])[-1]))
+    sigma_rad = float(np.sqrt(relative.covariance[2, 2]))
+    return max(settings.search_m, settings.sigmas * sigma_m), max(settings.search_rad, settings.sigmas * sigma_rad)
+
+
+def _may_meet(relative: Relative, settings: LoopConfig) -> bool:
+    """Returns whether two scans may lie near enough to each other to show one place."""
+    apart = relative.motion[:2]
+    distance = float(np.hypot(*apart))
+    if distance <= settings.reach_m:
+        return True
+    towards = apart / distance
+    sigma = float(np.sqrt(towards @ relative.covariance[:2, :2] @ towards))
+    return distance <= settings.reach_m + settings.sigmas * sigma
+
+
+class _Tried:
+    """The pairs of scans that have been compared, of which neighbours are not compared again.
+
+    Args:
+        tried: the pairs.
+        travelled: (N,) length of the path so far [m].
+        settings: of loops.
+    """
+
+    def __init__(self, tried: AbstractSet[tuple[int, int]], travelled: NDArray[np.float64], settings: LoopConfig) -> None:
+        self._travelled, self._settings = travelled, settings
+        self._tree = cKDTree(np.array([self._place(pair) for pair in sorted(tried)]).reshape(-1, 2))
+
+    def covers(self, pair: tuple[int, int]) -> bool:
+        """Returns whether a neighbour of the pair is among them."""
+        return bool(self._tree.query_ball_point(self._place(pair), self._settings.least_path_m))
+
+    def _place(self, pair: tuple[int, int]) -> tuple[float, float]:
+        """Returns where on the path the two scans lie, the later one's place stretched."""
+        return float(self._travelled[pair[0]]), float(self._travelled[pair[1]]) * self._settings.tried_factor

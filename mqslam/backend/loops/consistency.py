@@ -1,0 +1,101 @@
+"""Pairwise consistency: loops that close beside each other must agree through the trajectory between them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import chi2
+
+from mqslam.backend.loops.candidates import Chain, Relative
+from mqslam.config import LoopConfig
+from mqslam.core import se2
+from mqslam.core.measurement import Loop
+
+
+def compute_chi_square(one: Relative, other: Relative) -> float:
+    """Returns how far two independent statements about one pose differ, squared, in their standard deviations."""
+    off = one.motion - other.motion
+    off[2] = se2.wrap(off[2])
+    return float(off @ np.linalg.solve(one.covariance + other.covariance, off))
+
+
+def compute_limit(settings: LoopConfig) -> float:
+    """Returns the largest difference of two poses, as `compute_chi_square` returns it, that chance explains."""
+    return float(chi2.ppf(settings.probability, 3))
+
+
+def as_relative(loop: Loop, settings: LoopConfig) -> Relative:
+    """Returns what a loop says about the pose of its later scan in the frame of its earlier one."""
+    return Relative(loop.pose, loop.covariance + np.diag([settings.floor_m**2, settings.floor_m**2, settings.floor_rad**2]))
+
+
+def keep_consistent(loops: Sequence[Loop], chain: Chain, settings: LoopConfig) -> list[Loop]:
+    """Returns the loops that agree with their neighbours.
+
+    Two loops are neighbours if both their earlier and their later scans lie close to each other on the path. They agree if
+    the way over one loop and along the path leads where the other loop does. As long as any disagree, those that disagree
+    with the most neighbours are left out, all at once, so that of two sets of equal size that contradict each other none
+    stays: nothing tells which is right.
+
+    Args:
+        loops: the loops.
+        chain: the trajectory between them, without these loops.
+        settings: of loops.
+
+    Raises:
+        EstimationError: the uncertainty of the trajectory cannot be computed.
+    """
+    disagree = _find_disagreements(loops, chain, settings)
+    kept = np.ones(len(loops), dtype=bool)
+    while True:
+        counts = (disagree & kept).sum(axis=1) * kept
+        if not counts.any():
+            return [loop for loop, keep in zip(loops, kept, strict=True) if keep]
+        kept &= counts < counts.max()
+
+
+def _find_disagreements(loops: Sequence[Loop], chain: Chain, settings: LoopConfig) -> NDArray[np.bool_]:
+    """Returns which loops (K, K) contradict each other."""
+    neighbours = _find_neighbours(loops, chain.drive.travelled, settings)
+    ends = sorted({pair for i, k in neighbours for pair in _ends(loops[i], loops[k])})
+    along = dict(zip(ends, chain.relate(ends), strict=True))
+    disagree = np.zeros((len(loops), len(loops)), dtype=bool)
+    for i, k in neighbours:
+        earlier, later = (along[pair] for pair in _ends(loops[i], loops[k]))
+        expected = _compose(_compose(_invert(earlier), as_relative(loops[i], settings)), later)
+        if compute_chi_square(expected, as_relative(loops[k], settings)) > compute_limit(settings):
+            disagree[i, k] = disagree[k, i] = True
+    return disagree
+
+
+def _find_neighbours(loops: Sequence[Loop], travelled: NDArray[np.float64], settings: LoopConfig) -> list[tuple[int, int]]:
+    """Returns which loops close within least_path_m of path of each other at both ends."""
+    ends = np.array([(travelled[loop.earlier], travelled[loop.later]) for loop in loops]).reshape(-1, 2)
+    return [
+        (i, i + 1 + int(k))
+        for i in range(len(ends))
+        for k in np.flatnonzero(np.abs(ends[i + 1 :] - ends[i]).max(axis=1) <= settings.least_path_m)
+    ]
+
+
+def _ends(one: Loop, other: Loop) -> tuple[tuple[int, int], tuple[int, int]]:
+    """Returns the pairs of scans between which the path leads from one loop to the other: the earlier, the later ones."""
+    return (one.earlier, other.earlier), (one.later, other.later)
+
+
+def _compose(a: Relative, b: Relative) -> Relative:
+    """Returns motion b, in the frame in which motion a ends, as seen from where a begins."""
+    motion = se2.compose(a.motion, b.motion)
+    lever = np.eye(3)
+    lever[:2, 2] = -(motion[1] - a.motion[1]), motion[0] - a.motion[0]
+    return Relative(motion, lever @ a.covariance @ lever.T + se2.rotate_covariance(b.covariance, a.motion[2]))
+
+
+def _invert(a: Relative) -> Relative:
+    """Returns the motion that undoes motion a."""
+    motion = se2.inverse(a.motion)
+    lever = np.eye(3)
+    lever[:2, 2] = a.motion[1], -a.motion[0]
+    return Relative(motion, se2.rotate_covariance(lever @ a.covariance @ lever.T, motion[2]))

@@ -1,0 +1,83 @@
+"""What closing loops leads to on a whole drive, and what is said about passes that could not be tied."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import pytest
+from support.chains import fenced_street
+from support.passes import BEAM, CONFIG, joined
+
+from mqslam.backend.loops.closing import close_loops
+from mqslam.backend.problem import Problem
+from mqslam.config import LoopConfig
+from mqslam.core import se2
+from mqslam.core.measurement import Loop, LoopSearch, Measurement
+from mqslam.core.scans import Scans
+from mqslam.execution.engine import LocalEngine
+from mqslam.execution.runner import Runner
+
+CLOSE = LoopConfig(least_path_m=50.0)  # a pass is 58 m long
+OFF_M = 6.0
+
+
+def closed(period_m: float, between_passes_m: float, jobs: int = 1) -> LoopSearch:
+    """Returns the loops of two passes over a street; the motion between the passes is 6 m wrong, and as sure as asked."""
+    first, second = fenced_street(period_m, 1), fenced_street(period_m, 2)
+    drive = joined(first, second, second.poses + np.array([OFF_M, 0.0, 0.0]))
+    measurements = []
+    for k, motion in enumerate(se2.between(drive.poses[:-1], drive.poses[1:])):
+        sigma_m = between_passes_m if k == len(first.times) - 1 else 0.02
+        covariance = np.diag([sigma_m**2, sigma_m**2, (0.01 * sigma_m) ** 2])
+        measurements.append(Measurement(float(drive.times[k]), float(drive.times[k + 1]), motion, covariance))
+    problem = Problem(measurements, [], CONFIG.graph.model_copy(update={"cancelling": 1.0}), CLOSE)
+    scans = Scans(tuple(drive.scans), 0, 0.25)
+    return close_loops(scans, problem, CONFIG.estimator, BEAM, Runner(LocalEngine(jobs)))
+
+
+def assert_right(loops: Sequence[Loop]) -> None:
+    """Checks that loops have the later pass where it was."""
+    for loop in loops:
+        truth = 2.0 * (loop.later - 30 - loop.earlier)
+        assert loop.pose[0] == pytest.approx(truth, abs=0.1) and loop.pose[1] == pytest.approx(0.0, abs=0.1)
+
+
+def test_passes_that_a_wrong_but_honest_trajectory_allows_are_tied_where_they_belong() -> None:
+    search = closed(60.0, 5.0)
+    assert len(search.loops) >= 5 and search.warnings == []
+    assert_right(search.loops)
+
+
+def test_passes_of_a_street_that_repeats_are_hardly_ever_tied_and_that_is_said() -> None:
+    search = closed(8.0, 5.0)
+    assert search.ambiguous >= 5 > len(search.loops)
+    assert_right(search.loops)  # where a pass ends, so does the repetition
+    assert search.warnings == [f"several places fit: {search.ambiguous} pairs of passes were left out"]
+
+
+def test_passes_that_a_trajectory_too_sure_of_itself_rules_out_are_not_tied_and_that_is_said() -> None:
+    search = closed(60.0, 0.1)
+    assert search.loops == [] and search.implausible >= 5
+    assert search.warnings == [
+        f"only a place fits that the trajectory rules out: {search.implausible} pairs of passes were left out"
+    ]
+
+
+def test_passes_that_the_trajectory_does_not_know_well_enough_are_not_compared_and_that_is_said() -> None:
+    search = closed(60.0, 20.0)
+    assert search.loops == [] and search.tried == 0 and search.unsure >= 5
+    (warning,) = search.warnings
+    assert "less sure of the place than the search for loops reaches" in warning
+
+
+def test_the_number_of_jobs_changes_nothing() -> None:
+    one, two = closed(60.0, 5.0, 1), closed(60.0, 5.0, 2)
+    assert [(a.earlier, a.later, *a.pose, *a.covariance.ravel()) for a in one.loops] == [
+        (b.earlier, b.later, *b.pose, *b.covariance.ravel()) for b in two.loops
+    ]
+
+
+def test_a_few_pairs_left_out_beside_many_loops_are_no_warning() -> None:
+    loops = [Loop(0, k, np.zeros(3), np.eye(3), 0.8, 0.5) for k in range(100, 110)]
+    assert LoopSearch(loops, 20, ambiguous=3, implausible=3, unsure=3).warnings == []

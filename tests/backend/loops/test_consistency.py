@@ -1,0 +1,78 @@
+"""Loops that close beside each other must agree through the trajectory; the few that do not are left out."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from support.chains import SURE, chain_of
+from support.passes import CONFIG, path
+
+from mqslam.backend.loops.candidates import Chain
+from mqslam.backend.loops.consistency import keep_consistent
+from mqslam.backend.loops.submap import Drive
+from mqslam.core import se2
+from mqslam.core.measurement import Loop
+
+ALONG = np.arange(0.0, 200.0, 2.0)
+TRUTH = path(np.column_stack([np.r_[ALONG, ALONG + 0.1], np.repeat([0.0, 3.0], len(ALONG))]))
+BACK = path(np.column_stack([np.r_[ALONG, ALONG[::-1]], np.repeat([0.0, 3.0], len(ALONG))]))
+PASS = len(ALONG)
+
+
+def loops_of(drive: Drive, later: range, off_m: float = 0.0, yaw: float = 0.0) -> list[Loop]:
+    """Returns loops of some scans of the second pass with the scans of the first that are nearest, all off by as much."""
+    loops = []
+    for k in later:
+        nearest = int(np.argmin(np.hypot(*(drive.poses[:PASS, :2] - drive.poses[k, :2]).T)))
+        pose = se2.between(drive.poses[nearest], drive.poses[k]) + np.array([off_m, 0.0, yaw])
+        loops.append(Loop(nearest, k, pose, 1e-4 * np.diag([1.0, 1.0, 0.01]), 0.8, 0.5))
+    return loops
+
+
+def drifted(drive: Drive) -> Chain:
+    """Returns the trajectory with its second pass drawn 4 m ahead and turned, as sure of its single motions as usual."""
+    wrong = drive.poses.copy()
+    wrong[PASS:] = se2.compose(np.array([4.0, 0.0, 0.05]), wrong[PASS:])
+    return chain_of(Drive.of(drive.scans, wrong), SURE)
+
+
+@pytest.mark.parametrize("drive", [TRUTH, BACK], ids=["same heading", "opposite heading"])
+def test_loops_that_agree_all_stay_however_far_the_trajectory_is_off_between_the_passes(drive: Drive) -> None:
+    loops = loops_of(drive, range(PASS + 10, PASS + 60, 5))
+    assert keep_consistent(loops, drifted(drive), CONFIG.loops) == loops
+
+
+@pytest.mark.parametrize("drive", [TRUTH, BACK], ids=["same heading", "opposite heading"])
+@pytest.mark.parametrize("wrong", [(8.0, 0.0), (-1.0, 0.0), (0.0, 0.05)])
+def test_loops_that_contradict_most_of_their_neighbours_are_left_out(drive: Drive, wrong: tuple[float, float]) -> None:
+    right = loops_of(drive, range(PASS + 10, PASS + 60, 5))
+    others = loops_of(drive, range(PASS + 32, PASS + 48, 5), *wrong)
+    loops = sorted(right + others, key=lambda loop: loop.later)
+    assert keep_consistent(loops, drifted(drive), CONFIG.loops) == right
+
+
+def test_of_two_sets_of_equal_size_that_contradict_each_other_none_stays() -> None:
+    loops = loops_of(TRUTH, range(PASS + 10, PASS + 30, 5)) + loops_of(TRUTH, range(PASS + 12, PASS + 32, 5), 8.0)
+    assert keep_consistent(loops, drifted(TRUTH), CONFIG.loops) == []
+
+
+def test_loops_far_from_each_other_on_the_path_are_not_held_against_each_other() -> None:
+    near, far = loops_of(TRUTH, range(PASS + 2, PASS + 10, 2)), loops_of(TRUTH, range(PASS + 80, PASS + 84, 2), 0.6)
+    assert keep_consistent(near + far, drifted(TRUTH), CONFIG.loops) == near + far
+
+
+def test_what_the_trajectory_may_be_wrong_between_two_loops_is_allowed_for() -> None:
+    loops = [*loops_of(TRUTH, range(PASS + 20, PASS + 21)), *loops_of(TRUTH, range(PASS + 40, PASS + 41), 1.0)]
+    wide = (0.1, 0.1, 1e-4)
+    assert keep_consistent(loops, chain_of(TRUTH, wide), CONFIG.loops) == loops
+    assert keep_consistent(loops, chain_of(TRUTH, SURE), CONFIG.loops) == []
+
+
+def test_two_loops_of_one_scan_are_held_against_each_other() -> None:
+    one, other = (loops_of(TRUTH, range(PASS + 20, PASS + 21), off_m)[0] for off_m in (0.0, 5.0))
+    assert keep_consistent([one, other], chain_of(TRUTH), CONFIG.loops) == []
+    assert keep_consistent([one, one], chain_of(TRUTH), CONFIG.loops) == [one, one]
+
+
+def test_no_loops_are_consistent() -> None:
+    assert keep_consistent([], chain_of(TRUTH), CONFIG.loops) == []
