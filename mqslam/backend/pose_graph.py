@@ -174,7 +174,12 @@ def _jacobian(graph: PoseGraph, values: gtsam.Values) -> sparse.csc_array:
 
 
 def _inverse_blocks(jacobian: sparse.csc_array, indices: NDArray[np.int64]) -> NDArray[np.float64]:
-    """Returns blocks (K, 3, 3) on the diagonal of the inverse of J^T J, for a Jacobian J as above and numbers of poses (K,)."""
+    """Returns blocks (K, 3, 3) on the diagonal of the inverse of J^T J, for a Jacobian J as above.
+
+    Args:
+        jacobian: J.
+        indices: (K,) which blocks.
+    """
     norms = np.sqrt(np.asarray(jacobian.multiply(jacobian).sum(axis=1)).ravel())
     informative = norms > 0.0  # a row of zeros says nothing
     sigmas, jacobian = 1.0 / norms[informative], jacobian.tocsr()[informative]
