@@ -1,4 +1,4 @@
-"""The pose graph: one pose per scan, relative motions between them, optimised by GTSAM."""
+"""The pose graph: poses of scans and of the submaps that they were measured in, optimised by GTSAM."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Final
 
 import gtsam
 import numpy as np
-from gtsam.symbol_shorthand import X
+from gtsam.symbol_shorthand import M, X
 
 from mqslam.config import GraphConfig
 from mqslam.core import se2
@@ -22,12 +22,12 @@ _ITERATIONS: Final = 100  # most iterations of the optimiser, which converges in
 
 @dataclass(frozen=True)
 class PoseGraph:
-    """Factors over the poses x0 .. x(n-1) and the values they start from.
+    """Factors over the poses x0 .. x(n-1) of scans and m0 .. of submaps, and the values they start from.
 
     Args:
         factors: the GTSAM graph, its prior on x0 included.
         initial: starting values.
-        size: number of poses n.
+        size: number of scans n.
     """
 
     factors: gtsam.NonlinearFactorGraph
@@ -55,17 +55,22 @@ class Optimum:
         return [f"the pose graph could not be optimised ({self.failure}): its starting values are kept"]
 
 
-def build_pose_graph(initial: se2.Array, between: Iterable[gtsam.NonlinearFactor], config: GraphConfig) -> PoseGraph:
+def build_pose_graph(
+    initial: se2.Array, between: Iterable[gtsam.NonlinearFactor], config: GraphConfig, submaps: Iterable[se2.Array] = ()
+) -> PoseGraph:
     """Returns a graph of between-factors in which the first pose is held where it starts.
 
     Args:
-        initial: (n, 3) poses to start from, x [m], y [m], yaw [rad].
-        between: factors over keys X(0) .. X(n-1).
+        initial: (n, 3) poses of scans to start from, x [m], y [m], yaw [rad].
+        between: factors over keys X(0) .. X(n-1) of scans and M(0) .. M(m-1) of submaps.
         config: settings of the graph.
+        submaps: m poses (3,) of submaps to start from.
     """
     factors, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
     for k, pose in enumerate(initial):
         values.insert(X(k), gtsam.Pose2(*pose))
+    for j, pose in enumerate(submaps):
+        values.insert(M(j), gtsam.Pose2(*pose))
     factors.push_back(prior(X(0), initial[0], config))
     for factor in between:
         factors.push_back(factor)
