@@ -4,6 +4,7 @@ import gtsam
 import numpy as np
 import pytest
 from gtsam.symbol_shorthand import X
+from support.graphs import make_unequal_graph
 
 from mqslam.backend.pose_graph import PoseGraph, build_pose_graph, compute_marginals, optimise, poses_of
 from mqslam.config import GraphConfig
@@ -84,24 +85,6 @@ def test_the_marginal_of_the_first_edge_is_its_covariance_in_the_frame_it_ends_i
     np.testing.assert_allclose(result, to_end @ COVARIANCE @ to_end.T, atol=2e-6)
 
 
-def unequal(count: int, lowest: float, highest: float, loops: int = 0, seed: int = 1) -> PoseGraph:
-    """Returns a chain whose edges know some directions and not others: variances 10^lowest to 10^highest along any axes."""
-    rng = np.random.default_rng(seed)
-    motions = np.column_stack([rng.uniform(-1.0, 3.0, count), rng.normal(0.0, 0.1, count), rng.normal(0.0, 0.05, count)])
-    poses = se2.chain(motions)
-
-    def edge(a: int, b: int) -> gtsam.BetweenFactorPose2:
-        axes, _ = np.linalg.qr(rng.normal(size=(3, 3)))
-        covariance = (axes * 10.0 ** rng.uniform(lowest, highest, 3)) @ axes.T
-        noise = gtsam.noiseModel.Gaussian.Covariance(0.5 * (covariance + covariance.T))
-        return gtsam.BetweenFactorPose2(X(a), X(b), gtsam.Pose2(*se2.between(poses[a], poses[b])), noise)
-
-    edges = [edge(k, k + 1) for k in range(count)]
-    return build_pose_graph(
-        poses, edges + [edge(*sorted(rng.choice(count + 1, 2, replace=False))) for _ in range(loops)], FLAT
-    )
-
-
 def dense_marginals(graph: PoseGraph) -> np.ndarray:
     """Returns all marginals (n, 3, 3) by a dense QR decomposition, its rows sorted so that it is as exact as it can be."""
     rows, _ = graph.factors.linearize(graph.initial).jacobian()
@@ -115,7 +98,7 @@ def dense_marginals(graph: PoseGraph) -> np.ndarray:
 def test_marginals_are_those_of_a_dense_computation_however_unequal_the_edges(
     loops: int, lowest: float, highest: float
 ) -> None:
-    graph = unequal(20, lowest, highest, loops)
+    graph = make_unequal_graph(20, lowest, highest, loops, config=FLAT)
     expected = dense_marginals(graph)
     result = compute_marginals(graph, graph.initial, range(graph.size)).covariances
     sigmas = np.sqrt(np.einsum("kii->ki", expected))
@@ -125,7 +108,7 @@ def test_marginals_are_those_of_a_dense_computation_however_unequal_the_edges(
 
 
 def test_a_long_chain_without_a_known_direction_has_marginals_where_gtsam_has_none() -> None:
-    graph = unequal(300, -10.0, 6.0)
+    graph = make_unequal_graph(300, -10.0, 6.0, config=FLAT)
     with pytest.raises(RuntimeError, match="Indeterminate linear system"):
         gtsam.Marginals(graph.factors, graph.initial)
     result = compute_marginals(graph, graph.initial, [1, 150, 300])
@@ -135,7 +118,7 @@ def test_a_long_chain_without_a_known_direction_has_marginals_where_gtsam_has_no
 
 @pytest.mark.parametrize(("lowest", "highest"), [(-20.0, 20.0), (-300.0, 300.0)])
 def test_marginals_beyond_all_precision_are_said_to_be_unknown(lowest: float, highest: float) -> None:
-    graph = unequal(30, lowest, highest)
+    graph = make_unequal_graph(30, lowest, highest, config=FLAT)
     result = compute_marginals(graph, graph.initial, [0, 15, 30])
     assert result.failure
     assert result.covariances.shape == (0, 3, 3)
@@ -150,7 +133,7 @@ def test_marginals_of_a_pose_that_nothing_ties_are_said_to_be_unknown() -> None:
 
 
 def test_the_optimum_is_found_however_unequal_the_edges() -> None:
-    graph = unequal(200, -10.0, 6.0)
+    graph = make_unequal_graph(200, -10.0, 6.0, config=FLAT)
     truth = poses_of(graph.initial, graph.size)
     start = truth + np.random.default_rng(5).normal(0.0, [0.3, 0.3, 0.02], truth.shape)
     start[0] = truth[0]
