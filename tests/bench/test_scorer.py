@@ -191,7 +191,7 @@ def write_run(folder: Path, poses: Array, covariances: Array) -> Path:
 
 def test_poses_as_far_off_as_stated_have_a_normalised_square_of_one(tmp_path: Path) -> None:
     rng = np.random.default_rng(3)
-    poses = drive(*winding(3000.0))
+    poses = drive(*winding(1500.0))
     root = np.array([[0.4, 0.0, 0.0], [0.1, 0.2, 0.0], [0.003, -0.002, 0.004]])
     late = (np.arange(len(poses)) > 0)[:, None]
     estimate = poses + late * (rng.normal(size=poses.shape) @ root.T)
