@@ -229,4 +229,4 @@ class _Recursion:
         if self._noise is not None:
             entries = entries * (1.0 + _LAST_DIGITS * self._noise.standard_normal(entries.shape))
         largest_first = np.argsort(-np.abs(entries).max(axis=1, initial=0.0), kind="stable")
-        return np.linalg.qr(entries[largest_first], mode="r")
+        return np.asarray(np.linalg.qr(entries[largest_first], mode="r"))

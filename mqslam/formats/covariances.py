@@ -54,7 +54,8 @@ def read_covariances(path: Path) -> StampedCovariances:
         raise DataError(path, "is not a readable text file", _REMEDY) from error
     if not lines or tuple(name.strip() for name in lines[0].split(",")) != _COLUMNS:
         raise DataError(path, f"does not begin with the columns {','.join(_COLUMNS)}", _REMEDY)
-    stamps, terms = [], []
+    stamps: list[int] = []
+    terms: list[NDArray[np.float64]] = []
     for number, line in enumerate(lines[1:], 2):
         if line.strip():
             stamp, row = _parse_row(path, number, line)
