@@ -4,7 +4,8 @@ import gtsam
 import numpy as np
 import pytest
 from gtsam.symbol_shorthand import M, X
-from support.graphs import find_largest_error, make_unequal_graph
+from support.exact_marginals import find_largest_error
+from support.graphs import unequal
 
 from mqslam.backend.marginal_recursion import compute_all_marginals
 from mqslam.backend.pose_graph import PoseGraph, build_pose_graph
@@ -57,7 +58,7 @@ def test_a_single_pose_is_as_sure_as_it_is_held() -> None:
 @pytest.mark.parametrize("seed", range(6))
 @pytest.mark.parametrize("span", [2.0, 16.0, 24.0, 32.0])
 def test_marginals_are_exact_or_said_to_be_unknown_however_unequal_the_edges(span: float, seed: int) -> None:
-    graph = make_unequal_graph(4, -0.6 * span, 0.4 * span, loops=seed % 3, seed=seed)
+    graph = unequal(4, -0.6 * span, 0.4 * span, loops=seed % 3, seed=seed)
     result = compute_all_marginals(graph, graph.initial)
     if span <= 16.0:  # such as a tunnel's
         assert result.failure is None
@@ -66,7 +67,7 @@ def test_marginals_are_exact_or_said_to_be_unknown_however_unequal_the_edges(spa
 
 
 def test_a_long_chain_without_a_known_direction_has_marginals_where_gtsam_has_none() -> None:
-    graph = make_unequal_graph(300, -10.0, 6.0)
+    graph = unequal(300, -10.0, 6.0)
     with pytest.raises(RuntimeError, match="Indeterminate linear system"):
         list_gtsams(graph, graph.initial)
     result = compute_all_marginals(graph, graph.initial)
@@ -76,7 +77,7 @@ def test_a_long_chain_without_a_known_direction_has_marginals_where_gtsam_has_no
 
 @pytest.mark.parametrize(("lowest", "highest"), [(-20.0, 20.0), (-300.0, 300.0)])
 def test_marginals_beyond_all_precision_are_said_to_be_unknown(lowest: float, highest: float) -> None:
-    graph = make_unequal_graph(30, lowest, highest)
+    graph = unequal(30, lowest, highest)
     result = compute_all_marginals(graph, graph.initial)
     assert result.failure
     assert result.covariances.shape == (0, 3, 3) and len(result.indices) == 0

@@ -4,14 +4,12 @@ import gtsam
 import numpy as np
 import pytest
 from gtsam.symbol_shorthand import X
-from support.graphs import make_unequal_graph
+from support.graphs import FLAT, unequal
 
 from mqslam.backend.pose_graph import PoseGraph, build_pose_graph, compute_marginals, optimise, poses_of
-from mqslam.config import GraphConfig
 from mqslam.core import se2
 from mqslam.factors.psi_between import psi_between
 
-FLAT = GraphConfig()
 COVARIANCE = np.diag([0.01, 0.0025, 1e-4])
 TURNS = np.tile([2.0, 0.1, 0.3], (30, 1))  # more than a full turn in all
 
@@ -97,7 +95,7 @@ def dense_marginals(graph: PoseGraph) -> np.ndarray:
 def test_marginals_are_those_of_a_dense_computation_however_unequal_the_edges(
     loops: int, lowest: float, highest: float
 ) -> None:
-    graph = make_unequal_graph(20, lowest, highest, loops, config=FLAT)
+    graph = unequal(20, lowest, highest, loops)
     expected = dense_marginals(graph)
     result = compute_marginals(graph, graph.initial, range(graph.size)).covariances
     sigmas = np.sqrt(np.einsum("kii->ki", expected))
@@ -107,7 +105,7 @@ def test_marginals_are_those_of_a_dense_computation_however_unequal_the_edges(
 
 
 def test_a_long_chain_without_a_known_direction_has_marginals_where_gtsam_has_none() -> None:
-    graph = make_unequal_graph(300, -10.0, 6.0, config=FLAT)
+    graph = unequal(300, -10.0, 6.0)
     with pytest.raises(RuntimeError, match="Indeterminate linear system"):
         gtsam.Marginals(graph.factors, graph.initial)
     result = compute_marginals(graph, graph.initial, [1, 150, 300])
@@ -117,7 +115,7 @@ def test_a_long_chain_without_a_known_direction_has_marginals_where_gtsam_has_no
 
 @pytest.mark.parametrize(("lowest", "highest"), [(-20.0, 20.0), (-300.0, 300.0)])
 def test_marginals_beyond_all_precision_are_said_to_be_unknown(lowest: float, highest: float) -> None:
-    graph = make_unequal_graph(30, lowest, highest, config=FLAT)
+    graph = unequal(30, lowest, highest)
     result = compute_marginals(graph, graph.initial, [0, 15, 30])
     assert result.failure
     assert result.covariances.shape == (0, 3, 3)
@@ -132,7 +130,7 @@ def test_marginals_of_a_pose_that_nothing_ties_are_said_to_be_unknown() -> None:
 
 
 def test_the_optimum_is_found_however_unequal_the_edges() -> None:
-    graph = make_unequal_graph(200, -10.0, 6.0, config=FLAT)
+    graph = unequal(200, -10.0, 6.0)
     truth = poses_of(graph.initial, graph.size)
     start = truth + np.random.default_rng(5).normal(0.0, [0.3, 0.3, 0.02], truth.shape)
     start[0] = truth[0]
