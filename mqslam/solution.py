@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import gtsam
 
 from mqslam.auditing.windows import WindowAudit
+from mqslam.backend.marginals import PoseCovariances
 from mqslam.backend.odometry_edges import ODOMETRY
 from mqslam.backend.pose_graph import PoseGraph
 from mqslam.config import Config
@@ -30,6 +31,7 @@ class Solution:
         optimised: trajectory after optimisation.
         graph: all factors, and the values that the optimisation started from.
         values: the optimised values.
+        covariances: of all optimised poses, or why they are not known.
         odometry_factors: number of odometry edges in the graph.
         loops: loop closures in the graph.
         loops_rejected: number of loop candidates that psi, the graph or the map did not keep.
@@ -45,6 +47,7 @@ class Solution:
     optimised: Trajectory
     graph: PoseGraph
     values: gtsam.Values
+    covariances: PoseCovariances
     odometry_factors: int
     loops: list[Loop]
     loops_rejected: int
