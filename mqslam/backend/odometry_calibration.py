@@ -58,7 +58,7 @@ class Calibration:
 
     def correct(self, design: Design) -> NDArray[np.float64]:
         """Returns the corrections (N, 3) of the motions."""
-        return np.einsum("kij,kj->ki", design.jacobians, self.parameters[design.columns])
+        return np.asarray(np.einsum("kij,kj->ki", design.jacobians, self.parameters[design.columns]))
 
     def list_sigmas(self, design: Design) -> NDArray[np.float64]:
         """Returns the standard deviations (N, 3) of the corrections."""
