@@ -25,6 +25,8 @@ from mqslam.core.measurement import Measurement
 _COMMON: Final = 5  # parameters with one value for the whole run; the bias follows them
 _DELAY_S: Final = 0.1  # no clock that serves at all is much later than this: the prior's standard deviation [s]
 _MOUNT_M: Final = 2.0  # a radar is about as far from the point that odometry follows: the prior's standard deviation [m]
+_MOST_KNOTS: Final = 1000  # numerical: the fit's matrices stay small, however long the run
+_LEAST_SIGMA: Final = 1e-6  # numerical: settings may state errors of zero
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,14 +36,12 @@ class Design:
     Args:
         jacobians: (N, 3, 7) of the motions by the parameters that concern them: the common ones and two knots' biases.
         columns: (N, 7) numbers of these parameters.
-        knots: number of knots.
-        knot_s: time from a knot to the next one [s].
+        knots_s: (K - 1,) time from each of the K knots to the next one [s].
     """
 
     jacobians: NDArray[np.float64]
     columns: NDArray[np.int64]
-    knots: int
-    knot_s: float
+    knots_s: NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,15 +67,14 @@ class Calibration:
         return np.asarray(np.sqrt(np.maximum(variances, 0.0)))
 
 
-def make_design(motions: Sequence[Measurement], knot_s: float) -> Design:
+def make_design(motions: Sequence[Measurement], span: int) -> Design:
     """Returns how the parameters move the motions of odometry, to first order.
 
     Args:
         motions: two or more, one after the other.
-        knot_s: time from a knot of the bias to the next one [s].
+        span: number of motions from a knot of the bias to the next one.
     """
     poses = np.array([motion.pose for motion in motions])
-    begins = np.array([motion.t0 for motion in motions]) - motions[0].t0
     lasts = np.array([motion.t1 - motion.t0 for motion in motions])
     x, y, yaw = poses.T
     jacobians = np.zeros((len(motions), 3, _COMMON + 2))
@@ -86,24 +85,26 @@ def make_design(motions: Sequence[Measurement], knot_s: float) -> Design:
     jacobians[:, :2, 3] = np.column_stack([-np.sin(yaw), np.cos(yaw) - 1.0])
     jacobians[:, :2, 4] = np.column_stack([y, -x])
     by_bias = np.column_stack([-0.5 * y * lasts, 0.5 * x * lasts, lasts])
-    at = (begins + 0.5 * lasts) / knot_s
+    span = max(span, -(-len(motions) // _MOST_KNOTS))
+    at = (np.arange(len(motions)) + 0.5) / span
     left = at.astype(np.int64)
     jacobians[:, :, _COMMON] = by_bias * (left + 1 - at)[:, None]
     jacobians[:, :, _COMMON + 1] = by_bias * (at - left)[:, None]
     common = np.tile(np.arange(_COMMON), (len(motions), 1))
     columns = np.column_stack([common, _COMMON + left, _COMMON + left + 1])
-    return Design(jacobians, columns, int(left[-1]) + 2, knot_s)
+    knots_s = np.add.reduceat(lasts, np.arange(0, len(motions), span))
+    return Design(jacobians, columns, np.maximum(knots_s, span * np.median(lasts)))  # the last knot is past the end
 
 
 def make_prior_information(design: Design, stated: OdometryConfig, settings: GraphConfig) -> NDArray[np.float64]:
     """Returns the information (P, P) that odometry states about its parameters, which are zero as far as it knows."""
     sigmas = [stated.sigma_travel, _DELAY_S, _MOUNT_M, _MOUNT_M, stated.sigma_travel, stated.sigma_yaw_rate]
-    information = np.zeros((_COMMON + design.knots,) * 2)
+    information = np.zeros((_COMMON + len(design.knots_s) + 1,) * 2)
     first = np.arange(_COMMON + 1)
-    information[first, first] = 1.0 / np.maximum(np.square(sigmas), np.finfo(float).tiny ** 0.5)
-    step = 1.0 / (settings.odometry_bias_walk**2 * design.knot_s)
-    for knot in range(_COMMON, _COMMON + design.knots - 1):
-        information[knot : knot + 2, knot : knot + 2] += step * np.array([[1.0, -1.0], [-1.0, 1.0]])
+    information[first, first] = 1.0 / np.square(np.maximum(sigmas, _LEAST_SIGMA))
+    for knot, step_s in enumerate(design.knots_s, start=_COMMON):
+        step = np.array([[1.0, -1.0], [-1.0, 1.0]]) / (settings.odometry_bias_walk**2 * step_s)
+        information[knot : knot + 2, knot : knot + 2] += step
     return information
 
 

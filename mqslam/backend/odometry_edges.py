@@ -20,7 +20,7 @@ from mqslam.core.scans import Scans
 
 ODOMETRY = "odometry"
 _ROUNDS: Final = 10  # rounds of fit and noise, which settle in fewer
-_LEAST_VARIANCE: Final = 1e-10  # numerical: keeps the covariance of odometry that agrees exactly from being singular
+_LEAST_VARIANCE: Final = 1e-10  # numerical: keeps covariances of motions that agree exactly from being singular
 
 
 def read_odometry_motions(scans: Scans, context: Context, frontend: str) -> list[Measurement]:
@@ -63,7 +63,7 @@ def make_odometry_edges(
     if converged.sum() < settings.odometry_fewest:
         own = np.sqrt([np.diag(motion.covariance) for motion in odometry])
         return _state(odometry, np.zeros_like(own), _spread(own, converged, span))
-    design = make_design(odometry, settings.odometry_span_s)
+    design = make_design(odometry, span)
     calibration, noise = _calibrate(odometry, measured, converged, design, span, stated, settings)
     common = _spread(calibration.list_sigmas(design), converged, span)
     return _state(odometry, calibration.correct(design), noise + common)
@@ -82,7 +82,7 @@ def _calibrate(
     misses = np.array([b.pose - a.pose for a, b in zip(odometry, measured, strict=True)])
     misses[:, 2] = se2.wrap(misses[:, 2])
     misses[~converged] = np.nan
-    variances = np.array([np.diag(motion.covariance) for motion in measured])
+    variances = np.array([np.diag(motion.covariance) for motion in measured]) + _LEAST_VARIANCE
     noise = np.array([np.diag(motion.covariance) for motion in odometry])
     prior = make_prior_information(design, stated, settings)
     for _ in range(_ROUNDS):  # motions that fit no calibration lose their weight

@@ -190,3 +190,22 @@ def test_the_span_may_be_shorter_than_an_edge_or_longer_than_the_run(span_s: flo
     edges = make_odometry_edges(stated(motions_of(wheels(twists), scans=60)), measured(truth), STATED, settings)
     assert np.isfinite(poses_of(edges)).all()
     np.testing.assert_array_less(0.0, sigmas_of(edges))
+
+
+def test_a_pause_of_weeks_costs_no_more_than_any_other() -> None:
+    twists = drive()
+    psi, pause = measured(motions_of(twists)), 3e6
+
+    def paused(motions: list[Measurement]) -> list[Measurement]:
+        return [replace(m, t0=m.t0 + pause * (k > 400), t1=m.t1 + pause * (k >= 400)) for k, m in enumerate(motions)]
+
+    odometry = stated(motions_of(wheels(twists, scale=0.03)))
+    edges = make_odometry_edges(paused(odometry), paused(psi), STATED, SETTINGS)
+    errors = (poses_of(edges) - motions_of(twists))[:, 0]
+    assert abs(np.delete(errors, 400).mean()) < 0.01
+
+
+def test_wheels_that_never_turn_are_found_to_know_nothing() -> None:
+    truth = motions_of(drive())
+    edges = make(np.zeros_like(truth), measured(truth))
+    assert np.median(sigmas_of(edges)[:, 0]) > truth[:, 0].mean()

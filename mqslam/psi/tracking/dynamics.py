@@ -233,7 +233,8 @@ def _follow_directions(weak: NDArray[np.float64], yaw: float) -> NDArray[np.floa
 
 def _bound_speeds(settings: TrackerConfig) -> NDArray[np.float64]:
     """Returns the standard deviations (2,) of speed [m/s] and yaw rate [rad/s] when nothing is known of them."""
-    return np.array([settings.speed_max - settings.speed_min, 2.0 * settings.omega_max]) / np.sqrt(12.0)  # all are as likely
+    ranges = np.array([settings.speed_max - settings.speed_min, 2.0 * settings.omega_max])
+    return np.asarray(ranges / np.sqrt(12.0))  # all in the range are as likely
 
 
 def _rotation(yaw: float) -> NDArray[np.float64]:
