@@ -18,5 +18,5 @@ def odometry_between(a: int, b: int, motion: Measurement, config: GraphConfig) -
         motion: the measurement.
         config: settings of the graph.
     """
-    noise = between_noise(motion.covariance, motion.pose[2], 0.0, 0.0, config.huber)
+    noise = between_noise(motion.covariance, motion.pose[2], config.huber)
     return gtsam.BetweenFactorPose2(a, b, gtsam.Pose2(*motion.pose), noise)
