@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import pairwise
 from typing import Final
 
 import numpy as np
@@ -43,8 +44,8 @@ def make_odometry_edges(
 
     The edges of a graph err independently, while an error of the calibration is common to all of them. Over a stretch of
     n edges it grows with n, independent errors only with its root. Each edge therefore states so much more that the whole
-    stretch comes out as uncertain as it is. A stretch is as long as psi did not find the motion itself, and a span of the
-    settings where it did: over a longer one psi knows more than odometry, which was calibrated by it.
+    stretch comes out as uncertain as it is. A stretch lasts for as long as psi finds the motion itself, or does not, and
+    for a span of the settings at least.
 
     Where psi did not find a motion it took odometry's, so that such motions show nothing about odometry. Where too few
     motions show anything, odometry is as good as it states itself.
@@ -99,8 +100,8 @@ def _spread(sigmas: NDArray[np.float64], converged: NDArray[np.bool_], span: int
     """Returns variances (N, 3) whose sum over a stretch is the square of the sum of its common errors' deviations (N, 3)."""
     kernel = np.ones(span)
     total = np.column_stack([np.convolve(column, kernel)[(span - 1) // 2 :][: len(sigmas)] for column in sigmas.T])
-    edges = np.flatnonzero(np.diff(np.concatenate([[True], converged, [True]]).astype(np.int8)))
-    for begin, end in edges.reshape(-1, 2):
+    changes = np.flatnonzero(converged[1:] != converged[:-1]) + 1
+    for begin, end in pairwise([0, *changes.tolist(), len(sigmas)]):
         total[begin:end] = np.maximum(total[begin:end], sigmas[begin:end].sum(axis=0))
     return np.asarray(sigmas * total)
 

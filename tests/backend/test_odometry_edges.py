@@ -83,7 +83,7 @@ def test_scale_and_bias_are_taken_out_and_the_noise_is_what_remains() -> None:
     assert abs(errors[:, 2].mean()) < 1e-4
     sigmas = np.median(sigmas_of(edges), axis=0)
     assert np.all(sigmas > 0.9 * np.std(errors, axis=0))
-    assert np.all(sigmas < 3.0 * np.std(errors, axis=0) + [0.0, 0.01, 0.0])
+    assert np.all(sigmas < [0.06, 0.03, 0.01])  # noise, and an error of the calibration that all 800 motions share
 
 
 def test_where_the_radar_sits_in_the_vehicle_is_found() -> None:
