@@ -9,6 +9,7 @@ from dataclasses import replace
 
 from mqslam.auditing.windows import WindowAudit, audit_sample
 from mqslam.backend.loops.closing import close_loops
+from mqslam.backend.marginal_recursion import compute_all_marginals
 from mqslam.backend.odometry_edges import make_odometry_edges, read_odometry_motions
 from mqslam.backend.pose_graph import poses_of
 from mqslam.backend.problem import Problem
@@ -81,8 +82,7 @@ class Slam:
                 before, after = runner.follow("render", maps, len(maps))
             checks: list[WindowAudit] = []
             with runner.time_stage("check"), runner.tolerate("the check of the map"):
-                track, beam = solution.optimised, solution.beam
-                checks = audit_sample(scans, track, config.audit, config.estimator, beam, runner)
+                checks = audit_sample(scans, solution.optimised, config.audit, config.estimator, solution.beam, runner)
         return Run(
             **(vars(solution) | {"warnings": tuple(runner.warnings)}),
             map_odometry=before,
@@ -117,7 +117,8 @@ class Slam:
                 search = runner.make_once(LOOPS, lambda: close_loops(scans, problem, poses, config.estimator, beam, runner))
         with runner.time_stage("optimise"):
             graph, optimum = problem.optimise(search.loops)
-        runner.warnings += optimum.warnings
+            covariances = compute_all_marginals(graph, optimum.values)
+        runner.warnings += [*optimum.warnings, *covariances.warnings]
         return Solution(
             frontend=self._name,
             config=config,
@@ -127,6 +128,7 @@ class Slam:
             optimised=Trajectory(scans.stamps_us, poses_of(optimum.values, graph.size)),
             graph=graph,
             values=optimum.values,
+            covariances=covariances,
             odometry_factors=len(edges),
             loops=search.loops,
             loops_rejected=search.tried - len(search.loops),
