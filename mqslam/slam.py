@@ -10,12 +10,11 @@ from dataclasses import replace
 from mqslam.auditing.windows import WindowAudit, audit_sample
 from mqslam.backend.loops.closing import close_loops
 from mqslam.backend.marginal_recursion import compute_all_marginals
-from mqslam.backend.odometry_edges import make_odometry_edges, read_odometry_motions
+from mqslam.backend.odometry_edges import make_odometry_edges, read_odometry_motions, reckon
 from mqslam.backend.pose_graph import poses_of
 from mqslam.backend.problem import Problem
 from mqslam.config import Config
 from mqslam.core import frontend as frontends
-from mqslam.core import se2
 from mqslam.core.frontend import Context, measure_motions
 from mqslam.core.measurement import LoopSearch, Measured, Measurement
 from mqslam.core.point_map import PointMap
@@ -124,7 +123,7 @@ class Slam:
             config=config,
             doppler_beta=context.doppler_beta,
             measurements=measurements,
-            odometry=Trajectory(scans.stamps_us, se2.chain(m.pose for m in odometry or measurements)),
+            odometry=reckon(scans, odometry or measurements),
             optimised=Trajectory(scans.stamps_us, poses_of(optimum.values, graph.size)),
             graph=graph,
             values=optimum.values,

@@ -18,6 +18,7 @@ from mqslam.core import se2
 from mqslam.core.frontend import Context
 from mqslam.core.measurement import Measurement, Status
 from mqslam.core.scans import Scans
+from mqslam.core.trajectory import Trajectory
 
 ODOMETRY = "odometry"
 _ROUNDS: Final = 10  # rounds of fit and noise, which settle in fewer
@@ -35,6 +36,11 @@ def read_odometry_motions(scans: Scans, context: Context, frontend: str) -> list
     if context.odometry is None or frontend == ODOMETRY:
         return []
     return list(frontends.create(ODOMETRY, context).measure(scans))
+
+
+def reckon(scans: Scans, motions: Sequence[Measurement]) -> Trajectory:
+    """Returns the trajectory that motions between successive scans lead through, from the origin."""
+    return Trajectory(scans.stamps_us, se2.chain(motion.pose for motion in motions))
 
 
 def make_odometry_edges(
