@@ -10,7 +10,7 @@ from dataclasses import replace
 from mqslam.auditing.windows import WindowAudit, audit_sample
 from mqslam.backend.loops.closing import close_loops
 from mqslam.backend.marginal_recursion import compute_all_marginals
-from mqslam.backend.odometry_edges import make_odometry_edges
+from mqslam.backend.odometry_edges import make_odometry_edges, read_odometry_motions, reckon
 from mqslam.backend.pose_graph import poses_of
 from mqslam.backend.problem import Problem
 from mqslam.config import Config
@@ -106,8 +106,9 @@ class Slam:
         with runner.time_stage("windows"):
             measurements = self._measure(scans, context, beam)
         with runner.time_stage("optimise"):
-            odometry = make_odometry_edges(scans, context, self._name, measurements, config.graph)
-            problem = Problem(measurements, odometry, config.graph, config.loops)
+            odometry = read_odometry_motions(scans, context, self._name)
+            edges = make_odometry_edges(odometry, measurements, config.odometry, config.graph)
+            problem = Problem(measurements, edges, config.graph, config.loops)
         search = LoopSearch([], 0)
         if config.loops.enabled:
             with runner.time_stage("loops"), runner.tolerate("the search for loops"):
@@ -121,12 +122,12 @@ class Slam:
             config=config,
             doppler_beta=context.doppler_beta,
             measurements=measurements,
-            odometry=Trajectory(scans.stamps_us, problem.before),
+            odometry=reckon(scans, odometry or measurements),
             optimised=Trajectory(scans.stamps_us, poses_of(optimum.values, graph.size)),
             graph=graph,
             values=optimum.values,
             covariances=covariances,
-            odometry_factors=len(odometry),
+            odometry_factors=len(edges),
             loops=search.loops,
             loops_rejected=search.tried - len(search.loops),
             unoptimised=optimum.failure,

@@ -2,32 +2,121 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
+from itertools import pairwise
+from typing import Final
 
-from mqslam.config import GraphConfig
+import numpy as np
+from numpy.typing import NDArray
+
+from mqslam.backend.odometry_calibration import Calibration, Design, fit, make_design, make_prior_information
+from mqslam.backend.odometry_noise import measure_disagreement, measure_noise
+from mqslam.config import GraphConfig, OdometryConfig
 from mqslam.core import frontend as frontends
+from mqslam.core import se2
 from mqslam.core.frontend import Context
-from mqslam.core.measurement import Measurement
+from mqslam.core.measurement import Measurement, Status
 from mqslam.core.scans import Scans
-from mqslam.factors.odometry_between import estimate_odometry_covariance
+from mqslam.core.trajectory import Trajectory
 
 ODOMETRY = "odometry"
+_ROUNDS: Final = 10  # rounds of fit and noise, which settle in fewer
+_LEAST_VARIANCE: Final = 1e-10  # numerical: keeps covariances of motions that agree exactly from being singular
 
 
-def make_odometry_edges(
-    scans: Scans, context: Context, frontend: str, measurements: list[Measurement], settings: GraphConfig
-) -> list[Measurement]:
-    """Returns odometry's own motions with noise as large as their disagreement with the front end's.
+def read_odometry_motions(scans: Scans, context: Context, frontend: str) -> list[Measurement]:
+    """Returns odometry's own motions between successive scans, or none where the front end is the odometry itself.
 
     Args:
         scans: scans of the recording.
         context: holds the odometry, if there is one.
-        frontend: name of the front end; if it is the odometry itself there is nothing to add.
-        measurements: the front end's motions between successive scans.
+        frontend: name of the front end.
+    """
+    if context.odometry is None or frontend == ODOMETRY:
+        return []
+    return list(frontends.create(ODOMETRY, context).measure(scans))
+
+
+def reckon(scans: Scans, motions: Sequence[Measurement]) -> Trajectory:
+    """Returns the trajectory that motions between successive scans lead through, from the origin."""
+    return Trajectory(scans.stamps_us, se2.chain(motion.pose for motion in motions))
+
+
+def make_odometry_edges(
+    odometry: Sequence[Measurement], measured: Sequence[Measurement], stated: OdometryConfig, settings: GraphConfig
+) -> list[Measurement]:
+    """Returns the motions of odometry, calibrated where psi found the motion itself, with noise to match.
+
+    The edges of a graph err independently, while an error of the calibration is common to all of them. Over a stretch of
+    n edges it grows with n, independent errors only with its root. Each edge therefore states so much more that the whole
+    stretch comes out as uncertain as it is. A stretch lasts for as long as psi finds the motion itself, or does not, and
+    for a span of the settings at least.
+
+    Where psi did not find a motion it took odometry's, so that such motions show nothing about odometry. Where too few
+    motions show anything, odometry is as good as it states itself.
+
+    Args:
+        odometry: motions of odometry.
+        measured: motions of the front end over the same scans.
+        stated: the errors that odometry states.
         settings: settings of the graph.
     """
-    if context.odometry is None or frontend == ODOMETRY or not measurements:
+    converged = np.array([motion.status is Status.CONVERGED for motion in measured], dtype=bool)
+    if not odometry:
         return []
-    motions = list(frontends.create(ODOMETRY, context).measure(scans))
-    noise = estimate_odometry_covariance(motions, measurements, settings)
-    return [replace(motion, covariance=noise) for motion in motions]
+    lasts = odometry[-1].t1 - odometry[0].t0
+    span = max(1, min(len(odometry), round(len(odometry) * settings.odometry_span_s / max(lasts, 1e-9))))
+    if converged.sum() < settings.odometry_fewest:
+        own = np.sqrt([np.diag(motion.covariance) for motion in odometry])
+        return _state(odometry, np.zeros_like(own), _spread(own, converged, span))
+    design = make_design(odometry, span)
+    calibration, noise = _calibrate(odometry, measured, converged, design, span, stated, settings)
+    common = _spread(calibration.list_sigmas(design), converged, span)
+    return _state(odometry, calibration.correct(design), noise + common)
+
+
+def _calibrate(
+    odometry: Sequence[Measurement],
+    measured: Sequence[Measurement],
+    converged: NDArray[np.bool_],
+    design: Design,
+    span: int,
+    stated: OdometryConfig,
+    settings: GraphConfig,
+) -> tuple[Calibration, NDArray[np.float64]]:
+    """Returns the calibration, and the variances (N, 3) of the noise that it leaves."""
+    misses = np.array([b.pose - a.pose for a, b in zip(odometry, measured, strict=True)])
+    misses[:, 2] = se2.wrap(misses[:, 2])
+    misses[~converged] = np.nan
+    variances = np.array([np.diag(motion.covariance) for motion in measured]) + _LEAST_VARIANCE
+    noise = np.array([np.diag(motion.covariance) for motion in odometry])
+    prior = make_prior_information(design, stated, settings)
+    for _ in range(_ROUNDS):  # motions that fit no calibration lose their weight
+        calibration = fit(design, misses, variances + noise, prior)
+        residuals = misses - calibration.correct(design)
+        common = measure_noise(residuals, variances, span)
+        disagreement = measure_disagreement(residuals, variances, common, span)
+        noise = common + disagreement
+    disagreement[~converged] = disagreement[converged].mean(axis=0)  # as often as elsewhere, nobody knows where
+    return calibration, common + disagreement
+
+
+def _spread(sigmas: NDArray[np.float64], converged: NDArray[np.bool_], span: int) -> NDArray[np.float64]:
+    """Returns variances (N, 3) whose sum over a stretch is the square of the sum of its common errors' deviations (N, 3)."""
+    kernel = np.ones(span)
+    total = np.column_stack([np.convolve(column, kernel)[(span - 1) // 2 :][: len(sigmas)] for column in sigmas.T])
+    changes = np.flatnonzero(converged[1:] != converged[:-1]) + 1
+    for begin, end in pairwise([0, *changes.tolist(), len(sigmas)]):
+        total[begin:end] = np.maximum(total[begin:end], sigmas[begin:end].sum(axis=0))
+    return np.asarray(sigmas * total)
+
+
+def _state(
+    odometry: Sequence[Measurement], corrections: NDArray[np.float64], variances: NDArray[np.float64]
+) -> list[Measurement]:
+    """Returns corrected motions that state these variances (N, 3)."""
+    return [
+        replace(motion, pose=motion.pose + correction, covariance=np.diag(variance + _LEAST_VARIANCE))
+        for motion, correction, variance in zip(odometry, corrections, variances, strict=True)
+    ]

@@ -23,7 +23,7 @@ class Problem:
 
     Args:
         measurements: the front end's motions between successive scans.
-        odometry: the odometry's motions between the same scans, or none.
+        odometry: the odometry's motions between the same scans, calibrated, or none.
         graph_settings: settings of the edges between successive scans.
         loop_settings: settings of the loops.
     """
@@ -32,11 +32,6 @@ class Problem:
     odometry: Sequence[Measurement]
     graph_settings: GraphConfig
     loop_settings: LoopConfig
-
-    @property
-    def before(self) -> se2.Array:
-        """Poses (N, 3) before optimisation: odometry, or the measurements where there is none, chained [m, m, rad]."""
-        return se2.chain(m.pose for m in self.odometry or self.measurements)
 
     def build_graph(self, loops: Sequence[Loop]) -> PoseGraph:
         """Returns the graph with the given loops; it starts from the chained measurements."""

@@ -22,19 +22,22 @@ class GraphConfig(BaseModel):
         1.345, gt=0.0, description="Residual [standard deviations] beyond which the pull of an edge grows only linearly."
     )
     odometry_span_s: float = Field(
-        10.0, gt=0.0, description="Length of the spans [s] over which odometry is compared with psi to find its noise."
-    )
-    odometry_span_share: float = expert(
-        0.5,
+        10.0,
         gt=0.0,
-        le=1.0,
-        description="Share of a span's motions that psi must have found itself, so that the span shows how odometry errs.",
+        description="Longest span [s] over which odometry is compared with psi to find its noise, and the time between "
+        "two values of its yaw rate's bias.",
     )
-    odometry_fewest_spans: int = expert(
-        5,
-        ge=1,
-        description="With fewer spans than this, whose median may be small by chance, odometry is taken to be no better "
-        "than it states.",
+    odometry_bias_walk: float = Field(
+        0.001,
+        gt=0.0,
+        description="Standard deviation [rad/s] by which the bias of odometry's yaw rate may change in a second; it grows "
+        "with the root of time.",
+    )
+    odometry_fewest: int = expert(
+        20,
+        ge=2,
+        description="With fewer motions than this that psi found itself, odometry is not calibrated, and as good as it "
+        "states itself.",
     )
     prior_m: float = expert(
         1e-3, gt=0.0, description="Standard deviation [m] of the prior that holds the first pose at the origin."

@@ -145,13 +145,6 @@ class TrackerConfig(BaseModel):
         gt=0.0,
         description="Spread of yaw rates around rest, in directions that psi does not observe at a start [rad/s].",
     )
-    unknown_travel: float = expert(
-        0.5,
-        gt=0.0,
-        description="Share of the longest travel in a turn by which a start pose may be off in a direction that psi does "
-        "not observe.",
-    )
-
     steady_s: float = expert(
         0.75, gt=0.0, description="Longest time between two scans over which an acceleration is taken to last [s]."
     )

@@ -30,7 +30,48 @@ from mqslam.psi.tracking.state import (
 )
 
 _DEPENDENT = 1e-6  # singular values of unit vectors below this are rounding
+_HALF = 0.5**0.5  # half of a variance: a motion between two scans has the variances of both of their poses
 _NOISE_PERIOD_S = 0.25  # the settings state process noise and persistence per this time: a definition
+
+
+@dataclass(frozen=True, slots=True)
+class Blindness:
+    """What is unknown of the motion along a direction that psi does not observe, for travel and for turning.
+
+    The motion is held there, and its error grows as the process noise allows, up to all that the settings think possible.
+    Such an error is common to all scans of the stretch, so that those of their poses add up as they are, not in square.
+
+    Args:
+        speeds: (2,) standard deviations of the speed [m/s] and of the yaw rate [rad/s].
+        travelled: (2,) standard deviations of what the stretch has led through so far [m, rad].
+        step: (2,) standard deviations of the last scan's part of that, given that such parts add up in square [m, rad].
+    """
+
+    speeds: NDArray[np.float64]
+    travelled: NDArray[np.float64]
+    step: NDArray[np.float64]
+
+    @classmethod
+    def none(cls) -> Blindness:
+        """Returns that of a motion that psi has just observed."""
+        return cls(np.zeros(2), np.zeros(2), np.zeros(2))
+
+    @classmethod
+    def full(cls, settings: TrackerConfig) -> Blindness:
+        """Returns that of a motion that was never observed."""
+        return cls(_bound_speeds(settings), np.zeros(2), np.zeros(2))
+
+    def after(self, dt: float, settings: TrackerConfig) -> Blindness:
+        """Returns what is unknown a time dt [s] later."""
+        walk = np.square([settings.sigma_vx, settings.sigma_omega]) * (dt / _NOISE_PERIOD_S)
+        speeds = np.minimum(np.sqrt(self.speeds**2 + walk), _bound_speeds(settings))
+        travelled = self.travelled + speeds * dt
+        return Blindness(speeds, travelled, np.sqrt(travelled**2 - self.travelled**2))
+
+    @property
+    def pose(self) -> NDArray[np.float64]:
+        """(3,) standard deviations of a scan's start pose [m, m, rad]: its own step, half of which counts at either end."""
+        return np.asarray(self.step[[0, 0, 1]] * _HALF)
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,6 +83,7 @@ class LastMatch:
         turn_s: its duration [s]; the radar may be told to turn at another rate.
         belief: what is known of its state.
         smooths: whether a prediction from it rests on a match, and so smooths the next one.
+        blind: what is unknown of the motion where psi does not observe it.
         twists: (3,) each, of the last scans whose motion psi observed, as many as the settings say at most.
     """
 
@@ -49,6 +91,7 @@ class LastMatch:
     turn_s: float
     belief: Belief
     smooths: bool
+    blind: Blindness
     twists: tuple[se2.Array, ...] = ()
 
     @property
@@ -168,12 +211,6 @@ def drop_directions(information: NDArray[np.float64], weak: NDArray[np.float64],
     return np.asarray(across @ (information * units) @ across / units)
 
 
-def bound_pose(settings: TrackerConfig, revolution_s: float) -> NDArray[np.float64]:
-    """Returns how far a start pose (3,) may be off when nothing is known of it [m, m, rad]."""
-    travel = settings.unknown_travel * max(settings.speed_max, -settings.speed_min) * revolution_s
-    return np.array([travel, travel, settings.omega_max * revolution_s])
-
-
 def list_motion_noise(settings: TrackerConfig) -> NDArray[np.float64]:
     """Returns the standard deviations (5,) by which twist and accelerations change per scan."""
     return np.array([settings.sigma_vx, settings.sigma_vy, settings.sigma_omega, settings.sigma_ax, settings.sigma_alpha])
@@ -192,6 +229,12 @@ def _follow_directions(weak: NDArray[np.float64], yaw: float) -> NDArray[np.floa
             if length > 0.0:
                 vectors.append(vector / length)
     return np.array(vectors).reshape(-1, SIZE)
+
+
+def _bound_speeds(settings: TrackerConfig) -> NDArray[np.float64]:
+    """Returns the standard deviations (2,) of speed [m/s] and yaw rate [rad/s] when nothing is known of them."""
+    ranges = np.array([settings.speed_max - settings.speed_min, 2.0 * settings.omega_max])
+    return np.asarray(ranges / np.sqrt(12.0))  # all in the range are as likely
 
 
 def _rotation(yaw: float) -> NDArray[np.float64]:

@@ -22,8 +22,8 @@ from mqslam.psi.observability import loosen
 from mqslam.psi.place import Beam
 from mqslam.psi.tracking.cold_start import find_first_motion
 from mqslam.psi.tracking.dynamics import (
+    Blindness,
     LastMatch,
-    bound_pose,
     hold_directions,
     list_motion_noise,
     predict,
@@ -61,7 +61,7 @@ class Tracker:
         self._setup = Setup(settings, estimator, beam, revolution_s)
         self._matcher = Matcher(self._setup)
         self._map = LocalMap(settings)
-        self._last = LastMatch(0.0, revolution_s, ORIGIN, smooths=False)
+        self._last = LastMatch(0.0, revolution_s, ORIGIN, smooths=False, blind=Blindness.full(settings))
         self._usual = Usual()
         self._foresight = Foresight(settings, self._setup.matching)
 
@@ -87,6 +87,8 @@ class Tracker:
             raise FewReturnsError(f"the first scans hold {counts} returns, and {needed} in each are needed")
         first = find_first_motion(scans, self._setup, begin, odometry)
         changed = np.diag(list_motion_noise(self._setup.young) ** 2)  # the motion may have changed since
+        if first.observed:
+            self._last = replace(self._last, blind=Blindness.none())
         return self._begin_map(scans[0], replace_motion(ORIGIN, first.motion, changed + first.covariance), Status.CONVERGED)
 
     def find_first_twist(self, scans: Sequence[Scan]) -> se2.Array:
@@ -124,12 +126,15 @@ class Tracker:
             minimum = self._matcher.search(scan, begin, self._map, [minimum]).minimum
         if self._is_out_of_place(minimum):
             return self._miss(scan, begin, minimum)
-        weak = self._matcher.find_weak_directions(scan, State(minimum.state), self._map)
+        weak, blind = self._matcher.find_weak_directions(scan, State(minimum.state), self._map), Blindness.none()
         if len(weak):
+            # a pose that odometry gave is no measurement of psi: odometry itself says how well it is known
+            known = self._last.blind if twist is None else Blindness.full(self.settings)
+            blind = known.after(scan.t0 - self._last.t0, self.settings)
             held = begin.mean if twist is not None else self._last.predict_steadily(scan) or begin.mean
             stiff = hold_directions(replace(prior, mean=held.vector), weak)
             minimum = self._matcher.minimise(scan, held, stiff, self._map)
-        return self._accept(scan, minimum, predicted, weak)
+        return self._accept(scan, minimum, predicted, weak, blind)
 
     def resume(self, scans: Sequence[Scan], twist: se2.Array | None = None) -> Tracked:
         """Matches the first of the scans after a gap or a loss, whose motion is found from themselves.
@@ -150,7 +155,7 @@ class Tracker:
         if is_sure:
             self._last = replace(self._last, smooths=False)
             self._foresight.forget()
-            tracked = self._accept(scan, minimum, bridged, np.zeros((0, 3)))
+            tracked = self._accept(scan, minimum, bridged, np.zeros((0, 3)), Blindness.none())
             return replace(tracked, arrival=estimate_arrival(before, tracked.pose, self.settings.sigma_scale))
         if after is None:
             return self._miss(scan, bridged, minimum)
@@ -181,24 +186,26 @@ class Tracker:
     def _begin_map(self, scan: Scan, belief: Belief, status: Status) -> Tracked:
         """Begins a new map with a scan, whose place defines where the map is."""
         known = belief.in_its_own_frame()
-        self._last = LastMatch(scan.t0, scan.t1 - scan.t0, known, smooths=False)
+        self._last = LastMatch(scan.t0, scan.t1 - scan.t0, known, smooths=False, blind=self._last.blind)
         self._foresight.forget()
         self._map = LocalMap(self.settings)
         self._map.offer(scan.t0, known.pose, self._matcher.place(scan, known.mean))
         covariance = known.covariance[POSE_AND_TWIST, POSE_AND_TWIST]
         return Tracked(scan.t0, known.mean, covariance, make_empty_evaluation(), status, begins_map=True)
 
-    def _accept(self, scan: Scan, minimum: Minimum, predicted: Belief, weak: NDArray[np.float64]) -> Tracked:
+    def _accept(
+        self, scan: Scan, minimum: Minimum, predicted: Belief, weak: NDArray[np.float64], blind: Blindness
+    ) -> Tracked:
         """Takes a match as the new state, and as a keyframe where the last one is far away."""
         setup, evaluation, smoothed = self._setup, minimum.evaluation, self._last.smooths
         belief = update_belief(minimum.state, evaluation, predicted.information, setup, weak)
         placed = self._matcher.place(scan, belief.mean)
         measured = measure_covariance(evaluation, placed, predicted, self._map, setup, smoothed=smoothed)
-        measured[POSE, POSE] = loosen(measured[POSE, POSE], weak, bound_pose(self.settings, setup.revolution_s))
+        measured[POSE, POSE] = loosen(measured[POSE, POSE], weak, blind.pose)
         self._usual = self._usual.after(minimum, self.settings)
         observed = () if len(weak) else (belief.mean.twist,)
         twists = (*self._last.twists, *observed)[-self.settings.held_scans :]
-        self._last = LastMatch(scan.t0, scan.t1 - scan.t0, belief, smooths=True, twists=twists)
+        self._last = LastMatch(scan.t0, scan.t1 - scan.t0, belief, smooths=True, blind=blind, twists=twists)
         self._foresight.add(self._matcher.place(scan, predicted.mean), placed)
         self._map.offer(scan.t0, belief.pose, placed)
         status = Status.DEGENERATE if len(weak) else Status.CONVERGED

@@ -11,6 +11,7 @@ from mqslam.core import se2
 from mqslam.core.scans import Returns, Scan
 from mqslam.psi.minimiser import Prior
 from mqslam.psi.tracking.dynamics import (
+    Blindness,
     LastMatch,
     coast,
     correct_motion,
@@ -65,7 +66,7 @@ def test_a_state_farther_ahead_came_there_faster() -> None:
 
 def test_unobserved_directions_follow_the_mean_twist_of_the_last_matches() -> None:
     twists = (np.array([8.2, 0.1, 0.1]), np.array([7.8, -0.1, 0.3]))
-    last = LastMatch(1.0, 0.25, Belief(State(VECTOR), np.eye(SIZE)), smooths=True, twists=twists)
+    last = LastMatch(1.0, 0.25, Belief(State(VECTOR), np.eye(SIZE)), smooths=True, blind=Blindness.none(), twists=twists)
     steady = last.predict_steadily(Scan(1.5, 1.75, EMPTY))
     assert steady is not None
     np.testing.assert_allclose(steady.twist, [8.0, 0.0, 0.2])
@@ -73,7 +74,9 @@ def test_unobserved_directions_follow_the_mean_twist_of_the_last_matches() -> No
 
 
 def test_without_a_match_no_steady_motion_is_known() -> None:
-    assert LastMatch(0.0, 0.25, ORIGIN, smooths=False).predict_steadily(Scan(0.25, 0.5, EMPTY)) is None
+    assert (
+        LastMatch(0.0, 0.25, ORIGIN, smooths=False, blind=Blindness.none()).predict_steadily(Scan(0.25, 0.5, EMPTY)) is None
+    )
 
 
 def test_a_steady_motion_is_predicted_along_its_arc() -> None:
@@ -200,3 +203,26 @@ def test_where_nothing_is_observed_no_information_is_left() -> None:
     before = some_information()
     left = drop_directions(before, np.eye(3), 0.7)
     np.testing.assert_allclose(scaled(left), 0.0, atol=1e-9 * np.abs(scaled(before)).max())
+
+
+def test_what_is_unknown_of_a_held_motion_adds_up_to_a_common_error_of_speed() -> None:
+    """Speeds wander as the process noise allows; the steps' variances add up to those of drawn paths or a little more."""
+    settings, steps = TrackerConfig(), 40
+    blind, variance = Blindness.none(), 0.0
+    for _ in range(steps):
+        blind = blind.after(0.25, settings)
+        variance += 2.0 * blind.pose[0] ** 2  # of a motion: both of its ends count
+    speeds = np.cumsum(np.random.default_rng(2).normal(0.0, settings.sigma_vx, (4000, steps)), axis=1)
+    drawn = np.std(np.sum(speeds * 0.25, axis=1))
+    assert 1.0 < np.sqrt(variance) / drawn < 1.3
+
+
+def test_a_motion_that_was_never_observed_is_unknown_within_all_that_is_possible() -> None:
+    settings = TrackerConfig()
+    never, long_ago = Blindness.full(settings), Blindness.none()
+    for _ in range(10_000):
+        long_ago = long_ago.after(0.25, settings)
+    np.testing.assert_allclose(long_ago.speeds, never.after(0.25, settings).speeds)
+    assert never.after(10.0, settings).travelled[0] == pytest.approx(
+        10.0 * (settings.speed_max - settings.speed_min) / 12**0.5
+    )
