@@ -12,17 +12,18 @@ from mqslam.backend.loops.closing import close_loops
 from mqslam.backend.odometry_edges import make_odometry_edges
 from mqslam.backend.pose_graph import poses_of
 from mqslam.backend.problem import Problem
+from mqslam.backend.refinement import refine
 from mqslam.config import Config
 from mqslam.core import frontend as frontends
 from mqslam.core.frontend import Context, measure_motions
-from mqslam.core.measurement import LoopSearch, Measured, Measurement
+from mqslam.core.measurement import LoopSearch, Measured, Measurement, Refined
 from mqslam.core.point_map import PointMap
 from mqslam.core.recording import Recording
 from mqslam.core.scans import Scans
 from mqslam.core.trajectory import Trajectory
 from mqslam.detection.stage import detect_all
 from mqslam.errors import EstimationError, FewReturnsError
-from mqslam.execution.kept import LOOPS, MEASURED
+from mqslam.execution.kept import LOOPS, MEASURED, REFINED
 from mqslam.execution.runner import Runner
 from mqslam.mapping.live import show_motions
 from mqslam.mapping.render import render
@@ -80,8 +81,7 @@ class Slam:
                 before, after = runner.follow("render", maps, len(maps))
             checks: list[WindowAudit] = []
             with runner.time_stage("check"), runner.tolerate("the check of the map"):
-                track, beam = solution.optimised, solution.beam
-                checks = audit_sample(scans, track, config.audit, config.estimator, beam, runner)
+                checks = audit_sample(scans, solution.optimised, config.audit, config.estimator, solution.beam, runner)
         return Run(
             **(vars(solution) | {"warnings": tuple(runner.warnings)}),
             map_odometry=before,
@@ -101,8 +101,7 @@ class Slam:
         Raises:
             EstimationError: no motion can be estimated from the data.
         """
-        config, runner = self._config, self._runner
-        beam = beam_of(config.estimator, context.doppler_beta)
+        config, runner, beam = self._config, self._runner, beam_of(self._config.estimator, context.doppler_beta)
         with runner.time_stage("windows"):
             measurements = self._measure(scans, context, beam)
         with runner.time_stage("optimise"):
@@ -113,8 +112,11 @@ class Slam:
         if config.loops.enabled:
             with runner.time_stage("loops"), runner.tolerate("the search for loops"):
                 search = runner.make_once(LOOPS, lambda: close_loops(scans, problem, poses, config.estimator, beam, runner))
+        refined = Refined(search.loops, [])
+        with runner.time_stage("refine"), runner.tolerate("the refinement"):
+            refined = runner.make_once(REFINED, lambda: refine(scans, problem, search.loops, config, beam, runner))
         with runner.time_stage("optimise"):
-            graph, optimum = problem.optimise(search.loops)
+            graph, optimum = problem.optimise(refined.loops, refined.ties)
         runner.warnings += optimum.warnings
         return Solution(
             frontend=self._name,
@@ -128,6 +130,7 @@ class Slam:
             odometry_factors=len(odometry),
             loops=search.loops,
             loops_rejected=search.tried - len(search.loops),
+            refined=refined,
             unoptimised=optimum.failure,
             warnings=tuple(runner.warnings),
         )
@@ -140,8 +143,7 @@ class Slam:
 
     def _measure(self, scans: Scans, context: Context, beam: Beam) -> list[Measurement]:
         """Returns the front end's measurements, or those that an earlier run has kept, and shows them as they come."""
-        runner = self._runner
-        kept = runner.find(MEASURED)
+        runner, kept = self._runner, self._runner.find(MEASURED)
         if kept is not None:
             return list(show_motions(scans, kept.measurements, beam, runner))
         motions = show_motions(scans, measure_motions(self._name, context, scans), beam, runner)

@@ -1,4 +1,4 @@
-"""What the pose graph is built from: measurements and odometry, which stay, and loops, which join later."""
+"""What the pose graph is built from: measurements and odometry, which stay, and loops and their ties, which join later."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ from mqslam.core.measurement import Loop, Measurement
 from mqslam.factors.loop_between import loop_between
 from mqslam.factors.odometry_between import odometry_between
 from mqslam.factors.psi_between import psi_between
+from mqslam.factors.refinement_between import refinement_between
 
 
 @dataclass(frozen=True)
@@ -37,19 +38,20 @@ class Problem:
         """Poses (N, 3) before optimisation: odometry, or the measurements where there is none, chained [m, m, rad]."""
         return se2.chain(m.pose for m in self.odometry or self.measurements)
 
-    def build_graph(self, loops: Sequence[Loop]) -> PoseGraph:
-        """Returns the graph with the given loops; it starts from the chained measurements."""
+    def build_graph(self, loops: Sequence[Loop], ties: Sequence[Loop] = ()) -> PoseGraph:
+        """Returns the graph with the given loops and ties of the refinement; it starts from the chained measurements."""
         factors = [psi_between(X(k), X(k + 1), m, self.graph_settings) for k, m in enumerate(self.measurements)]
         factors += [odometry_between(X(k), X(k + 1), m, self.graph_settings) for k, m in enumerate(self.odometry)]
         factors += [loop_between(X(loop.earlier), X(loop.later), loop, self.loop_settings) for loop in loops]
+        factors += [refinement_between(X(tie.earlier), X(tie.later), tie, self.graph_settings) for tie in ties]
         return build_pose_graph(se2.chain(m.pose for m in self.measurements), factors, self.graph_settings)
 
-    def optimise(self, loops: Sequence[Loop]) -> tuple[PoseGraph, Optimum]:
-        """Returns the graph with the given loops, and its optimum."""
-        graph = self.build_graph(loops)
+    def optimise(self, loops: Sequence[Loop], ties: Sequence[Loop] = ()) -> tuple[PoseGraph, Optimum]:
+        """Returns the graph with the given loops and ties, and its optimum."""
+        graph = self.build_graph(loops, ties)
         return graph, optimise(graph)
 
-    def solve_poses(self, loops: Sequence[Loop]) -> se2.Array:
-        """Returns the optimised poses (N, 3) with the given loops [m, m, rad]."""
-        graph, optimum = self.optimise(loops)
+    def solve_poses(self, loops: Sequence[Loop], ties: Sequence[Loop] = ()) -> se2.Array:
+        """Returns the optimised poses (N, 3) with the given loops and ties [m, m, rad]."""
+        graph, optimum = self.optimise(loops, ties)
         return poses_of(optimum.values, graph.size)
