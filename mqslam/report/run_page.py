@@ -236,7 +236,7 @@ def _tabulate_quality(report: Report) -> Table:
     changes = [format_change(*pair) if all(matched) else ABSENT for pair in (total, per_point, matched)]
     lengths = (format_value(report.odometry.length_m, " m"), format_value(report.optimised.length_m, " m"))
     across = [psi.get("across_passes_odometry"), psi.get("across_passes_optimised")]
-    passes = ()
+    passes: tuple[Row, ...] = ()
     if None not in across:
         passes = (Row("ψ per point across passes", (*map(format_value, across), format_change(*across))),)
     rows = (
