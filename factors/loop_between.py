@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gtsam
+import numpy as np
 
 from mqslam.config import LoopConfig
 from mqslam.core.measurement import Loop
@@ -18,6 +19,7 @@ def loop_between(a: int, b: int, loop: Loop, config: LoopConfig) -> gtsam.Betwee
         loop: the later pose in the frame of the earlier one, with its covariance.
         config: settings of loops.
     """
-    gaussian = gaussian_noise(loop.covariance, loop.pose[2], config.floor_m, config.floor_rad)
+    bent = np.diag([config.floor_m**2, config.floor_m**2, config.floor_rad**2])  # submaps bend, which psi does not show
+    gaussian = gaussian_noise(loop.covariance + bent, loop.pose[2])
     robust = gtsam.noiseModel.Robust.Create(gtsam.noiseModel.mEstimator.Cauchy.Create(config.cauchy), gaussian)
     return gtsam.BetweenFactorPose2(a, b, gtsam.Pose2(*loop.pose), robust)

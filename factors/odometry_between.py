@@ -28,7 +28,7 @@ def odometry_between(a: int, b: int, motion: Measurement, config: GraphConfig) -
         motion: the measurement.
         config: settings of the graph.
     """
-    noise = between_noise(motion.covariance, motion.pose[2], config.floor_m, config.floor_rad, config.huber)
+    noise = between_noise(motion.covariance, motion.pose[2], config.huber)
     return gtsam.BetweenFactorPose2(a, b, gtsam.Pose2(*motion.pose), noise)
 
 

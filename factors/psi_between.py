@@ -3,22 +3,24 @@
 from __future__ import annotations
 
 import gtsam
+import numpy as np
+from numpy.typing import NDArray
 
 from mqslam.config import GraphConfig
-from mqslam.core.measurement import Measurement, Status
+from mqslam.core import se2
 from mqslam.factors.noise import between_noise
 
 
-def psi_between(a: int, b: int, motion: Measurement, config: GraphConfig) -> gtsam.BetweenFactorPose2:
-    """Returns the factor of a front end's motion, with the covariance of its score's curvature and the settings' floor.
+def psi_between(
+    a: int, b: int, pose: se2.Array, covariance: NDArray[np.float64], config: GraphConfig
+) -> gtsam.BetweenFactorPose2:
+    """Returns the factor of a measured relative pose: of a scan in its submap, or of a scan in another's frame.
 
     Args:
-        a: key of the pose at the motion's begin.
-        b: key of the pose at its end.
-        motion: the measurement.
+        a: key of the submap or of the earlier scan.
+        b: key of the later scan or submap.
+        pose: (3,) of b in the frame of a [m, m, rad].
+        covariance: (3, 3) of it, in the frame of a, as the score's curvature gives it.
         config: settings of the graph.
     """
-    cancelling = config.cancelling if motion.status is Status.CONVERGED else 1.0
-    covariance = motion.covariance / cancelling
-    noise = between_noise(covariance, motion.pose[2], config.floor_m, config.floor_rad, config.huber)
-    return gtsam.BetweenFactorPose2(a, b, gtsam.Pose2(*motion.pose), noise)
+    return gtsam.BetweenFactorPose2(a, b, gtsam.Pose2(*pose), between_noise(covariance, pose[2], config.huber))

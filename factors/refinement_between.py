@@ -12,13 +12,11 @@ from mqslam.factors.noise import between_noise
 def refinement_between(a: int, b: int, tie: Loop, config: GraphConfig) -> gtsam.BetweenFactorPose2:
     """Returns the factor of a scan that psi has laid into earlier passes.
 
-    There is no floor: every scan is measured on its own, so that the covariance of its own score says how it errs.
-
     Args:
         a: key of the nearest scan of an earlier pass.
         b: key of the scan that was measured.
         tie: the measured scan in the frame of the other one, with its covariance.
         config: settings of the graph.
     """
-    noise = between_noise(tie.covariance, tie.pose[2], 0.0, 0.0, config.huber)
+    noise = between_noise(tie.covariance, tie.pose[2], config.huber)
     return gtsam.BetweenFactorPose2(a, b, gtsam.Pose2(*tie.pose), noise)

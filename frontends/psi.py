@@ -95,16 +95,18 @@ def _relate(a: Tracked, b: Tracked, psi_odometry: float) -> Measurement:
         by_start @ a.pose_covariance @ by_start.T + by_end @ at_end @ by_end.T + _compare_measurements(a, b, pose)
     )
     evaluation = b.evaluation
+    status = Status.LOST if b.begins_map else b.status
     return Measurement(
         t0=a.t0,
         t1=b.t0,
         pose=pose,
         covariance=0.5 * (covariance + covariance.T),
-        status=Status.LOST if b.begins_map else b.status,
+        status=status,
         psi=evaluation.psi,
         psi_odometry=psi_odometry,
         points=len(evaluation.matched),
         matched=float(evaluation.matched.mean()) if len(evaluation.matched) else 0.0,
+        on_map=a.status is Status.CONVERGED and status is Status.CONVERGED and b.arrival is None,
     )
 
 

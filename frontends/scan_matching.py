@@ -61,6 +61,7 @@ def match_scans(
             status=Status.LOST if step.coasted_s or (gap and after.coasted_s) else Status.CONVERGED,
             points=len(before.returns),
             matched=step.matched,
+            on_map=not (step.coasted_s or after.coasted_s),
         )
         before, begin, coasted_s, step = scan, end, step.coasted_s, after
 

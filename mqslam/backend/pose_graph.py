@@ -1,4 +1,4 @@
-"""The pose graph: one pose per scan, relative motions between them, optimised by GTSAM."""
+"""The pose graph: poses of scans and of the submaps that they were measured in, optimised by GTSAM."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Final
 
 import gtsam
 import numpy as np
-from gtsam.symbol_shorthand import X
+from gtsam.symbol_shorthand import M, X
 from numpy.typing import NDArray
 from scipy import sparse
 from scipy.sparse.linalg import splu
@@ -27,12 +27,12 @@ _ASYMMETRY: Final = 1e-6  # largest difference between a covariance and its tran
 
 @dataclass(frozen=True)
 class PoseGraph:
-    """Factors over the poses x0 .. x(n-1) and the values they start from.
+    """Factors over the poses x0 .. x(n-1) of scans and m0 .. of submaps, and the values they start from.
 
     Args:
         factors: the GTSAM graph, its prior on x0 included.
         initial: starting values.
-        size: number of poses n.
+        size: number of scans n.
     """
 
     factors: gtsam.NonlinearFactorGraph
@@ -80,17 +80,22 @@ class PoseCovariances:
         return cls(np.empty(0, dtype=np.int64), np.empty((0, 3, 3)), why)
 
 
-def build_pose_graph(initial: se2.Array, between: Iterable[gtsam.NonlinearFactor], config: GraphConfig) -> PoseGraph:
+def build_pose_graph(
+    initial: se2.Array, between: Iterable[gtsam.NonlinearFactor], config: GraphConfig, submaps: Iterable[se2.Array] = ()
+) -> PoseGraph:
     """Returns a graph of between-factors in which the first pose is held where it starts.
 
     Args:
-        initial: (n, 3) poses to start from, x [m], y [m], yaw [rad].
-        between: factors over keys X(0) .. X(n-1).
+        initial: (n, 3) poses of scans to start from, x [m], y [m], yaw [rad].
+        between: factors over keys X(0) .. X(n-1) of scans and M(0) .. M(m-1) of submaps.
         config: settings of the graph.
+        submaps: m poses (3,) of submaps to start from.
     """
     factors, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
     for k, pose in enumerate(initial):
         values.insert(X(k), gtsam.Pose2(*pose))
+    for j, pose in enumerate(submaps):
+        values.insert(M(j), gtsam.Pose2(*pose))
     factors.push_back(prior(X(0), initial[0], config))
     for factor in between:
         factors.push_back(factor)
@@ -142,7 +147,8 @@ def compute_marginals(graph: PoseGraph, values: gtsam.Values, indices: Sequence[
         indices: numbers of the poses.
     """
     try:
-        blocks = _inverse_blocks(_jacobian(graph, values), indices)
+        columns = graph.initial.size() - graph.size + np.asarray(indices, dtype=np.int64)
+        blocks = _inverse_blocks(_jacobian(graph, values), columns)
     except Exception as error:  # a singular system, or one that does not fit into memory
         return PoseCovariances.unknown(describe_error(error))
     sigmas = np.sqrt(np.maximum(np.einsum("kii->ki", blocks), 0.0))
@@ -156,16 +162,24 @@ def compute_marginals(graph: PoseGraph, values: gtsam.Values, indices: Sequence[
 
 
 def _jacobian(graph: PoseGraph, values: gtsam.Values) -> sparse.csc_array:
-    """Returns the linearised graph's Jacobian (M, 3 n), each row divided by the standard deviation of its noise."""
+    """Returns the linearised graph's Jacobian (R, 3 (m + n)), each row divided by the standard deviation of its noise.
+
+    GTSAM sorts columns by key, so that those of m submaps come before those of n scans.
+    """
     row, column, entry = graph.factors.linearize(values).sparseJacobian_()
     row, column = row.astype(np.int64) - 1, column.astype(np.int64) - 1
-    poses = column < 3 * graph.size  # the last column is the residual
-    shape = (int(row.max()) + 1, 3 * graph.size)
+    poses = column < 3 * graph.initial.size()  # the last column is the residual
+    shape = (int(row.max()) + 1, 3 * graph.initial.size())
     return sparse.csc_array((entry[poses], (row[poses], column[poses])), shape=shape)
 
 
-def _inverse_blocks(jacobian: sparse.csc_array, indices: Sequence[int]) -> NDArray[np.float64]:
-    """Returns the poses' blocks (K, 3, 3) on the diagonal of the inverse of J^T J, for a Jacobian J as above."""
+def _inverse_blocks(jacobian: sparse.csc_array, indices: NDArray[np.int64]) -> NDArray[np.float64]:
+    """Returns blocks (K, 3, 3) on the diagonal of the inverse of J^T J, for a Jacobian J as above.
+
+    Args:
+        jacobian: J.
+        indices: (K,) which blocks.
+    """
     norms = np.sqrt(np.asarray(jacobian.multiply(jacobian).sum(axis=1)).ravel())
     informative = norms > 0.0  # a row of zeros says nothing
     sigmas, jacobian = 1.0 / norms[informative], jacobian.tocsr()[informative]
@@ -175,7 +189,7 @@ def _inverse_blocks(jacobian: sparse.csc_array, indices: Sequence[int]) -> NDArr
         factorised = splu(system)
     except RuntimeError as error:  # SciPy's own message speaks of matrices, not of the graph
         raise EstimationError("the graph leaves a direction undetermined") from error
-    rows = len(sigmas) + 3 * np.asarray(indices, dtype=np.int64)[:, None] + np.arange(3)  # (K, 3) the poses' own columns
+    rows = len(sigmas) + 3 * indices[:, None] + np.arange(3)  # (K, 3) the poses' own columns
     blocks = [np.empty((0, 3, 3))]
     for begin in range(0, len(rows), _POSES_AT_A_TIME):
         some = rows[begin : begin + _POSES_AT_A_TIME]

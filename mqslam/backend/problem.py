@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from gtsam.symbol_shorthand import X
+from gtsam.symbol_shorthand import M, X
 
 from mqslam.backend.pose_graph import Optimum, PoseGraph, build_pose_graph, optimise, poses_of
+from mqslam.backend.submaps import split_into_submaps
 from mqslam.config import GraphConfig, LoopConfig
 from mqslam.core import se2
 from mqslam.core.measurement import Loop, Measurement
@@ -40,11 +41,19 @@ class Problem:
 
     def build_graph(self, loops: Sequence[Loop], ties: Sequence[Loop] = ()) -> PoseGraph:
         """Returns the graph with the given loops and ties of the refinement; it starts from the chained measurements."""
-        factors = [psi_between(X(k), X(k + 1), m, self.graph_settings) for k, m in enumerate(self.measurements)]
-        factors += [odometry_between(X(k), X(k + 1), m, self.graph_settings) for k, m in enumerate(self.odometry)]
+        settings, submaps = self.graph_settings, split_into_submaps(self.measurements, self.graph_settings)
+        factors = [psi_between(M(p.submap), X(p.scan), p.pose, p.covariance, settings) for p in submaps.placements]
+        factors += [psi_between(M(t.submap - 1), M(t.submap), t.pose, t.covariance, settings) for t in submaps.ties]
+        factors += [
+            psi_between(X(k), X(k + 1), m.pose, m.covariance, settings)
+            for k, m in enumerate(self.measurements)
+            if not m.on_map
+        ]
+        factors += [odometry_between(X(k), X(k + 1), m, settings) for k, m in enumerate(self.odometry)]
         factors += [loop_between(X(loop.earlier), X(loop.later), loop, self.loop_settings) for loop in loops]
-        factors += [refinement_between(X(tie.earlier), X(tie.later), tie, self.graph_settings) for tie in ties]
-        return build_pose_graph(se2.chain(m.pose for m in self.measurements), factors, self.graph_settings)
+        factors += [refinement_between(X(tie.earlier), X(tie.later), tie, settings) for tie in ties]
+        chain = se2.chain(m.pose for m in self.measurements)
+        return build_pose_graph(chain, factors, settings, chain[submaps.first_scans])
 
     def optimise(self, loops: Sequence[Loop], ties: Sequence[Loop] = ()) -> tuple[PoseGraph, Optimum]:
         """Returns the graph with the given loops and ties, and its optimum."""

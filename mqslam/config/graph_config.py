@@ -12,13 +12,11 @@ class GraphConfig(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
-    floor_m: float = Field(0.01, gt=0.0, description="Standard deviation [m] that the position of every edge has at least.")
-    floor_rad: float = Field(0.0003, gt=0.0, description="Standard deviation [rad] that the yaw of every edge has at least.")
-    cancelling: float = Field(
-        40.0,
-        ge=1.0,
-        description="Divisor of the covariance of psi's edges in the graph. Both ends of an edge are matched to one map, so "
-        "that errors of successive edges cancel; the floor says how the edges drift together.",
+    submap_m: float = Field(
+        4.0,
+        gt=0.0,
+        description="Path [m] along which scans are taken to be matched to the same map. After it the map has taken a "
+        "keyframe more, and is off by as much as a scan may be.",
     )
     huber: float = Field(
         1.345, gt=0.0, description="Residual [standard deviations] beyond which the pull of an edge grows only linearly."

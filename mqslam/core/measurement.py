@@ -33,6 +33,8 @@ class Measurement:
         psi_odometry: the scan's score under the odometry's motion; NaN without odometry.
         points: number of returns used.
         matched: share of them that found a neighbour in the map; NaN where the front end does not say.
+        on_map: whether both scans were matched to one map, so that errors of successive motions cancel instead of adding
+            up.
     """
 
     t0: float
@@ -44,6 +46,7 @@ class Measurement:
     psi_odometry: float = float("nan")
     points: int = 0
     matched: float = float("nan")
+    on_map: bool = False
 
 
 @dataclass(frozen=True, slots=True)

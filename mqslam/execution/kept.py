@@ -82,8 +82,9 @@ def _unpack_measured(arrays: Arrays) -> Measured:
             float(psi_odometry),
             int(points),
             float(matched),
+            bool(on_map),
         )
-        for t0, t1, pose, covariance, status, psi, psi_odometry, points, matched in rows
+        for t0, t1, pose, covariance, status, psi, psi_odometry, points, matched, on_map in rows
     ]
     return Measured(measurements, float(arrays["doppler_beta"]))
 

@@ -64,8 +64,9 @@ def read_scene(run: Path) -> Scene:
 
 
 def _read_loops(path: Path, scans: int) -> NDArray[np.int64]:
-    """Reads the edges (L, 2) of a pose graph that do not join successive scans."""
-    edges = read_edges(path)
-    if any(not 0 <= k < scans for edge in edges for k in edge):
-        raise DataError(path, f"has edges beyond the {scans} poses of trajectory.tum", "run the recording anew")
-    return np.array([edge for edge in edges if abs(edge[1] - edge[0]) > 1], dtype=np.int64).reshape(-1, 2)
+    """Reads the edges (L, 2) of a pose graph that join scans which do not follow each other."""
+    edges, poses = read_edges(path)
+    if poses < scans or any(not 0 <= k < poses for edge in edges for k in edge):
+        raise DataError(path, f"does not fit the {scans} poses of trajectory.tum", "run the recording anew")
+    loops = [edge for edge in edges if max(edge) < scans and abs(edge[1] - edge[0]) > 1]
+    return np.array(loops, dtype=np.int64).reshape(-1, 2)

@@ -8,10 +8,9 @@ from gtsam.symbol_shorthand import X
 from mqslam.backend.pose_graph import PoseGraph, build_pose_graph, compute_marginals, optimise, poses_of
 from mqslam.config import GraphConfig
 from mqslam.core import se2
-from mqslam.core.measurement import Measurement
 from mqslam.factors.psi_between import psi_between
 
-FLAT = GraphConfig(floor_m=1e-6, floor_rad=1e-6, cancelling=1.0)
+FLAT = GraphConfig()
 COVARIANCE = np.diag([0.01, 0.0025, 1e-4])
 TURNS = np.tile([2.0, 0.1, 0.3], (30, 1))  # more than a full turn in all
 
@@ -20,7 +19,7 @@ def graph_of(motions: np.ndarray, initial: np.ndarray, loops: dict[tuple[int, in
     edges = {(k, k + 1): motion for k, motion in enumerate(motions)} | (loops or {})
     return build_pose_graph(
         initial,
-        [psi_between(X(a), X(b), Measurement(a, b, motion, COVARIANCE), FLAT) for (a, b), motion in edges.items()],
+        [psi_between(X(a), X(b), motion, COVARIANCE, FLAT) for (a, b), motion in edges.items()],
         FLAT,
     )
 

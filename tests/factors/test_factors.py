@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import gtsam
@@ -16,7 +17,6 @@ from mqslam.factors.prior import prior
 from mqslam.factors.psi_between import psi_between
 
 DEFAULT = GraphConfig()
-FLAT = GraphConfig(floor_m=1e-9, floor_rad=1e-9, cancelling=1.0)  # the covariance as given
 COVARIANCE = np.array([[0.04, 0.01, 0.002], [0.01, 0.01, -0.001], [0.002, -0.001, 0.0009]])
 MOTION = Measurement(0.0, 0.25, np.array([3.0, 0.4, 1.1]), COVARIANCE)
 
@@ -25,10 +25,17 @@ def gaussian(factor: gtsam.BetweenFactorPose2) -> np.ndarray:
     return np.asarray(factor.noiseModel().noise().covariance())
 
 
-@pytest.mark.parametrize("make", [psi_between, odometry_between])
-def test_a_factor_holds_the_motion_between_its_keys(make: object) -> None:
-    assert callable(make)
-    factor = make(X(4), X(5), MOTION, FLAT)
+def of_psi(a: int, b: int) -> gtsam.BetweenFactorPose2:
+    return psi_between(a, b, MOTION.pose, MOTION.covariance, DEFAULT)
+
+
+def of_odometry(a: int, b: int) -> gtsam.BetweenFactorPose2:
+    return odometry_between(a, b, MOTION, DEFAULT)
+
+
+@pytest.mark.parametrize("make", [of_psi, of_odometry])
+def test_a_factor_holds_the_motion_between_its_keys(make: Callable[[int, int], gtsam.BetweenFactorPose2]) -> None:
+    factor = make(X(4), X(5))
     assert list(factor.keys()) == [X(4), X(5)]
     measured = factor.measured()
     np.testing.assert_allclose([measured.x(), measured.y(), measured.theta()], MOTION.pose)
@@ -46,26 +53,21 @@ def test_the_noise_is_the_covariance_in_the_frame_in_which_gtsam_states_errors()
     draws = rng.multivariate_normal(np.zeros(3), small, 20000)
     truth = gtsam.Pose2(*MOTION.pose)
     local = np.array([truth.localCoordinates(gtsam.Pose2(*(MOTION.pose + d))) for d in draws])
-    noise = between_noise(small, MOTION.pose[2], 1e-12, 1e-12, 1.345)
+    noise = between_noise(small, MOTION.pose[2], 1.345)
     sampled, stated = np.cov(local.T), np.asarray(noise.noise().covariance())
     scale = np.sqrt(np.outer(np.diag(stated), np.diag(stated)))
     np.testing.assert_allclose(sampled / scale, stated / scale, atol=0.04)
 
 
-def test_psi_and_odometry_differ_in_what_cancels_along_a_chain() -> None:
-    config = GraphConfig(floor_m=1e-9, floor_rad=1e-9, cancelling=40.0)
-    ratio = gaussian(odometry_between(X(0), X(1), MOTION, config)) / gaussian(psi_between(X(0), X(1), MOTION, config))
-    np.testing.assert_allclose(ratio, 40.0, rtol=1e-6)
-
-
-def test_the_floor_is_added_in_square() -> None:
-    config = FLAT.model_copy(update={"floor_m": 0.3, "floor_rad": 0.02})
-    more = gaussian(psi_between(X(0), X(1), MOTION, config)) - gaussian(psi_between(X(0), X(1), MOTION, FLAT))
-    np.testing.assert_allclose(more, np.diag([0.09, 0.09, 0.0004]), atol=1e-12)
+@pytest.mark.parametrize("make", [of_psi, of_odometry])
+def test_the_noise_is_the_covariance_of_the_measurement_and_nothing_else(
+    make: Callable[[int, int], gtsam.BetweenFactorPose2],
+) -> None:
+    np.testing.assert_allclose(se2.rotate_covariance(gaussian(make(X(0), X(1))), MOTION.pose[2]), COVARIANCE, atol=1e-9)
 
 
 def test_a_residual_beyond_huber_pulls_only_linearly() -> None:
-    factor = psi_between(X(0), X(1), Measurement(0.0, 0.25, np.zeros(3), np.eye(3)), FLAT)
+    factor = psi_between(X(0), X(1), np.zeros(3), np.eye(3), DEFAULT)
 
     def error(x: float) -> float:
         values = gtsam.Values()
@@ -74,14 +76,14 @@ def test_a_residual_beyond_huber_pulls_only_linearly() -> None:
         return float(factor.error(values))
 
     assert error(1.0) == pytest.approx(0.5)
-    assert error(12.0) - error(11.0) == pytest.approx(FLAT.huber, rel=1e-6)
+    assert error(12.0) - error(11.0) == pytest.approx(DEFAULT.huber, rel=1e-6)
 
 
 def test_the_prior_holds_the_pose_it_is_given() -> None:
-    factor = prior(X(0), np.array([1.0, 2.0, 0.3]), FLAT)
+    factor = prior(X(0), np.array([1.0, 2.0, 0.3]), DEFAULT)
     at = factor.prior()
     np.testing.assert_allclose([at.x(), at.y(), at.theta()], [1.0, 2.0, 0.3])
-    np.testing.assert_allclose(factor.noiseModel().sigmas(), [FLAT.prior_m, FLAT.prior_m, FLAT.prior_rad])
+    np.testing.assert_allclose(factor.noiseModel().sigmas(), [DEFAULT.prior_m, DEFAULT.prior_m, DEFAULT.prior_rad])
 
 
 def run(poses: np.ndarray) -> list[Measurement]:

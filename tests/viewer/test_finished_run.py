@@ -33,7 +33,7 @@ def test_a_folder_without_a_map_is_refused(tmp_path: Path) -> None:
         ("map.ply", "ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nend_header\n1\n", "is not a readable PLY"),
         ("map.ply", "no map", "is not a readable PLY"),
         ("graph.g2o", "EDGE_SE2 0 one", "is not a readable pose graph"),
-        ("graph.g2o", "EDGE_SE2 0 5 1 0 0 1 0 0 1 0 1", "has edges beyond the 5 poses"),
+        ("graph.g2o", "EDGE_SE2 0 5 1 0 0 1 0 0 1 0 1", "does not fit the 5 poses"),
         ("trajectory.tum", "1 2 3", "line 1 is not"),
     ],
 )
