@@ -50,13 +50,13 @@ class _Setting:
 
     Args:
         drive: scans under the trajectory so far.
-        variances: (N, 3, 3) covariance of each scan in its own surroundings, in its own frame [m, m, rad].
+        own: (N, 3, 3) covariance of each scan in its own surroundings, in its own frame [m, m, rad].
         config: all settings.
         beam: the sensor's errors.
     """
 
     drive: Drive
-    variances: NDArray[np.float64]
+    own: NDArray[np.float64]
     config: Config
     beam: Beam
 
@@ -81,7 +81,7 @@ def refine(scans: Scans, problem: Problem, loops: Sequence[Loop], config: Config
 
     closed = psi_under(drive.poses)
     best = Refined(list(loops), [], psi_under(problem.before), closed, closed)
-    variances = _find_own_covariances(problem, len(scans))
+    variances = _find_own_covariances(problem)
     for number in range(settings.rounds if loops else 0):
         crossings = select_tied(find_crossings(drive, EVERY_SCAN_M, apart_m, settings), drive, loops, apart_m)
         measured = engine.map(measure_crossing, _Setting(drive, variances, config, beam), crossings)
@@ -171,15 +171,16 @@ def _measure_scan(setting: _Setting, references: References, anchor: int, later:
     points = place(minimum.state)
     if not _observes_all(references, points, estimator):
         return None
-    own = _SHARED * estimate_covariance(minimum.evaluation, points.points, estimator.cluster_m)
-    in_anchor = se2.rotate_covariance(own, -drive.poses[anchor, 2])
+    covariance = _SHARED * estimate_covariance(minimum.evaluation, points.points, estimator.cluster_m)
+    in_anchor = se2.rotate_covariance(covariance, -drive.poses[anchor, 2])
     pose = se2.between(drive.poses[anchor], minimum.state)
     # the scans of the earlier pass are held together, but the one that stands for them errs among them
+    lever = np.array([[1.0, 0.0, -pose[1]], [0.0, 1.0, pose[0]], [0.0, 0.0, 1.0]])
     return Loop(
         anchor,
         later,
         pose,
-        in_anchor + setting.variances[anchor],
+        in_anchor + lever @ setting.own[anchor] @ lever.T,
         matched,
         minimum.evaluation.psi / len(scan),
     )
@@ -193,10 +194,10 @@ def _observes_all(references: References, points: PointSet, estimator: Estimator
     return len(find_weak_directions(wide, 3, estimator.observed_share)) == 0
 
 
-def _find_own_covariances(problem: Problem, size: int) -> NDArray[np.float64]:
+def _find_own_covariances(problem: Problem) -> NDArray[np.float64]:
     """Returns the covariance (N, 3, 3) of each scan in its surroundings: half of that of a motion, which has two ends."""
-    motions = [0.5 * motion.covariance for motion in problem.measurements]
-    return np.array([motions[0], *motions])[:size]
+    halves = [0.5 * motion.covariance for motion in problem.measurements]
+    return np.array([*halves, halves[-1]])  # each is stated in the frame of the scan that the motion starts at
 
 
 def _is_settled(ties: Sequence[Loop], before: se2.Array, after: se2.Array, share: float) -> bool:

@@ -109,8 +109,8 @@ def _pack_refined(refined: Refined) -> Arrays:
 def _unpack_refined(arrays: Arrays) -> Refined:
     """Returns the refinement that arrays hold."""
     loops, staying = _split_loops(arrays), int(arrays["staying"])
-    psi = [None if np.isnan(value) else float(value) for value in arrays["psi_across"]]
-    return Refined(loops[:staying], loops[staying:], *psi, refused=bool(arrays["refused"]))
+    before, closed, after = (None if np.isnan(value) else float(value) for value in arrays["psi_across"])
+    return Refined(loops[:staying], loops[staying:], before, closed, after, bool(arrays["refused"]))
 
 
 def _stack_loops(loops: Sequence[Loop]) -> Arrays:
