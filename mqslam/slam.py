@@ -9,6 +9,7 @@ from dataclasses import replace
 
 from mqslam.auditing.windows import WindowAudit, audit_sample
 from mqslam.backend.loops.closing import close_loops
+from mqslam.backend.marginal_recursion import compute_all_marginals
 from mqslam.backend.odometry_edges import make_odometry_edges
 from mqslam.backend.pose_graph import poses_of
 from mqslam.backend.problem import Problem
@@ -48,11 +49,9 @@ class Slam:
     def __init__(
         self, config: Config | None = None, frontend: str = "psi", runner: Runner | None = None, *, strict: bool = False
     ) -> None:
-        self._config = config or Config()
-        self._name = frontend
+        self._config, self._name = config or Config(), frontend
         frontends.find_entry_point(frontend)
-        self._runner = runner or Runner()
-        self._strict = strict
+        self._runner, self._strict = runner or Runner(), strict
 
     def run(self, recording: Recording, odometry: Trajectory | None = None) -> Run:
         """Takes a recording to its optimised map.
@@ -107,8 +106,7 @@ class Slam:
         with runner.time_stage("optimise"):
             odometry = make_odometry_edges(scans, context, self._name, measurements, config.graph)
             problem = Problem(measurements, odometry, config.graph, config.loops)
-            poses = problem.solve_poses([])
-        search = LoopSearch([], 0)
+            poses, search = problem.solve_poses([]), LoopSearch([], 0)
         if config.loops.enabled:
             with runner.time_stage("loops"), runner.tolerate("the search for loops"):
                 search = runner.make_once(LOOPS, lambda: close_loops(scans, problem, poses, config.estimator, beam, runner))
@@ -117,7 +115,8 @@ class Slam:
             refined = runner.make_once(REFINED, lambda: refine(scans, problem, search.loops, config, beam, runner))
         with runner.time_stage("optimise"):
             graph, optimum = problem.optimise(refined.loops, refined.ties)
-        runner.warnings += optimum.warnings
+            covariances = compute_all_marginals(graph, optimum.values)
+        runner.warnings += [*optimum.warnings, *covariances.warnings]
         return Solution(
             frontend=self._name,
             config=config,
@@ -127,6 +126,7 @@ class Slam:
             optimised=Trajectory(scans.stamps_us, poses_of(optimum.values, graph.size)),
             graph=graph,
             values=optimum.values,
+            covariances=covariances,
             odometry_factors=len(odometry),
             loops=search.loops,
             loops_rejected=search.tried - len(search.loops),

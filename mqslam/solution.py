@@ -8,7 +8,7 @@ import gtsam
 
 from mqslam.auditing.windows import WindowAudit
 from mqslam.backend.odometry_edges import ODOMETRY
-from mqslam.backend.pose_graph import PoseGraph
+from mqslam.backend.pose_graph import PoseCovariances, PoseGraph
 from mqslam.config import Config
 from mqslam.core.measurement import Loop, Measurement, Refined
 from mqslam.core.point_map import PointMap
@@ -30,6 +30,7 @@ class Solution:
         optimised: trajectory after optimisation.
         graph: all factors, and the values that the optimisation started from.
         values: the optimised values.
+        covariances: of all optimised poses, or why they are not known.
         odometry_factors: number of odometry edges in the graph.
         loops: loop closures that were found; where the refinement has measured the same passes, its ties replace them.
         loops_rejected: number of loop candidates that psi, the graph or the map did not keep.
@@ -46,6 +47,7 @@ class Solution:
     optimised: Trajectory
     graph: PoseGraph
     values: gtsam.Values
+    covariances: PoseCovariances
     odometry_factors: int
     loops: list[Loop]
     loops_rejected: int

@@ -68,7 +68,7 @@ def test_a_run_leaves_the_commands_bytes(drive: Path, result: RunResult, tmp_pat
     (tmp_path / "quick.yaml").write_text("sensor: {doppler_beta: 0.0}\n")
     words = ("--config", tmp_path / "quick.yaml", "--jobs", 1, "--quiet")
     assert command("run", drive, "--out", tmp_path / "out", *words).code == 0
-    for name in ("trajectory.tum", "measurements.csv"):
+    for name in ("trajectory.tum", "measurements.csv", "covariances.csv"):
         assert (tmp_path / "out" / name).read_bytes() == (result.folder / name).read_bytes()
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mqslam.config import Config, LoopConfig, SensorConfig
+from mqslam.config import Config, LoopConfig, RefinementConfig, SensorConfig
 from mqslam.core import se2
 from mqslam.evaluation import evaluate
 from mqslam.execution.checkpoint import FOLDER, Checkpoint
@@ -19,7 +19,7 @@ from mqslam.simulator import SensorModel, SimulatedRecording, make_loop_drive, m
 from mqslam.slam import Slam
 from mqslam.solution import Run
 
-CONFIG = Config(sensor=SensorConfig(doppler_beta=0.0))
+CONFIG = Config(sensor=SensorConfig(doppler_beta=0.0), refinement=RefinementConfig(rounds=2))
 SENSOR = SensorModel(azimuths=200, range_resolution=0.175, max_range=80.0)
 
 
@@ -45,7 +45,7 @@ def lap() -> SimulatedRecording:
 
 @pytest.fixture(scope="module")
 def run(lap: SimulatedRecording, out: Path) -> Run:
-    """The lap under the default settings."""
+    """The lap, refined after its loops."""
     return slam(lap, CONFIG, 1, out, resume=False)
 
 

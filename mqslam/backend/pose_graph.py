@@ -79,6 +79,13 @@ class PoseCovariances:
         """Returns no covariances, and why there are none."""
         return cls(np.empty(0, dtype=np.int64), np.empty((0, 3, 3)), why)
 
+    @property
+    def warnings(self) -> list[str]:
+        """What to tell about a failure: one line, or none."""
+        if self.failure is None:
+            return []
+        return [f"the covariances of the poses are not known ({self.failure}): the results and the report go without them"]
+
 
 def build_pose_graph(
     initial: se2.Array, between: Iterable[gtsam.NonlinearFactor], config: GraphConfig, submaps: Iterable[se2.Array] = ()

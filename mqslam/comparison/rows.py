@@ -7,6 +7,7 @@ import time
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+from mqslam.backend.pose_graph import PoseCovariances
 from mqslam.core import frontend as frontends
 from mqslam.core import se2
 from mqslam.core.frontend import Context
@@ -34,6 +35,7 @@ class Row:
         measure_s, back_end_s: seconds the front end and the back end took.
         peak_rss_mb: largest memory of the process it ran in [MB]; a cluster's worker may have run others before.
         warnings: what could not be done for it, and why.
+        covariances: of all poses after the back end, or why they are not known; None where there is no back end.
     """
 
     name: str
@@ -47,6 +49,7 @@ class Row:
     back_end_s: float | None = None
     peak_rss_mb: float | None = None
     warnings: tuple[str, ...] = ()
+    covariances: PoseCovariances | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -123,6 +126,7 @@ def run_front_end(task: FrontEndTask, named: tuple[str, Context]) -> Row:
             spent["optimise"] + spent["loops"] + spent["refine"],
             _peak_mb(),
             solution.warnings,
+            solution.covariances,
         )
     except Exception as error:  # a front end may be anyone's code, and the others are to go on
         return Row(name, failure=describe_error(error))

@@ -10,9 +10,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from mqslam.backend.pose_graph import compute_marginals
 from mqslam.core import se2
-from mqslam.core.evenly import pick_evenly
 from mqslam.core.recording import Recording
 from mqslam.core.trajectory import Trajectory
 from mqslam.errors import tolerate
@@ -27,7 +25,6 @@ from mqslam.report.page import collect, section_of, verdict_in, version_in, writ
 from mqslam.report.run_report import Report, report_run
 from mqslam.solution import Run
 
-_ELLIPSES: Final = 150  # poses whose covariance the page shows, so that a long path is not covered by them
 _SAME_PATH_M: Final = 1e-3  # positions nearer than this are the same in print
 _CARDS: Final = {
     "dataset": "Recording",
@@ -79,13 +76,7 @@ def write_run_pages(folder: Path, run: Run, recording: Recording, summary: Mappi
     """
     failures: list[str] = []
     with tolerate("report.html", failures):
-        covariances = compute_marginals(run.graph, run.values, pick_evenly(run.graph.size, _ELLIPSES).tolist())
-        if covariances.failure is not None:
-            failures.append(
-                f"the covariances of the poses are not known ({covariances.failure}): the report shows no ellipses"
-            )
-        report = report_run(run, recording, summary, covariances, (*summary["warnings"], *failures))
-        failures += write_report(folder / "report.html", report)
+        failures += write_report(folder / "report.html", report_run(run, recording, summary))
     return failures
 
 

@@ -63,7 +63,7 @@ class Report:
         checks: windows of the optimised map compared with their own best.
         settings: settings of the audit, by which the windows are judged.
         loops: (L, 2) numbers of the two scans of every loop closure.
-        covariances: covariances of some poses, or why there are none.
+        covariances: covariances of the poses, or why there are none.
         warnings: what the reader has to know before the numbers.
         settings_yaml: every setting used, as in config.yaml.
         notes: what the reader should know about how the recording was understood.
@@ -102,17 +102,13 @@ def list_scores(measurements: Sequence[Measurement]) -> ScanScores:
     )
 
 
-def report_run(
-    run: Run, recording: Recording, summary: Mapping[str, Any], covariances: PoseCovariances, warnings: Sequence[str]
-) -> Report:
+def report_run(run: Run, recording: Recording, summary: Mapping[str, Any]) -> Report:
     """Returns a run as its page shows it.
 
     Args:
         run: the finished run.
         recording: the recording it was made from.
         summary: content of summary.json.
-        covariances: covariances of some poses, or why there are none.
-        warnings: what the reader has to know before the numbers.
     """
     moved = select_moving(run.optimised.poses, run.config.map)
     return Report(
@@ -128,8 +124,8 @@ def report_run(
         checks=tuple(run.checks),
         settings=run.config.audit,
         loops=np.array([(loop.earlier, loop.later) for loop in run.loops], dtype=np.int64).reshape(-1, 2),
-        covariances=covariances,
-        warnings=tuple(warnings),
+        covariances=run.covariances,
+        warnings=tuple(summary["warnings"]),
         settings_yaml=dump_yaml(set_doppler_beta(run.config, run.doppler_beta)),
         notes=recording.notes,
         stood_still=len(moved) > 1 and moved.sum() == 1,

@@ -17,7 +17,7 @@ from mqslam.config import Config, dump_yaml
 from mqslam.execution.files import write_json, write_text
 from mqslam.formats.trajectories import write_kitti
 from mqslam.formats.tum import write_tum
-from mqslam.results.run_results import format_measurements
+from mqslam.results.run_results import format_measurements, write_marginals
 from mqslam.results.summary_files import format_csv
 from mqslam.version import __version__
 
@@ -163,3 +163,5 @@ def _write_row(folder: Path, row: Row) -> None:
     if row.measurements:
         write_tum(folder / "odometry.tum", row.odometry)
         write_text(folder / "measurements.csv", format_measurements(row.measurements))
+    if row.covariances is not None:
+        write_marginals(folder / "covariances.csv", row.trajectory, row.covariances)

@@ -13,13 +13,16 @@ from typing import Any, Final
 import numpy as np
 
 from mqslam.auditing.verdict import Share
+from mqslam.backend.pose_graph import PoseCovariances
 from mqslam.config import dump_yaml, set_doppler_beta
+from mqslam.core import se2
 from mqslam.core.measurement import Measurement
 from mqslam.core.recording import Recording
 from mqslam.core.trajectory import Trajectory
 from mqslam.errors import tolerate
 from mqslam.evaluation import evaluate
 from mqslam.execution.files import write_json, write_text
+from mqslam.formats.covariances import StampedCovariances, write_covariances
 from mqslam.formats.g2o import format_g2o
 from mqslam.formats.nav2_map import write_nav2_map
 from mqslam.formats.ply import write_ply
@@ -107,8 +110,8 @@ def summarise(run: Run, recording: Recording) -> dict[str, Any]:
 def write_run(folder: Path, run: Run, summary: dict[str, Any], notes: Sequence[str]) -> None:
     """Writes every result file of a run but its page into an existing folder, the most valuable ones first.
 
-    Map and graph may fail, by a fault of theirs or of a library or for want of memory. That is a warning, which is added
-    to those of the summary, and all other files are written.
+    Covariances, map and graph may fail, by a fault of theirs or of a library or for want of memory. That is a warning,
+    which is added to those of the summary, and all other files are written.
 
     Args:
         folder: the folder.
@@ -125,6 +128,8 @@ def write_run(folder: Path, run: Run, summary: dict[str, Any], notes: Sequence[s
     write_text(folder / "config.yaml", dump_yaml(set_doppler_beta(run.config, run.doppler_beta)))
     _write_numbers(folder, summary, notes)
     failures: list[str] = []
+    with tolerate("covariances.csv", failures):
+        write_marginals(folder / "covariances.csv", run.optimised, run.covariances)
     with tolerate("graph.g2o", failures):
         write_text(folder / "graph.g2o", format_g2o(run.graph.factors, run.values, run.graph.size))
     with tolerate("map.ply", failures):
@@ -149,6 +154,24 @@ def add_warnings(folder: Path, summary: dict[str, Any], notes: Sequence[str], wa
     if warnings:
         summary["warnings"] += warnings
         _write_numbers(folder, summary, notes)
+
+
+def write_marginals(path: Path, trajectory: Trajectory, marginals: PoseCovariances) -> None:
+    """Writes the covariances of all poses in the frame of the first one; nothing where they are not known.
+
+    Args:
+        path: the file.
+        trajectory: the poses.
+        marginals: their covariances in their own frames.
+
+    Raises:
+        OutputError: the file cannot be written.
+    """
+    if marginals.failure is not None:
+        return
+    yaws = trajectory.poses[marginals.indices, 2] - trajectory.poses[0, 2]
+    turned = [se2.rotate_covariance(own, yaw) for own, yaw in zip(marginals.covariances, yaws.tolist(), strict=True)]
+    write_covariances(path, StampedCovariances(trajectory.stamps_us[marginals.indices], np.array(turned)))
 
 
 def format_measurements(measurements: Sequence[Measurement]) -> str:

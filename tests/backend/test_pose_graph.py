@@ -4,13 +4,12 @@ import gtsam
 import numpy as np
 import pytest
 from gtsam.symbol_shorthand import X
+from support.graphs import FLAT, unequal
 
 from mqslam.backend.pose_graph import PoseGraph, build_pose_graph, compute_marginals, optimise, poses_of
-from mqslam.config import GraphConfig
 from mqslam.core import se2
 from mqslam.factors.psi_between import psi_between
 
-FLAT = GraphConfig()
 COVARIANCE = np.diag([0.01, 0.0025, 1e-4])
 TURNS = np.tile([2.0, 0.1, 0.3], (30, 1))  # more than a full turn in all
 
@@ -81,24 +80,6 @@ def test_the_marginal_of_the_first_edge_is_its_covariance_in_the_frame_it_ends_i
     c, s = np.cos(0.3), np.sin(0.3)
     to_end = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
     np.testing.assert_allclose(result, to_end @ COVARIANCE @ to_end.T, atol=2e-6)
-
-
-def unequal(count: int, lowest: float, highest: float, loops: int = 0, seed: int = 1) -> PoseGraph:
-    """Returns a chain whose edges know some directions and not others: variances 10^lowest to 10^highest along any axes."""
-    rng = np.random.default_rng(seed)
-    motions = np.column_stack([rng.uniform(-1.0, 3.0, count), rng.normal(0.0, 0.1, count), rng.normal(0.0, 0.05, count)])
-    poses = se2.chain(motions)
-
-    def edge(a: int, b: int) -> gtsam.BetweenFactorPose2:
-        axes, _ = np.linalg.qr(rng.normal(size=(3, 3)))
-        covariance = (axes * 10.0 ** rng.uniform(lowest, highest, 3)) @ axes.T
-        noise = gtsam.noiseModel.Gaussian.Covariance(0.5 * (covariance + covariance.T))
-        return gtsam.BetweenFactorPose2(X(a), X(b), gtsam.Pose2(*se2.between(poses[a], poses[b])), noise)
-
-    edges = [edge(k, k + 1) for k in range(count)]
-    return build_pose_graph(
-        poses, edges + [edge(*sorted(rng.choice(count + 1, 2, replace=False))) for _ in range(loops)], FLAT
-    )
 
 
 def dense_marginals(graph: PoseGraph) -> np.ndarray:

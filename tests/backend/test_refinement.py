@@ -21,7 +21,7 @@ from mqslam.execution.engine import HERE, LocalEngine
 from mqslam.execution.runner import Runner
 
 APART_M = 35.0  # a pass of the tests is 40 m long
-CONFIG = Config(loops=LoopConfig(least_path_m=APART_M))
+CONFIG = Config(loops=LoopConfig(least_path_m=APART_M), refinement=RefinementConfig(rounds=2))
 
 
 @lru_cache(maxsize=1)

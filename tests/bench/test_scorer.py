@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from bench.measuring.calibration import measure_nees
+from bench.measuring.calibration import measure_nees, measure_pose_nees
 from bench.measuring.scorer import score
 from numpy.typing import NDArray
 
@@ -175,3 +175,38 @@ def test_errors_as_large_as_stated_have_a_normalised_square_of_one(tmp_path: Pat
     assert len(nees) == len(moved)
     assert nees.mean() == pytest.approx(1.0, abs=0.05)
     assert np.median(nees) == pytest.approx(2.366 / 3.0, abs=0.05)  # of a chi-square with three degrees of freedom
+
+
+def write_run(folder: Path, poses: Array, covariances: Array) -> Path:
+    """Writes poses and their covariances as a run leaves them."""
+    folder.mkdir()
+    write(folder / "trajectory.tum", poses)
+    stamps = np.round(1e6 * (START_S + PERIOD_S * np.arange(len(poses)))).astype(np.int64)
+    terms = covariances[:, *np.triu_indices(3)]
+    rows = [f"{stamp}," + ",".join(f"{term:.12g}" for term in row) for stamp, row in zip(stamps, terms, strict=True)]
+    head = "stamp_us,cov_xx,cov_xy,cov_xyaw,cov_yy,cov_yyaw,cov_yawyaw"
+    (folder / "covariances.csv").write_text("\n".join([head, *rows, ""]), encoding="utf-8")
+    return folder
+
+
+def test_poses_as_far_off_as_stated_have_a_normalised_square_of_one(tmp_path: Path) -> None:
+    rng = np.random.default_rng(3)
+    poses = drive(*winding(1500.0))
+    root = np.array([[0.4, 0.0, 0.0], [0.1, 0.2, 0.0], [0.003, -0.002, 0.004]])
+    late = (np.arange(len(poses)) > 0)[:, None]
+    estimate = poses + late * (rng.normal(size=poses.shape) @ root.T)
+    covariances = np.where(late[:, :, None], root @ root.T, 1e-12 * np.eye(3))
+    truth = write(tmp_path / "gt.tum", move(poses, 100.0, -50.0, 2.0))
+    right = measure_pose_nees(write_run(tmp_path / "right", estimate, covariances), truth)
+    sure = measure_pose_nees(write_run(tmp_path / "sure", estimate, 0.25 * covariances), truth)
+    assert right == pytest.approx(1.0, abs=0.15) and right is not None
+    assert sure == pytest.approx(4.0 * right)
+
+
+def test_poses_without_covariances_or_too_few_are_not_judged(tmp_path: Path) -> None:
+    poses = drive(*winding(100.0))
+    truth = write(tmp_path / "gt.tum", poses)
+    run = write_run(tmp_path / "short", poses[:30], np.tile(np.eye(3), (30, 1, 1)))
+    assert measure_pose_nees(run, truth) is None
+    (run / "covariances.csv").unlink()
+    assert measure_pose_nees(run, truth) is None

@@ -29,7 +29,7 @@ from mqslam.results.summary_files import add_warnings
 from mqslam.simulator import SensorModel, simulate
 
 ESSENTIAL = {"trajectory.tum", "odometry.tum", "measurements.csv", "config.yaml", "summary.json", "run.log"}
-OTHERS = {"graph.g2o", "map.ply", "map.pgm", "map.yaml", "report.html"}
+OTHERS = {"covariances.csv", "graph.g2o", "map.ply", "map.pgm", "map.yaml", "report.html"}
 
 
 @pytest.fixture(scope="module")
@@ -69,13 +69,13 @@ def assert_said(shown: Result, out: Path, *warnings: str) -> None:
 
 
 def test_files_that_cannot_be_made_cost_no_other(drive: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    for place in ("results.run_results.format_g2o", "results.run_results.write_ply", "results.run_results.write_nav2_map"):
-        monkeypatch.setattr(f"mqslam.{place}", failing(MemoryError()))
+    for name in ("write_covariances", "format_g2o", "write_ply", "write_nav2_map"):
+        monkeypatch.setattr(f"mqslam.results.run_results.{name}", failing(MemoryError()))
     monkeypatch.setattr("mqslam.report.run_page.write_report", failing(MemoryError()))
     shown = run(drive, tmp_path / "out")
     assert shown.code == 0
     assert {path.name for path in (tmp_path / "out").iterdir()} == ESSENTIAL
-    lost = ("graph.g2o", "map.ply", "map.pgm", "report.html")
+    lost = ("covariances.csv", "graph.g2o", "map.ply", "map.pgm", "report.html")
     assert_said(
         shown, tmp_path / "out", *(f"{name} could not be made (MemoryError); the other results are whole" for name in lost)
     )
@@ -116,7 +116,8 @@ def test_a_full_disk_is_an_error_all_the_same(drive: Path, tmp_path: Path, monke
 
 
 def test_covariances_that_cannot_be_had_are_a_warning(drive: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("mqslam.backend.pose_graph.splu", failing(RuntimeError("Factor is exactly singular")))
+    failure = "MemoryError: Unable to allocate 40 GiB"
+    monkeypatch.setattr("mqslam.backend.marginal_recursion.np.linalg.qr", failing(MemoryError("Unable to allocate 40 GiB")))
 
     def write_indices(path: Path, report: Any) -> list[str]:
         path.write_text(str(report.covariances))
@@ -125,8 +126,8 @@ def test_covariances_that_cannot_be_had_are_a_warning(drive: Path, tmp_path: Pat
     monkeypatch.setattr("mqslam.report.run_page.write_report", write_indices)
     shown = run(drive, tmp_path / "out")
     assert shown.code == 0
-    failure = "the graph leaves a direction undetermined"
-    said = f"the covariances of the poses are not known ({failure}): the report shows no ellipses"
+    said = f"the covariances of the poses are not known ({failure}): the results and the report go without them"
+    assert {path.name for path in (tmp_path / "out").iterdir()} == (ESSENTIAL | OTHERS) - {"covariances.csv"}
     assert_said(shown, tmp_path / "out", said)
     assert failure in (tmp_path / "out" / "report.html").read_text()
 

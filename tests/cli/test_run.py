@@ -23,6 +23,7 @@ from mqslam.config import Config, load_config
 from mqslam.core import se2
 from mqslam.core.trajectory import Trajectory
 from mqslam.execution import engine
+from mqslam.formats.covariances import read_covariances
 from mqslam.formats.recordings import open_recording
 from mqslam.formats.tum import read_tum
 
@@ -31,6 +32,7 @@ FILES = {
     "trajectory.tum",
     "odometry.tum",
     "measurements.csv",
+    "covariances.csv",
     "map.ply",
     "map.pgm",
     "map.yaml",
@@ -43,14 +45,7 @@ KEYS = {
     "mqslam_version": None,
     "dataset": {"format", "path", "revolutions", "duration_s", "length_m"},
     "psi": {
-        "odometry",
-        "optimised",
-        "per_point_odometry",
-        "per_point_optimised",
-        "across_passes_odometry",
-        "across_passes_optimised",
-        "matched_odometry",
-        "matched_optimised",
+        f"{what}{when}" for what in ("", "per_point_", "across_passes_", "matched_") for when in ("odometry", "optimised")
     },
     "verdict": {"status", "reasons"},
     "factors": {"odometry", "psi", "loop", "loop_rejected", "refinement"},
@@ -207,6 +202,13 @@ def test_measurements_have_a_row_per_pair_of_scans(result: Path) -> None:
         assert row["status"] == "converged"
 
 
+def test_covariances_have_a_row_per_scan_and_grow_with_the_way(result: Path) -> None:
+    given, track = read_covariances(result / "covariances.csv"), read_tum(result / "trajectory.tum")
+    np.testing.assert_array_equal(given.stamps_us, track.stamps_us)
+    sigmas = np.sqrt(np.einsum("kii->ki", given.covariances))
+    assert np.all(np.diff(sigmas[[0, 1, -1]], axis=0) > 0.0) and np.all(sigmas[-1] < [1.0, 1.0, 0.1])
+
+
 def test_measured_motions_are_those_of_the_truth(result: Path, street: Path) -> None:
     truth = read_tum(street / "gt" / "poses_tum.txt").poses
     measured = np.array([[float(row[name]) for name in ("dx", "dy", "dyaw")] for row in rows_of(result)])
@@ -336,7 +338,7 @@ def test_the_number_of_jobs_changes_no_byte(
     out = tmp_path / "out"
     assert mqslam("run", street, "--out", out, "--jobs", "2", "--config", result / "config.yaml", "--quiet").code == 0
     assert workers == [2]
-    for name in ("trajectory.tum", "odometry.tum", "measurements.csv", "graph.g2o", "map.ply", "map.pgm"):
+    for name in ("trajectory.tum", "odometry.tum", "measurements.csv", "covariances.csv", "graph.g2o", "map.ply", "map.pgm"):
         assert (out / name).read_bytes() == (result / name).read_bytes(), name
 
 

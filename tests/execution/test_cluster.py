@@ -18,7 +18,16 @@ from mqslam.execution.cluster import connect
 from mqslam.execution.engine import HERE, LocalEngine
 from mqslam.simulator import SensorModel, simulate
 
-SAME = ("trajectory.tum", "odometry.tum", "measurements.csv", "graph.g2o", "map.ply", "map.pgm", "config.yaml")
+SAME = (
+    "trajectory.tum",
+    "odometry.tum",
+    "measurements.csv",
+    "covariances.csv",
+    "graph.g2o",
+    "map.ply",
+    "map.pgm",
+    "config.yaml",
+)
 
 
 @pytest.fixture(scope="module")

@@ -46,7 +46,7 @@ def test_an_unread_polar_scan_stays_one_when_a_run_is_resumed(drive: Path, tmp_p
         assert run_quickly(drive, tmp_path / "out").code == 130
     shown = run_quickly(drive, tmp_path / "out", "--resume")
     assert shown.code == 0 and "1 polar scan could not be read and is left out" in shown.err
-    for name in ("trajectory.tum", "measurements.csv", "map.ply"):
+    for name in ("trajectory.tum", "measurements.csv", "covariances.csv", "map.ply"):
         assert (tmp_path / "out" / name).read_bytes() == (tmp_path / "whole" / name).read_bytes()
 
 

@@ -118,7 +118,7 @@ def test_a_worker_of_a_cluster_that_dies(
     shown = run_quickly(drive, tmp_path / "out", "--cluster", crew.address, "--quiet")
     assert (shown.code, shown.err) == (0, "")
     assert left[0] >= 8 and crew.workers[0].wait() == -signal.SIGKILL and crew.workers[1].poll() is None
-    for name in ("trajectory.tum", "measurements.csv", "map.ply"):
+    for name in ("trajectory.tum", "measurements.csv", "covariances.csv", "map.ply"):
         assert (tmp_path / "out" / name).read_bytes() == (tmp_path / "alone" / name).read_bytes(), name
 
 

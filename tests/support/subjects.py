@@ -30,6 +30,7 @@ from mqslam.core.timed_cloud import TimedCloud
 from mqslam.core.trajectory import Trajectory
 from mqslam.detection.stage import detect_stretch
 from mqslam.formats.clouds import read_cloud
+from mqslam.formats.covariances import StampedCovariances, read_covariances, write_covariances
 from mqslam.formats.lidars import carmen, laserscan
 from mqslam.formats.recordings import open_recording, read_odometry
 from mqslam.formats.recordings.native import write as write_native
@@ -258,6 +259,20 @@ def csv(folder: Path) -> Path:
     return folder / "track.csv"
 
 
+def covariances(folder: Path) -> Path:
+    shape = np.array([[0.04, 0.01, 0.001], [0.01, 0.09, -0.002], [0.001, -0.002, 0.0001]])
+    stamps = _track().stamps_us
+    given = StampedCovariances(stamps, np.arange(1, len(stamps) + 1)[:, None, None] * shape)
+    write_covariances(folder / "covariances.csv", given)
+    return folder / "covariances.csv"
+
+
+def check_covariances(path: Path) -> None:
+    given = read_covariances(path)
+    assert np.all(np.diff(given.stamps_us) > 0)
+    assert given.covariances.shape == (len(given.stamps_us), 3, 3) and np.isfinite(given.covariances).all()
+
+
 def twists(folder: Path) -> Path:
     return oxford(folder) / "odom.csv"
 
@@ -298,6 +313,7 @@ SUBJECTS = {
     "tum": Subject(tum, lambda path: check_trajectory(read_trajectory(path)), {}),
     "kitti": Subject(kitti, lambda path: check_trajectory(read_trajectory(path / "poses.txt", path / "times.txt")), {}),
     "csv": Subject(csv, lambda path: check_trajectory(read_trajectory(path)), {}),
+    "covariances": Subject(covariances, check_covariances, {}),
     "odometry": Subject(twists, lambda path: check_trajectory(read_odometry(path)), {}),
     "settings": Subject(settings, _config, {}),
 }

@@ -8,6 +8,7 @@ from scipy.spatial import cKDTree
 from mqslam.auditing.windows import WindowAudit, torn_threshold
 from mqslam.config import AuditConfig
 from mqslam.core import se2
+from mqslam.core.evenly import pick_evenly
 from mqslam.core.point_map import PointMap
 from mqslam.core.trajectory import Trajectory
 from mqslam.report.explorers.explorer import Chart, Curve, Explorer, Layer, Lines, Place, View, join_lines
@@ -22,6 +23,7 @@ _REACH_M = 43.0  # a circle of this radius holds all of it, whatever its heading
 _SAME_PASS_S = 15.0  # points that were seen earlier or later than this are drawn as those of another pass
 _COVERING = 0.2  # ellipses that reach farther, per side of the map, would cover it and are not shown at first
 _LARGEST = 0.015  # largest ellipse per side of the map
+_ELLIPSES = 150  # most ellipses that are shown, so that a long path is not covered by them
 _CORNERS = 24  # corners of an ellipse
 _LEAST_INFLATION = 1e-2  # smaller values are drawn as this on a logarithmic axis
 _ELLIPSE_COLOUR = "#a8327e"
@@ -68,11 +70,12 @@ def _draw_loops(report: Report) -> Lines:
 def _draw_ellipses(report: Report) -> tuple[Lines, str]:
     """Returns 3-sigma ellipses of the positions, enlarged where they would not be seen, and what to tell the reader."""
     sure = report.covariances
-    poses = report.optimised.poses[sure.indices]
+    picked = pick_evenly(len(sure.indices), _ELLIPSES)
+    poses, covariances = report.optimised.poses[sure.indices[picked]], sure.covariances[picked]
     round_trip = np.linspace(0.0, 2.0 * np.pi, _CORNERS + 1)
     circle = np.column_stack([np.cos(round_trip), np.sin(round_trip)])
     shapes, largest = [], 0.0
-    for pose, covariance in zip(poses, sure.covariances, strict=True):
+    for pose, covariance in zip(poses, covariances, strict=True):
         values, vectors = np.linalg.eigh(se2.rotate_covariance(covariance, float(pose[2]))[:2, :2])
         axes = 3.0 * np.sqrt(np.maximum(values, 0.0))
         largest = max(largest, float(axes.max()))

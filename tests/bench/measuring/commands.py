@@ -37,6 +37,18 @@ def run(data: Path, out: Path, *options: str) -> Path:
     return out
 
 
+def run_without_loops(data: Path, out: Path) -> Path:
+    """Runs the whole method but its search for loops by radar alone; returns the folder of the results.
+
+    Args:
+        data: the recording.
+        out: folder for the results; the settings lie beside it.
+    """
+    settings = out.with_name(f"{out.name}.yaml")
+    settings.write_text("loops: {enabled: false}\n", encoding="utf-8")
+    return run(data, out, "--config", str(settings))
+
+
 def audit(data: Path, trajectory: Path | str, out: Path) -> dict[str, Any]:
     """Audits the map of a trajectory, a file or one that the recording carries; returns what `audit.json` holds."""
     _call("audit", data, "--trajectory", trajectory, "--out", out)

@@ -7,8 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 from bench.benchmark import Cell, Column, Goal, Row, label
-from bench.measuring.calibration import measure_nees
-from bench.measuring.commands import FRONT_ENDS, OURS, RIVAL, compare, read_json
+from bench.measuring.calibration import measure_nees, measure_pose_nees
+from bench.measuring.commands import FRONT_ENDS, OURS, RIVAL, compare, read_json, run_without_loops
 from bench.measuring.kiss_slam import find_interpreter, run_kiss_slam
 from bench.measuring.recordings import TRUTH
 from bench.measuring.scorer import score
@@ -27,6 +27,8 @@ COLUMNS = (
     Column("loops", "loops", "{:.0f}"),
     Column("nees", "NEES/3", "{:.2f}", Goal.ONE),
     Column("nees_median", "its median", "{:.2f}"),
+    Column("nees_poses", "poses' NEES/3, with loops", "{:.2f}"),
+    Column("nees_alone", "without loops", "{:.2f}"),
     Column("of_rival", "of KISS-ICP's drift", "{:.2f}", Goal.LOW),
 )
 
@@ -65,7 +67,11 @@ def measure_peers(run: Run, out: Path, *, back_end: bool = True) -> list[Row]:
                 "loops": loops[name] if back_end else None,
                 "nees": float(nees.mean()),
                 "nees_median": float(np.median(nees)),
+                "nees_poses": measure_pose_nees(own, run.data / TRUTH) if back_end else None,
             }
+        if shown == OURS:
+            alone = run_without_loops(run.data, out / f"{run.data.name}-without-loops")
+            cells["nees_alone"] = measure_pose_nees(alone, run.data / TRUTH)
         rows.append(cells)
     python = find_interpreter()
     if python is not None and back_end:

@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 from bench.benchmark import Cell, Column, Goal, Row, label
+from bench.measuring.calibration import measure_pose_nees
 from bench.measuring.commands import read_json, run
 from bench.measuring.recordings import TRUTH
 from bench.measuring.scorer import headings, place, read_trajectory, relative, score, wrap
@@ -27,6 +28,7 @@ COLUMNS = (
     Column("worst_deg", "[deg]", "{:.2f}"),
     Column("tied", "revisits tied", "{:.0%}", Goal.HIGH),
     Column("torn", "windows torn", "{:.1%}"),
+    Column("nees_poses", "poses' NEES/3", "{:.2f}"),
     Column("real_time", "times real time", "{:.1f}"),
     Column("peak_mb", "peak [MB]", "{:.0f}"),
 )
@@ -70,6 +72,7 @@ def measure_run(name: str, data: Path, out: Path) -> Row:
         "worst_deg": loops.worst_deg,
         "tied": loops.tied,
         "torn": summary["inflation"]["torn"] / summary["inflation"]["windows"],
+        "nees_poses": measure_pose_nees(folder, truth),
         "real_time": summary["dataset"]["duration_s"] / summary["runtime_s"]["total"],
         "peak_mb": summary["peak_rss_mb"],
     }

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from bench.benchmark import Benchmark, Bound, Row
 from bench.measuring.commands import OURS
-from bench.measuring.peers import COLUMNS, Run, average, measure_peers
+from bench.measuring.peers import COLUMNS, MEAN, Run, average, measure_peers
 from bench.measuring.recordings import twin
 
 _RUNS = (  # run, seed, world, scans
@@ -30,7 +30,11 @@ BENCHMARK = Benchmark(
     what="The first scans of the city twin, by radar alone: every front end gets the same returns.",
     data="twin",
     seeds=(1, 2),
-    columns=tuple(column for column in COLUMNS if column.key not in ("ate_after", "loops")),
+    columns=tuple(column for column in COLUMNS if column.key not in ("ate_after", "loops", "nees_poses")),
     measure=_measure,
-    bounds=(Bound("of_rival", {"front_end": OURS}, most=1.0),),
+    bounds=(
+        Bound("of_rival", {"front_end": OURS}, most=1.0),
+        Bound("nees_alone", {"front_end": OURS}, most=2.5),
+        Bound("nees_alone", {"front_end": OURS, "run": MEAN}, least=0.2, most=1.6),
+    ),
 )

@@ -39,5 +39,8 @@ BENCHMARK = Benchmark(
         Bound("speed", _HARD, most=0.12),
         Bound("ate_after", _HARD, most=0.10),
         Bound("nees", _HARD_MEAN, most=1.6),
+        Bound("nees_poses", _HARD_MEAN, least=0.6, most=1.6),
+        Bound("nees_alone", _HARD_MEAN, least=0.2, most=1.6),
+        Bound("nees_alone", _HARD, most=2.5),
     ),
 )

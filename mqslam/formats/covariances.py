@@ -1,0 +1,96 @@
+"""The covariances of a trajectory's poses as CSV: a stamp and six terms per row."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mqslam.errors import DataError
+from mqslam.execution.files import write_text
+from mqslam.formats.shared.stamps import LATEST_US
+
+_COLUMNS: Final = ("stamp_us", "cov_xx", "cov_xy", "cov_xyaw", "cov_yy", "cov_yyaw", "cov_yawyaw")
+_ROUNDING: Final = 1e-9  # rounded terms may be those of no covariance by this much, as correlations
+_REMEDY: Final = "give covariances.csv as a run writes it"
+
+
+@dataclass(frozen=True, slots=True)
+class StampedCovariances:
+    """The marginal covariances of a trajectory's poses.
+
+    Args:
+        stamps_us: (N,) [us], increasing.
+        covariances: (N, 3, 3) of x [m], y [m] and yaw [rad], in the frame of the first pose.
+    """
+
+    stamps_us: NDArray[np.int64]
+    covariances: NDArray[np.float64]
+
+
+def write_covariances(path: Path, given: StampedCovariances) -> None:
+    """Writes a row per pose: its stamp [us] and the terms of its covariance [m^2, m rad, rad^2]."""
+    lines = [",".join(_COLUMNS)]
+    for stamp, covariance in zip(given.stamps_us.tolist(), given.covariances, strict=True):
+        lines.append(",".join([str(stamp), *(f"{term:.12g}" for term in covariance[np.triu_indices(3)])]))
+    write_text(path, "\n".join(lines) + "\n")
+
+
+def read_covariances(path: Path) -> StampedCovariances:
+    """Reads the covariances of a trajectory's poses.
+
+    Raises:
+        DataError: the file cannot be read, has other columns or a row of anything else, its stamps do not increase, or the
+            terms of a row are not those of a covariance.
+    """
+    try:
+        lines = path.read_text(encoding="utf-8").splitlines()
+    except FileNotFoundError as error:
+        raise DataError(path, "does not exist", _REMEDY) from error
+    except (OSError, UnicodeDecodeError) as error:
+        raise DataError(path, "is not a readable text file", _REMEDY) from error
+    if not lines or tuple(name.strip() for name in lines[0].split(",")) != _COLUMNS:
+        raise DataError(path, f"does not begin with the columns {','.join(_COLUMNS)}", _REMEDY)
+    stamps: list[int] = []
+    terms: list[NDArray[np.float64]] = []
+    for number, line in enumerate(lines[1:], 2):
+        if line.strip():
+            stamp, row = _parse_row(path, number, line)
+            if stamps and stamp <= stamps[-1]:
+                raise DataError(path, f"the stamp of line {number} is not later than the one before", _REMEDY)
+            stamps.append(stamp)
+            terms.append(row)
+    if not stamps:
+        raise DataError(path, "holds no covariances", _REMEDY)
+    return StampedCovariances(np.array(stamps, dtype=np.int64), np.array(terms))
+
+
+def _parse_row(path: Path, number: int, line: str) -> tuple[int, NDArray[np.float64]]:
+    """Returns the stamp [us] and the covariance (3, 3) of a line."""
+    words = line.split(",")
+    try:
+        stamp, terms = int(words[0]), np.array([float(word) for word in words[1:]])
+    except ValueError:
+        raise DataError(path, f"line {number} is not made of numbers", _REMEDY) from None
+    if len(words) != len(_COLUMNS) or not np.isfinite(terms).all() or abs(stamp) > LATEST_US:
+        raise DataError(path, f"line {number} is not a stamp [us] and six finite numbers", _REMEDY)
+    covariance = np.zeros((3, 3))
+    covariance[np.triu_indices(3)] = terms
+    covariance += np.triu(covariance, 1).T
+    variances = covariance.diagonal()
+    if not np.all(variances > 0.0):
+        raise DataError(path, f"line {number} has a variance that is not positive", _REMEDY)
+    if not _is_covariance(covariance):
+        raise DataError(path, f"the terms of line {number} are not those of a covariance", _REMEDY)
+    return stamp, covariance
+
+
+def _is_covariance(matrix: NDArray[np.float64]) -> bool:
+    """Tells whether a symmetric matrix with positive diagonal is a covariance, but for rounding."""
+    sigmas = np.sqrt(matrix.diagonal())
+    with np.errstate(over="ignore"):
+        correlations = matrix / sigmas[:, None] / sigmas
+    return bool(np.abs(correlations).max() < 1.0 + _ROUNDING and np.linalg.eigvalsh(correlations)[0] > -_ROUNDING)
