@@ -13,17 +13,18 @@ from mqslam.backend.marginal_recursion import compute_all_marginals
 from mqslam.backend.odometry_edges import make_odometry_edges, read_odometry_motions, reckon
 from mqslam.backend.pose_graph import poses_of
 from mqslam.backend.problem import Problem
+from mqslam.backend.refinement import refine
 from mqslam.config import Config
 from mqslam.core import frontend as frontends
 from mqslam.core.frontend import Context, measure_motions
-from mqslam.core.measurement import LoopSearch, Measured, Measurement
+from mqslam.core.measurement import LoopSearch, Measured, Measurement, Refined
 from mqslam.core.point_map import PointMap
 from mqslam.core.recording import Recording
 from mqslam.core.scans import Scans
 from mqslam.core.trajectory import Trajectory
 from mqslam.detection.stage import detect_all
 from mqslam.errors import EstimationError, FewReturnsError
-from mqslam.execution.kept import LOOPS, MEASURED
+from mqslam.execution.kept import LOOPS, MEASURED, REFINED
 from mqslam.execution.runner import Runner
 from mqslam.mapping.live import show_motions
 from mqslam.mapping.render import render
@@ -48,11 +49,9 @@ class Slam:
     def __init__(
         self, config: Config | None = None, frontend: str = "psi", runner: Runner | None = None, *, strict: bool = False
     ) -> None:
-        self._config = config or Config()
-        self._name = frontend
+        self._config, self._name = config or Config(), frontend
         frontends.find_entry_point(frontend)
-        self._runner = runner or Runner()
-        self._strict = strict
+        self._runner, self._strict = runner or Runner(), strict
 
     def run(self, recording: Recording, odometry: Trajectory | None = None) -> Run:
         """Takes a recording to its optimised map.
@@ -101,20 +100,23 @@ class Slam:
         Raises:
             EstimationError: no motion can be estimated from the data.
         """
-        config, runner = self._config, self._runner
-        beam = beam_of(config.estimator, context.doppler_beta)
+        config, runner, beam = self._config, self._runner, beam_of(self._config.estimator, context.doppler_beta)
         with runner.time_stage("windows"):
             measurements = self._measure(scans, context, beam)
         with runner.time_stage("optimise"):
             odometry = read_odometry_motions(scans, context, self._name)
             edges = make_odometry_edges(odometry, measurements, config.odometry, config.graph)
+            before = reckon(scans, odometry or measurements)
             problem = Problem(measurements, edges, config.graph, config.loops)
         search = LoopSearch([], 0)
         if config.loops.enabled:
             with runner.time_stage("loops"), runner.tolerate("the search for loops"):
                 search = runner.make_once(LOOPS, lambda: close_loops(scans, problem, config.estimator, beam, runner))
+        refined = Refined(search.loops, [])
+        with runner.time_stage("refine"), runner.tolerate("the refinement"):
+            refined = runner.make_once(REFINED, lambda: refine(before, problem, search.loops, scans, config, beam, runner))
         with runner.time_stage("optimise"):
-            graph, optimum = problem.optimise(search.loops)
+            graph, optimum = problem.optimise(refined.loops, refined.ties)
             covariances = compute_all_marginals(graph, optimum.values)
         runner.warnings += [*search.warnings, *optimum.warnings, *covariances.warnings]
         return Solution(
@@ -122,7 +124,7 @@ class Slam:
             config=config,
             doppler_beta=context.doppler_beta,
             measurements=measurements,
-            odometry=reckon(scans, odometry or measurements),
+            odometry=before,
             optimised=Trajectory(scans.stamps_us, poses_of(optimum.values, graph.size)),
             graph=graph,
             values=optimum.values,
@@ -130,6 +132,7 @@ class Slam:
             odometry_factors=len(edges),
             loops=search.loops,
             loops_rejected=search.tried - len(search.loops),
+            refined=refined,
             unoptimised=optimum.failure,
             warnings=tuple(runner.warnings),
         )
@@ -142,8 +145,7 @@ class Slam:
 
     def _measure(self, scans: Scans, context: Context, beam: Beam) -> list[Measurement]:
         """Returns the front end's measurements, or those that an earlier run has kept, and shows them as they come."""
-        runner = self._runner
-        kept = runner.find(MEASURED)
+        runner, kept = self._runner, self._runner.find(MEASURED)
         if kept is not None:
             return list(show_motions(scans, kept.measurements, beam, runner))
         motions = show_motions(scans, measure_motions(self._name, context, scans), beam, runner)

@@ -11,7 +11,7 @@ from mqslam.backend.marginals import PoseCovariances
 from mqslam.backend.odometry_edges import ODOMETRY
 from mqslam.backend.pose_graph import PoseGraph
 from mqslam.config import Config
-from mqslam.core.measurement import Loop, Measurement
+from mqslam.core.measurement import Loop, Measurement, Refined
 from mqslam.core.point_map import PointMap
 from mqslam.core.trajectory import Trajectory
 from mqslam.errors import DataError
@@ -33,8 +33,9 @@ class Solution:
         values: the optimised values.
         covariances: of all optimised poses, or why they are not known.
         odometry_factors: number of odometry edges in the graph.
-        loops: loop closures in the graph.
+        loops: loop closures that were found; where the refinement has measured the same passes, its ties replace them.
         loops_rejected: number of loop candidates that psi, the graph or the map did not keep.
+        refined: the refinement after the loops, and psi across passes.
         unoptimised: why the graph could not be optimised and its starting values were kept, or None.
         warnings: what could not be done, and why.
     """
@@ -51,6 +52,7 @@ class Solution:
     odometry_factors: int
     loops: list[Loop]
     loops_rejected: int
+    refined: Refined
     unoptimised: str | None
     warnings: tuple[str, ...]
 

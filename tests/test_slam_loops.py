@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mqslam.config import Config, LoopConfig, SensorConfig
+from mqslam.config import Config, LoopConfig, RefinementConfig, SensorConfig
 from mqslam.core import se2
 from mqslam.evaluation import evaluate
 from mqslam.execution.checkpoint import FOLDER, Checkpoint
@@ -19,13 +19,14 @@ from mqslam.simulator import SensorModel, SimulatedRecording, make_loop_drive, m
 from mqslam.slam import Slam
 from mqslam.solution import Run
 
-CONFIG = Config(sensor=SensorConfig(doppler_beta=0.0))
+CONFIG = Config(sensor=SensorConfig(doppler_beta=0.0), refinement=RefinementConfig(rounds=2))
 SENSOR = SensorModel(azimuths=200, range_resolution=0.175, max_range=80.0)
 
 
 def slam(recording: SimulatedRecording, config: Config, jobs: int, out: Path, *, resume: bool) -> Run:
     """Runs the recording by radar alone, with the returns and measurements of an earlier run where they are to be used."""
-    (out / FOLDER / "loops.npz").unlink(missing_ok=True)
+    for name in ("loops.npz", "refinement.npz"):
+        (out / FOLDER / name).unlink(missing_ok=True)
     checkpoint = Checkpoint(out, "lap", resume=resume)
     return Slam(config, "psi", Runner(LocalEngine(jobs), checkpoint=checkpoint)).run(recording, None)
 
@@ -44,7 +45,7 @@ def lap() -> SimulatedRecording:
 
 @pytest.fixture(scope="module")
 def run(lap: SimulatedRecording, out: Path) -> Run:
-    """The lap under the default settings."""
+    """The lap, refined after its loops."""
     return slam(lap, CONFIG, 1, out, resume=False)
 
 
@@ -74,7 +75,23 @@ def test_loops_are_edges_of_the_graph_as_written(run: Run) -> None:
     text = format_g2o(run.graph.factors, run.values, run.graph.size)
     edges = [line.split()[1:3] for line in text.splitlines() if line.startswith("EDGE_SE2")]
     far = {(int(a), int(b)) for a, b in edges if int(b) - int(a) > 1}
-    assert far == {(loop.earlier, loop.later) for loop in run.loops}
+    assert far == {(tie.earlier, tie.later) for tie in [*run.refined.loops, *run.refined.ties]}
+
+
+def test_psi_across_passes_falls_with_the_loops_and_again_with_the_refinement(run: Run, lap: SimulatedRecording) -> None:
+    refined, summary = run.refined, summarise(run, lap)
+    assert summary["psi"]["across_passes_odometry"] == refined.psi_before
+    assert summary["psi"]["across_passes_optimised"] == refined.psi_across
+    assert refined.psi_before is not None and refined.psi_loops is not None and refined.psi_across is not None
+    assert refined.psi_across < refined.psi_loops < refined.psi_before
+    assert summary["factors"]["refinement"] == len(refined.ties) > 5
+    assert any(reason.startswith("psi per point across passes is") for reason in summary["verdict"]["reasons"])
+
+
+def test_a_resumed_run_finds_the_refinement_again(run: Run, lap: SimulatedRecording, out: Path) -> None:
+    again = Slam(CONFIG, "psi", Runner(LocalEngine(1), checkpoint=Checkpoint(out, "lap", resume=True))).run(lap, None)
+    assert repr(again.refined) == repr(run.refined)
+    np.testing.assert_array_equal(again.optimised.poses, run.optimised.poses)
 
 
 def test_the_number_of_jobs_changes_no_loop_and_no_pose(run: Run, lap: SimulatedRecording, out: Path) -> None:

@@ -1,4 +1,4 @@
-"""What the pose graph is built from: measurements and odometry, which stay, and loops, which join later."""
+"""What the pose graph is built from: measurements and odometry, which stay, and loops and their ties, which join later."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ from mqslam.core.measurement import Loop, Measurement
 from mqslam.factors.loop_between import loop_between
 from mqslam.factors.odometry_between import odometry_between
 from mqslam.factors.psi_between import psi_between
+from mqslam.factors.refinement_between import refinement_between
 
 
 @dataclass(frozen=True)
@@ -33,8 +34,8 @@ class Problem:
     graph_settings: GraphConfig
     loop_settings: LoopConfig
 
-    def build_graph(self, loops: Sequence[Loop]) -> PoseGraph:
-        """Returns the graph with the given loops; it starts from the chained measurements."""
+    def build_graph(self, loops: Sequence[Loop], ties: Sequence[Loop] = ()) -> PoseGraph:
+        """Returns the graph with the given loops and ties of the refinement; it starts from the chained measurements."""
         settings, submaps = self.graph_settings, split_into_submaps(self.measurements, self.graph_settings)
         factors = [psi_between(M(p.submap), X(p.scan), p.pose, p.covariance, settings) for p in submaps.placements]
         factors += [psi_between(M(t.submap - 1), M(t.submap), t.pose, t.covariance, settings) for t in submaps.ties]
@@ -45,15 +46,16 @@ class Problem:
         ]
         factors += [odometry_between(X(k), X(k + 1), m, settings) for k, m in enumerate(self.odometry)]
         factors += [loop_between(X(loop.earlier), X(loop.later), loop, self.loop_settings) for loop in loops]
+        factors += [refinement_between(X(tie.earlier), X(tie.later), tie, settings) for tie in ties]
         chain = se2.chain(m.pose for m in self.measurements)
         return build_pose_graph(chain, factors, settings, chain[submaps.first_scans])
 
-    def optimise(self, loops: Sequence[Loop]) -> tuple[PoseGraph, Optimum]:
-        """Returns the graph with the given loops, and its optimum."""
-        graph = self.build_graph(loops)
+    def optimise(self, loops: Sequence[Loop], ties: Sequence[Loop] = ()) -> tuple[PoseGraph, Optimum]:
+        """Returns the graph with the given loops and ties, and its optimum."""
+        graph = self.build_graph(loops, ties)
         return graph, optimise(graph)
 
-    def solve_poses(self, loops: Sequence[Loop]) -> se2.Array:
-        """Returns the optimised poses (N, 3) with the given loops [m, m, rad]."""
-        graph, optimum = self.optimise(loops)
+    def solve_poses(self, loops: Sequence[Loop], ties: Sequence[Loop] = ()) -> se2.Array:
+        """Returns the optimised poses (N, 3) with the given loops and ties [m, m, rad]."""
+        graph, optimum = self.optimise(loops, ties)
         return poses_of(optimum.values, graph.size)

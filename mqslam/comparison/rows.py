@@ -123,7 +123,7 @@ def run_front_end(task: FrontEndTask, named: tuple[str, Context]) -> Row:
             len(solution.loops),
             solution.loops_rejected,
             spent["windows"],
-            spent["optimise"] + spent["loops"],
+            spent["optimise"] + spent["loops"] + spent["refine"],
             _peak_mb(),
             solution.warnings,
             solution.covariances,

@@ -17,7 +17,7 @@ from mqslam.config.estimator_config import EstimatorConfig
 from mqslam.config.fields import is_expert
 from mqslam.config.frontend_config import KissIcpConfig, OdometryConfig, Open3dIcpConfig, ScanMatchingConfig
 from mqslam.config.graph_config import GraphConfig
-from mqslam.config.loop_config import LoopConfig, PassConfig
+from mqslam.config.loop_config import LoopConfig, PassConfig, RefinementConfig
 from mqslam.config.map_config import MapConfig
 from mqslam.config.psi_config import PsiConfig
 from mqslam.config.reading_config import ReadingConfig
@@ -42,6 +42,7 @@ __all__ = [
     "PassConfig",
     "PsiConfig",
     "ReadingConfig",
+    "RefinementConfig",
     "ScanMatchingConfig",
     "SensorConfig",
     "TrackerConfig",
@@ -71,6 +72,7 @@ class Config(BaseModel):
     odometry: OdometryConfig = OdometryConfig()
     graph: GraphConfig = GraphConfig()
     loops: LoopConfig = LoopConfig()
+    refinement: RefinementConfig = RefinementConfig()
     map: MapConfig = MapConfig()
     audit: AuditConfig = AuditConfig()
     verdict: VerdictConfig = VerdictConfig()

@@ -1,4 +1,4 @@
-"""Settings of loop closures, and what they share with the revisits of an audit: how two passes of a place are compared."""
+"""Settings of loop closures and of the refinement after them, and how an audit, too, compares two passes of a place."""
 
 from __future__ import annotations
 
@@ -103,4 +103,32 @@ class LoopConfig(PassConfig):
     )
     cauchy: float = Field(
         3.0, gt=0.0, description="Residual [standard deviations] from which on the pull of a loop becomes weaker."
+    )
+
+
+class RefinementConfig(BaseModel):
+    """Settings of the refinement of a trajectory, once its loops are closed."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    rounds: int = Field(
+        0,
+        ge=0,
+        description="Most rounds in which every scan is measured against the other passes around it; each starts from the "
+        "trajectory that the round before has refined. 0 leaves the trajectory as the loops have made it: passes lie "
+        "better on each other after two rounds, but the trajectory as a whole was not always nearer to the truth.",
+    )
+    reach_m: float = Field(25.0, gt=0.0, description="Distance [m] between the scans of two passes that are compared.")
+    spacing_m: float = Field(2.0, gt=0.0, description="Path [m] between the scans of the pass that others are laid into.")
+    sample_m: float = Field(
+        20.0, gt=0.0, description="Path [m] between the scans at which psi across passes is measured for the summary."
+    )
+    aside_m: float = Field(
+        0.5, gt=0.0, description="A scan that psi moves farther than this [m] from where its loops have put it is not used."
+    )
+    settled: float = expert(
+        0.1,
+        gt=0.0,
+        description="No further round follows once no scan has moved, against the pass it lies in, by more than this many "
+        "standard deviations.",
     )

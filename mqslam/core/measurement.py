@@ -112,3 +112,24 @@ class LoopSearch:
         return [
             f"{why}: {count} pairs of passes were left out" for why, count in left_out.items() if count > len(self.loops)
         ]
+
+
+@dataclass(frozen=True, slots=True)
+class Refined:
+    """What the refinement of a trajectory has led to.
+
+    Args:
+        loops: the loops that stay in the graph: those whose passes no tie measures.
+        ties: single scans laid into earlier passes, whose factors stand in the place of the other loops.
+        psi_before: psi per point across passes before optimisation; None where no place is passed twice.
+        psi_loops: the same with the loops, before the refinement.
+        psi_across: the same under the final trajectory.
+        refused: whether the refinement made psi across passes larger and was therefore dropped.
+    """
+
+    loops: list[Loop]
+    ties: list[Loop]
+    psi_before: float | None = None
+    psi_loops: float | None = None
+    psi_across: float | None = None
+    refused: bool = False

@@ -1,7 +1,8 @@
 """The checkpoint of a run: what it has computed so far is kept on disk, so that a run that dies can be resumed.
 
-A checkpoint keeps the returns of every stretch of polar scans, the measurements once all of them are made, and the loops. A
-stage that was cut short is done again from its start; everything is deterministic, so the result is the same to the byte.
+A checkpoint keeps the returns of every stretch of polar scans, the measurements once all of them are made, the loops and
+the refinement. A stage that was cut short is done again from its start; everything is deterministic, so the result is the
+same to the byte.
 """
 
 from __future__ import annotations

@@ -9,7 +9,7 @@ from typing import Any, Generic, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from mqslam.core.measurement import Loop, LoopSearch, Measured, Measurement, Status
+from mqslam.core.measurement import Loop, LoopSearch, Measured, Measurement, Refined, Status
 from mqslam.core.scans import Detected, PeakCounts, Returns
 from mqslam.errors import DataError
 
@@ -92,18 +92,39 @@ def _unpack_measured(arrays: Arrays) -> Measured:
 
 
 def _pack_loops(search: LoopSearch) -> Arrays:
-    """Returns loops as arrays, one per field."""
-    arrays: Arrays = {name: np.array(getattr(search, name)) for name in _COUNTS}
-    for name in _list_fields(Loop):
-        arrays[name] = np.array([getattr(loop, name) for loop in search.loops])
-    return arrays
+    """Returns a search for loops as arrays."""
+    counts: Arrays = {name: np.array(getattr(search, name)) for name in _COUNTS}
+    return counts | _stack_loops(search.loops)
 
 
 def _unpack_loops(arrays: Arrays) -> LoopSearch:
-    """Returns the loops that arrays hold."""
+    """Returns the search for loops that arrays hold."""
+    return LoopSearch(_split_loops(arrays), *(int(arrays[name]) for name in _COUNTS))
+
+
+def _pack_refined(refined: Refined) -> Arrays:
+    """Returns a refinement as arrays: the loops that stay before the ties, and how many they are."""
+    psi = np.array([refined.psi_before, refined.psi_loops, refined.psi_across], dtype=np.float64)  # None becomes NaN
+    own = {"staying": np.array(len(refined.loops)), "psi_across": psi, "refused": np.array(refined.refused)}
+    return own | _stack_loops([*refined.loops, *refined.ties])
+
+
+def _unpack_refined(arrays: Arrays) -> Refined:
+    """Returns the refinement that arrays hold."""
+    loops, staying = _split_loops(arrays), int(arrays["staying"])
+    before, closed, after = (None if np.isnan(value) else float(value) for value in arrays["psi_across"])
+    return Refined(loops[:staying], loops[staying:], before, closed, after, bool(arrays["refused"]))
+
+
+def _stack_loops(loops: Sequence[Loop]) -> Arrays:
+    """Returns loops as arrays, one per field."""
+    return {name: np.array([getattr(loop, name) for loop in loops]) for name in _list_fields(Loop)}
+
+
+def _split_loops(arrays: Arrays) -> list[Loop]:
+    """Returns the loops that arrays, one per field, hold."""
     rows = zip(*(arrays[name] for name in _list_fields(Loop)), strict=True)
-    loops = [Loop(int(a), int(b), pose, covariance, float(share), float(psi)) for a, b, pose, covariance, share, psi in rows]
-    return LoopSearch(loops, *(int(arrays[name]) for name in _COUNTS))
+    return [Loop(int(a), int(b), pose, covariance, float(share), float(psi)) for a, b, pose, covariance, share, psi in rows]
 
 
 def _list_fields(kind: type) -> list[str]:
@@ -113,3 +134,4 @@ def _list_fields(kind: type) -> list[str]:
 
 MEASURED = Kept("measurements.npz", [*_list_fields(Measurement), "doppler_beta"], _pack_measured, _unpack_measured)
 LOOPS = Kept("loops.npz", [*_list_fields(Loop), *_COUNTS], _pack_loops, _unpack_loops)
+REFINED = Kept("refinement.npz", [*_list_fields(Loop), "staying", "psi_across", "refused"], _pack_refined, _unpack_refined)

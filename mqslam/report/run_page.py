@@ -37,6 +37,7 @@ _LABELS: Final = {
     "dataset.length_m": ("length of path", " m"),
     "factors.loop": ("loop closures", ""),
     "factors.loop_rejected": ("loop closures rejected", ""),
+    "factors.refinement": ("scans laid into earlier passes", ""),
     "evaluation.ate_rmse_m": ("ATE, RMSE", " m"),
     "evaluation.drift_percent": ("drift", " %"),
     "evaluation.drift_deg_per_100m": ("rotation drift", " °/100 m"),
@@ -122,6 +123,11 @@ def _make_tiles(report: Report) -> tuple[Tile, ...]:
         Tile(format_change(before, after), f"change of ψ per point from {report.before}"),
         Tile(format_share(psi.get("matched_optimised")), "of its points matched"),
     ]
+    torn, whole = psi.get("across_passes_odometry"), psi.get("across_passes_optimised")
+    if whole is not None:
+        change = format_change(torn, whole)
+        across = Tile(format_value(whole), f"ψ per point across passes, each against the others alone ({change})")
+        quality = [across, *quality]
     if report.stood_still:
         quality = [Tile(NOT_JUDGED, "ψ and matched points: the radar stood still, so the map holds one scan only")]
     tiles = (
@@ -220,7 +226,12 @@ def _tabulate_quality(report: Report) -> Table:
     total = [psi.get("odometry"), psi.get("optimised")]
     changes = [format_change(*pair) if all(matched) else ABSENT for pair in (total, per_point, matched)]
     lengths = (format_value(report.odometry.length_m, " m"), format_value(report.optimised.length_m, " m"))
+    across = [psi.get("across_passes_odometry"), psi.get("across_passes_optimised")]
+    passes: tuple[Row, ...] = ()
+    if None not in across:
+        passes = (Row("ψ per point across passes", (*map(format_value, across), format_change(*across))),)
     rows = (
+        *passes,
         Row("ψ", (format_value(total[0]), format_value(total[1]), changes[0])),
         Row("ψ per point", (format_value(per_point[0]), format_value(per_point[1]), changes[1])),
         Row("points matched", (format_matched(matched[0]), format_matched(matched[1]), changes[2])),

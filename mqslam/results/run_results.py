@@ -77,6 +77,8 @@ def summarise(run: Run, recording: Recording) -> dict[str, Any]:
             "optimised": float(after.psi.sum()),
             "per_point_odometry": before.psi_per_point,
             "per_point_optimised": after.psi_per_point,
+            "across_passes_odometry": run.refined.psi_before,
+            "across_passes_optimised": run.refined.psi_across,
             "matched_odometry": before.matched_share,
             "matched_optimised": after.matched_share,
         },
@@ -93,12 +95,13 @@ def summarise(run: Run, recording: Recording) -> dict[str, Any]:
             "psi": len(run.measurements),
             "loop": len(run.loops),
             "loop_rejected": run.loops_rejected,
+            "refinement": len(run.refined.ties),
         },
         "evaluation": _list_errors(run.optimised, truth),
         "evaluation_odometry": _list_errors(run.odometry, truth),
         "runtime_s": {
             name: run.runtime_s.get(name, 0.0)
-            for name in ("read", "detect", "windows", "loops", "optimise", "render", "check", "total")
+            for name in ("read", "detect", "windows", "loops", "refine", "optimise", "render", "check", "total")
         },
         "peak_rss_mb": _measure_peak_memory(),
     }

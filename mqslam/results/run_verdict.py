@@ -16,6 +16,7 @@ from mqslam.detection.stage import warn_of_unread
 from mqslam.mapping.render import select_moving
 from mqslam.solution import Run
 
+ACROSS_PASSES: Final = "psi per point across passes"
 _LISTED: Final = 5  # gaps that are named one by one, so that the warnings stay readable
 
 
@@ -29,7 +30,8 @@ def judge_run(run: Run) -> tuple[VerdictStatus, list[str]]:
     others = [*_judge_track(run), *_judge_optimisation(run)]
     if not run.checks:
         others = [replace(f, status=VerdictStatus.NOT_JUDGED) if f.status is VerdictStatus.WARN else f for f in others]
-    return verdict_of([*windows, *others])
+    passes = [finding for finding in others if finding.reason.startswith(ACROSS_PASSES)]  # these see a torn map: they lead
+    return verdict_of([*passes, *windows, *(finding for finding in others if finding not in passes)])
 
 
 def list_warnings(run: Run, recording: Recording) -> list[str]:
@@ -39,6 +41,8 @@ def list_warnings(run: Run, recording: Recording) -> list[str]:
     for status, what in ((Status.LOST, "lost track"), (Status.DEGENERATE, "did not observe every direction")):
         spans = find_stretches(run.measurements, status)
         warnings += [f"{what} from {begin:.1f} s to {end:.1f} s" for begin, end in spans]
+    if run.refined.refused:
+        warnings.append("the refinement made psi between passes larger: the poses before it are kept")
     stops = find_stops(run, recording)
     warnings += [
         f"stood still from {begin:.1f} s to {end:.1f} s: the map holds the first scan of that time only"
@@ -94,14 +98,20 @@ def _judge_optimisation(run: Run) -> list[Finding]:
     if run.unoptimised is not None:
         reason = f"the pose graph could not be optimised: the trajectory is {run.frontend}'s motions, chained"
         return [Finding(VerdictStatus.FAIL, reason)]
-    before, after = run.map_odometry.psi_per_point, run.map_optimised.psi_per_point
     if not (run.odometry_factors or run.loops) or not run.checks or not run.map_optimised.matched.any():
         return []
-    if before is None or after is None or before <= 0.0:
-        return []
-    ratio = after / before
-    worse = VerdictStatus.FAIL if ratio > run.config.verdict.worse else VerdictStatus.PASS
-    return [Finding(worse, f"psi per point is {ratio:.2f} times that of the map before optimisation")]
+    pairs = {
+        ACROSS_PASSES: (run.refined.psi_before, run.refined.psi_across),
+        "psi per point": (run.map_odometry.psi_per_point, run.map_optimised.psi_per_point),
+    }
+    findings = []
+    for what, (before, after) in pairs.items():
+        if before is None or after is None or before <= 0.0:
+            continue
+        ratio = after / before
+        worse = VerdictStatus.FAIL if ratio > run.config.verdict.worse else VerdictStatus.PASS
+        findings.append(Finding(worse, f"{what} is {ratio:.2f} times that of the map before optimisation"))
+    return findings
 
 
 def _count_status(measurements: Sequence[Measurement], status: Status) -> Share:

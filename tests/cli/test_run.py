@@ -45,17 +45,12 @@ KEYS = {
     "mqslam_version": None,
     "dataset": {"format", "path", "revolutions", "duration_s", "length_m"},
     "psi": {
-        "odometry",
-        "optimised",
-        "per_point_odometry",
-        "per_point_optimised",
-        "matched_odometry",
-        "matched_optimised",
+        f"{what}{when}" for what in ("", "per_point_", "across_passes_", "matched_") for when in ("odometry", "optimised")
     },
     "verdict": {"status", "reasons"},
-    "factors": {"odometry", "psi", "loop", "loop_rejected"},
+    "factors": {"odometry", "psi", "loop", "loop_rejected", "refinement"},
     "evaluation": {"ate_rmse_m", "drift_percent", "drift_deg_per_100m"},
-    "runtime_s": {"read", "detect", "windows", "loops", "optimise", "render", "total"},
+    "runtime_s": {"read", "detect", "windows", "loops", "refine", "optimise", "render", "total"},
     "peak_rss_mb": None,
 }
 COLUMNS = [
@@ -155,7 +150,7 @@ def test_the_summary_has_the_stable_keys(result: Path, street: Path) -> None:
     assert summary["dataset"]["duration_s"] == pytest.approx(12.0, abs=0.01)
     truth = read_tum(street / "gt" / "poses_tum.txt")
     assert summary["dataset"]["length_m"] == pytest.approx(truth.length_m, rel=0.02)
-    assert summary["factors"] == {"odometry": SCANS - 1, "psi": SCANS - 1, "loop": 0, "loop_rejected": 0}
+    assert summary["factors"] == {"odometry": SCANS - 1, "psi": SCANS - 1, "loop": 0, "loop_rejected": 0, "refinement": 0}
     assert summary["verdict"]["status"] == "pass" and summary["verdict"]["reasons"]
     assert summary["inflation"]["torn"] == summary["inflation"]["torn_share_at_least"] == 0
     assert 0.3 < summary["inflation"]["torn_share_at_most"] < 0.35  # of 8 windows

@@ -14,13 +14,13 @@ from support.drives import constant
 
 from mqslam import slam as slam_module
 from mqslam.config import Config, MapConfig, SensorConfig
-from mqslam.core.measurement import Loop, LoopSearch, Measured, Measurement, Status
+from mqslam.core.measurement import Loop, LoopSearch, Measured, Measurement, Refined, Status
 from mqslam.core.scans import Detected, Returns
 from mqslam.core.trajectory import Trajectory
 from mqslam.detection.stage import detect_all
 from mqslam.errors import DataError, OutputError
 from mqslam.execution.checkpoint import FOLDER, Checkpoint, hash_run, keep_checkpoint
-from mqslam.execution.kept import LOOPS, MEASURED, describe_kept_stretch
+from mqslam.execution.kept import LOOPS, MEASURED, REFINED, describe_kept_stretch
 from mqslam.execution.runner import Runner
 from mqslam.psi import doppler as doppler_module
 from mqslam.simulator import SensorModel, SimulatedRecording, make_street_scene, simulate_recording
@@ -45,7 +45,10 @@ CLOSURES = [
     Loop(3, 170, RNG.normal(size=3), RNG.normal(size=(3, 3)), 0.71, 0.2),
     Loop(9, 180, np.zeros(3), np.eye(3), 1.0, 0.1),
 ]
-FILES = ("returns-000000-000005.npz", "measurements.npz", "loops.npz")
+REFINEMENT = Refined(
+    CLOSURES[:1], [*CLOSURES[1:], Loop(4, 171, np.ones(3), np.eye(3), 0.6, 0.3)], 0.9, 0.4, 0.3, refused=True
+)
+FILES = ("returns-000000-000005.npz", "measurements.npz", "loops.npz", "refinement.npz")
 
 
 def filled(out: Path, key: str = "this run") -> Checkpoint:
@@ -54,6 +57,7 @@ def filled(out: Path, key: str = "this run") -> Checkpoint:
     checkpoint.keep(describe_kept_stretch(0, 5), DETECTED)
     checkpoint.keep(MEASURED, Measured(MEASUREMENTS, 0.0489))
     checkpoint.keep(LOOPS, LoopSearch(CLOSURES, 17))
+    checkpoint.keep(REFINED, REFINEMENT)
     return checkpoint
 
 
@@ -62,7 +66,7 @@ def resumed(out: Path) -> Checkpoint:
 
 
 def found_in(checkpoint: Checkpoint) -> list[Any]:
-    return [checkpoint.find(describe_kept_stretch(0, 5)), checkpoint.find(MEASURED), checkpoint.find(LOOPS)]
+    return [checkpoint.find(kind) for kind in (describe_kept_stretch(0, 5), MEASURED, LOOPS, REFINED)]
 
 
 def assert_same(one: Any, other: Any) -> None:
@@ -98,6 +102,17 @@ def test_loops_survive_a_round_trip(tmp_path: Path) -> None:
         assert_same(one, other)
 
 
+def test_a_refinement_survives_a_round_trip(tmp_path: Path) -> None:
+    filled(tmp_path / "out")
+    kept = resumed(tmp_path / "out").find(REFINED)
+    assert repr(kept) == repr(REFINEMENT)
+
+
+def test_that_there_is_no_refinement_is_kept_too(tmp_path: Path) -> None:
+    filled(tmp_path / "out").keep(REFINED, Refined([], []))
+    assert resumed(tmp_path / "out").find(REFINED) == Refined([], [])
+
+
 def test_that_there_are_no_loops_is_kept_too(tmp_path: Path) -> None:
     filled(tmp_path / "out").keep(LOOPS, LoopSearch([], 4))
     assert resumed(tmp_path / "out").find(LOOPS) == LoopSearch([], 4)
@@ -113,7 +128,7 @@ def test_another_stretch_is_not_there(tmp_path: Path) -> None:
 
 def test_nothing_is_there_before_it_is_kept_and_looking_makes_nothing(tmp_path: Path) -> None:
     for resume in (False, True):
-        assert found_in(Checkpoint(tmp_path / "out", "this run", resume=resume)) == [None, None, None]
+        assert found_in(Checkpoint(tmp_path / "out", "this run", resume=resume)) == [None] * len(FILES)
     assert read_contents(tmp_path) == {}
 
 
@@ -224,13 +239,13 @@ def test_a_checkpoint_that_does_not_say_whose_it_is_is_refused(tmp_path: Path, t
 def test_a_run_that_died_before_it_kept_anything_can_be_resumed(tmp_path: Path) -> None:
     (tmp_path / "out" / FOLDER).mkdir(parents=True)
     (tmp_path / "out" / FOLDER / ".run.json.x1y2").write_text('{"k')
-    assert found_in(resumed(tmp_path / "out")) == [None, None, None]
+    assert found_in(resumed(tmp_path / "out")) == [None] * len(FILES)
 
 
 def test_a_new_run_clears_what_an_old_one_kept_and_nothing_else(tmp_path: Path) -> None:
     filled(tmp_path / "out")
     (tmp_path / "out" / "mine").write_text("kept")
-    assert found_in(Checkpoint(tmp_path / "out", "this run", resume=False)) == [None, None, None]
+    assert found_in(Checkpoint(tmp_path / "out", "this run", resume=False)) == [None] * len(FILES)
     assert read_contents(tmp_path) == {"out": None, "out/mine": b"kept"}
 
 

@@ -77,11 +77,13 @@ def a_report() -> Report:
             "optimised": 99.0,
             "per_point_odometry": 0.033,
             "per_point_optimised": 0.02475,
+            "across_passes_odometry": None,
+            "across_passes_optimised": None,
             "matched_odometry": 0.71,
             "matched_optimised": 0.82,
         },
         "verdict": {"status": "warn", "reasons": ["torn near t = 31 s & 40 s"]},
-        "factors": {"odometry": 59, "psi": 20, "loop": 0, "loop_rejected": 0},
+        "factors": {"odometry": 59, "psi": 20, "loop": 0, "loop_rejected": 0, "refinement": 0},
         "evaluation": {"ate_rmse_m": 0.312, "drift_percent": None, "drift_deg_per_100m": 0.41},
         "runtime_s": {"read": 1.2, "total": 29.1},
         "peak_rss_mb": 812.5,
@@ -145,6 +147,16 @@ def test_notes_on_the_recording_stand_below_the_warnings(written: Path, tmp_path
     text = page_of(tmp_path / "noted.html").text
     assert text.index("odometry ends & the run goes on") < text.index(note) < text.index("warn\n")
     assert "Notes" not in page_of(written).text
+
+
+def test_psi_across_passes_comes_first_where_places_were_passed_twice(written: Path, tmp_path: Path) -> None:
+    report = a_report()
+    psi = report.summary["psi"] | {"across_passes_odometry": 0.8, "across_passes_optimised": 0.4875}
+    write_report(tmp_path / "twice.html", replace(report, summary={**report.summary, "psi": psi}))
+    text = re.sub(r"\n+", "\n", page_of(tmp_path / "twice.html").text)
+    assert text.index("0.4875\nψ per point across passes") < text.index("ψ per point of the optimised map")
+    assert "ψ per point across passes\n0.8\n0.4875\n−39.1 %" in text
+    assert "across passes" not in page_of(written).text
 
 
 def test_the_map_of_a_radar_that_stood_still_is_not_judged(tmp_path: Path) -> None:

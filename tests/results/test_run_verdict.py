@@ -8,7 +8,7 @@ from support.reported import judged_window, swept_walls
 
 from mqslam.auditing.verdict import VerdictStatus
 from mqslam.config import Config
-from mqslam.core.measurement import Measurement, Status
+from mqslam.core.measurement import Measurement, Refined, Status
 from mqslam.core.point_map import PointMap
 from mqslam.results.run_verdict import _warn_of_gaps, find_stops, judge_run
 
@@ -48,7 +48,7 @@ def run(scans, *, lost=0, degenerate=0, torn=0, before=0.5, after=0.4, **others)
         map_odometry=before if isinstance(before, PointMap) else pointmap(before),
         map_optimised=after if isinstance(after, PointMap) else pointmap(after),
         loops=[],
-        **{"odometry_factors": 1, "unoptimised": None, "unread": {}, **others},
+        **{"odometry_factors": 1, "refined": Refined([], []), "unoptimised": None, "unread": {}, **others},
     )
 
 
@@ -63,6 +63,16 @@ def run(scans, *, lost=0, degenerate=0, torn=0, before=0.5, after=0.4, **others)
         (run(240, degenerate=10), PASS, "no scan lost track"),
         (run(240, unread={7: None, 8: None}), WARN, "2 of 240 polar scans could not be read"),
         (run(240, after=0.6), FAIL, "psi per point is 1.20 times that of the map before optimisation"),
+        (
+            run(240, refined=Refined([], [], 0.9, 0.6, 0.45)),
+            PASS,
+            "psi per point across passes is 0.50 times that of the map",
+        ),
+        (
+            run(240, refined=Refined([], [], 0.5, 0.6, 0.6)),
+            FAIL,
+            "psi per point across passes is 1.20 times that of the map",
+        ),
         (run(240, after=0.6, odometry_factors=0), PASS, "no scan lost track"),  # nothing pulled the graph anywhere
         (run(240, unoptimised="no luck"), FAIL, "the pose graph could not be optimised: the trajectory is psi's motions"),
         (run(240, before=0.0, after=0.0), PASS, "no scan lost track"),
@@ -81,6 +91,12 @@ def test_the_verdict_of_a_run_needs_evidence(found, status, reason):
     verdict_status, reasons = judge_run(found)
     assert verdict_status is status, reasons
     assert any(said.startswith(reason) for said in reasons), reasons
+
+
+def test_psi_across_passes_leads_the_reasons_where_places_were_passed_twice() -> None:
+    _, reasons = judge_run(run(240, refined=Refined([], [], 0.9, 0.6, 0.45)))
+    assert reasons[0] == "psi per point across passes is 0.50 times that of the map before optimisation"
+    assert not any("across" in reason for reason in judge_run(run(240))[1])
 
 
 def test_of_many_gaps_the_first_are_named_and_the_others_counted() -> None:

@@ -23,6 +23,7 @@ _TITLES = {
     "detect": "reading and detecting",
     "windows": "measuring motion",
     "loops": "verifying loops",
+    "refine": "refining by psi",
     "render": "rendering maps",
     "check": "judging the map",
     "front ends": "running front ends",

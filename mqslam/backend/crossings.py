@@ -1,0 +1,105 @@
+"""Crossings: stretches of a path around which another pass saw the same place, and psi between the passes.
+
+psi of a whole map is made by neighbours in time and hardly sees whether two passes of a place lie on each other. Scored
+against the points of other passes alone, it does.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from mqslam.backend.loops.align import ANY_TIME
+from mqslam.backend.loops.submap import Drive, pick_spaced
+from mqslam.config import EstimatorConfig, RefinementConfig
+from mqslam.core.scans import Returns
+from mqslam.execution.engine import Engine
+from mqslam.mapping.render import place_along
+from mqslam.psi.minimiser import References, final_scale, score
+from mqslam.psi.neighbours import find_candidates, sort_into_cells
+from mqslam.psi.place import Beam, PointSet
+
+_CELL_M = 1.0  # side of the cells that points are sorted into to find neighbours: a matter of speed only
+
+
+@dataclass(frozen=True, slots=True)
+class Crossing:
+    """Successive scans of one pass, and scans of earlier passes that saw the same place.
+
+    Args:
+        later: indices of the scans of the later pass.
+        earlier: indices of the scans of the earlier passes.
+    """
+
+    later: NDArray[np.int64]
+    earlier: NDArray[np.int64]
+
+
+def find_crossings(drive: Drive, spacing_m: float, least_path_m: float, settings: RefinementConfig) -> list[Crossing]:
+    """Finds the stretches of a drive's path around which the drive had been before.
+
+    Later passes are compared with earlier ones only, so that no two returns are compared twice.
+
+    Args:
+        drive: scans under a trajectory.
+        spacing_m: path between the scans of the later pass [m].
+        least_path_m: path [m] between two scans, from which on they are different passes.
+        settings: of the refinement, which say how near two passes are.
+    """
+    later, earlier = pick_spaced(drive.travelled, spacing_m), pick_spaced(drive.travelled, settings.spacing_m)
+    xy = drive.poses[:, :2]
+    tree = cKDTree(xy[earlier])
+    stretches = np.floor(drive.travelled[later] / settings.reach_m)
+    crossings = []
+    for scans in np.split(later, np.flatnonzero(np.diff(stretches)) + 1):
+        around = set().union(*tree.query_ball_point(xy[scans], settings.reach_m))
+        others = earlier[sorted(around)]
+        others = others[drive.travelled[others] < drive.travelled[scans[0]] - least_path_m]
+        if len(others):
+            apart, _ = cKDTree(xy[others]).query(xy[scans])
+            crossings.append(Crossing(scans[apart <= settings.reach_m], others))
+    return [crossing for crossing in crossings if len(crossing.later)]
+
+
+def measure_psi_across(
+    drive: Drive, crossings: Sequence[Crossing], estimator: EstimatorConfig, beam: Beam, engine: Engine
+) -> float | None:
+    """Returns psi per point of the later passes' returns among those of the earlier passes; None without any.
+
+    Args:
+        drive: scans under the trajectory that is looked at.
+        crossings: where psi is measured; they need not have been found under this trajectory, so that two trajectories can
+            be compared at the same places.
+        estimator: settings of the score.
+        beam: the sensor's errors.
+        engine: where the points are scored; the result does not depend on it.
+    """
+    parts = engine.map(_score_crossing, (drive, estimator, beam), crossings)
+    points = sum(number for _, number in parts)
+    return sum(psi for psi, _ in parts) / points if points else None
+
+
+def render_earlier(drive: Drive, crossing: Crossing, beam: Beam) -> References:
+    """Renders the returns of a crossing's earlier passes in the world frame."""
+    points = render_scans(drive, crossing.earlier, beam)
+    return References(points, sort_into_cells(points.points, _CELL_M))
+
+
+def render_scans(drive: Drive, scans: Sequence[int] | NDArray[np.int64], beam: Beam) -> PointSet:
+    """Renders the returns of some scans of a drive in the world frame."""
+    returns = Returns.concatenate([drive.scans[k].returns for k in scans])
+    return place_along(returns, drive.times, drive.poses, beam)
+
+
+def _score_crossing(shared: tuple[Drive, EstimatorConfig, Beam], crossing: Crossing) -> tuple[float, int]:
+    """Returns psi of a crossing's later returns among its earlier ones, and the number of the later returns."""
+    drive, estimator, beam = shared
+    earlier = render_earlier(drive, crossing, beam)
+    later = render_scans(drive, crossing.later, beam)
+    scale = final_scale(estimator)
+    lists = find_candidates(earlier.grid, later.points, scale.s)
+    return score(later, earlier.points, lists, scale, ANY_TIME, estimator).psi, len(later)

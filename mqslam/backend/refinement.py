@@ -1,0 +1,213 @@
+"""The refinement: once the loops are closed, every scan of a later pass is laid into the earlier passes around it by psi.
+
+A loop lays one short submap on another, both of them bent as the chain has left them. Here every scan is rendered anew
+where the loops have put it, and its pose among the returns of all earlier passes, which are held, becomes a factor to the
+nearest of their scans. The graph is solved again, and the scans are measured once more where they have come to lie.
+
+Only passes that a loop ties are looked at: the refinement makes sharper what loops have found, and finds nothing itself.
+Its factors stand in the place of those loops, since both measure the same returns.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import chain
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from mqslam.backend.crossings import Crossing, find_crossings, measure_psi_across, render_earlier, render_scans
+from mqslam.backend.loops.align import ANY_TIME, move_rigidly
+from mqslam.backend.loops.submap import Drive
+from mqslam.backend.problem import Problem
+from mqslam.config import Config, EstimatorConfig
+from mqslam.core import se2
+from mqslam.core.measurement import Loop, Refined
+from mqslam.core.scans import Scans
+from mqslam.core.trajectory import Trajectory
+from mqslam.execution.runner import Runner
+from mqslam.psi.covariance import estimate_covariance
+from mqslam.psi.minimiser import Prior, References, annealed_scale, minimise, score
+from mqslam.psi.neighbours import find_candidates
+from mqslam.psi.observability import find_weak_directions
+from mqslam.psi.place import Beam, PointSet
+
+EVERY_SCAN_M: Final = 1e-3
+"""Path between the scans that are measured [m]: every scan is, but those of a radar that stands still."""
+_FIRST_STEP: Final = 2  # step of the annealing to begin with: loops have brought the passes nearer than its first widths
+_TOLERANCES: Final = np.array([1e-3, 1e-3, 2e-5])  # numerical: a smaller step [m, m, rad] ends the minimiser
+_SHARED: Final = 2.0  # factor on a scan's covariance, for the errors of the earlier pass's returns: as large as its own
+
+_log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True, slots=True)
+class _Setting:
+    """What the scans of a crossing are measured with.
+
+    Args:
+        drive: scans under the trajectory so far.
+        own: (N, 3, 3) covariance of each scan in its own surroundings, in its own frame [m, m, rad].
+        config: all settings.
+        beam: the sensor's errors.
+    """
+
+    drive: Drive
+    own: NDArray[np.float64]
+    config: Config
+    beam: Beam
+
+
+def refine(
+    before: Trajectory, problem: Problem, loops: Sequence[Loop], scans: Scans, config: Config, beam: Beam, runner: Runner
+) -> Refined:
+    """Refines a trajectory by psi between its passes, as long as psi becomes no larger.
+
+    Args:
+        before: the trajectory before optimisation, whose psi across passes is stated beside that of the result.
+        problem: the trajectory.
+        loops: loops in its graph.
+        scans: scans of the recording.
+        config: all settings.
+        beam: the sensor's errors.
+        runner: does the work.
+    """
+    settings, apart_m, engine = config.refinement, config.loops.least_path_m, runner.engine
+    drive = Drive.of(scans, problem.solve_poses(loops))
+    places = find_crossings(drive, settings.sample_m, apart_m, settings)
+
+    def psi_under(poses: se2.Array) -> float | None:
+        return measure_psi_across(replace(drive, poses=poses), places, config.estimator, beam, engine)
+
+    closed = psi_under(drive.poses)
+    best = Refined(list(loops), [], psi_under(before.poses), closed, closed)
+    variances = _find_own_covariances(problem)
+    for number in range(settings.rounds if loops else 0):
+        crossings = select_tied(find_crossings(drive, EVERY_SCAN_M, apart_m, settings), drive, loops, apart_m)
+        measured = engine.map(measure_crossing, _Setting(drive, variances, config, beam), crossings)
+        ties = list(chain.from_iterable(runner.follow("refine", measured, len(crossings))))
+        if not ties:
+            break
+        left = drop_replaced(loops, ties, drive.travelled, config.loops.submap_m)
+        poses = problem.solve_poses(left, ties)
+        psi = psi_under(poses)
+        _log.info("round %d lays %d scans into earlier passes: psi across passes %s", number, len(ties), psi)
+        if psi is None or best.psi_across is None or psi > best.psi_across:
+            best = replace(best, refused=number == 0)
+            break
+        best = replace(best, loops=left, ties=ties, psi_across=psi)
+        settled = _is_settled(ties, drive.poses, poses, settings.settled)
+        drive = Drive.of(scans, poses)
+        if settled:
+            break
+    return best
+
+
+def select_tied(crossings: Sequence[Crossing], drive: Drive, loops: Sequence[Loop], reach_m: float) -> list[Crossing]:
+    """Returns crossings with those scans of earlier passes only that a loop ties to the later pass.
+
+    Args:
+        crossings: where passes meet.
+        drive: scans under a trajectory.
+        loops: loops in its graph.
+        reach_m: path [m] along both passes over which a loop ties them.
+    """
+    tied = cKDTree([(drive.travelled[loop.earlier], drive.travelled[loop.later]) for loop in loops])
+    selected = []
+    for crossing in crossings:
+        middle = float(drive.travelled[crossing.later].mean())
+        pairs = np.column_stack([drive.travelled[crossing.earlier], np.full(len(crossing.earlier), middle)])
+        away, _ = tied.query(pairs, p=np.inf)
+        if np.any(away <= reach_m):
+            selected.append(replace(crossing, earlier=crossing.earlier[away <= reach_m]))
+    return selected
+
+
+def drop_replaced(loops: Sequence[Loop], ties: Sequence[Loop], travelled: NDArray[np.float64], reach_m: float) -> list[Loop]:
+    """Returns the loops whose returns take part in none of the refinement's factors.
+
+    Args:
+        loops: loops.
+        ties: factors of the refinement.
+        travelled: (N,) length of the path so far [m].
+        reach_m: path [m] to either side of a scan from which a loop's submap takes returns.
+    """
+    ends = cKDTree([(travelled[tie.earlier], travelled[tie.later]) for tie in ties])
+    away, _ = ends.query(np.array([(travelled[a.earlier], travelled[a.later]) for a in loops]), p=np.inf)
+    return [loop for loop, near in zip(loops, away <= reach_m, strict=True) if not near]
+
+
+def measure_crossing(setting: _Setting, crossing: Crossing) -> list[Loop]:
+    """Returns the factors of those scans of a crossing's later pass that psi lays into the earlier passes for sure."""
+    drive, beam = setting.drive, setting.beam
+    references = render_earlier(drive, crossing, beam)
+    tree = cKDTree(drive.poses[crossing.earlier, :2])
+    ties = []
+    for later in crossing.later:
+        _, nearest = tree.query(drive.poses[later, :2])
+        tie = _measure_scan(setting, references, int(crossing.earlier[nearest]), int(later))
+        if tie is not None:
+            ties.append(tie)
+    return ties
+
+
+def _measure_scan(setting: _Setting, references: References, anchor: int, later: int) -> Loop | None:
+    """Returns the pose of a scan among the references as a factor to one of their scans, or None if it is not sure."""
+    drive, config = setting.drive, setting.config
+    estimator, guess = config.estimator, drive.poses[later]
+    scan = move_rigidly(render_scans(drive, [later], setting.beam), se2.inverse(guess))
+    if len(scan) == 0:
+        return None
+
+    def place(pose: se2.Array) -> PointSet:
+        return move_rigidly(scan, pose)
+
+    free = Prior(guess, np.zeros((3, 3)))
+    minimum = minimise(guess, place, references, free, estimator, ANY_TIME, _TOLERANCES, _FIRST_STEP)
+    moved, matched = se2.between(guess, minimum.state), float(minimum.evaluation.matched.mean())
+    is_near = np.hypot(moved[0], moved[1]) <= config.refinement.aside_m
+    if not (minimum.converged and is_near and matched >= config.loops.matched):
+        return None
+    points = place(minimum.state)
+    if not _observes_all(references, points, estimator):
+        return None
+    covariance = _SHARED * estimate_covariance(minimum.evaluation, points.points, estimator.cluster_m)
+    in_anchor = se2.rotate_covariance(covariance, -drive.poses[anchor, 2])
+    pose = se2.between(drive.poses[anchor], minimum.state)
+    # the scans of the earlier pass are held together, but the one that stands for them errs among them
+    lever = np.array([[1.0, 0.0, -pose[1]], [0.0, 1.0, pose[0]], [0.0, 0.0, 1.0]])
+    return Loop(
+        anchor,
+        later,
+        pose,
+        in_anchor + lever @ setting.own[anchor] @ lever.T,
+        matched,
+        minimum.evaluation.psi / len(scan),
+    )
+
+
+def _observes_all(references: References, points: PointSet, estimator: EstimatorConfig) -> bool:
+    """Returns whether the references hold every direction in which points could move."""
+    scale = annealed_scale(estimator, 0)
+    lists = find_candidates(references.grid, points.points, scale.s)
+    wide = score(points, references.points, lists, scale, ANY_TIME, estimator)
+    return len(find_weak_directions(wide, 3, estimator.observed_share)) == 0
+
+
+def _find_own_covariances(problem: Problem) -> NDArray[np.float64]:
+    """Returns the covariance (N, 3, 3) of each scan in its surroundings: half of that of a motion, which has two ends."""
+    halves = [0.5 * motion.covariance for motion in problem.measurements]
+    return np.array([*halves, halves[-1]])  # each is stated in the frame of the scan that the motion starts at
+
+
+def _is_settled(ties: Sequence[Loop], before: se2.Array, after: se2.Array, share: float) -> bool:
+    """Returns whether no tie's scan has moved against its other end by more than a share of its standard deviations."""
+    earlier, later = np.array([(tie.earlier, tie.later) for tie in ties]).T
+    moved = se2.between(after[earlier], after[later]) - se2.between(before[earlier], before[later])
+    moved[:, 2] = se2.wrap(moved[:, 2])
+    sigmas = np.sqrt([np.diag(tie.covariance) for tie in ties])
+    return bool(np.all(np.abs(moved) < share * sigmas))
