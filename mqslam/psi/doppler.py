@@ -35,13 +35,18 @@ def measure_doppler(scans: Scans, sensor: SensorConfig, tracker: TrackerConfig, 
 
     twists = [tracker_with(0.0).find_first_twist(s[: tracker.start_scans]) for s in stretches]
 
-    def psi(beta: float) -> float:
-        return sum(_measure_psi(s, t, tracker_with(beta)) for s, t in zip(stretches, twists, strict=True))
+    def measure_all(beta: float) -> NDArray[np.float64]:
+        return np.array([_measure_psi(s, t, tracker_with(beta)) for s, t in zip(stretches, twists, strict=True)])
+
+    without = measure_all(0.0)
+
+    def compare(beta: float) -> float:
+        """Returns psi over that without a shift: the median over the stretches, as a track may go wrong on one of them."""
+        return float(np.median(measure_all(beta) / without)) if beta else 1.0
 
     grid: NDArray[np.float64] = sensor.doppler_step * np.arange(-sensor.doppler_steps, sensor.doppler_steps + 1.0)
-    scores = np.array([psi(beta) for beta in grid])
-    beta = _find_vertex(grid, scores)
-    if abs(beta) < sensor.doppler_least or psi(beta) > (1.0 - sensor.doppler_gain) * scores[sensor.doppler_steps]:
+    beta = _find_vertex(grid, np.array([compare(beta) for beta in grid]))
+    if abs(beta) < sensor.doppler_least or compare(beta) > 1.0 - sensor.doppler_gain:
         return 0.0
     return beta
 
