@@ -111,8 +111,15 @@ class TrackerConfig(BaseModel):
         1.15,
         ge=0.0,
         description="A match whose psi per return is this many times the usual one or more may be at a wrong minimum: "
-        "better ones are looked for ahead of it and behind it.",
+        "better ones are looked for ahead of it, behind it, and turned to either side.",
     )
+    beside_turn: float = expert(
+        0.08,
+        gt=0.0,
+        description="Largest angle by which a scan is turned to find a better match beside a doubtful one [rad]. A vehicle "
+        "that begins to turn at 0.5 rad/s turns by about so much more within a scan than it did in the one before.",
+    )
+    beside_turns: int = expert(4, ge=1, description="Number of angles that are tried to either side of a doubtful match.")
     prediction_gain: float = expert(
         0.1,
         gt=0.0,

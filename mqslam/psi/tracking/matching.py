@@ -97,10 +97,11 @@ class Matcher:
         return Match(best, rivalled)
 
     def look_beside(self, scan: Scan, minimum: Minimum, information: NDArray[np.float64], into: LocalMap) -> Minimum | None:
-        """Finds a better match ahead of one or behind it, or returns None where there is none.
+        """Finds a better match beside one, or returns None where there is none: ahead, behind, or turned to either side.
 
         Vehicles that keep pace with the sensor have a minimum of their own. Where all set off together, a match that begins
-        at the prediction may stay with them, although psi is much lower a few decimetres ahead.
+        at the prediction may stay with them, although psi is much lower a few decimetres ahead. Where the sensor turns more
+        suddenly than predicted, returns far away match others than their own.
 
         Args:
             scan: the scan.
@@ -110,9 +111,13 @@ class Matcher:
         """
         config, scale = self.setup.matching, final_scale(self.setup.matching)
         here = State(minimum.state)
-        reach = np.arange(config.beta_s, config.beta_s_start, config.beta_s)
-        shifted = [here.moved_ahead(distance, self.setup.revolution_s) for distance in (*-reach, *reach)]
-        best = min(shifted, key=lambda state: self._score(self.place(scan, state), scale, into).psi)
+        turn_s, settings = self.setup.revolution_s, self.setup.settings
+        ahead = np.arange(config.beta_s, config.beta_s_start, config.beta_s)
+        turns = settings.beside_turn / settings.beside_turns * np.arange(1, settings.beside_turns + 1)
+        beside = [here.moved_ahead(distance, turn_s) for distance in (*-ahead, *ahead)]
+        # how far a scan's own start has turned depends on when the turn began: before the scan or within it
+        beside += [here.turned(share * angle, angle / turn_s) for angle in (*-turns, *turns) for share in (0.5, 1.0)]
+        best = min(beside, key=lambda state: self._score(self.place(scan, state), scale, into).psi)
         other = self.minimise(scan, best, Prior(best.vector, information), into, config.steps)
         rise = minimum.evaluation.shares - other.evaluation.shares
         return other if self._is_distinct(rise, self.place(scan, State(other.state))) else None

@@ -74,6 +74,10 @@ class State:
         pose = se2.compose(self.pose, np.array([distance, 0.0, 0.0]))
         return State.of(pose, self.motion + np.eye(SIZE)[VX, MOTION] * distance / duration_s)
 
+    def turned(self, angle: float, rate: float) -> State:
+        """Returns the state of a sensor that has turned by an angle [rad] more, and turns faster [rad/s]."""
+        return State(self.vector + angle * np.eye(SIZE)[YAW] + rate * np.eye(SIZE)[OMEGA])
+
 
 @dataclass(frozen=True, slots=True)
 class Belief:

@@ -64,6 +64,11 @@ def test_a_state_farther_ahead_came_there_faster() -> None:
     np.testing.assert_allclose(ahead.motion - VECTOR[MOTION], [2.0, 0.0, 0.0, 0.0, 0.0], atol=1e-12)
 
 
+def test_a_state_that_turned_farther_turns_faster() -> None:
+    change = State(VECTOR).turned(0.02, 0.16).vector - VECTOR
+    np.testing.assert_allclose(change, [0.0, 0.0, 0.02, 0.0, 0.0, 0.16, 0.0, 0.0], atol=1e-12)
+
+
 def test_unobserved_directions_follow_the_mean_twist_of_the_last_matches() -> None:
     twists = (np.array([8.2, 0.1, 0.1]), np.array([7.8, -0.1, 0.3]))
     last = LastMatch(1.0, 0.25, Belief(State(VECTOR), np.eye(SIZE)), smooths=True, blind=Blindness.none(), twists=twists)

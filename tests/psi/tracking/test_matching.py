@@ -135,3 +135,29 @@ def test_beside_the_right_match_there_is_no_better_one(seed: int) -> None:
     scan, before = leave_in_company(2.4, seed)
     right = minimise_narrowly(scan, set_off(2.4), before)
     assert MATCHER.look_beside(scan, right, INFORMATION, before) is None
+
+
+def turn_suddenly(rate: float, seed: int) -> tuple[Scan, LocalMap]:
+    """Returns the scan of a sensor that has turned for a turn [rad/s] and the map from before."""
+    rng = np.random.default_rng(seed)
+    world = rng.uniform(-40.0, 40.0, (200, 2))
+    before = LocalMap(CONFIG.tracker)
+    for k in range(4):
+        still = see(world, 0.0, TURN_S * k, rng)
+        before.add(still.t0, at_rest(0.0).pose, MATCHER.place(still, at_rest(0.0)))
+    azimuths = np.arctan2(world[:, 1], world[:, 0])
+    when = (-azimuths % (2.0 * np.pi)) / (2.0 * np.pi)  # roughly, in turns
+    back = -rate * TURN_S * (1.0 + when)
+    turned = np.hypot(*world.T)[:, None] * np.column_stack([np.cos(azimuths + back), np.sin(azimuths + back)])
+    return see(turned, 0.0, 4 * TURN_S, rng), before
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("rate", [-0.3, 0.24])
+def test_a_match_that_missed_a_sudden_turn_is_left_for_the_right_one(rate: float, seed: int) -> None:
+    scan, before = turn_suddenly(rate, seed)
+    missed = minimise_narrowly(scan, at_rest(0.0), before)
+    assert abs(missed.state[2] - rate * TURN_S) > 0.02  # else there is nothing to mend
+    better = MATCHER.look_beside(scan, missed, INFORMATION, before)
+    assert better is not None
+    assert better.state[2] == pytest.approx(rate * TURN_S, abs=0.005)
