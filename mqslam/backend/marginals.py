@@ -1,4 +1,4 @@
-"""Covariances of an optimised graph: of single poses, and of one pose in the frame of another."""
+"""Covariances of an optimised graph: what is known of those of its poses, and that of one pose in the frame of another."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from scipy.sparse.linalg import splu
 
 from mqslam.backend.pose_graph import PoseGraph
 from mqslam.core import se2
-from mqslam.errors import EstimationError, describe_error
+from mqslam.errors import EstimationError
 
 # numerical limits, none of which changes a result that is exact
 _BLOCKS_AT_A_TIME: Final = 16  # number of covariances that are solved together: bounds the memory of right-hand sides
@@ -51,38 +51,22 @@ class PoseCovariances:
         return [f"the covariances of the poses are not known ({self.failure}): the results and the report go without them"]
 
 
-def compute_marginals(graph: PoseGraph, values: gtsam.Values, indices: Sequence[int]) -> PoseCovariances:
-    """Computes the covariances of poses in their own frames, given all factors.
-
-    The linearised graph says J x = z with noise of covariance S, so that the covariance of x is (J^T S^-1 J)^-1. Where
-    edges know some directions to a millimetre and others not at all, that inverse is beyond the precision of numbers
-    (GTSAM's own marginals, by Cholesky's method, then end with an exception). Its products with columns E are solved from
-
-        [S    J] [y]   [ 0]
-        [J^T  0] [x] = [-E]
-
-    instead, in which nothing is squared or inverted, by a sparse LU decomposition with pivoting. The result is symmetric
-    only as far as it is exact, which is how it is checked.
-
-    Args:
-        graph: the graph.
-        values: where it is linearised.
-        indices: numbers of the poses.
-    """
-    own = np.broadcast_to(np.eye(3), (len(indices), 3, 3))
-    try:
-        covariances = _Linearised(graph, values).project([((X(k), turn),) for k, turn in zip(indices, own, strict=True)])
-    except Exception as error:  # a singular system, or one that does not fit into memory
-        return PoseCovariances.unknown(describe_error(error))
-    return PoseCovariances(np.asarray(indices, dtype=np.int64), covariances)
-
-
 def compute_relative_covariances(
     graph: PoseGraph, values: gtsam.Values, pairs: Sequence[tuple[int, int]]
 ) -> NDArray[np.float64]:
     """Computes the covariances (K, 3, 3) of poses in the frames of other poses, given all factors [m, m, rad].
 
     What both poses of a pair have in common takes no part: the covariance is that of the motion from one to the other.
+
+    The linearised graph says J x = z with noise of covariance S, so that the covariance of x is (J^T S^-1 J)^-1. Where
+    edges know some directions to a millimetre and others not at all, that inverse is beyond the precision of numbers. Its
+    products with columns E are solved from
+
+        [S    J] [y]   [ 0]
+        [J^T  0] [x] = [-E]
+
+    instead, in which nothing is squared or inverted, by a sparse LU decomposition with pivoting. The result is symmetric
+    only as far as it is exact, which is how it is checked.
 
     Args:
         graph: the graph.

@@ -5,10 +5,10 @@ import numpy as np
 import pytest
 from gtsam.symbol_shorthand import M, X
 from support.exact_marginals import find_largest_error
-from support.graphs import unequal
+from support.graphs import COVARIANCE, FLAT, TURNS, graph_of, unequal
 
 from mqslam.backend.marginal_recursion import compute_all_marginals
-from mqslam.backend.pose_graph import PoseGraph, build_pose_graph
+from mqslam.backend.pose_graph import PoseGraph, build_pose_graph, optimise
 from mqslam.config import GraphConfig
 from mqslam.core import se2
 
@@ -123,3 +123,24 @@ def test_poses_are_told_from_other_variables_of_the_graph() -> None:
     result = compute_all_marginals(graph, values)
     assert result.failure is None and len(result.covariances) == 20
     assert_alike(result.covariances, list_gtsams(graph, values))
+
+
+def test_marginals_are_covariances_that_grow_away_from_the_held_pose() -> None:
+    graph = graph_of(TURNS, se2.chain(TURNS))
+    result = compute_all_marginals(graph, optimise(graph).values)
+    assert result.failure is None
+    np.testing.assert_array_equal(result.indices, np.arange(graph.size))
+    np.testing.assert_array_equal(result.covariances, result.covariances.transpose(0, 2, 1))
+    np.testing.assert_array_less(0.0, np.linalg.eigvalsh(result.covariances))
+    np.testing.assert_allclose(
+        np.sqrt(np.diag(result.covariances[0])), [FLAT.prior_m, FLAT.prior_m, FLAT.prior_rad], rtol=1e-6
+    )
+    assert np.all(np.diff(np.linalg.det(result.covariances)) > 0.0)
+
+
+def test_the_marginal_of_the_first_edge_is_its_covariance_in_the_frame_it_ends_in() -> None:
+    graph = graph_of(TURNS[:1], se2.chain(TURNS[:1]))
+    result = compute_all_marginals(graph, optimise(graph).values).covariances[1]
+    c, s = np.cos(0.3), np.sin(0.3)
+    to_end = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
+    np.testing.assert_allclose(result, to_end @ COVARIANCE @ to_end.T, atol=2e-6)

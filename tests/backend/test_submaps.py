@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from mqslam.backend.marginals import compute_marginals
+from mqslam.backend.marginal_recursion import compute_all_marginals
 from mqslam.backend.problem import Problem
 from mqslam.backend.submaps import split_into_submaps
 from mqslam.config import GraphConfig, LoopConfig
@@ -27,9 +27,9 @@ def drive(count: int, step: np.ndarray = STEP) -> list[Measurement]:
 def sigmas(measurements: list[Measurement], scans: list[int]) -> np.ndarray:
     """Returns the standard deviations (K, 3) of poses of scans, seen from the first one."""
     graph, optimum = Problem(measurements, [], SETTINGS, LoopConfig()).optimise([])
-    result = compute_marginals(graph, optimum.values, scans)
+    result = compute_all_marginals(graph, optimum.values)
     assert result.failure is None
-    return np.sqrt(np.einsum("kii->ki", result.covariances))
+    return np.sqrt(np.einsum("kii->ki", result.covariances[scans]))
 
 
 def test_a_submap_ends_where_the_map_takes_a_keyframe() -> None:
