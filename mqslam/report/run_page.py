@@ -126,7 +126,7 @@ def _make_tiles(report: Report) -> tuple[Tile, ...]:
     torn, whole = psi.get("across_passes_odometry"), psi.get("across_passes_optimised")
     if whole is not None:
         change = format_change(torn, whole)
-        across = Tile(format_value(whole), f"ψ per point across passes, each against the others alone ({change})")
+        across = Tile(format_value(whole), f"ψ per point across passes, later against earlier ones alone ({change})")
         quality = [across, *quality]
     if report.stood_still:
         quality = [Tile(NOT_JUDGED, "ψ and matched points: the radar stood still, so the map holds one scan only")]
