@@ -41,8 +41,8 @@ def measure_doppler(scans: Scans, sensor: SensorConfig, tracker: TrackerConfig, 
     without = measure_all(0.0)
 
     def compare(beta: float) -> float:
-        """Returns psi over that without a shift: the median over the stretches, as a track may go wrong on one of them."""
-        return float(np.median(measure_all(beta) / without)) if beta else 1.0
+        """Returns psi over that without a shift, in the median stretch: on some a track may go wrong, so most must agree."""
+        return float(np.quantile(measure_all(beta) / without, 0.5, method="higher")) if beta else 1.0
 
     grid: NDArray[np.float64] = sensor.doppler_step * np.arange(-sensor.doppler_steps, sensor.doppler_steps + 1.0)
     beta = _find_vertex(grid, np.array([compare(beta) for beta in grid]))
