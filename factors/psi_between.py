@@ -1,4 +1,4 @@
-"""The between-factor of a front end's measurement: psi's, or that of the front end standing in for it."""
+"""The between-factor of a pose that psi has measured, in its front end or in the refinement, or another front end."""
 
 from __future__ import annotations
 

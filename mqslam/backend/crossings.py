@@ -13,17 +13,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from mqslam.backend.loops.align import ANY_TIME
+from mqslam.backend.loops.align import as_references, score_among
 from mqslam.backend.loops.submap import Drive, pick_spaced
 from mqslam.config import EstimatorConfig, RefinementConfig
 from mqslam.core.scans import Returns
 from mqslam.execution.engine import Engine
 from mqslam.mapping.render import place_along
-from mqslam.psi.minimiser import References, final_scale, score
-from mqslam.psi.neighbours import find_candidates, sort_into_cells
+from mqslam.psi.minimiser import References
 from mqslam.psi.place import Beam, PointSet
-
-_CELL_M = 1.0  # side of the cells that points are sorted into to find neighbours: a matter of speed only
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,8 +82,7 @@ def measure_psi_across(
 
 def render_earlier(drive: Drive, crossing: Crossing, beam: Beam) -> References:
     """Renders the returns of a crossing's earlier passes in the world frame."""
-    points = render_scans(drive, crossing.earlier, beam)
-    return References(points, sort_into_cells(points.points, _CELL_M))
+    return as_references(render_scans(drive, crossing.earlier, beam))
 
 
 def render_scans(drive: Drive, scans: Sequence[int] | NDArray[np.int64], beam: Beam) -> PointSet:
@@ -100,6 +96,4 @@ def _score_crossing(shared: tuple[Drive, EstimatorConfig, Beam], crossing: Cross
     drive, estimator, beam = shared
     earlier = render_earlier(drive, crossing, beam)
     later = render_scans(drive, crossing.later, beam)
-    scale = final_scale(estimator)
-    lists = find_candidates(earlier.grid, later.points, scale.s)
-    return score(later, earlier.points, lists, scale, ANY_TIME, estimator).psi, len(later)
+    return score_among(earlier, later, estimator).psi, len(later)

@@ -24,12 +24,11 @@ import numpy as np
 from gtsam.symbol_shorthand import X
 from numpy.typing import NDArray
 
-from mqslam.backend.marginals import PoseCovariances
+from mqslam.backend.marginals import TOO_UNEQUAL, UNDETERMINED, PoseCovariances
 from mqslam.backend.pose_graph import PoseGraph
 from mqslam.errors import EstimationError, describe_error
 
 _Array = NDArray[np.float64]
-_UNDETERMINED: Final = "the graph leaves a direction undetermined"
 # numerical tolerances, which change no result that is exact
 _LAST_DIGITS: Final = 8.0 * float(np.finfo(np.float64).eps)  # relative change of numbers that shows their rounding errors
 _DISAGREEMENT: Final = 1e-4  # largest difference between two computations, per product of standard deviations
@@ -93,10 +92,10 @@ def compute_all_marginals(graph: PoseGraph, values: gtsam.Values) -> PoseCovaria
         return PoseCovariances.unknown(describe_error(error))
     sigmas = np.sqrt(np.einsum("kii->ki", marginals))
     if not np.isfinite(marginals).all() or not np.all(sigmas > 0.0):
-        return PoseCovariances.unknown(_UNDETERMINED)
+        return PoseCovariances.unknown(UNDETERMINED)
     apart = np.abs(marginals - again) / (sigmas[:, :, None] * sigmas[:, None, :])
     if not apart.max(initial=0.0) <= _DISAGREEMENT:  # nor where one of them is not finite
-        return PoseCovariances.unknown("floating-point precision does not suffice for edges this unequal")
+        return PoseCovariances.unknown(TOO_UNEQUAL)
     return PoseCovariances(np.arange(graph.size), marginals)
 
 
@@ -115,7 +114,7 @@ def _solve(
         noise: changes the last digits of all numbers; None leaves them as they are.
     """
     if not set(linear.keyVector()) >= set(poses):
-        raise EstimationError(_UNDETERMINED)
+        raise EstimationError(UNDETERMINED)
     order = gtsam.Ordering.ColamdConstrainedLastGaussianFactorGraph(linear, [poses[0]])
     keys = [order.at(k) for k in range(order.size())]
     numbers = {key: number for number, key in enumerate(keys)}
@@ -162,7 +161,7 @@ class _Recursion:
             triangle = self._triangulate(entries)
             own, others, rest = triangle[:width, :width], triangle[:width, width:], triangle[width:, width:]
             if len(own) < width or not own.diagonal().all():
-                raise EstimationError(_UNDETERMINED)
+                raise EstimationError(UNDETERMINED)
             conditionals.append(_Conditional(tied[1:], own, others))
             if len(tied) > 1:  # even without rows, since the next variable has to be known together with the others
                 waiting[tied[1]].append(_Rows(tied[1:], rest))

@@ -21,7 +21,9 @@ from mqslam.errors import EstimationError
 _BLOCKS_AT_A_TIME: Final = 16  # number of covariances that are solved together: bounds the memory of right-hand sides
 _ASYMMETRY: Final = 1e-6  # largest difference between a covariance and its transpose, per product of standard deviations
 
-_UNDETERMINED: Final = "the graph leaves a direction undetermined"
+# why covariances are not known
+UNDETERMINED: Final = "the graph leaves a direction undetermined"
+TOO_UNEQUAL: Final = "floating-point precision does not suffice for edges this unequal"
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,10 +99,8 @@ def _differentiate_motion(a: int, b: int, motion: se2.Array) -> _Derivative:
 
     GTSAM states the change of a pose in that pose's own frame.
     """
-    c, s = np.cos(motion[2]), np.sin(motion[2])
-    turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
-    lever = np.array([[1.0, 0.0, -motion[1]], [0.0, 1.0, motion[0]], [0.0, 0.0, 1.0]])
-    return (a, -lever), (b, turn)
+    x, y, yaw = motion
+    return (a, -se2.adjoint([-x, -y, 0.0])), (b, se2.adjoint([0.0, 0.0, yaw]))
 
 
 def _pose_at(values: gtsam.Values, k: int) -> se2.Array:
@@ -132,7 +132,7 @@ class _Linearised:
         try:
             self._factorised: Any = splu(self._system)
         except RuntimeError as error:  # SciPy's own message speaks of matrices, not of the graph
-            raise EstimationError(_UNDETERMINED) from error
+            raise EstimationError(UNDETERMINED) from error
 
     def project(self, derivatives: Sequence[_Derivative]) -> NDArray[np.float64]:
         """Returns the covariances (K, 3, 3) of K functions of the variables, given their derivatives.
@@ -158,7 +158,7 @@ class _Linearised:
     def _place(self, key: int) -> slice:
         """Returns where the system has the three numbers of a pose."""
         if key not in self._columns:
-            raise EstimationError(_UNDETERMINED)
+            raise EstimationError(UNDETERMINED)
         return slice(self._rows + self._columns[key], self._rows + self._columns[key] + 3)
 
 
@@ -188,9 +188,9 @@ def _check(covariances: NDArray[np.float64]) -> NDArray[np.float64]:
     """
     sigmas = np.sqrt(np.maximum(np.einsum("kii->ki", covariances), 0.0))
     if not np.isfinite(covariances).all() or not np.all(sigmas > 0.0):
-        raise EstimationError(_UNDETERMINED)
+        raise EstimationError(UNDETERMINED)
     correlations = covariances / (sigmas[:, :, None] * sigmas[:, None, :])
     uneven = np.abs(correlations - correlations.transpose(0, 2, 1)).max(initial=0.0)
     if uneven > _ASYMMETRY or np.linalg.eigvalsh(correlations).min(initial=0.0) < -_ASYMMETRY:
-        raise EstimationError("floating-point precision does not suffice for edges this unequal")
+        raise EstimationError(TOO_UNEQUAL)
     return np.asarray(0.5 * (covariances + covariances.transpose(0, 2, 1)))

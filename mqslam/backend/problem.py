@@ -15,7 +15,6 @@ from mqslam.core.measurement import Loop, Measurement
 from mqslam.factors.loop_between import loop_between
 from mqslam.factors.odometry_between import odometry_between
 from mqslam.factors.psi_between import psi_between
-from mqslam.factors.refinement_between import refinement_between
 
 
 @dataclass(frozen=True)
@@ -37,8 +36,8 @@ class Problem:
     def build_graph(self, loops: Sequence[Loop], ties: Sequence[Loop] = ()) -> PoseGraph:
         """Returns the graph with the given loops and ties of the refinement; it starts from the chained measurements."""
         settings, submaps = self.graph_settings, split_into_submaps(self.measurements, self.graph_settings)
-        factors = [psi_between(M(p.submap), X(p.scan), p.pose, p.covariance, settings) for p in submaps.placements]
-        factors += [psi_between(M(t.submap - 1), M(t.submap), t.pose, t.covariance, settings) for t in submaps.ties]
+        factors = [psi_between(M(p.submap), X(p.number), p.pose, p.covariance, settings) for p in submaps.placements]
+        factors += [psi_between(M(t.submap), M(t.number), t.pose, t.covariance, settings) for t in submaps.ties]
         factors += [
             psi_between(X(k), X(k + 1), m.pose, m.covariance, settings)
             for k, m in enumerate(self.measurements)
@@ -46,7 +45,7 @@ class Problem:
         ]
         factors += [odometry_between(X(k), X(k + 1), m, settings) for k, m in enumerate(self.odometry)]
         factors += [loop_between(X(loop.earlier), X(loop.later), loop, self.loop_settings) for loop in loops]
-        factors += [refinement_between(X(tie.earlier), X(tie.later), tie, settings) for tie in ties]
+        factors += [psi_between(X(tie.earlier), X(tie.later), tie.pose, tie.covariance, settings) for tie in ties]
         chain = se2.chain(m.pose for m in self.measurements)
         return build_pose_graph(chain, factors, settings, chain[submaps.first_scans])
 

@@ -21,25 +21,22 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from mqslam.backend.crossings import Crossing, find_crossings, measure_psi_across, render_earlier, render_scans
-from mqslam.backend.loops.align import ANY_TIME, move_rigidly
+from mqslam.backend.loops.align import ANY_TIME, TOLERANCES, move_rigidly, observes_all
 from mqslam.backend.loops.submap import Drive
 from mqslam.backend.problem import Problem
-from mqslam.config import Config, EstimatorConfig
+from mqslam.config import Config
 from mqslam.core import se2
 from mqslam.core.measurement import Loop, Refined
 from mqslam.core.scans import Scans
 from mqslam.core.trajectory import Trajectory
 from mqslam.execution.runner import Runner
 from mqslam.psi.covariance import estimate_covariance
-from mqslam.psi.minimiser import Prior, References, annealed_scale, minimise, score
-from mqslam.psi.neighbours import find_candidates
-from mqslam.psi.observability import find_weak_directions
+from mqslam.psi.minimiser import Prior, References, minimise
 from mqslam.psi.place import Beam, PointSet
 
 EVERY_SCAN_M: Final = 1e-3
 """Path between the scans that are measured [m]: every scan is, but those of a radar that stands still."""
 _FIRST_STEP: Final = 2  # step of the annealing to begin with: loops have brought the passes nearer than its first widths
-_TOLERANCES: Final = np.array([1e-3, 1e-3, 2e-5])  # numerical: a smaller step [m, m, rad] ends the minimiser
 _SHARED: Final = 2.0  # factor on a scan's covariance, for the errors of the earlier pass's returns: as large as its own
 
 _log = logging.getLogger(__name__)
@@ -167,19 +164,19 @@ def _measure_scan(setting: _Setting, references: References, anchor: int, later:
         return move_rigidly(scan, pose)
 
     free = Prior(guess, np.zeros((3, 3)))
-    minimum = minimise(guess, place, references, free, estimator, ANY_TIME, _TOLERANCES, _FIRST_STEP)
+    minimum = minimise(guess, place, references, free, estimator, ANY_TIME, TOLERANCES, _FIRST_STEP)
     moved, matched = se2.between(guess, minimum.state), float(minimum.evaluation.matched.mean())
     is_near = np.hypot(moved[0], moved[1]) <= config.refinement.aside_m
     if not (minimum.converged and is_near and matched >= config.loops.matched):
         return None
     points = place(minimum.state)
-    if not _observes_all(references, points, estimator):
+    if not observes_all(references, points, estimator):
         return None
     covariance = _SHARED * estimate_covariance(minimum.evaluation, points.points, estimator.cluster_m)
     in_anchor = se2.rotate_covariance(covariance, -drive.poses[anchor, 2])
     pose = se2.between(drive.poses[anchor], minimum.state)
     # the scans of the earlier pass are held together, but the one that stands for them errs among them
-    lever = np.array([[1.0, 0.0, -pose[1]], [0.0, 1.0, pose[0]], [0.0, 0.0, 1.0]])
+    lever = se2.adjoint([-pose[0], -pose[1], 0.0])
     return Loop(
         anchor,
         later,
@@ -188,14 +185,6 @@ def _measure_scan(setting: _Setting, references: References, anchor: int, later:
         matched,
         minimum.evaluation.psi / len(scan),
     )
-
-
-def _observes_all(references: References, points: PointSet, estimator: EstimatorConfig) -> bool:
-    """Returns whether the references hold every direction in which points could move."""
-    scale = annealed_scale(estimator, 0)
-    lists = find_candidates(references.grid, points.points, scale.s)
-    wide = score(points, references.points, lists, scale, ANY_TIME, estimator)
-    return len(find_weak_directions(wide, 3, estimator.observed_share)) == 0
 
 
 def _find_own_covariances(problem: Problem) -> NDArray[np.float64]:

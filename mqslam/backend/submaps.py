@@ -24,32 +24,17 @@ _LEAST = np.diag([1e-8, 1e-8, 1e-12])  # numerical: keeps the covariance of an e
 
 @dataclass(frozen=True, slots=True)
 class Placement:
-    """A scan measured in its submap.
+    """The pose of a scan, or of the next submap, in a submap.
 
     Args:
         submap: number of the submap.
-        scan: number of the scan.
-        pose: (3,) of the scan in the submap's frame [m, m, rad].
+        number: of the scan or of the next submap.
+        pose: (3,) in the submap's frame [m, m, rad].
         covariance: (3, 3) of it, in the submap's frame.
     """
 
     submap: int
-    scan: int
-    pose: se2.Array
-    covariance: NDArray[np.float64]
-
-
-@dataclass(frozen=True, slots=True)
-class Tie:
-    """A submap in the frame of the one before it.
-
-    Args:
-        submap: number of the later submap.
-        pose: (3,) of its frame in the earlier one's [m, m, rad].
-        covariance: (3, 3) of it, in the earlier one's frame.
-    """
-
-    submap: int
+    number: int
     pose: se2.Array
     covariance: NDArray[np.float64]
 
@@ -61,12 +46,12 @@ class Submaps:
     Args:
         first_scans: (J,) scan at whose start each submap has its frame.
         placements: of all scans that were measured in a map.
-        ties: between submaps that the same running map has led to.
+        ties: of submaps in the ones before them, where the same running map has led to both.
     """
 
     first_scans: NDArray[np.int64]
     placements: Sequence[Placement]
-    ties: Sequence[Tie]
+    ties: Sequence[Placement]
 
 
 def split_into_submaps(measurements: Sequence[Measurement], settings: GraphConfig) -> Submaps:
@@ -81,7 +66,7 @@ def split_into_submaps(measurements: Sequence[Measurement], settings: GraphConfi
     errors = _estimate_errors(measurements)
     first_scans: list[int] = []
     placements: list[Placement] = []
-    ties: list[Tie] = []
+    ties: list[Placement] = []
     within = np.zeros(3)  # pose of the scan in the last submap
     for k, covariance in enumerate(errors):
         if covariance is None:
@@ -91,7 +76,8 @@ def split_into_submaps(measurements: Sequence[Measurement], settings: GraphConfi
             within = se2.compose(within, motion.pose)
         if motion is None or np.hypot(within[0], within[1]) >= settings.submap_m:
             if motion is not None:
-                ties.append(Tie(len(first_scans), within, se2.rotate_covariance(covariance, within[2])))
+                placed = se2.rotate_covariance(covariance, within[2])
+                ties.append(Placement(len(first_scans) - 1, len(first_scans), within, placed))
             first_scans.append(k)
             within = np.zeros(3)
         placed = se2.rotate_covariance(covariance, within[2])

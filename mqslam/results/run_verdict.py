@@ -10,13 +10,13 @@ import numpy as np
 
 from mqslam.auditing.findings import judge_windows
 from mqslam.auditing.verdict import Finding, Share, VerdictStatus, verdict_of
+from mqslam.config import VerdictConfig
 from mqslam.core.measurement import Measurement, Status
 from mqslam.core.recording import Recording
 from mqslam.detection.stage import warn_of_unread
 from mqslam.mapping.render import select_moving
 from mqslam.solution import Run
 
-ACROSS_PASSES: Final = "psi per point across passes"
 _LISTED: Final = 5  # gaps that are named one by one, so that the warnings stay readable
 
 
@@ -27,11 +27,10 @@ def judge_run(run: Run) -> tuple[VerdictStatus, list[str]]:
     """
     settings, scans = run.config.verdict, len(run.optimised)
     windows = judge_windows(run.checks, scans, run.config.audit.window, settings)
-    others = [*_judge_track(run), *_judge_optimisation(run)]
+    others = [*_judge_track(run), *_judge_whole_map(run)]
     if not run.checks:
         others = [replace(f, status=VerdictStatus.NOT_JUDGED) if f.status is VerdictStatus.WARN else f for f in others]
-    passes = [finding for finding in others if finding.reason.startswith(ACROSS_PASSES)]  # these see a torn map: they lead
-    return verdict_of([*passes, *windows, *(finding for finding in others if finding not in passes)])
+    return verdict_of([*_judge_passes(run), *windows, *others])  # psi across passes sees a torn map: it leads
 
 
 def list_warnings(run: Run, recording: Recording) -> list[str]:
@@ -90,28 +89,48 @@ def _judge_track(run: Run) -> list[Finding]:
     return findings
 
 
-def _judge_optimisation(run: Run) -> list[Finding]:
-    """Returns what optimisation made of the map; nothing where it had nothing to do or psi cannot tell.
+def _judge_passes(run: Run) -> list[Finding]:
+    """Returns what optimisation made of psi across passes; nothing where psi cannot tell."""
+    if not _can_compare(run):
+        return []
+    return _compare_psi("psi per point across passes", run.refined.psi_before, run.refined.psi_across, run.config.verdict)
 
-    A radar that stood still leaves a map of one scan: none of its points is matched, and its psi is nothing but the charges.
-    """
+
+def _judge_whole_map(run: Run) -> list[Finding]:
+    """Returns what optimisation made of the whole map; nothing where psi cannot tell."""
     if run.unoptimised is not None:
         reason = f"the pose graph could not be optimised: the trajectory is {run.frontend}'s motions, chained"
         return [Finding(VerdictStatus.FAIL, reason)]
-    if not (run.odometry_factors or run.loops) or not run.checks or not run.map_optimised.matched.any():
+    if not _can_compare(run):
         return []
-    pairs = {
-        ACROSS_PASSES: (run.refined.psi_before, run.refined.psi_across),
-        "psi per point": (run.map_odometry.psi_per_point, run.map_optimised.psi_per_point),
-    }
-    findings = []
-    for what, (before, after) in pairs.items():
-        if before is None or after is None or before <= 0.0:
-            continue
-        ratio = after / before
-        worse = VerdictStatus.FAIL if ratio > run.config.verdict.worse else VerdictStatus.PASS
-        findings.append(Finding(worse, f"{what} is {ratio:.2f} times that of the map before optimisation"))
-    return findings
+    before, after = run.map_odometry.psi_per_point, run.map_optimised.psi_per_point
+    return _compare_psi("psi per point", before, after, run.config.verdict)
+
+
+def _can_compare(run: Run) -> bool:
+    """Returns whether optimisation had something to do, and psi can tell what it made of the map.
+
+    A radar that stood still leaves a map of one scan: none of its points is matched, and its psi is nothing but the charges.
+    """
+    if run.unoptimised is not None or not (run.odometry_factors or run.loops):
+        return False
+    return bool(run.checks) and bool(run.map_optimised.matched.any())
+
+
+def _compare_psi(what: str, before: float | None, after: float | None, settings: VerdictConfig) -> list[Finding]:
+    """Returns whether psi became larger by optimisation; nothing where it is not known or was zero.
+
+    Args:
+        what: names the psi that is compared.
+        before: psi per point before optimisation, or None.
+        after: psi per point after it, or None.
+        settings: of the verdict.
+    """
+    if before is None or after is None or before <= 0.0:
+        return []
+    ratio = after / before
+    status = VerdictStatus.FAIL if ratio > settings.worse else VerdictStatus.PASS
+    return [Finding(status, f"{what} is {ratio:.2f} times that of the map before optimisation")]
 
 
 def _count_status(measurements: Sequence[Measurement], status: Status) -> Share:

@@ -36,7 +36,8 @@ def test_a_submap_ends_where_the_map_takes_a_keyframe() -> None:
     submaps = split_into_submaps(drive(9), SETTINGS)
     np.testing.assert_array_equal(submaps.first_scans, [0, 2, 4, 6, 8])
     assert [p.submap for p in submaps.placements] == [0, 0, 1, 1, 2, 2, 3, 3, 4, 4]
-    assert [t.submap for t in submaps.ties] == [1, 2, 3, 4]
+    assert [p.number for p in submaps.placements] == list(range(10))
+    assert [(t.submap, t.number) for t in submaps.ties] == [(0, 1), (1, 2), (2, 3), (3, 4)]
 
 
 def test_placements_and_ties_lead_along_the_measured_motions() -> None:
@@ -76,6 +77,6 @@ def test_a_lost_motion_ends_a_map_and_brings_its_own_error() -> None:
     motions = drive(20)
     motions[10] = replace(motions[10], on_map=False, covariance=np.diag([4.0, 4.0, 0.01]))
     submaps = split_into_submaps(motions, SETTINGS)
-    assert [t.submap for t in submaps.ties if submaps.first_scans[t.submap] == 11] == []
+    assert [t.number for t in submaps.ties if submaps.first_scans[t.number] == 11] == []
     before, after = sigmas(motions, [10, 11])
     assert before[2] < 0.01 and after[2] == pytest.approx(0.1, rel=0.01)

@@ -16,15 +16,16 @@ from mqslam.config import EstimatorConfig, PassConfig
 from mqslam.core import se2
 from mqslam.psi.correlate import find_correlation_peaks
 from mqslam.psi.covariance import estimate_covariance
-from mqslam.psi.estimator import Evaluation
+from mqslam.psi.estimator import Evaluation, Scale
 from mqslam.psi.minimiser import Prior, References, annealed_scale, final_scale, minimise, score
-from mqslam.psi.neighbours import CellGrid, find_candidates, sort_into_cells
+from mqslam.psi.neighbours import find_candidates, sort_into_cells
 from mqslam.psi.observability import find_weak_directions
 from mqslam.psi.place import PointSet, rotate_covariances
 
 ANY_TIME: Final = 0.0
 """Turns between neighbours that psi requires: by definition none, as submaps are compared whatever their times."""
-_TOLERANCES: Final = np.array([1e-3, 1e-3, 2e-5])  # numerical: a smaller step [m, m, rad] ends the minimiser
+TOLERANCES: Final = np.array([1e-3, 1e-3, 2e-5])
+"""A step [m, m, rad] smaller than this ends the minimiser: a numerical tolerance."""
 _CELL_M: Final = 1.0  # side of the cells that points are sorted into to find neighbours: a matter of speed only
 
 
@@ -68,7 +69,7 @@ def align(
         config: settings of the score.
     """
     reach_m, reach_rad = reach
-    grid = sort_into_cells(reference.points, _CELL_M)
+    references = as_references(reference)
     free = Prior(guess, np.zeros((3, 3)))
     minima = []
     peaks = find_correlation_peaks(reference.points, query.points, guess, reach_m, reach_rad, config)
@@ -76,11 +77,11 @@ def align(
         minimum = minimise(
             start,
             lambda pose: move_rigidly(query, pose),
-            References(reference, grid),
+            references,
             free,
             config,
             ANY_TIME,
-            _TOLERANCES,
+            TOLERANCES,
         )
         off = se2.between(guess, minimum.state)
         if np.hypot(off[0], off[1]) <= reach_m + settings.beyond_m and abs(off[2]) <= reach_rad + settings.beyond_rad:
@@ -91,21 +92,35 @@ def align(
     best = minima[0]
     rivals = [m for m in minima[1:] if np.hypot(*(m.state - best.state)[:2]) > config.search_same_m]
     points = move_rigidly(query, best.state)
-    wide = _score(reference, grid, points, config, wide=True)
     return Alignment(
         pose=best.state,
         covariance=estimate_covariance(best.evaluation, points.points, config.cluster_m),
         matched=float(best.evaluation.matched.mean()),
         psi=best.evaluation.psi / len(query),
         rival=rivals[0].evaluation.psi / len(query) if rivals else np.inf,
-        observed=len(find_weak_directions(wide, 3, config.observed_share)) == 0,
+        observed=observes_all(references, points, config),
     )
 
 
 def score_at_pose(reference: PointSet, query: PointSet, pose: se2.Array, config: EstimatorConfig) -> float:
     """Returns psi per point of the query laid into the reference at a pose (3,)."""
-    grid = sort_into_cells(reference.points, _CELL_M)
-    return _score(reference, grid, move_rigidly(query, pose), config, wide=False).psi / len(query)
+    return score_among(as_references(reference), move_rigidly(query, pose), config).psi / len(query)
+
+
+def as_references(points: PointSet) -> References:
+    """Returns points as references that others are compared with."""
+    return References(points, sort_into_cells(points.points, _CELL_M))
+
+
+def score_among(references: References, points: PointSet, config: EstimatorConfig) -> Evaluation:
+    """Returns the score of points among references whatever their times, at the annealing's last widths."""
+    return _score(references, points, final_scale(config), config)
+
+
+def observes_all(references: References, points: PointSet, config: EstimatorConfig) -> bool:
+    """Returns whether references hold every direction in which points can move, at the annealing's first widths."""
+    wide = _score(references, points, annealed_scale(config, 0), config)
+    return len(find_weak_directions(wide, 3, config.observed_share)) == 0
 
 
 def move_rigidly(points: PointSet, pose: se2.Array) -> PointSet:
@@ -120,8 +135,7 @@ def move_rigidly(points: PointSet, pose: se2.Array) -> PointSet:
     return PointSet(np.column_stack([pose[0] + dx, pose[1] + dy]), jacobians, covariances, points.times)
 
 
-def _score(reference: PointSet, grid: CellGrid, points: PointSet, config: EstimatorConfig, *, wide: bool) -> Evaluation:
-    """Returns the score of points in the reference, at the annealing's first widths or at its last."""
-    scale = annealed_scale(config, 0) if wide else final_scale(config)
-    lists = find_candidates(grid, points.points, scale.s)
-    return score(points, reference, lists, scale, ANY_TIME, config)
+def _score(references: References, points: PointSet, scale: Scale, config: EstimatorConfig) -> Evaluation:
+    """Returns the score of points among references whatever their times."""
+    lists = find_candidates(references.grid, points.points, scale.s)
+    return score(points, references.points, lists, scale, ANY_TIME, config)

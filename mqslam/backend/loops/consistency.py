@@ -88,14 +88,13 @@ def _ends(one: Loop, other: Loop) -> tuple[tuple[int, int], tuple[int, int]]:
 def _compose(a: Relative, b: Relative) -> Relative:
     """Returns motion b, in the frame in which motion a ends, as seen from where a begins."""
     motion = se2.compose(a.motion, b.motion)
-    lever = np.eye(3)
-    lever[:2, 2] = -(motion[1] - a.motion[1]), motion[0] - a.motion[0]
+    x, y, _ = a.motion - motion
+    lever = se2.adjoint([x, y, 0.0])
     return Relative(motion, lever @ a.covariance @ lever.T + se2.rotate_covariance(b.covariance, a.motion[2]))
 
 
 def _invert(a: Relative) -> Relative:
     """Returns the motion that undoes motion a."""
     motion = se2.inverse(a.motion)
-    lever = np.eye(3)
-    lever[:2, 2] = a.motion[1], -a.motion[0]
+    lever = se2.adjoint([a.motion[0], a.motion[1], 0.0])
     return Relative(motion, se2.rotate_covariance(lever @ a.covariance @ lever.T, motion[2]))
