@@ -2,26 +2,31 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
+from itertools import takewhile
+from threading import Event
 
 import numpy as np
 from numpy.typing import NDArray
 
+from mqslam.config import TrackerConfig
 from mqslam.core import se2
 from mqslam.core.frontend import Context
 from mqslam.core.measurement import Measurement, Status
 from mqslam.core.scans import Scan
+from mqslam.psi.both_ways import join, reverse_settings, reverse_time
 from mqslam.psi.place import beam_of
 from mqslam.psi.tracking.state import State
-from mqslam.psi.tracking.track import Followed, follow_scans
+from mqslam.psi.tracking.track import Followed, OdometryTwist, follow_scans
 from mqslam.psi.tracking.tracked import Tracked
 from mqslam.psi.tracking.tracker import Tracker
 from mqslam.psi.unsteadiness import Unsteadiness
 
 
 class PsiFrontEnd:
-    """Odometry by psi over a running map.
+    """Odometry by psi over a running map, tracked in both directions of time.
 
     Another odometry serves where psi finds nothing, and never as information.
     """
@@ -35,12 +40,43 @@ class PsiFrontEnd:
         Raises:
             EstimationError: there are fewer than two scans, or hardly any returns in all of them.
         """
-        context, config = self._context, self._context.config
-        beam = beam_of(config.estimator, context.doppler_beta)
-        tracker = Tracker(config.tracker, config.estimator, beam, context.revolution_s)
-        unsteadiness = Unsteadiness(config.tracker, context.revolution_s)
+        scans = list(scans)
+        forward, stopped = [], Event()
+        with ThreadPoolExecutor(1) as beside:  # most of a match is compiled code, which lets the other direction go on
+            back = beside.submit(lambda: list(takewhile(lambda _: not stopped.is_set(), self._track_backward(scans))))
+            try:
+                for motion in self._track_forward(scans):
+                    forward.append(motion)
+                    self._context.preview(motion)
+            except BaseException:
+                stopped.set()
+                raise
+        yield from join(scans, forward, back.result())
+
+    def _track_forward(self, scans: Sequence[Scan]) -> Iterator[Measurement]:
+        context = self._context
+        return self._track(scans, context.config.tracker, context.doppler_beta, context.odometry_twist)
+
+    def _track_backward(self, scans: Sequence[Scan]) -> Iterator[Measurement]:
+        """Yields the motions between the scans as `reverse_time` gives them."""
+        context, end = self._context, scans[-1].t1
+
+        def twist_back(t0: float, t1: float) -> se2.Array | None:
+            twist = context.odometry_twist(end - t1, end - t0)
+            return None if twist is None else -twist
+
+        settings = reverse_settings(context.config.tracker)
+        return self._track(reverse_time(scans), settings, -context.doppler_beta, twist_back)
+
+    def _track(
+        self, scans: Sequence[Scan], settings: TrackerConfig, doppler_beta: float, odometry: OdometryTwist
+    ) -> Iterator[Measurement]:
+        """Yields the motions of a track in one direction of time."""
+        estimator, revolution_s = self._context.config.estimator, self._context.revolution_s
+        tracker = Tracker(settings, estimator, beam_of(estimator, doppler_beta), revolution_s)
+        unsteadiness = Unsteadiness(settings, revolution_s)
         young: list[Measurement] = []  # motions on a new map: later ones show what the motion model leaves out
-        for motions, is_young in _steps(follow_scans(list(scans), tracker, context.odometry_twist)):
+        for motions, is_young in _steps(follow_scans(scans, tracker, odometry)):
             for motion in motions:
                 if motion.status is not Status.LOST:
                     unsteadiness.add(motion)

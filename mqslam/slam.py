@@ -26,7 +26,7 @@ from mqslam.detection.stage import detect_all
 from mqslam.errors import EstimationError, FewReturnsError
 from mqslam.execution.kept import LOOPS, MEASURED, REFINED
 from mqslam.execution.runner import Runner
-from mqslam.mapping.live import show_motions
+from mqslam.mapping.live import LiveMap
 from mqslam.mapping.render import render
 from mqslam.psi.doppler import choose_doppler_beta
 from mqslam.psi.place import Beam, beam_of
@@ -146,11 +146,15 @@ class Slam:
     def _measure(self, scans: Scans, context: Context, beam: Beam) -> list[Measurement]:
         """Returns the front end's measurements, or those that an earlier run has kept, and shows them as they come."""
         runner, kept = self._runner, self._runner.find(MEASURED)
-        if kept is not None:
-            return list(show_motions(scans, kept.measurements, beam, runner))
-        motions = show_motions(scans, measure_motions(self._name, context, scans), beam, runner)
-        measurements = list(runner.follow("windows", motions, len(scans), before=1))
-        runner.keep(MEASURED, Measured(measurements, context.doppler_beta))
+        live = LiveMap(scans, beam, runner)
+        motions = kept.measurements if kept else measure_motions(self._name, replace(context, preview=live.show), scans)
+        measurements = []
+        for motion in motions:
+            measurements.append(motion)
+            if live.count < len(measurements):
+                live.show(motion)
+        if not kept:
+            runner.keep(MEASURED, Measured(measurements, context.doppler_beta))
         return measurements
 
     def _render(self, what: str, scans: Scans, track: Trajectory, beam: Beam) -> PointMap:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from importlib.metadata import EntryPoint, entry_points
@@ -22,6 +22,10 @@ _log = logging.getLogger(__name__)
 _NEGATIVE = 1e-6  # variance below zero that rounding explains, per sum of the variances
 
 
+def ignore_motion(motion: Measurement) -> None:
+    """Shows nothing."""
+
+
 @dataclass(frozen=True, slots=True)
 class Context:
     """What a front end may know besides the returns.
@@ -32,6 +36,8 @@ class Context:
         start_us: stamp [us] of the recording's time zero.
         odometry: dead-reckoned poses of another source, or None.
         doppler_beta: range shift per closing speed [s], as the settings name it or as it was measured.
+        preview: takes each motion, in order, as soon as a front end has a first estimate of it, to show it. A front end that
+            yields its motions as it measures them need not call it.
     """
 
     config: Config
@@ -39,6 +45,7 @@ class Context:
     start_us: int
     odometry: Trajectory | None
     doppler_beta: float = 0.0
+    preview: Callable[[Measurement], None] = ignore_motion
 
     def odometry_twist(self, t0: float, t1: float) -> se2.Array | None:
         """Returns the mean twist (3,) of the odometry between two times [s], or None where there is none."""

@@ -35,6 +35,9 @@ class Measurement:
         matched: share of them that found a neighbour in the map; NaN where the front end does not say.
         on_map: whether both scans were matched to one map, so that errors of successive motions cancel instead of adding
             up.
+        directions: number of directions of time in which the motion was tracked, of which it is the mean: 1, or 2 for a map
+            of what lies before and one of what lies after. The covariance is that of the mean, but what makes one map drift
+            makes the other drift too.
     """
 
     t0: float
@@ -47,6 +50,7 @@ class Measurement:
     points: int = 0
     matched: float = float("nan")
     on_map: bool = False
+    directions: int = 1
 
 
 @dataclass(frozen=True, slots=True)

@@ -129,6 +129,13 @@ def rotate_covariance(covariance: Array, yaw: float) -> Array:
     return np.asarray(0.5 * (outside + outside.T))
 
 
+def covariance_of_inverse(pose: ArrayLike, covariance: Array) -> Array:
+    """Returns the covariance (3, 3) of a pose's inverse, given that of the pose, each in the frame its pose is given in."""
+    x, y, yaw = np.asarray(pose, dtype=np.float64)
+    lever = adjoint([x, y, 0.0])
+    return rotate_covariance(lever @ covariance @ lever.T, -yaw)
+
+
 def interpolate(times: ArrayLike, poses: ArrayLike, at: ArrayLike) -> Array:
     """Returns poses (M, 3) at times `at` (M,) on the constant-twist arcs through poses (N, 3) at increasing times (N,).
 

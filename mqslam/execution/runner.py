@@ -85,16 +85,15 @@ class Runner:
             self.keep(kept, result)
         return result
 
-    def follow(self, stage: str, items: Iterable[T], total: int, before: int = 0) -> Iterator[T]:
+    def follow(self, stage: str, items: Iterable[T], total: int) -> Iterator[T]:
         """Yields the items that a stage makes one after the other, and reports each as progress.
 
         Args:
             stage: name of the stage.
             items: the items it makes.
             total: number of steps of the whole stage.
-            before: number of steps that are done before the first item.
         """
-        for number, item in enumerate(items, before + 1):
+        for number, item in enumerate(items, 1):
             self.progress(stage, number, total)
             yield item
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
-
 import numpy as np
 
 from mqslam.core import se2
@@ -14,25 +12,32 @@ from mqslam.mapping.render import place_along
 from mqslam.psi.place import Beam
 
 
-def show_motions(scans: Scans, motions: Iterable[Measurement], beam: Beam, runner: Runner) -> Iterator[Measurement]:
-    """Yields the motions as they are measured, and shows the scan that each begins with to the runner's watch.
+class LiveMap:
+    """Reports each motion as progress, and shows the scan that it begins with to the runner's watch.
 
     A watch that fails is not called again: the run goes on without it, and a warning says so.
 
     Args:
         scans: scans of the recording.
-        motions: motions between successive scans.
         beam: the sensor model.
         runner: holds the watch, if there is one.
     """
-    watch, pose = runner.watch, np.zeros(3)
-    for scan, motion in zip(scans, motions, strict=False):
-        after = se2.compose(pose, motion.pose)
-        if watch is not None:
-            working, watch = watch, None
-            with runner.tolerate("the live view"):
-                times, poses = np.array([motion.t0, motion.t1]), np.array([pose, after])
-                working(scan, pose, place_along(scan.returns, times, poses, beam).points)
-                watch = working
-        pose = after
-        yield motion
+
+    def __init__(self, scans: Scans, beam: Beam, runner: Runner) -> None:
+        self._scans, self._beam, self._runner = scans, beam, runner
+        self._watch, self._pose = runner.watch, np.zeros(3)
+        self.count = 0
+        """Number of motions that were shown."""
+
+    def show(self, motion: Measurement) -> None:
+        """Shows the next motion between successive scans."""
+        scan, after = self._scans[self.count], se2.compose(self._pose, motion.pose)
+        if self._watch is not None:
+            working, self._watch = self._watch, None
+            with self._runner.tolerate("the live view"):
+                times, poses = np.array([motion.t0, motion.t1]), np.array([self._pose, after])
+                working(scan, self._pose, place_along(scan.returns, times, poses, self._beam).points)
+                self._watch = working
+        self._pose = after
+        self.count += 1
+        self._runner.progress("windows", self.count + 1, len(self._scans))

@@ -86,23 +86,25 @@ def test_scans_of_noise_are_lost_and_the_run_goes_on() -> None:
         broken[k] = noise(scans[k], seed=k)
     motions = measured(recording, broken)
     assert len(motions) == len(scans) - 1
-    assert [m.status for m in motions[14:17]] == [Status.LOST] * 3
-    assert {m.status for m in motions[18:]} == {Status.CONVERGED}
+    assert [m.status for m in motions[15:18]] == [Status.LOST] * 3  # the motions during those scans
+    assert {m.status for m in [*motions[:15], *motions[18:]]} == {Status.CONVERGED}
     off = errors(recording, motions)
     np.testing.assert_array_less(np.sqrt(np.mean(off[20:] ** 2, axis=0)), [0.03, 0.02, 0.003])
     np.testing.assert_array_less(np.abs(off[14:18].sum(axis=0)), [0.5, 0.3, 0.05])
     assert np.diag(motions[15].covariance)[0] > 10.0 * np.diag(motions[30].covariance)[0]
 
 
-def test_empty_scans_are_lost_and_the_run_goes_on() -> None:
+def test_the_motion_during_an_empty_scan_is_known_from_both_sides_and_hardly() -> None:
     recording, scans = street_drive()
     broken = list(scans[:25])
     nothing = np.zeros(len(scans[15].returns), dtype=bool)
     broken[15] = replace(scans[15], returns=scans[15].returns.take(nothing))
     motions = measured(recording, broken)
-    assert motions[14].status is Status.LOST
-    assert motions[14].points == 0
-    assert {m.status for m in motions[15:]} == {Status.CONVERGED}
+    assert [m.directions for m in motions[12:18]] == [2, 2, 1, 1, 1, 2]
+    assert not motions[15].on_map
+    sigmas = np.sqrt([np.diag(m.covariance) for m in motions[12:19]])
+    assert sigmas[3, 0] > 3.0 * np.delete(sigmas[:, 0], 3).max()
+    np.testing.assert_array_less(np.abs(errors(recording, motions)[12:19]), 3.0 * sigmas)
 
 
 @pytest.mark.parametrize("with_odometry", [True, False])

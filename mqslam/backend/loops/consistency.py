@@ -95,6 +95,4 @@ def _compose(a: Relative, b: Relative) -> Relative:
 
 def _invert(a: Relative) -> Relative:
     """Returns the motion that undoes motion a."""
-    motion = se2.inverse(a.motion)
-    lever = se2.adjoint([a.motion[0], a.motion[1], 0.0])
-    return Relative(motion, se2.rotate_covariance(lever @ a.covariance @ lever.T, motion[2]))
+    return Relative(se2.inverse(a.motion), se2.covariance_of_inverse(a.motion, a.covariance))

@@ -197,7 +197,8 @@ class Tracker:
         self, scan: Scan, minimum: Minimum, predicted: Belief, weak: NDArray[np.float64], blind: Blindness
     ) -> Tracked:
         """Takes a match as the new state, and as a keyframe where the last one is far away."""
-        setup, evaluation, smoothed = self._setup, minimum.evaluation, self._last.smooths
+        setup, evaluation = self._setup, minimum.evaluation
+        smoothed = self._last.smooths and self._last.is_before(scan, self.settings)  # a wide prediction smooths nothing
         belief = update_belief(minimum.state, evaluation, predicted.information, setup, weak)
         placed = self._matcher.place(scan, belief.mean)
         measured = measure_covariance(evaluation, placed, predicted, self._map, setup, smoothed=smoothed)

@@ -93,7 +93,7 @@ def test_after_a_long_loss_the_motion_of_the_scans_behind_it_is_found(first: int
     scans = list(street_drive()[1][: behind + 12])
     scans[first:behind] = [noise(scan, seed=k) for k, scan in enumerate(scans[first:behind])]
     motions, errors = measure(scans)
-    assert {m.status for m in motions[first - 1 : behind - 1]} == {Status.LOST}
+    assert {m.status for m in motions[first:behind]} == {Status.LOST}
     assert {m.status for m in motions[behind + 2 :]} == {Status.CONVERGED}
     np.testing.assert_array_less(np.abs(errors[behind + 2 :]).max(axis=0), [0.1, 0.06, 0.01])
 

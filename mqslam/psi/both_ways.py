@@ -1,0 +1,125 @@
+"""A recording tracked in both directions of time, and what both say of one motion.
+
+Forward, a scan is matched to what was seen before it; backward, to what was seen after it. The two maps hold other views,
+so that the errors of the two matches are nearly independent, and where one direction loses the track or observes nothing
+the other often does. A recording played backward is a recording too: the vehicle drives in reverse.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import chi2
+
+from mqslam.config import TrackerConfig
+from mqslam.core import se2
+from mqslam.core.measurement import Measurement, Status
+from mqslam.core.scans import Returns, Scan
+
+_TRUST = (Status.LOST, Status.DEGENERATE, Status.AMBIGUOUS, Status.CONVERGED)  # from the least to the most
+_CHANCE = float(chi2.ppf(0.999, 3))  # measurements that are farther apart, in their own covariance, contradict each other
+_PAUSE = 0.5  # time between two scans, in turns, beyond which the end of one is not the start of the next
+
+
+def reverse_time(scans: Sequence[Scan]) -> list[Scan]:
+    """Returns the scans as if the recording were played backward, the last one first.
+
+    A scan that the next one follows at once begins, in the new time, where that one ends, so that both directions measure
+    the motion between the same instants.
+
+    Args:
+        scans: two or more.
+    """
+    end = scans[-1].t1
+    return [
+        Scan(end - _end(scan, after), end - scan.t0, _reverse_returns(scan.returns, end))
+        for scan, after in zip(reversed(scans), [None, *reversed(scans[1:])], strict=True)
+    ]
+
+
+def reverse_settings(settings: TrackerConfig) -> TrackerConfig:
+    """Returns settings that try, of a recording played backward, the same speeds as of the recording itself."""
+    return settings.model_copy(update={"speed_min": -settings.speed_max, "speed_max": -settings.speed_min})
+
+
+def join(scans: Sequence[Scan], forward: Sequence[Measurement], backward: Sequence[Measurement]) -> list[Measurement]:
+    """Joins the motions between successive scans that were tracked in both directions of time.
+
+    Args:
+        scans: the N scans.
+        forward: the N - 1 motions between them.
+        backward: the N - 1 motions between them in the order of `reverse_time`.
+    """
+    joined = list(forward)
+    for k in range(1, len(forward)):  # no backward motion begins at the end of the first turn and leads to its start
+        if _follows(scans[k - 1], scans[k]) and _follows(scans[k], scans[k + 1]):
+            joined[k] = _join_motions(forward[k], _turn(backward[len(forward) - k]))
+    return joined
+
+
+def _end(scan: Scan, after: Scan | None) -> float:
+    """Returns when a scan ends [s]: at the start of the next one, if that follows at once."""
+    return after.t0 if after is not None and _follows(scan, after) else scan.t1
+
+
+def _follows(scan: Scan, after: Scan) -> bool:
+    """Returns whether a scan follows another one at once."""
+    return abs(after.t0 - scan.t1) <= _PAUSE * (scan.t1 - scan.t0)
+
+
+def _reverse_returns(returns: Returns, end: float) -> Returns:
+    """Returns the returns of a scan in the order of a time that begins at `end` [s] and runs backward."""
+    return Returns(returns.ranges[::-1], returns.azimuths[::-1], end - returns.times[::-1], returns.intensities[::-1])
+
+
+def _turn(motion: Measurement) -> Measurement:
+    """Returns a motion that was measured backward as the one that was driven."""
+    covariance = se2.covariance_of_inverse(motion.pose, motion.covariance)
+    return replace(motion, pose=se2.inverse(motion.pose), covariance=covariance)
+
+
+def _join_motions(forward: Measurement, backward: Measurement) -> Measurement:
+    """Returns what two measurements of one motion say together; one whose scans were both matched counts alone."""
+    if forward.on_map and backward.on_map:
+        return _average(forward, backward)
+    if forward.on_map:
+        return forward
+    if backward.on_map:
+        return replace(backward, t0=forward.t0, t1=forward.t1, psi_odometry=forward.psi_odometry)
+    return _intersect(forward, backward)
+
+
+def _average(forward: Measurement, backward: Measurement) -> Measurement:
+    """Returns the mean of two measurements whose errors are independent.
+
+    Each counts as much as the other, whatever its covariance: weights that change from motion to motion would keep errors
+    of successive motions from cancelling. Two measurements that contradict each other are less sure than they say.
+    """
+    apart, both = _subtract(forward, backward), forward.covariance + backward.covariance
+    covariance = 0.25 * both
+    if apart @ np.linalg.solve(both, apart) > _CHANCE:
+        covariance = covariance + 0.25 * np.outer(apart, apart)
+    return replace(forward, pose=forward.pose + 0.5 * apart, covariance=covariance, directions=2)
+
+
+def _intersect(forward: Measurement, backward: Measurement) -> Measurement:
+    """Returns what two measurements say together whose errors may be one: half of the information of each.
+
+    This is covariance intersection (Julier and Uhlmann, 1997). Along a direction that psi does not observe, both may rest
+    on the same odometry.
+    """
+    gain = np.linalg.solve(forward.covariance + backward.covariance, forward.covariance).T
+    covariance = 2.0 * gain @ backward.covariance
+    pose = forward.pose + gain @ _subtract(forward, backward)
+    status = min(forward.status, backward.status, key=_TRUST.index)
+    return replace(forward, pose=pose, covariance=0.5 * (covariance + covariance.T), status=status)
+
+
+def _subtract(forward: Measurement, backward: Measurement) -> NDArray[np.float64]:
+    """Returns by how much (3,) the backward measurement is beyond the forward one, in the frame of both covariances."""
+    apart = backward.pose - forward.pose
+    apart[2] = se2.wrap(apart[2])
+    return apart
