@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import threading
 from collections.abc import Sequence
 from dataclasses import replace
 from itertools import pairwise
@@ -147,3 +148,28 @@ def test_a_recording_without_returns_is_refused() -> None:
     empty = [replace(w, returns=w.returns.take(np.zeros(len(w.returns), dtype=bool))) for w in scans[:4]]
     with pytest.raises(FewReturnsError, match="no two scans in a row hold 40 returns in"):
         measured(recording, empty)
+
+
+def test_the_forward_motions_are_shown_before_both_directions_are_done() -> None:
+    recording, scans = street_drive()
+    shown: list[Measurement] = []
+    context = Context(Config(), recording.revolution_s, recording.start_us, None, preview=shown.append)
+    motions = PsiFrontEnd(context).measure(scans[:12])
+    first = next(motions)
+    assert [m.t0 for m in shown] == [scan.t0 for scan in scans[:11]]
+    np.testing.assert_array_equal(first.pose, shown[0].pose)
+    for motion, preview in zip(motions, shown[1:], strict=True):
+        np.testing.assert_allclose(motion.pose, preview.pose, atol=0.05)
+
+
+def test_what_stops_one_direction_stops_both() -> None:
+    recording, scans = street_drive()
+
+    def stop(motion: Measurement) -> None:
+        raise KeyboardInterrupt
+
+    context = Context(Config(), recording.revolution_s, recording.start_us, None, preview=stop)
+    begin = threading.active_count()
+    with pytest.raises(KeyboardInterrupt):
+        next(PsiFrontEnd(context).measure(scans))
+    assert threading.active_count() == begin
