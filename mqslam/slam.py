@@ -147,14 +147,10 @@ class Slam:
         """Returns the front end's measurements, or those that an earlier run has kept, and shows them as they come."""
         runner, kept = self._runner, self._runner.find(MEASURED)
         live = LiveMap(scans, beam, runner)
-        motions = kept.measurements if kept else measure_motions(self._name, replace(context, preview=live.show), scans)
-        measurements = []
-        for motion in motions:
-            measurements.append(motion)
-            if live.count < len(measurements):
-                live.show(motion)
-        if not kept:
-            runner.keep(MEASURED, Measured(measurements, context.doppler_beta))
+        if kept is not None:
+            return list(live.follow(kept.measurements))
+        measurements = list(live.follow(measure_motions(self._name, replace(context, preview=live.show), scans)))
+        runner.keep(MEASURED, Measured(measurements, context.doppler_beta))
         return measurements
 
     def _render(self, what: str, scans: Scans, track: Trajectory, beam: Beam) -> PointMap:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator
+
 import numpy as np
 
 from mqslam.core import se2
@@ -26,12 +28,18 @@ class LiveMap:
     def __init__(self, scans: Scans, beam: Beam, runner: Runner) -> None:
         self._scans, self._beam, self._runner = scans, beam, runner
         self._watch, self._pose = runner.watch, np.zeros(3)
-        self.count = 0
-        """Number of motions that were shown."""
+        self._shown = 0
+
+    def follow(self, motions: Iterable[Measurement]) -> Iterator[Measurement]:
+        """Yields the motions between successive scans, and shows those that their front end has not shown before."""
+        for number, motion in enumerate(motions, 1):
+            if number > self._shown:
+                self.show(motion)
+            yield motion
 
     def show(self, motion: Measurement) -> None:
-        """Shows the next motion between successive scans."""
-        scan, after = self._scans[self.count], se2.compose(self._pose, motion.pose)
+        """Shows the next motion between successive scans, of which a front end may still change its mind."""
+        scan, after = self._scans[self._shown], se2.compose(self._pose, motion.pose)
         if self._watch is not None:
             working, self._watch = self._watch, None
             with self._runner.tolerate("the live view"):
@@ -39,5 +47,5 @@ class LiveMap:
                 working(scan, self._pose, place_along(scan.returns, times, poses, self._beam).points)
                 self._watch = working
         self._pose = after
-        self.count += 1
-        self._runner.progress("windows", self.count + 1, len(self._scans))
+        self._shown += 1
+        self._runner.progress("windows", self._shown + 1, len(self._scans))
