@@ -18,6 +18,13 @@ class GraphConfig(BaseModel):
         description="Path [m] along which scans are taken to be matched to the same map. After it the map has taken a "
         "keyframe more, and is off by as much as a scan may be.",
     )
+    shared_drift: float = expert(
+        0.5,
+        ge=0.0,
+        le=1.0,
+        description="Share of its drift that a map of what lies before has in common with one of what lies after: both see "
+        "the same sides of the same things. It is unknown and differs from place to place; half lies in the middle.",
+    )
     huber: float = Field(
         1.345, gt=0.0, description="Residual [standard deviations] beyond which the pull of an edge grows only linearly."
     )

@@ -67,6 +67,16 @@ def test_along_a_drive_each_keyframe_adds_its_error() -> None:
     np.testing.assert_allclose(yaws**2 / ERROR[2, 2], [2 + 20, 2 + 100], rtol=0.05)
 
 
+@pytest.mark.parametrize("shared", [0.0, 0.5, 1.0])
+def test_the_drift_that_both_directions_share_is_not_made_less_by_their_mean(shared: float) -> None:
+    both = [replace(motion, directions=2) for motion in drive(9)]
+    submaps = split_into_submaps(both, SETTINGS.model_copy(update={"shared_drift": shared}))
+    for tie in submaps.ties:
+        assert np.sqrt(tie.covariance[2, 2]) == pytest.approx(np.sqrt((1.0 + shared) * ERROR[2, 2]), rel=1e-5)
+    for placement in submaps.placements:
+        assert np.sqrt(placement.covariance[2, 2]) == pytest.approx(np.sqrt(ERROR[2, 2]), rel=1e-5)
+
+
 def test_motions_without_a_common_map_tie_the_scans_themselves_and_their_errors_add_up() -> None:
     alone = [replace(motion, on_map=False) for motion in drive(50)]
     assert len(split_into_submaps(alone, SETTINGS).first_scans) == 0
