@@ -63,7 +63,9 @@ def keep_checkpoint(out: Path, key: str, *, resume: bool, how: str = Remedy.RESU
         yield checkpoint
     except (OutputError, ClusterError, FrontEndError) as error:
         if checkpoint.holds_anything:
-            raise type(error)(error.message, *error.remedies, how) from error
+            told = type(error)(error.message, *error.remedies, how)
+            told.add_note(how)  # for an interrupt that code of others has turned into this error
+            raise told from error
         raise
     except MqslamError:
         if not resume:
