@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
-from itertools import takewhile
+from itertools import chain, takewhile
 from threading import Event
 
 import numpy as np
@@ -16,13 +16,13 @@ from mqslam.core import se2
 from mqslam.core.frontend import Context
 from mqslam.core.measurement import Measurement, Status
 from mqslam.core.scans import Scan
-from mqslam.psi.both_ways import join, reverse_settings, reverse_time
+from mqslam.frontends.both_ways import join, reverse_settings, reverse_time, turn_back
 from mqslam.psi.place import beam_of
 from mqslam.psi.tracking.state import State
 from mqslam.psi.tracking.track import Followed, OdometryTwist, follow_scans
 from mqslam.psi.tracking.tracked import Tracked
 from mqslam.psi.tracking.tracker import Tracker
-from mqslam.psi.unsteadiness import Unsteadiness
+from mqslam.psi.unsteadiness import estimate_unsteadiness
 
 
 class PsiFrontEnd:
@@ -51,7 +51,9 @@ class PsiFrontEnd:
             except BaseException:
                 stopped.set()
                 raise
-        yield from join(scans, forward, back.result())
+        config = self._context.config
+        joined = join(forward, turn_back(scans, back.result()), config.calibration)
+        yield from _widen(joined, config.tracker, self._context.revolution_s)
 
     def _track_forward(self, scans: Sequence[Scan]) -> Iterator[Measurement]:
         context = self._context
@@ -74,30 +76,20 @@ class PsiFrontEnd:
         """Yields the motions of a track in one direction of time."""
         estimator, revolution_s = self._context.config.estimator, self._context.revolution_s
         tracker = Tracker(settings, estimator, beam_of(estimator, doppler_beta), revolution_s)
-        unsteadiness = Unsteadiness(settings, revolution_s)
-        young: list[Measurement] = []  # motions on a new map: later ones show what the motion model leaves out
-        for motions, is_young in _steps(follow_scans(scans, tracker, odometry)):
-            for motion in motions:
-                if motion.status is not Status.LOST:
-                    unsteadiness.add(motion)
-            young += motions
-            if not is_young:
-                yield from (_widen(motion, unsteadiness) for motion in young)
-                young = []
-        yield from (_widen(motion, unsteadiness) for motion in young)
+        return chain.from_iterable(_steps(follow_scans(scans, tracker, odometry)))
 
 
-def _steps(scans: Iterator[Followed]) -> Iterator[tuple[list[Measurement], bool]]:
-    """Yields the motions from each matched scan to the next matched one, and whether the map has only begun."""
+def _steps(scans: Iterator[Followed]) -> Iterator[list[Measurement]]:
+    """Yields the motions from each matched scan to the next matched one."""
     matched = next(scans)
     lost: list[Followed] = []  # scans since the last matched one
     for scan in scans:
         lost.append(scan)
         if scan.tracked.status is Status.LOST and not scan.tracked.begins_map:
             continue
-        yield _bridge(matched.tracked, lost), scan.young
+        yield _bridge(matched.tracked, lost)
         matched, lost = scan, []
-    yield _bridge(matched.tracked, lost), False
+    yield _bridge(matched.tracked, lost)
 
 
 def _bridge(begin: Tracked, then: list[Followed]) -> list[Measurement]:
@@ -154,13 +146,10 @@ def _compare_measurements(a: Tracked, b: Tracked, pose: se2.Array) -> NDArray[np
     if a.earlier is None and b.earlier is None:
         return np.zeros((3, 3))
     earlier = se2.between(a.pose if a.earlier is None else a.earlier, b.pose if b.earlier is None else b.earlier)
-    apart = earlier - pose
-    apart[2] = se2.wrap(apart[2])
-    return np.diag(0.5 * apart**2)
+    return np.diag(0.5 * se2.subtract(earlier, pose) ** 2)
 
 
-def _widen(motion: Measurement, unsteadiness: Unsteadiness) -> Measurement:
-    """Adds the variance that the motion model leaves out; a motion that was lost has more than that already."""
-    if motion.status is Status.LOST:
-        return motion
-    return replace(motion, covariance=motion.covariance + np.diag(unsteadiness.variance))
+def _widen(motions: Sequence[Measurement], settings: TrackerConfig, revolution_s: float) -> Iterator[Measurement]:
+    """Adds the variance that the motion model leaves out."""
+    for motion, left_out in zip(motions, estimate_unsteadiness(motions, settings, revolution_s), strict=True):
+        yield replace(motion, covariance=motion.covariance + np.diag(left_out))

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mqslam.config import ScanMatchingConfig
 from mqslam.core import se2
@@ -14,6 +15,7 @@ from mqslam.core.frontend import Context
 from mqslam.core.measurement import Measurement, Status
 from mqslam.core.scans import Scan
 from mqslam.errors import EstimationError
+from mqslam.frontends.calibration import Twice, learn_scale, scale_covariance
 from mqslam.frontends.scan_track import Matcher, ScanTrack, Step
 
 NewTrack = Callable[[float, se2.Array], ScanTrack]  # a track from a time [s] on, that begins with a twist (3,)
@@ -27,6 +29,10 @@ def match_scans(
     A matcher predicts by its last motion, so that it has to begin with one. It finds its own: over the first scans it runs
     forwards and then backwards in time, which ends at the start with the speed it had there.
 
+    The residuals of a scan err together, so that they do not show how much a match errs. When all scans are matched, a
+    second matcher therefore follows them backwards. Its motions are no part of the result: how far they are from the
+    first one's shows how large the errors of both are.
+
     Args:
         scans: in order.
         new_matcher: makes a matcher that has seen nothing.
@@ -36,43 +42,83 @@ def match_scans(
     Raises:
         EstimationError: there are fewer than two scans, or hardly any returns in the first ones.
     """
-    coming = iter(scans)
-    head = _take_head(coming, settings)
+    scans = list(scans)
+    head = _take_head(scans, settings)
 
     def new_track(time: float, twist: se2.Array) -> ScanTrack:
         return ScanTrack(new_matcher(), time, twist, settings, context.doppler_beta)
 
     twist, start = _find_start(head, new_track, context, settings)
-    track = new_track(head[0].t0, twist)
-    before, begin, coasted_s = head[0], np.zeros(3), 0.0
-    step = replace(start, time=track.follow(before).time, pose=track.last.pose)
+    track, followed = new_track(head[0].t0, twist), []
+    for motion, unseen_s in _follow(scans, track, start, settings):
+        followed.append((motion, unseen_s))
+        context.preview(motion)
+    backward = _follow_backwards(scans, new_track(scans[-1].t1, track.twist))
+    twice = [
+        Twice(m.pose, se2.subtract(b, m.pose), 2.0 * np.diag(m.covariance))
+        for (m, unseen_s), b in zip(followed, backward, strict=True)
+        if m.on_map and b is not None and not unseen_s.any()
+    ]
+    scale = learn_scale(twice, context.config.calibration)
     coasting = np.diag(np.array([settings.coast_vx, settings.coast_vy, settings.coast_omega]) ** 2)
-    for scan in itertools.chain(head[1:], coming):
+    for motion, unseen_s in followed:
+        covariance = scale_covariance(motion.covariance, scale) + coasting * (unseen_s**2).sum()
+        yield replace(motion, covariance=covariance)
+
+
+def _follow(
+    scans: Sequence[Scan], track: ScanTrack, start: Step, settings: ScanMatchingConfig
+) -> Iterator[tuple[Measurement, NDArray[np.float64]]]:
+    """Yields the motions between scans along a new track, each as sure as its match, and the times [s] that nothing matched.
+
+    Args:
+        scans: all of them.
+        track: a new one.
+        start: how the first scan fits.
+        settings: of the front end.
+    """
+    before, begin, coasted_s = scans[0], np.zeros(3), 0.0
+    step = replace(start, time=track.follow(before).time, pose=track.last.pose)
+    for scan in scans[1:]:
         after = track.follow(scan)
         end = se2.interpolate([step.time, after.time], np.array([step.pose, after.pose]), [scan.t0])[0]
         motion = se2.wrapped_between(begin, end)
         gap = scan.t0 - before.t1 > settings.gap_turns * (before.t1 - before.t0)  # only a match after the gap bridges it
         unseen_s = np.array([coasted_s, step.coasted_s, scan.t0 - before.t1])
-        yield Measurement(
+        measurement = Measurement(
             before.t0,
             scan.t0,
             motion,
-            se2.rotate_covariance(step.covariance, motion[2]) + coasting * (unseen_s**2).sum(),
+            se2.rotate_covariance(step.covariance, motion[2]),
             status=Status.LOST if step.coasted_s or (gap and after.coasted_s) else Status.CONVERGED,
             points=len(before.returns),
             matched=step.matched,
             on_map=not (step.coasted_s or after.coasted_s),
         )
+        yield measurement, unseen_s
         before, begin, coasted_s, step = scan, end, step.coasted_s, after
 
 
-def _take_head(coming: Iterator[Scan], settings: ScanMatchingConfig) -> list[Scan]:
+def _follow_backwards(scans: Sequence[Scan], track: ScanTrack) -> list[se2.Array | None]:
+    """Returns the motions (3,) between the starts of scans along a new track that begins at the end of the last one.
+
+    None stands in the place of those between scans that were not matched, or whose starts the track does not reach.
+    """
+    steps = [track.follow(scan, backwards=True) for scan in reversed(scans)][::-1]
+    times = np.array([step.time for step in steps])
+    starts = np.array([scan.t0 for scan in scans])
+    reached = (times[0] <= starts) & (starts <= times[-1]) & np.array([not step.coasted_s for step in steps])
+    poses = se2.interpolate(times, np.array([step.pose for step in steps]), np.clip(starts, times[0], times[-1]))
+    return [se2.wrapped_between(a, b) if reached[k] and reached[k + 1] else None for k, (a, b) in enumerate(pairwise(poses))]
+
+
+def _take_head(scans: Sequence[Scan], settings: ScanMatchingConfig) -> Sequence[Scan]:
     """Takes the first scans, from which the first motion is found.
 
     Raises:
         EstimationError: there are fewer than two scans, or hardly any returns in the first ones.
     """
-    head = list(itertools.islice(coming, settings.start_scans))
+    head = scans[: settings.start_scans]
     if len(head) < 2:
         raise EstimationError(f"a recording of {len(head)} scans shows no motion; at least two are needed")
     returns = sum(len(scan.returns) for scan in head)

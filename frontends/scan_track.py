@@ -109,7 +109,7 @@ class ScanTrack:
         # deskewed by the predicted motion, the scan's middle lies where it fits, and its end is off by half of what the
         # motion has changed
         off = 0.5 * se2.wrapped_between(predicted, match.pose)
-        covariance = self._settings.inflation * match.covariance + np.diag(off**2)
+        covariance = match.covariance + np.diag(off**2)
         self.last = Step(time, match.pose, covariance, match.matched, 0.0)
         return self.last
 

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 from gtsam.symbol_shorthand import M, X
 
+from mqslam.backend.drift import widen_ties
 from mqslam.backend.pose_graph import Optimum, PoseGraph, build_pose_graph, optimise, poses_of
-from mqslam.backend.submaps import split_into_submaps
+from mqslam.backend.submaps import Submaps, split_into_submaps
 from mqslam.config import GraphConfig, LoopConfig
 from mqslam.core import se2
 from mqslam.core.measurement import Loop, Measurement
@@ -35,7 +37,7 @@ class Problem:
 
     def build_graph(self, loops: Sequence[Loop], ties: Sequence[Loop] = ()) -> PoseGraph:
         """Returns the graph with the given loops and ties of the refinement; it starts from the chained measurements."""
-        settings, submaps = self.graph_settings, split_into_submaps(self.measurements, self.graph_settings)
+        settings, submaps = self.graph_settings, self._submaps
         factors = [psi_between(M(p.submap), X(p.number), p.pose, p.covariance, settings) for p in submaps.placements]
         factors += [psi_between(M(t.submap), M(t.number), t.pose, t.covariance, settings) for t in submaps.ties]
         factors += [
@@ -48,6 +50,12 @@ class Problem:
         factors += [psi_between(X(tie.earlier), X(tie.later), tie.pose, tie.covariance, settings) for tie in ties]
         chain = se2.chain(m.pose for m in self.measurements)
         return build_pose_graph(chain, factors, settings, chain[submaps.first_scans])
+
+    @cached_property
+    def _submaps(self) -> Submaps:
+        """The submaps of the drive, tied to each other as surely as the run shows that its map drifts."""
+        submaps = split_into_submaps(self.measurements, self.graph_settings)
+        return widen_ties(submaps, self.measurements, self.graph_settings)
 
     def optimise(self, loops: Sequence[Loop], ties: Sequence[Loop] = ()) -> tuple[PoseGraph, Optimum]:
         """Returns the graph with the given loops and ties, and its optimum."""

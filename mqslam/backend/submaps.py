@@ -4,9 +4,7 @@ A front end that matches scans to a running map errs in two ways. Each scan's pl
 such errors do not add up along the drive. The map itself drifts where it grows, and that does. The graph therefore holds
 a pose for each piece of the map. Scans are tied to their piece with their own covariance, and each piece to the one
 before it. A piece ends where the map takes its next keyframe, and that keyframe brings the error of its own scan into
-the map: this is how far the next piece is off. Where a motion is the mean over both directions of time, two maps err. Their
-scans err independently, but both see the same sides of the same things: what a scan's place gains by the mean makes the
-pieces surer in part only.
+the map: this is how far the next piece is off, as long as nothing more is known of how the map drifts (`drift`).
 """
 
 from __future__ import annotations
@@ -78,8 +76,7 @@ def split_into_submaps(measurements: Sequence[Measurement], settings: GraphConfi
             within = se2.compose(within, motion.pose)
         if motion is None or np.hypot(within[0], within[1]) >= settings.submap_m:
             if motion is not None:
-                common = 1.0 + (motion.directions - 1) * settings.shared_drift
-                placed = common * se2.rotate_covariance(covariance, within[2])
+                placed = se2.rotate_covariance(covariance, within[2])
                 ties.append(Placement(len(first_scans) - 1, len(first_scans), within, placed))
             first_scans.append(k)
             within = np.zeros(3)

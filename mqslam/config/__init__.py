@@ -15,7 +15,13 @@ from mqslam.config.check_config import CheckConfig
 from mqslam.config.detector_config import DetectorConfig
 from mqslam.config.estimator_config import EstimatorConfig
 from mqslam.config.fields import is_expert
-from mqslam.config.frontend_config import KissIcpConfig, OdometryConfig, Open3dIcpConfig, ScanMatchingConfig
+from mqslam.config.frontend_config import (
+    CalibrationConfig,
+    KissIcpConfig,
+    OdometryConfig,
+    Open3dIcpConfig,
+    ScanMatchingConfig,
+)
 from mqslam.config.graph_config import GraphConfig
 from mqslam.config.loop_config import LoopConfig, PassConfig, RefinementConfig
 from mqslam.config.map_config import MapConfig
@@ -28,6 +34,7 @@ from mqslam.errors import ConfigError, suggest
 
 __all__ = [
     "AuditConfig",
+    "CalibrationConfig",
     "CheckConfig",
     "CompareConfig",
     "Config",
@@ -67,6 +74,7 @@ class Config(BaseModel):
     psi: PsiConfig = PsiConfig()
     estimator: EstimatorConfig = EstimatorConfig()
     tracker: TrackerConfig = TrackerConfig()
+    calibration: CalibrationConfig = CalibrationConfig()
     kiss_icp: KissIcpConfig = KissIcpConfig()
     open3d_icp: Open3dIcpConfig = Open3dIcpConfig()
     odometry: OdometryConfig = OdometryConfig()

@@ -1,4 +1,4 @@
-"""Settings of the front ends besides psi."""
+"""Settings of the front ends besides psi, and of how the errors of all of them are learnt."""
 
 from __future__ import annotations
 
@@ -8,6 +8,34 @@ from typing import Literal
 from pydantic import BaseModel, ConfigDict, Field
 
 from mqslam.config.fields import expert
+
+
+class CalibrationConfig(BaseModel):
+    """Settings of how large the errors of motions are, as far as two measurements of each are apart."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    moved_m: float = expert(
+        0.1,
+        ge=0.0,
+        description="Shorter motions tell nothing [m]: while the vehicle stands, both measurements see the same again.",
+    )
+    trusted: float = expert(
+        10.0, gt=0.0, description="Number of motions that the covariances of the front end itself weigh as much as."
+    )
+    gross: float = expert(
+        100.0,
+        gt=1.0,
+        description="Squared differences over this many times the median one are cut down to it: a wrong match says nothing "
+        "of the right ones.",
+    )
+    shared: float = expert(
+        0.2,
+        ge=0.0,
+        lt=1.0,
+        description="Share of the variance of a motion that its measurements by psi, forward and backward in time, have in "
+        "common, so that how far they are apart does not show it. It is unknown; 0 to 0.5 was found in simulated cities.",
+    )
 
 
 class ScanMatchingConfig(BaseModel):
@@ -20,12 +48,6 @@ class ScanMatchingConfig(BaseModel):
     )
     max_range_m: float = Field(100.0, gt=0.0, description="Farther returns are dropped [m].")
 
-    inflation: float = expert(
-        1.0,
-        gt=0.0,
-        description="Factor on the covariance of a match, because the residuals of one scan err together and their mean "
-        "square does not show it.",
-    )
     fewest_matched: int = expert(20, ge=1, description="A scan with fewer correspondences than this does not match.")
     surface_points: int = expert(
         10, ge=2, description="Number of map points that show how the surface around the nearest one runs."
@@ -76,12 +98,6 @@ class KissIcpConfig(ScanMatchingConfig):
         description="YAML file of KISS-ICP's own settings, which takes the place of voxel_size_m, max_range_m and "
         "deskew; null takes those.",
     )
-    inflation: float = expert(
-        86.0,
-        gt=0.0,
-        description="Factor on the covariance of a match, because the residuals of one scan err together and their mean "
-        "square does not show it. It makes mean NEES/3 one on kaist01, and 0.88 on kaist02.",
-    )
 
 
 class Open3dIcpConfig(ScanMatchingConfig):
@@ -95,12 +111,6 @@ class Open3dIcpConfig(ScanMatchingConfig):
     keyframes: int = Field(20, ge=1, description="Number of scans that the map holds.")
     keyframe_m: float = Field(2.0, ge=0.0, description="A scan joins the map after this much travel [m].")
     keyframe_rad: float = Field(0.1, ge=0.0, description="A scan also joins the map after this much turning [rad].")
-    inflation: float = expert(
-        35.0,
-        gt=0.0,
-        description="Factor on the covariance of a match, because the residuals of one scan err together and their mean "
-        "square does not show it. It makes mean NEES/3 one on kaist01, and 0.85 on kaist02.",
-    )
     first_reach: float = expert(
         3.0,
         ge=1.0,

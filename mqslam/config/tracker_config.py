@@ -120,13 +120,6 @@ class TrackerConfig(BaseModel):
         "that begins to turn at 0.5 rad/s turns by about so much more within a scan than it did in the one before.",
     )
     beside_turns: int = expert(4, ge=1, description="Number of angles that are tried to either side of a doubtful match.")
-    prediction_gain: float = expert(
-        0.1,
-        gt=0.0,
-        description="Factor on psi's own covariance. The prediction from the previous scan smooths the estimate, so its "
-        "variance is smaller than psi alone would give. BENCHMARKS.md states how it was measured.",
-    )
-
     start_scans: int = expert(3, ge=2, description="Number of scans from which a track finds its first motion.")
     start_speeds: float = expert(
         13.0,
@@ -203,26 +196,15 @@ class TrackerConfig(BaseModel):
     )
 
     unsteady_scans: int = expert(
-        40, ge=1, description="Number of past scans that show how far the motion is from what the motion model can follow."
+        40,
+        ge=1,
+        description="Number of scans around one that show how far its motion is from what the motion model can follow.",
     )
     unsteady_least: int = expert(
         8,
         ge=1,
         description="With fewer such scans, the process noise stands in for part of what the motion model leaves out.",
     )
-    unsteady_forward: float = expert(
-        1.7,
-        ge=0.0,
-        description="Share of the jumps of forward motion that ends up as its error, measured on the twin and the "
-        "simulator (BENCHMARKS.md).",
-    )
-    unsteady_sideways: float = expert(
-        0.5,
-        ge=0.0,
-        description="Share of the jumps of forward motion that ends up as error of sideways motion. Sideways jumps "
-        "themselves hardly show, because the sideways speed is held.",
-    )
-    unsteady_yaw: float = expert(1.0, ge=0.0, description="Share of the jumps of turning that ends up as its error.")
 
     @model_validator(mode="after")
     def _check_speeds(self) -> TrackerConfig:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import StrEnum
 
 import numpy as np
@@ -35,9 +35,8 @@ class Measurement:
         matched: share of them that found a neighbour in the map; NaN where the front end does not say.
         on_map: whether both scans were matched to one map, so that errors of successive motions cancel instead of adding
             up.
-        directions: number of directions of time in which the motion was tracked, of which it is the mean: 1, or 2 for a map
-            of what lies before and one of what lies after. The covariance is that of the mean, but what makes one map drift
-            makes the other drift too.
+        apart: (3,) by how much the motion as it was measured backward in time is beyond the one that was measured forward,
+            where this is the mean of both; NaN where it is not such a mean.
     """
 
     t0: float
@@ -50,7 +49,7 @@ class Measurement:
     points: int = 0
     matched: float = float("nan")
     on_map: bool = False
-    directions: int = 1
+    apart: NDArray[np.float64] = field(default_factory=lambda: np.full(3, np.nan))
 
 
 @dataclass(frozen=True, slots=True)

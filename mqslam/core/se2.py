@@ -50,6 +50,13 @@ def wrapped_between(a: ArrayLike, b: ArrayLike) -> Array:
     return pose
 
 
+def subtract(a: Array, b: Array) -> Array:
+    """Returns by how much (3,) pose a is beyond pose b, component by component in the frame that both are in."""
+    off = a - b
+    off[2] = wrap(off[2])
+    return off
+
+
 def chain(motions: Iterable[Array], start: Array | None = None) -> Array:
     """Returns the poses (N + 1, 3) that N relative motions (3,) lead through, each made from where the one before ends.
 

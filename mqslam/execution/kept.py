@@ -85,9 +85,9 @@ def _unpack_measured(arrays: Arrays) -> Measured:
             int(points),
             float(matched),
             bool(on_map),
-            int(directions),
+            apart,
         )
-        for t0, t1, pose, covariance, status, psi, psi_odometry, points, matched, on_map, directions in rows
+        for t0, t1, pose, covariance, status, psi, psi_odometry, points, matched, on_map, apart in rows
     ]
     return Measured(measurements, float(arrays["doppler_beta"]))
 

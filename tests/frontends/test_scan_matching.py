@@ -115,6 +115,16 @@ def test_a_gap_of_a_second_is_bridged(measured: Measure) -> None:
     assert motions[14].covariance[0, 0] > 10.0 * motions[13].covariance[0, 0]
 
 
+def test_a_scan_beside_one_that_matches_nothing_is_as_unsure_as_the_others(measured: Measure) -> None:
+    recording, scans = street_drive()
+    scans = list(scans[:30])
+    scans[20] = emptied(scans[20])
+    sigmas = np.sqrt([np.diag(m.covariance) for m in measured(recording, scans)])
+    np.testing.assert_array_less(0.2 * np.median(sigmas, axis=0), sigmas[19])
+    nearby = np.delete(sigmas, [19, 20, 21], axis=0)
+    np.testing.assert_array_less(sigmas[20], 5.0 * (Config().kiss_icp.coast_vx * 0.25 + nearby.max(axis=0)))
+
+
 def test_a_covariance_is_one_and_large_along_a_corridor(measured: Measure) -> None:
     recording, scans = drive(make_corridor_scene(), ConstantDrive(5.0, 0.0), 1.5)
     for motion in measured(recording, scans):
@@ -171,8 +181,8 @@ def through_recorder(doppler_beta: float = 0.0) -> tuple[Recorder, Scans, list[M
         return recorders[-1]
 
     context = Context(Config(), recording.revolution_s, recording.start_us, odometry, doppler_beta)
-    motions = list(match_scans(scans[:3], new, context, ScanMatchingConfig(inflation=2.0)))
-    return recorders[-1], scans[:3], motions
+    motions = list(match_scans(scans[:3], new, context, ScanMatchingConfig()))
+    return recorders[-2], scans[:3], motions  # the last recorder is the one that goes backwards
 
 
 def test_ranges_are_freed_of_the_doppler_shift_of_the_last_motion() -> None:
@@ -194,12 +204,34 @@ def test_a_scan_is_handed_on_with_its_times_and_the_last_motion() -> None:
         np.testing.assert_allclose(motion.pose, step, atol=1e-9)
 
 
-def test_covariances_are_inflated_and_turned_into_the_frame_the_motion_starts_in() -> None:
+def test_covariances_are_turned_into_the_frame_the_motion_starts_in() -> None:
     _, _, motions = through_recorder()
     yaw = 0.1 * 0.25
     turn = se2.adjoint([0.0, 0.0, yaw])
     for motion in motions:
-        np.testing.assert_allclose(motion.covariance, turn @ np.diag([2e-4, 8e-4, 2e-6]) @ turn.T, atol=1e-9)
+        shape = motion.covariance / motion.covariance[2, 2]
+        np.testing.assert_allclose(shape, turn @ np.diag([1e2, 4e2, 1.0]) @ turn.T, rtol=1e-6, atol=1e-6)
+
+
+@pytest.mark.parametrize("off", [0.05, 0.2])
+def test_how_far_the_way_back_is_from_the_way_there_shows_how_large_the_errors_are(off: float) -> None:
+    recording, scans = street_drive()
+    scans = scans[:40]
+    sides = iter(np.random.default_rng(1).normal(0.0, off, 1000))
+
+    class Wavering(Recorder):
+        """A matcher whose poses waver about the truth along x."""
+
+        def match(
+            self, points: NDArray[np.float64], fractions: NDArray[np.float64], before: se2.Array, motion: se2.Array
+        ) -> Match:
+            match = super().match(points, fractions, before, motion)
+            return replace(match, pose=match.pose + np.array([next(sides), 0.0, 0.0]))
+
+    context = Context(Config(), recording.revolution_s, recording.start_us, None)
+    motions = list(match_scans(scans, Wavering, context, ScanMatchingConfig()))
+    stated = np.median([m.covariance[0, 0] for m in motions[5:]])
+    assert 0.4 * off**2 < stated
 
 
 def emptied(scan: Scan) -> Scan:

@@ -16,8 +16,7 @@ from mqslam.core.measurement import Loop
 
 def compute_chi_square(one: Relative, other: Relative) -> float:
     """Returns how far two independent statements about one pose differ, squared, in their standard deviations."""
-    off = one.motion - other.motion
-    off[2] = se2.wrap(off[2])
+    off = se2.subtract(one.motion, other.motion)
     return float(off @ np.linalg.solve(one.covariance + other.covariance, off))
 
 

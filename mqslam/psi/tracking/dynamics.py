@@ -82,7 +82,6 @@ class LastMatch:
         t0: its start [s].
         turn_s: its duration [s]; the radar may be told to turn at another rate.
         belief: what is known of its state.
-        smooths: whether a prediction from it rests on a match, and so smooths the next one.
         blind: what is unknown of the motion where psi does not observe it.
         twists: (3,) each, of the last scans whose motion psi observed, as many as the settings say at most.
     """
@@ -90,7 +89,6 @@ class LastMatch:
     t0: float
     turn_s: float
     belief: Belief
-    smooths: bool
     blind: Blindness
     twists: tuple[se2.Array, ...] = ()
 

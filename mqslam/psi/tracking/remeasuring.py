@@ -48,7 +48,7 @@ def remeasure(
             results[: k + 1] = _move_along(tracked[: k + 1], tracked[k + 1], results[k + 1])
             break
         placed = matcher.place(scans[k], state)
-        covariance = measure_covariance(minimum.evaluation, placed, predicted, around, setup, smoothed=True)
+        covariance = measure_covariance(minimum.evaluation, placed, predicted, around, setup)
         results[k] = replace(
             tracked[k],
             state=state,

@@ -31,12 +31,10 @@ class Followed:
     Args:
         tracked: where psi found it.
         psi_odometry: psi where odometry puts it; NaN without odometry.
-        young: whether its map had only begun, so that little is known yet of what its covariance leaves out.
     """
 
     tracked: Tracked
     psi_odometry: float
-    young: bool
 
 
 def follow_scans(scans: Sequence[Scan], tracker: Tracker, odometry: OdometryTwist) -> Iterator[Followed]:
@@ -153,10 +151,10 @@ class _Track:
         scans, before = [self._scans[n] for n in young], [self._followed[n] for n in young]
         again = self._tracker.remeasure(scans, [f.tracked for f in before])
         for n, tracked, f in zip(young, again, before, strict=True):
-            self._followed[n] = Followed(tracked, f.psi_odometry, young=True)
+            self._followed[n] = Followed(tracked, f.psi_odometry)
 
     def _keep(self, k: int, tracked: Tracked, psi_odometry: float) -> None:
-        self._followed[k] = Followed(tracked, psi_odometry, young=bool(self._young))
+        self._followed[k] = Followed(tracked, psi_odometry)
 
     def _score_odometry(self, scan: Scan) -> float:
         """Returns psi of a scan where odometry puts it from the last match; NaN without odometry."""

@@ -61,7 +61,7 @@ class Tracker:
         self._setup = Setup(settings, estimator, beam, revolution_s)
         self._matcher = Matcher(self._setup)
         self._map = LocalMap(settings)
-        self._last = LastMatch(0.0, revolution_s, ORIGIN, smooths=False, blind=Blindness.full(settings))
+        self._last = LastMatch(0.0, revolution_s, ORIGIN, blind=Blindness.full(settings))
         self._usual = Usual()
         self._foresight = Foresight(settings, self._setup.matching)
 
@@ -153,7 +153,6 @@ class Tracker:
             return self._pass_over(scan, bridged)
         minimum, is_sure = find_again(scan, bridged, self._map, self._matcher, self._is_out_of_place)
         if is_sure:
-            self._last = replace(self._last, smooths=False)
             self._foresight.forget()
             tracked = self._accept(scan, minimum, bridged, np.zeros((0, 3)), Blindness.none())
             return replace(tracked, arrival=estimate_arrival(before, tracked.pose, self.settings.sigma_scale))
@@ -186,7 +185,7 @@ class Tracker:
     def _begin_map(self, scan: Scan, belief: Belief, status: Status) -> Tracked:
         """Begins a new map with a scan, whose place defines where the map is."""
         known = belief.in_its_own_frame()
-        self._last = LastMatch(scan.t0, scan.t1 - scan.t0, known, smooths=False, blind=self._last.blind)
+        self._last = LastMatch(scan.t0, scan.t1 - scan.t0, known, blind=self._last.blind)
         self._foresight.forget()
         self._map = LocalMap(self.settings)
         self._map.offer(scan.t0, known.pose, self._matcher.place(scan, known.mean))
@@ -198,15 +197,14 @@ class Tracker:
     ) -> Tracked:
         """Takes a match as the new state, and as a keyframe where the last one is far away."""
         setup, evaluation = self._setup, minimum.evaluation
-        smoothed = self._last.smooths and self._last.is_before(scan, self.settings)  # a wide prediction smooths nothing
         belief = update_belief(minimum.state, evaluation, predicted.information, setup, weak)
         placed = self._matcher.place(scan, belief.mean)
-        measured = measure_covariance(evaluation, placed, predicted, self._map, setup, smoothed=smoothed)
+        measured = measure_covariance(evaluation, placed, predicted, self._map, setup)
         measured[POSE, POSE] = loosen(measured[POSE, POSE], weak, blind.pose)
         self._usual = self._usual.after(minimum, self.settings)
         observed = () if len(weak) else (belief.mean.twist,)
         twists = (*self._last.twists, *observed)[-self.settings.held_scans :]
-        self._last = LastMatch(scan.t0, scan.t1 - scan.t0, belief, smooths=True, blind=blind, twists=twists)
+        self._last = LastMatch(scan.t0, scan.t1 - scan.t0, belief, blind=blind, twists=twists)
         self._foresight.add(self._matcher.place(scan, predicted.mean), placed)
         self._map.offer(scan.t0, belief.pose, placed)
         status = Status.DEGENERATE if len(weak) else Status.CONVERGED

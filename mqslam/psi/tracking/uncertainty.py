@@ -16,7 +16,7 @@ from mqslam.psi.tracking.state import ALPHA, AX, SIZE, TOLERANCES, VY, YAW, Beli
 
 
 def measure_covariance(
-    evaluation: Evaluation, placed: PointSet, predicted: Belief, into: LocalMap, setup: Setup, *, smoothed: bool
+    evaluation: Evaluation, placed: PointSet, predicted: Belief, into: LocalMap, setup: Setup
 ) -> NDArray[np.float64]:
     """Returns the covariance (8, 8) of a match by psi's curvature; what psi does not observe is as sure as the prediction.
 
@@ -26,17 +26,15 @@ def measure_covariance(
         predicted: the prediction that the match began with.
         into: the map.
         setup: settings of the tracker and of the score.
-        smoothed: whether the prediction rests on a match, and so smooths this one.
     """
     settings, correlation = setup.settings, setup.estimator.correlation
     known = np.zeros((SIZE, SIZE))  # a vehicle hardly slides: without this, vy would seem as free as vx
     known[VY, VY] = correlation / settings.sigma_vy**2
     known[AX, AX] = correlation / settings.sigma_ax**2
     known[ALPHA, ALPHA] = correlation / settings.sigma_alpha**2
-    gain = settings.prediction_gain if smoothed else 1.0
     thin = 1.0 + 1.0 / max(len(into), 1)  # the map's points err like the scan's, but several keyframes average their errors
     measured = estimate_covariance(evaluation, placed.points, setup.estimator.cluster_m, known)
-    return fuse(gain * thin * measured, predicted.covariance, TOLERANCES)
+    return fuse(thin * measured, predicted.covariance, TOLERANCES)
 
 
 def update_belief(

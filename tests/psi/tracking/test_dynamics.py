@@ -71,7 +71,7 @@ def test_a_state_that_turned_farther_turns_faster() -> None:
 
 def test_unobserved_directions_follow_the_mean_twist_of_the_last_matches() -> None:
     twists = (np.array([8.2, 0.1, 0.1]), np.array([7.8, -0.1, 0.3]))
-    last = LastMatch(1.0, 0.25, Belief(State(VECTOR), np.eye(SIZE)), smooths=True, blind=Blindness.none(), twists=twists)
+    last = LastMatch(1.0, 0.25, Belief(State(VECTOR), np.eye(SIZE)), blind=Blindness.none(), twists=twists)
     steady = last.predict_steadily(Scan(1.5, 1.75, EMPTY))
     assert steady is not None
     np.testing.assert_allclose(steady.twist, [8.0, 0.0, 0.2])
@@ -79,9 +79,7 @@ def test_unobserved_directions_follow_the_mean_twist_of_the_last_matches() -> No
 
 
 def test_without_a_match_no_steady_motion_is_known() -> None:
-    assert (
-        LastMatch(0.0, 0.25, ORIGIN, smooths=False, blind=Blindness.none()).predict_steadily(Scan(0.25, 0.5, EMPTY)) is None
-    )
+    assert LastMatch(0.0, 0.25, ORIGIN, blind=Blindness.none()).predict_steadily(Scan(0.25, 0.5, EMPTY)) is None
 
 
 def test_a_steady_motion_is_predicted_along_its_arc() -> None:

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from support.drives import street_drive
 
-from mqslam.config import TrackerConfig
+from mqslam.config import CalibrationConfig, TrackerConfig
 from mqslam.core import se2
 from mqslam.core.measurement import Measurement, Status
 from mqslam.core.scans import Returns, Scan
-from mqslam.psi.both_ways import join, reverse_settings, reverse_time
+from mqslam.frontends.both_ways import join, reverse_settings, reverse_time, turn_back
 
 STEP = np.array([2.0, 0.1, 0.05])
 SURE = np.diag([4e-4, 1e-4, 1e-6])
@@ -37,7 +37,14 @@ def play_backward(motions: list[Measurement]) -> list[Measurement]:
     return [turned[0], *turned[:-1]]
 
 
+def join_motions(
+    scans: list[Scan], forward: list[Measurement], backward: list[Measurement], shared: float = 0.0
+) -> list[Measurement]:
+    return join(forward, turn_back(scans, backward), CalibrationConfig(shared=shared))
+
+
 SCANS = make_scans([0.0, 0.25, 0.5, 0.75, 1.0])
+LONG = make_scans([0.25 * k for k in range(2000)])
 
 
 def test_a_recording_played_backward_twice_is_the_recording() -> None:
@@ -66,42 +73,72 @@ def test_the_speeds_that_are_tried_are_those_of_the_vehicle_in_reverse() -> None
     assert (back.speed_min, back.speed_max) == (-40.0, 5.0)
 
 
-def test_two_measurements_of_one_motion_are_the_motion_and_twice_as_sure() -> None:
+def test_the_mean_of_two_measurements_of_one_motion_is_marked_as_one() -> None:
     forward = drive(SCANS)
-    for motion in join(SCANS, forward, play_backward(forward))[1:]:
+    for motion in join_motions(SCANS, forward, play_backward(forward))[1:]:
         np.testing.assert_allclose(motion.pose, STEP, atol=1e-12)
-        np.testing.assert_allclose(motion.covariance, 0.5 * SURE, atol=1e-12)
-        assert (motion.on_map, motion.directions) == (True, 2)
+        np.testing.assert_allclose(motion.apart, 0.0, atol=1e-12)
+        assert motion.on_map
 
 
 def test_the_mean_lies_between_what_both_directions_measure() -> None:
     forward, off = drive(SCANS), np.array([0.01, -0.004, 0.0006])
     backward = play_backward([replace(m, pose=STEP + off) for m in forward])
-    for motion in join(SCANS, forward, backward)[1:]:
+    for motion in join_motions(SCANS, forward, backward)[1:]:
         np.testing.assert_allclose(motion.pose, STEP + 0.5 * off, atol=1e-12)
 
 
-def test_the_covariance_of_the_mean_covers_its_error() -> None:
-    random, errors = np.random.default_rng(1), []
-    forward = drive(SCANS[:3])
-    for _ in range(2000):
-        noisy = [[replace(m, pose=STEP + random.multivariate_normal(np.zeros(3), SURE)) for m in forward] for _ in range(2)]
-        motion = join(SCANS[:3], noisy[0], play_backward(noisy[1]))[1]
-        error = motion.pose - STEP
-        errors.append(error @ np.linalg.solve(motion.covariance, error) / 3.0)
-    assert np.mean(errors) == pytest.approx(1.0, abs=0.06)
+def waver(motions: list[Measurement], truth: np.ndarray, seed: int) -> list[Measurement]:
+    """Returns motions with independent errors of a covariance."""
+    random = np.random.default_rng(seed)
+    errors = random.multivariate_normal(np.zeros(3), truth, len(motions))
+    return [replace(m, pose=STEP + error) for m, error in zip(motions, errors, strict=True)]
 
 
-def test_measurements_that_contradict_each_other_are_less_sure_than_they_say() -> None:
-    forward, off = drive(SCANS), np.array([0.0, 0.0, 0.02])
-    backward = play_backward([replace(m, pose=STEP + off) for m in forward])
-    for motion in join(SCANS, forward, backward)[1:]:
-        assert np.sqrt(motion.covariance[2, 2]) > 0.4 * off[2]
+@pytest.mark.parametrize("factors", [(1.0, 1.0, 1.0), (0.1, 0.3, 2.0), (20.0, 5.0, 0.05)])
+@pytest.mark.parametrize("shared", [0.0, 0.2, 0.5])
+def test_the_covariance_of_the_mean_covers_its_error_whatever_the_trackers_state(
+    factors: tuple[float, float, float], shared: float
+) -> None:
+    forward, truth = drive(LONG), SURE * np.array(factors)
+    common = waver(forward, shared * truth, 1)
+    one, other = (waver(forward, (1.0 - shared) * truth, seed) for seed in (2, 3))
+    one, other = ([replace(m, pose=m.pose + c.pose - STEP) for m, c in zip(ms, common, strict=True)] for ms in (one, other))
+    joined = join_motions(LONG, one, play_backward(other), shared)[1:]
+    errors = np.array([m.pose - STEP for m in joined])
+    squares = [error @ np.linalg.solve(m.covariance, error) / 3.0 for error, m in zip(errors, joined, strict=True)]
+    assert np.mean(squares) == pytest.approx(1.0, abs=0.1)
+
+
+def test_a_direction_that_is_alone_is_as_sure_as_both_are_apart_where_both_are_there() -> None:
+    forward, truth = drive(LONG), 9.0 * SURE
+    one, other = waver(forward, truth, 2), waver(forward, truth, 3)
+    other[1000] = replace(other[1000], on_map=False, status=Status.LOST)
+    alone = join_motions(LONG, one, play_backward(other))[1000]
+    np.testing.assert_allclose(np.diag(alone.covariance), np.diag(truth), rtol=0.15)
+
+
+def test_what_psi_did_not_observe_stays_as_unsure_as_it_was() -> None:
+    forward, unsure = drive(LONG), np.diag([4.0, 1e-4, 1e-6])
+    lost = [replace(m, on_map=False, covariance=unsure, status=Status.DEGENERATE) for m in forward[:3]]
+    forward = [*lost, *forward[3:]]
+    joined = join_motions(LONG, forward, play_backward(forward))
+    np.testing.assert_allclose(joined[0].covariance, unsure)
+    assert joined[100].covariance[0, 0] < 0.1 * SURE[0, 0]
+
+
+def test_measurements_that_contradict_each_other_are_less_sure_than_the_others() -> None:
+    forward = drive(LONG)
+    one, other = waver(forward, SURE, 2), waver(forward, SURE, 3)
+    other[1000] = replace(other[1000], pose=STEP + np.array([0.0, 0.0, 0.02]))
+    joined = join_motions(LONG, one, play_backward(other))
+    assert np.sqrt(joined[1000].covariance[2, 2]) > 0.009
+    assert np.sqrt(joined[999].covariance[2, 2]) < 0.001
 
 
 def test_the_first_motion_is_measured_forward_alone() -> None:
     forward = drive(SCANS)
-    assert join(SCANS, forward, play_backward(forward))[0] is forward[0]
+    assert np.isnan(join_motions(SCANS, forward, play_backward(forward))[0].apart).all()
 
 
 @pytest.mark.parametrize("worse", [Status.LOST, Status.DEGENERATE, Status.AMBIGUOUS])
@@ -112,15 +149,15 @@ def test_the_direction_that_kept_the_track_is_taken_alone(
     good = drive(SCANS)
     bad = [replace(m, pose=STEP + 1.0, status=worse, on_map=False) for m in good]
     forward, backward = turn(good, bad)
-    for motion in join(SCANS, forward, play_backward(backward))[1:]:
+    for motion in join_motions(SCANS, forward, play_backward(backward))[1:]:
         np.testing.assert_allclose(motion.pose, STEP, atol=1e-12)
-        assert (motion.status, motion.directions) == (Status.CONVERGED, 1)
+        assert motion.status is Status.CONVERGED and np.isnan(motion.apart).all()
 
 
 def test_where_nothing_is_observed_both_count_by_what_they_know_and_no_surer_than_the_surer_one() -> None:
     forward = [replace(m, on_map=False, covariance=np.diag([1.0, 1e-4, 1e-6])) for m in drive(SCANS, Status.DEGENERATE)]
     loose = [replace(m, pose=STEP + np.array([1.0, 0.0, 0.0]), covariance=np.diag([4.0, 1e-4, 1e-6])) for m in forward]
-    for motion in join(SCANS, forward, play_backward(loose))[1:]:
+    for motion in join_motions(SCANS, forward, play_backward(loose))[1:]:
         assert motion.pose[0] == pytest.approx(STEP[0] + 0.2)
         assert motion.covariance[0, 0] >= 1.0
         assert motion.status is Status.DEGENERATE
@@ -129,5 +166,5 @@ def test_where_nothing_is_observed_both_count_by_what_they_know_and_no_surer_tha
 def test_over_a_pause_the_motion_is_measured_forward_alone() -> None:
     scans = make_scans([0.0, 0.25, 3.0, 3.25, 3.5])
     forward = drive(scans)
-    joined = join(scans, forward, play_backward(forward))
-    assert [m.directions for m in joined] == [1, 1, 1, 2]
+    joined = join_motions(scans, forward, play_backward(forward))
+    assert [bool(np.isfinite(m.apart[0])) for m in joined] == [False, False, False, True]

@@ -1,8 +1,9 @@
 """A recording tracked in both directions of time, and what both say of one motion.
 
 Forward, a scan is matched to what was seen before it; backward, to what was seen after it. The two maps hold other views,
-so that the errors of the two matches are nearly independent, and where one direction loses the track or observes nothing
-the other often does. A recording played backward is a recording too: the vehicle drives in reverse.
+so that the errors of the two matches are nearly independent: how far the two are apart shows how large their errors are,
+and their mean is better than either. Where one direction loses the track or observes nothing, the other often does not. A
+recording played backward is a recording too: the vehicle drives in reverse.
 """
 
 from __future__ import annotations
@@ -14,10 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
-from mqslam.config import TrackerConfig
+from mqslam.config import CalibrationConfig, TrackerConfig
 from mqslam.core import se2
 from mqslam.core.measurement import Measurement, Status
 from mqslam.core.scans import Returns, Scan
+from mqslam.frontends.calibration import Twice, learn_scale, scale_covariance
 
 _TRUST = (Status.LOST, Status.DEGENERATE, Status.AMBIGUOUS, Status.CONVERGED)  # from the least to the most
 _CHANCE = float(chi2.ppf(0.999, 3))  # measurements that are farther apart, in their own covariance, contradict each other
@@ -45,19 +47,53 @@ def reverse_settings(settings: TrackerConfig) -> TrackerConfig:
     return settings.model_copy(update={"speed_min": -settings.speed_max, "speed_max": -settings.speed_min})
 
 
-def join(scans: Sequence[Scan], forward: Sequence[Measurement], backward: Sequence[Measurement]) -> list[Measurement]:
-    """Joins the motions between successive scans that were tracked in both directions of time.
+def turn_back(scans: Sequence[Scan], backward: Sequence[Measurement]) -> list[Measurement | None]:
+    """Returns motions that were measured backward as those that were driven, in the order of the recording.
+
+    There is none, and None in its place, where no backward motion leads to the start of a scan from the end of the next:
+    at the first scan and beside a pause.
 
     Args:
         scans: the N scans.
-        forward: the N - 1 motions between them.
         backward: the N - 1 motions between them in the order of `reverse_time`.
     """
-    joined = list(forward)
-    for k in range(1, len(forward)):  # no backward motion begins at the end of the first turn and leads to its start
-        if _follows(scans[k - 1], scans[k]) and _follows(scans[k], scans[k + 1]):
-            joined[k] = _join_motions(forward[k], _turn(backward[len(forward) - k]))
+    count = len(backward)
+    return [
+        _turn(backward[count - k]) if k and _follows(scans[k - 1], scans[k]) and _follows(scans[k], scans[k + 1]) else None
+        for k in range(count)
+    ]
+
+
+def join(
+    forward: Sequence[Measurement], backward: Sequence[Measurement | None], settings: CalibrationConfig
+) -> list[Measurement]:
+    """Joins motions that were measured in both directions of time, with covariances that show how far the two are apart.
+
+    Only motions between scans that were matched are scaled so. Where psi did not observe all directions, a covariance says
+    how little is known along the others, and that is no matter of errors of matches.
+
+    Args:
+        forward: the N - 1 motions between successive scans.
+        backward: the same motions, measured backward, or None.
+        settings: of how the size of errors is learnt.
+    """
+    different = 1.0 - settings.shared
+    twice = [
+        Twice(f.pose, se2.subtract(b.pose, f.pose), different * np.diag(f.covariance + b.covariance))
+        for f, b in zip(forward, backward, strict=True)
+        if b is not None and f.on_map and b.on_map
+    ]
+    scale = learn_scale(twice, settings)
+    joined = []
+    for f, b in zip(forward, backward, strict=True):
+        motion = _scale(f, scale)
+        joined.append(motion if b is None else _join_motions(motion, _scale(b, scale), settings.shared))
     return joined
+
+
+def _scale(motion: Measurement, scale: NDArray[np.float64]) -> Measurement:
+    """Returns a motion with scaled variances (3,) of x, y and yaw, if both of its scans were matched."""
+    return replace(motion, covariance=scale_covariance(motion.covariance, scale)) if motion.on_map else motion
 
 
 def _end(scan: Scan, after: Scan | None) -> float:
@@ -81,10 +117,10 @@ def _turn(motion: Measurement) -> Measurement:
     return replace(motion, pose=se2.inverse(motion.pose), covariance=covariance)
 
 
-def _join_motions(forward: Measurement, backward: Measurement) -> Measurement:
+def _join_motions(forward: Measurement, backward: Measurement, shared: float) -> Measurement:
     """Returns what two measurements of one motion say together; one whose scans were both matched counts alone."""
     if forward.on_map and backward.on_map:
-        return _average(forward, backward)
+        return _average(forward, backward, shared)
     if forward.on_map:
         return forward
     if backward.on_map:
@@ -92,17 +128,17 @@ def _join_motions(forward: Measurement, backward: Measurement) -> Measurement:
     return _intersect(forward, backward)
 
 
-def _average(forward: Measurement, backward: Measurement) -> Measurement:
-    """Returns the mean of two measurements whose errors are independent.
+def _average(forward: Measurement, backward: Measurement, shared: float) -> Measurement:
+    """Returns the mean of two measurements whose errors have a share of their variance in common.
 
     Each counts as much as the other, whatever its covariance: weights that change from motion to motion would keep errors
     of successive motions from cancelling. Two measurements that contradict each other are less sure than they say.
     """
-    apart, both = _subtract(forward, backward), forward.covariance + backward.covariance
-    covariance = 0.25 * both
-    if apart @ np.linalg.solve(both, apart) > _CHANCE:
+    apart, both = se2.subtract(backward.pose, forward.pose), forward.covariance + backward.covariance
+    covariance = 0.25 * (1.0 + shared) * both
+    if apart @ np.linalg.solve((1.0 - shared) * both, apart) > _CHANCE:
         covariance = covariance + 0.25 * np.outer(apart, apart)
-    return replace(forward, pose=forward.pose + 0.5 * apart, covariance=covariance, directions=2)
+    return replace(forward, pose=forward.pose + 0.5 * apart, covariance=covariance, apart=apart)
 
 
 def _intersect(forward: Measurement, backward: Measurement) -> Measurement:
@@ -113,13 +149,6 @@ def _intersect(forward: Measurement, backward: Measurement) -> Measurement:
     """
     gain = np.linalg.solve(forward.covariance + backward.covariance, forward.covariance).T
     covariance = 2.0 * gain @ backward.covariance
-    pose = forward.pose + gain @ _subtract(forward, backward)
+    pose = forward.pose + gain @ se2.subtract(backward.pose, forward.pose)
     status = min(forward.status, backward.status, key=_TRUST.index)
     return replace(forward, pose=pose, covariance=0.5 * (covariance + covariance.T), status=status)
-
-
-def _subtract(forward: Measurement, backward: Measurement) -> NDArray[np.float64]:
-    """Returns by how much (3,) the backward measurement is beyond the forward one, in the frame of both covariances."""
-    apart = backward.pose - forward.pose
-    apart[2] = se2.wrap(apart[2])
-    return apart

@@ -1,0 +1,52 @@
+"""How large the errors of a front end are, from two measurements of the same motions.
+
+The returns of one scan err together, so that their residuals alone hardly show how far a match is off. Two matches of it
+that rest on different maps do: they differ by the errors of both, but for what both maps and the scan have in common.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mqslam.config import CalibrationConfig
+from mqslam.core import se2
+
+
+class Twice(NamedTuple):
+    """A motion that was measured twice, each time against another map.
+
+    Args:
+        pose: (3,) of the motion.
+        apart: (3,) by how much the second measurement is beyond the first.
+        variances: (3,) of this difference, as the front end states them.
+    """
+
+    pose: se2.Array
+    apart: se2.Array
+    variances: NDArray[np.float64]
+
+
+def learn_scale(motions: Sequence[Twice], settings: CalibrationConfig) -> NDArray[np.float64]:
+    """Returns by how much (3,) the variances of x, y and yaw are larger than those that a front end states.
+
+    Args:
+        motions: measured twice; with none that tells anything the answer is one.
+        settings: how much each of them tells.
+    """
+    telling = [m for m in motions if np.hypot(m.pose[0], m.pose[1]) >= settings.moved_m]
+    if not telling:
+        return np.ones(3)
+    squares = np.array([m.apart**2 / m.variances for m in telling])
+    median = np.median(squares, axis=0)
+    squares = np.where(median > 0.0, np.minimum(squares, settings.gross * median), squares)
+    return np.asarray((settings.trusted + squares.sum(axis=0)) / (settings.trusted + len(squares)))
+
+
+def scale_covariance(covariance: NDArray[np.float64], scale: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Returns a covariance (3, 3) whose variances of x, y and yaw are scaled (3,)."""
+    sigmas = np.sqrt(scale)
+    return np.asarray(covariance * np.outer(sigmas, sigmas))
