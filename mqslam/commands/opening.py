@@ -41,7 +41,7 @@ def open_data(
         DataError: the recording cannot be used, or has any fault if strict.
     """
     sensor = settings.sensor
-    resolution = range_resolution or sensor.range_resolution_m
+    resolution = sensor.range_resolution_m if range_resolution is None else range_resolution
     recording = open_recording(
         data, format, resolution, clockwise=sensor.clockwise, stamp=sensor.stamp, settings=settings.reading
     )

@@ -11,7 +11,7 @@ from mqslam.config.fields import expert
 
 
 class CalibrationConfig(BaseModel):
-    """Settings of how large the errors of motions are, as far as two measurements of each are apart."""
+    """How the size of a front end's errors is learnt from motions that were measured twice."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
@@ -21,7 +21,9 @@ class CalibrationConfig(BaseModel):
         description="Shorter motions tell nothing [m]: while the vehicle stands, both measurements see the same again.",
     )
     trusted: float = expert(
-        10.0, gt=0.0, description="Number of motions that the covariances of the front end itself weigh as much as."
+        10.0,
+        gt=0.0,
+        description="Number of motions that it takes to outweigh the covariances that the front end states itself.",
     )
     gross: float = expert(
         100.0,

@@ -26,25 +26,26 @@ class GraphConfig(BaseModel):
     drift_trusted: float = expert(
         2.0,
         gt=0.0,
-        description="Number of such rows that independent errors of scans, which serve where there is no row, weigh as much "
-        "as.",
+        description="Number of such rows of submaps that it takes to outweigh the assumption that a map drifts by the "
+        "errors of its scans.",
     )
     drift_gross: float = expert(
         20.0,
         gt=1.0,
-        description="Squared differences of such rows over this many times the median one are cut down to it: a scan that "
-        "one direction misplaced says nothing of the others.",
+        description="Squared differences over such rows of submaps beyond this many times the median one are cut down to "
+        "it: a scan that one direction misplaced says nothing of the others.",
     )
     common_drift_m: float = expert(
         0.05,
         ge=0.0,
         description="Standard deviation [m] over 100 m of path of what the maps of both directions of time drift together, "
-        "which their difference does not show. It is unknown; 0 to 0.09 was found in simulated cities.",
+        "which their difference does not show. It grows with the root of the path. It is unknown; 0 to 0.09 was found in "
+        "simulated cities.",
     )
     common_drift_rad: float = expert(
         0.0015,
         ge=0.0,
-        description="The same of yaw [rad]; 0.0004 to 0.0024 was found in simulated cities.",
+        description="The same of the yaw [rad], over 100 m of path; 0.0004 to 0.0024 was found in simulated cities.",
     )
     huber: float = Field(
         1.345, gt=0.0, description="Residual [standard deviations] beyond which the pull of an edge grows only linearly."

@@ -97,10 +97,17 @@ def _judge_passes(run: Run) -> list[Finding]:
 
 
 def _judge_whole_map(run: Run) -> list[Finding]:
-    """Returns what optimisation made of the whole map; nothing where psi cannot tell."""
+    """Returns what the whole map shows, and what optimisation made of it; nothing where psi cannot tell.
+
+    A radar that stood still leaves a map of one scan: none of its points is matched.
+    """
     if run.unoptimised is not None:
         reason = f"the pose graph could not be optimised: the trajectory is {run.frontend}'s motions, chained"
         return [Finding(VerdictStatus.FAIL, reason)]
+    matched = run.map_optimised.matched
+    if len(matched) and not matched.any():
+        reason = "no point of the map was seen by two of its scans, so that nothing shows how good it is"
+        return [Finding(VerdictStatus.NOT_JUDGED, reason)]
     if not _can_compare(run):
         return []
     before, after = run.map_odometry.psi_per_point, run.map_optimised.psi_per_point
@@ -108,10 +115,7 @@ def _judge_whole_map(run: Run) -> list[Finding]:
 
 
 def _can_compare(run: Run) -> bool:
-    """Returns whether optimisation had something to do, and psi can tell what it made of the map.
-
-    A radar that stood still leaves a map of one scan: none of its points is matched, and its psi is nothing but the charges.
-    """
+    """Returns whether optimisation had something to do, and psi can tell what it made of the map."""
     if run.unoptimised is not None or not (run.odometry_factors or run.loops):
         return False
     return bool(run.checks) and bool(run.map_optimised.matched.any())

@@ -101,6 +101,7 @@ CASES: dict[str, tuple[Callable[[Path], Arguments], str]] = {
     "unknown front end": (option("--frontend", "kiss_ipc"), "front end kiss_ipc: unknown; did you mean kiss_icp?"),
     "unknown format": (option("--format", "oxfrod"), "did you mean oxford?"),
     "range resolution": (option("--range-resolution", "-1"), "is no length"),
+    "range resolution of nothing": (option("--range-resolution", "0"), "is no length"),
     "missing odometry": (option("--odometry", "nothing.csv"), "nothing.csv: does not exist"),
     "odometry that starts late": (
         odometry(f"t,v,omega\n{START_US + 700_000},1,0\n{END_US},1,0\n"),
