@@ -61,9 +61,10 @@ def match_scans(
     ]
     scale = learn_scale(twice, context.config.calibration)
     coasting = np.diag(np.array([settings.coast_vx, settings.coast_vy, settings.coast_omega]) ** 2)
-    for motion, unseen_s in followed:
+    for (motion, unseen_s), back in zip(followed, backward, strict=True):
         covariance = scale_covariance(motion.covariance, scale) + coasting * (unseen_s**2).sum()
-        yield replace(motion, covariance=covariance)
+        apart = np.sqrt(2.0) * se2.subtract(back, motion.pose) if motion.on_map and back is not None else np.full(3, np.nan)
+        yield replace(motion, covariance=covariance, apart=apart)
 
 
 def _follow(

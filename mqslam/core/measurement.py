@@ -36,7 +36,8 @@ class Measurement:
         on_map: whether both scans were matched to one map, so that errors of successive motions cancel instead of adding
             up.
         apart: (3,) by how much the motion as it was measured backward in time is beyond the one that was measured forward,
-            where this is the mean of both; NaN where it is not such a mean.
+            where this is the mean of both; NaN where it was not measured twice. A motion that is one of the two errs more
+            than their mean: for it the difference counts the square root of two times as much.
     """
 
     t0: float
