@@ -105,7 +105,7 @@ def _judge_whole_map(run: Run) -> list[Finding]:
         reason = f"the pose graph could not be optimised: the trajectory is {run.frontend}'s motions, chained"
         return [Finding(VerdictStatus.FAIL, reason)]
     matched = run.map_optimised.matched
-    if len(matched) and not matched.any():
+    if run.checks and len(matched) and not matched.any():
         reason = "no point of the map was seen by two of its scans, so that nothing shows how good it is"
         return [Finding(VerdictStatus.NOT_JUDGED, reason)]
     if not _can_compare(run):
