@@ -19,7 +19,7 @@ from mqslam.config import CalibrationConfig, TrackerConfig
 from mqslam.core import se2
 from mqslam.core.measurement import Measurement, Status
 from mqslam.core.scans import Returns, Scan
-from mqslam.frontends.calibration import Twice, learn_scale, scale_covariance
+from mqslam.frontends.calibration import Twice, learn_scale
 
 _TRUST = (Status.LOST, Status.DEGENERATE, Status.AMBIGUOUS, Status.CONVERGED)  # from the least to the most
 _CHANCE = float(chi2.ppf(0.999, 3))  # measurements that are farther apart, in their own covariance, contradict each other
@@ -93,7 +93,7 @@ def join(
 
 def _scale(motion: Measurement, scale: NDArray[np.float64]) -> Measurement:
     """Returns a motion with scaled variances (3,) of x, y and yaw, if both of its scans were matched."""
-    return replace(motion, covariance=scale_covariance(motion.covariance, scale)) if motion.on_map else motion
+    return replace(motion, covariance=se2.scale_covariance(motion.covariance, scale)) if motion.on_map else motion
 
 
 def _end(scan: Scan, after: Scan | None) -> float:

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from mqslam.config import CalibrationConfig
 from mqslam.core import se2
+from mqslam.core.gross import cut_gross
 
 
 class Twice(NamedTuple):
@@ -40,13 +41,5 @@ def learn_scale(motions: Sequence[Twice], settings: CalibrationConfig) -> NDArra
     telling = [m for m in motions if np.hypot(m.pose[0], m.pose[1]) >= settings.moved_m]
     if not telling:
         return np.ones(3)
-    squares = np.array([m.apart**2 / m.variances for m in telling])
-    median = np.median(squares, axis=0)
-    squares = np.where(median > 0.0, np.minimum(squares, settings.gross * median), squares)
+    squares = cut_gross(np.array([m.apart**2 / m.variances for m in telling]), settings.gross)
     return np.asarray((settings.trusted + squares.sum(axis=0)) / (settings.trusted + len(squares)))
-
-
-def scale_covariance(covariance: NDArray[np.float64], scale: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Returns a covariance (3, 3) whose variances of x, y and yaw are scaled (3,)."""
-    sigmas = np.sqrt(scale)
-    return np.asarray(covariance * np.outer(sigmas, sigmas))

@@ -15,7 +15,7 @@ from mqslam.core.frontend import Context
 from mqslam.core.measurement import Measurement, Status
 from mqslam.core.scans import Scan
 from mqslam.errors import EstimationError
-from mqslam.frontends.calibration import Twice, learn_scale, scale_covariance
+from mqslam.frontends.calibration import Twice, learn_scale
 from mqslam.frontends.scan_track import Matcher, ScanTrack, Step
 
 NewTrack = Callable[[float, se2.Array], ScanTrack]  # a track from a time [s] on, that begins with a twist (3,)
@@ -62,7 +62,7 @@ def match_scans(
     scale = learn_scale(twice, context.config.calibration)
     coasting = np.diag(np.array([settings.coast_vx, settings.coast_vy, settings.coast_omega]) ** 2)
     for (motion, unseen_s), back in zip(followed, backward, strict=True):
-        covariance = scale_covariance(motion.covariance, scale) + coasting * (unseen_s**2).sum()
+        covariance = se2.scale_covariance(motion.covariance, scale) + coasting * (unseen_s**2).sum()
         apart = np.sqrt(2.0) * se2.subtract(back, motion.pose) if motion.on_map and back is not None else np.full(3, np.nan)
         yield replace(motion, covariance=covariance, apart=apart)
 

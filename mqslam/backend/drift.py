@@ -17,6 +17,7 @@ from scipy.optimize import minimize
 from mqslam.backend.submaps import Submaps
 from mqslam.config import GraphConfig
 from mqslam.core import se2
+from mqslam.core.gross import cut_gross
 from mqslam.core.measurement import Measurement
 
 _PER_M = 100.0  # path [m] that the settings of common drift are for
@@ -32,12 +33,12 @@ def widen_ties(submaps: Submaps, measurements: Sequence[Measurement], settings: 
         measurements: the motions between successive scans.
         settings: of the graph.
     """
-    sigmas = np.sqrt(learn_drift(submaps, measurements, settings))
+    factors = learn_drift(submaps, measurements, settings)
     common = np.diag([settings.common_drift_m**2, settings.common_drift_m**2, settings.common_drift_rad**2])
     ties = []
     for tie in submaps.ties:
         length = float(np.hypot(tie.pose[0], tie.pose[1]))
-        ties.append(replace(tie, covariance=tie.covariance * np.outer(sigmas, sigmas) + common * (length / _PER_M)))
+        ties.append(replace(tie, covariance=se2.scale_covariance(tie.covariance, factors) + common * (length / _PER_M)))
     return replace(submaps, ties=ties)
 
 
@@ -52,8 +53,7 @@ def learn_drift(submaps: Submaps, measurements: Sequence[Measurement], settings:
     by_ties, by_ends, seen = _sum_spans(submaps, measurements, settings.drift_submaps)
     if len(seen) == 0:
         return np.ones(3)
-    median = np.median(seen, axis=0)
-    seen = np.where(median > 0.0, np.minimum(seen, settings.drift_gross * median), seen)
+    seen = cut_gross(seen, settings.drift_gross)
 
     def cost(logs: NDArray[np.float64]) -> float:
         """Returns minus the logarithm of how likely factors are, by their logarithms (3,)."""

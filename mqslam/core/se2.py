@@ -136,6 +136,12 @@ def rotate_covariance(covariance: Array, yaw: float) -> Array:
     return np.asarray(0.5 * (outside + outside.T))
 
 
+def scale_covariance(covariance: Array, factors: Array) -> Array:
+    """Returns a covariance (3, 3) whose variances of x, y and yaw are multiplied by factors (3,); correlations stay."""
+    sigmas = np.sqrt(factors)
+    return np.asarray(covariance * np.outer(sigmas, sigmas))
+
+
 def covariance_of_inverse(pose: ArrayLike, covariance: Array) -> Array:
     """Returns the covariance (3, 3) of a pose's inverse, given that of the pose, each in the frame its pose is given in."""
     x, y, yaw = np.asarray(pose, dtype=np.float64)
