@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +25,19 @@ from mqslam.frontends.calibration import Twice, learn_scale
 _TRUST = (Status.LOST, Status.DEGENERATE, Status.AMBIGUOUS, Status.CONVERGED)  # from the least to the most
 _CHANCE = float(chi2.ppf(0.999, 3))  # measurements that are farther apart, in their own covariance, contradict each other
 _PAUSE = 0.5  # time between two scans, in turns, beyond which the end of one is not the start of the next
+
+
+class Match(NamedTuple):
+    """A motion that was measured in one direction of time.
+
+    Args:
+        motion: the motion.
+        unseen: (3, 3) the part of its covariance that is no error of a match: of directions that psi does not observe, of
+            scans that it did not find, of gaps.
+    """
+
+    motion: Measurement
+    unseen: NDArray[np.float64]
 
 
 def reverse_time(scans: Sequence[Scan]) -> list[Scan]:
@@ -47,7 +61,7 @@ def reverse_settings(settings: TrackerConfig) -> TrackerConfig:
     return settings.model_copy(update={"speed_min": -settings.speed_max, "speed_max": -settings.speed_min})
 
 
-def turn_back(scans: Sequence[Scan], backward: Sequence[Measurement]) -> list[Measurement | None]:
+def turn_back(scans: Sequence[Scan], backward: Sequence[Match]) -> list[Match | None]:
     """Returns motions that were measured backward as those that were driven, in the order of the recording.
 
     There is none, and None in its place, where no backward motion leads to the start of a scan from the end of the next:
@@ -64,25 +78,18 @@ def turn_back(scans: Sequence[Scan], backward: Sequence[Measurement]) -> list[Me
     ]
 
 
-def join(
-    forward: Sequence[Measurement], backward: Sequence[Measurement | None], settings: CalibrationConfig
-) -> list[Measurement]:
+def join(forward: Sequence[Match], backward: Sequence[Match | None], settings: CalibrationConfig) -> list[Measurement]:
     """Joins motions that were measured in both directions of time, with covariances that show how far the two are apart.
 
-    Only motions between scans that were matched are scaled so. Where psi did not observe all directions, a covariance says
-    how little is known along the others, and that is no matter of errors of matches.
+    Only what psi's curvature shows is scaled so. How little is known of what psi did not observe is no matter of errors of
+    matches.
 
     Args:
         forward: the N - 1 motions between successive scans.
         backward: the same motions, measured backward, or None.
         settings: of how the size of errors is learnt.
     """
-    different = 1.0 - settings.shared
-    twice = [
-        Twice(f.pose, se2.subtract(b.pose, f.pose), different * np.diag(f.covariance + b.covariance))
-        for f, b in zip(forward, backward, strict=True)
-        if b is not None and f.on_map and b.on_map
-    ]
+    twice = [_compare(f, b, settings.shared) for f, b in zip(forward, backward, strict=True) if b is not None]
     scale = learn_scale(twice, settings)
     joined = []
     for f, b in zip(forward, backward, strict=True):
@@ -91,9 +98,18 @@ def join(
     return joined
 
 
-def _scale(motion: Measurement, scale: NDArray[np.float64]) -> Measurement:
-    """Returns a motion with scaled variances (3,) of x, y and yaw, if both of its scans were matched."""
-    return replace(motion, covariance=se2.scale_covariance(motion.covariance, scale)) if motion.on_map else motion
+def _compare(forward: Match, backward: Match, shared: float) -> Twice:
+    """Returns how far two measurements of one motion are apart along the axes of which psi's curvature tells both."""
+    f, b = forward.motion, backward.motion
+    variances = (1.0 - shared) * np.diag(f.covariance + b.covariance)
+    told = [np.diag(m.unseen) < 0.5 * np.diag(m.motion.covariance) for m in (forward, backward)]
+    return Twice(f.pose, se2.subtract(b.pose, f.pose), np.where(np.all(told, axis=0), variances, np.nan))
+
+
+def _scale(match: Match, scale: NDArray[np.float64]) -> Measurement:
+    """Returns a motion whose variances (3,) of x, y and yaw are scaled as far as psi's curvature shows them."""
+    seen = match.motion.covariance - match.unseen
+    return replace(match.motion, covariance=se2.scale_covariance(seen, scale) + match.unseen)
 
 
 def _end(scan: Scan, after: Scan | None) -> float:
@@ -111,10 +127,11 @@ def _reverse_returns(returns: Returns, end: float) -> Returns:
     return Returns(returns.ranges[::-1], returns.azimuths[::-1], end - returns.times[::-1], returns.intensities[::-1])
 
 
-def _turn(motion: Measurement) -> Measurement:
+def _turn(match: Match) -> Match:
     """Returns a motion that was measured backward as the one that was driven."""
-    covariance = se2.covariance_of_inverse(motion.pose, motion.covariance)
-    return replace(motion, pose=se2.inverse(motion.pose), covariance=covariance)
+    motion, pose = match.motion, match.motion.pose
+    covariance, unseen = (se2.covariance_of_inverse(pose, c) for c in (motion.covariance, match.unseen))
+    return Match(replace(motion, pose=se2.inverse(pose), covariance=covariance), unseen)
 
 
 def _join_motions(forward: Measurement, backward: Measurement, shared: float) -> Measurement:

@@ -23,7 +23,7 @@ class Twice(NamedTuple):
     Args:
         pose: (3,) of the motion.
         apart: (3,) by how much the second measurement is beyond the first.
-        variances: (3,) of this difference, as the front end states them.
+        variances: (3,) of this difference, as the front end states them; NaN along axes that neither measurement tells of.
     """
 
     pose: se2.Array
@@ -42,4 +42,5 @@ def learn_scale(motions: Sequence[Twice], settings: CalibrationConfig) -> NDArra
     if not telling:
         return np.ones(3)
     squares = cut_gross(np.array([m.apart**2 / m.variances for m in telling]), settings.gross)
-    return np.asarray((settings.trusted + squares.sum(axis=0)) / (settings.trusted + len(squares)))
+    count = np.isfinite(squares).sum(axis=0)
+    return np.asarray((settings.trusted + np.nansum(squares, axis=0)) / (settings.trusted + count))

@@ -16,7 +16,7 @@ from mqslam.core import se2
 from mqslam.core.frontend import Context
 from mqslam.core.measurement import Measurement, Status
 from mqslam.core.scans import Scan
-from mqslam.frontends.both_ways import join, reverse_settings, reverse_time, turn_back
+from mqslam.frontends.both_ways import Match, join, reverse_settings, reverse_time, turn_back
 from mqslam.psi.place import beam_of
 from mqslam.psi.tracking.state import State
 from mqslam.psi.tracking.track import Followed, OdometryTwist, follow_scans
@@ -45,9 +45,9 @@ class PsiFrontEnd:
         with ThreadPoolExecutor(1) as beside:  # most of a match is compiled code, which lets the other direction go on
             back = beside.submit(lambda: list(takewhile(lambda _: not stopped.is_set(), self._track_backward(scans))))
             try:
-                for motion in self._track_forward(scans):
-                    forward.append(motion)
-                    self._context.preview(motion)
+                for match in self._track_forward(scans):
+                    forward.append(match)
+                    self._context.preview(match.motion)
             except BaseException:
                 stopped.set()
                 raise
@@ -55,11 +55,11 @@ class PsiFrontEnd:
         joined = join(forward, turn_back(scans, back.result()), config.calibration)
         yield from _widen(joined, config.tracker, self._context.revolution_s)
 
-    def _track_forward(self, scans: Sequence[Scan]) -> Iterator[Measurement]:
+    def _track_forward(self, scans: Sequence[Scan]) -> Iterator[Match]:
         context = self._context
         return self._track(scans, context.config.tracker, context.doppler_beta, context.odometry_twist)
 
-    def _track_backward(self, scans: Sequence[Scan]) -> Iterator[Measurement]:
+    def _track_backward(self, scans: Sequence[Scan]) -> Iterator[Match]:
         """Yields the motions between the scans as `reverse_time` gives them."""
         context, end = self._context, scans[-1].t1
 
@@ -72,14 +72,14 @@ class PsiFrontEnd:
 
     def _track(
         self, scans: Sequence[Scan], settings: TrackerConfig, doppler_beta: float, odometry: OdometryTwist
-    ) -> Iterator[Measurement]:
+    ) -> Iterator[Match]:
         """Yields the motions of a track in one direction of time."""
         estimator, revolution_s = self._context.config.estimator, self._context.revolution_s
         tracker = Tracker(settings, estimator, beam_of(estimator, doppler_beta), revolution_s)
         return chain.from_iterable(_steps(follow_scans(scans, tracker, odometry)))
 
 
-def _steps(scans: Iterator[Followed]) -> Iterator[list[Measurement]]:
+def _steps(scans: Iterator[Followed]) -> Iterator[list[Match]]:
     """Yields the motions from each matched scan to the next matched one."""
     matched = next(scans)
     lost: list[Followed] = []  # scans since the last matched one
@@ -92,7 +92,7 @@ def _steps(scans: Iterator[Followed]) -> Iterator[list[Measurement]]:
     yield _bridge(matched.tracked, lost)
 
 
-def _bridge(begin: Tracked, then: list[Followed]) -> list[Measurement]:
+def _bridge(begin: Tracked, then: list[Followed]) -> list[Match]:
     """Returns the motions from one scan through those after it.
 
     Where the track was lost on the way to the last of them, the motion to that one is shared over the time, as a constant
@@ -111,24 +111,27 @@ def _move(tracked: Tracked, pose: se2.Array) -> Tracked:
     return replace(tracked, state=State.of(pose, tracked.state.motion))
 
 
-def _relate(a: Tracked, b: Tracked, psi_odometry: float) -> Measurement:
+def _relate(a: Tracked, b: Tracked, psi_odometry: float) -> Match:
     """Returns the motion between two tracked scans; their errors given the map are taken as independent."""
     pose = se2.between(a.pose, b.pose)
     c, s = np.cos(a.state.yaw), np.sin(a.state.yaw)
     by_end = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
     by_start = -by_end.copy()
     by_start[0, 2], by_start[1, 2] = pose[1], -pose[0]
-    at_end = b.pose_covariance + (np.zeros((3, 3)) if b.arrival is None else b.arrival)
-    covariance: NDArray[np.float64] = (
-        by_start @ a.pose_covariance @ by_start.T + by_end @ at_end @ by_end.T + _compare_measurements(a, b, pose)
-    )
+
+    def add_up(at_start: NDArray[np.float64], at_end: NDArray[np.float64]) -> NDArray[np.float64]:
+        sum_of_both: NDArray[np.float64] = by_start @ at_start @ by_start.T + by_end @ at_end @ by_end.T
+        return 0.5 * (sum_of_both + sum_of_both.T)
+
+    arrival = np.zeros((3, 3)) if b.arrival is None else b.arrival
+    unseen = add_up(a.unseen, b.unseen + arrival) + _compare_measurements(a, b, pose)
     evaluation = b.evaluation
     status = Status.LOST if b.begins_map else b.status
-    return Measurement(
+    motion = Measurement(
         t0=a.t0,
         t1=b.t0,
         pose=pose,
-        covariance=0.5 * (covariance + covariance.T),
+        covariance=add_up(a.covariance, b.covariance) + unseen,
         status=status,
         psi=evaluation.psi,
         psi_odometry=psi_odometry,
@@ -136,6 +139,7 @@ def _relate(a: Tracked, b: Tracked, psi_odometry: float) -> Measurement:
         matched=float(evaluation.matched.mean()) if len(evaluation.matched) else 0.0,
         on_map=a.status is Status.CONVERGED and status is Status.CONVERGED and b.arrival is None,
     )
+    return Match(motion, unseen)
 
 
 def _compare_measurements(a: Tracked, b: Tracked, pose: se2.Array) -> NDArray[np.float64]:

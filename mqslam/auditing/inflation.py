@@ -20,7 +20,7 @@ from mqslam.psi.covariance import estimate_covariance_by_differences
 from mqslam.psi.estimator import Evaluation, Scale
 from mqslam.psi.gaussians import floor_variances
 from mqslam.psi.minimiser import Minimum, Prior, annealed_scale, final_scale, minimise, score_itself
-from mqslam.psi.observability import find_weak_directions, loosen
+from mqslam.psi.observability import find_weak_directions, spread_along
 from mqslam.psi.place import PointSet
 
 _SWEEP: Final = 1.0  # by definition: times are counted in sweeps, so that one direction is seen again after 1
@@ -104,7 +104,7 @@ class _Window:
             minimum.state,
             settings.difference_step * units,
         )
-        covariance = loosen(floor_variances(covariance, settings.step * units), weak, settings.unobserved * units)
+        covariance = floor_variances(covariance, settings.step * units) + spread_along(weak, settings.unobserved * units)
         moved = placed.points - self.render(np.zeros(3)).points
         return Bend(
             correction=minimum.state * self.count,

@@ -21,9 +21,10 @@ class CalibrationConfig(BaseModel):
         description="Shorter motions tell nothing [m]: while the vehicle stands, both measurements see the same again.",
     )
     trusted: float = expert(
-        10.0,
+        5.0,
         gt=0.0,
-        description="Number of motions that it takes to outweigh the covariances that the front end states itself.",
+        description="Number of motions that it takes to outweigh the covariances that the front end states itself. These "
+        "were off by a factor of three and more, so that they are worth a few motions only.",
     )
     gross: float = expert(
         100.0,

@@ -7,9 +7,12 @@ from numpy.typing import NDArray
 
 
 def cut_gross(squares: NDArray[np.float64], times: float) -> NDArray[np.float64]:
-    """Returns squares (N, K) of which none is more than so many times the median of its column.
+    """Returns squares (N, K) of which none is more than so many times the median of its column; NaN where they are NaN.
 
     A column of which more than half are zero has no such limit.
     """
-    median = np.median(squares, axis=0)
+    known = np.isfinite(squares)
+    median = np.array(
+        [np.median(column[there]) if there.any() else 0.0 for column, there in zip(squares.T, known.T, strict=True)]
+    )
     return np.where(median > 0.0, np.minimum(squares, times * median), squares)

@@ -40,17 +40,15 @@ def find_weak_directions(wide: Evaluation, size: int, observed_share: float) -> 
     return np.asarray((whiten @ directions[:, shares < observed_share]).T)
 
 
-def loosen(
-    covariance: NDArray[np.float64], directions: NDArray[np.float64], spans: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """Makes a covariance as uncertain along weak directions as it can be.
+def spread_along(directions: NDArray[np.float64], spans: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Returns the covariance (Q, Q) of being anywhere along weak directions.
 
     Args:
-        covariance: (Q, Q).
-        directions: (K, Q) the weak ones.
+        directions: (K, Q) the weak ones; without any the covariance is zero.
         spans: (Q,) standard deviation of each variable when nothing is known of it.
     """
+    spread = np.zeros((len(spans), len(spans)))
     for direction in directions:
         length = np.min(spans / np.maximum(np.abs(direction), 1e-12))  # until the first variable reaches its span
-        covariance = covariance + np.outer(direction, direction) * length**2
-    return covariance
+        spread += np.outer(direction, direction) * length**2
+    return spread

@@ -21,7 +21,7 @@ from mqslam.psi.covariance import estimate_covariance_by_differences
 from mqslam.psi.estimator import Evaluation
 from mqslam.psi.gaussians import floor_variances, invert
 from mqslam.psi.minimiser import Minimum, Prior, annealed_scale, final_scale, minimise, score_itself
-from mqslam.psi.observability import find_weak_directions, loosen
+from mqslam.psi.observability import find_weak_directions, spread_along
 from mqslam.psi.place import Beam, PointSet, place
 
 TOLERANCES = {0: 5e-3, 1: 5e-3, 2: 1e-4}
@@ -87,7 +87,7 @@ def estimate_window(
     weak = find_weak_directions(wide, model.size, config.observed_share)
     if len(weak):
         unknown = [config.unknown_yaw_rate if c == OMEGA else config.unknown_speed for c in model.components]
-        covariance = loosen(covariance, weak, np.array(unknown))
+        covariance = covariance + spread_along(weak, np.array(unknown))
     return WindowMotion(minimum.state, covariance, minimum, Status.DEGENERATE if len(weak) else Status.CONVERGED)
 
 

@@ -12,7 +12,7 @@ from mqslam.config import CalibrationConfig, TrackerConfig
 from mqslam.core import se2
 from mqslam.core.measurement import Measurement, Status
 from mqslam.core.scans import Returns, Scan
-from mqslam.frontends.both_ways import join, reverse_settings, reverse_time, turn_back
+from mqslam.frontends.both_ways import Match, join, reverse_settings, reverse_time, turn_back
 
 STEP = np.array([2.0, 0.1, 0.05])
 SURE = np.diag([4e-4, 1e-4, 1e-6])
@@ -40,7 +40,8 @@ def play_backward(motions: list[Measurement]) -> list[Measurement]:
 def join_motions(
     scans: list[Scan], forward: list[Measurement], backward: list[Measurement], shared: float = 0.0
 ) -> list[Measurement]:
-    return join(forward, turn_back(scans, backward), CalibrationConfig(shared=shared))
+    there, back = ([Match(m, np.zeros((3, 3)) if m.on_map else m.covariance) for m in ms] for ms in (forward, backward))
+    return join(there, turn_back(scans, back), CalibrationConfig(shared=shared))
 
 
 SCANS = make_scans([0.0, 0.25, 0.5, 0.75, 1.0])
@@ -125,6 +126,19 @@ def test_what_psi_did_not_observe_stays_as_unsure_as_it_was() -> None:
     joined = join_motions(LONG, forward, play_backward(forward))
     np.testing.assert_allclose(joined[0].covariance, unsure)
     assert joined[100].covariance[0, 0] < 0.1 * SURE[0, 0]
+
+
+def test_what_psi_saw_of_a_motion_that_it_did_not_observe_in_full_is_as_sure_as_both_are_apart() -> None:
+    unseen = np.diag([4.0, 0.0, 0.0])
+    forward = [replace(m, on_map=False, covariance=SURE + unseen, status=Status.DEGENERATE) for m in drive(LONG)]
+    one, other = waver(forward, 9.0 * SURE, 2), waver(forward, 9.0 * SURE, 3)
+    there = [Match(m, unseen) for m in one]
+    back = [Match(m, se2.covariance_of_inverse(se2.inverse(m.pose), unseen)) for m in play_backward(other)]
+    joined = join(there, turn_back(LONG, back), CalibrationConfig(shared=0.0))
+    for motion in joined[1:]:
+        sure = np.diag(motion.covariance)
+        assert sure[0] == pytest.approx(4.0, rel=0.1)
+        np.testing.assert_allclose(sure[1:], 9.0 * np.diag(SURE)[1:], rtol=0.2)
 
 
 def test_measurements_that_contradict_each_other_are_less_sure_than_the_others() -> None:

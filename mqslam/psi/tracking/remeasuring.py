@@ -13,7 +13,7 @@ from mqslam.psi.minimiser import Minimum
 from mqslam.psi.tracking.dynamics import predict
 from mqslam.psi.tracking.local_map import LocalMap
 from mqslam.psi.tracking.matching import Matcher
-from mqslam.psi.tracking.state import POSE_AND_TWIST, SIZE, State
+from mqslam.psi.tracking.state import POSE, SIZE, State
 from mqslam.psi.tracking.tracked import Tracked
 from mqslam.psi.tracking.uncertainty import measure_covariance, update_belief
 
@@ -48,11 +48,11 @@ def remeasure(
             results[: k + 1] = _move_along(tracked[: k + 1], tracked[k + 1], results[k + 1])
             break
         placed = matcher.place(scans[k], state)
-        covariance = measure_covariance(minimum.evaluation, placed, predicted, around, setup)
         results[k] = replace(
             tracked[k],
             state=state,
-            covariance=covariance[POSE_AND_TWIST, POSE_AND_TWIST],
+            covariance=measure_covariance(minimum.evaluation, placed, predicted, around, setup)[POSE, POSE],
+            unseen=np.zeros((3, 3)),
             evaluation=minimum.evaluation,
             earlier=tracked[k].pose,
         )

@@ -18,7 +18,6 @@ X, Y, YAW, VX, VY, OMEGA, AX, ALPHA = range(8)
 SIZE = 8
 POSE, TWIST, ACCELERATION = slice(X, VX), slice(VX, AX), slice(AX, SIZE)
 MOTION = slice(VX, SIZE)  # twist and accelerations: the motion model's parameters
-POSE_AND_TWIST = slice(X, AX)
 TOLERANCES = np.array([1e-3, 1e-3, 2e-5, 5e-3, 5e-3, 1e-4, 2e-2, 1e-3])
 """Steps of the state that end a search, and its units where matrices are inverted: numerical, far below any error."""
 _FRAME = np.diag([1e-8, 1e-8, 1e-12])  # covariance of a pose that defines the frame: zero but for rounding

@@ -20,7 +20,9 @@ class Tracked:
     Args:
         t0: its start [s].
         state: its start pose and motion.
-        covariance: (6, 6) of start pose and twist, given the map that the scan is in, from psi's curvature.
+        covariance: (3, 3) of the start pose, given the map that the scan is in, as psi's curvature shows it; zero without a
+            match.
+        unseen: (3, 3) what is unknown besides, of directions that psi does not observe or where there is no match.
         evaluation: psi at the minimum.
         status: how far it can be trusted.
         begins_map: whether a new map begins with it.
@@ -31,6 +33,7 @@ class Tracked:
     t0: float
     state: State
     covariance: NDArray[np.float64]
+    unseen: NDArray[np.float64]
     evaluation: Evaluation
     status: Status
     begins_map: bool = False
@@ -41,11 +44,6 @@ class Tracked:
     def pose(self) -> se2.Array:
         """(3,) start pose."""
         return self.state.pose
-
-    @property
-    def pose_covariance(self) -> NDArray[np.float64]:
-        """(3, 3) covariance of the start pose, given the map that the scan is in."""
-        return self.covariance[:3, :3]
 
 
 def make_empty_evaluation() -> Evaluation:

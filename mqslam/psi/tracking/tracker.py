@@ -18,7 +18,7 @@ from mqslam.core.measurement import Status
 from mqslam.core.scans import Scan
 from mqslam.errors import FewReturnsError
 from mqslam.psi.minimiser import Minimum
-from mqslam.psi.observability import loosen
+from mqslam.psi.observability import spread_along
 from mqslam.psi.place import Beam
 from mqslam.psi.tracking.cold_start import find_first_motion
 from mqslam.psi.tracking.dynamics import (
@@ -42,7 +42,7 @@ from mqslam.psi.tracking.relocalisation import (
 )
 from mqslam.psi.tracking.remeasuring import map_tracked, remeasure
 from mqslam.psi.tracking.setup import Setup
-from mqslam.psi.tracking.state import ORIGIN, POSE, POSE_AND_TWIST, Belief, State
+from mqslam.psi.tracking.state import ORIGIN, POSE, TWIST, Belief, State
 from mqslam.psi.tracking.tracked import Tracked, make_empty_evaluation
 from mqslam.psi.tracking.uncertainty import measure_covariance, update_belief
 
@@ -189,8 +189,9 @@ class Tracker:
         self._foresight.forget()
         self._map = LocalMap(self.settings)
         self._map.offer(scan.t0, known.pose, self._matcher.place(scan, known.mean))
-        covariance = known.covariance[POSE_AND_TWIST, POSE_AND_TWIST]
-        return Tracked(scan.t0, known.mean, covariance, make_empty_evaluation(), status, begins_map=True)
+        middle_s = 0.5 * (scan.t1 - scan.t0)  # an error of its twist turns the scan about its start, and so the map
+        covariance, skew = known.covariance[POSE, POSE], known.covariance[TWIST, TWIST] * middle_s**2
+        return Tracked(scan.t0, known.mean, covariance, skew, make_empty_evaluation(), status, begins_map=True)
 
     def _accept(
         self, scan: Scan, minimum: Minimum, predicted: Belief, weak: NDArray[np.float64], blind: Blindness
@@ -199,8 +200,7 @@ class Tracker:
         setup, evaluation = self._setup, minimum.evaluation
         belief = update_belief(minimum.state, evaluation, predicted.information, setup, weak)
         placed = self._matcher.place(scan, belief.mean)
-        measured = measure_covariance(evaluation, placed, predicted, self._map, setup)
-        measured[POSE, POSE] = loosen(measured[POSE, POSE], weak, blind.pose)
+        covariance = measure_covariance(evaluation, placed, predicted, self._map, setup)[POSE, POSE]
         self._usual = self._usual.after(minimum, self.settings)
         observed = () if len(weak) else (belief.mean.twist,)
         twists = (*self._last.twists, *observed)[-self.settings.held_scans :]
@@ -208,7 +208,7 @@ class Tracker:
         self._foresight.add(self._matcher.place(scan, predicted.mean), placed)
         self._map.offer(scan.t0, belief.pose, placed)
         status = Status.DEGENERATE if len(weak) else Status.CONVERGED
-        return Tracked(scan.t0, belief.mean, measured[POSE_AND_TWIST, POSE_AND_TWIST], evaluation, status)
+        return Tracked(scan.t0, belief.mean, covariance, spread_along(weak, blind.pose), evaluation, status)
 
     def _pass_over(self, scan: Scan, predicted: Belief) -> Tracked:
         """Follows the prediction for a scan of too few returns."""
@@ -218,8 +218,7 @@ class Tracker:
     def _miss(self, scan: Scan, predicted: Belief, minimum: Minimum) -> Tracked:
         """Follows the prediction, at constant twist, for a scan that the map does not show."""
         state = State.at_constant_twist(predicted.pose, predicted.mean.twist)
-        covariance = predicted.covariance[POSE_AND_TWIST, POSE_AND_TWIST]
-        return Tracked(scan.t0, state, covariance, minimum.evaluation, Status.LOST)
+        return Tracked(scan.t0, state, np.zeros((3, 3)), predicted.covariance[POSE, POSE], minimum.evaluation, Status.LOST)
 
     def _is_out_of_place(self, minimum: Minimum) -> bool:
         """Returns whether a match is so much poorer than usual that it is probably none."""
