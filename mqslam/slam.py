@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from mqslam.auditing.windows import WindowAudit, audit_sample
+from mqslam.auditing.judge import Audit, audit_trajectory
 from mqslam.backend.loops.closing import close_loops
 from mqslam.backend.marginal_recursion import compute_all_marginals
 from mqslam.backend.odometry_edges import make_odometry_edges, read_odometry_motions, reckon
@@ -78,14 +78,14 @@ class Slam:
                 tracks = {"the map before optimisation": solution.odometry, "the map": solution.optimised}
                 maps = [self._render(what, scans, track, solution.beam) for what, track in tracks.items()]
                 before, after = runner.follow("render", maps, len(maps))
-            checks: list[WindowAudit] = []
+            checked: Audit | None = None
             with runner.time_stage("check"), runner.tolerate("the check of the map"):
-                checks = audit_sample(scans, solution.optimised, config.audit, config.estimator, solution.beam, runner)
+                checked = audit_trajectory(scans, solution.optimised, config, solution.beam, runner)
         return Run(
             **(vars(solution) | {"warnings": tuple(runner.warnings)}),
             map_odometry=before,
             map_optimised=after,
-            checks=checks,
+            checked=checked,
             runtime_s=runner.runtime_s,
             unread=detected.unread,
         )

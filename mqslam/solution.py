@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import gtsam
 
+from mqslam.auditing.judge import Audit
 from mqslam.auditing.windows import WindowAudit
 from mqslam.backend.marginals import PoseCovariances
 from mqslam.backend.odometry_edges import ODOMETRY
@@ -73,13 +74,18 @@ class Run(Solution):
 
     Args:
         map_odometry, map_optimised: the recording rendered under both trajectories.
-        checks: windows of the optimised map, each compared with its own best, evenly spread over the run.
+        checked: the optimised map judged, of its windows a sample; None where that could not be done.
         runtime_s: runtime of each stage [s].
         unread: the error for each polar scan that could not be read and was left out, by its number.
     """
 
     map_odometry: PointMap
     map_optimised: PointMap
-    checks: list[WindowAudit]
+    checked: Audit | None
     runtime_s: dict[str, float]
     unread: dict[int, DataError]
+
+    @property
+    def checks(self) -> list[WindowAudit]:
+        """The windows of the optimised map that were judged, evenly spread over the run."""
+        return self.checked.windows if self.checked else []

@@ -1,33 +1,20 @@
-"""What the windows and the revisits of a map say about it, in words."""
+"""What the tests of a map say about it, in words."""
 
 from __future__ import annotations
 
 import itertools
 from collections.abc import Sequence
+from typing import Final
 
 import numpy as np
 
+from mqslam.auditing.pooled import Pooled
 from mqslam.auditing.revisits import RevisitAudit
-from mqslam.auditing.verdict import Finding, Share, VerdictStatus, verdict_of
+from mqslam.auditing.steps import StepAudit
+from mqslam.auditing.verdict import Finding, Share, VerdictStatus
 from mqslam.auditing.windows import WindowAudit
-from mqslam.config import VerdictConfig
+from mqslam.config import AuditConfig, VerdictConfig
 from mqslam.core.wording import count_of, is_or_are
-
-
-def judge_map(
-    windows: Sequence[WindowAudit], revisits: Sequence[RevisitAudit], scans: int, size: int, settings: VerdictConfig
-) -> tuple[VerdictStatus, list[str]]:
-    """Returns the verdict on a map, and the reasons for it.
-
-    Args:
-        windows: all that were judged.
-        revisits: all that were judged.
-        scans: number of scans of the map.
-        size: number of scans of a window.
-        settings: limits, and the evidence that a verdict takes.
-    """
-    findings = judge_windows(windows, scans, size, settings)
-    return verdict_of([*findings, judge_revisits(revisits, settings)])
 
 
 def judge_windows(windows: Sequence[WindowAudit], scans: int, size: int, settings: VerdictConfig) -> list[Finding]:
@@ -55,6 +42,93 @@ def judge_windows(windows: Sequence[WindowAudit], scans: int, size: int, setting
         matched = float(np.median([w.bend.matched for w in windows]))
         findings.append(Finding(VerdictStatus.FAIL, f"only {matched:.0%} of the points are seen twice: nothing overlaps"))
     return findings
+
+
+def judge_steps(steps: Sequence[StepAudit], settings: AuditConfig, limits: VerdictConfig) -> Finding:
+    """Returns what the steps of a map say about it.
+
+    Args:
+        steps: all that were laid on each other.
+        settings: of the audit, which say how large a jump matters.
+        limits: of the verdict.
+    """
+    judged = [step for step in steps if np.isfinite(step.p_value)]
+    if not judged:
+        return Finding(VerdictStatus.PASS, "too few steps could be measured to see a jump of the trajectory")
+    jumps = find_jumps(judged, settings, limits)
+    if not jumps:
+        return Finding(VerdictStatus.PASS, f"no jump at any of {count_of(len(judged), 'step')}")
+    worst = max(jumps, key=lambda step: step.laid.size_m)
+    others = f" and at {count_of(len(jumps) - 1, 'other place')}" if len(jumps) > 1 else ""
+    reason = f"the map jumps by {worst.laid.size_m:.2f} m at {worst.t:.1f} s{others}"
+    return Finding(VerdictStatus.FAIL if worst.laid.size_m > settings.torn_m else VerdictStatus.WARN, reason)
+
+
+def find_jumps(steps: Sequence[StepAudit], settings: AuditConfig, limits: VerdictConfig) -> list[StepAudit]:
+    """Returns the steps at which a map jumps, one for each jump: that which is farthest off.
+
+    Args:
+        steps: those that were judged, in the order of time.
+        settings: of the audit.
+        limits: of the verdict.
+    """
+    chance = limits.false_alarms / _SHARERS
+    off = [step for step in steps if step.p_value < chance and step.laid.size_m > settings.bend_m]
+    jumps: list[StepAudit] = []
+    for step in off:
+        if jumps and step.laid.later - jumps[-1].laid.later <= 2 * settings.step_scans:  # they share scans
+            jumps[-1] = max(jumps[-1], step, key=lambda s: s.laid.size_m)
+        else:
+            jumps.append(step)
+    return jumps
+
+
+def judge_pooled(pooled: Pooled | None, limits: VerdictConfig) -> Finding:
+    """Returns what all of a map says together that no place of it shows alone.
+
+    A scale of the trajectory that is off and one of the ranges look alike: the map only shows that the two disagree.
+
+    Args:
+        pooled: what all of the map asks for together; None where the drive is too short to show it.
+        limits: of the verdict.
+    """
+    if pooled is None:
+        return Finding(VerdictStatus.PASS, "the drive is too short to show whether its scale is right")
+    largest = (limits.scale_warn, limits.scale_warn, limits.turn_warn)
+    wishes = [
+        _WISHES[axis](float(bias), float(sigma))
+        for axis, (bias, sigma, chance, limit) in enumerate(
+            zip(pooled.bias, pooled.sigma, pooled.p_value, largest, strict=True)
+        )
+        if abs(bias) > limit and chance < limits.false_alarms / _SHARERS
+    ]
+    if wishes:
+        return Finding(VerdictStatus.WARN, f"all along the drive {' and '.join(wishes)}")
+    return Finding(VerdictStatus.PASS, "scale, direction of travel and yaw rate fit what the sensor sees")
+
+
+def _wish_length(bias: float, sigma: float) -> str:
+    longer = "short" if bias > 0.0 else "long"
+    share = f"{abs(bias):.2%} (± {sigma:.2%})"
+    return f"the trajectory is {share} too {longer} for the sensor's ranges: the scale of one of the two is wrong"
+
+
+def _wish_side(bias: float, sigma: float) -> str:
+    turn = f"{np.degrees(abs(bias)):.2f} degrees (± {np.degrees(sigma):.2f})"
+    return f"the sensor moves {turn} farther to the {_side(bias)} than the trajectory says: its mount is turned by as much"
+
+
+def _wish_turn(bias: float, sigma: float) -> str:
+    turn = f"{100.0 * np.degrees(abs(bias)):.2f} degrees (± {100.0 * np.degrees(sigma):.2f})"
+    return f"the yaw drifts by {turn} to the {_side(-bias)} per 100 m"
+
+
+def _side(bias: float) -> str:
+    return "left" if bias > 0.0 else "right"
+
+
+_WISHES: Final = (_wish_length, _wish_side, _wish_turn)  # what is asked for forward, to the side and in yaw, in words
+_SHARERS: Final = 4  # by definition: tests that share the rate of false alarms, which are the steps and three biases
 
 
 def judge_revisits(revisits: Sequence[RevisitAudit], settings: VerdictConfig) -> Finding:

@@ -1,17 +1,24 @@
-"""An audit: every window and every revisit of a map judged, and what they make of the whole."""
+"""An audit: every window, step and revisit of a map judged, and what they make of the whole."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import chain
 
-from mqslam.auditing.findings import judge_map
+from mqslam.auditing.findings import judge_pooled, judge_revisits, judge_steps, judge_windows
+from mqslam.auditing.pooled import Pooled, pool_corrections
 from mqslam.auditing.revisits import RevisitAudit, audit_revisits
-from mqslam.auditing.sweeps import Sweeps
-from mqslam.auditing.verdict import VerdictStatus
+from mqslam.auditing.steps import StepAudit, audit_steps
+from mqslam.auditing.sweeps import Sweeps, place_sweeps
+from mqslam.auditing.verdict import Finding, VerdictStatus, verdict_of
 from mqslam.auditing.windows import WindowAudit, audit_windows
-from mqslam.config import AuditConfig, EstimatorConfig, LoopConfig, VerdictConfig
+from mqslam.config import AuditConfig, Config, EstimatorConfig, LoopConfig, VerdictConfig
+from mqslam.core.scans import Scans
+from mqslam.core.trajectory import Trajectory
 from mqslam.execution.engine import Engine
 from mqslam.execution.progress import Progress
+from mqslam.execution.runner import Runner
+from mqslam.psi.place import Beam
 
 
 @dataclass(frozen=True)
@@ -20,13 +27,19 @@ class Audit:
 
     Args:
         windows: its windows in the order of time.
+        steps: its steps in the order of time.
+        pooled: what all of it asks for together; None where the drive is too short to show it.
         revisits: places that the trajectory comes back to.
+        tests: what each test found, by its name.
         status: the verdict.
         reasons: why.
     """
 
     windows: list[WindowAudit]
+    steps: list[StepAudit]
+    pooled: Pooled | None
     revisits: list[RevisitAudit]
+    tests: dict[str, list[Finding]]
     status: VerdictStatus
     reasons: list[str]
 
@@ -39,6 +52,7 @@ def audit(
     limits: VerdictConfig,
     engine: Engine,
     progress: Progress,
+    sampled: int | None = None,
 ) -> Audit:
     """Judges a map.
 
@@ -49,8 +63,35 @@ def audit(
         loops: settings of loops, whose floor holds for revisits too.
         limits: settings of the verdict.
         engine: where windows and revisits are judged; the result does not depend on it.
-        progress: called as windows and revisits are done.
+        progress: called as its parts are done.
+        sampled: how many windows at most are judged, evenly spread; None takes all.
     """
-    windows = audit_windows(sweeps, settings, estimator, engine, progress)
+    windows = audit_windows(sweeps, settings, estimator, engine, progress, sampled)
+    steps = audit_steps(sweeps, settings, estimator, engine, progress)
+    pooled = pool_corrections(sweeps, settings, estimator, engine, progress)
     revisits = audit_revisits(sweeps, settings, estimator, loops, engine, progress)
-    return Audit(windows, revisits, *judge_map(windows, revisits, len(sweeps), settings.window, limits))
+    tests = {
+        "windows": judge_windows(windows, len(sweeps), settings.window, limits),
+        "steps": [judge_steps(steps, settings, limits)],
+        "pooled": [judge_pooled(pooled, limits)],
+        "revisits": [judge_revisits(revisits, limits)],
+    }
+    return Audit(windows, steps, pooled, revisits, tests, *verdict_of(chain.from_iterable(tests.values())))
+
+
+def audit_trajectory(scans: Scans, trajectory: Trajectory, config: Config, beam: Beam, runner: Runner) -> Audit:
+    """Judges the map that a run has made: all of it, but of its windows a sample.
+
+    Args:
+        scans: of the recording.
+        trajectory: poses of the sensor.
+        config: all settings.
+        beam: the sensor's errors.
+        runner: where the map is judged; the result does not depend on it.
+
+    Raises:
+        EstimationError: there are no returns.
+    """
+    sweeps, _ = place_sweeps(scans, trajectory, config.audit, beam)
+    sections = config.audit, config.estimator, config.loops, config.verdict
+    return audit(sweeps, *sections, runner.engine, runner.progress, config.audit.sampled_windows)

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from mqslam.auditing.laying import lay
 from mqslam.auditing.sweeps import Sweeps
 from mqslam.auditing.windows import torn_threshold
-from mqslam.backend.loops.align import align, score_at_pose
-from mqslam.backend.loops.passes import find_passes, is_unrivalled
+from mqslam.backend.loops.passes import find_passes
 from mqslam.backend.loops.submap import pick_around
 from mqslam.config import AuditConfig, EstimatorConfig, LoopConfig
 from mqslam.core import se2
@@ -126,26 +126,22 @@ def measure_revisit(
         estimator: settings of the score.
         loops: settings of loops, whose floor holds here too, because submaps bend.
     """
-    passes = pick_passes(sweeps, earlier, later, settings)
-    reference, query = (sweeps.local(part, sweeps.poses[k]) for part, k in zip(passes, (earlier, later), strict=True))
-    if min(len(reference), len(query)) < settings.fewest:
-        return None
-    guess = se2.between(sweeps.poses[earlier], sweeps.poses[later])
     path_m = float(sweeps.travelled[later] - sweeps.travelled[earlier])
-    alignment = align(reference, query, guess, compute_reach(path_m, settings), settings, estimator)
-    offset = se2.wrapped_between(guess, alignment.pose)
-    floor = np.diag([loops.floor_m**2, loops.floor_m**2, loops.floor_rad**2])
-    covariance = se2.rotate_covariance(alignment.covariance, -guess[2]) + floor
+    passes, reach = pick_passes(sweeps, earlier, later, settings), compute_reach(path_m, settings)
+    laid = lay(sweeps, (earlier, later), passes, reach, settings, estimator)
+    if laid is None:
+        return None
+    covariance = laid.covariance + np.diag([loops.floor_m**2, loops.floor_m**2, loops.floor_rad**2])
     return Revisit(
         earlier=earlier,
         later=later,
-        offset=offset,
+        offset=laid.offset,
         covariance=covariance,
-        inflation=float(offset @ np.linalg.solve(covariance, offset)),
-        matched=alignment.matched,
-        psi=score_at_pose(reference, query, guess, estimator),
-        psi_best=alignment.psi,
-        sure=is_unrivalled(alignment, settings),
+        inflation=float(laid.offset @ np.linalg.solve(covariance, laid.offset)),
+        matched=laid.matched,
+        psi=laid.psi,
+        psi_best=laid.psi_best,
+        sure=laid.unrivalled,
     )
 
 

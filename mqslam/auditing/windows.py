@@ -2,24 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.stats import chi2
 
 from mqslam.auditing.inflation import Bend, fit_bend
 from mqslam.auditing.measures import Measures, compute_measures, locate_sensors
-from mqslam.auditing.sweeps import Sweeps, place_sweeps
+from mqslam.auditing.sweeps import Sweeps
 from mqslam.config import AuditConfig, EstimatorConfig
 from mqslam.core import se2
 from mqslam.core.evenly import pick_evenly
-from mqslam.core.scans import Scans
-from mqslam.core.trajectory import Trajectory
-from mqslam.errors import EstimationError
 from mqslam.execution.engine import Engine
 from mqslam.execution.progress import Progress
-from mqslam.execution.runner import Runner
-from mqslam.psi.place import Beam
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,7 +42,12 @@ class WindowAudit:
 
 
 def audit_windows(
-    sweeps: Sweeps, settings: AuditConfig, estimator: EstimatorConfig, engine: Engine, progress: Progress
+    sweeps: Sweeps,
+    settings: AuditConfig,
+    estimator: EstimatorConfig,
+    engine: Engine,
+    progress: Progress,
+    sampled: int | None = None,
 ) -> list[WindowAudit]:
     """Judges the windows of a map in the order of time; windows without a point, such as in fog, are left out.
 
@@ -57,12 +57,15 @@ def audit_windows(
         estimator: settings of the score.
         engine: where the windows are judged; the result does not depend on it.
         progress: called as windows are done.
+        sampled: how many windows at most are judged, evenly spread; None takes all.
     """
     size = settings.window
     begins = list(range(0, len(sweeps) - size + 1, size))
     if begins and begins[-1] + size < len(sweeps):
         begins.append(len(sweeps) - size)  # the last one overlaps the one before, so that every sweep is judged
     begins = [begin for begin in begins if sweeps.begins[begin + size] > sweeps.begins[begin]]
+    if sampled is not None:
+        begins = [begins[k] for k in pick_evenly(len(begins), sampled).tolist()]
 
     def report(number: int, window: WindowAudit) -> None:
         progress("audit", number, len(begins))
@@ -111,43 +114,3 @@ def audit_window(sweeps: Sweeps, begin: int, end: int, settings: AuditConfig, es
 def torn_threshold(settings: AuditConfig) -> float:
     """Returns the inflation beyond which a window or a revisit is off by more than chance: it has 3 degrees of freedom."""
     return float(chi2.ppf(settings.probability, 3))
-
-
-def audit_sample(
-    scans: Scans,
-    trajectory: Trajectory,
-    settings: AuditConfig,
-    estimator: EstimatorConfig,
-    beam: Beam,
-    runner: Runner,
-) -> list[WindowAudit]:
-    """Judges some windows of a run, evenly spread: enough to see how good its map is, whatever its length.
-
-    Args:
-        scans: of the recording; windows without returns are left out.
-        trajectory: poses of the sensor.
-        settings: of the audit, which say how many windows at most.
-        estimator: settings of the score.
-        beam: the sensor's errors.
-        runner: where the windows are judged; the result does not depend on it.
-    """
-    size = settings.window
-    begins = np.arange(0, len(scans) - size + 1, size)
-    begins = begins[pick_evenly(len(begins), settings.sampled_windows)]
-
-    def report(number: int, window: WindowAudit | None) -> None:
-        runner.progress("check", number, len(begins))
-
-    windows = runner.engine.map(_audit_part, (scans, trajectory, settings, estimator, beam), begins.tolist(), report)
-    return [window for window in windows if window is not None]
-
-
-def _audit_part(shared: tuple[Scans, Trajectory, AuditConfig, EstimatorConfig, Beam], begin: int) -> WindowAudit | None:
-    """Judges the window that begins with a scan; returns None where it holds no returns."""
-    scans, trajectory, settings, estimator, beam = shared
-    try:
-        sweeps, inside = place_sweeps(scans[begin : begin + settings.window], trajectory, settings, beam)
-    except EstimationError:
-        return None
-    window = audit_window(sweeps, 0, len(sweeps), settings, estimator)
-    return replace(window, begin=begin + inside[0], end=begin + inside[-1] + 1)

@@ -27,6 +27,11 @@ class AuditConfig(PassConfig):
         lt=1.0,
         description="A window is torn, too, if even its best map has a smaller matched share of points than this.",
     )
+    step_scans: int = Field(3, ge=1, description="Number of scans before a step that those after it are laid on.")
+    step_every: int = Field(2, ge=1, description="Every how many scans a step is judged.")
+    span_m: float = Field(
+        30.0, gt=0.0, description="Path [m] between scans that show what the whole map asks for together, such as a scale."
+    )
     radius_m: float = Field(1.0, gt=0.0, description="Radius [m] of the neighbourhoods of the entropies and plane variance.")
     cell_m: float = Field(0.5, gt=0.0, description="Side of a cell of the evidence grid [m].")
     submap_spacing_m: float = Field(5.0, gt=0.0, description="Path [m] between the scans that a submap is rendered from.")
@@ -39,6 +44,9 @@ class AuditConfig(PassConfig):
     drift: float = Field(0.02, ge=0.0, description="Drift of the trajectory to reckon with, per length of path [m/m].")
     drift_rad: float = Field(1e-4, ge=0.0, description="Drift of the yaw to reckon with, per length of path [rad/m].")
     search_rad: SearchRad = 0.05
+    step_fewest: int = expert(20, ge=2, description="Fewest steps that show how far off a step without a jump usually is.")
+    span_every_m: float = expert(15.0, gt=0.0, description="Path [m] from one such pair of scans to the next.")
+    span_fewest: int = expert(15, ge=1, description="Fewest such pairs that show a bias.")
     sampled_windows: int = expert(
         100, ge=1, description="Number of windows, evenly spread, that a run judges of its own map; an audit judges all."
     )
@@ -135,6 +143,18 @@ class VerdictConfig(BaseModel):
     )
     revisits_fail: float = Field(
         0.1, ge=0.0, lt=1.0, description="A larger share of torn revisits than this shows that the whole map drifts."
+    )
+    false_alarms: float = Field(
+        0.01,
+        gt=0.0,
+        lt=0.5,
+        description="Probability with which the tests of steps and of pooled corrections together call a good map bad.",
+    )
+    scale_warn: float = Field(
+        0.002, ge=0.0, description="Distances or directions that are off by a larger share than this are worth a look [m/m]."
+    )
+    turn_warn: float = Field(
+        8.7e-6, ge=0.0, description="A yaw that drifts by more than this is worth a look [rad/m]: 0.05 degrees in 100 m."
     )
     lost_fail: float = Field(
         0.2,

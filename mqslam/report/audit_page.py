@@ -45,6 +45,12 @@ _MEASURES: Final = {
     "joint_entropy": ("joint less separate entropy", " nat"),
     "grid_entropy": ("entropy per grid cell", " nat"),
 }
+_TESTS: Final = {
+    "windows": ("windows: a few scans against their best map", "jumps, and errors that grow slowly"),
+    "steps": ("steps: scans against those just before", "errors that grow slowly"),
+    "pooled": ("pooled corrections: all of the drive together", "errors that come and go; one scale for everything"),
+    "revisits": ("revisits: two passes of one place", "anything where no place is passed twice"),
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,6 +58,7 @@ class AuditParts:
     """The parts of the page, as audit.html shows them."""
 
     tiles: Part[tuple[Tile, ...]]
+    tests: Part[Section]
     map: Part[Section]
     explorer: Part[Scene]
     worst: Part[Section]
@@ -105,6 +112,7 @@ def write_audit_report(path: Path, report: AuditReport) -> list[str]:
     sweeps, audit, settings = report.sweeps, report.audit, report.config.audit
     parts = AuditParts(
         map=collect("the pictures of the map", lambda: _show_map(report), failures),
+        tests=collect("the tests", lambda: _list_tests(report), failures),
         tiles=collect("the first numbers", lambda: _make_tiles(report), failures),
         explorer=collect("the map to move in", lambda: make_scene(explore_audit(sweeps, audit, settings)), failures),
         worst=collect("the worst places", lambda: _list_worst(report), failures),
@@ -188,6 +196,17 @@ def _show_map(report: AuditReport) -> Section:
     return Section("Map", (note,), (heat_map,), tuple(charts))
 
 
+def _list_tests(report: AuditReport) -> Section:
+    found = section_of(report.summary, "tests")
+    rows = tuple(
+        Row(label, (found[name]["status"], "; ".join(found[name]["reasons"]), blind))
+        for name, (label, blind) in _TESTS.items()
+        if name in found
+    )
+    head = ("test", "verdict", "what it found", "what it cannot see")
+    return Section("Tests", (), table=Table(head, rows))
+
+
 def _list_worst(report: AuditReport) -> Section | None:
     spots = find_worst_spots(report.sweeps, report.audit)
     if not spots:
@@ -240,6 +259,8 @@ def _list_numbers(report: AuditReport) -> Numbers:
     cards = (
         name_values("Recording", dataset),
         name_values("Windows", section_of(summary, "windows")),
+        name_values("Steps", section_of(summary, "steps")),
+        name_values("Pooled corrections", section_of(summary, "pooled")),
         name_values("Revisits", section_of(summary, "revisits")),
     )
     note = "The usual measures of a map depend on the place as much as on the trajectory: none judges a map by itself."

@@ -8,10 +8,13 @@ from typing import Any
 
 import numpy as np
 
+from mqslam.auditing.findings import find_jumps
 from mqslam.auditing.judge import Audit
+from mqslam.auditing.pooled import Pooled
 from mqslam.auditing.revisits import RevisitAudit
+from mqslam.auditing.steps import StepAudit
 from mqslam.auditing.sweeps import Sweeps
-from mqslam.auditing.verdict import Share
+from mqslam.auditing.verdict import Finding, Share, verdict_of
 from mqslam.auditing.windows import WindowAudit, torn_threshold
 from mqslam.config import AuditConfig, Config, VerdictConfig, dump_yaml
 from mqslam.execution.files import write_json, write_text
@@ -75,9 +78,18 @@ def summarise(
             "median_m": float(np.median([r.revisit.distance_m for r in sure])) if sure else None,
             "worst_m": max((r.revisit.distance_m for r in sure if r.torn), default=None),
         },
+        "steps": {
+            "count": len(audit.steps),
+            "judged": sum(bool(np.isfinite(s.p_value)) for s in audit.steps),
+            "jumps": len(find_jumps(audit.steps, settings, bounds)),
+            "median_m": float(np.median([s.laid.size_m for s in audit.steps])) if audit.steps else None,
+        },
+        "pooled": _list_pooled(audit.pooled),
+        "tests": {name: _list_findings(findings) for name, findings in audit.tests.items()},
         "warnings": list(warnings),
         "per_window": [_list_window(w) for w in audit.windows],
         "per_revisit": [_list_revisit(r, sweeps) for r in audit.revisits],
+        "per_step": [_list_step(s, sweeps) for s in audit.steps],
     }
 
 
@@ -142,6 +154,38 @@ def _list_revisit(judged: RevisitAudit, sweeps: Sweeps) -> dict[str, Any]:
     }
 
 
+def _list_step(step: StepAudit, sweeps: Sweeps) -> dict[str, Any]:
+    laid, pose = step.laid, sweeps.poses[step.laid.later]
+    return {
+        "t": step.t,
+        "x": float(pose[0]),
+        "y": float(pose[1]),
+        "yaw": float(pose[2]),
+        "dx": float(laid.offset[0]),
+        "dy": float(laid.offset[1]),
+        "dyaw": float(laid.offset[2]),
+        "size_m": laid.size_m,
+        "matched": laid.matched,
+        "p_value": step.p_value if np.isfinite(step.p_value) else None,
+    }
+
+
+def _list_pooled(pooled: Pooled | None) -> dict[str, Any]:
+    """Returns what a map asks for as a whole, by name; without anything but the number of spans where it is unknown."""
+    if pooled is None:
+        return {"spans": 0}
+    values: dict[str, Any] = {"spans": pooled.spans}
+    for axis, name in enumerate(("forward_per_m", "left_per_m", "yaw_per_m")):
+        values |= {name: float(pooled.bias[axis]), f"{name}_sigma": float(pooled.sigma[axis])}
+        values[f"{name}_p_value"] = float(pooled.p_value[axis])
+    return values
+
+
+def _list_findings(findings: Sequence[Finding]) -> dict[str, Any]:
+    status, reasons = verdict_of(findings)
+    return {"status": status, "reasons": reasons}
+
+
 def write_audit(folder: Path, config: Config, summary: Mapping[str, Any]) -> None:
     """Writes every result file of an audit but its pictures and its page into an existing folder.
 
@@ -156,6 +200,7 @@ def write_audit(folder: Path, config: Config, summary: Mapping[str, Any]) -> Non
     write_text(folder / "config.yaml", dump_yaml(config))
     write_text(folder / "audit.csv", _format_csv(summary["per_window"]))
     write_text(folder / "revisits.csv", _format_csv(summary["per_revisit"]))
+    write_text(folder / "steps.csv", _format_csv(summary["per_step"]))
     write_json(folder / "audit.json", summary)
 
 

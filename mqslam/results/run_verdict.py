@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import chain
 from typing import Final
 
 import numpy as np
 
-from mqslam.auditing.findings import judge_windows
 from mqslam.auditing.verdict import Finding, Share, VerdictStatus, verdict_of
 from mqslam.config import VerdictConfig
 from mqslam.core.measurement import Measurement, Status
@@ -25,12 +25,14 @@ def judge_run(run: Run) -> tuple[VerdictStatus, list[str]]:
 
     Only windows show the map. Without any, the map is not judged, and all other findings are reasons.
     """
-    settings, scans = run.config.verdict, len(run.optimised)
-    windows = judge_windows(run.checks, scans, run.config.audit.window, settings)
+    if run.checked is None:
+        seen = [Finding(VerdictStatus.NOT_JUDGED, "the map could not be checked, so that nothing shows how good it is")]
+    else:
+        seen = list(chain.from_iterable(run.checked.tests.values()))
     others = [*_judge_track(run), *_judge_whole_map(run)]
     if not run.checks:
         others = [replace(f, status=VerdictStatus.NOT_JUDGED) if f.status is VerdictStatus.WARN else f for f in others]
-    return verdict_of([*_judge_passes(run), *windows, *others])  # psi across passes sees a torn map: it leads
+    return verdict_of([*_judge_passes(run), *seen, *others])  # psi across passes sees a torn map: it leads
 
 
 def list_warnings(run: Run, recording: Recording) -> list[str]:

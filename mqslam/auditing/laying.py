@@ -1,0 +1,88 @@
+"""Two stretches of a map laid on each other: where psi has the later one, against where the trajectory has it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mqslam.auditing.sweeps import Sweeps
+from mqslam.backend.loops.align import align, move_rigidly, score_at_pose
+from mqslam.backend.loops.passes import is_unrivalled
+from mqslam.config import AuditConfig, EstimatorConfig
+from mqslam.core import se2
+
+
+@dataclass(frozen=True, slots=True)
+class Laid:
+    """Two stretches, the later one laid on the earlier one.
+
+    Args:
+        earlier, later: the sweeps in whose frames the stretches are laid.
+        between: (3,) pose of the later one in the frame of the earlier one, as the trajectory has it.
+        path_m: length of the path between the two [m].
+        offset: (3,) where psi has the later stretch against where the trajectory has it, in the frame of the later sweep
+            [m, m, rad].
+        covariance: (3, 3) of the offset, as psi's curvature states it.
+        size_m: root mean square of how far the offset moves the points of the later stretch [m].
+        matched: share of these points that lie on the earlier stretch.
+        psi, psi_best: score per point as the trajectory has it and with the offset corrected.
+        observed: whether the two stretches hold every direction.
+        unrivalled: whether they do, lie on each other well enough, and fit nowhere else as well.
+    """
+
+    earlier: int
+    later: int
+    between: se2.Array
+    path_m: float
+    offset: se2.Array
+    covariance: NDArray[np.float64]
+    size_m: float
+    matched: float
+    psi: float
+    psi_best: float
+    observed: bool
+    unrivalled: bool
+
+
+def lay(
+    sweeps: Sweeps,
+    frames: tuple[int, int],
+    stretches: tuple[Sequence[int], Sequence[int]],
+    reach: tuple[float, float],
+    settings: AuditConfig,
+    estimator: EstimatorConfig,
+) -> Laid | None:
+    """Lays one stretch on another; returns None where either holds too few points.
+
+    Args:
+        sweeps: points under the trajectory to judge.
+        frames: the earlier and the later sweep in whose frames the stretches are laid.
+        stretches: the sweeps of the earlier stretch, and of the later one.
+        reach: how far the later stretch may be off in position [m] and in yaw [rad].
+        settings: of the audit.
+        estimator: settings of the score.
+    """
+    a, b = frames
+    reference, query = (sweeps.local(part, sweeps.poses[k]) for part, k in zip(stretches, frames, strict=True))
+    if min(len(reference), len(query)) < settings.fewest:
+        return None
+    between = se2.between(sweeps.poses[a], sweeps.poses[b])
+    alignment = align(reference, query, between, reach, settings, estimator)
+    moved = move_rigidly(query, alignment.pose).points - move_rigidly(query, between).points
+    return Laid(
+        earlier=a,
+        later=b,
+        between=between,
+        path_m=float(sweeps.travelled[b] - sweeps.travelled[a]),
+        offset=se2.wrapped_between(between, alignment.pose),
+        covariance=se2.rotate_covariance(alignment.covariance, -between[2]),
+        size_m=float(np.sqrt(np.mean(np.sum(moved**2, axis=1)))),
+        matched=alignment.matched,
+        psi=score_at_pose(reference, query, between, estimator),
+        psi_best=alignment.psi,
+        observed=alignment.observed,
+        unrivalled=is_unrivalled(alignment, settings),
+    )
