@@ -20,6 +20,7 @@ from scipy.stats import t as student
 
 from mqslam.auditing.laying import Laid, lay
 from mqslam.auditing.sweeps import Sweeps
+from mqslam.backend.loops.submap import pick_spaced
 from mqslam.config import AuditConfig, EstimatorConfig
 from mqslam.execution.engine import Engine
 from mqslam.execution.progress import Progress
@@ -77,10 +78,11 @@ def find_spans(travelled: NDArray[np.float64], settings: AuditConfig) -> list[tu
     """
     half = settings.step_scans // 2
     last = len(travelled) - 1 - half
-    begins = np.arange(travelled[half], travelled[max(last, 0)] - settings.span_m, settings.span_every_m)
-    earlier = np.searchsorted(travelled, begins)
+    earlier = pick_spaced(travelled, settings.span_every_m)
     later = np.searchsorted(travelled, travelled[earlier] + settings.span_m)
-    return [(a, b) for a, b in zip(earlier.tolist(), later.tolist(), strict=True) if half <= a and b <= last]
+    ends = travelled[np.minimum(later, len(travelled) - 1)]
+    there = (half <= earlier) & (later <= last) & (ends - travelled[earlier] < 2.0 * settings.span_m)  # no jump in between
+    return list(zip(earlier[there].tolist(), later[there].tolist(), strict=True))
 
 
 def pool(spans: Sequence[Laid], settings: AuditConfig) -> Pooled | None:

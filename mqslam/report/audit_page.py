@@ -38,18 +38,13 @@ from mqslam.report.figures.crops import draw_crop, make_crops
 from mqslam.report.formatting import ABSENT, describe_motion, format_length, format_three_digits, format_value
 from mqslam.report.page import collect, name_values, section_of, verdict_in, version_in, write_page
 from mqslam.report.spots import find_worst_spots, rank_spot, spot_of_window
+from mqslam.report.tests_of_map import tabulate_tests
 
 _MEASURES: Final = {
     "map_entropy": ("mean map entropy", " nat"),
     "plane_variance": ("mean plane variance", " m²"),
     "joint_entropy": ("joint less separate entropy", " nat"),
     "grid_entropy": ("entropy per grid cell", " nat"),
-}
-_TESTS: Final = {
-    "windows": ("windows: a few scans against their best map", "jumps, and errors that grow slowly"),
-    "steps": ("steps: scans against those just before", "errors that grow slowly"),
-    "pooled": ("pooled corrections: all of the drive together", "errors that come and go; one scale for everything"),
-    "revisits": ("revisits: two passes of one place", "anything where no place is passed twice"),
 }
 
 
@@ -112,7 +107,7 @@ def write_audit_report(path: Path, report: AuditReport) -> list[str]:
     sweeps, audit, settings = report.sweeps, report.audit, report.config.audit
     parts = AuditParts(
         map=collect("the pictures of the map", lambda: _show_map(report), failures),
-        tests=collect("the tests", lambda: _list_tests(report), failures),
+        tests=collect("the tests", lambda: tabulate_tests(report.summary), failures),
         tiles=collect("the first numbers", lambda: _make_tiles(report), failures),
         explorer=collect("the map to move in", lambda: make_scene(explore_audit(sweeps, audit, settings)), failures),
         worst=collect("the worst places", lambda: _list_worst(report), failures),
@@ -194,17 +189,6 @@ def _show_map(report: AuditReport) -> Section:
         "correction that leads there, squared, in units of its own covariance. No ground truth takes part."
     )
     return Section("Map", (note,), (heat_map,), tuple(charts))
-
-
-def _list_tests(report: AuditReport) -> Section:
-    found = section_of(report.summary, "tests")
-    rows = tuple(
-        Row(label, (found[name]["status"], "; ".join(found[name]["reasons"]), blind))
-        for name, (label, blind) in _TESTS.items()
-        if name in found
-    )
-    head = ("test", "verdict", "what it found", "what it cannot see")
-    return Section("Tests", (), table=Table(head, rows))
 
 
 def _list_worst(report: AuditReport) -> Section | None:

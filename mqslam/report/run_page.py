@@ -23,6 +23,7 @@ from mqslam.report.figures.canvas import OUTERMOST
 from mqslam.report.formatting import ABSENT, NOT_JUDGED, format_change, format_matched, format_share, format_value
 from mqslam.report.page import collect, section_of, verdict_in, version_in, write_page
 from mqslam.report.run_report import Report, report_run
+from mqslam.report.tests_of_map import tabulate_tests
 from mqslam.solution import Run
 
 _SAME_PATH_M: Final = 1e-3  # positions nearer than this are the same in print
@@ -56,6 +57,7 @@ class RunParts:
     maps: Part[Section]
     trajectories: Part[Section]
     explorer: Part[Scene]
+    tests: Part[Section]
     numbers: Part[Numbers]
 
 
@@ -100,6 +102,7 @@ def write_report(path: Path, report: Report) -> list[str]:
         trajectories=collect("the pictures of the trajectory", lambda: _show_trajectories(report, truth), failures),
         tiles=collect("the first numbers", lambda: _make_tiles(report), failures),
         explorer=collect("the map to move in", lambda: make_scene(explore_run(report, truth)), failures),
+        tests=collect("the tests", lambda: tabulate_tests(report.summary), failures),
         numbers=collect("the tables", lambda: _list_numbers(report), failures),
     )
     frame = Frame(

@@ -78,14 +78,7 @@ def summarise(
             "median_m": float(np.median([r.revisit.distance_m for r in sure])) if sure else None,
             "worst_m": max((r.revisit.distance_m for r in sure if r.torn), default=None),
         },
-        "steps": {
-            "count": len(audit.steps),
-            "judged": sum(bool(np.isfinite(s.p_value)) for s in audit.steps),
-            "jumps": len(find_jumps(audit.steps, settings, bounds)),
-            "median_m": float(np.median([s.laid.size_m for s in audit.steps])) if audit.steps else None,
-        },
-        "pooled": _list_pooled(audit.pooled),
-        "tests": {name: _list_findings(findings) for name, findings in audit.tests.items()},
+        **summarise_tests(audit, settings, bounds),
         "warnings": list(warnings),
         "per_window": [_list_window(w) for w in audit.windows],
         "per_revisit": [_list_revisit(r, sweeps) for r in audit.revisits],
@@ -151,6 +144,26 @@ def _list_revisit(judged: RevisitAudit, sweeps: Sweeps) -> dict[str, Any]:
         "matched": revisit.matched,
         "psi_per_point": revisit.psi,
         "psi_per_point_best": revisit.psi_best,
+    }
+
+
+def summarise_tests(audit: Audit, settings: AuditConfig, bounds: VerdictConfig) -> dict[str, Any]:
+    """Returns what each test of a map found, and the numbers of those besides windows and revisits, by name.
+
+    Args:
+        audit: the map, judged.
+        settings: settings of the audit.
+        bounds: settings of the verdict.
+    """
+    return {
+        "steps": {
+            "count": len(audit.steps),
+            "judged": sum(bool(np.isfinite(s.p_value)) for s in audit.steps),
+            "jumps": len(find_jumps(audit.steps, settings, bounds)),
+            "median_m": float(np.median([s.laid.size_m for s in audit.steps])) if audit.steps else None,
+        },
+        "pooled": _list_pooled(audit.pooled),
+        "tests": {name: _list_findings(findings) for name, findings in audit.tests.items()},
     }
 
 

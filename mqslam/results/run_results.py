@@ -28,6 +28,7 @@ from mqslam.formats.nav2_map import write_nav2_map
 from mqslam.formats.ply import write_ply
 from mqslam.formats.tum import write_tum
 from mqslam.mapping.occupancy_grid import make_occupancy_grid
+from mqslam.results.audit_results import summarise_tests
 from mqslam.results.run_verdict import judge_run
 from mqslam.solution import Run
 from mqslam.version import __version__
@@ -89,6 +90,7 @@ def summarise(run: Run, recording: Recording) -> dict[str, Any]:
             "torn_share_at_most": torn.upper_bound(confidence),
             "median": float(np.median([w.bend.inflation for w in run.checks])) if run.checks else None,
         },
+        **(summarise_tests(run.checked, run.config.audit, run.config.verdict) if run.checked else {}),
         "verdict": {"status": status, "reasons": reasons},
         "factors": {
             "odometry": run.odometry_factors,

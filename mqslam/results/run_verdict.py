@@ -9,6 +9,7 @@ from typing import Final
 
 import numpy as np
 
+from mqslam.auditing.findings import judge_windows
 from mqslam.auditing.verdict import Finding, Share, VerdictStatus, verdict_of
 from mqslam.config import VerdictConfig
 from mqslam.core.measurement import Measurement, Status
@@ -26,7 +27,7 @@ def judge_run(run: Run) -> tuple[VerdictStatus, list[str]]:
     Only windows show the map. Without any, the map is not judged, and all other findings are reasons.
     """
     if run.checked is None:
-        seen = [Finding(VerdictStatus.NOT_JUDGED, "the map could not be checked, so that nothing shows how good it is")]
+        seen = judge_windows([], len(run.optimised), run.config.audit.window, run.config.verdict)
     else:
         seen = list(chain.from_iterable(run.checked.tests.values()))
     others = [*_judge_track(run), *_judge_whole_map(run)]

@@ -5,9 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from scipy.stats import binomtest
-from support.reported import judged_revisit, judged_window, swept_walls
+from support.reported import judge_map, judged_revisit, judged_window, swept_walls
 
-from mqslam.auditing.findings import judge_map
 from mqslam.auditing.revisits import RevisitAudit
 from mqslam.auditing.verdict import Finding, Share, VerdictStatus, verdict_of
 from mqslam.auditing.windows import WindowAudit

@@ -85,7 +85,7 @@ def test_a_map_its_check_and_loops_that_fail_cost_no_trajectory(
     drive: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("mqslam.slam.render", failing(MemoryError("Unable to allocate 40 GiB")))
-    monkeypatch.setattr("mqslam.slam.audit_sample", failing(np.linalg.LinAlgError("Singular matrix")))
+    monkeypatch.setattr("mqslam.slam.audit_trajectory", failing(np.linalg.LinAlgError("Singular matrix")))
     monkeypatch.setattr("mqslam.slam.close_loops", failing(ValueError("by nothing")))
     out = tmp_path / "out"
     shown = run(drive, out)
@@ -235,7 +235,13 @@ def test_an_audit_keeps_its_numbers_without_pictures_and_report(
         monkeypatch.setattr(f"mqslam.report.audit_page.{name}", failing(ValueError("by nothing")))
     shown = mqslam("audit", drive, "--trajectory", "ground_truth", "--out", tmp_path / "out", "--fail-on", "fail")
     assert shown.code == 3 and shown.out.startswith("verdict       not judged: 0 of 4 windows are torn, too few to judge")
-    assert {path.name for path in (tmp_path / "out").iterdir()} == {"config.yaml", "audit.csv", "revisits.csv", "audit.json"}
+    assert {path.name for path in (tmp_path / "out").iterdir()} == {
+        "config.yaml",
+        "audit.csv",
+        "steps.csv",
+        "revisits.csv",
+        "audit.json",
+    }
     said = [
         f"{name} could not be made (ValueError: by nothing); the other results are whole"
         for name in ("heatmap.png", "report.html")

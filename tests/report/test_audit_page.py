@@ -13,6 +13,7 @@ from selenium.webdriver.support.ui import WebDriverWait
 from support.reported import (
     PATIENCE_S,
     assert_alone,
+    audit_of,
     chromium,
     click_curve,
     judged_revisit,
@@ -23,7 +24,6 @@ from support.reported import (
     swept_walls,
 )
 
-from mqslam.auditing.judge import Audit
 from mqslam.auditing.verdict import VerdictStatus
 from mqslam.config import Config
 from mqslam.report.audit_page import write_audit_report
@@ -135,7 +135,7 @@ def test_the_worst_places_keep_apart_and_fill_up_with_the_largest_inflation() ->
     sweeps = swept_walls(120)
     windows = [judged_window(sweeps, 6 * k, float(k), (0.5, 0.0, 0.0), k in (2, 3)) for k in range(20)]
     revisits = [judged_revisit(9, later, (0.1 * later, 0.0, 0.0), True) for later in (100, 102, 104)]
-    spots = find_worst_spots(sweeps, Audit(windows, revisits, "warn", []), 5)
+    spots = find_worst_spots(sweeps, audit_of(windows, revisits), 5)
     assert [(s.kind, s.sweep) for s in spots[:2]] == [("revisit", 104), ("window", 15)]
     assert [s.torn for s in spots] == [True, True, False, False, False]
     begins = [s.sweep for s in spots if s.kind == "window"]
@@ -153,7 +153,7 @@ def test_the_heat_map_tells_windows_beyond_the_threshold_from_the_others() -> No
 
     def blue_over_red(inflation: float) -> NDArray[np.int64]:
         windows = [judged_window(sweeps, 6 * k, inflation, (0.0, 0.0, 0.0), False) for k in range(10)]
-        image = Image.open(io.BytesIO(draw_heat_map(sweeps, Audit(windows, [], VerdictStatus.PASS, [])))).convert("RGB")
+        image = Image.open(io.BytesIO(draw_heat_map(sweeps, audit_of(windows, [])))).convert("RGB")
         pixels = np.asarray(image).astype(np.int64)[200:]  # below the strip of all colours
         return pixels[..., 2] - pixels[..., 0]
 
@@ -172,7 +172,7 @@ def test_the_heat_map_is_opaque_by_itself_and_transparent_in_a_page(report: Audi
 
 
 def test_an_audit_with_nothing_in_it_still_has_a_report(report: AuditReport, tmp_path: Path) -> None:
-    nothing = Audit([], [], VerdictStatus.NOT_JUDGED, [])
+    nothing = audit_of([], [], VerdictStatus.NOT_JUDGED)
     bare = replace(report, summary={}, audit=nothing, warnings=())
     write_audit_report(tmp_path / "bare.html", bare)
     page = page_of(tmp_path / "bare.html")

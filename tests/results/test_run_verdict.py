@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from support.reported import judged_window, swept_walls
 
+from mqslam.auditing.findings import judge_windows
 from mqslam.auditing.verdict import VerdictStatus
 from mqslam.config import Config
 from mqslam.core.measurement import Measurement, Refined, Status
@@ -39,12 +40,16 @@ def run(scans, *, lost=0, degenerate=0, torn=0, before=0.5, after=0.4, **others)
     """Returns the parts of a run of so many scans that the verdict looks at."""
     statuses = [Status.LOST] * lost + [Status.DEGENERATE] * degenerate + [Status.CONVERGED] * (scans - 1 - lost - degenerate)
     sweeps = swept_walls()
+    windows = [judged_window(sweeps, 0, 90.0, (0.2, 0.0, 0.0), k < torn) for k in range(scans // 6)]
+    settings = Config()
+    tests = {"windows": judge_windows(windows, scans, settings.audit.window, settings.verdict)}
     return SimpleNamespace(
         frontend="psi",
-        config=Config(),
+        config=settings,
         optimised=range(scans),
         measurements=[Measurement(k, k + 1, np.zeros(3), np.eye(3), status) for k, status in enumerate(statuses)],
-        checks=[judged_window(sweeps, 0, 90.0, (0.2, 0.0, 0.0), k < torn) for k in range(scans // 6)],
+        checks=windows,
+        checked=SimpleNamespace(tests=tests),
         map_odometry=before if isinstance(before, PointMap) else pointmap(before),
         map_optimised=after if isinstance(after, PointMap) else pointmap(after),
         loops=[],

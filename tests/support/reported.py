@@ -5,7 +5,7 @@ from __future__ import annotations
 import base64
 import re
 import shutil
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from html.parser import HTMLParser
@@ -20,12 +20,13 @@ from selenium.webdriver.chrome.webdriver import WebDriver
 from selenium.webdriver.common.actions.action_builder import ActionBuilder
 from selenium.webdriver.support.ui import WebDriverWait
 
-from mqslam.auditing.findings import judge_map
+from mqslam.auditing.findings import judge_revisits, judge_windows
 from mqslam.auditing.inflation import Bend
 from mqslam.auditing.judge import Audit
 from mqslam.auditing.measures import Measures
 from mqslam.auditing.revisits import Revisit, RevisitAudit
 from mqslam.auditing.sweeps import Sweeps
+from mqslam.auditing.verdict import VerdictStatus, verdict_of
 from mqslam.auditing.windows import WindowAudit
 from mqslam.config import VerdictConfig
 from mqslam.core import se2
@@ -181,4 +182,21 @@ def judged_walls(sweeps: Sweeps) -> Audit:
         judged_revisit(9, 50, (-1.25, 0.5, -0.02), True),
         judged_revisit(5, 54, (6.0, 0.0, 0.0), False, sure=False),
     ]
-    return Audit(windows, revisits, *judge_map(windows, revisits, len(sweeps), WINDOW, VerdictConfig()))
+    return audit_of(windows, revisits, *judge_map(windows, revisits, len(sweeps), WINDOW, VerdictConfig()))
+
+
+def judge_map(
+    windows: list[WindowAudit], revisits: list[RevisitAudit], scans: int, size: int, settings: VerdictConfig
+) -> tuple[VerdictStatus, list[str]]:
+    """Returns the verdict on a map of which only windows and revisits were judged, and its reasons."""
+    return verdict_of([*judge_windows(windows, scans, size, settings), judge_revisits(revisits, settings)])
+
+
+def audit_of(
+    windows: list[WindowAudit],
+    revisits: list[RevisitAudit],
+    status: VerdictStatus = VerdictStatus.PASS,
+    reasons: Sequence[str] = (),
+) -> Audit:
+    """Returns the judgement of a map of which only windows and revisits were judged."""
+    return Audit(windows, [], None, revisits, {}, status, list(reasons))

@@ -29,6 +29,8 @@ _TITLES = {
     "front ends": "running front ends",
     "runs": "running recordings",
     "audit": "judging windows",
+    "steps": "judging steps",
+    "spans": "judging scale and yaw rate",
     "revisits": "judging revisits",
 }
 _LINE_EVERY_S = 10.0

@@ -1,0 +1,133 @@
+"""Pooled corrections: what is off by little everywhere shows in all of a drive together."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import numpy as np
+import pytest
+
+from mqslam.auditing.findings import judge_pooled
+from mqslam.auditing.laying import Laid
+from mqslam.auditing.pooled import Pooled, find_spans, pool, pool_corrections
+from mqslam.auditing.sweeps import place_sweeps
+from mqslam.auditing.verdict import VerdictStatus
+from mqslam.config import Config
+from mqslam.core import se2
+from mqslam.core.scans import Scans
+from mqslam.core.trajectory import Trajectory
+from mqslam.detection.stage import detect_all
+from mqslam.execution.engine import LocalEngine
+from mqslam.psi.place import beam_of
+from mqslam.simulator import SensorModel, SimulatedRecording, make_loop_drive, make_street_scene, simulate_recording
+
+CONFIG = Config()
+SENSOR = SensorModel(azimuths=200, range_resolution=0.175, max_range=80.0)
+
+
+def silent(stage: str, done: int, total: int) -> None:
+    pass
+
+
+@lru_cache
+def lap() -> tuple[SimulatedRecording, Scans]:
+    """Returns a drive of 54 s around a block."""
+    recording = simulate_recording(
+        make_street_scene(1, movers=0), make_loop_drive(54.0), duration_s=54.0, sensor=SENSOR, seed=1
+    )
+    return recording, detect_all(recording, CONFIG.detector)[0]
+
+
+@lru_cache
+def pooled(scale: float = 1.0, turn: float = 0.0, mount: float = 0.0) -> Pooled:
+    """Returns what the drive asks for under a trajectory of another scale, yaw rate [rad/m] and mount [rad]."""
+    recording, scans = lap()
+    truth = recording.ground_truth
+    motions = np.array([se2.between(a, b) for a, b in zip(truth.poses[:-1], truth.poses[1:], strict=True)])
+    motions[:, 2] += turn * np.hypot(motions[:, 0], motions[:, 1])
+    motions[:, :2] *= scale
+    poses = se2.chain(motions, truth.poses[0])
+    poses[:, 2] += mount
+    track = Trajectory(truth.stamps_us, poses)
+    sweeps = place_sweeps(scans, track, CONFIG.audit, beam_of(CONFIG.estimator, 0.0))[0]
+    found = pool_corrections(sweeps, CONFIG.audit, CONFIG.estimator, LocalEngine(2), silent)
+    assert found is not None
+    return found
+
+
+def test_the_truth_asks_for_nothing() -> None:
+    finding = judge_pooled(pooled(), CONFIG.verdict)
+    assert finding.status is VerdictStatus.PASS, finding.reason
+
+
+@pytest.mark.parametrize("scale", [0.99, 0.997, 1.003, 1.01])
+def test_a_wrong_scale_is_measured_and_told(scale: float) -> None:
+    found = pooled(scale=scale)
+    assert found.bias[0] == pytest.approx(1.0 / scale - 1.0, abs=0.001)
+    finding = judge_pooled(found, CONFIG.verdict)
+    assert finding.status is VerdictStatus.WARN
+    assert f"too {'long' if scale > 1.0 else 'short'} for the sensor's ranges" in finding.reason
+
+
+@pytest.mark.parametrize("degrees", [-0.5, 0.5])
+def test_a_yaw_that_drifts_is_measured_and_told(degrees: float) -> None:
+    found = pooled(turn=np.radians(degrees) / 100.0)
+    assert 100.0 * np.degrees(found.bias[2]) == pytest.approx(-degrees, abs=0.15)
+    finding = judge_pooled(found, CONFIG.verdict)
+    assert finding.status is VerdictStatus.WARN
+    assert "degrees (± " in finding.reason and f"to the {'left' if degrees > 0.0 else 'right'} per 100 m" in finding.reason
+
+
+@pytest.mark.parametrize("degrees", [-1.0, 1.0])
+def test_a_turned_mount_is_measured_and_told(degrees: float) -> None:
+    found = pooled(mount=np.radians(degrees))
+    assert np.degrees(found.bias[1]) == pytest.approx(degrees, abs=0.1)
+    assert "its mount is turned" in judge_pooled(found, CONFIG.verdict).reason
+
+
+def span(offset: np.ndarray, heading: float = 0.0) -> Laid:
+    between = np.array([30.0 * np.cos(heading), 30.0 * np.sin(heading), 0.0])
+    return Laid(0, 15, between, 30.0, offset, 1e-4 * np.eye(3), 0.1, 0.8, 1.0, 1.0, True, True)
+
+
+def test_places_that_are_torn_do_not_hide_what_the_others_ask_for() -> None:
+    random = np.random.default_rng(1)
+    spans = [span(np.array([-0.09, 0.0, 0.0]) + random.normal(0.0, [0.02, 0.02, 1e-3])) for _ in range(100)]
+    spans[::9] = [span(np.array([2.0, -1.0, 0.1])) for _ in spans[::9]]
+    found = pool(spans, CONFIG.audit)
+    assert found is not None
+    assert found.bias[0] == pytest.approx(-0.003, abs=0.0004)
+    assert found.p_value[0] < 1e-4
+
+
+@pytest.mark.parametrize("heading", [0.0, np.pi, 1.0])
+def test_forward_is_where_the_trajectory_goes(heading: float) -> None:
+    along = np.array([np.cos(heading), np.sin(heading), 0.0])
+    found = pool([span(-0.3 * along, heading)] * 40, CONFIG.audit)
+    assert found is not None
+    np.testing.assert_allclose(found.bias, [-0.01, 0.0, 0.0], atol=1e-6)
+
+
+def test_a_good_map_is_called_bad_as_rarely_as_promised() -> None:
+    random = np.random.default_rng(1)
+    chances = []
+    for _ in range(200):
+        found = pool([span(off) for off in random.normal(0.0, [0.02, 0.02, 1e-3], (60, 3))], CONFIG.audit)
+        assert found is not None
+        chances.append(found.p_value)
+    assert np.mean(np.array(chances) < 0.05) < 0.08
+
+
+def test_a_short_drive_shows_nothing() -> None:
+    assert pool([span(np.zeros(3))] * 9, CONFIG.audit) is None
+    assert find_spans(np.linspace(0.0, 20.0, 40), CONFIG.audit) == []
+    assert find_spans(np.zeros(2), CONFIG.audit) == []
+    assert "too short" in judge_pooled(None, CONFIG.verdict).reason
+
+
+def test_spans_have_their_path_between_them() -> None:
+    travelled = np.cumsum(np.random.default_rng(1).uniform(0.0, 3.0, 400))
+    pairs = find_spans(travelled, CONFIG.audit)
+    assert len(pairs) > 20
+    lengths = np.array([travelled[b] - travelled[a] for a, b in pairs])
+    assert (lengths >= CONFIG.audit.span_m).all() and (lengths < CONFIG.audit.span_m + 3.0).all()

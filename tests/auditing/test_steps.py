@@ -1,0 +1,107 @@
+"""Steps: a jump of the trajectory is found where it is, and a map without one shows none."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import numpy as np
+import pytest
+from support.drives import street_drive
+
+from mqslam.auditing.findings import find_jumps, judge_steps
+from mqslam.auditing.laying import Laid
+from mqslam.auditing.steps import StepAudit, audit_steps, compute_p_values
+from mqslam.auditing.sweeps import Sweeps, place_sweeps
+from mqslam.auditing.verdict import VerdictStatus
+from mqslam.config import AuditConfig, Config
+from mqslam.core import se2
+from mqslam.core.trajectory import Trajectory
+from mqslam.execution.engine import LocalEngine
+from mqslam.psi.place import beam_of
+
+CONFIG = Config(audit=AuditConfig(step_every=1))
+PLACE = 31  # the scan with whose start the trajectory jumps
+
+
+def silent(stage: str, done: int, total: int) -> None:
+    pass
+
+
+def lay_street(jump: tuple[float, float, float]) -> Sweeps:
+    """Returns a street under its true trajectory, which jumps for good in its own frame when a scan begins."""
+    recording, scans = street_drive()
+    truth = recording.ground_truth
+    poses, after = truth.poses.copy(), truth.stamps_us >= scans.stamps_us[PLACE]
+    moved = se2.compose(truth.at(scans.stamps_us[[PLACE]])[0], np.array(jump))
+    back = se2.inverse(truth.at(scans.stamps_us[[PLACE]])[0])
+    for k in np.flatnonzero(after):
+        poses[k] = se2.compose(moved, se2.compose(back, poses[k]))
+    return place_sweeps(scans, Trajectory(truth.stamps_us, poses), CONFIG.audit, beam_of(CONFIG.estimator, 0.0))[0]
+
+
+@lru_cache
+def judged(jump: tuple[float, float, float], jobs: int = 1) -> list[StepAudit]:
+    return audit_steps(lay_street(jump), CONFIG.audit, CONFIG.estimator, LocalEngine(jobs), silent)
+
+
+def test_a_map_without_a_jump_shows_none() -> None:
+    steps = judged((0.0, 0.0, 0.0))
+    finding = judge_steps(steps, CONFIG.audit, CONFIG.verdict)
+    assert finding.status is VerdictStatus.PASS and finding.reason.startswith("no jump at any of")
+    assert max(step.laid.size_m for step in steps) < 0.1
+
+
+@pytest.mark.parametrize(
+    ("jump", "status"),
+    [
+        ((2.0, 0.0, 0.0), VerdictStatus.FAIL),
+        ((0.0, -0.6, 0.0), VerdictStatus.FAIL),
+        ((0.0, 0.3, 0.0), VerdictStatus.WARN),
+        ((-0.2, 0.0, 0.0), VerdictStatus.WARN),
+        ((0.0, 0.0, 0.01), VerdictStatus.WARN),
+    ],
+)
+def test_a_lasting_jump_is_found_where_it_is(jump: tuple[float, float, float], status: VerdictStatus) -> None:
+    steps = judged(jump)
+    found = find_jumps(steps, CONFIG.audit, CONFIG.verdict)
+    assert [abs(step.laid.later - PLACE) <= 1 for step in found] == [True]
+    assert judge_steps(steps, CONFIG.audit, CONFIG.verdict).status is status
+    at = min(steps, key=lambda step: abs(step.laid.later - PLACE))
+    np.testing.assert_allclose(at.laid.offset[:2], -np.array(jump[:2]), atol=0.15)
+
+
+def test_the_result_does_not_depend_on_the_workers() -> None:
+    one, two = judged((0.0, 0.3, 0.0)), judged((0.0, 0.3, 0.0), jobs=2)
+    assert [step.p_value for step in one] == [step.p_value for step in two]
+
+
+def wander(count: int, spread: float, seed: int) -> list[Laid]:
+    """Returns steps that are off by chance, by so many times as much as their covariance says."""
+    sigmas = np.array([0.01, 0.02, 0.001])
+    offsets = spread * sigmas * np.random.default_rng(seed).normal(size=(count, 3))
+    covariance = np.diag(sigmas**2)
+    return [
+        Laid(k, k + 1, np.zeros(3), 2.0, off, covariance, 0.1, 0.8, 1.0, 1.0, True, True) for k, off in enumerate(offsets)
+    ]
+
+
+@pytest.mark.parametrize("spread", [0.5, 1.0, 4.0])
+def test_good_maps_are_called_bad_as_rarely_as_promised(spread: float) -> None:
+    smallest = [compute_p_values(wander(200, spread, seed), CONFIG.audit).min() for seed in range(400)]
+    assert np.mean(np.array(smallest) < 0.05) < 0.08
+
+
+def test_a_step_that_stands_out_is_seen_however_noisy_the_others_are() -> None:
+    steps = wander(200, 4.0, 1)
+    steps[50] = wander(51, 40.0, 2)[50]
+    p_values = compute_p_values(steps, CONFIG.audit)
+    assert np.argmin(p_values) == 50 and p_values[50] < 1e-6
+
+
+def test_too_few_steps_and_those_that_do_not_hold_every_direction_judge_nothing() -> None:
+    assert np.isnan(compute_p_values(wander(10, 1.0, 1), CONFIG.audit)).all()
+    hidden = [Laid(k, k + 1, np.zeros(3), 2.0, np.ones(3), np.eye(3), 0.1, 0.8, 1.0, 1.0, False, False) for k in range(30)]
+    assert np.isnan(compute_p_values(hidden, CONFIG.audit)).all()
+    assert judge_steps([StepAudit(step, 0.0, float("nan")) for step in hidden], CONFIG.audit, CONFIG.verdict).reason == (
+        "too few steps could be measured to see a jump of the trajectory"
+    )
