@@ -1,0 +1,183 @@
+"""The best row of a comparison: what decides it, and the sentences that say so.
+
+Errors against ground truth decide first, the share of torn windows and of torn revisits after them. psi per point over
+neighbours in time decides nothing, since a map that bends slowly has as small a one as a map that does not.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Final, NamedTuple
+
+from mqslam.auditing.verdict import Share
+from mqslam.comparison.judgement import Judged
+
+_FIGURES: Final = ".3f"  # errors that read the same in the table are taken to be the same
+
+
+@dataclass(frozen=True, slots=True)
+class Standing:
+    """What a row is ranked by.
+
+    Args:
+        name: of the row.
+        drift_percent: error [%] of KITTI's segments against ground truth, or None where it is not known.
+        ate_rmse_m: position error [m] against ground truth, or None where it is not known.
+        windows: the torn ones among its windows.
+        revisits: the torn ones among its sure revisits.
+    """
+
+    name: str
+    drift_percent: float | None
+    ate_rmse_m: float | None
+    windows: Share
+    revisits: Share
+
+    @classmethod
+    def of(cls, judged: Judged) -> Standing:
+        """Returns what a judged row is ranked by."""
+        windows, sure = judged.audit.windows, [r for r in judged.audit.revisits if r.revisit.sure]
+        return cls(
+            name=judged.row.name,
+            drift_percent=None if judged.after is None else judged.after.drift_percent,
+            ate_rmse_m=None if judged.after is None else judged.after.ate_rmse_m,
+            windows=Share(sum(w.torn for w in windows), len(windows)),
+            revisits=Share(sum(r.torn for r in sure), len(sure)),
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Best:
+    """The best row, or the rows that cannot be told apart.
+
+    Args:
+        rows: name of the best row; several names where nothing tells these rows apart.
+        decided_by: what tells the best row from the last of the others, or None where nothing does.
+        sentence: all of this in words, with the figures that decide.
+    """
+
+    rows: tuple[str, ...]
+    decided_by: str | None
+    sentence: str
+
+
+class _Figure(NamedTuple):
+    """A row's figure in one criterion, the range in which it may be by chance, and how a sentence states it."""
+
+    name: str
+    value: float
+    low: float
+    high: float
+    text: str
+
+
+class _Tie(NamedTuple):
+    """What a criterion that does not decide leaves: rows that it cannot tell apart, and rows that are worse."""
+
+    criterion: str
+    alike: list[_Figure]
+    worse: list[_Figure]
+
+
+def find_best(rows: Sequence[Standing], confidence: float) -> Best | None:
+    """Finds the best row: by drift, then by ATE, then by the share of torn windows, then by that of torn revisits.
+
+    A criterion keeps the row with the smallest figure and all rows that it cannot tell from that one, and the next
+    criterion decides among these. Two errors are the same if they read the same in the table. Two shares differ if their
+    ranges do not overlap. A criterion that is not known of every row that is left decides nothing.
+
+    Args:
+        rows: those that ran.
+        confidence: of the exact binomial bounds of a share, on either side.
+
+    Returns:
+        the best row; None where there are not two rows to compare.
+    """
+    if len(rows) < 2:
+        return None
+    left = list(rows)
+    ties: list[_Tie] = []
+    for criterion, measure in _CRITERIA.items():
+        known = [figure for row in left if (figure := measure(row, confidence)) is not None]
+        if len(known) < len(left):
+            continue
+        figures = sorted(known, key=lambda figure: figure.value)
+        alike = [figure for figure in figures if figure.low <= figures[0].high]
+        worse = [figure for figure in figures if figure not in alike]
+        if len(alike) == 1:
+            return Best((alike[0].name,), criterion, _join(_say_best(criterion, alike[0], worse), ties))
+        ties.append(_Tie(criterion, alike, worse))
+        left = [row for row in left if row.name in {figure.name for figure in alike}]
+    names = tuple(row.name for row in left)
+    undecided = f"{_list(names)} cannot be told apart"
+    if not ties:
+        undecided += ": neither ground truth nor windows nor revisits judge all of them"
+    return Best(names, None, _join(f"{undecided}.", ties))
+
+
+def _find_drift(row: Standing, confidence: float) -> _Figure | None:
+    return None if row.drift_percent is None else _state_error(row.name, row.drift_percent, "%")
+
+
+def _find_ate(row: Standing, confidence: float) -> _Figure | None:
+    return None if row.ate_rmse_m is None else _state_error(row.name, row.ate_rmse_m, "m")
+
+
+def _find_torn_windows(row: Standing, confidence: float) -> _Figure | None:
+    return _state_share(row.name, row.windows, confidence)
+
+
+def _find_torn_revisits(row: Standing, confidence: float) -> _Figure | None:
+    return _state_share(row.name, row.revisits, confidence)
+
+
+_CRITERIA: Final[dict[str, Callable[[Standing, float], _Figure | None]]] = {
+    "drift": _find_drift,
+    "ATE": _find_ate,
+    "share of torn windows": _find_torn_windows,
+    "share of torn revisits": _find_torn_revisits,
+}
+
+
+def _state_error(name: str, error: float, unit: str) -> _Figure:
+    """Returns an error against ground truth as a figure that is known as exactly as it is shown."""
+    text = f"{error:{_FIGURES}}"
+    return _Figure(name, float(text), float(text), float(text), f"{text} {unit}")
+
+
+def _state_share(name: str, share: Share, confidence: float) -> _Figure | None:
+    """Returns a share as a figure with its exact binomial range; None where there is nothing to be counted."""
+    if not share.total:
+        return None
+    value = share.count / share.total
+    text = f"{100.0 * value:.1f} % ({share.count} of {share.total})"
+    return _Figure(name, value, share.lower_bound(confidence), share.upper_bound(confidence), text)
+
+
+def _say_best(criterion: str, best: _Figure, others: Sequence[_Figure]) -> str:
+    """Returns the sentence that names the best row."""
+    against = _list([f"{other.text} for {other.name}" for other in others])
+    return f"{best.name} is best: its {criterion} is {best.text}, against {against}."
+
+
+def _join(verdict: str, ties: Sequence[_Tie]) -> str:
+    """Returns the verdict, followed by what did not decide."""
+    return " ".join([verdict, *(_explain(tie) for tie in ties)])
+
+
+def _explain(tie: _Tie) -> str:
+    """Returns why a criterion does not decide, and which rows it rules out all the same."""
+    names, texts = _list([figure.name for figure in tie.alike]), [figure.text for figure in tie.alike]
+    if len(set(texts)) == 1:
+        said = f"The {tie.criterion} of {names} is the same: {texts[0]}."
+    else:
+        said = f"The difference between {names} in the {tie.criterion} may be chance: {_list(texts)}."
+    if tie.worse:
+        said += f" It is {_list([f'{figure.text} for {figure.name}' for figure in tie.worse])}, which is worse."
+    return said
+
+
+def _list(words: Sequence[str]) -> str:
+    """Returns words as a sentence lists them: `a`, `a and b`, or `a, b and c`."""
+    return " and ".join([", ".join(words[:-1]), words[-1]] if len(words) > 1 else words)
