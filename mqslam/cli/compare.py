@@ -23,6 +23,8 @@ from mqslam.cli.terminal.options import (
 )
 from mqslam.cli.terminal.remedies import name_options
 
+_ASCII_ARROWS = str.maketrans("↓↑", "v^")  # for terminals that know no other letters
+
 
 def compare(
     data: Data,
@@ -91,8 +93,10 @@ def compare(
     if as_json:
         typer.echo(to_json(result.summary))
     elif not quiet:
-        _print_table(result.table)
+        _print_table(result.table, result.marked)
         typer.echo(f"results in {out}; open {result.report} in a browser")
+        if result.conclusion:
+            typer.echo(result.conclusion)
 
 
 def _parse_trajectories(texts: list[str]) -> dict[str, Path | tuple[Path, Path]]:
@@ -115,19 +119,32 @@ def _parse_trajectories(texts: list[str]) -> dict[str, Path | tuple[Path, Path]]
     return files
 
 
-def _print_table(cells: list[list[str]]) -> None:
-    """Prints the table turned on its side: a column per row of the comparison fits any terminal."""
+def _print_table(cells: list[list[str]], marked: frozenset[tuple[int, int]]) -> None:
+    """Prints the table turned on its side, since a column per row of the comparison fits any terminal.
+
+    Args:
+        cells: the lines of the table, its head first.
+        marked: line and column of the best values.
+    """
     from rich.console import Console
     from rich.table import Table
+    from rich.text import Text
 
+    console = Console(markup=False, highlight=False)
     failed = [line for line in cells[1:] if line[1].startswith("could not run: ")]
-    ran = [line for line in cells[1:] if line not in failed]
+    ran = {k: line for k, line in enumerate(cells[1:], 1) if line not in failed}
     shown = Table(show_edge=False, pad_edge=False)
     shown.add_column("")
-    for line in ran:
+    for line in ran.values():
         shown.add_column(line[0], justify="right")
-    for k, head in enumerate(cells[0][1:], 1):
-        shown.add_row(head.replace("[", r"\["), *(line[k] for line in ran))
-    Console().print(shown)
+    arrows = _ASCII_ARROWS if console.options.ascii_only else {}
+    for column, head in enumerate(cells[0][1:], 1):
+        values = (
+            Text(f"* {line[column]}", "bold") if (k, column) in marked else Text(line[column]) for k, line in ran.items()
+        )
+        shown.add_row(head.translate(arrows), *values)
+    console.print(shown)
+    if marked:
+        typer.echo("* is the best value; ↓ less is better, ↑ more is better".translate(arrows))
     for line in failed:
         typer.echo(name_options(f"{line[0]} {line[1]}"))

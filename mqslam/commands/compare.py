@@ -9,6 +9,7 @@ from pathlib import Path
 from mqslam.commands.opening import choose_odometry, choose_settings, open_data
 from mqslam.commands.result import CompareResult
 from mqslam.commands.work import QUIET, Work
+from mqslam.comparison.best import Standing, find_best
 from mqslam.comparison.comparison import Comparison
 from mqslam.comparison.judgement import (
     JudgeSettings,
@@ -18,6 +19,7 @@ from mqslam.comparison.judgement import (
     pick_stations,
     take_common_scans,
 )
+from mqslam.comparison.psi_across import measure_rows_across
 from mqslam.comparison.rows import Row, make_given_row, run_front_ends
 from mqslam.config import Config, set_doppler_beta
 from mqslam.core import frontend as known_frontends
@@ -125,6 +127,7 @@ def compare(  # noqa: PLR0913 - these are the options of a comparison, each with
         rows, judged = judge_rows(
             rows, common, recording.ground_truth, [*where, *along], judges, beam, work.engine, work.progress
         )
+        best = find_best([Standing.of(row) for row in judged.values()], settings.verdict.confidence)
         notes += [f"{row.name}: {warning}" for row in rows for warning in row.warnings]
         failures = [f"{row.name} could not run: {row.failure}" for row in rows if row.failure is not None]
         comparison = Comparison(
@@ -133,6 +136,8 @@ def compare(  # noqa: PLR0913 - these are the options of a comparison, each with
             doppler_beta=beta,
             rows=tuple(rows),
             judged=judged,
+            best=best,
+            psi_across=measure_rows_across(judged, best, common, settings, beam, work.engine),
             compared=len(common),
             places=tuple(where),
             stations=tuple(along),
@@ -140,14 +145,14 @@ def compare(  # noqa: PLR0913 - these are the options of a comparison, each with
             warnings=(*failures, *notes),
         )
         summary = summarise(comparison)
-        table = tabulate(summary)
-        report = report_comparison(comparison, summary, table)
+        table, marked = tabulate(summary)
+        report = report_comparison(comparison, summary, table, marked)
         with write_folder_aside(out) as folder:
             write_compare(folder, comparison, summary)
             add_warnings(folder / "compare.json", summary, write_compare_pages(folder, report))
     for warning in summary["warnings"][len(failures) :]:
         work.tell(warning)
-    return CompareResult(out, summary, table)
+    return CompareResult(out, summary, table, marked)
 
 
 def _set_kiss_config(settings: Config, kiss_config: Path | None) -> Config:

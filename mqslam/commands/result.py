@@ -68,6 +68,14 @@ class CompareResult(Result):
 
     Args:
         table: the numbers as text: a line of column heads, and a line per front end or trajectory.
+        marked: line and column in the table of the best values, several in a column if they read the same.
     """
 
     table: list[list[str]]
+    marked: frozenset[tuple[int, int]]
+
+    @property
+    def conclusion(self) -> str:
+        """The sentences that name the best row and why; empty where there are not two rows to compare."""
+        best = self.summary["best"]
+        return best["sentence"] if best else ""

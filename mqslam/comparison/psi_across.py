@@ -7,23 +7,27 @@ from dataclasses import replace
 
 from mqslam.backend.crossings import find_crossings, measure_psi_across
 from mqslam.backend.loops.submap import Drive
+from mqslam.comparison.best import Best
+from mqslam.comparison.judgement import Judged
 from mqslam.config import Config
+from mqslam.core import se2
 from mqslam.core.scans import Scans
-from mqslam.core.trajectory import Trajectory
 from mqslam.execution.engine import Engine
 from mqslam.psi.place import Beam
 
 
 def measure_rows_across(
-    tracks: Mapping[str, Trajectory], guide: str, scans: Scans, settings: Config, beam: Beam, engine: Engine
+    judged: Mapping[str, Judged], best: Best | None, scans: Scans, settings: Config, beam: Beam, engine: Engine
 ) -> dict[str, float]:
-    """Measures psi per point across passes under every trajectory.
+    """Measures psi per point across passes of every row.
+
+    The psi of different places cannot be compared. So one row says where a place is passed twice, and all are measured
+    there: the best row, or the first of those that cannot be told apart, or the only one.
 
     Args:
-        tracks: the trajectories, by the names of their rows.
-        guide: name of the row that says where a place is passed twice. The others are measured at these places too, since
-            the psi of different places cannot be compared.
-        scans: those that every trajectory covers.
+        judged: the rows that were judged, by their names.
+        best: the best of them; None for one row alone.
+        scans: those that every row covers.
         settings: all settings.
         beam: the sensor's errors.
         engine: where the points are scored; the result does not depend on it.
@@ -31,10 +35,21 @@ def measure_rows_across(
     Returns:
         psi per point by row; empty where no place is passed twice.
     """
-    drive = Drive.of(scans, tracks[guide].at(scans.stamps_us))
+    poses = {name: _place_scans(row, scans) for name, row in judged.items()}
+    if not poses:
+        return {}
+    guide = best.rows[0] if best else next(iter(poses))
+    drive = Drive.of(scans, poses[guide])
     crossings = find_crossings(drive, settings.refinement.sample_m, settings.loops.least_path_m, settings.refinement)
     across = {}
-    for name, track in tracks.items():
-        under = replace(drive, poses=track.at(scans.stamps_us))
-        across[name] = measure_psi_across(under, crossings, settings.estimator, beam, engine)
-    return {name: psi for name, psi in across.items() if psi is not None}
+    for name, own in poses.items():
+        psi = measure_psi_across(replace(drive, poses=own), crossings, settings.estimator, beam, engine)
+        if psi is not None:
+            across[name] = psi
+    return across
+
+
+def _place_scans(judged: Judged, scans: Scans) -> se2.Array:
+    """Returns the pose (len(scans), 3) of every scan under a row's trajectory."""
+    assert judged.row.trajectory is not None
+    return judged.row.trajectory.at(scans.stamps_us)

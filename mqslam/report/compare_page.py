@@ -91,6 +91,7 @@ def write_compare_report(path: Path, report: CompareReport) -> list[str]:
         version=version_in(report.summary),
         warnings=(*report.warnings, *failures),
         notes=report.notes,
+        conclusion=str(section_of(report.summary, "best").get("sentence", "")),
     )
     write_page(path, "compare.html", frame, parts)
     return failures
@@ -104,10 +105,14 @@ def _make_scene(report: CompareReport, threshold: float) -> Scene | None:
 def _tabulate_rows(report: CompareReport) -> Section | None:
     if not report.table:
         return None
-    head, *rows = report.table
+    head, *lines = report.table
+    rows = []
+    for k, (name, *values) in enumerate(lines, 1):
+        rows.append(Row(name, tuple(values), best=frozenset(column - 1 for line, column in report.marked if line == k)))
     judges = "against ground truth and without it" if report.ground_truth is not None else "without ground truth"
-    note = f"The same returns and the same judges for every row, {judges}."
-    return Section("Rows", (note,), table=Table(head, tuple(Row(name, tuple(values)) for name, *values in rows)))
+    note = f"The same returns and the same judges for every row, {judges}. "
+    note += "The best value of a column is bold and green; ↓ less is better, ↑ more is better."
+    return Section("Rows", (note,), table=Table(head, tuple(rows)))
 
 
 def _show_trajectories(report: CompareReport, threshold: float) -> Section | None:

@@ -29,6 +29,7 @@ class CompareReport:
         agreement: how far every two rows are apart.
         ground_truth: for comparison only, in any fixed frame, or None.
         table: head and rows as the terminal shows them.
+        marked: line and column in the table of the best values.
         warnings: what the reader has to know before the numbers.
         settings_yaml: every setting used, as in config.yaml.
         notes: what the reader should know about how the recording was understood.
@@ -44,18 +45,22 @@ class CompareReport:
     agreement: tuple[tuple[str, str, Evaluation], ...]
     ground_truth: Trajectory | None
     table: tuple[tuple[str, ...], ...]
+    marked: frozenset[tuple[int, int]]
     warnings: tuple[str, ...]
     settings_yaml: str
     notes: tuple[str, ...] = ()
 
 
-def report_comparison(comparison: Comparison, summary: Mapping[str, Any], table: Sequence[Sequence[str]]) -> CompareReport:
+def report_comparison(
+    comparison: Comparison, summary: Mapping[str, Any], table: Sequence[Sequence[str]], marked: frozenset[tuple[int, int]]
+) -> CompareReport:
     """Returns a comparison as its page shows it.
 
     Args:
         comparison: the finished comparison.
         summary: content of compare.json.
         table: head and rows as the terminal shows them.
+        marked: line and column in the table of the best values.
     """
     recording = comparison.recording
     return CompareReport(
@@ -69,6 +74,7 @@ def report_comparison(comparison: Comparison, summary: Mapping[str, Any], table:
         agreement=comparison.agreement,
         ground_truth=recording.ground_truth,
         table=tuple(tuple(line) for line in table),
+        marked=marked,
         warnings=tuple(summary["warnings"]),
         settings_yaml=dump_yaml(comparison.settings),
         notes=recording.notes,

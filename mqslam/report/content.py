@@ -40,6 +40,7 @@ class Frame:
         warnings: what the reader has to know before the numbers.
         notes: what the reader should know about how the recording was understood.
         verdict: the verdict; None on a page that gives none.
+        conclusion: sentences that say what the page shows; empty on a page without one.
     """
 
     title: str
@@ -48,6 +49,7 @@ class Frame:
     warnings: tuple[str, ...]
     notes: tuple[str, ...] = ()
     verdict: Verdict | None = None
+    conclusion: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,11 +94,13 @@ class Row:
         label: its first cell, which names it.
         values: its other cells; a verdict is shown in its colour.
         link: address that the label leads to; None without one.
+        best: numbers, from 0, of the values that are the best of their columns.
     """
 
     label: str
     values: tuple[str, ...]
     link: str | None = None
+    best: frozenset[int] = frozenset()
 
     @property
     def is_across(self) -> bool:

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Final, Literal, NamedTuple
 
 import numpy as np
 
-from mqslam.auditing.verdict import Share, VerdictStatus
+from mqslam.auditing.verdict import VerdictStatus
 from mqslam.auditing.windows import WindowAudit, torn_threshold
+from mqslam.comparison.best import Standing
 from mqslam.comparison.comparison import Comparison
 from mqslam.comparison.judgement import Judged
 from mqslam.comparison.rows import Row
@@ -21,32 +22,48 @@ from mqslam.results.run_results import format_measurements, write_marginals
 from mqslam.results.summary_files import format_csv
 from mqslam.version import __version__
 
-# columns of the table: key in a row of compare.json, head, format
-_WITH_TRUTH = (
-    ("drift_percent", "drift [%]", "{:.3f}"),
-    ("drift_deg_per_100m", "[deg/100 m]", "{:.3f}"),
-    ("ate_rmse_m", "ATE [m]", "{:.3f}"),
-    ("rpe_v_rms", "speed error [m/s]", "{:.3f}"),
-    ("odometry_drift_percent", "before back end [%]", "{:.3f}"),
-)
-_WITHOUT_TRUTH = (
-    ("psi_per_point", "psi per point", "{:.4f}"),
-    ("matched", "matched", "{:.1%}"),
-    ("verdict", "verdict", "{}"),
-    ("inflation", "inflation", "{:.3g}"),
-    ("windows_torn", "windows torn", "{:.1%}"),
-    ("revisit_m", "revisits apart [m]", "{:.3f}"),
-    ("loops", "loops", "{}"),
-    ("ms_per_revolution", "time [ms/rev]", "{:.1f}"),
-    ("back_end_s", "back end [s]", "{:.1f}"),
-    ("peak_rss_mb", "memory [MB]", "{:.0f}"),
+
+class _Column(NamedTuple):
+    """A column of the table.
+
+    Args:
+        key: in a row of compare.json.
+        head: what it is.
+        form: how a value is written.
+        arrow: ↓ where less is better, ↑ where more is, and empty where neither is.
+    """
+
+    key: str
+    head: str
+    form: str
+    arrow: Literal["↓", "↑", ""] = ""
+
+
+_PSI, _PSI_ACROSS = "psi_per_point", "psi_across_passes"
+_COLUMNS: Final = (
+    _Column("drift_percent", "drift [%]", "{:.3f}", "↓"),
+    _Column("drift_deg_per_100m", "[deg/100 m]", "{:.3f}", "↓"),
+    _Column("ate_rmse_m", "ATE [m]", "{:.3f}", "↓"),
+    _Column("rpe_v_rms", "speed error [m/s]", "{:.3f}", "↓"),
+    _Column("odometry_drift_percent", "before back end [%]", "{:.3f}", "↓"),
+    _Column(_PSI_ACROSS, "psi across passes", "{:.4f}", "↓"),
+    _Column(_PSI, "psi per point", "{:.4f}"),  # neighbours in time make it, and a worse map may have less of it
+    _Column("matched", "matched", "{:.1%}", "↑"),
+    _Column("verdict", "verdict", "{}"),
+    _Column("inflation", "inflation", "{:.3g}", "↓"),
+    _Column("windows_torn", "windows torn", "{:.1%}", "↓"),
+    _Column("revisit_m", "revisits apart [m]", "{:.3f}", "↓"),
+    _Column("loops", "loops", "{}"),
+    _Column("ms_per_revolution", "time [ms/rev]", "{:.1f}", "↓"),
+    _Column("back_end_s", "back end [s]", "{:.1f}", "↓"),
+    _Column("peak_rss_mb", "memory [MB]", "{:.0f}", "↓"),
 )
 
 
 def summarise(comparison: Comparison) -> dict[str, Any]:
     """Returns the content of compare.json."""
     recording, settings = comparison.recording, comparison.settings
-    judged = comparison.judged
+    judged, across, best = comparison.judged, comparison.psi_across, comparison.best
     return {
         "mqslam_version": __version__,
         "dataset": {
@@ -59,7 +76,10 @@ def summarise(comparison: Comparison) -> dict[str, Any]:
         "doppler_beta": comparison.doppler_beta,
         "threshold": torn_threshold(settings.audit),
         "warnings": list(comparison.warnings),
-        "rows": [_list_row(row, judged.get(row.name), len(recording), settings) for row in comparison.rows],
+        "best": best and {"rows": list(best.rows), "decided_by": best.decided_by, "sentence": best.sentence},
+        "rows": [
+            _list_row(row, judged.get(row.name), across.get(row.name), len(recording), settings) for row in comparison.rows
+        ],
         "agreement": [
             {"row": a, "against": b, "rmse_m": e.ate_rmse_m, "drift_percent": e.drift_percent, "speed_rms": e.rpe_v_rms}
             for a, b, e in comparison.agreement
@@ -68,12 +88,13 @@ def summarise(comparison: Comparison) -> dict[str, Any]:
     }
 
 
-def _list_row(row: Row, judged: Judged | None, scans: int, settings: Config) -> dict[str, Any]:
+def _list_row(row: Row, judged: Judged | None, across: float | None, scans: int, settings: Config) -> dict[str, Any]:
     """Returns a row's numbers; a row that failed has its name and failure only."""
     if judged is None:
         return {"name": row.name, "failure": row.failure}
     windows, sure = judged.audit.windows, [r for r in judged.audit.revisits if r.revisit.sure]
-    torn = Share(sum(w.torn for w in windows), len(windows))
+    standing = Standing.of(judged)
+    torn = standing.windows
     truth, before = judged.after, judged.before
     return {
         "name": row.name,
@@ -88,15 +109,16 @@ def _list_row(row: Row, judged: Judged | None, scans: int, settings: Config) -> 
         "odometry_ate_rmse_m": before and before.ate_rmse_m,
         "verdict": judged.audit.status,
         "reasons": "; ".join(judged.audit.reasons),
-        "psi_per_point": judged.psi_per_point,
+        _PSI_ACROSS: across,
+        _PSI: judged.psi_per_point,
         "matched": judged.matched,
         "inflation": _find_median_inflation(windows, settings.audit.overlap),
         "windows": len(windows),
         "windows_torn": torn.count / torn.total if windows else None,
         "windows_torn_at_least": torn.lower_bound(settings.verdict.confidence),
         "windows_torn_at_most": torn.upper_bound(settings.verdict.confidence),
-        "revisits": len(sure),
-        "revisits_torn": sum(r.torn for r in sure),
+        "revisits": standing.revisits.total,
+        "revisits_torn": standing.revisits.count,
         "revisit_m": float(np.median([r.revisit.distance_m for r in sure])) if sure else None,
         "loops": row.loops if row.measurements else None,
         "loops_rejected": row.loops_rejected if row.measurements else None,
@@ -114,17 +136,38 @@ def _find_median_inflation(windows: Sequence[WindowAudit], overlap: float) -> fl
     return median if np.isfinite(median) else None
 
 
-def tabulate(summary: Mapping[str, Any]) -> list[list[str]]:
-    """Returns the table as a person reads it, its head first; columns that no row has are left out."""
+def tabulate(summary: Mapping[str, Any]) -> tuple[list[list[str]], frozenset[tuple[int, int]]]:
+    """Writes the table as a person reads it.
+
+    Columns that no row has are left out, and so is psi per point where psi per point across passes says more.
+
+    Args:
+        summary: content of compare.json.
+
+    Returns:
+        the lines of the table, its head first, which says with an arrow whether less or more is better; and line and
+        column of the best value of every column in which two rows or more have one. Values that read the same are equal.
+    """
     rows: list[dict[str, Any]] = summary["rows"]
-    shown = [c for c in (*_WITH_TRUTH, *_WITHOUT_TRUTH) if any(row.get(c[0]) is not None for row in rows)]
-    cells = [["", *(head for _, head, _ in shown)]]
+    shown = [column for column in _COLUMNS if any(row.get(column.key) is not None for row in rows)]
+    if any(column.key == _PSI_ACROSS for column in shown):
+        shown = [column for column in shown if column.key != _PSI]
+    cells = [["", *(f"{column.head} {column.arrow}".rstrip() for column in shown)]]
     for row in rows:
         if row["failure"] is not None:
             cells.append([row["name"], f"could not run: {row['failure']}", *[""] * (len(shown) - 1)])
             continue
-        cells.append([row["name"], *(_format_cell(row[key], form) for key, _, form in shown)])
-    return cells
+        cells.append([row["name"], *(_format_cell(row[column.key], column.form) for column in shown)])
+    return cells, frozenset((line, k) for k, column in enumerate(shown, 1) for line in _find_best_lines(column, rows))
+
+
+def _find_best_lines(column: _Column, rows: Sequence[Mapping[str, Any]]) -> list[int]:
+    """Returns the lines of a column's best values, the head being line 0."""
+    values = {line: row[column.key] for line, row in enumerate(rows, 1) if row.get(column.key) is not None}
+    if not column.arrow or len(values) < 2:
+        return []
+    best = _format_cell((min if column.arrow == "↓" else max)(values.values()), column.form)
+    return [line for line, value in values.items() if _format_cell(value, column.form) == best]
 
 
 def _format_cell(value: Any, form: str) -> str:

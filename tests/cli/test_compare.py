@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import csv
 import json
+import subprocess
 from pathlib import Path
 
 import numpy as np
 import pytest
 from evo.core import metrics, sync
 from evo.tools import file_interface
-from support.commands import mqslam, read_contents, run_in_this_process
+from support.commands import INSTALLED, mqslam, read_contents, run_in_this_process
 
 from mqslam.core.measurement import Measurement
 
@@ -82,7 +83,7 @@ def test_every_row_is_there_with_its_files(compared: Path) -> None:
         "config.yaml",
         *rows,
     }
-    table = list(csv.DictReader((compared / "compare.csv").open()))
+    table = list(csv.DictReader((compared / "compare.csv").read_text().splitlines()))
     assert [row["name"] for row in table] == list(rows)
     assert float(table[0]["psi_per_point"]) == pytest.approx(rows["psi"]["psi_per_point"])
 
@@ -116,6 +117,33 @@ def test_a_front_end_of_ones_own_is_a_row(street: Path, quick: Path, tmp_path: P
     xy = np.loadtxt(out / dawdler / "trajectory.tum")[:, 1:3]
     np.testing.assert_allclose(np.diff(xy, axis=0), np.tile([2.0, 0.0], (len(xy) - 1, 1)), atol=1e-6)
     assert rows["kiss_icp"]["rpe_w_rms"] < rows[dawdler]["rpe_w_rms"]
+
+
+@pytest.mark.parametrize("encoding", ["utf-8", "ascii"])
+def test_the_last_line_names_the_best_row_and_the_table_marks_the_best_values(
+    street: Path, quick: Path, tmp_path: Path, encoding: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("PYTHONIOENCODING", encoding)
+    out, truth = tmp_path / "out", street / "gt" / "poses_tum.txt"
+    rows = ("--frontends", "odometry,kiss_icp", "--odometry", "none", "--trajectory", f"truth={truth}")
+    words = [str(INSTALLED), "compare", street, "--out", out, *rows, "--config", quick, "--odometry-only"]
+    result = subprocess.run(list(map(str, words)), capture_output=True, check=True)
+    lines = result.stdout.decode(encoding).splitlines()
+    best = json.loads((out / "compare.json").read_text())["best"]
+    assert (best["rows"], best["decided_by"]) == (["truth"], "ATE")
+    assert lines[-1] == best["sentence"] and lines[-1].startswith("truth is best: its ATE is 0.000 m, against 0.")
+    less = {"utf-8": "↓", "ascii": "v"}[encoding]
+    (ate,) = (line for line in lines if line.startswith(f"ATE [m] {less}"))
+    assert ate.count("*") == 1 and "* 0.000" in ate
+    assert any(line.startswith(f"* is the best value; {less} less is better") for line in lines)
+    assert "odometry" not in best["sentence"] and any(line.startswith("odometry could not run") for line in lines)
+
+
+def test_one_row_ends_without_a_winner(street: Path, quick: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    result = mqslam("compare", street, "--out", out, "--frontends", "odometry", "--config", quick, "--odometry-only")
+    assert json.loads((out / "compare.json").read_text())["best"] is None
+    assert result.out.splitlines()[-1].startswith("results in ") and "*" not in result.out
 
 
 @pytest.mark.slow

@@ -44,7 +44,12 @@ def a_report(truth: Trajectory | None) -> CompareReport:
     failed = Row("odometry", failure="no odometry; give <FILE>")
     return CompareReport(
         title="run <01>",
-        summary={"mqslam_version": "9.8.7", "dataset": {"format": "mulran", "path": "/data/<run>"}, "threshold": 16.3},
+        summary={
+            "mqslam_version": "9.8.7",
+            "dataset": {"format": "mulran", "path": "/data/<run>"},
+            "threshold": 16.3,
+            "best": {"rows": ["psi"], "decided_by": "drift", "sentence": "psi is best, <b>and so on</b>."},
+        },
         rows=rows,
         failed=(failed,),
         places=(Place(6, 12, 1.5, 3.0, 1.25), Place(30, 36, 7.5, 9.0, 0.04)),
@@ -58,6 +63,7 @@ def a_report(truth: Trajectory | None) -> CompareReport:
             ("_kiss_$icp$ <icp>", "1.1", "9"),
             ("odometry", "could not run", ""),
         ),
+        marked=frozenset({(1, 1), (1, 2), (2, 2)}),
         warnings=("odometry <img src=x> could not run",),
         settings_yaml="audit:\n  window: 6  # <sweeps>\n",
     )
@@ -85,6 +91,17 @@ def test_warnings_come_first_and_the_table_is_the_terminals(written: Path) -> No
     text = page_of(written).text
     assert text.index("<img src=x>") < text.index("drift [%]\ninflation\npsi\n0.5\n2.4") < text.index("running median")
     assert 'colspan="2">could not run</td>' in written.read_text(encoding="utf-8")
+
+
+def test_the_sentence_that_names_the_best_row_stands_before_the_table(written: Path) -> None:
+    text = page_of(written).text
+    assert text.index("psi is best, <b>and so on</b>.") < text.index("drift [%]\n")
+
+
+def test_the_best_values_are_marked_and_no_others(written: Path) -> None:
+    text = written.read_text(encoding="utf-8")
+    assert re.findall(r'<td class="best">(.*?)</td>', text) == ["0.5", "2.4", "9"]
+    assert re.findall(r"<td>(1\.1)</td>", text) == ["1.1"]
 
 
 def test_every_place_shows_every_row_on_one_extent(written: Path) -> None:
@@ -134,11 +151,11 @@ def test_a_part_that_cannot_be_drawn_costs_no_other_part(tmp_path: Path, monkeyp
 
 def test_a_comparison_of_one_row_without_truth_still_has_a_report(tmp_path: Path) -> None:
     report = a_report(None)
-    alone = replace(report, rows=report.rows[:1], failed=(), places=(), agreement=(), summary={}, warnings=())
+    alone = replace(report, rows=report.rows[:1], failed=(), places=(), agreement=(), summary={"best": None}, warnings=())
     write_compare_report(tmp_path / "alone.html", alone)
     page = page_of(tmp_path / "alone.html")
     assert set(page.images) == {"Trajectories", "Inflation of the windows", "Offset of the revisits"}
-    assert "Could not run" not in page.text
+    assert "Could not run" not in page.text and "is best" not in page.text
     assert "all starting from one pose" in page.text
 
 

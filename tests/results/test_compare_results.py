@@ -1,0 +1,62 @@
+"""The table of a comparison: arrows in its head, its best values, and the psi that it leads with."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from mqslam.results.compare_results import tabulate
+
+
+def summary(*rows: dict[str, Any]) -> dict[str, Any]:
+    return {"rows": [{"failure": None, **row} for row in rows]}
+
+
+def marked(*rows: dict[str, Any]) -> dict[str, list[str]]:
+    """Returns the names of the rows with the best values, by column."""
+    cells, best = tabulate(summary(*rows))
+    return {
+        head: [cells[line][0] for line in range(1, len(cells)) if (line, column) in best]
+        for column, head in enumerate(cells[0])
+        if column
+    }
+
+
+def full_row(name: str, drift: float, matched: float, **more: Any) -> dict[str, Any]:
+    keys = ("drift_deg_per_100m", "ate_rmse_m", "rpe_v_rms", "odometry_drift_percent", "psi_per_point", "verdict")
+    keys += ("psi_across_passes", "inflation", "windows_torn", "revisit_m", "loops", "ms_per_revolution", "back_end_s")
+    return {**dict.fromkeys((*keys, "peak_rss_mb")), "name": name, "drift_percent": drift, "matched": matched, **more}
+
+
+def test_the_head_says_what_is_better() -> None:
+    cells, _ = tabulate(summary(full_row("a", 0.2, 0.8, loops=3, verdict="pass", psi_per_point=0.09)))
+    assert cells[0] == ["", "drift [%] ↓", "psi per point", "matched ↑", "verdict", "loops"]
+
+
+def test_the_best_value_of_a_column_is_marked() -> None:
+    best = marked(full_row("a", 0.2, 0.7, loops=1), full_row("b", 0.3, 0.8, loops=2))
+    assert best == {"drift [%] ↓": ["a"], "matched ↑": ["b"], "loops": []}
+
+
+def test_values_that_read_the_same_are_all_marked() -> None:
+    best = marked(full_row("a", 0.19701, 0.8), full_row("b", 0.19703, 0.8), full_row("c", 0.3, 0.7))
+    assert best == {"drift [%] ↓": ["a", "b"], "matched ↑": ["a", "b"]}
+
+
+def test_a_value_that_stands_alone_is_not_the_best() -> None:
+    assert marked(full_row("a", 0.2, 0.7)) == {"drift [%] ↓": [], "matched ↑": []}
+    timed = marked(full_row("a", 0.2, 0.7, ms_per_revolution=90.0), full_row("b", 0.3, 0.8))
+    assert timed["time [ms/rev] ↓"] == []
+
+
+def test_a_row_that_failed_has_no_best_value() -> None:
+    failed = {"name": "c", "failure": "it fell over"}
+    assert marked(failed, full_row("a", 0.2, 0.7), full_row("b", 0.3, 0.8)) == {"drift [%] ↓": ["a"], "matched ↑": ["b"]}
+
+
+def test_psi_across_passes_stands_in_place_of_psi_per_point() -> None:
+    """The drive of the issue that asked for it, where psi per point over neighbours in time made KISS-ICP look best."""
+    rows = [full_row("psi", 0.197, 0.8, psi_per_point=0.0924), full_row("kiss_icp", 0.242, 0.8, psi_per_point=0.0886)]
+    assert marked(*rows)["psi per point"] == []
+    rows[0]["psi_across_passes"], rows[1]["psi_across_passes"] = 0.21, 0.34
+    best = marked(*rows)
+    assert best["psi across passes ↓"] == ["psi"] and "psi per point" not in best
