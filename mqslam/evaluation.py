@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -9,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mqslam.core import se2
+from mqslam.core.measurement import Measurement
 from mqslam.core.trajectory import Trajectory
 
 # definitions of KITTI's drift; a segment begins at every fourth pose, about one second of a radar apart
@@ -69,6 +71,31 @@ def evaluate(estimate: Trajectory, truth: Trajectory) -> Evaluation | None:
         rpe_v_bias=float(speed_errors.mean()),
         rpe_w_bias=float(rate_errors.mean()),
     )
+
+
+def measure_nees(measurements: Sequence[Measurement], truth: Trajectory, start_us: int) -> float | None:
+    """Returns the mean squared error of motions, normalised by their covariances, over its three degrees of freedom.
+
+    It is 1 on average where the covariances are right, and more where they promise too much.
+
+    Args:
+        measurements: the motions, each with its covariance.
+        truth: ground truth.
+        start_us: stamp of the recording's start, from which the motions count their time [us].
+
+    Returns:
+        the mean over the motions within the truth's span; None without any, or where one states that it has no error.
+    """
+    spans = start_us + np.round(np.array([(m.t0, m.t1) for m in measurements]).reshape(-1, 2) * 1e6).astype(np.int64)
+    inside = [k for k, (begin, end) in enumerate(spans.tolist()) if truth.covers(begin, end, _SLACK_US)]
+    covariances = np.array([measurements[k].covariance for k in inside]).reshape(-1, 3, 3)
+    if not inside or np.linalg.eigvalsh(covariances)[:, 0].min() <= 0.0:
+        return None
+    begins, ends = spans[inside].T
+    errors = np.array([measurements[k].pose for k in inside]) - se2.between(truth.at(begins), truth.at(ends))
+    errors[:, 2] = se2.wrap(errors[:, 2])
+    normalised = np.einsum("ni,ni->n", errors, np.linalg.solve(covariances, errors[:, :, None])[:, :, 0])
+    return float(normalised.mean() / errors.shape[1])
 
 
 def align_positions(estimate: Trajectory, truth: Trajectory) -> se2.Array | None:

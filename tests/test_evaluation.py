@@ -10,12 +10,14 @@ import numpy as np
 import pytest
 
 from mqslam.core import se2
+from mqslam.core.measurement import Measurement
 from mqslam.core.trajectory import Trajectory
-from mqslam.evaluation import align_positions, evaluate
+from mqslam.evaluation import align_positions, evaluate, measure_nees
 from mqslam.formats.tum import write_tum
 
 JUDGE = Path(__file__).resolve().parents[2] / "shared" / "tools" / "score_run.py"
 PERIOD_US = 250_000
+START_US = 1_600_000_000_000_000
 
 
 def drive(twists: se2.Array) -> Trajectory:
@@ -23,7 +25,7 @@ def drive(twists: se2.Array) -> Trajectory:
     poses = [np.array([3.0, -2.0, 0.7])]
     for twist in twists:
         poses.append(se2.compose(poses[-1], se2.exp(twist, PERIOD_US * 1e-6)))
-    stamps = 1_600_000_000_000_000 + PERIOD_US * np.arange(len(poses))
+    stamps = START_US + PERIOD_US * np.arange(len(poses))
     return Trajectory(stamps.astype(np.int64), np.array(poses))
 
 
@@ -146,3 +148,34 @@ def test_two_poses_of_the_truth_that_are_stamped_almost_alike_show_no_speed() ->
     result = evaluate(truth, twice)
     assert result is not None
     assert result.rpe_v_rms < 0.1
+
+
+def motions_along(truth: Trajectory, covariance: np.ndarray, stated: np.ndarray) -> list[Measurement]:
+    """Returns the true motions with errors of one covariance (3, 3), which state another one (3, 3)."""
+    seconds = truth.seconds(START_US)
+    errors = np.random.default_rng(5).multivariate_normal(np.zeros(3), covariance, len(truth) - 1)
+    steps = se2.between(truth.poses[:-1], truth.poses[1:]) + errors
+    return [Measurement(seconds[k], seconds[k + 1], step, stated) for k, step in enumerate(steps)]
+
+
+@pytest.mark.parametrize("factor", [1.0, 4.0])
+def test_nees_is_one_where_the_covariances_are_right(factor: float) -> None:
+    truth = drive(winding(500.0))
+    covariance = np.array([[4e-4, 1e-4, 0.0], [1e-4, 1e-4, 2e-6], [0.0, 2e-6, 1e-6]])
+    nees = measure_nees(motions_along(truth, covariance, covariance / factor), truth, START_US)
+    assert nees == pytest.approx(factor, rel=0.1)
+
+
+def test_nees_counts_the_motions_within_the_truth_only() -> None:
+    truth = drive(winding(60.0))
+    motions = motions_along(truth, 1e-4 * np.eye(3), 1e-4 * np.eye(3))
+    first = Trajectory(truth.stamps_us[:81], truth.poses[:81])
+    assert measure_nees(motions, first, START_US) == measure_nees(motions[:80], truth, START_US)
+
+
+def test_there_is_no_nees_without_motions_or_without_errors_to_expect() -> None:
+    truth = drive(winding(20.0))
+    assert measure_nees([], truth, START_US) is None
+    assert measure_nees(motions_along(truth, 1e-4 * np.eye(3), np.zeros((3, 3))), truth, START_US) is None
+    far = motions_along(truth, 1e-4 * np.eye(3), np.eye(3))
+    assert measure_nees(far, truth, START_US - 10**12) is None

@@ -23,7 +23,7 @@ from mqslam.cli.terminal.options import (
 )
 from mqslam.cli.terminal.remedies import name_options
 
-_ASCII_ARROWS = str.maketrans("↓↑", "v^")  # for terminals that know no other letters
+_ASCII_ARROWS = str.maketrans({"↓": "v", "↑": "^", "→": "->"})  # for terminals that know no other letters
 
 
 def compare(
@@ -145,6 +145,6 @@ def _print_table(cells: list[list[str]], marked: frozenset[tuple[int, int]]) -> 
         shown.add_row(head.translate(arrows), *values)
     console.print(shown)
     if marked:
-        typer.echo("* is the best value; ↓ less is better, ↑ more is better".translate(arrows))
+        typer.echo("* is the best value; ↓ less is better, ↑ more, → 1 nearer to 1".translate(arrows))
     for line in failed:
         typer.echo(name_options(f"{line[0]} {line[1]}"))

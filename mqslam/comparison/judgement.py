@@ -21,7 +21,7 @@ from mqslam.core.scans import Scans
 from mqslam.core.trajectory import Trajectory
 from mqslam.core.wording import count_of, is_or_are
 from mqslam.errors import EstimationError, tolerate
-from mqslam.evaluation import Evaluation, evaluate
+from mqslam.evaluation import Evaluation, evaluate, measure_nees
 from mqslam.execution.engine import Engine
 from mqslam.execution.progress import Progress
 from mqslam.mapping.render import render
@@ -70,6 +70,8 @@ class Judged:
         matched: share of the map's points that another sweep saw too.
         audit: its windows and revisits judged.
         before, after: errors against ground truth before and after the back end, or None without ground truth.
+        nees: squared errors of its motions over their covariances and degrees of freedom, 1 on average where these are
+            right, or None without ground truth or without motions.
         crops: (M, 2) [m] points of each place's window, in the frame of the sensor at its middle.
         map: part of the rendered map, spread evenly.
     """
@@ -80,6 +82,7 @@ class Judged:
     audit: Audit
     before: Evaluation | None
     after: Evaluation | None
+    nees: float | None
     crops: tuple[NDArray[np.float64], ...]
     map: PointMap
 
@@ -218,6 +221,7 @@ def judge(
         audit=audit(sweeps, settings.audit, settings.estimator, settings.loops, settings.verdict, engine, progress),
         before=None if truth is None else evaluate(row.odometry, truth),
         after=None if truth is None else evaluate(row.trajectory, truth),
+        nees=None if truth is None else measure_nees(row.measurements, truth, scans.start_us),
         crops=tuple(_crop(sweeps, place) for place in where),
     )
 

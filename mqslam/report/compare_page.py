@@ -111,7 +111,7 @@ def _tabulate_rows(report: CompareReport) -> Section | None:
         rows.append(Row(name, tuple(values), best=frozenset(column - 1 for line, column in report.marked if line == k)))
     judges = "against ground truth and without it" if report.ground_truth is not None else "without ground truth"
     note = f"The same returns and the same judges for every row, {judges}. "
-    note += "The best value of a column is bold and green; ↓ less is better, ↑ more is better."
+    note += "The best value of a column is bold and green; ↓ less is better, ↑ more, → 1 nearer to 1."
     return Section("Rows", (note,), table=Table(head, tuple(rows)))
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final, Literal, NamedTuple
 
@@ -30,15 +30,20 @@ class _Column(NamedTuple):
         key: in a row of compare.json.
         head: what it is.
         form: how a value is written.
-        arrow: ↓ where less is better, ↑ where more is, and empty where neither is.
+        arrow: says what is better: ↓ less, ↑ more, → 1 what is nearer to 1; empty where nothing is.
     """
 
     key: str
     head: str
     form: str
-    arrow: Literal["↓", "↑", ""] = ""
+    arrow: Literal["↓", "↑", "→ 1", ""] = ""
 
 
+_BADNESS: Final[dict[str, Callable[[float], float]]] = {
+    "↓": lambda value: value,
+    "↑": lambda value: -value,
+    "→ 1": lambda value: abs(value - 1.0) / (value + 1.0),  # 2 and 0.5 are equally far from 1
+}
 _PSI, _PSI_ACROSS = "psi_per_point", "psi_across_passes"
 _COLUMNS: Final = (
     _Column("drift_percent", "drift [%]", "{:.3f}", "↓"),
@@ -46,6 +51,7 @@ _COLUMNS: Final = (
     _Column("ate_rmse_m", "ATE [m]", "{:.3f}", "↓"),
     _Column("rpe_v_rms", "speed error [m/s]", "{:.3f}", "↓"),
     _Column("odometry_drift_percent", "before back end [%]", "{:.3f}", "↓"),
+    _Column("nees_per_degree", "NEES/3", "{:.2f}", "→ 1"),
     _Column(_PSI_ACROSS, "psi across passes", "{:.4f}", "↓"),
     _Column(_PSI, "psi per point", "{:.4f}"),  # neighbours in time make it, and a worse map may have less of it
     _Column("matched", "matched", "{:.1%}", "↑"),
@@ -107,6 +113,7 @@ def _list_row(row: Row, judged: Judged | None, across: float | None, scans: int,
         "odometry_drift_percent": before and before.drift_percent,
         "odometry_drift_deg_per_100m": before and before.drift_deg_per_100m,
         "odometry_ate_rmse_m": before and before.ate_rmse_m,
+        "nees_per_degree": judged.nees,
         "verdict": judged.audit.status,
         "reasons": "; ".join(judged.audit.reasons),
         _PSI_ACROSS: across,
@@ -166,7 +173,7 @@ def _find_best_lines(column: _Column, rows: Sequence[Mapping[str, Any]]) -> list
     values = {line: row[column.key] for line, row in enumerate(rows, 1) if row.get(column.key) is not None}
     if not column.arrow or len(values) < 2:
         return []
-    best = _format_cell((min if column.arrow == "↓" else max)(values.values()), column.form)
+    best = _format_cell(min(values.values(), key=_BADNESS[column.arrow]), column.form)
     return [line for line, value in values.items() if _format_cell(value, column.form) == best]
 
 

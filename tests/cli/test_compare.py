@@ -73,6 +73,7 @@ def test_every_row_is_there_with_its_files(compared: Path) -> None:
     assert all(row["failure"] is None for row in rows.values())
     assert rows["psi"]["ate_rmse_m"] < rows["odometry"]["ate_rmse_m"]
     assert rows["truth"]["ate_rmse_m"] == pytest.approx(0.0, abs=1e-4)
+    assert 0.1 < rows["psi"]["nees_per_degree"] < 5.0 and rows["truth"]["nees_per_degree"] is None
     assert rows["psi"]["inflation"] < rows["odometry"]["inflation"]
     assert rows["psi"]["ms_per_revolution"] > 0.0 and rows["truth"]["ms_per_revolution"] is None
     assert {p.name for p in compared.iterdir()} == {

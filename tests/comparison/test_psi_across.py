@@ -29,7 +29,7 @@ CONFIG = Config(loops=LoopConfig(least_path_m=35.0), refinement=RefinementConfig
 def judged(name: str, scans: Scans, poses: np.ndarray) -> Judged:
     nothing = PointMap(np.empty((0, 2)), *(np.empty(0) for _ in range(3)), np.empty(0, bool))
     row = make_given_row(name, Trajectory(scans.stamps_us, poses))
-    return Judged(row, None, None, Audit([], [], VerdictStatus.NOT_JUDGED, []), None, None, (), nothing)
+    return Judged(row, None, None, Audit([], [], VerdictStatus.NOT_JUDGED, []), None, None, None, (), nothing)
 
 
 def measured(drive: Drive, best: Best | None, **poses: np.ndarray) -> dict[str, float]:

@@ -36,7 +36,7 @@ def judged(name: str, trajectory: Trajectory) -> Judged:
     crops = tuple(rng.uniform(-50.0, 50.0, (300, 2)) for _ in range(2))
     points = rng.uniform(-50.0, 50.0, (500, 2))
     drawn = PointMap(points, rng.uniform(0.0, 15.0, 500), np.full(500, 80.0), rng.random(500), np.ones(500, bool))
-    return Judged(row, 0.6, 0.8, judged_walls(swept_walls()), None, None, crops, drawn)
+    return Judged(row, 0.6, 0.8, judged_walls(swept_walls()), None, None, None, crops, drawn)
 
 
 def a_report(truth: Trajectory | None) -> CompareReport:

@@ -23,7 +23,16 @@ def marked(*rows: dict[str, Any]) -> dict[str, list[str]]:
 
 def full_row(name: str, drift: float, matched: float, **more: Any) -> dict[str, Any]:
     keys = ("drift_deg_per_100m", "ate_rmse_m", "rpe_v_rms", "odometry_drift_percent", "psi_per_point", "verdict")
-    keys += ("psi_across_passes", "inflation", "windows_torn", "revisit_m", "loops", "ms_per_revolution", "back_end_s")
+    keys += (
+        "psi_across_passes",
+        "nees_per_degree",
+        "inflation",
+        "windows_torn",
+        "revisit_m",
+        "loops",
+        "ms_per_revolution",
+        "back_end_s",
+    )
     return {**dict.fromkeys((*keys, "peak_rss_mb")), "name": name, "drift_percent": drift, "matched": matched, **more}
 
 
@@ -40,6 +49,11 @@ def test_the_best_value_of_a_column_is_marked() -> None:
 def test_values_that_read_the_same_are_all_marked() -> None:
     best = marked(full_row("a", 0.19701, 0.8), full_row("b", 0.19703, 0.8), full_row("c", 0.3, 0.7))
     assert best == {"drift [%] ↓": ["a", "b"], "matched ↑": ["a", "b"]}
+
+
+def test_the_best_nees_is_nearest_to_one() -> None:
+    rows = [full_row(name, 0.2, 0.8, nees_per_degree=nees) for name, nees in (("a", 2.1), ("b", 0.5), ("c", 0.0))]
+    assert marked(*rows)["NEES/3 → 1"] == ["b"]
 
 
 def test_a_value_that_stands_alone_is_not_the_best() -> None:
