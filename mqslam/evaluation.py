@@ -16,7 +16,8 @@ from mqslam.core.trajectory import Trajectory
 # definitions of KITTI's drift; a segment begins at every fourth pose, about one second of a radar apart
 _SEGMENT_LENGTHS_M: Final = np.arange(100.0, 801.0, 100.0)
 _SEGMENT_START_STEP: Final = 4
-_SLACK_US: Final = 2_000  # a tolerance [us]: stamps that another program rounded to milliseconds still lie in the span
+SLACK_US: Final = 2_000
+"""A tolerance [us]: stamps that another program rounded to milliseconds still lie in the span."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,7 +88,7 @@ def measure_nees(measurements: Sequence[Measurement], truth: Trajectory, start_u
         the mean over the motions within the truth's span; None without any, or where one states that it has no error.
     """
     spans = start_us + np.round(np.array([(m.t0, m.t1) for m in measurements]).reshape(-1, 2) * 1e6).astype(np.int64)
-    inside = [k for k, (begin, end) in enumerate(spans.tolist()) if truth.covers(begin, end, _SLACK_US)]
+    inside = [k for k, (begin, end) in enumerate(spans.tolist()) if truth.covers(begin, end, SLACK_US)]
     covariances = np.array([measurements[k].covariance for k in inside]).reshape(-1, 3, 3)
     if not inside or np.linalg.eigvalsh(covariances)[:, 0].min() <= 0.0:
         return None
@@ -106,7 +107,7 @@ def align_positions(estimate: Trajectory, truth: Trajectory) -> se2.Array | None
 
 def _share_stamps(estimate: Trajectory, truth: Trajectory) -> tuple[NDArray[np.int64], se2.Array, se2.Array] | None:
     """Returns the truth's stamps (M,) that lie apart in the estimate's span, and both poses (M, 3); None if M < 3."""
-    first, last = estimate.stamps_us[0] - _SLACK_US, estimate.stamps_us[-1] + _SLACK_US
+    first, last = estimate.stamps_us[0] - SLACK_US, estimate.stamps_us[-1] + SLACK_US
     inside = np.flatnonzero((truth.stamps_us >= first) & (truth.stamps_us <= last))
     inside = inside[se2.select_apart(truth.seconds(int(first))[inside])]  # two poses at almost the same time show no speed
     if len(inside) < 3:

@@ -21,7 +21,7 @@ from mqslam.core.scans import Scans
 from mqslam.core.trajectory import Trajectory
 from mqslam.core.wording import count_of, is_or_are
 from mqslam.errors import EstimationError, tolerate
-from mqslam.evaluation import Evaluation, evaluate, measure_nees
+from mqslam.evaluation import SLACK_US, Evaluation, evaluate, measure_nees
 from mqslam.execution.engine import Engine
 from mqslam.execution.progress import Progress
 from mqslam.mapping.render import render
@@ -167,7 +167,8 @@ def judge_rows(
     Args:
         rows: all rows.
         scans: those that every row covers.
-        truth: ground truth, or None.
+        truth: ground truth, or None. Errors are taken from the first of the scans to the last, so that a short trajectory
+            is not judged on an easier part than a long one.
         where: the places to crop.
         settings: of the judges.
         beam: the sensor's errors.
@@ -179,6 +180,7 @@ def judge_rows(
     """
     judged: dict[str, Judged] = {}
     shown = []
+    truth = None if truth is None else _cut_to_scans(truth, scans)
     for row in rows:
         failure: list[str] = []
         if row.trajectory is not None:
@@ -224,6 +226,13 @@ def judge(
         nees=None if truth is None else measure_nees(row.measurements, truth, scans.start_us),
         crops=tuple(_crop(sweeps, place) for place in where),
     )
+
+
+def _cut_to_scans(truth: Trajectory, scans: Scans) -> Trajectory | None:
+    """Returns the part of the truth between the beginning of the first scan and the end of the last; None without any."""
+    begin, end = (scans.start_us + round(1e6 * time_s) for time_s in (scans[0].t0, scans[-1].t1))
+    inside = (truth.stamps_us >= begin - SLACK_US) & (truth.stamps_us <= end + SLACK_US)
+    return Trajectory(truth.stamps_us[inside], truth.poses[inside]) if inside.any() else None
 
 
 def _crop(sweeps: Sweeps, place: Place) -> NDArray[np.float64]:

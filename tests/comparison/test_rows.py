@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from support.drives import street_drive
 
-from mqslam.comparison.judgement import JudgeSettings, compare_pairs, find_places, judge, take_common_scans
+from mqslam.comparison.judgement import JudgeSettings, compare_pairs, find_places, judge, judge_rows, take_common_scans
 from mqslam.comparison.rows import FrontEndTask, Row, make_given_row, run_front_end, run_front_ends
 from mqslam.config import AuditConfig, Config, SensorConfig
 from mqslam.core import se2
@@ -101,6 +101,24 @@ def test_rows_are_judged_by_truth_and_without_it() -> None:
     pairs = {(a, b): errors for a, b, errors in compare_pairs(rows)}
     assert set(pairs) == {("psi", "truth"), ("psi", "shaken"), ("truth", "shaken")}
     assert pairs["psi", "truth"].ate_rmse_m == pytest.approx(psi.after.ate_rmse_m, rel=1e-6)
+
+
+def test_errors_are_those_of_the_part_that_every_row_covers() -> None:
+    """A row that ends before the hard part of a drive is no better than one that goes on."""
+    recording, scans = street_drive()
+    truth = recording.ground_truth
+    late = truth.poses.copy()
+    late[20:, 1] += 5.0
+    rows = [
+        make_given_row("late", Trajectory(truth.stamps_us, late)),
+        make_given_row("part", Trajectory(truth.stamps_us[:16], truth.poses[:16])),
+    ]
+    common = take_common_scans(rows, scans, CONFIG.audit)
+    _, judged = judge_rows(rows, common, truth, [], JUDGES, BEAM, HERE, lambda *_: None)
+    assert [row.after.ate_rmse_m for row in judged.values()] == pytest.approx([0.0, 0.0], abs=1e-6)
+    elsewhere = Trajectory(truth.stamps_us + 10**12, truth.poses)
+    _, judged = judge_rows(rows, common, elsewhere, [], JUDGES, BEAM, HERE, lambda *_: None)
+    assert [row.after for row in judged.values()] == [None, None]
 
 
 def test_only_what_every_trajectory_covers_is_compared() -> None:
