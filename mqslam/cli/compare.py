@@ -61,8 +61,9 @@ def compare(
 ) -> None:
     """Run several front ends on the same returns with the same back end, and judge the maps they make.
 
-    Odometry is used by the row of that name only. Without ground truth the rows are judged by psi of their maps, by
-    inflation (its median is 2.37 for a right trajectory) and by how far apart the passes of one place lie.
+    Odometry is used by the row of that name only. The last line names the best row: the one with the least drift or ATE,
+    or without ground truth the one with the fewest torn windows and revisits. A window is torn if its inflation is too
+    large (its median is 2.37 for a right trajectory).
 
     Example: mqslam compare drive --out compared --frontends psi,kiss_icp
     """
