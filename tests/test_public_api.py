@@ -101,3 +101,5 @@ def test_a_comparison_has_a_row_per_front_end_and_trajectory(drive: Path, result
             config=SETTINGS,
         )
     assert compared.report.is_file() and [row[0] for row in compared.table[1:]] == ["odometry", "mine"]
+    assert compared.conclusion == compared.summary["best"]["sentence"] != ""
+    assert {column for _, column in compared.marked} <= set(range(1, len(compared.table[0])))
