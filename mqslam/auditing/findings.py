@@ -12,7 +12,7 @@ from mqslam.auditing.pooled import Pooled
 from mqslam.auditing.revisits import RevisitAudit
 from mqslam.auditing.steps import StepAudit
 from mqslam.auditing.verdict import Finding, Share, VerdictStatus
-from mqslam.auditing.windows import WindowAudit
+from mqslam.auditing.windows import Undecided, WindowAudit
 from mqslam.config import AuditConfig, VerdictConfig
 from mqslam.core.wording import count_of, is_or_are
 
@@ -31,12 +31,19 @@ def judge_windows(windows: Sequence[WindowAudit], scans: int, size: int, setting
         if scans < size:
             reason = f"{count_of(scans, 'scan')} {is_or_are(scans)} too few to judge a map by: a window takes {size}"
         return [Finding(VerdictStatus.NOT_JUDGED, reason)]
-    torn = Share(sum(w.torn for w in windows), len(windows))
+    decided = [w for w in windows if w.undecided is None]
+    torn = Share(sum(w.torn for w in decided), len(decided))
     status = torn.judge(settings.windows_warn, settings.windows_fail, settings)
     reason = f"{torn.count} of {count_of(torn.total, 'window')} {is_or_are(torn.count)} torn"
-    if status is VerdictStatus.NOT_JUDGED:
+    if not decided:
+        reason = f"none of {count_of(len(windows), 'window')} could be decided"
+    elif status is VerdictStatus.NOT_JUDGED:
         reason += f", too few to judge the map by: the share of torn ones may be {torn.describe_range(settings)}"
     findings = [Finding(status, reason)]
+    blind = Share(sum(w.undecided is Undecided.APART for w in windows), len(windows))
+    if blind.is_above(settings.windows_fail, settings):
+        reason = f"{blind.count} of {count_of(blind.total, 'window')} {is_or_are(blind.count)} undecided: {Undecided.APART}"
+        findings.append(Finding(VerdictStatus.WARN, reason))
     apart = Share(sum(w.bend.matched < settings.matched for w in windows), len(windows))
     if apart.is_above(settings.apart_fail, settings):
         matched = float(np.median([w.bend.matched for w in windows]))
@@ -129,6 +136,15 @@ def _side(bias: float) -> str:
 
 _WISHES: Final = (_wish_length, _wish_side, _wish_turn)  # what is asked for forward, to the side and in yaw, in words
 _SHARERS: Final = 4  # by definition: tests that share the rate of false alarms, which are the steps and three biases
+
+
+def judge_locally(windows: Sequence[WindowAudit]) -> Finding:
+    """Returns what is left to say of a cloud without its trajectory: it shows whether it is crisp, and nothing global."""
+    reason = "without its trajectory nothing global can be judged: no path, no drift and no revisits"
+    decided = [w for w in windows if w.undecided is None]
+    if decided and not any(w.torn for w in decided):
+        reason = f"its {count_of(len(decided), 'window')} {is_or_are(len(decided))} crisp, but {reason}"
+    return Finding(VerdictStatus.NOT_JUDGED, reason)
 
 
 def judge_revisits(revisits: Sequence[RevisitAudit], settings: VerdictConfig) -> Finding:

@@ -2,16 +2,28 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from itertools import chain
 
-from mqslam.auditing.findings import judge_pooled, judge_revisits, judge_steps, judge_windows
+import numpy as np
+
+from mqslam.auditing.findings import judge_locally, judge_pooled, judge_revisits, judge_steps, judge_windows
 from mqslam.auditing.pooled import Pooled, pool_corrections
 from mqslam.auditing.revisits import RevisitAudit, audit_revisits
+from mqslam.auditing.speeds import (
+    CaptureRange,
+    SpeedCheck,
+    check_speeds,
+    contradicts,
+    find_capture_range,
+    judge_speeds,
+)
 from mqslam.auditing.steps import StepAudit, audit_steps
 from mqslam.auditing.sweeps import Sweeps, place_sweeps
+from mqslam.auditing.tracks import judge_track, mark_interpolated
 from mqslam.auditing.verdict import Finding, VerdictStatus, verdict_of
-from mqslam.auditing.windows import WindowAudit, audit_windows
+from mqslam.auditing.windows import Undecided, WindowAudit, audit_windows
 from mqslam.config import AuditConfig, Config, EstimatorConfig, LoopConfig, VerdictConfig
 from mqslam.core.scans import Scans
 from mqslam.core.trajectory import Trajectory
@@ -28,11 +40,13 @@ class Audit:
     Args:
         windows: its windows in the order of time.
         steps: its steps in the order of time.
-        pooled: what all of it asks for together; None where the drive is too short to show it.
-        revisits: places that the trajectory comes back to.
+        pooled: what all of it asks for together; None where the drive is too short to show it, and for a cloud without a
+            trajectory.
+        revisits: places that the trajectory comes back to; none for a cloud without one.
         tests: what each test found, by its name.
         status: the verdict.
         reasons: why.
+        capture: how wrong a trajectory may be for its windows to measure it.
     """
 
     windows: list[WindowAudit]
@@ -42,6 +56,7 @@ class Audit:
     tests: dict[str, list[Finding]]
     status: VerdictStatus
     reasons: list[str]
+    capture: CaptureRange | None = None
 
 
 def audit(
@@ -67,16 +82,28 @@ def audit(
         sampled: how many windows at most are judged, evenly spread; None takes all.
     """
     windows = audit_windows(sweeps, settings, estimator, engine, progress, sampled)
+    speeds = check_speeds(sweeps, [(w.begin + w.end) // 2 - 1 for w in windows], settings, estimator, engine, progress)
+    capture = find_capture_range(sweeps.revolution_s, settings, estimator)
+    windows = _decide(windows, speeds, sweeps, capture, settings, limits)
     steps = audit_steps(sweeps, settings, estimator, engine, progress)
-    pooled = pool_corrections(sweeps, settings, estimator, engine, progress)
-    revisits = audit_revisits(sweeps, settings, estimator, loops, engine, progress)
     tests = {
+        "speeds": judge_speeds(speeds, capture, limits),
         "windows": judge_windows(windows, len(sweeps), settings.window, limits),
         "steps": [judge_steps(steps, settings, limits)],
-        "pooled": [judge_pooled(pooled, limits)],
-        "revisits": [judge_revisits(revisits, limits)],
     }
-    return Audit(windows, steps, pooled, revisits, tests, *verdict_of(chain.from_iterable(tests.values())))
+    pooled: Pooled | None = None
+    revisits: list[RevisitAudit] = []
+    if sweeps.track is None:
+        tests["revisits"] = [judge_locally(windows)]
+    else:
+        pooled = pool_corrections(sweeps, settings, estimator, engine, progress)
+        revisits = audit_revisits(sweeps, settings, estimator, loops, engine, progress)
+        track = judge_track(sweeps.track, sweeps.times, sweeps.revolution_s, settings, limits)
+        tests = {"trajectory": track, **tests, "pooled": [judge_pooled(pooled, limits)]}
+        tests["revisits"] = [judge_revisits(revisits, limits)]
+    tests = {name: findings for name, findings in tests.items() if findings}
+    verdict = verdict_of(chain.from_iterable(tests.values()))
+    return Audit(windows, steps, pooled, revisits, tests, *verdict, capture)
 
 
 def audit_trajectory(scans: Scans, trajectory: Trajectory, config: Config, beam: Beam, runner: Runner) -> Audit:
@@ -95,3 +122,32 @@ def audit_trajectory(scans: Scans, trajectory: Trajectory, config: Config, beam:
     sweeps, _ = place_sweeps(scans, trajectory, config.audit, beam)
     sections = config.audit, config.estimator, config.loops, config.verdict
     return audit(sweeps, *sections, runner.engine, runner.progress, config.audit.sampled_windows)
+
+
+def _decide(
+    windows: Sequence[WindowAudit],
+    speeds: Sequence[SpeedCheck | None],
+    sweeps: Sweeps,
+    capture: CaptureRange,
+    settings: AuditConfig,
+    limits: VerdictConfig,
+) -> list[WindowAudit]:
+    """Returns the windows with their speeds, each torn, whole or undecided.
+
+    A window whose speed the scans contradict is torn, whatever its inflation. Nothing is decided where most of its scans lie
+    in a gap of the trajectory, or where nothing is seen twice.
+    """
+    interpolated = np.zeros(len(sweeps), dtype=np.bool_)
+    if sweeps.track is not None:
+        interpolated = mark_interpolated(sweeps.track, sweeps.times, sweeps.revolution_s, settings)
+    decided = []
+    for window, speed in zip(windows, speeds, strict=True):
+        is_off = contradicts(speed, capture)
+        undecided = None
+        if np.mean(interpolated[window.begin : window.end]) > 0.5:
+            undecided = Undecided.GAP
+        elif window.bend.matched_best < limits.matched and not is_off:
+            undecided = Undecided.APART
+        torn = (window.torn or is_off) and undecided is None
+        decided.append(replace(window, torn=torn, undecided=undecided, speed=speed))
+    return decided

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mqslam.auditing.sweeps import Sweeps, place_sweeps
+from mqslam.auditing.tracks import Track
 from mqslam.config import AuditConfig
 from mqslam.config.reading_config import USUAL_READING, ReadingConfig
 from mqslam.core import se2
@@ -122,11 +123,13 @@ def divide_cloud(
     present, first = np.unique(numbers, return_index=True)
     begins = np.append(first, len(cloud))
     begin_us = cloud.stamps_us[first]
+    track = None
     if trajectory is None:
         poses = np.array([_middle(cloud.points[a:b]) for a, b in itertools.pairwise(begins)])
     else:
         _check_cover(cloud, trajectory, reading)
         poses = trajectory.at(begin_us)
+        track = Track(trajectory.seconds(int(stamps[0])), trajectory.poses, len(present), 0)
     covariances = np.zeros((len(cloud), 3))
     covariances[:, [0, 2]] = beam.sigma_range**2
     return Sweeps(
@@ -139,6 +142,7 @@ def divide_cloud(
         poses=poses,
         travelled=se2.path_lengths(poses),
         revolution_s=revolution_s,
+        track=track,
     )
 
 

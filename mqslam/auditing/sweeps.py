@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from mqslam.auditing.tracks import Track
 from mqslam.config import AuditConfig
 from mqslam.core import se2
 from mqslam.core.scans import Returns, Scans
@@ -31,6 +32,8 @@ class Sweeps:
         poses: (S, 3) pose of the sensor then.
         travelled: (S,) length of the path so far [m].
         revolution_s: usual duration of a sweep [s].
+        track: the trajectory as it was given; None for a cloud without one, of which the poses and the path are only those
+            of the middles of its points.
     """
 
     points: NDArray[np.float64]
@@ -42,6 +45,7 @@ class Sweeps:
     poses: se2.Array
     travelled: NDArray[np.float64]
     revolution_s: float
+    track: Track | None
 
     def __len__(self) -> int:
         return len(self.times)
@@ -79,7 +83,8 @@ def place_sweeps(scans: Scans, trajectory: Trajectory, settings: AuditConfig, be
     returns = Returns.concatenate([scan.returns for scan in kept])
     if not len(returns):
         raise EstimationError(f"no returns in {len(kept)} scans; lower detector.threshold")
-    placed = place_along(returns, trajectory.seconds(scans.start_us), trajectory.poses, beam)
+    track = Track(trajectory.seconds(scans.start_us), trajectory.poses, len(scans), len(scans) - len(inside))
+    placed = place_along(returns, track.times, track.poses, beam)
     counts = np.array([len(scan.returns) for scan in kept])
     sweep = np.repeat(np.arange(len(kept)), counts)
     times = kept.start_times
@@ -97,6 +102,7 @@ def place_sweeps(scans: Scans, trajectory: Trajectory, settings: AuditConfig, be
         poses=poses,
         travelled=se2.path_lengths(poses),
         revolution_s=scans.revolution_s,
+        track=track,
     )
     return sweeps, inside
 

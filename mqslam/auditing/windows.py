@@ -3,18 +3,27 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from enum import StrEnum
 
 import numpy as np
 from scipy.stats import chi2
 
 from mqslam.auditing.inflation import Bend, fit_bend
 from mqslam.auditing.measures import Measures, compute_measures, locate_sensors
+from mqslam.auditing.speeds import SpeedCheck
 from mqslam.auditing.sweeps import Sweeps
 from mqslam.config import AuditConfig, EstimatorConfig
 from mqslam.core import se2
 from mqslam.core.evenly import pick_evenly
 from mqslam.execution.engine import Engine
 from mqslam.execution.progress import Progress
+
+
+class Undecided(StrEnum):
+    """Why nothing was decided about a window."""
+
+    GAP = "its motion is interpolated across a gap of the trajectory"
+    APART = "nothing is seen twice, even at its best"
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,6 +38,8 @@ class WindowAudit:
         measures: the field's measures of the same points.
         torn: whether it is bent beyond what its covariance explains and beyond the settings' tolerance, or its sweeps do not
             overlap even at its best.
+        undecided: why nothing was decided about it, so that it counts neither as torn nor as whole; None if it was decided.
+        speed: the motion of its two middle scans, searched for over all plausible speeds; None where that was not done.
     """
 
     begin: int
@@ -39,6 +50,8 @@ class WindowAudit:
     bend: Bend
     measures: Measures
     torn: bool
+    undecided: Undecided | None = None
+    speed: SpeedCheck | None = None
 
 
 def audit_windows(

@@ -126,6 +126,18 @@ def _parse_heights(text: str | None) -> tuple[float, float] | None:
     return low, high
 
 
+def _count_undecided(count: int) -> str:
+    """Returns how many windows were left undecided; nothing where none was."""
+    return f", {count} undecided" if count else ""
+
+
+def _format_revisits(revisits: dict[str, Any] | None) -> str:
+    """Returns what the revisits show in words; a cloud without a trajectory knows none."""
+    if revisits is None:
+        return "unknown without a trajectory"
+    return f"{revisits['torn']} of {revisits['sure']} torn, {revisits['count'] - revisits['sure']} not sure"
+
+
 def _format_lines(summary: dict[str, Any]) -> list[str]:
     """Returns the lines that a person reads first: the verdict, and what is torn worst."""
     windows, revisits, verdict = summary["windows"], summary["revisits"], summary["verdict"]
@@ -136,9 +148,9 @@ def _format_lines(summary: dict[str, Any]) -> list[str]:
         inflation = f"median {median:.3g} (2.37 where a map is right); torn above {tolerance}"
     rows = [
         ("verdict", f"{verdict['status']}: {'; '.join(verdict['reasons'])}"),
-        ("windows", f"{windows['torn']} of {windows['count']} torn"),
+        ("windows", f"{windows['torn']} of {windows['count']} torn{_count_undecided(windows['undecided'])}"),
         ("inflation", inflation),
-        ("revisits", f"{revisits['torn']} of {revisits['sure']} torn, {revisits['count'] - revisits['sure']} not sure"),
+        ("revisits", _format_revisits(revisits)),
     ]
     worst = sorted((w for w in summary["per_window"] if w["torn"]), key=lambda w: -w["size_m"])[:5]
     rows += [

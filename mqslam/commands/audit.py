@@ -91,7 +91,8 @@ def audit(  # noqa: PLR0913 - these are the options of an audit, each with its d
     sections = settings.audit, settings.estimator, settings.loops, settings.verdict
     judged = judge.audit(sweeps, *sections, work.engine, work.progress)
     dataset = {"format": kind, "path": str(data)}
-    summary = summarise(judged, sweeps, settings.audit, settings.verdict, dataset, name, notes)
+    origin = name if sweeps.track is not None else None
+    summary = summarise(judged, sweeps, settings.audit, settings.verdict, dataset, origin, notes)
     with write_folder_aside(out) as folder:
         write_audit(folder, settings, summary)
         failures = write_audit_pages(folder, data.resolve().name, judged, sweeps, settings, summary)

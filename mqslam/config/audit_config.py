@@ -74,6 +74,39 @@ class AuditConfig(PassConfig):
         description="A correction above this share of the first search's widest neighbourhood is searched for again "
         "with the annealing's full widths.",
     )
+    speed_error_mps: float = expert(
+        50.0,
+        gt=0.0,
+        description="Largest error of a trajectory's speed [m/s] that is looked for between two successive scans: more than "
+        "any vehicle drives, so that a trajectory that stands still is found, too.",
+    )
+    speed_fewest: int = expert(
+        40, ge=1, description="Two successive scans of which one has fewer points than this say nothing about the speed."
+    )
+    jump_mps2: float = expert(
+        9.81,
+        gt=0.0,
+        description="A single step of a trajectory is a jump only if it takes a larger acceleration than this [m/s^2]: "
+        "tyres give a vehicle about as much as gravity.",
+    )
+    jump_radps2: float = expert(
+        10.0,
+        gt=0.0,
+        description="A single step of a trajectory is a jump in yaw only if it takes a larger angular acceleration than "
+        "this [rad/s^2], which is beyond what a robot that turns on the spot reaches.",
+    )
+    jump_factor: float = expert(
+        3.0,
+        gt=1.0,
+        description="A jump differs from the steps around it by this many times what the largest difference of the other "
+        "steps is, so that noise of the poses is no jump.",
+    )
+    jump_quantile: float = expert(
+        0.9,
+        gt=0.5,
+        lt=1.0,
+        description="Jumps are looked for among steps above this quantile of the differences from the steps around them.",
+    )
     least_overlap_kept: float = expert(
         0.8,
         gt=0.0,
@@ -175,6 +208,13 @@ class VerdictConfig(BaseModel):
         lt=1.0,
         description="A window in which a smaller share of points than this is seen twice does not overlap, so that psi "
         "cannot judge it.",
+    )
+    uncovered_warn: float = Field(
+        0.5,
+        ge=0.0,
+        le=1.0,
+        description="A trajectory that covers no pose of a larger share of scans than this is worth a look: its stamps may "
+        "not be the recording's.",
     )
     apart_fail: float = expert(
         0.5,

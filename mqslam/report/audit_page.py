@@ -133,15 +133,19 @@ def _make_window_tiles(report: AuditReport) -> tuple[Tile, ...]:
     windows = report.audit.windows
     if not windows:
         return ()
-    torn = Share(sum(w.torn for w in windows), len(windows))
+    decided = [w for w in windows if w.undecided is None]
+    torn = Share(sum(w.torn for w in decided), len(decided))
     median = float(np.median([w.bend.inflation for w in windows]))
     worst = max(map(spot_of_window, windows), key=rank_spot).off_m
-    return (
-        Tile(
+    share = Tile(ABSENT, f"of windows torn: none of {len(windows):,} could be decided")
+    if decided:
+        share = Tile(
             f"{100.0 * torn.count / torn.total:.1f} %",
             f"of windows torn: {torn.count:,} of {torn.total:,}, so that the true share may be "
             f"{torn.describe_range(report.config.verdict)}",
-        ),
+        )
+    return (
+        share,
         Tile(
             format_three_digits(median),
             f"median inflation of a window, {EXPECTED:.2f} expected of a map that is right",
@@ -155,7 +159,9 @@ def _make_revisit_tiles(report: AuditReport) -> tuple[Tile, ...]:
     sure = [r for r in revisits if r.revisit.sure]
     if not sure:
         reason = "it comes back to no place that would show its drift"
-        if revisits:
+        if report.sweeps.track is None:
+            reason = "without a trajectory nobody knows where it comes back"
+        elif revisits:
             reason = f"of {len(revisits):,} places passed twice none is sure enough to judge"
         return (Tile(ABSENT, f"revisits torn: {reason}"),)
     torn = Share(sum(r.torn for r in sure), len(sure))

@@ -9,6 +9,8 @@ from mqslam.report.content import Row, Section, Table
 from mqslam.report.page import section_of
 
 _TESTS: Final = {
+    "trajectory": ("trajectory: its poses as they were given", "errors that are as smooth as a drive"),
+    "speeds": ("speeds: successive scans searched for each other", "errors that windows are wide enough to measure"),
     "windows": ("windows: a few scans against their best map", "jumps, and errors that grow slowly"),
     "steps": ("steps: scans against those just before", "errors that grow slowly"),
     "pooled": ("pooled corrections: all of the drive together", "errors that come and go; one scale for everything"),

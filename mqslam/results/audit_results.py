@@ -12,6 +12,7 @@ from mqslam.auditing.findings import find_jumps
 from mqslam.auditing.judge import Audit
 from mqslam.auditing.pooled import Pooled
 from mqslam.auditing.revisits import RevisitAudit
+from mqslam.auditing.speeds import contradicts
 from mqslam.auditing.steps import StepAudit
 from mqslam.auditing.sweeps import Sweeps
 from mqslam.auditing.verdict import Finding, Share, verdict_of
@@ -28,7 +29,7 @@ def summarise(
     settings: AuditConfig,
     bounds: VerdictConfig,
     dataset: Mapping[str, Any],
-    trajectory: str,
+    trajectory: str | None,
     warnings: Sequence[str] = (),
 ) -> dict[str, Any]:
     """Returns the content of audit.json.
@@ -39,11 +40,12 @@ def summarise(
         settings: settings of the audit.
         bounds: settings of the verdict.
         dataset: format and path of what was audited.
-        trajectory: where the trajectory came from.
+        trajectory: where the trajectory came from; None for a cloud without one.
         warnings: what a reader has to know before the numbers.
     """
     sure = [r for r in audit.revisits if r.revisit.sure]
-    torn = Share(sum(w.torn for w in audit.windows), len(audit.windows))
+    decided = [w for w in audit.windows if w.undecided is None]
+    torn = Share(sum(w.torn for w in decided), len(decided))
     off = Share(sum(r.torn for r in sure), len(sure))
     confidence = bounds.confidence
     inflation = [w.bend.inflation for w in audit.windows]
@@ -53,15 +55,17 @@ def summarise(
             **dataset,
             "sweeps": len(sweeps),
             "duration_s": float(sweeps.times[-1] - sweeps.times[0] + sweeps.revolution_s),
-            "length_m": float(sweeps.travelled[-1]),
+            "length_m": float(sweeps.travelled[-1]) if sweeps.track is not None else None,
             "points": len(sweeps.points),
         },
         "trajectory": trajectory,
         "verdict": {"status": audit.status, "reasons": audit.reasons},
         "threshold": torn_threshold(settings),
         "bend_m": settings.bend_m,
+        "speeds": _summarise_speeds(audit),
         "windows": {
-            "count": torn.total,
+            "count": len(audit.windows),
+            "undecided": len(audit.windows) - torn.total,
             "torn": torn.count,
             "torn_share_at_least": torn.lower_bound(confidence),
             "torn_share_at_most": torn.upper_bound(confidence),
@@ -77,12 +81,28 @@ def summarise(
             "torn_share_at_most": off.upper_bound(confidence),
             "median_m": float(np.median([r.revisit.distance_m for r in sure])) if sure else None,
             "worst_m": max((r.revisit.distance_m for r in sure if r.torn), default=None),
-        },
+        }
+        if sweeps.track is not None
+        else None,
         **summarise_tests(audit, settings, bounds),
         "warnings": list(warnings),
         "per_window": [_list_window(w) for w in audit.windows],
         "per_revisit": [_list_revisit(r, sweeps) for r in audit.revisits],
         "per_step": [_list_step(s, sweeps) for s in audit.steps],
+    }
+
+
+def _summarise_speeds(audit: Audit) -> dict[str, Any]:
+    """Returns what the speeds show, and how far windows and speeds can tell a trajectory to be wrong."""
+    sure = [w.speed for w in audit.windows if w.speed is not None and w.speed.sure]
+    capture = audit.capture
+    return {
+        "sure": len(sure),
+        "contradicted": sum(contradicts(speed, capture) for speed in sure) if capture is not None else None,
+        "error_median": float(np.median([speed.error_mps for speed in sure])) if sure else None,
+        "capture_m": capture.window_m if capture is not None else None,
+        "capture_mps": capture.speed_mps if capture is not None else None,
+        "searched_mps": capture.searched_mps if capture is not None else None,
     }
 
 
@@ -100,7 +120,8 @@ def _list_window(window: WindowAudit) -> dict[str, Any]:
         "x": float(window.pose[0]),
         "y": float(window.pose[1]),
         "yaw": float(window.pose[2]),
-        "torn": window.torn,
+        "torn": window.torn if window.undecided is None else None,
+        "undecided": window.undecided,
         "inflation": bend.inflation,
         "dx": float(bend.correction[0]),
         "dy": float(bend.correction[1]),
@@ -116,6 +137,7 @@ def _list_window(window: WindowAudit) -> dict[str, Any]:
         "matched": bend.matched,
         "matched_best": bend.matched_best,
         "points": bend.points,
+        "speed_error": window.speed.error_mps if window.speed is not None and window.speed.sure else None,
         "map_entropy": beside.map_entropy,
         "plane_variance": beside.plane_variance,
         "joint_entropy": beside.joint_entropy,
@@ -132,7 +154,7 @@ def _list_revisit(judged: RevisitAudit, sweeps: Sweeps) -> dict[str, Any]:
         "x": float(pose[0]),
         "y": float(pose[1]),
         "yaw": float(pose[2]),
-        "torn": judged.torn,
+        "torn": judged.torn if revisit.sure else None,
         "sure": revisit.sure,
         "dx": float(revisit.offset[0]),
         "dy": float(revisit.offset[1]),
@@ -218,5 +240,11 @@ def write_audit(folder: Path, config: Config, summary: Mapping[str, Any]) -> Non
 
 
 def _format_csv(rows: Sequence[Mapping[str, Any]]) -> str:
-    """Returns rows of numbers under their names; empty without any."""
-    return format_csv([{key: f"{v:.9g}" if isinstance(v, float) else v for key, v in row.items()} for row in rows])
+    """Returns rows of numbers under their names; empty without any. Where `torn` was not decided, it is `unknown`."""
+    return format_csv([{key: _format_cell(key, value) for key, value in row.items()} for row in rows])
+
+
+def _format_cell(key: str, value: Any) -> Any:
+    if key == "torn" and value is None:
+        return "unknown"
+    return f"{value:.9g}" if isinstance(value, float) else value

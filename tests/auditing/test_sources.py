@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from mqslam.auditing.inflation import fit_bend
-from mqslam.auditing.judge import audit
+from mqslam.auditing.judge import Audit, audit
 from mqslam.auditing.sources import LIDAR_CONFIG, divide_cloud, is_cloud, make_lidar_source, place_source
+from mqslam.auditing.verdict import VerdictStatus
 from mqslam.config import load_config
 from mqslam.core import se2
 from mqslam.core.timed_cloud import TimedCloud
@@ -67,6 +68,21 @@ def test_a_true_cloud_passes_and_a_bent_one_is_told(given: bool) -> None:
         a, b = (fit_bend(sweeps, begin, begin + size, CONFIG.audit, CONFIG.estimator) for sweeps in (good, bad))
         assert b.inflation > 10.0 * max(a.inflation, 3.0)
         assert a.size_m < 0.03
+
+
+def test_without_its_trajectory_a_cloud_is_judged_by_its_crispness_only() -> None:
+    def judge(poses: np.ndarray, track: Trajectory | None) -> Audit:
+        sweeps = divide_cloud(cloud(poses), track, CONFIG.audit, BEAM)
+        return audit(sweeps, *SETTINGS, LocalEngine(1), ignore_progress)
+
+    crisp = judge(POSES, None)
+    assert crisp.status is VerdictStatus.NOT_JUDGED and crisp.revisits == []
+    assert any("without its trajectory nothing global can be judged" in reason for reason in crisp.reasons)
+    assert any(reason.startswith("its 4 windows are crisp, but ") for reason in crisp.reasons)
+    wrong = se2.compose(POSES, np.c_[0.08 * np.arange(24), np.zeros((24, 2))])
+    torn = judge(wrong, None)
+    assert torn.status is VerdictStatus.FAIL and torn.reasons[0] == "4 of 4 windows are torn"
+    assert "nothing global" not in " ".join(judge(POSES, Trajectory(TIMES_US, POSES)).reasons)
 
 
 def test_a_cloud_whose_points_have_times_of_their_own_is_cut_into_sweeps() -> None:

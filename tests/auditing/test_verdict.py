@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.stats import binomtest
@@ -9,7 +11,7 @@ from support.reported import judge_map, judged_revisit, judged_window, swept_wal
 
 from mqslam.auditing.revisits import RevisitAudit
 from mqslam.auditing.verdict import Finding, Share, VerdictStatus, verdict_of
-from mqslam.auditing.windows import WindowAudit
+from mqslam.auditing.windows import Undecided, WindowAudit
 from mqslam.config import VerdictConfig
 
 PASS, WARN, FAIL, NOT_JUDGED = VerdictStatus
@@ -134,3 +136,31 @@ def test_what_cannot_be_sure_is_no_revisit() -> None:
         PASS,
         ["0 of 40 windows are torn", "none of 3 revisits is sure enough to show its drift"],
     )
+
+
+def test_undecided_windows_count_neither_as_torn_nor_as_whole() -> None:
+    gaps = [replace(window, undecided=Undecided.GAP) for window in scans(0, 20)]
+    status, reasons = judge_map([*scans(5, 10), *gaps], [], 180, WINDOW, SETTINGS)
+    assert status is FAIL and reasons == ["5 of 10 windows are torn"]
+    status, reasons = judge_map(gaps, [], 120, WINDOW, SETTINGS)
+    assert status is NOT_JUDGED and reasons == ["none of 20 windows could be decided"]
+
+
+def test_many_windows_in_which_nothing_is_seen_twice_are_a_warning() -> None:
+    apart = [replace(window, undecided=Undecided.APART) for window in scans(0, 15)]
+    status, reasons = judge_map([*scans(0, 25), *apart], [], 240, WINDOW, SETTINGS)
+    assert status is WARN and reasons == ["15 of 40 windows are undecided: nothing is seen twice, even at its best"]
+    assert judge_map([*scans(0, 38), *apart[:2]], [], 240, WINDOW, SETTINGS)[0] is PASS
+
+
+def test_what_is_wrong_with_the_trajectory_comes_first() -> None:
+    jump = Finding(FAIL, "it jumps")
+    assert judge_map(scans(40, 40), [], 240, WINDOW, SETTINGS, [jump]) == (FAIL, ["it jumps", "40 of 40 windows are torn"])
+
+
+def test_without_a_trajectory_a_crisp_map_is_not_judged_and_a_torn_one_still_fails() -> None:
+    nothing = "without its trajectory nothing global can be judged: no path, no drift and no revisits"
+    status, reasons = judge_map(scans(0, 40), None, 240, WINDOW, SETTINGS)
+    assert status is NOT_JUDGED and reasons == [f"its 40 windows are crisp, but {nothing}"]
+    status, reasons = judge_map(scans(20, 40), None, 240, WINDOW, SETTINGS)
+    assert status is FAIL and reasons == ["20 of 40 windows are torn", nothing]

@@ -20,12 +20,13 @@ from selenium.webdriver.chrome.webdriver import WebDriver
 from selenium.webdriver.common.actions.action_builder import ActionBuilder
 from selenium.webdriver.support.ui import WebDriverWait
 
-from mqslam.auditing.findings import judge_revisits, judge_windows
+from mqslam.auditing.findings import judge_locally, judge_revisits, judge_windows
 from mqslam.auditing.inflation import Bend
 from mqslam.auditing.judge import Audit
 from mqslam.auditing.measures import Measures
 from mqslam.auditing.revisits import Revisit, RevisitAudit
 from mqslam.auditing.sweeps import Sweeps
+from mqslam.auditing.tracks import Track
 from mqslam.auditing.verdict import VerdictStatus, verdict_of
 from mqslam.auditing.windows import WindowAudit
 from mqslam.config import VerdictConfig
@@ -154,6 +155,7 @@ def swept_walls(count: int = 60, per_sweep: int = 40) -> Sweeps:
         poses=poses,
         travelled=se2.path_lengths(poses),
         revolution_s=0.25,
+        track=Track(0.25 * np.arange(count), poses, count, 0),
     )
 
 
@@ -186,10 +188,16 @@ def judged_walls(sweeps: Sweeps) -> Audit:
 
 
 def judge_map(
-    windows: list[WindowAudit], revisits: list[RevisitAudit], scans: int, size: int, settings: VerdictConfig
+    windows: list[WindowAudit],
+    revisits: list[RevisitAudit] | None,
+    scans: int,
+    size: int,
+    settings: VerdictConfig,
+    others: Sequence[Finding] = (),
 ) -> tuple[VerdictStatus, list[str]]:
-    """Returns the verdict on a map of which only windows and revisits were judged, and its reasons."""
-    return verdict_of([*judge_windows(windows, scans, size, settings), judge_revisits(revisits, settings)])
+    """Returns the verdict on a map by its windows and, unless it has no trajectory, its revisits, and the reasons."""
+    last = judge_locally(windows) if revisits is None else judge_revisits(revisits, settings)
+    return verdict_of([*others, *judge_windows(windows, scans, size, settings), last])
 
 
 def audit_of(

@@ -31,6 +31,7 @@ _TITLES = {
     "audit": "judging windows",
     "steps": "judging steps",
     "spans": "judging scale and yaw rate",
+    "speeds": "checking the speed",
     "revisits": "judging revisits",
 }
 _LINE_EVERY_S = 10.0

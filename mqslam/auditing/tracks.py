@@ -1,0 +1,199 @@
+"""The trajectory that a map is judged under, itself: where it has no poses, where it jumps, and what it does not cover.
+
+These tests come before all others: what they find is a fault of the trajectory that no window could tell.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mqslam.auditing.verdict import Finding, VerdictStatus
+from mqslam.config import AuditConfig, VerdictConfig
+from mqslam.core import se2
+from mqslam.core.wording import count_of
+
+_LISTED: Final = 3  # stretches or jumps that a sentence names one by one, so that it stays readable
+_MOST: Final = 0.5  # by definition: most scans are more than half of them
+_CLOSE_TURNS: Final = 0.5  # by definition: the pose that is nearest to a scan is its own within half a turn
+_SIDE: Final = 2  # steps before and as many after one that it is compared with: their median survives one wrong step
+
+
+@dataclass(frozen=True, slots=True)
+class Track:
+    """The poses of a trajectory as they were given, before anything was interpolated.
+
+    Args:
+        times: (M,) of the poses [s] since the recording's start, increasing.
+        poses: (M, 3) of the sensor, world frame.
+        scans: number of scans of the recording.
+        uncovered: how many of these the trajectory does not cover.
+    """
+
+    times: NDArray[np.float64]
+    poses: se2.Array
+    scans: int
+    uncovered: int
+
+
+@dataclass(frozen=True, slots=True)
+class Jump:
+    """A single step of a trajectory that no vehicle can make.
+
+    Args:
+        t0, t1: when it begins and ends [s] since the recording's start.
+        distance_m: how far it leads away from where its neighbours would have led [m].
+        angle_rad: how far it turns beyond what its neighbours would have turned [rad].
+    """
+
+    t0: float
+    t1: float
+    distance_m: float
+    angle_rad: float
+
+
+def judge_track(
+    track: Track, times: NDArray[np.float64], revolution_s: float, settings: AuditConfig, limits: VerdictConfig
+) -> list[Finding]:
+    """Returns what is wrong with a trajectory itself; nothing where nothing is.
+
+    Args:
+        track: the trajectory.
+        times: (S,) starts of the scans that it covers [s] since the recording's start.
+        revolution_s: usual duration of a scan [s].
+        settings: of the audit.
+        limits: settings of the verdict.
+    """
+    findings = _judge_cover(track, limits)
+    span_s = settings.window * revolution_s
+    inside = mark_interpolated(track, times, revolution_s, settings)
+    if inside.any():
+        share = float(np.mean(inside))
+        where = _list_spans(find_gaps(track, times[inside]), float(times[-1]))
+        why = f"its poses are farther apart than a window is long ({span_s:.2g} s), so that its motion there is interpolated"
+        if share > _MOST:
+            reason = f"the trajectory is too sparse to be judged {where} ({share:.0%} of the scans): {why}"
+            findings.append(Finding(VerdictStatus.NOT_JUDGED, reason))
+        else:
+            reason = f"the trajectory has a gap {where}: {why}, and windows there are left undecided"
+            findings.append(Finding(VerdictStatus.WARN, reason))
+    jumps = find_jumps(track, span_s, settings)
+    if jumps:
+        named = [f"at {jump.t0:.1f} s {_describe_jump(jump)}" for jump in jumps]
+        reason = f"the trajectory jumps {_join(named)}: no vehicle moves like that"
+        findings.append(Finding(VerdictStatus.WARN, reason))
+    return findings
+
+
+def mark_interpolated(
+    track: Track, times: NDArray[np.float64], revolution_s: float, settings: AuditConfig
+) -> NDArray[np.bool_]:
+    """Marks the scans (S,) that lie between two poses farther apart than a window is long, and at neither of the two.
+
+    Where a recording itself has a gap, no scan lies in it, and none is marked.
+
+    Args:
+        track: the trajectory.
+        times: (S,) starts of the scans [s] since the recording's start.
+        revolution_s: usual duration of a scan [s].
+        settings: of the audit.
+    """
+    if len(track.times) < 2:
+        return np.zeros(len(times), dtype=np.bool_)
+    before = _find_steps(track, times)
+    since, until = times - track.times[before], track.times[before + 1] - times
+    close_s = _CLOSE_TURNS * revolution_s
+    is_wide = since + until > settings.window * revolution_s
+    return np.asarray(is_wide & (since > close_s) & (until > close_s))
+
+
+def find_gaps(track: Track, times: NDArray[np.float64]) -> list[tuple[float, float]]:
+    """Returns the stretches [s] between poses in which given times (S,) [s] lie; stretches that touch are one."""
+    gaps: list[tuple[float, float]] = []
+    for step in np.unique(_find_steps(track, times)).tolist():
+        begin, end = float(track.times[step]), float(track.times[step + 1])
+        if gaps and gaps[-1][1] == begin:
+            gaps[-1] = (gaps[-1][0], end)
+        else:
+            gaps.append((begin, end))
+    return gaps
+
+
+def find_jumps(track: Track, longest_s: float, settings: AuditConfig) -> list[Jump]:
+    """Finds steps that no vehicle can make and that stand out of the trajectory's own.
+
+    A step is compared with the median motion of the two steps before it and the two after it. It is a jump if the
+    difference is beyond the tolerance of a torn revisit, takes an acceleration beyond what the settings allow a vehicle,
+    and stands out of the differences of all steps of this trajectory, which may be noisy.
+
+    Args:
+        track: the trajectory.
+        longest_s: steps that take longer than this [s] are gaps; they are no jumps, and nothing is compared with them.
+        settings: of the audit.
+    """
+    knots = se2.select_apart(track.times)
+    times, poses = track.times[knots], track.poses[knots]
+    durations = np.diff(times)
+    usable = durations <= longest_s
+    twists = se2.log(se2.wrapped_between(poses[:-1], poses[1:])) / durations[:, None]
+    padded = np.pad(np.where(usable[:, None], twists, np.nan), ((_SIDE, _SIDE), (0, 0)), constant_values=np.nan)
+    beside = np.stack([padded[shift : shift + len(twists)] for shift in range(2 * _SIDE + 1) if shift != _SIDE])
+    usable &= np.count_nonzero(np.isfinite(beside[..., 0]), axis=0) > _SIDE  # else one wrong step could be the median
+    if not usable.any():
+        return []
+    times, durations = times[:-1][usable], durations[usable]
+    off = twists[usable] - np.nanmedian(beside[:, usable], axis=0)
+    distances, angles = np.hypot(off[:, 0], off[:, 1]), np.abs(off[:, 2])
+    jumping = (distances * durations > settings.torn_m) & (distances / durations > settings.jump_mps2)
+    jumping &= _stand_out(distances, settings)
+    turning = (angles * durations > settings.torn_rad) & (angles / durations > settings.jump_radps2)
+    jumping |= turning & _stand_out(angles, settings)
+    return [
+        Jump(float(t), float(t + lasts), float(distance * lasts), float(angle * lasts))
+        for t, lasts, distance, angle in np.column_stack([times, durations, distances, angles])[jumping]
+    ]
+
+
+def _stand_out(sizes: NDArray[np.float64], settings: AuditConfig) -> NDArray[np.bool_]:
+    """Returns which sizes (N,) stand out of the others: among the largest, a wide gap lies between them and the rest."""
+    ordered = np.sort(sizes)
+    largest = ordered[int(settings.jump_quantile * (len(ordered) - 1)) :]
+    gaps = np.flatnonzero(largest[1:] > settings.jump_factor * largest[:-1])
+    return np.asarray(sizes >= largest[gaps[0] + 1]) if len(gaps) else np.zeros(len(sizes), dtype=np.bool_)
+
+
+def _find_steps(track: Track, times: NDArray[np.float64]) -> NDArray[np.int64]:
+    """Returns the steps (S,) of the trajectory in which times (S,) [s] lie; the first and the last are continued."""
+    return np.clip(np.searchsorted(track.times, times, side="right") - 1, 0, len(track.times) - 2)
+
+
+def _judge_cover(track: Track, limits: VerdictConfig) -> list[Finding]:
+    """Returns what scans without a pose say: nothing where most have one."""
+    if track.uncovered <= limits.uncovered_warn * track.scans:
+        return []
+    begin, end = float(track.times[0]), float(track.times[-1])
+    reason = (
+        f"the trajectory covers only {track.scans - track.uncovered} of {count_of(track.scans, 'scan')}, from {begin:.1f} s "
+        f"to {end:.1f} s: the others were not judged, and its stamps may not fit the recording's"
+    )
+    return [Finding(VerdictStatus.WARN, reason)]
+
+
+def _list_spans(spans: Sequence[tuple[float, float]], last: float) -> str:
+    """Returns stretches [s] in words; one that reaches to the last scan is said to begin only."""
+    return _join([f"from {a:.1f} s on" if b >= last else f"from {a:.1f} s to {b:.1f} s" for a, b in spans])
+
+
+def _describe_jump(jump: Jump) -> str:
+    """Returns the size of a jump in words."""
+    return f"by {jump.distance_m:.2f} m and {np.rad2deg(jump.angle_rad):.1f} deg in {jump.t1 - jump.t0:.2g} s"
+
+
+def _join(parts: Sequence[str]) -> str:
+    """Joins the first parts of a sentence, and says how many more there are."""
+    more = len(parts) - _LISTED
+    return ", ".join([*parts[:_LISTED], *([f"and {more} times more"] if more > 0 else [])])

@@ -1,0 +1,101 @@
+"""Speeds beyond the capture range of inflation: what the windows cannot measure is found by a wide search."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import numpy as np
+import pytest
+from support.drives import street_drive
+
+from mqslam.auditing.judge import Audit, audit
+from mqslam.auditing.speeds import CaptureRange, SpeedCheck, find_capture_range, judge_speeds
+from mqslam.auditing.sweeps import Sweeps, place_sweeps
+from mqslam.auditing.verdict import VerdictStatus
+from mqslam.auditing.windows import Undecided
+from mqslam.config import Config
+from mqslam.core.trajectory import Trajectory
+from mqslam.execution.engine import HERE
+from mqslam.execution.progress import ignore_progress
+from mqslam.psi.place import beam_of
+from mqslam.results.audit_results import summarise
+
+CONFIG = Config()
+CAPTURE = CaptureRange(window_m=2.5, speed_mps=5.0 / 3.0, searched_mps=50.0)
+
+
+@lru_cache
+def judged(factor: float, poses: int | None = None) -> tuple[Audit, Sweeps]:
+    """Returns ten seconds of street under a trajectory whose speed is wrong by a factor, with so many poses at most."""
+    recording, scans = street_drive()
+    truth = recording.ground_truth
+    kept = np.unique(np.linspace(0, len(truth) - 1, poses or len(truth)).astype(int))
+    track = Trajectory(truth.stamps_us[kept], truth.poses[kept] * [factor, factor, 1.0])
+    sweeps, _ = place_sweeps(scans, track, CONFIG.audit, beam_of(CONFIG.estimator, 0.0))
+    sections = CONFIG.audit, CONFIG.estimator, CONFIG.loops, CONFIG.verdict
+    return audit(sweeps, *sections, HERE, ignore_progress), sweeps
+
+
+def check(error_mps: float, sure: bool = True) -> SpeedCheck:
+    return SpeedCheck(np.array([error_mps, 0.0, 0.0]), sure)
+
+
+def test_the_capture_range_is_the_widest_neighbourhood_over_a_window() -> None:
+    capture = find_capture_range(0.25, CONFIG.audit, CONFIG.estimator)
+    assert capture.window_m == CONFIG.estimator.s_start
+    assert capture.speed_mps == pytest.approx(CONFIG.estimator.s_start / (CONFIG.audit.window * 0.25))
+
+
+def test_a_true_trajectory_contradicts_no_speed() -> None:
+    audited, _ = judged(1.0)
+    speeds = [w.speed for w in audited.windows if w.speed is not None and w.speed.sure]
+    assert len(speeds) >= 4 and max(speed.error_mps for speed in speeds) < 0.5
+    assert not any(w.torn for w in audited.windows)
+    assert any(reason.startswith("no speed of ") for reason in audited.reasons) or audited.status is not VerdictStatus.PASS
+
+
+@pytest.mark.parametrize("factor", [0.0, 0.1, 2.0])
+def test_a_speed_far_beyond_the_capture_range_is_measured_and_fails(factor: float) -> None:
+    audited, sweeps = judged(factor)
+    assert audited.status is VerdictStatus.FAIL
+    reason = next(reason for reason in audited.reasons if "contradict the trajectory's speed" in reason)
+    assert "corrections beyond 2.5 m over a window (1.7 m/s) cannot be measured, and inflation means nothing there" in reason
+    assert all(w.torn for w in audited.windows if w.speed is not None and w.speed.sure)
+    errors = [w.speed.error_mps for w in audited.windows if w.speed is not None and w.speed.sure]
+    truth = street_drive()[0].ground_truth
+    middles = [(w.begin + w.end) // 2 - 1 for w in audited.windows if w.speed is not None and w.speed.sure]
+    lengths = np.hypot(*np.diff(truth.at(street_drive()[1].stamps_us)[:, :2], axis=0).T)[middles]
+    assert errors == pytest.approx(abs(1.0 - factor) * lengths / sweeps.revolution_s, abs=0.4)
+    summary = summarise(audited, sweeps, CONFIG.audit, CONFIG.verdict, {}, "given")
+    assert summary["speeds"]["contradicted"] == summary["speeds"]["sure"] == len(errors)
+    assert summary["speeds"]["capture_m"] == 2.5 and summary["speeds"]["searched_mps"] == 50.0
+
+
+def test_two_poses_ten_times_too_slow_fail_and_the_words_say_that_inflation_means_nothing() -> None:
+    audited, sweeps = judged(0.1, poses=2)
+    assert audited.status is VerdictStatus.FAIL
+    assert "the scans contradict the trajectory's speed" in audited.reasons[0]
+    assert any(reason.startswith("the trajectory is too sparse to be judged from 0.0 s on") for reason in audited.reasons)
+    assert all(w.undecided is Undecided.GAP and not w.torn for w in audited.windows)
+    summary = summarise(audited, sweeps, CONFIG.audit, CONFIG.verdict, {}, "given")
+    assert {row["torn"] for row in summary["per_window"]} == {None}
+    assert summary["windows"]["undecided"] == summary["windows"]["count"] and summary["windows"]["torn"] == 0
+
+
+def test_a_sparse_trajectory_that_is_right_is_not_judged() -> None:
+    audited, _ = judged(1.0, poses=5)
+    assert audited.status is VerdictStatus.NOT_JUDGED, audited.reasons
+    assert "too sparse to be judged" in audited.reasons[0]
+
+
+def test_speeds_need_evidence() -> None:
+    assert judge_speeds([None, check(9.0, sure=False)], CAPTURE, CONFIG.verdict) == []
+    fine = [check(0.1)] * 99
+    for checks, status in (
+        ([*fine, check(9.0)], VerdictStatus.PASS),  # one place of a hundred may only look alike
+        ([*fine[:89], *[check(9.0)] * 11], VerdictStatus.WARN),
+        ([check(9.0)] * 5, VerdictStatus.FAIL),
+        ([check(1.0)] * 5, VerdictStatus.PASS),  # windows can measure that
+    ):
+        (finding,) = judge_speeds(checks, CAPTURE, CONFIG.verdict)
+        assert finding.status is status, finding.reason
