@@ -20,7 +20,7 @@ from mqslam.core.lidar import LidarRecording
 from mqslam.core.scans import Scans
 from mqslam.core.timed_cloud import TimedCloud
 from mqslam.core.trajectory import Trajectory
-from mqslam.errors import DataError
+from mqslam.errors import DataError, Remedy
 from mqslam.psi.place import Beam
 
 LIDAR_CONFIG: Final = "lidar"
@@ -117,7 +117,7 @@ def divide_cloud(
         numbers, turns = of_stamp, of_stamp.astype(np.float64)
         revolution_s = float(np.median(np.diff(stamps))) * 1e-6
     else:
-        revolution_s = settings.cloud_sweep_s
+        revolution_s = cloud.scan_us * 1e-6 if cloud.scan_us else settings.cloud_sweep_s
         turns = (cloud.stamps_us - stamps[0]) * (1e-6 / revolution_s)
         numbers = np.floor(turns).astype(np.int64)
     present, first = np.unique(numbers, return_index=True)
@@ -156,5 +156,5 @@ def _check_cover(cloud: TimedCloud, trajectory: Trajectory, reading: ReadingConf
     first, last = int(cloud.stamps_us[0]), int(cloud.stamps_us[-1])
     if not trajectory.covers(first, last, reading.track_slack_us):
         raise DataError(
-            cloud.path, f"spans {first} to {last} us, which the trajectory does not", "give the trajectory it was made with"
+            cloud.path, f"spans {first} to {last} us, which the trajectory does not", Remedy.GIVE_FITTING_TRAJECTORY
         )

@@ -40,6 +40,12 @@ def audit(
     ] = None,
     times: Annotated[Path | None, typer.Option(help="File with the stamps of a KITTI trajectory, one per line.")] = None,
     topic: Annotated[str | None, typer.Option(help="Topic of the trajectory, if it is in a bag.")] = None,
+    time_offset: Annotated[
+        float,
+        typer.Option(
+            metavar="SECONDS", help="Added to the stamps of the trajectory's file, if its clock is not that of DATA."
+        ),
+    ] = 0.0,
     z_range: Annotated[
         str | None,
         typer.Option(metavar="LOW,HIGH", help=r"Lowest and highest points of a cloud to use \[m]; all by default."),
@@ -73,8 +79,8 @@ def audit(
     from mqslam.errors import ConfigError
     from mqslam.execution.files import to_json
 
-    if trajectory is None and (times is not None or topic is not None):
-        raise ConfigError("--times and --topic belong to a trajectory from a file; give --trajectory FILE")
+    if trajectory is None and (times is not None or topic is not None or time_offset != 0.0):
+        raise ConfigError("--times, --topic and --time-offset belong to a trajectory from a file; give --trajectory FILE")
     heights = _parse_heights(z_range)
     console = Console(stderr=True, markup=False)
     with set_up_work(console, cluster, jobs, quiet=quiet, silent=quiet or as_json) as work:
@@ -84,6 +90,7 @@ def audit(
             trajectory=trajectory or "recording",
             times=times,
             topic=topic,
+            time_offset_s=time_offset,
             heights=heights,
             config=config,
             format=format,

@@ -25,6 +25,7 @@ from mqslam.report.audit_page import write_audit_pages
 from mqslam.results.audit_results import summarise, write_audit
 from mqslam.results.summary_files import add_warnings
 
+_LONGEST_OFFSET_S = 1e11  # beyond any clock, three thousand years: such an offset is in another unit, or no number
 CARRIED = ("recording", "odometry", "ground_truth")  # the names of trajectories that a recording may carry
 
 
@@ -35,6 +36,7 @@ def audit(  # noqa: PLR0913 - these are the options of an audit, each with its d
     trajectory: Trajectory | Path | str = "recording",
     times: Path | None = None,
     topic: str | None = None,
+    time_offset_s: float = 0.0,
     heights: tuple[float, float] | None = None,
     config: Config | Path | str | None = None,
     format: str | None = None,
@@ -51,6 +53,7 @@ def audit(  # noqa: PLR0913 - these are the options of an audit, each with its d
             `recording`, `odometry` or `ground_truth`.
         times: stamps of a KITTI trajectory, one per line.
         topic: topic of the trajectory in a bag.
+        time_offset_s: added to the stamps of the trajectory [s], if its clock is not that of the data.
         heights: the lowest and highest points of a cloud to use [m]; None takes all.
         config: settings, or the path of a YAML file, or the name of one that ships with mqslam; None takes the defaults.
         format: layout of the recording; None guesses it.
@@ -70,7 +73,7 @@ def audit(  # noqa: PLR0913 - these are the options of an audit, each with its d
     """
     data, out = Path(data), Path(out)
     check_free(out, force=force, recording=data)
-    given = _read_given(trajectory, times, topic)
+    given = _read_given(trajectory, times, topic, time_offset_s)
     name = trajectory if isinstance(trajectory, str) else "given" if isinstance(trajectory, Trajectory) else str(trajectory)
     if is_cloud(data):
         settings = choose_settings(config, LIDAR_CONFIG)
@@ -102,20 +105,23 @@ def audit(  # noqa: PLR0913 - these are the options of an audit, each with its d
     return JudgedResult(out, summary)
 
 
-def _read_given(trajectory: Trajectory | Path | str, times: Path | None, topic: str | None) -> Trajectory | None:
+def _read_given(
+    trajectory: Trajectory | Path | str, times: Path | None, topic: str | None, time_offset_s: float
+) -> Trajectory | None:
     """Returns the trajectory that was given or that a file holds, or None if it is one that the recording carries.
 
     Raises:
-        ConfigError: stamps or a topic are given without a file.
+        ConfigError: stamps, a topic or an offset are given without a file, or the offset is beyond any clock.
         DataError: the file is not a trajectory.
     """
-    if isinstance(trajectory, Trajectory):
-        return trajectory
-    if trajectory in CARRIED:
-        if times is not None or topic is not None:
-            raise ConfigError("stamps and topics belong to a trajectory from a file", Remedy.GIVE_TRAJECTORY)
+    if isinstance(trajectory, str) and trajectory in CARRIED:
+        if times is not None or topic is not None or time_offset_s != 0.0:
+            raise ConfigError("stamps, topics and time offsets belong to a trajectory from a file", Remedy.GIVE_TRAJECTORY)
         return None
-    return read_trajectory(Path(trajectory), times, topic)
+    given = trajectory if isinstance(trajectory, Trajectory) else read_trajectory(Path(trajectory), times, topic)
+    if not abs(time_offset_s) <= _LONGEST_OFFSET_S:
+        raise ConfigError(f"a time offset of {time_offset_s:g} s is beyond any clock; give it in seconds")
+    return Trajectory(given.stamps_us + round(1e6 * time_offset_s), given.poses)
 
 
 def _pick_carried(path: Path, tracks: dict[str, Trajectory], name: str) -> Trajectory:

@@ -18,12 +18,14 @@ class TimedCloud:
         points: (N, 2) [m], world frame.
         stamps_us: (N,) int64 [us], not decreasing, in the file's own clock.
         notes: what a user should know about how the file was understood.
+        scan_us: usual duration of a scan [us], where the file states it.
     """
 
     path: Path
     points: NDArray[np.float64]
     stamps_us: NDArray[np.int64]
     notes: tuple[str, ...]
+    scan_us: int | None = None
 
     def __len__(self) -> int:
         return len(self.points)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,8 +13,9 @@ from numpy.typing import NDArray
 
 from mqslam.core.timed_cloud import TimedCloud
 from mqslam.errors import DataError, MqslamError
+from mqslam.formats.ply import read_clock
 from mqslam.formats.shared import npz
-from mqslam.formats.shared.stamps import convert_stamps, time_unit
+from mqslam.formats.shared.stamps import LATEST_US, convert_stamps, time_unit
 
 _WANTED = "a cloud needs x, y and one of time, t, timestamp, stamp or gps_time for every point"
 _COARSEST_S = 0.05  # coarser times cannot tell one sweep of a sensor from the next: such files are refused
@@ -29,6 +31,7 @@ def read_cloud(path: Path, z_range: tuple[float, float] | None = None) -> TimedC
     """Reads a cloud, such as the `map.ply` of a run, as points in the plane in the order of their times.
 
     Times are seconds, above 1e14 microseconds and above 1e17 nanoseconds, unless the field's name ends in a unit (t_us).
+    The `map.ply` of a run states in a comment from when on its times are counted, and how long a scan takes.
 
     Args:
         path: a `.ply`, `.pcd`, `.las`, `.laz` or `.npz` with fields x, y and a time. An `.npz` holds arrays x, y and t, or
@@ -43,6 +46,7 @@ def read_cloud(path: Path, z_range: tuple[float, float] | None = None) -> TimedC
         raise DataError(path, "is no cloud in a known format", f"give one of {', '.join(_LOADERS)}")
     try:
         columns = load(path)
+        clock = read_clock(path) if load is _load_ply else None
     except MqslamError:
         raise
     except BaseException as error:  # each library raises errors of its own besides NumPy's and the system's
@@ -50,7 +54,13 @@ def read_cloud(path: Path, z_range: tuple[float, float] | None = None) -> TimedC
             raise
         reason = (getattr(error, "strerror", None) or str(error) or type(error).__name__).splitlines()[0][:160]
         raise DataError(path, f"is not a readable {path.suffix} ({reason})", "write it anew") from error
-    return _make_cloud(path, columns, z_range)
+    cloud = _make_cloud(path, columns, z_range)
+    if clock is None:
+        return cloud
+    if clock.start_us + int(cloud.stamps_us[-1]) > LATEST_US:
+        raise DataError(path, "states a start beyond any clock", "write it anew")
+    note = f"they are counted from {clock.start_us} us, as the file states"
+    return replace(cloud, stamps_us=cloud.stamps_us + clock.start_us, notes=(*cloud.notes, note), scan_us=clock.scan_us)
 
 
 def _make_cloud(path: Path, columns: Columns, z_range: tuple[float, float] | None) -> TimedCloud:

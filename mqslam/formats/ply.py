@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,12 +16,32 @@ from mqslam.errors import DataError
 from mqslam.execution.files import write_aside
 
 _VERTEX = [("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("intensity", "<f4"), ("time", "<f8"), ("psi", "<f4")]
+_CLOCK: Final = re.compile(r"mqslam clock: times are seconds since (\d{1,19}) us, a scan takes (\d{1,19}) us")
+_HEADER_BYTES: Final = 1 << 16  # size limit: the comments that are looked through stand before this
 
 
-def write_ply(path: Path, pointmap: PointMap) -> None:
+@dataclass(frozen=True, slots=True)
+class Clock:
+    """How the times of a run's point map relate to the stamps of its trajectory.
+
+    Args:
+        start_us: stamp of the recording's start, from which times are counted [us].
+        scan_us: usual duration of a scan [us].
+    """
+
+    start_us: int
+    scan_us: int
+
+
+def write_ply(path: Path, pointmap: PointMap, clock: Clock | None = None) -> None:
     """Writes a binary little-endian PLY with the vertex properties x, y, z, intensity, time and psi; z is 0.
 
     Open3D's tensor reader (`open3d.t.io.read_point_cloud`) keeps all of them; time is a double, the rest are floats.
+
+    Args:
+        path: the file.
+        pointmap: the points, with times since the recording's start.
+        clock: of the times, stated in a comment, so that map and trajectory of a run fit together; None states nothing.
 
     Raises:
         OutputError: the file cannot be written.
@@ -30,8 +53,26 @@ def write_ply(path: Path, pointmap: PointMap) -> None:
     vertices["intensity"] = pointmap.intensities
     vertices["time"] = pointmap.times
     vertices["psi"] = pointmap.psi
+    comments = []
+    if clock is not None:
+        comments = [f"mqslam clock: times are seconds since {clock.start_us} us, a scan takes {clock.scan_us} us"]
     with write_aside(path) as aside:
-        PlyData([PlyElement.describe(vertices, "vertex")], byte_order="<").write(str(aside))
+        PlyData([PlyElement.describe(vertices, "vertex")], byte_order="<", comments=comments).write(str(aside))
+
+
+def read_clock(path: Path) -> Clock | None:
+    """Reads the clock that a PLY states in a comment; returns None where it states none.
+
+    Raises:
+        OSError: the file cannot be read.
+    """
+    with path.open("rb") as file:
+        header, end, _ = file.read(_HEADER_BYTES).partition(b"end_header")
+    for line in header.decode("latin-1").splitlines() if end else ():
+        match = _CLOCK.fullmatch(line.removeprefix("comment ").strip())
+        if match is not None and int(match[2]) > 0:
+            return Clock(int(match[1]), int(match[2]))
+    return None
 
 
 def read_ply(path: Path, names: Sequence[str]) -> dict[str, NDArray[np.float64]]:

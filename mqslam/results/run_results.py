@@ -25,7 +25,7 @@ from mqslam.execution.files import write_json, write_text
 from mqslam.formats.covariances import StampedCovariances, write_covariances
 from mqslam.formats.g2o import format_g2o
 from mqslam.formats.nav2_map import write_nav2_map
-from mqslam.formats.ply import write_ply
+from mqslam.formats.ply import Clock, write_ply
 from mqslam.formats.tum import write_tum
 from mqslam.mapping.occupancy_grid import make_occupancy_grid
 from mqslam.results.audit_results import summarise_tests
@@ -135,7 +135,9 @@ def write_run(folder: Path, run: Run, summary: dict[str, Any], notes: Sequence[s
     with tolerate("graph.g2o", failures):
         write_text(folder / "graph.g2o", format_g2o(run.graph.factors, run.values, run.graph.size))
     with tolerate("map.ply", failures):
-        write_ply(folder / "map.ply", run.map_optimised)
+        stamps_us = run.optimised.stamps_us
+        scan_us = int(np.median(np.diff(stamps_us))) if len(stamps_us) > 1 else 0
+        write_ply(folder / "map.ply", run.map_optimised, Clock(int(stamps_us[0]), scan_us))
     with tolerate("map.pgm", failures):
         write_nav2_map(folder, make_occupancy_grid(run.map_optimised.points, run.config.map))
     add_warnings(folder, summary, notes, failures)

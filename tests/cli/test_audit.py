@@ -75,11 +75,45 @@ def test_the_numbers_are_printed_as_json(street: Path, tracks: Path, quick: Path
     assert json.loads(result.out) == json.loads((tmp_path / "a" / "audit.json").read_text())
 
 
-def test_the_map_of_a_run_is_audited_as_a_cloud(street: Path, quick: Path, tmp_path: Path) -> None:
-    words = ("--frontend", "odometry", "--config", quick, "--quiet")
-    assert mqslam("run", street, "--out", tmp_path / "run", *words).code == 0
-    summary = audited(tmp_path / "run" / "map.ply", tmp_path / "a")
+@pytest.fixture(scope="module")
+def finished(street: Path, quick: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A finished run of the street along its odometry, whose recording counts its time from 1970."""
+    out = tmp_path_factory.mktemp("finished") / "run"
+    assert mqslam("run", street, "--out", out, "--frontend", "odometry", "--config", quick, "--quiet").code == 0
+    return out
+
+
+def test_the_map_and_the_trajectory_of_a_run_fit_together(finished: Path, tmp_path: Path) -> None:
+    summary = audited(finished / "map.ply", tmp_path / "a", "--trajectory", finished / "trajectory.tum")
+    track = read_tum(finished / "trajectory.tum")
+    assert track.stamps_us[0] > 10**15
     assert summary["dataset"]["format"] == "ply" and summary["windows"]["count"] > 3
+    assert summary["dataset"]["sweeps"] == pytest.approx(len(track), abs=2)  # as many as the radar's own scans
+    assert summary["dataset"]["length_m"] == pytest.approx(track.length_m, rel=0.05)
+    assert summary["revisits"] is not None
+    assert any("counted from" in warning for warning in summary["warnings"])
+
+
+def test_the_map_of_a_run_alone_is_judged_locally_only(finished: Path, tmp_path: Path) -> None:
+    result = mqslam("audit", finished / "map.ply", "--out", tmp_path / "a", "--fail-on", "fail")
+    summary = json.loads((tmp_path / "a" / "audit.json").read_text())
+    assert summary["trajectory"] is None and summary["revisits"] is None and summary["dataset"]["length_m"] is None
+    assert "revisits      unknown without a trajectory" in result.out
+    assert summary["verdict"]["status"] != "pass"
+    assert any("without its trajectory nothing global can be judged" in r for r in summary["verdict"]["reasons"])
+
+
+def test_a_trajectory_of_another_clock_takes_an_offset(finished: Path, tmp_path: Path) -> None:
+    track = read_tum(finished / "trajectory.tum")
+    write_tum(tmp_path / "late.tum", Trajectory(track.stamps_us + 3_600_250_000, track.poses))
+    words = ("audit", finished / "map.ply", "--trajectory", tmp_path / "late.tum", "--quiet")
+    result = mqslam(*words, "--out", tmp_path / "a")
+    assert result.code == 2 and "map.ply" in result.err and "or --time-offset if their clocks differ" in result.err
+    right = audited(finished / "map.ply", tmp_path / "b", "--trajectory", finished / "trajectory.tum")
+    shifted = audited(finished / "map.ply", tmp_path / "c", "-t", tmp_path / "late.tum", "--time-offset", "-3600.25")
+    assert shifted["per_window"] == right["per_window"]
+    result = mqslam(*words, "--out", tmp_path / "d", "--time-offset", "1e15")
+    assert result.code == 2 and "beyond any clock" in result.err
 
 
 @pytest.mark.parametrize(
@@ -87,6 +121,8 @@ def test_the_map_of_a_run_is_audited_as_a_cloud(street: Path, quick: Path, tmp_p
     [
         ((), "has no trajectory 'recording' (it carries odometry, ground_truth); give --trajectory FILE"),
         (("--trajectory", "nowhere.tum"), "nowhere.tum: "),
+        (("--time-offset", "2.5"), "belong to a trajectory from a file"),
+        (("--trajectory", "ground_truth", "--time-offset", "2.5"), "belong to a trajectory from a file"),
         (("--trajectory", "odometry", "--times", "t.txt"), "belong to a trajectory from a file"),
         (("--trajectory", "ground_truth", "--config", "nothing"), "no such configuration"),
     ],

@@ -10,7 +10,7 @@ from plyfile import PlyData
 
 from mqslam.core.point_map import PointMap
 from mqslam.errors import OutputError
-from mqslam.formats.ply import write_ply
+from mqslam.formats.ply import Clock, read_clock, write_ply
 
 
 def some_map(count: int) -> PointMap:
@@ -68,3 +68,15 @@ def test_importing_the_module_loads_no_heavy_package() -> None:
     code = "import sys, mqslam.formats.ply; print({'open3d', 'plyfile', 'matplotlib'} & set(sys.modules))"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "set()"
+
+
+def test_a_map_states_its_clock_in_a_comment(tmp_path: Path) -> None:
+    clock = Clock(start_us=1_547_131_046_353_776, scan_us=250_000)
+    write_ply(tmp_path / "with.ply", some_map(3), clock)
+    write_ply(tmp_path / "without.ply", some_map(3))
+    assert read_clock(tmp_path / "with.ply") == clock and read_clock(tmp_path / "without.ply") is None
+    assert PlyData.read(str(tmp_path / "with.ply"))["vertex"].count == 3
+    (tmp_path / "other.ply").write_text(
+        "ply\ncomment mqslam clock: times are seconds since then us, a scan takes 1 us\nend_header\n"
+    )
+    assert read_clock(tmp_path / "other.ply") is None

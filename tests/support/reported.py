@@ -27,7 +27,7 @@ from mqslam.auditing.measures import Measures
 from mqslam.auditing.revisits import Revisit, RevisitAudit
 from mqslam.auditing.sweeps import Sweeps
 from mqslam.auditing.tracks import Track
-from mqslam.auditing.verdict import VerdictStatus, verdict_of
+from mqslam.auditing.verdict import Finding, VerdictStatus, verdict_of
 from mqslam.auditing.windows import WindowAudit
 from mqslam.config import VerdictConfig
 from mqslam.core import se2
