@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
+from dataclasses import fields, replace
 from functools import lru_cache
 
 import numpy as np
 import pytest
-from support.drives import street_drive
+from support.drives import noise, street_drive
 
 from mqslam.auditing.judge import Audit, audit
-from mqslam.auditing.speeds import CaptureRange, SpeedCheck, find_capture_range, judge_speeds
+from mqslam.auditing.speeds import CaptureRange, SpeedCheck, check_speeds, contradicts, find_capture_range, judge_speeds
 from mqslam.auditing.sweeps import Sweeps, place_sweeps
 from mqslam.auditing.verdict import VerdictStatus
 from mqslam.auditing.windows import Undecided
 from mqslam.config import Config
+from mqslam.core.scans import Returns
 from mqslam.core.trajectory import Trajectory
 from mqslam.execution.engine import HERE
 from mqslam.execution.progress import ignore_progress
@@ -99,3 +101,17 @@ def test_speeds_need_evidence() -> None:
     ):
         (finding,) = judge_speeds(checks, CAPTURE, CONFIG.verdict)
         assert finding.status is status, finding.reason
+
+
+def test_scans_half_of_which_are_noise_still_tell_a_wrong_speed() -> None:
+    recording, scans = street_drive()
+    truth = recording.ground_truth
+    noisy = []
+    for k, scan in enumerate(scans):
+        parts = scan.returns, noise(scan, len(scan.returns), seed=k).returns
+        both = np.hstack([[getattr(part, f.name) for f in fields(Returns)] for part in parts])  # the third are times
+        noisy.append(replace(scan, returns=Returns(*both[:, np.argsort(both[2], kind="stable")])))
+    track = Trajectory(truth.stamps_us, truth.poses * [0.1, 0.1, 1.0])
+    sweeps, _ = place_sweeps(replace(scans, scans=tuple(noisy)), track, CONFIG.audit, beam_of(CONFIG.estimator, 0.0))
+    checks = check_speeds(sweeps, range(2, 38, 6), CONFIG.audit, CONFIG.estimator, HERE, ignore_progress)
+    assert all(contradicts(found, CAPTURE) for found in checks)
