@@ -80,7 +80,7 @@ def find_jumps(steps: Sequence[StepAudit], settings: AuditConfig, limits: Verdic
         limits: of the verdict.
     """
     chance = limits.false_alarms / _SHARERS
-    off = [step for step in steps if step.p_value < chance and step.laid.size_m > settings.bend_m]
+    off = [step for step in steps if step.p_value < chance and step.laid.size_m > settings.jump_m]
     jumps: list[StepAudit] = []
     for step in off:
         if jumps and step.laid.later - jumps[-1].laid.later <= 2 * settings.step_scans:  # they share scans

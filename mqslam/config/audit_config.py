@@ -28,6 +28,7 @@ class AuditConfig(PassConfig):
         description="A window is torn, too, if even its best map has a smaller matched share of points than this.",
     )
     step_scans: int = Field(3, ge=1, description="Number of scans before a step that those after it are laid on.")
+    jump_m: float = Field(0.1, ge=0.0, description="A step that moves the points after it by less than this [m] is no jump.")
     step_every: int = Field(2, ge=1, description="Every how many scans a step is judged.")
     span_m: float = Field(
         30.0, gt=0.0, description="Path [m] between scans that show what the whole map asks for together, such as a scale."

@@ -36,9 +36,8 @@ from mqslam.report.explorers.scene_data import Scene, make_scene
 from mqslam.report.figures.audit_figures import EXPECTED, draw_heat_map, draw_inflation, draw_revisits
 from mqslam.report.figures.crops import draw_crop, make_crops
 from mqslam.report.formatting import ABSENT, describe_motion, format_length, format_three_digits, format_value
-from mqslam.report.page import collect, name_values, section_of, verdict_in, version_in, write_page
+from mqslam.report.page import collect, name_values, section_of, tabulate_tests, verdict_in, version_in, write_page
 from mqslam.report.spots import find_worst_spots, rank_spot, spot_of_window
-from mqslam.report.tests_of_map import tabulate_tests
 
 _MEASURES: Final = {
     "map_entropy": ("mean map entropy", " nat"),

@@ -16,11 +16,19 @@ from markupsafe import Markup
 from mqslam.auditing.verdict import VerdictStatus
 from mqslam.errors import tolerate
 from mqslam.execution.files import write_text
-from mqslam.report.content import Content, Frame, Part, Values, Verdict
+from mqslam.report.content import Content, Frame, Part, Row, Section, Table, Values, Verdict
 from mqslam.report.formatting import ABSENT, format_value
 
 _PACKAGES: Final = ("numpy", "scipy", "numba", "gtsam", "open3d", "kiss-icp", "matplotlib")
 _UNITS: Final = {"m": " m", "s": " s", "mb": " MB", "percent": " %"}
+_TESTS: Final = {  # the tests of a map, and what they cannot see
+    "trajectory": ("trajectory: its poses as they were given", "errors that are as smooth as a drive"),
+    "speeds": ("speeds: successive scans searched for each other", "errors that windows are wide enough to measure"),
+    "windows": ("windows: a few scans against their best map", "jumps, and errors that grow slowly"),
+    "steps": ("steps: scans against those just before", "errors that grow slowly"),
+    "pooled": ("pooled corrections: all of the drive together", "errors that come and go; one scale for everything"),
+    "revisits": ("revisits: two passes of one place", "anything where no place is passed twice"),
+}
 
 
 def collect(name: str, make: Callable[[], Content | None], failures: list[str]) -> Part[Content]:
@@ -98,6 +106,22 @@ def _environment() -> Environment:
     environment.tests["verdict"] = lambda value: isinstance(value, VerdictStatus)
     environment.globals |= {"source_of": _source_of, "plotly": _plotly}
     return environment
+
+
+def tabulate_tests(summary: Mapping[str, Any]) -> Section | None:
+    """Returns what each test of a map found, and what it cannot see; None where none was made.
+
+    Args:
+        summary: content of audit.json or of summary.json.
+    """
+    found = section_of(summary, "tests")
+    rows = tuple(
+        Row(label, (found[name]["status"], "; ".join(found[name]["reasons"]), blind))
+        for name, (label, blind) in _TESTS.items()
+        if name in found
+    )
+    head = ("test", "verdict", "what it found", "what it cannot see")
+    return Section("Tests", (), table=Table(head, rows)) if rows else None
 
 
 def _data_uri(png: bytes) -> Markup:

@@ -21,9 +21,8 @@ from mqslam.report.explorers.scene_data import Scene, make_scene
 from mqslam.report.figures import run_figures
 from mqslam.report.figures.canvas import OUTERMOST
 from mqslam.report.formatting import ABSENT, NOT_JUDGED, format_change, format_matched, format_share, format_value
-from mqslam.report.page import collect, section_of, verdict_in, version_in, write_page
+from mqslam.report.page import collect, section_of, tabulate_tests, verdict_in, version_in, write_page
 from mqslam.report.run_report import Report, report_run
-from mqslam.report.tests_of_map import tabulate_tests
 from mqslam.solution import Run
 
 _SAME_PATH_M: Final = 1e-3  # positions nearer than this are the same in print

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from support.passes import BEAM, LANE_Y, joined, street_pass
+from support.reported import audit_of
 
-from mqslam.auditing.judge import Audit
 from mqslam.auditing.verdict import VerdictStatus
 from mqslam.backend.crossings import find_crossings, measure_psi_across
 from mqslam.backend.loops.submap import Drive
@@ -29,7 +29,7 @@ CONFIG = Config(loops=LoopConfig(least_path_m=35.0), refinement=RefinementConfig
 def judged(name: str, scans: Scans, poses: np.ndarray) -> Judged:
     nothing = PointMap(np.empty((0, 2)), *(np.empty(0) for _ in range(3)), np.empty(0, bool))
     row = make_given_row(name, Trajectory(scans.stamps_us, poses))
-    return Judged(row, None, None, Audit([], [], VerdictStatus.NOT_JUDGED, []), None, None, None, (), nothing)
+    return Judged(row, None, None, audit_of([], [], VerdictStatus.NOT_JUDGED), None, None, None, (), nothing)
 
 
 def measured(drive: Drive, best: Best | None, **poses: np.ndarray) -> dict[str, float]:
