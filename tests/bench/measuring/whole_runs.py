@@ -83,7 +83,7 @@ def _judge_loops(graph: Path, trajectory: Path, truth: Path) -> _Loops:
     """Compares the loops of a pose graph with the truth at the scans' stamps.
 
     Args:
-        graph: g2o file, whose vertices are the scans in their order.
+        graph: g2o file, whose first vertices are the scans in their order; those of the submaps come after them.
         trajectory: TUM file with the stamps of the scans.
         truth: TUM file.
     """
@@ -91,7 +91,7 @@ def _judge_loops(graph: Path, trajectory: Path, truth: Path) -> _Loops:
     true = place(read_trajectory(truth), stamps)
     words = [line.split() for line in graph.read_text(encoding="utf-8").splitlines() if line.startswith("EDGE_SE2")]
     edges = [(int(w[1]), int(w[2]), np.array(w[3:6], dtype=float)) for w in words]
-    loops = [edge for edge in edges if edge[1] != edge[0] + 1]
+    loops = [(a, b, motion) for a, b, motion in edges if max(a, b) < len(stamps) and b != a + 1]
     tied = _find_tied(true, np.array([last for _, last, _ in loops], dtype=int))
     share = float(tied.mean()) if len(tied) else None
     if not loops:
