@@ -116,7 +116,7 @@ def judge_pooled(pooled: Pooled | None, limits: VerdictConfig) -> Finding:
 
 def _wish_length(bias: float, sigma: float) -> str:
     longer = "short" if bias > 0.0 else "long"
-    share = f"{abs(bias):.2%} (± {sigma:.2%})"
+    share = f"{abs(bias):.3%} (± {sigma:.3%})"
     return f"the trajectory is {share} too {longer} for the sensor's ranges: the scale of one of the two is wrong"
 
 

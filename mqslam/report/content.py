@@ -110,10 +110,17 @@ class Row:
 
 @dataclass(frozen=True, slots=True)
 class Table:
-    """A table with a head; the first column names the rows."""
+    """A table with a head; the first column names the rows.
+
+    Args:
+        head: what its columns hold.
+        rows: its rows.
+        holds_words: whether its cells are sentences, which begin at the left and wrap.
+    """
 
     head: tuple[str, ...]
     rows: tuple[Row, ...]
+    holds_words: bool = False
 
 
 @dataclass(frozen=True, slots=True)

@@ -121,7 +121,7 @@ def tabulate_tests(summary: Mapping[str, Any]) -> Section | None:
         if name in found
     )
     head = ("test", "verdict", "what it found", "what it cannot see")
-    return Section("Tests", (), table=Table(head, rows)) if rows else None
+    return Section("Tests", (), table=Table(head, rows, holds_words=True)) if rows else None
 
 
 def _data_uri(png: bytes) -> Markup:
