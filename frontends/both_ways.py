@@ -102,7 +102,10 @@ def _compare(forward: Match, backward: Match, shared: float) -> Twice:
     """Returns how far two measurements of one motion are apart along the axes of which psi's curvature tells both."""
     f, b = forward.motion, backward.motion
     variances = (1.0 - shared) * np.diag(f.covariance + b.covariance)
-    told = [np.diag(m.unseen) < 0.5 * np.diag(m.motion.covariance) for m in (forward, backward)]
+    told = [
+        (np.diag(m.unseen) < 0.5 * np.diag(m.motion.covariance)) & (m.motion.status is not Status.LOST)
+        for m in (forward, backward)
+    ]
     return Twice(f.pose, se2.subtract(b.pose, f.pose), np.where(np.all(told, axis=0), variances, np.nan))
 
 

@@ -23,7 +23,7 @@ class Twice(NamedTuple):
     Args:
         pose: (3,) of the motion.
         apart: (3,) by how much the second measurement is beyond the first.
-        variances: (3,) of this difference, as the front end states them; NaN along axes that neither measurement tells of.
+        variances: (3,) of this difference, as the front end states them; NaN along axes that not both measurements tell of.
     """
 
     pose: se2.Array

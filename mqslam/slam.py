@@ -80,7 +80,8 @@ class Slam:
                 before, after = runner.follow("render", maps, len(maps))
             checked: Audit | None = None
             with runner.time_stage("check"), runner.tolerate("the check of the map"):
-                checked = audit_trajectory(scans, solution.optimised, config, solution.beam, runner)
+                if len(scans) > 1:
+                    checked = audit_trajectory(scans, solution.optimised, config, solution.beam, runner)
         return Run(
             **(vars(solution) | {"warnings": tuple(runner.warnings)}),
             map_odometry=before,

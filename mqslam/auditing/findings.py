@@ -12,7 +12,7 @@ from mqslam.auditing.pooled import Pooled
 from mqslam.auditing.revisits import RevisitAudit
 from mqslam.auditing.steps import StepAudit
 from mqslam.auditing.verdict import Finding, Share, VerdictStatus
-from mqslam.auditing.windows import Undecided, WindowAudit
+from mqslam.auditing.windows import Undecided, WindowAudit, share_torn
 from mqslam.config import AuditConfig, VerdictConfig
 from mqslam.core.wording import count_of, is_or_are
 
@@ -32,13 +32,15 @@ def judge_windows(windows: Sequence[WindowAudit], scans: int, size: int, setting
             reason = f"{count_of(scans, 'scan')} {is_or_are(scans)} too few to judge a map by: a window takes {size}"
         return [Finding(VerdictStatus.NOT_JUDGED, reason)]
     decided = [w for w in windows if w.undecided is None]
-    torn = Share(sum(w.torn for w in decided), len(decided))
+    torn = share_torn(windows)
     status = torn.judge(settings.windows_warn, settings.windows_fail, settings)
     reason = f"{torn.count} of {count_of(torn.total, 'window')} {is_or_are(torn.count)} torn"
     if not decided:
         reason = f"none of {count_of(len(windows), 'window')} could be decided"
     elif status is VerdictStatus.NOT_JUDGED:
         reason += f", too few to judge the map by: the share of torn ones may be {torn.describe_range(settings)}"
+    if decided and len(decided) < len(windows):
+        reason += f", {len(windows) - len(decided)} undecided"
     findings = [Finding(status, reason)]
     blind = Share(sum(w.undecided is Undecided.APART for w in windows), len(windows))
     if blind.is_above(settings.windows_fail, settings):
@@ -61,14 +63,18 @@ def judge_steps(steps: Sequence[StepAudit], settings: AuditConfig, limits: Verdi
     """
     judged = [step for step in steps if np.isfinite(step.p_value)]
     if not judged:
-        return Finding(VerdictStatus.PASS, "too few steps could be measured to see a jump of the trajectory")
+        reason = "too few steps could be measured to see a jump of the trajectory"
+        return Finding(VerdictStatus.PASS, reason, judged=False)
     jumps = find_jumps(judged, settings, limits)
     if not jumps:
-        return Finding(VerdictStatus.PASS, f"no jump at any of {count_of(len(judged), 'step')}")
+        return Finding(
+            VerdictStatus.PASS, f"no jump of up to {settings.search_m:g} m at any of {count_of(len(judged), 'step')}"
+        )
     worst = max(jumps, key=lambda step: step.laid.size_m)
     others = f" and at {count_of(len(jumps) - 1, 'other place')}" if len(jumps) > 1 else ""
     reason = f"the map jumps by {worst.laid.size_m:.2f} m at {worst.t:.1f} s{others}"
-    return Finding(VerdictStatus.FAIL if worst.laid.size_m > settings.torn_m else VerdictStatus.WARN, reason)
+    is_grave = any(step.laid.size_m > settings.torn_m and step.laid.unrivalled for step in jumps)
+    return Finding(VerdictStatus.FAIL if is_grave else VerdictStatus.WARN, reason)
 
 
 def find_jumps(steps: Sequence[StepAudit], settings: AuditConfig, limits: VerdictConfig) -> list[StepAudit]:
@@ -100,7 +106,8 @@ def judge_pooled(pooled: Pooled | None, limits: VerdictConfig) -> Finding:
         limits: of the verdict.
     """
     if pooled is None:
-        return Finding(VerdictStatus.PASS, "the drive is too short to show whether its scale is right")
+        reason = "too few places that far apart see the same to show whether the scale is right"
+        return Finding(VerdictStatus.PASS, reason, judged=False)
     largest = (limits.scale_warn, limits.scale_warn, limits.turn_warn)
     wishes = [
         _WISHES[axis](float(bias), float(sigma))

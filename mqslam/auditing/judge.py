@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from itertools import chain
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mqslam.auditing.findings import judge_locally, judge_pooled, judge_revisits, judge_steps, judge_windows
 from mqslam.auditing.pooled import Pooled, pool_corrections
@@ -84,8 +85,9 @@ def audit(
     windows = audit_windows(sweeps, settings, estimator, engine, progress, sampled)
     speeds = check_speeds(sweeps, [(w.begin + w.end) // 2 - 1 for w in windows], settings, estimator, engine, progress)
     capture = find_capture_range(sweeps.revolution_s, settings, estimator)
-    windows = _decide(windows, speeds, sweeps, capture, settings, limits)
-    steps = audit_steps(sweeps, settings, estimator, engine, progress)
+    interpolated = _mark_interpolated(sweeps, settings)
+    windows = _decide(windows, speeds, interpolated, capture, limits)
+    steps = audit_steps(sweeps, ~interpolated, settings, estimator, engine, progress)
     tests = {
         "speeds": judge_speeds(speeds, capture, limits),
         "windows": judge_windows(windows, len(sweeps), settings.window, limits),
@@ -96,7 +98,7 @@ def audit(
     if sweeps.track is None:
         tests["revisits"] = [judge_locally(windows)]
     else:
-        pooled = pool_corrections(sweeps, settings, estimator, engine, progress)
+        pooled = pool_corrections(sweeps, ~interpolated, settings, estimator, engine, progress)
         revisits = audit_revisits(sweeps, settings, estimator, loops, engine, progress)
         track = judge_track(sweeps.track, sweeps.times, sweeps.revolution_s, settings, limits)
         tests = {"trajectory": track, **tests, "pooled": [judge_pooled(pooled, limits)]}
@@ -124,12 +126,18 @@ def audit_trajectory(scans: Scans, trajectory: Trajectory, config: Config, beam:
     return audit(sweeps, *sections, runner.engine, runner.progress, config.audit.sampled_windows)
 
 
+def _mark_interpolated(sweeps: Sweeps, settings: AuditConfig) -> NDArray[np.bool_]:
+    """Marks the sweeps (S,) that lie in a gap of the trajectory."""
+    if sweeps.track is None:
+        return np.zeros(len(sweeps), dtype=np.bool_)
+    return mark_interpolated(sweeps.track, sweeps.times, sweeps.revolution_s, settings)
+
+
 def _decide(
     windows: Sequence[WindowAudit],
     speeds: Sequence[SpeedCheck | None],
-    sweeps: Sweeps,
+    interpolated: NDArray[np.bool_],
     capture: CaptureRange,
-    settings: AuditConfig,
     limits: VerdictConfig,
 ) -> list[WindowAudit]:
     """Returns the windows with their speeds, each torn, whole or undecided.
@@ -137,9 +145,6 @@ def _decide(
     A window whose speed the scans contradict is torn, whatever its inflation. Nothing is decided where most of its scans lie
     in a gap of the trajectory, or where nothing is seen twice.
     """
-    interpolated = np.zeros(len(sweeps), dtype=np.bool_)
-    if sweeps.track is not None:
-        interpolated = mark_interpolated(sweeps.track, sweeps.times, sweeps.revolution_s, settings)
     decided = []
     for window, speed in zip(windows, speeds, strict=True):
         is_off = contradicts(speed, capture)

@@ -49,18 +49,24 @@ class Pooled:
 
 
 def pool_corrections(
-    sweeps: Sweeps, settings: AuditConfig, estimator: EstimatorConfig, engine: Engine, progress: Progress
+    sweeps: Sweeps,
+    known: NDArray[np.bool_],
+    settings: AuditConfig,
+    estimator: EstimatorConfig,
+    engine: Engine,
+    progress: Progress,
 ) -> Pooled | None:
-    """Measures what all of a map asks for together, or returns None where the drive is too short to show it.
+    """Measures what all of a map asks for together, or returns None where too few places show it.
 
     Args:
         sweeps: points under the trajectory to judge.
+        known: (S,) which sweeps lie in no gap of the trajectory.
         settings: of the audit.
         estimator: settings of the score.
         engine: where spans are measured; the result does not depend on it.
         progress: called as spans are done.
     """
-    pairs = find_spans(sweeps.travelled, settings)
+    pairs = [(a, b) for a, b in find_spans(sweeps.travelled, settings) if known[[a, b]].all()]
 
     def report(number: int, laid: Laid | None) -> None:
         progress("spans", number, len(pairs))

@@ -106,7 +106,10 @@ def _check_from(shared: tuple[Sweeps, AuditConfig, EstimatorConfig], begin: int)
     first, second = (sweeps.local([k], sweeps.poses[k]) for k in (begin, begin + 1))
     if min(len(first), len(second)) < settings.speed_fewest:
         return None
-    span_s = float(sweeps.numbers[begin + 1] - sweeps.numbers[begin]) * sweeps.revolution_s
+    span_s = max(
+        float(sweeps.numbers[begin + 1] - sweeps.numbers[begin]) * sweeps.revolution_s,
+        float(sweeps.times[begin + 1] - sweeps.times[begin]),  # across a pause of the recording
+    )
     guess = se2.between(sweeps.poses[begin], sweeps.poses[begin + 1])
     reach = min(settings.speed_error_mps * span_s, settings.gate_m), settings.search_rad
     alignment = align(first, second, guess, reach, settings, estimator)
@@ -137,7 +140,8 @@ def judge_speeds(checks: Sequence[SpeedCheck | None], capture: CaptureRange, lim
     off = [check for check in sure if contradicts(check, capture)]
     share = Share(len(off), len(sure))
     if not off:
-        reason = f"no speed of {share.total} is off by more than the {capture.speed_mps:.2g} m/s that windows can measure"
+        most = f"{capture.speed_mps:.2g} m/s, the most that windows measure"
+        reason = f"none of {count_of(share.total, 'speed')} is off by more than {most}"
         return [Finding(VerdictStatus.PASS, reason)]
     median = float(np.median([check.error_mps for check in off]))
     reason = (

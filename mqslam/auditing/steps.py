@@ -16,6 +16,7 @@ from scipy.stats import chi2
 
 from mqslam.auditing.laying import Laid, lay
 from mqslam.auditing.sweeps import Sweeps
+from mqslam.backend.loops.align import TOLERANCES
 from mqslam.config import AuditConfig, EstimatorConfig
 from mqslam.execution.engine import Engine
 from mqslam.execution.progress import Progress
@@ -40,19 +41,29 @@ class StepAudit:
 
 
 def audit_steps(
-    sweeps: Sweeps, settings: AuditConfig, estimator: EstimatorConfig, engine: Engine, progress: Progress
+    sweeps: Sweeps,
+    known: NDArray[np.bool_],
+    settings: AuditConfig,
+    estimator: EstimatorConfig,
+    engine: Engine,
+    progress: Progress,
 ) -> list[StepAudit]:
     """Judges the steps of a map in the order of time; those with too few points on either side are left out.
 
     Args:
         sweeps: points under the trajectory to judge.
+        known: (S,) which sweeps lie in no gap of the trajectory.
         settings: of the audit.
         estimator: settings of the score.
         engine: where the steps are judged; the result does not depend on it.
         progress: called as steps are done.
     """
     size = settings.step_scans
-    places = list(range(size, len(sweeps) - size + 1, settings.step_every))
+    places = [
+        place
+        for place in range(size, len(sweeps) - size + 1, settings.step_every)
+        if known[place - size : place + size].all()
+    ]
 
     def report(number: int, laid: Laid | None) -> None:
         progress("steps", number, len(places))
@@ -84,7 +95,7 @@ def compute_p_values(steps: Sequence[Laid], settings: AuditConfig) -> NDArray[np
     if judged.sum() < settings.step_fewest:
         return p_values
     offsets = np.array([step.offset for step in steps])[judged]
-    covariances = np.array([step.covariance for step in steps])[judged]
+    covariances = np.array([step.covariance for step in steps])[judged] + np.diag(TOLERANCES**2)
     variances = np.einsum("kii->ki", covariances)
     scale = np.sqrt(np.maximum(np.median(offsets**2 / variances, axis=0) / _MEDIAN, 1.0))
     covariances = covariances * scale[:, None] * scale[None, :]

@@ -80,10 +80,12 @@ class Finding:
     Args:
         status: the verdict that the test alone would give.
         reason: why.
+        judged: whether the test could judge anything; one that could not holds nothing against a map.
     """
 
     status: VerdictStatus
     reason: str
+    judged: bool = True
 
 
 def verdict_of(findings: Iterable[Finding]) -> tuple[VerdictStatus, list[str]]:

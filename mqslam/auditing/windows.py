@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 
@@ -12,6 +13,7 @@ from mqslam.auditing.inflation import Bend, fit_bend
 from mqslam.auditing.measures import Measures, compute_measures, locate_sensors
 from mqslam.auditing.speeds import SpeedCheck
 from mqslam.auditing.sweeps import Sweeps
+from mqslam.auditing.verdict import Share
 from mqslam.config import AuditConfig, EstimatorConfig
 from mqslam.core import se2
 from mqslam.core.evenly import pick_evenly
@@ -122,6 +124,12 @@ def audit_window(sweeps: Sweeps, begin: int, end: int, settings: AuditConfig, es
         measures=measures,
         torn=bool(is_bent or bend.matched_best < settings.overlap),
     )
+
+
+def share_torn(windows: Sequence[WindowAudit]) -> Share:
+    """Returns the share of torn windows among those of which anything was decided."""
+    decided = [window for window in windows if window.undecided is None]
+    return Share(sum(window.torn for window in decided), len(decided))
 
 
 def torn_threshold(settings: AuditConfig) -> float:

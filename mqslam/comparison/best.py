@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from typing import Final, NamedTuple
 
 from mqslam.auditing.verdict import Share
+from mqslam.auditing.windows import share_torn
 from mqslam.comparison.judgement import Judged
 
 _FIGURES: Final = ".3f"  # errors that read the same in the table are taken to be the same
@@ -42,7 +43,7 @@ class Standing:
             name=judged.row.name,
             drift_percent=None if judged.after is None else judged.after.drift_percent,
             ate_rmse_m=None if judged.after is None else judged.after.ate_rmse_m,
-            windows=Share(sum(w.torn for w in windows), len(windows)),
+            windows=share_torn(windows),
             revisits=Share(sum(r.torn for r in sure), len(sure)),
         )
 

@@ -13,7 +13,7 @@ from mqslam.auditing.judge import Audit
 from mqslam.auditing.measures import Measures
 from mqslam.auditing.sweeps import Sweeps
 from mqslam.auditing.verdict import Share
-from mqslam.auditing.windows import torn_threshold
+from mqslam.auditing.windows import share_torn, torn_threshold
 from mqslam.config import Config, dump_yaml
 from mqslam.errors import tolerate
 from mqslam.execution.files import write_bytes
@@ -133,7 +133,7 @@ def _make_window_tiles(report: AuditReport) -> tuple[Tile, ...]:
     if not windows:
         return ()
     decided = [w for w in windows if w.undecided is None]
-    torn = Share(sum(w.torn for w in decided), len(decided))
+    torn = share_torn(windows)
     median = float(np.median([w.bend.inflation for w in windows]))
     worst = max(map(spot_of_window, windows), key=rank_spot).off_m
     share = Tile(ABSENT, f"of windows torn: none of {len(windows):,} could be decided")

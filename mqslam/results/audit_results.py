@@ -15,8 +15,8 @@ from mqslam.auditing.revisits import RevisitAudit
 from mqslam.auditing.speeds import contradicts
 from mqslam.auditing.steps import StepAudit
 from mqslam.auditing.sweeps import Sweeps
-from mqslam.auditing.verdict import Finding, Share, verdict_of
-from mqslam.auditing.windows import WindowAudit, torn_threshold
+from mqslam.auditing.verdict import Finding, Share, VerdictStatus, verdict_of
+from mqslam.auditing.windows import WindowAudit, share_torn, torn_threshold
 from mqslam.config import AuditConfig, Config, VerdictConfig, dump_yaml
 from mqslam.execution.files import write_json, write_text
 from mqslam.results.summary_files import format_csv
@@ -44,8 +44,7 @@ def summarise(
         warnings: what a reader has to know before the numbers.
     """
     sure = [r for r in audit.revisits if r.revisit.sure]
-    decided = [w for w in audit.windows if w.undecided is None]
-    torn = Share(sum(w.torn for w in decided), len(decided))
+    torn = share_torn(audit.windows)
     off = Share(sum(r.torn for r in sure), len(sure))
     confidence = bounds.confidence
     inflation = [w.bend.inflation for w in audit.windows]
@@ -218,7 +217,7 @@ def _list_pooled(pooled: Pooled | None) -> dict[str, Any]:
 
 def _list_findings(findings: Sequence[Finding]) -> dict[str, Any]:
     status, reasons = verdict_of(findings)
-    return {"status": status, "reasons": reasons}
+    return {"status": status if any(f.judged for f in findings) else VerdictStatus.NOT_JUDGED, "reasons": reasons}
 
 
 def write_audit(folder: Path, config: Config, summary: Mapping[str, Any]) -> None:

@@ -12,7 +12,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from mqslam.auditing.verdict import Share
+from mqslam.auditing.windows import share_torn
 from mqslam.backend.marginals import PoseCovariances
 from mqslam.config import dump_yaml, set_doppler_beta
 from mqslam.core import se2
@@ -56,7 +56,7 @@ _COLUMNS: Final = [
 def summarise(run: Run, recording: Recording) -> dict[str, Any]:
     """Returns the content of summary.json, but for the run's key and its warnings."""
     before, after = run.map_odometry, run.map_optimised
-    torn = Share(sum(w.torn for w in run.checks), len(run.checks))
+    torn = share_torn(run.checks)
     confidence = run.config.verdict.confidence
     truth = recording.ground_truth
     status, reasons = judge_run(run)

@@ -41,13 +41,14 @@ def lay_street(jump: tuple[float, float, float]) -> Sweeps:
 
 @lru_cache
 def judged(jump: tuple[float, float, float], jobs: int = 1) -> list[StepAudit]:
-    return audit_steps(lay_street(jump), CONFIG.audit, CONFIG.estimator, LocalEngine(jobs), silent)
+    sweeps = lay_street(jump)
+    return audit_steps(sweeps, np.ones(len(sweeps), bool), CONFIG.audit, CONFIG.estimator, LocalEngine(jobs), silent)
 
 
 def test_a_map_without_a_jump_shows_none() -> None:
     steps = judged((0.0, 0.0, 0.0))
     finding = judge_steps(steps, CONFIG.audit, CONFIG.verdict)
-    assert finding.status is VerdictStatus.PASS and finding.reason.startswith("no jump at any of")
+    assert finding.status is VerdictStatus.PASS and finding.reason.startswith("no jump of up to 3 m at any of")
     assert max(step.laid.size_m for step in steps) < 0.1
 
 
