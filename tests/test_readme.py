@@ -78,6 +78,7 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     os.chdir(folder)
     assert mqslam("run", "DATA", "--out", "finished", "--quiet").code == 0
     shutil.copy("finished/map.ply", "map.ply")
+    shutil.copy("finished/trajectory.tum", "trajectory.tum")
     shutil.copy("finished/config.yaml", "config.yaml")
     yield folder
     os.chdir(before)

@@ -73,12 +73,14 @@ def judge_steps(steps: Sequence[StepAudit], settings: AuditConfig, limits: Verdi
     worst = max(jumps, key=lambda step: step.laid.size_m)
     others = f" and at {count_of(len(jumps) - 1, 'other place')}" if len(jumps) > 1 else ""
     reason = f"the map jumps by {worst.laid.size_m:.2f} m at {worst.t:.1f} s{others}"
-    is_grave = any(step.laid.size_m > settings.torn_m and step.laid.unrivalled for step in jumps)
-    return Finding(VerdictStatus.FAIL if is_grave else VerdictStatus.WARN, reason)
+    return Finding(VerdictStatus.FAIL if worst.laid.size_m > settings.torn_m else VerdictStatus.WARN, reason)
 
 
 def find_jumps(steps: Sequence[StepAudit], settings: AuditConfig, limits: VerdictConfig) -> list[StepAudit]:
     """Returns the steps at which a map jumps, one for each jump: that which is farthest off.
+
+    The two sides of a step must fit there better than where the trajectory has them, and nowhere else as well: scans that
+    share little, such as those of a lidar that turns on the spot, fit many places by chance.
 
     Args:
         steps: those that were judged, in the order of time.
@@ -86,7 +88,13 @@ def find_jumps(steps: Sequence[StepAudit], settings: AuditConfig, limits: Verdic
         limits: of the verdict.
     """
     chance = limits.false_alarms / _SHARERS
-    off = [step for step in steps if step.p_value < chance and step.laid.size_m > settings.jump_m]
+
+    def is_off(step: StepAudit) -> bool:
+        laid = step.laid
+        fits_there_alone = laid.unrivalled and laid.psi_best < laid.psi
+        return bool(step.p_value < chance and laid.size_m > settings.jump_m and fits_there_alone)
+
+    off = [step for step in steps if is_off(step)]
     jumps: list[StepAudit] = []
     for step in off:
         if jumps and step.laid.later - jumps[-1].laid.later <= 2 * settings.step_scans:  # they share scans

@@ -113,7 +113,7 @@ def _check_from(shared: tuple[Sweeps, AuditConfig, EstimatorConfig], begin: int)
     guess = se2.between(sweeps.poses[begin], sweeps.poses[begin + 1])
     reach = min(settings.speed_error_mps * span_s, settings.gate_m), settings.search_rad
     alignment = align(first, second, guess, reach, settings, estimator)
-    of_scans = settings.model_copy(update={"matched": settings.speed_matched * settings.matched})
+    of_scans = settings.model_copy(update={"matched": settings.scan_matched * settings.matched})
     check = SpeedCheck(se2.wrapped_between(guess, alignment.pose) / span_s, is_unrivalled(alignment, of_scans))
     if contradicts(check, find_capture_range(sweeps.revolution_s, settings, estimator)):  # the wide search may lead away
         own = score_at_pose(first, second, guess, estimator)

@@ -109,4 +109,5 @@ def _lay_step(shared: tuple[Sweeps, AuditConfig, EstimatorConfig], place: int) -
     sweeps, settings, estimator = shared
     size = settings.step_scans
     stretches = range(place - size, place), range(place, place + size)
-    return lay(sweeps, (place - 1, place), stretches, (settings.search_m, settings.search_rad), settings, estimator)
+    of_scans = settings.model_copy(update={"matched": settings.scan_matched * settings.matched})
+    return lay(sweeps, (place - 1, place), stretches, (settings.search_m, settings.search_rad), of_scans, estimator)

@@ -84,11 +84,11 @@ class AuditConfig(PassConfig):
     speed_fewest: int = expert(
         40, ge=1, description="Two successive scans of which one has fewer points than this say nothing about the speed."
     )
-    speed_matched: float = expert(
+    scan_matched: float = expert(
         0.6,
         gt=0.0,
         le=1.0,
-        description="Two successive scans must match at least this share of what two passes must (audit.matched): single "
+        description="Scans beside each other must match at least this share of what two passes must (audit.matched): single "
         "scans, each with noise of its own, share fewer points than maps of many scans do.",
     )
     jump_mps2: float = expert(
