@@ -141,7 +141,7 @@ def test_what_cannot_be_sure_is_no_revisit() -> None:
 def test_undecided_windows_count_neither_as_torn_nor_as_whole() -> None:
     gaps = [replace(window, undecided=Undecided.GAP) for window in scans(0, 20)]
     status, reasons = judge_map([*scans(5, 10), *gaps], [], 180, WINDOW, SETTINGS)
-    assert status is FAIL and reasons == ["5 of 10 windows are torn"]
+    assert status is FAIL and reasons == ["5 of 10 windows are torn, 20 undecided"]
     status, reasons = judge_map(gaps, [], 120, WINDOW, SETTINGS)
     assert status is NOT_JUDGED and reasons == ["none of 20 windows could be decided"]
 
