@@ -95,8 +95,7 @@ def measure_nees(measurements: Sequence[Measurement], truth: Trajectory, start_u
     begins, ends = spans[inside].T
     errors = np.array([measurements[k].pose for k in inside]) - se2.between(truth.at(begins), truth.at(ends))
     errors[:, 2] = se2.wrap(errors[:, 2])
-    normalised = np.einsum("ni,ni->n", errors, np.linalg.solve(covariances, errors[:, :, None])[:, :, 0])
-    return float(normalised.mean() / errors.shape[1])
+    return float(se2.normalise(errors, covariances).mean() / errors.shape[1])
 
 
 def align_positions(estimate: Trajectory, truth: Trajectory) -> se2.Array | None:

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from support.drives import drive_around_a_block
 
 from mqslam.config import Config, LoopConfig, RefinementConfig, SensorConfig
 from mqslam.core import se2
@@ -15,12 +16,11 @@ from mqslam.execution.engine import LocalEngine
 from mqslam.execution.runner import Runner
 from mqslam.formats.g2o import format_g2o
 from mqslam.results.run_results import summarise
-from mqslam.simulator import SensorModel, SimulatedRecording, make_loop_drive, make_street_scene, simulate_recording
+from mqslam.simulator import SimulatedRecording
 from mqslam.slam import Slam
 from mqslam.solution import Run
 
 CONFIG = Config(sensor=SensorConfig(doppler_beta=0.0), refinement=RefinementConfig(rounds=2))
-SENSOR = SensorModel(azimuths=200, range_resolution=0.175, max_range=80.0)
 
 
 def slam(recording: SimulatedRecording, config: Config, jobs: int, out: Path, *, resume: bool) -> Run:
@@ -40,7 +40,7 @@ def out(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def lap() -> SimulatedRecording:
     """A bit more than one round of a block."""
-    return simulate_recording(make_street_scene(1, movers=0), make_loop_drive(54.0), duration_s=54.0, sensor=SENSOR, seed=1)
+    return drive_around_a_block()
 
 
 @pytest.fixture(scope="module")

@@ -31,16 +31,15 @@ def judge_windows(windows: Sequence[WindowAudit], scans: int, size: int, setting
         if scans < size:
             reason = f"{count_of(scans, 'scan')} {is_or_are(scans)} too few to judge a map by: a window takes {size}"
         return [Finding(VerdictStatus.NOT_JUDGED, reason)]
-    decided = [w for w in windows if w.undecided is None]
     torn = share_torn(windows)
     status = torn.judge(settings.windows_warn, settings.windows_fail, settings)
     reason = f"{torn.count} of {count_of(torn.total, 'window')} {is_or_are(torn.count)} torn"
-    if not decided:
+    if not torn.total:
         reason = f"none of {count_of(len(windows), 'window')} could be decided"
     elif status is VerdictStatus.NOT_JUDGED:
         reason += f", too few to judge the map by: the share of torn ones may be {torn.describe_range(settings)}"
-    if decided and len(decided) < len(windows):
-        reason += f", {len(windows) - len(decided)} undecided"
+    if 0 < torn.total < len(windows):
+        reason += f", {len(windows) - torn.total} undecided"
     findings = [Finding(status, reason)]
     blind = Share(sum(w.undecided is Undecided.APART for w in windows), len(windows))
     if blind.is_above(settings.windows_fail, settings):
@@ -65,7 +64,7 @@ def judge_steps(steps: Sequence[StepAudit], settings: AuditConfig, limits: Verdi
     if not judged:
         reason = "too few steps could be measured to see a jump of the trajectory"
         return Finding(VerdictStatus.PASS, reason, judged=False)
-    jumps = find_jumps(judged, settings, limits)
+    jumps = find_torn_steps(judged, settings, limits)
     if not jumps:
         return Finding(
             VerdictStatus.PASS, f"no jump of up to {settings.search_m:g} m at any of {count_of(len(judged), 'step')}"
@@ -76,7 +75,7 @@ def judge_steps(steps: Sequence[StepAudit], settings: AuditConfig, limits: Verdi
     return Finding(VerdictStatus.FAIL if worst.laid.size_m > settings.torn_m else VerdictStatus.WARN, reason)
 
 
-def find_jumps(steps: Sequence[StepAudit], settings: AuditConfig, limits: VerdictConfig) -> list[StepAudit]:
+def find_torn_steps(steps: Sequence[StepAudit], settings: AuditConfig, limits: VerdictConfig) -> list[StepAudit]:
     """Returns the steps at which a map jumps, one for each jump: that which is farthest off.
 
     The two sides of a step must fit there better than where the trajectory has them, and nowhere else as well: scans that
@@ -110,7 +109,7 @@ def judge_pooled(pooled: Pooled | None, limits: VerdictConfig) -> Finding:
     A scale of the trajectory that is off and one of the ranges look alike: the map only shows that the two disagree.
 
     Args:
-        pooled: what all of the map asks for together; None where the drive is too short to show it.
+        pooled: what all of the map asks for together; None where too few places show it.
         limits: of the verdict.
     """
     if pooled is None:
@@ -156,9 +155,9 @@ _SHARERS: Final = 4  # by definition: tests that share the rate of false alarms,
 def judge_locally(windows: Sequence[WindowAudit]) -> Finding:
     """Returns what is left to say of a cloud without its trajectory: it shows whether it is crisp, and nothing global."""
     reason = "without its trajectory nothing global can be judged: no path, no drift and no revisits"
-    decided = [w for w in windows if w.undecided is None]
-    if decided and not any(w.torn for w in decided):
-        reason = f"its {count_of(len(decided), 'window')} {is_or_are(len(decided))} crisp, but {reason}"
+    torn = share_torn(windows)
+    if torn.total and not torn.count:
+        reason = f"its {count_of(torn.total, 'window')} {is_or_are(torn.total)} crisp, but {reason}"
     return Finding(VerdictStatus.NOT_JUDGED, reason)
 
 

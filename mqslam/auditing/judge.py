@@ -41,8 +41,7 @@ class Audit:
     Args:
         windows: its windows in the order of time.
         steps: its steps in the order of time.
-        pooled: what all of it asks for together; None where the drive is too short to show it, and for a cloud without a
-            trajectory.
+        pooled: what all of it asks for together; None where too few places show it, and for a cloud without a trajectory.
         revisits: places that the trajectory comes back to; none for a cloud without one.
         tests: what each test found, by its name.
         status: the verdict.
@@ -57,7 +56,7 @@ class Audit:
     tests: dict[str, list[Finding]]
     status: VerdictStatus
     reasons: list[str]
-    capture: CaptureRange | None = None
+    capture: CaptureRange
 
 
 def audit(
@@ -88,21 +87,21 @@ def audit(
     interpolated = _mark_interpolated(sweeps, settings)
     windows = _decide(windows, speeds, interpolated, capture, limits)
     steps = audit_steps(sweeps, ~interpolated, settings, estimator, engine, progress)
+    track = sweeps.track
     tests = {
+        "trajectory": [] if track is None else judge_track(track, sweeps.times, sweeps.revolution_s, settings, limits),
         "speeds": judge_speeds(speeds, capture, limits),
         "windows": judge_windows(windows, len(sweeps), settings.window, limits),
         "steps": [judge_steps(steps, settings, limits)],
     }
     pooled: Pooled | None = None
     revisits: list[RevisitAudit] = []
-    if sweeps.track is None:
+    if track is None:
         tests["revisits"] = [judge_locally(windows)]
     else:
         pooled = pool_corrections(sweeps, ~interpolated, settings, estimator, engine, progress)
         revisits = audit_revisits(sweeps, settings, estimator, loops, engine, progress)
-        track = judge_track(sweeps.track, sweeps.times, sweeps.revolution_s, settings, limits)
-        tests = {"trajectory": track, **tests, "pooled": [judge_pooled(pooled, limits)]}
-        tests["revisits"] = [judge_revisits(revisits, limits)]
+        tests |= {"pooled": [judge_pooled(pooled, limits)], "revisits": [judge_revisits(revisits, limits)]}
     tests = {name: findings for name, findings in tests.items() if findings}
     verdict = verdict_of(chain.from_iterable(tests.values()))
     return Audit(windows, steps, pooled, revisits, tests, *verdict, capture)

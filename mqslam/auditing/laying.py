@@ -47,6 +47,11 @@ class Laid:
     unrivalled: bool
 
 
+def ask_of_scans(settings: AuditConfig) -> AuditConfig:
+    """Returns settings that ask of a few scans as much as they can match, which is less than maps of many scans can."""
+    return settings.model_copy(update={"matched": settings.scan_matched * settings.matched})
+
+
 def lay(
     sweeps: Sweeps,
     frames: tuple[int, int],

@@ -22,11 +22,12 @@ from mqslam.auditing.laying import Laid, lay
 from mqslam.auditing.sweeps import Sweeps
 from mqslam.backend.loops.submap import pick_spaced
 from mqslam.config import AuditConfig, EstimatorConfig
+from mqslam.core import se2
+from mqslam.core.gross import SIGMAS_PER_DEVIATION
 from mqslam.execution.engine import Engine
 from mqslam.execution.progress import Progress
 
 _BLOCKS: Final = 10  # parts of the drive of which each is left out once: errors of places beside each other are alike
-_TO_SIGMA: Final = 1.4826  # by definition: of a median of absolute deviations
 _HUBER: Final = 1.345  # by definition: standard deviations beyond which a place pulls no harder, for 95 % efficiency
 _LEAST: Final = 1e-12  # numerical: keeps quotients finite where all places agree to the last digit
 
@@ -104,7 +105,7 @@ def pool(spans: Sequence[Laid], settings: AuditConfig) -> Pooled | None:
     if len(moved) < max(settings.span_fewest, _BLOCKS):
         return None
     path = np.array([span.path_m for span in moved])
-    moves = np.array([_move_in_later(span.between) for span in moved])
+    moves = np.array([-se2.inverse(span.between)[:2] for span in moved])  # as seen from where they end
     length = np.hypot(*moves.T)
     offset = np.array([span.offset for span in moved])
     forward = (moves * offset[:, :2]).sum(axis=1) / length
@@ -124,12 +125,6 @@ def _lay_span(shared: tuple[Sweeps, AuditConfig, EstimatorConfig], pair: tuple[i
     return lay(sweeps, pair, (stretches[0], stretches[1]), reach, settings, estimator)
 
 
-def _move_in_later(between: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Returns the translation (2,) of a motion (3,) in the frame that it ends in."""
-    c, s = np.cos(between[2]), np.sin(between[2])
-    return np.array([c * between[0] + s * between[1], -s * between[0] + c * between[1]])
-
-
 def _estimate(lengths: NDArray[np.float64], offsets: NDArray[np.float64]) -> tuple[float, float, float]:
     """Returns the slope of offsets over lengths, its standard deviation and its p-value.
 
@@ -146,7 +141,7 @@ def _estimate(lengths: NDArray[np.float64], offsets: NDArray[np.float64]) -> tup
 def _fit(lengths: NDArray[np.float64], offsets: NDArray[np.float64]) -> float:
     """Returns the slope of a line through the origin, by Huber's loss."""
     start = float(np.median(offsets / lengths))
-    spread = max(float(np.median(np.abs(offsets - start * lengths))) * _TO_SIGMA, _LEAST)
+    spread = max(float(np.median(np.abs(offsets - start * lengths))) * SIGMAS_PER_DEVIATION, _LEAST)
 
     def miss(slope: NDArray[np.float64]) -> NDArray[np.float64]:
         return np.asarray((offsets - slope * lengths) / spread)

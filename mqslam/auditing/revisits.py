@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,6 +10,7 @@ from numpy.typing import NDArray
 
 from mqslam.auditing.laying import lay
 from mqslam.auditing.sweeps import Sweeps
+from mqslam.auditing.verdict import Share
 from mqslam.auditing.windows import torn_threshold
 from mqslam.backend.loops.passes import find_passes
 from mqslam.backend.loops.submap import pick_around
@@ -87,6 +89,12 @@ def audit_revisits(
 
     revisits = engine.map(_measure_pair, (sweeps, settings, estimator, loops), pairs, report)
     return [RevisitAudit(revisit, is_torn(revisit, settings)) for revisit in revisits if revisit is not None]
+
+
+def share_torn_revisits(revisits: Sequence[RevisitAudit]) -> Share:
+    """Returns the share of torn revisits among those that are sure."""
+    sure = [revisit for revisit in revisits if revisit.revisit.sure]
+    return Share(sum(revisit.torn for revisit in sure), len(sure))
 
 
 def find_revisit_pairs(sweeps: Sweeps, settings: AuditConfig) -> list[tuple[int, int]]:

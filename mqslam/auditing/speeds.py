@@ -12,10 +12,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from mqslam.auditing.laying import ask_of_scans, lay
 from mqslam.auditing.sweeps import Sweeps
 from mqslam.auditing.verdict import Finding, Share, VerdictStatus
-from mqslam.backend.loops.align import align, score_at_pose
-from mqslam.backend.loops.passes import is_unrivalled
 from mqslam.config import AuditConfig, EstimatorConfig, VerdictConfig
 from mqslam.core import se2
 from mqslam.core.wording import count_of
@@ -103,21 +102,18 @@ def check_speeds(
 def _check_from(shared: tuple[Sweeps, AuditConfig, EstimatorConfig], begin: int) -> SpeedCheck | None:
     """Compares the motion from a sweep to the next one."""
     sweeps, settings, estimator = shared
-    first, second = (sweeps.local([k], sweeps.poses[k]) for k in (begin, begin + 1))
-    if min(len(first), len(second)) < settings.speed_fewest:
-        return None
     span_s = max(
         float(sweeps.numbers[begin + 1] - sweeps.numbers[begin]) * sweeps.revolution_s,
         float(sweeps.times[begin + 1] - sweeps.times[begin]),  # across a pause of the recording
     )
-    guess = se2.between(sweeps.poses[begin], sweeps.poses[begin + 1])
     reach = min(settings.speed_error_mps * span_s, settings.gate_m), settings.search_rad
-    alignment = align(first, second, guess, reach, settings, estimator)
-    of_scans = settings.model_copy(update={"matched": settings.scan_matched * settings.matched})
-    check = SpeedCheck(se2.wrapped_between(guess, alignment.pose) / span_s, is_unrivalled(alignment, of_scans))
+    of_scans = ask_of_scans(settings).model_copy(update={"fewest": settings.speed_fewest})
+    laid = lay(sweeps, (begin, begin + 1), ([begin], [begin + 1]), reach, of_scans, estimator)
+    if laid is None:
+        return None
+    check = SpeedCheck(laid.offset / span_s, laid.unrivalled)
     if contradicts(check, find_capture_range(sweeps.revolution_s, settings, estimator)):  # the wide search may lead away
-        own = score_at_pose(first, second, guess, estimator)
-        return replace(check, sure=alignment.psi * settings.rival <= own)
+        return replace(check, sure=laid.psi_best * settings.rival <= laid.psi)
     return check
 
 

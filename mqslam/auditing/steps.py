@@ -8,20 +8,19 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
-from mqslam.auditing.laying import Laid, lay
+from mqslam.auditing.laying import Laid, ask_of_scans, lay
 from mqslam.auditing.sweeps import Sweeps
 from mqslam.backend.loops.align import TOLERANCES
 from mqslam.config import AuditConfig, EstimatorConfig
+from mqslam.core import se2
+from mqslam.core.gross import MEDIAN_OF_CHI2
 from mqslam.execution.engine import Engine
 from mqslam.execution.progress import Progress
-
-_MEDIAN: Final = float(chi2.median(1))  # of the square of a standard normal variable
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,7 +31,7 @@ class StepAudit:
         laid: the scans after it laid on those before it; the later frame is that of the first scan after it.
         t: when it is [s] since the recording's start.
         p_value: probability that a step as far off as this shows somewhere in a map without a jump; NaN where the step was
-            not judged, because its scans do not hold every direction.
+            not judged, because its scans do not hold every direction or too few steps show what is usual.
     """
 
     laid: Laid
@@ -97,10 +96,9 @@ def compute_p_values(steps: Sequence[Laid], settings: AuditConfig) -> NDArray[np
     offsets = np.array([step.offset for step in steps])[judged]
     covariances = np.array([step.covariance for step in steps])[judged] + np.diag(TOLERANCES**2)
     variances = np.einsum("kii->ki", covariances)
-    scale = np.sqrt(np.maximum(np.median(offsets**2 / variances, axis=0) / _MEDIAN, 1.0))
+    scale = np.sqrt(np.maximum(np.median(offsets**2 / variances, axis=0) / MEDIAN_OF_CHI2, 1.0))
     covariances = covariances * scale[:, None] * scale[None, :]
-    squares = np.einsum("ki,ki->k", offsets, np.linalg.solve(covariances, offsets[..., None])[..., 0])
-    p_values[judged] = np.minimum(judged.sum() * chi2.sf(squares, 3), 1.0)
+    p_values[judged] = np.minimum(judged.sum() * chi2.sf(se2.normalise(offsets, covariances), 3), 1.0)
     return p_values
 
 
@@ -109,5 +107,5 @@ def _lay_step(shared: tuple[Sweeps, AuditConfig, EstimatorConfig], place: int) -
     sweeps, settings, estimator = shared
     size = settings.step_scans
     stretches = range(place - size, place), range(place, place + size)
-    of_scans = settings.model_copy(update={"matched": settings.scan_matched * settings.matched})
-    return lay(sweeps, (place - 1, place), stretches, (settings.search_m, settings.search_rad), of_scans, estimator)
+    reach = settings.search_m, settings.search_rad
+    return lay(sweeps, (place - 1, place), stretches, reach, ask_of_scans(settings), estimator)

@@ -13,8 +13,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-MEDIAN_OF_CHI2: Final = 0.4549
-"""Median of a chi-square with one degree of freedom, by definition: it turns a median of squares into a variance."""
+from mqslam.core.gross import MEDIAN_OF_CHI2
+
 _MEDIAN_SPREAD: Final = 2.33  # standard deviation of such a variance, times the root of the number of squares: by definition
 _FEWEST: Final = 5  # a median of fewer independent spans may be small by chance
 _BEYOND: Final = 3.0  # a span that misses by more standard deviations than these is not noise

@@ -10,6 +10,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Final, NamedTuple
 
+from mqslam.auditing.revisits import share_torn_revisits
 from mqslam.auditing.verdict import Share
 from mqslam.auditing.windows import share_torn
 from mqslam.comparison.judgement import Judged
@@ -38,13 +39,12 @@ class Standing:
     @classmethod
     def of(cls, judged: Judged) -> Standing:
         """Returns what a judged row is ranked by."""
-        windows, sure = judged.audit.windows, [r for r in judged.audit.revisits if r.revisit.sure]
         return cls(
             name=judged.row.name,
             drift_percent=None if judged.after is None else judged.after.drift_percent,
             ate_rmse_m=None if judged.after is None else judged.after.ate_rmse_m,
-            windows=share_torn(windows),
-            revisits=Share(sum(r.torn for r in sure), len(sure)),
+            windows=share_torn(judged.audit.windows),
+            revisits=share_torn_revisits(judged.audit.revisits),
         )
 
 

@@ -1,9 +1,16 @@
-"""Squared differences of which a few are gross: those of wrong matches say nothing of the right ones."""
+"""Differences of which a few are gross: those of wrong matches say nothing of the right ones."""
 
 from __future__ import annotations
 
+from typing import Final
+
 import numpy as np
 from numpy.typing import NDArray
+
+MEDIAN_OF_CHI2: Final = 0.4549
+"""Median of a chi-square with one degree of freedom: divided by it, a median of squares is a variance."""
+SIGMAS_PER_DEVIATION: Final = 1.4826
+"""Standard deviations of normal noise per median absolute deviation."""
 
 
 def cut_gross(squares: NDArray[np.float64], times: float) -> NDArray[np.float64]:

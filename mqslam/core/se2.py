@@ -136,6 +136,14 @@ def rotate_covariance(covariance: Array, yaw: float) -> Array:
     return np.asarray(0.5 * (outside + outside.T))
 
 
+def normalise(errors: Array, covariances: Array) -> Array:
+    """Returns the squares (N,) of errors (N, 3) in units of their covariances (N, 3, 3).
+
+    They are chi-squares with three degrees of freedom where the covariances are right.
+    """
+    return np.asarray(np.einsum("ni,ni->n", errors, np.linalg.solve(covariances, errors[:, :, None])[:, :, 0]))
+
+
 def scale_covariance(covariance: Array, factors: Array) -> Array:
     """Returns a covariance (3, 3) whose variances of x, y and yaw are multiplied by factors (3,); correlations stay."""
     sigmas = np.sqrt(factors)

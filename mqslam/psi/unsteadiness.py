@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mqslam.config import TrackerConfig
+from mqslam.core.gross import MEDIAN_OF_CHI2
 from mqslam.core.measurement import Measurement, Status
 
-_MEDIAN_OF_CHI2 = 0.4549  # median of a chi-square with one degree of freedom: it turns a median of squares into a variance
 _GAIN = 10.0  # variance of a third difference of poses over that of a first one, for poses that err independently: 20 / 2
 
 
@@ -46,6 +46,6 @@ def estimate_unsteadiness(
         jumps = squares[max(n - half - 1, 0) : n + half]  # a jump compares three motions, of which this one is the second
         known = min(1.0, len(jumps) / settings.unsteady_least)
         near = expected[max(n - half, 0) : n + half + 1]
-        beyond = np.median(jumps, axis=0) / _MEDIAN_OF_CHI2 - np.median(near, axis=0)
+        beyond = np.median(jumps, axis=0) / MEDIAN_OF_CHI2 - np.median(near, axis=0)
         left_out[k] = (1.0 - known) * unknown + known * np.maximum(beyond, 0.0)
     return left_out

@@ -11,8 +11,8 @@ import numpy as np
 
 from mqslam.auditing.judge import Audit
 from mqslam.auditing.measures import Measures
+from mqslam.auditing.revisits import share_torn_revisits
 from mqslam.auditing.sweeps import Sweeps
-from mqslam.auditing.verdict import Share
 from mqslam.auditing.windows import share_torn, torn_threshold
 from mqslam.config import Config, dump_yaml
 from mqslam.errors import tolerate
@@ -132,12 +132,11 @@ def _make_window_tiles(report: AuditReport) -> tuple[Tile, ...]:
     windows = report.audit.windows
     if not windows:
         return ()
-    decided = [w for w in windows if w.undecided is None]
     torn = share_torn(windows)
     median = float(np.median([w.bend.inflation for w in windows]))
     worst = max(map(spot_of_window, windows), key=rank_spot).off_m
     share = Tile(ABSENT, f"of windows torn: none of {len(windows):,} could be decided")
-    if decided:
+    if torn.total:
         share = Tile(
             f"{100.0 * torn.count / torn.total:.1f} %",
             f"of windows torn: {torn.count:,} of {torn.total:,}, so that the true share may be "
@@ -163,7 +162,7 @@ def _make_revisit_tiles(report: AuditReport) -> tuple[Tile, ...]:
         elif revisits:
             reason = f"of {len(revisits):,} places passed twice none is sure enough to judge"
         return (Tile(ABSENT, f"revisits torn: {reason}"),)
-    torn = Share(sum(r.torn for r in sure), len(sure))
+    torn = share_torn_revisits(revisits)
     return (
         Tile(
             f"{torn.count:,} of {torn.total:,}",

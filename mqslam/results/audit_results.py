@@ -8,14 +8,14 @@ from typing import Any
 
 import numpy as np
 
-from mqslam.auditing.findings import find_jumps
+from mqslam.auditing.findings import find_torn_steps
 from mqslam.auditing.judge import Audit
 from mqslam.auditing.pooled import Pooled
-from mqslam.auditing.revisits import RevisitAudit
+from mqslam.auditing.revisits import RevisitAudit, share_torn_revisits
 from mqslam.auditing.speeds import contradicts
 from mqslam.auditing.steps import StepAudit
 from mqslam.auditing.sweeps import Sweeps
-from mqslam.auditing.verdict import Finding, Share, VerdictStatus, verdict_of
+from mqslam.auditing.verdict import Finding, VerdictStatus, verdict_of
 from mqslam.auditing.windows import WindowAudit, share_torn, torn_threshold
 from mqslam.config import AuditConfig, Config, VerdictConfig, dump_yaml
 from mqslam.execution.files import write_json, write_text
@@ -45,7 +45,7 @@ def summarise(
     """
     sure = [r for r in audit.revisits if r.revisit.sure]
     torn = share_torn(audit.windows)
-    off = Share(sum(r.torn for r in sure), len(sure))
+    off = share_torn_revisits(audit.revisits)
     confidence = bounds.confidence
     inflation = [w.bend.inflation for w in audit.windows]
     return {
@@ -97,11 +97,11 @@ def _summarise_speeds(audit: Audit) -> dict[str, Any]:
     capture = audit.capture
     return {
         "sure": len(sure),
-        "contradicted": sum(contradicts(speed, capture) for speed in sure) if capture is not None else None,
+        "contradicted": sum(contradicts(speed, capture) for speed in sure),
         "error_median": float(np.median([speed.error_mps for speed in sure])) if sure else None,
-        "capture_m": capture.window_m if capture is not None else None,
-        "capture_mps": capture.speed_mps if capture is not None else None,
-        "searched_mps": capture.searched_mps if capture is not None else None,
+        "capture_m": capture.window_m,
+        "capture_mps": capture.speed_mps,
+        "searched_mps": capture.searched_mps,
     }
 
 
@@ -180,7 +180,7 @@ def summarise_tests(audit: Audit, settings: AuditConfig, bounds: VerdictConfig) 
         "steps": {
             "count": len(audit.steps),
             "judged": sum(bool(np.isfinite(s.p_value)) for s in audit.steps),
-            "jumps": len(find_jumps(audit.steps, settings, bounds)),
+            "jumps": len(find_torn_steps(audit.steps, settings, bounds)),
             "median_m": float(np.median([s.laid.size_m for s in audit.steps])) if audit.steps else None,
         },
         "pooled": _list_pooled(audit.pooled),

@@ -6,6 +6,7 @@ from functools import lru_cache
 
 import numpy as np
 import pytest
+from support.drives import block_drive
 
 from mqslam.auditing.judge import Audit, audit
 from mqslam.auditing.revisits import find_revisit_pairs
@@ -15,47 +16,32 @@ from mqslam.config import Config
 from mqslam.core import se2
 from mqslam.core.scans import Returns, Scan, Scans
 from mqslam.core.trajectory import Trajectory
-from mqslam.detection.stage import detect_all
 from mqslam.execution.engine import HERE, LocalEngine
+from mqslam.execution.progress import ignore_progress
 from mqslam.psi.place import beam_of
-from mqslam.simulator import SensorModel, SimulatedRecording, make_loop_drive, make_street_scene, simulate_recording
 
 CONFIG = Config()
 SETTINGS = (CONFIG.audit, CONFIG.estimator, CONFIG.loops, CONFIG.verdict)
 BEAM = beam_of(CONFIG.estimator, 0.0)
-SENSOR = SensorModel(azimuths=200, range_resolution=0.175, max_range=80.0)
-
-
-def silent(stage: str, done: int, total: int) -> None:
-    pass
-
-
-@lru_cache
-def lap() -> tuple[SimulatedRecording, Scans]:
-    """Returns a bit more than one round of a block: the last 100 m are driven twice."""
-    recording = simulate_recording(
-        make_street_scene(1, movers=0), make_loop_drive(54.0), duration_s=54.0, sensor=SENSOR, seed=1
-    )
-    return recording, detect_all(recording, CONFIG.detector)[0]
 
 
 @lru_cache
 def judged(shift_m: float, jobs: int = 1) -> Audit:
     """Returns the lap under a trajectory whose second pass is shifted sideways, slowly enough to bend no window."""
-    recording, scans = lap()
+    recording, scans = block_drive()
     truth = recording.ground_truth
     along = np.linspace(0.0, 1.0, len(truth))
     poses = truth.poses.copy()
     poses[:, 1] += shift_m * np.clip(4.0 * along - 1.0, 0.0, 1.0)
     sweeps, _ = place_sweeps(scans, Trajectory(truth.stamps_us, poses), CONFIG.audit, BEAM)
-    return audit(sweeps, *SETTINGS, LocalEngine(jobs), silent)
+    return audit(sweeps, *SETTINGS, LocalEngine(jobs), ignore_progress)
 
 
 def test_the_true_map_passes() -> None:
     judgement = judged(0.0)
     assert judgement.status == "pass", judgement.reasons
-    assert len(judgement.windows) == -(-len(lap()[1]) // CONFIG.audit.window)
-    assert judgement.windows[-1].end == len(lap()[1])
+    assert len(judgement.windows) == -(-len(block_drive()[1]) // CONFIG.audit.window)
+    assert judgement.windows[-1].end == len(block_drive()[1])
     sure = [r.revisit for r in judgement.revisits if r.revisit.sure]
     assert len(sure) >= 3 and max(r.distance_m for r in sure) < 0.2
     assert not any(r.torn for r in judgement.revisits)
@@ -67,7 +53,7 @@ def test_a_torn_loop_fails_and_its_offset_is_measured() -> None:
     assert any("revisits are torn" in reason for reason in judgement.reasons)
     torn = [r.revisit for r in judgement.revisits if r.torn]
     assert len(torn) >= 3
-    recording, _ = lap()
+    recording, _ = block_drive()
     for r in torn:  # offsets are in the frame of the later sweep; the world's y is what was shifted
         yaw = recording.ground_truth.poses[r.later][2]
         world = se2.transform(np.array([0.0, 0.0, yaw]), r.offset[None, :2])[0]
@@ -76,7 +62,7 @@ def test_a_torn_loop_fails_and_its_offset_is_measured() -> None:
 
 @pytest.mark.parametrize("wrong", ["straight", "still", "spinning", "mirrored"])
 def test_a_trajectory_that_has_nothing_to_do_with_the_recording_fails(wrong: str) -> None:
-    recording, scans = lap()
+    recording, scans = block_drive()
     truth = recording.ground_truth
     times = (truth.stamps_us - truth.stamps_us[0])[:, None] * 1e-6
     poses = {
@@ -86,7 +72,7 @@ def test_a_trajectory_that_has_nothing_to_do_with_the_recording_fails(wrong: str
         "mirrored": truth.poses * [1.0, -1.0, -1.0],
     }[wrong]
     sweeps, _ = place_sweeps(scans, Trajectory(truth.stamps_us, poses), CONFIG.audit, BEAM)
-    judgement = audit(sweeps, *SETTINGS, LocalEngine(2), silent)
+    judgement = audit(sweeps, *SETTINGS, LocalEngine(2), ignore_progress)
     assert judgement.status == "fail", judgement.reasons
 
 
@@ -97,7 +83,7 @@ def test_the_verdict_does_not_depend_on_the_number_of_threads() -> None:
 
 
 def test_revisits_are_looked_for_where_the_path_comes_back_only() -> None:
-    recording, scans = lap()
+    recording, scans = block_drive()
     sweeps, _ = place_sweeps(scans, recording.ground_truth, CONFIG.audit, BEAM)
     settings = CONFIG.audit
     pairs = find_revisit_pairs(sweeps, settings)
@@ -127,7 +113,7 @@ def points_of(kind: str, rng: np.random.Generator) -> np.ndarray:
 @pytest.mark.parametrize("kind", ["one", "two", "one object", "at the sensor", "one direction", "one wall"])
 def test_a_window_that_tells_next_to_nothing_is_judged_all_the_same(kind: str, beside: str | None, speed: float) -> None:
     rng = np.random.default_rng(3)
-    judgement = audit(sparse([kind, beside or kind] * 3, rng, speed), *SETTINGS, HERE, silent)
+    judgement = audit(sparse([kind, beside or kind] * 3, rng, speed), *SETTINGS, HERE, ignore_progress)
     (scan,) = judgement.windows
     assert np.isfinite([scan.bend.inflation, scan.bend.size_m, *np.diag(scan.bend.covariance)]).all()
     assert scan.bend.inflation >= 0.0
@@ -136,7 +122,7 @@ def test_a_window_that_tells_next_to_nothing_is_judged_all_the_same(kind: str, b
 
 def test_windows_without_a_point_are_left_out() -> None:
     rng = np.random.default_rng(3)
-    judgement = audit(sparse(["noise"] * 6 + ["none"] * 13 + ["noise"] * 6, rng, 8.0), *SETTINGS, HERE, silent)
+    judgement = audit(sparse(["noise"] * 6 + ["none"] * 13 + ["noise"] * 6, rng, 8.0), *SETTINGS, HERE, ignore_progress)
     assert [(w.begin, w.end) for w in judgement.windows] == [(0, 6), (18, 24), (19, 25)]
 
 

@@ -6,6 +6,7 @@ from functools import lru_cache
 
 import numpy as np
 import pytest
+from support.drives import block_drive
 
 from mqslam.auditing.findings import judge_pooled
 from mqslam.auditing.laying import Laid
@@ -14,34 +15,18 @@ from mqslam.auditing.sweeps import place_sweeps
 from mqslam.auditing.verdict import VerdictStatus
 from mqslam.config import Config
 from mqslam.core import se2
-from mqslam.core.scans import Scans
 from mqslam.core.trajectory import Trajectory
-from mqslam.detection.stage import detect_all
 from mqslam.execution.engine import LocalEngine
+from mqslam.execution.progress import ignore_progress
 from mqslam.psi.place import beam_of
-from mqslam.simulator import SensorModel, SimulatedRecording, make_loop_drive, make_street_scene, simulate_recording
 
 CONFIG = Config()
-SENSOR = SensorModel(azimuths=200, range_resolution=0.175, max_range=80.0)
-
-
-def silent(stage: str, done: int, total: int) -> None:
-    pass
-
-
-@lru_cache
-def lap() -> tuple[SimulatedRecording, Scans]:
-    """Returns a drive of 54 s around a block."""
-    recording = simulate_recording(
-        make_street_scene(1, movers=0), make_loop_drive(54.0), duration_s=54.0, sensor=SENSOR, seed=1
-    )
-    return recording, detect_all(recording, CONFIG.detector)[0]
 
 
 @lru_cache
 def pooled(scale: float = 1.0, turn: float = 0.0, mount: float = 0.0) -> Pooled:
     """Returns what the drive asks for under a trajectory of another scale, yaw rate [rad/m] and mount [rad]."""
-    recording, scans = lap()
+    recording, scans = block_drive()
     truth = recording.ground_truth
     motions = np.array([se2.between(a, b) for a, b in zip(truth.poses[:-1], truth.poses[1:], strict=True)])
     motions[:, 2] += turn * np.hypot(motions[:, 0], motions[:, 1])
@@ -50,7 +35,9 @@ def pooled(scale: float = 1.0, turn: float = 0.0, mount: float = 0.0) -> Pooled:
     poses[:, 2] += mount
     track = Trajectory(truth.stamps_us, poses)
     sweeps = place_sweeps(scans, track, CONFIG.audit, beam_of(CONFIG.estimator, 0.0))[0]
-    found = pool_corrections(sweeps, np.ones(len(sweeps), bool), CONFIG.audit, CONFIG.estimator, LocalEngine(2), silent)
+    found = pool_corrections(
+        sweeps, np.ones(len(sweeps), bool), CONFIG.audit, CONFIG.estimator, LocalEngine(2), ignore_progress
+    )
     assert found is not None
     return found
 

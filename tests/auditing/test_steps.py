@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from support.drives import street_drive
 
-from mqslam.auditing.findings import find_jumps, judge_steps
+from mqslam.auditing.findings import find_torn_steps, judge_steps
 from mqslam.auditing.laying import Laid
 from mqslam.auditing.steps import StepAudit, audit_steps, compute_p_values
 from mqslam.auditing.sweeps import Sweeps, place_sweeps
@@ -17,14 +17,11 @@ from mqslam.config import AuditConfig, Config
 from mqslam.core import se2
 from mqslam.core.trajectory import Trajectory
 from mqslam.execution.engine import LocalEngine
+from mqslam.execution.progress import ignore_progress
 from mqslam.psi.place import beam_of
 
 CONFIG = Config(audit=AuditConfig(step_every=1))
 PLACE = 31  # the scan with whose start the trajectory jumps
-
-
-def silent(stage: str, done: int, total: int) -> None:
-    pass
 
 
 def lay_street(jump: tuple[float, float, float]) -> Sweeps:
@@ -42,7 +39,9 @@ def lay_street(jump: tuple[float, float, float]) -> Sweeps:
 @lru_cache
 def judged(jump: tuple[float, float, float], jobs: int = 1) -> list[StepAudit]:
     sweeps = lay_street(jump)
-    return audit_steps(sweeps, np.ones(len(sweeps), bool), CONFIG.audit, CONFIG.estimator, LocalEngine(jobs), silent)
+    return audit_steps(
+        sweeps, np.ones(len(sweeps), bool), CONFIG.audit, CONFIG.estimator, LocalEngine(jobs), ignore_progress
+    )
 
 
 def test_a_map_without_a_jump_shows_none() -> None:
@@ -64,7 +63,7 @@ def test_a_map_without_a_jump_shows_none() -> None:
 )
 def test_a_lasting_jump_is_found_where_it_is(jump: tuple[float, float, float], status: VerdictStatus) -> None:
     steps = judged(jump)
-    found = find_jumps(steps, CONFIG.audit, CONFIG.verdict)
+    found = find_torn_steps(steps, CONFIG.audit, CONFIG.verdict)
     assert [abs(step.laid.later - PLACE) <= 1 for step in found] == [True]
     assert judge_steps(steps, CONFIG.audit, CONFIG.verdict).status is status
     at = min(steps, key=lambda step: abs(step.laid.later - PLACE))

@@ -40,6 +40,21 @@ def street_drive() -> tuple[SimulatedRecording, Scans]:
     return drive(clear_way(make_street_scene(1, movers=4), motion, 10.0), motion, 10.0)
 
 
+def drive_around_a_block() -> SimulatedRecording:
+    """Returns a bit more than one round of a block: the last 100 m are driven twice."""
+    from mqslam.simulator import make_loop_drive, make_street_scene
+
+    sensor = SensorModel(azimuths=200, range_resolution=0.175, max_range=80.0)
+    return simulate_recording(make_street_scene(1, movers=0), make_loop_drive(54.0), duration_s=54.0, sensor=sensor, seed=1)
+
+
+@lru_cache(maxsize=1)
+def block_drive() -> tuple[SimulatedRecording, Scans]:
+    """Returns a bit more than one round of a block, and its scans."""
+    recording = drive_around_a_block()
+    return recording, detected(recording)
+
+
 def constant(v: float, omega: float) -> ConstantDrive:
     """Returns a constant motion that starts on the street."""
     return ConstantDrive(v, omega, ON_THE_STREET)

@@ -25,11 +25,12 @@ from mqslam.auditing.inflation import Bend
 from mqslam.auditing.judge import Audit
 from mqslam.auditing.measures import Measures
 from mqslam.auditing.revisits import Revisit, RevisitAudit
+from mqslam.auditing.speeds import find_capture_range
 from mqslam.auditing.sweeps import Sweeps
 from mqslam.auditing.tracks import Track
 from mqslam.auditing.verdict import Finding, VerdictStatus, verdict_of
 from mqslam.auditing.windows import WindowAudit
-from mqslam.config import VerdictConfig
+from mqslam.config import AuditConfig, EstimatorConfig, VerdictConfig
 from mqslam.core import se2
 
 WINDOW = 6
@@ -207,4 +208,5 @@ def audit_of(
     reasons: Sequence[str] = (),
 ) -> Audit:
     """Returns the judgement of a map of which only windows and revisits were judged."""
-    return Audit(windows, [], None, revisits, {}, status, list(reasons))
+    capture = find_capture_range(0.25, AuditConfig(), EstimatorConfig())
+    return Audit(windows, [], None, revisits, {}, status, list(reasons), capture)

@@ -25,7 +25,6 @@ _TITLES = {
     "loops": "verifying loops",
     "refine": "refining by psi",
     "render": "rendering maps",
-    "check": "judging the map",
     "front ends": "running front ends",
     "runs": "running recordings",
     "audit": "judging windows",

@@ -20,9 +20,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mqslam.config.reading_config import ReadingConfig
+from mqslam.core.gross import SIGMAS_PER_DEVIATION
 from mqslam.formats.shared.turns import find_usual_turns
 
-_SIGMAS = 1.4826  # standard deviations of normal noise per median absolute deviation
 _IGNORED = 1e-4  # weight of a stamp that tells nothing; above zero, so that a whole stretch of them can be solved
 _ROUNDS = 8  # most rounds of looking for such stamps; it takes two or three
 
@@ -86,7 +86,7 @@ def _find_ties(stamps_us: NDArray[np.int64], usual: NDArray[np.float64], setting
     before, after = around[1 : len(stamps_us)], around[count + 1 : count + len(stamps_us)]
     gap = after.min(axis=1) - behind[:-1] > (settings.longest_step - 1.0) * usual
     # a second difference of stamps holds six times the variance of their jitter
-    spread = _SIGMAS * float(np.median(np.abs(np.diff(steps)))) / np.sqrt(6.0)
+    spread = SIGMAS_PER_DEVIATION * float(np.median(np.abs(np.diff(steps)))) / np.sqrt(6.0)
     excess = steps - usual
     lasting = (np.median(after, axis=1) - np.median(before, axis=1)) * np.sign(excess)
     least_us = max(settings.break_spreads * spread, settings.least_jitter_s * 1e6)
@@ -129,7 +129,7 @@ def _estimate_delays(
         if impossible.any():
             weights = np.ones_like(weights)
             continue
-        spread = _SIGMAS * float(np.median(np.abs(best.delays[trusted])))
+        spread = SIGMAS_PER_DEVIATION * float(np.median(np.abs(best.delays[trusted])))
         stray = np.abs(best.delays) > max(settings.stray_spreads * spread, settings.least_jitter_s * 1e6)
         before, weights = weights, np.where(stray, _IGNORED, 1.0)
         if np.array_equal(before, weights):
