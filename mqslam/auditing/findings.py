@@ -60,15 +60,14 @@ def judge_steps(steps: Sequence[StepAudit], settings: AuditConfig, limits: Verdi
         settings: of the audit, which say how large a jump matters.
         limits: of the verdict.
     """
-    judged = [step for step in steps if np.isfinite(step.p_value)]
-    if not judged:
-        reason = "too few steps could be measured to see a jump of the trajectory"
-        return Finding(VerdictStatus.PASS, reason, judged=False)
-    jumps = find_torn_steps(judged, settings, limits)
+    jumps = find_torn_steps(steps, settings, limits)
     if not jumps:
-        return Finding(
-            VerdictStatus.PASS, f"no jump of up to {settings.search_m:g} m at any of {count_of(len(judged), 'step')}"
-        )
+        judged = sum(step.judged for step in steps)
+        if judged < settings.step_fewest:
+            reason = "too few steps could be measured to see a jump of the trajectory"
+            return Finding(VerdictStatus.PASS, reason, judged=False)
+        reason = f"no jump of up to {settings.search_m:g} m at any of {count_of(judged, 'step')}"
+        return Finding(VerdictStatus.PASS, reason)
     worst = max(jumps, key=lambda step: step.laid.size_m)
     others = f" and at {count_of(len(jumps) - 1, 'other place')}" if len(jumps) > 1 else ""
     reason = f"the map jumps by {worst.laid.size_m:.2f} m at {worst.t:.1f} s{others}"
@@ -90,8 +89,7 @@ def find_torn_steps(steps: Sequence[StepAudit], settings: AuditConfig, limits: V
 
     def is_off(step: StepAudit) -> bool:
         laid = step.laid
-        fits_there_alone = laid.unrivalled and laid.psi_best < laid.psi
-        return bool(step.p_value < chance and laid.size_m > settings.jump_m and fits_there_alone)
+        return step.judged and bool(step.p_value < chance and laid.size_m > settings.jump_m and laid.psi_best < laid.psi)
 
     off = [step for step in steps if is_off(step)]
     jumps: list[StepAudit] = []

@@ -52,6 +52,24 @@ def ask_of_scans(settings: AuditConfig) -> AuditConfig:
     return settings.model_copy(update={"matched": settings.scan_matched * settings.matched})
 
 
+def measure_span(sweeps: Sweeps, begin: int) -> float:
+    """Returns the time [s] from a sweep to the next one."""
+    return max(
+        float(sweeps.numbers[begin + 1] - sweeps.numbers[begin]) * sweeps.revolution_s,
+        float(sweeps.times[begin + 1] - sweeps.times[begin]),  # across a pause of the recording
+    )
+
+
+def compute_far_reach(span_s: float, settings: AuditConfig) -> tuple[float, float]:
+    """Returns how far [m], [rad] a wide search goes: as far as any plausible error of the speed leads in a time [s]."""
+    return min(settings.speed_error_mps * span_s, settings.gate_m), settings.search_rad
+
+
+def fits_far_better(laid: Laid, settings: AuditConfig) -> bool:
+    """Returns whether two stretches fit where a wide search has laid them, and not where the trajectory has them."""
+    return laid.unrivalled and laid.psi_best * settings.rival <= laid.psi
+
+
 def lay(
     sweeps: Sweeps,
     frames: tuple[int, int],

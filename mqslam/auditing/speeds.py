@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from mqslam.auditing.laying import ask_of_scans, lay
+from mqslam.auditing.laying import ask_of_scans, compute_far_reach, fits_far_better, lay, measure_span
 from mqslam.auditing.sweeps import Sweeps
 from mqslam.auditing.verdict import Finding, Share, VerdictStatus
 from mqslam.config import AuditConfig, EstimatorConfig, VerdictConfig
@@ -102,18 +102,15 @@ def check_speeds(
 def _check_from(shared: tuple[Sweeps, AuditConfig, EstimatorConfig], begin: int) -> SpeedCheck | None:
     """Compares the motion from a sweep to the next one."""
     sweeps, settings, estimator = shared
-    span_s = max(
-        float(sweeps.numbers[begin + 1] - sweeps.numbers[begin]) * sweeps.revolution_s,
-        float(sweeps.times[begin + 1] - sweeps.times[begin]),  # across a pause of the recording
-    )
-    reach = min(settings.speed_error_mps * span_s, settings.gate_m), settings.search_rad
+    span_s = measure_span(sweeps, begin)
+    reach = compute_far_reach(span_s, settings)
     of_scans = ask_of_scans(settings).model_copy(update={"fewest": settings.speed_fewest})
     laid = lay(sweeps, (begin, begin + 1), ([begin], [begin + 1]), reach, of_scans, estimator)
     if laid is None:
         return None
     check = SpeedCheck(laid.offset / span_s, laid.unrivalled)
     if contradicts(check, find_capture_range(sweeps.revolution_s, settings, estimator)):  # the wide search may lead away
-        return replace(check, sure=laid.psi_best * settings.rival <= laid.psi)
+        return replace(check, sure=fits_far_better(laid, settings))
     return check
 
 

@@ -6,14 +6,14 @@ it. The two sides show it, since they are as far off each other as the trajector
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
-from mqslam.auditing.laying import Laid, ask_of_scans, lay
+from mqslam.auditing.laying import Laid, ask_of_scans, compute_far_reach, fits_far_better, lay, measure_span
 from mqslam.auditing.sweeps import Sweeps
 from mqslam.backend.loops.align import TOLERANCES
 from mqslam.config import AuditConfig, EstimatorConfig
@@ -21,6 +21,8 @@ from mqslam.core import se2
 from mqslam.core.gross import MEDIAN_OF_CHI2
 from mqslam.execution.engine import Engine
 from mqslam.execution.progress import Progress
+
+_Shared = tuple[Sweeps, AuditConfig, EstimatorConfig]  # what every step is laid with
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,13 +32,18 @@ class StepAudit:
     Args:
         laid: the scans after it laid on those before it; the later frame is that of the first scan after it.
         t: when it is [s] since the recording's start.
-        p_value: probability that a step as far off as this shows somewhere in a map without a jump; NaN where the step was
-            not judged, because its scans do not hold every direction or too few steps show what is usual.
+        p_value: probability that a step as far off as this shows somewhere in a map without a jump; NaN where its scans do
+            not hold every direction or too few steps show what is usual.
     """
 
     laid: Laid
     t: float
     p_value: float
+
+    @property
+    def judged(self) -> bool:
+        """Whether a jump here would be seen: its two sides fit one place alone, and enough steps show what is usual."""
+        return bool(np.isfinite(self.p_value)) and self.laid.unrivalled
 
 
 def audit_steps(
@@ -64,10 +71,20 @@ def audit_steps(
         if known[place - size : place + size].all()
     ]
 
+    shared = sweeps, settings, estimator
+
     def report(number: int, laid: Laid | None) -> None:
         progress("steps", number, len(places))
 
-    laid = [step for step in engine.map(_lay_step, (sweeps, settings, estimator), places, report) if step is not None]
+    near = dict(zip(places, engine.map(_lay_near, shared, places, report), strict=True))
+    doubtful = [place for place in _pick_doubtful(near, settings) if known[place - size : place + size].all()]
+
+    def report_far(number: int, laid: Laid | None) -> None:
+        progress("doubtful steps", number, len(doubtful))
+
+    far = dict(zip(doubtful, engine.map(_lay_far, shared, doubtful, report_far), strict=True))
+    found = near | {place: step for place, step in far.items() if step is not None}
+    laid = [step for _, step in sorted(found.items()) if step is not None]
     p_values = compute_p_values(laid, settings)
     return [
         StepAudit(step, float(sweeps.times[step.later]), float(p)) for step, p in zip(laid, p_values.tolist(), strict=True)
@@ -102,10 +119,44 @@ def compute_p_values(steps: Sequence[Laid], settings: AuditConfig) -> NDArray[np
     return p_values
 
 
-def _lay_step(shared: tuple[Sweeps, AuditConfig, EstimatorConfig], place: int) -> Laid | None:
-    """Lays the scans from a place on upon those before it."""
+def _pick_doubtful(near: Mapping[int, Laid | None], settings: AuditConfig) -> list[int]:
+    """Returns the places in order whose two sides are to be looked for farther apart: a jump may be wider than the search.
+
+    They are those that fit nowhere near or worse than the others do, and the places up to the next steps, since the scans of
+    a step may lie on both sides of a jump.
+
+    Args:
+        near: the step of each place that was laid, in order; None where either side holds too few points.
+        settings: of the audit.
+    """
+    laid = {place: step for place, step in near.items() if step is not None}
+    if not laid:
+        return []
+    poor = np.quantile([step.matched for step in laid.values()], settings.step_doubtful)
+    picked = {
+        place + aside
+        for place, step in laid.items()
+        if step.matched <= poor or not step.unrivalled
+        for aside in range(1 - settings.step_every, settings.step_every)
+    }
+    return sorted(place for place in picked if min(near) <= place <= max(near))
+
+
+def _lay_near(shared: _Shared, place: int) -> Laid | None:
+    """Lays the scans from a place on upon those before it, near where the trajectory has them."""
+    settings = shared[1]
+    return _lay_step(shared, place, (settings.search_m, settings.search_rad))
+
+
+def _lay_far(shared: _Shared, place: int) -> Laid | None:
+    """Lays the same as far away as any plausible speed leads; returns None where they do not fit far better there."""
+    sweeps, settings, _ = shared
+    laid = _lay_step(shared, place, compute_far_reach(measure_span(sweeps, place - 1), settings))
+    return laid if laid is not None and fits_far_better(laid, settings) else None
+
+
+def _lay_step(shared: _Shared, place: int, reach: tuple[float, float]) -> Laid | None:
+    """Lays the scans from a place on upon those before it, where they may be off by a reach [m], [rad]."""
     sweeps, settings, estimator = shared
-    size = settings.step_scans
-    stretches = range(place - size, place), range(place, place + size)
-    reach = settings.search_m, settings.search_rad
+    stretches = range(place - settings.step_scans, place), range(place, place + settings.step_scans)
     return lay(sweeps, (place - 1, place), stretches, reach, ask_of_scans(settings), estimator)

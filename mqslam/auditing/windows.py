@@ -38,8 +38,7 @@ class WindowAudit:
         pose: (3,) of the sensor at its middle, world frame.
         bend: the correction that would make its map the best.
         measures: the field's measures of the same points.
-        torn: whether it is bent beyond what its covariance explains and beyond the settings' tolerance, or its sweeps do not
-            overlap even at its best.
+        torn: whether it is bent beyond what its covariance explains and beyond the settings' tolerance.
         undecided: why nothing was decided about it, so that it counts neither as torn nor as whole; None if it was decided.
         speed: the motion of its two middle scans, searched for over all plausible speeds; None where that was not done.
     """
@@ -122,7 +121,7 @@ def audit_window(sweeps: Sweeps, begin: int, end: int, settings: AuditConfig, es
         pose=sweeps.poses[(begin + end) // 2],
         bend=bend,
         measures=measures,
-        torn=bool(is_bent or bend.matched_best < settings.overlap),
+        torn=bool(is_bent),
     )
 
 

@@ -76,8 +76,8 @@ def audit(  # noqa: PLR0913 - these are the options of an audit, each with its d
     given = _read_given(trajectory, times, topic, time_offset_s)
     name = trajectory if isinstance(trajectory, str) else "given" if isinstance(trajectory, Trajectory) else str(trajectory)
     if is_cloud(data):
-        settings = choose_settings(config, LIDAR_CONFIG)
         cloud = read_cloud(data, heights)
+        settings = choose_settings(config, None if cloud.is_of_radar else LIDAR_CONFIG)
         sweeps = divide_cloud(cloud, given, settings.audit, beam_of(settings.estimator, 0.0), settings.reading)
         notes, kind = list(cloud.notes), data.suffix.lower()[1:]
     elif format is None and data.exists() and lidars.recognises(data):

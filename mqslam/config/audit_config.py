@@ -21,12 +21,6 @@ class AuditConfig(PassConfig):
     bend_m: float = Field(
         0.05, ge=0.0, description="A window whose best correction moves its points by less than this [m] is not torn."
     )
-    overlap: float = Field(
-        0.5,
-        ge=0.0,
-        lt=1.0,
-        description="A window is torn, too, if even its best map has a smaller matched share of points than this.",
-    )
     step_scans: int = Field(3, ge=1, description="Number of scans before a step that those after it are laid on.")
     jump_m: float = Field(0.1, ge=0.0, description="A step that moves the points after it by less than this [m] is no jump.")
     step_every: int = Field(2, ge=1, description="Every how many scans a step is judged.")
@@ -46,6 +40,12 @@ class AuditConfig(PassConfig):
     drift_rad: float = Field(1e-4, ge=0.0, description="Drift of the yaw to reckon with, per length of path [rad/m].")
     search_rad: SearchRad = 0.05
     step_fewest: int = expert(20, ge=2, description="Fewest steps that show how far off a step without a jump usually is.")
+    step_doubtful: float = expert(
+        0.1,
+        ge=0.0,
+        le=1.0,
+        description="Share of the steps, those that match worst, whose sides are looked for farther apart as well.",
+    )
     span_every_m: float = expert(15.0, gt=0.0, description="Path [m] from one such pair of scans to the next.")
     span_fewest: int = expert(15, ge=1, description="Fewest such pairs that show a bias.")
     sampled_windows: int = expert(

@@ -18,7 +18,7 @@ class TimedCloud:
         points: (N, 2) [m], world frame.
         stamps_us: (N,) int64 [us], not decreasing, in the file's own clock.
         notes: what a user should know about how the file was understood.
-        scan_us: usual duration of a scan [us], where the file states it.
+        scan_us: usual duration of a scan [us], where the file states it, as the maps of our own runs do.
     """
 
     path: Path
@@ -26,6 +26,11 @@ class TimedCloud:
     stamps_us: NDArray[np.int64]
     notes: tuple[str, ...]
     scan_us: int | None = None
+
+    @property
+    def is_of_radar(self) -> bool:
+        """Whether the points are known to be a radar's: a run has written the file, and takes nothing but radar."""
+        return self.scan_us is not None
 
     def __len__(self) -> int:
         return len(self.points)

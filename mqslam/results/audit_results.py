@@ -179,7 +179,7 @@ def summarise_tests(audit: Audit, settings: AuditConfig, bounds: VerdictConfig) 
     return {
         "steps": {
             "count": len(audit.steps),
-            "judged": sum(bool(np.isfinite(s.p_value)) for s in audit.steps),
+            "judged": sum(step.judged for step in audit.steps),
             "jumps": len(find_torn_steps(audit.steps, settings, bounds)),
             "median_m": float(np.median([s.laid.size_m for s in audit.steps])) if audit.steps else None,
         },

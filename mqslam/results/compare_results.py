@@ -8,6 +8,8 @@ from typing import Any, Final, Literal, NamedTuple
 
 import numpy as np
 
+from mqslam.auditing.judge import Audit
+from mqslam.auditing.speeds import contradicts
 from mqslam.auditing.verdict import VerdictStatus
 from mqslam.auditing.windows import WindowAudit, torn_threshold
 from mqslam.comparison.best import Standing
@@ -119,7 +121,7 @@ def _list_row(row: Row, judged: Judged | None, across: float | None, scans: int,
         _PSI_ACROSS: across,
         _PSI: judged.psi_per_point,
         "matched": judged.matched,
-        "inflation": _find_median_inflation(windows, settings.audit.overlap),
+        "inflation": _find_median_inflation(judged.audit),
         "windows": len(windows),
         "windows_torn": torn.count / torn.total if torn.total else None,
         "windows_torn_at_least": torn.lower_bound(settings.verdict.confidence),
@@ -136,9 +138,13 @@ def _list_row(row: Row, judged: Judged | None, across: float | None, scans: int,
     }
 
 
-def _find_median_inflation(windows: Sequence[WindowAudit], overlap: float) -> float | None:
-    """Returns the median inflation; None where most windows do not overlap even at their best, so that it means nothing."""
-    values = [w.bend.inflation if w.bend.matched_best >= overlap else np.inf for w in windows]
+def _find_median_inflation(audit: Audit) -> float | None:
+    """Returns the median inflation; None where it means nothing in most windows, as their speed is far off or unknown."""
+
+    def means_something(window: WindowAudit) -> bool:
+        return window.undecided is None and not contradicts(window.speed, audit.capture)
+
+    values = [w.bend.inflation if means_something(w) else np.inf for w in audit.windows]
     median = float(np.median(values)) if values else np.inf
     return median if np.isfinite(median) else None
 
