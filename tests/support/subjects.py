@@ -34,6 +34,8 @@ from mqslam.formats.covariances import StampedCovariances, read_covariances, wri
 from mqslam.formats.lidars import carmen, laserscan
 from mqslam.formats.recordings import open_recording, read_odometry
 from mqslam.formats.recordings.native import write as write_native
+from mqslam.formats.shared.bag_writer import TF_TYPE
+from mqslam.formats.shared.bag_writer import write_bag as write_result_bag
 from mqslam.formats.trajectories import read_trajectory, write_kitti
 from mqslam.formats.tum import write_tum
 
@@ -252,6 +254,35 @@ def kitti(folder: Path) -> Path:
     return folder / "track"
 
 
+def matrices(folder: Path) -> Path:
+    """Writes poses as the matrices of an array, and their stamps."""
+    path = kitti(folder)
+    numbers = np.loadtxt(path / "poses.txt").reshape(-1, 3, 4)
+    (path / "poses.txt").unlink()
+    np.save(path / "poses.npy", numbers)
+    return path
+
+
+def graph(folder: Path) -> Path:
+    """Writes poses as matrices, each with its stamp behind."""
+    rows = (kitti(folder) / "poses.txt").read_text().splitlines()
+    lines = [f"{row} {1000 * stamp}\n\n" for row, stamp in zip(rows, _track().stamps_us.tolist(), strict=True)]
+    (folder / "graph.txt").write_text("".join(lines))
+    return folder / "graph.txt"
+
+
+def transforms(folder: Path) -> Path:
+    """Writes poses as transforms from the map to the radar."""
+    with write_result_bag(folder / "track.mcap", "mcap") as bag:
+        topic = bag.topic("/tf", TF_TYPE)
+        for stamp, pose in zip(_track().stamps_us.tolist(), _track().poses, strict=True):
+            x, y, yaw = pose.tolist()
+            move = bag.make("geometry_msgs/msg/Transform", bag.vector(x, y, 0.0), bag.quaternion(yaw))
+            stamped = bag.make("geometry_msgs/msg/TransformStamped", bag.header(stamp, "map"), "radar", move)
+            bag.write(topic, stamp, bag.make(TF_TYPE, [stamped]))
+    return folder / "track.mcap"
+
+
 def csv(folder: Path) -> Path:
     rows: NDArray[Any] = np.column_stack([_track().stamps_us * 1000, _track().poses])
     text = "time_ns,x,y,yaw\n" + "".join(f"{int(t)},{x},{y},{yaw}\n" for t, x, y, yaw in rows.tolist())
@@ -312,6 +343,11 @@ SUBJECTS = {
     "npz": Subject(npz, lambda path: check_cloud(read_cloud(path)), _NPZ),
     "tum": Subject(tum, lambda path: check_trajectory(read_trajectory(path)), {}),
     "kitti": Subject(kitti, lambda path: check_trajectory(read_trajectory(path / "poses.txt", path / "times.txt")), {}),
+    "matrices": Subject(
+        matrices, lambda path: check_trajectory(read_trajectory(path / "poses.npy", path / "times.txt")), {}
+    ),
+    "graph": Subject(graph, lambda path: check_trajectory(read_trajectory(path)), {}),
+    "transforms": Subject(transforms, lambda path: check_trajectory(read_trajectory(path)), {}),
     "csv": Subject(csv, lambda path: check_trajectory(read_trajectory(path)), {}),
     "covariances": Subject(covariances, check_covariances, {}),
     "odometry": Subject(twists, lambda path: check_trajectory(read_odometry(path)), {}),

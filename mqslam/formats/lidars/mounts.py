@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mqslam.core import se2
+from mqslam.formats.shared.bags import name_frame
 
 _USUAL_BODIES = ("base_link", "base_footprint")
 
@@ -41,7 +42,7 @@ class Mounts:
             matrix = np.eye(4)
             matrix[:3, :3] = Rotation.from_quat([turn.x, turn.y, turn.z, turn.w]).as_matrix()
             matrix[:3, 3] = move.x, move.y, move.z
-            self.parents[_strip_slash(stamped.child_frame_id)] = (_strip_slash(stamped.header.frame_id), matrix)
+            self.parents[name_frame(stamped.child_frame_id)] = (name_frame(stamped.header.frame_id), matrix)
 
     def find(self, sensor: str, body: str) -> Mount | None:
         """Finds how a sensor is mounted.
@@ -53,8 +54,8 @@ class Mounts:
         Returns:
             The mount, or None where no transforms connect the frames.
         """
-        bodies = (_strip_slash(body),) if body else _USUAL_BODIES
-        frame, matrix, passed = _strip_slash(sensor), np.eye(4), set[str]()
+        bodies = (name_frame(body),) if body else _USUAL_BODIES
+        frame, matrix, passed = name_frame(sensor), np.eye(4), set[str]()
         while frame not in bodies:
             passed.add(frame)
             if frame not in self.parents or self.parents[frame][0] in passed:
@@ -63,8 +64,3 @@ class Mounts:
             matrix = step @ matrix
         yaw = np.arctan2(matrix[1, 0], matrix[0, 0])
         return Mount(np.array([matrix[0, 3], matrix[1, 3], yaw]), bool(matrix[2, 2] < 0.0))
-
-
-def _strip_slash(frame: str) -> str:
-    """Returns a frame's name as ROS 2 writes it: ROS 1 allowed a slash before."""
-    return frame.lstrip("/")

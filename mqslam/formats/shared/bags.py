@@ -89,6 +89,11 @@ def list_topics(reader: AnyReader) -> str:
     return ", ".join(f"{c.topic} [{c.msgtype}]" for c in reader.connections[:12]) or "none"
 
 
+def name_frame(name: str) -> str:
+    """Returns a frame's name as ROS 2 writes it: ROS 1 allowed a slash before."""
+    return name.lstrip("/")
+
+
 def stamp_of(message: Any) -> int:
     """Returns the stamp [us] of a message's header."""
     stamp = message.header.stamp
