@@ -22,6 +22,7 @@ class Remedy(StrEnum):
     CHOOSE_OR_RESUME_OUTPUT = "choose another output, or resume the unfinished run in it"
     CHOOSE_OR_WRITE_OUTPUT = "choose another output, or allow this one to be written into"
     FREE_SPACE = "free space or choose another output"
+    GIVE_EXTRINSICS = "give extrinsics"
     GIVE_FITTING_TRAJECTORY = "give the trajectory it was made with, or the time between the clocks of the two"
     GIVE_ODOMETRY = "give odometry or choose another front end"
     GIVE_RANGE_RESOLUTION = "state the length of a range bin"

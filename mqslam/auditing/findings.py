@@ -14,7 +14,9 @@ from mqslam.auditing.steps import StepAudit
 from mqslam.auditing.verdict import Finding, Share, VerdictStatus
 from mqslam.auditing.windows import Undecided, WindowAudit, share_torn
 from mqslam.config import AuditConfig, VerdictConfig
+from mqslam.core import se2
 from mqslam.core.wording import count_of, is_or_are
+from mqslam.errors import Remedy
 
 
 def judge_windows(windows: Sequence[WindowAudit], scans: int, size: int, settings: VerdictConfig) -> list[Finding]:
@@ -101,7 +103,7 @@ def find_torn_steps(steps: Sequence[StepAudit], settings: AuditConfig, limits: V
     return jumps
 
 
-def judge_pooled(pooled: Pooled | None, limits: VerdictConfig) -> Finding:
+def judge_pooled(pooled: Pooled | None, limits: VerdictConfig, extrinsics: se2.Array | None = None) -> Finding:
     """Returns what all of a map says together that no place of it shows alone.
 
     A scale of the trajectory that is off and one of the ranges look alike: the map only shows that the two disagree.
@@ -109,20 +111,26 @@ def judge_pooled(pooled: Pooled | None, limits: VerdictConfig) -> Finding:
     Args:
         pooled: what all of the map asks for together; None where too few places show it.
         limits: of the verdict.
+        extrinsics: (3,) x, y [m], yaw [rad] of the sensor in the frame of which the trajectory was given; None where they
+            cannot be chosen.
     """
     if pooled is None:
         reason = "too few places that far apart see the same to show whether the scale is right"
         return Finding(VerdictStatus.PASS, reason, judged=False)
     largest = (limits.scale_warn, limits.scale_warn, limits.turn_warn)
-    wishes = [
-        _WISHES[axis](float(bias), float(sigma))
+    wishes = {
+        axis: _WISHES[axis](float(bias), float(sigma))
         for axis, (bias, sigma, chance, limit) in enumerate(
             zip(pooled.bias, pooled.sigma, pooled.p_value, largest, strict=True)
         )
         if abs(bias) > limit and chance < limits.false_alarms / _SHARERS
-    ]
+    }
     if wishes:
-        return Finding(VerdictStatus.WARN, f"all along the drive {' and '.join(wishes)}")
+        reason = f"all along the drive {' and '.join(wishes.values())}"
+        if _SIDE in wishes and extrinsics is not None:
+            x, y, yaw = extrinsics
+            reason += f"; {Remedy.GIVE_EXTRINSICS} {x:g},{y:g},{np.degrees(yaw - pooled.bias[_SIDE]):.2f}"
+        return Finding(VerdictStatus.WARN, reason)
     return Finding(VerdictStatus.PASS, "scale, direction of travel and yaw rate fit what the sensor sees")
 
 
@@ -147,6 +155,7 @@ def _side(bias: float) -> str:
 
 
 _WISHES: Final = (_wish_length, _wish_side, _wish_turn)  # what is asked for forward, to the side and in yaw, in words
+_SIDE: Final = 1  # index of that to the side
 _SHARERS: Final = 4  # by definition: tests that share the rate of false alarms, which are the steps and three biases
 
 

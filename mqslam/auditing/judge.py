@@ -101,7 +101,7 @@ def audit(
     else:
         pooled = pool_corrections(sweeps, ~interpolated, settings, estimator, engine, progress)
         revisits = audit_revisits(sweeps, settings, estimator, loops, engine, progress)
-        tests |= {"pooled": [judge_pooled(pooled, limits)], "revisits": [judge_revisits(revisits, limits)]}
+        tests |= {"pooled": [judge_pooled(pooled, limits, track.extrinsics)], "revisits": [judge_revisits(revisits, limits)]}
     tests = {name: findings for name, findings in tests.items() if findings}
     verdict = verdict_of(chain.from_iterable(tests.values()))
     return Audit(windows, steps, pooled, revisits, tests, *verdict, capture)

@@ -32,12 +32,15 @@ class Track:
         poses: (M, 3) of the sensor, world frame.
         scans: number of scans of the recording.
         uncovered: how many of these the trajectory does not cover.
+        extrinsics: (3,) x, y [m], yaw [rad] of the sensor in the frame of which the trajectory was given; None where they
+            cannot be chosen.
     """
 
     times: NDArray[np.float64]
     poses: se2.Array
     scans: int
     uncovered: int
+    extrinsics: se2.Array | None = None
 
 
 @dataclass(frozen=True, slots=True)

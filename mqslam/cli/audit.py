@@ -35,17 +35,29 @@ def audit(
         typer.Option(
             "--trajectory",
             "-t",
-            help="A file (TUM, CSV, KITTI with --times, a bag), or one that DATA has: odometry, ground_truth or recording.",
+            help="A file (TUM, CSV, KITTI with --times, a bag), the folder of a result of KISS-SLAM, CFEAR or TBV, or one "
+            "that DATA has: odometry, ground_truth or recording.",
         ),
     ] = None,
     times: Annotated[Path | None, typer.Option(help="File with the stamps of a KITTI trajectory, one per line.")] = None,
     topic: Annotated[str | None, typer.Option(help="Topic of the trajectory, if it is in a bag.")] = None,
+    frame: Annotated[
+        str | None, typer.Option(help="Frame whose pose /tf gives, if the trajectory is in a bag's /tf.")
+    ] = None,
     time_offset: Annotated[
         float,
         typer.Option(
             metavar="SECONDS", help="Added to the stamps of the trajectory's file, if its clock is not that of DATA."
         ),
     ] = 0.0,
+    extrinsics: Annotated[
+        str | None,
+        typer.Option(
+            metavar="X,Y,YAW",
+            help=r"Pose of the sensor in the frame of which the trajectory's file is, such as base_link: \[m] forward, \[m] "
+            r"to the left, \[degrees] to the left.",
+        ),
+    ] = None,
     z_range: Annotated[
         str | None,
         typer.Option(metavar="LOW,HIGH", help=r"Lowest and highest points of a cloud to use \[m]; all by default."),
@@ -75,13 +87,16 @@ def audit(
     from rich.console import Console
 
     from mqslam.cli.terminal.console import set_up_work
+    from mqslam.cli.terminal.remedies import name_options
     from mqslam.commands.audit import audit as do
     from mqslam.errors import ConfigError
     from mqslam.execution.files import to_json
 
-    if trajectory is None and (times is not None or topic is not None or time_offset != 0.0):
-        raise ConfigError("--times, --topic and --time-offset belong to a trajectory from a file; give --trajectory FILE")
-    heights = _parse_heights(z_range)
+    of_file = times, topic, frame, extrinsics
+    if trajectory is None and (any(option is not None for option in of_file) or time_offset != 0.0):
+        options = "--times, --topic, --frame, --time-offset and --extrinsics"
+        raise ConfigError(f"{options} belong to a trajectory from a file; give --trajectory FILE")
+    heights, mount = _parse_heights(z_range), _parse_extrinsics(extrinsics)
     console = Console(stderr=True, markup=False)
     with set_up_work(console, cluster, jobs, quiet=quiet, silent=quiet or as_json) as work:
         result = do(
@@ -90,7 +105,9 @@ def audit(
             trajectory=trajectory or "recording",
             times=times,
             topic=topic,
+            frame=frame,
             time_offset_s=time_offset,
+            extrinsics=mount,
             heights=heights,
             config=config,
             format=format,
@@ -101,7 +118,7 @@ def audit(
     if as_json:
         typer.echo(to_json(result.summary))
     elif not quiet:
-        typer.echo("\n".join(_format_lines(result.summary)))
+        typer.echo(name_options("\n".join(_format_lines(result.summary))))
         typer.echo(f"results in {out}; open {result.report} in a browser")
     if fail_on is not None:
         raise typer.Exit(choose_exit_code(result.verdict, fail_on))
@@ -131,6 +148,24 @@ def _parse_heights(text: str | None) -> tuple[float, float] | None:
     except ValueError:
         raise ConfigError(f"--z-range {text}: give two heights in metres, such as 0.5,2.0") from None
     return low, high
+
+
+def _parse_extrinsics(text: str | None) -> tuple[float, float, float] | None:
+    """Returns the three numbers of a text X,Y,YAW.
+
+    Raises:
+        ConfigError: the text has another form.
+    """
+    from mqslam.errors import ConfigError
+
+    if text is None:
+        return None
+    try:
+        x, y, yaw = (float(part) for part in text.split(","))
+    except ValueError:
+        problem = "give metres forward, metres to the left and degrees to the left, such as 1.2,0,-90"
+        raise ConfigError(f"--extrinsics {text}: {problem}") from None
+    return x, y, yaw
 
 
 def _count_undecided(count: int) -> str:

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
+
+import numpy as np
 
 from mqslam.auditing import judge
 from mqslam.auditing.sources import LIDAR_CONFIG, Source, divide_cloud, is_cloud, make_lidar_source, place_source
@@ -11,6 +14,7 @@ from mqslam.commands.opening import choose_settings, open_data
 from mqslam.commands.result import JudgedResult
 from mqslam.commands.work import QUIET, Work
 from mqslam.config import Config, set_doppler_beta
+from mqslam.core import se2
 from mqslam.core.trajectory import Trajectory
 from mqslam.detection.stage import detect_all, make_scans, warn_of_unread
 from mqslam.errors import ConfigError, Remedy
@@ -25,6 +29,7 @@ from mqslam.report.audit_page import write_audit_pages
 from mqslam.results.audit_results import summarise, write_audit
 from mqslam.results.summary_files import add_warnings
 
+_LARGEST_EXTRINSICS = np.array([100.0, 100.0, 360.0])  # beyond any vehicle [m, m, degrees]: in other units, or no numbers
 _LONGEST_OFFSET_S = 1e11  # beyond any clock, three thousand years: such an offset is in another unit, or no number
 CARRIED = ("recording", "odometry", "ground_truth")  # the names of trajectories that a recording may carry
 
@@ -36,7 +41,9 @@ def audit(  # noqa: PLR0913 - these are the options of an audit, each with its d
     trajectory: Trajectory | Path | str = "recording",
     times: Path | None = None,
     topic: str | None = None,
+    frame: str | None = None,
     time_offset_s: float = 0.0,
+    extrinsics: tuple[float, float, float] | None = None,
     heights: tuple[float, float] | None = None,
     config: Config | Path | str | None = None,
     format: str | None = None,
@@ -49,11 +56,14 @@ def audit(  # noqa: PLR0913 - these are the options of an audit, each with its d
     Args:
         data: a radar or lidar recording, or a cloud of points with times.
         out: folder for the results; it must not exist yet.
-        trajectory: poses of the sensor, or the path of a file, or the name of a trajectory that the recording carries:
-            `recording`, `odometry` or `ground_truth`.
+        trajectory: poses of the sensor, or the path of a file or of another SLAM's result, or the name of a trajectory that
+            the recording carries: `recording`, `odometry` or `ground_truth`.
         times: stamps of a KITTI trajectory, one per line.
         topic: topic of the trajectory in a bag.
+        frame: frame whose pose the transforms of a bag give.
         time_offset_s: added to the stamps of the trajectory [s], if its clock is not that of the data.
+        extrinsics: x [m] forward, y [m] to the left and yaw [degrees] to the left of the sensor in the frame of which the
+            trajectory is, such as a vehicle's base; None where the trajectory is the sensor's own.
         heights: the lowest and highest points of a cloud to use [m]; None takes all.
         config: settings, or the path of a YAML file, or the name of one that ships with mqslam; None takes the defaults.
         format: layout of the recording; None guesses it.
@@ -73,7 +83,8 @@ def audit(  # noqa: PLR0913 - these are the options of an audit, each with its d
     """
     data, out = Path(data), Path(out)
     check_free(out, force=force, recording=data)
-    given = _read_given(trajectory, times, topic, time_offset_s)
+    mount = _check_extrinsics(extrinsics)
+    given = _read_given(trajectory, times, topic, frame, time_offset_s, mount)
     name = trajectory if isinstance(trajectory, str) else "given" if isinstance(trajectory, Trajectory) else str(trajectory)
     if is_cloud(data):
         cloud = read_cloud(data, heights)
@@ -89,6 +100,11 @@ def audit(  # noqa: PLR0913 - these are the options of an audit, each with its d
         settings = choose_settings(config)
         source, track, settings = _detect_radar(data, given, name, settings, format, range_resolution, work)
         sweeps, notes, kind = *_render_sweeps(source, track, settings), source.format
+    if mount is not None:
+        notes.append(f"the trajectory is carried to the sensor by its extrinsics: {_describe_mount(mount)}")
+    if given is not None and sweeps.track is not None and not is_cloud(data):  # the points of a cloud are placed already
+        stated = np.zeros(3) if mount is None else mount
+        sweeps = replace(sweeps, track=replace(sweeps.track, extrinsics=stated))
     for note in notes:
         work.tell(note)
     sections = settings.audit, settings.estimator, settings.loops, settings.verdict
@@ -96,6 +112,7 @@ def audit(  # noqa: PLR0913 - these are the options of an audit, each with its d
     dataset = {"format": kind, "path": str(data)}
     origin = name if sweeps.track is not None else None
     summary = summarise(judged, sweeps, settings.audit, settings.verdict, dataset, origin, notes)
+    summary["extrinsics"] = None if extrinsics is None else list(extrinsics)
     with write_folder_aside(out) as folder:
         write_audit(folder, settings, summary)
         failures = write_audit_pages(folder, data.resolve().name, judged, sweeps, settings, summary)
@@ -105,23 +122,54 @@ def audit(  # noqa: PLR0913 - these are the options of an audit, each with its d
     return JudgedResult(out, summary)
 
 
-def _read_given(
-    trajectory: Trajectory | Path | str, times: Path | None, topic: str | None, time_offset_s: float
-) -> Trajectory | None:
-    """Returns the trajectory that was given or that a file holds, or None if it is one that the recording carries.
+def _check_extrinsics(extrinsics: tuple[float, float, float] | None) -> se2.Array | None:
+    """Returns extrinsics in metres and degrees as a pose (3,) in metres and radians.
 
     Raises:
-        ConfigError: stamps, a topic or an offset are given without a file, or the offset is beyond any clock.
+        ConfigError: they are not three numbers, or beyond any vehicle or turn.
+    """
+    if extrinsics is None:
+        return None
+    pose = np.asarray(extrinsics, dtype=np.float64)
+    if pose.shape != (3,) or not np.all(np.abs(pose) <= _LARGEST_EXTRINSICS):
+        raise ConfigError(
+            f"extrinsics of {', '.join(f'{value:g}' for value in pose.ravel())} are beyond any vehicle; "
+            f"{Remedy.GIVE_EXTRINSICS} as metres forward, metres to the left and degrees to the left"
+        )
+    return np.array([pose[0], pose[1], np.radians(pose[2])])
+
+
+def _describe_mount(mount: se2.Array) -> str:
+    """Returns the pose of a sensor on a vehicle in words."""
+    x, y, yaw = mount
+    return f"{x:g} m forward, {y:g} m to the left, turned by {np.degrees(yaw):g} degrees to the left"
+
+
+def _read_given(
+    trajectory: Trajectory | Path | str,
+    times: Path | None,
+    topic: str | None,
+    frame: str | None,
+    time_offset_s: float,
+    mount: se2.Array | None,
+) -> Trajectory | None:
+    """Returns the sensor's trajectory that was given or that a file holds, or None if it is one that the recording carries.
+
+    Raises:
+        ConfigError: stamps, a topic, a frame, an offset or extrinsics are given without a file, or the offset is beyond any
+            clock.
         DataError: the file is not a trajectory.
     """
     if isinstance(trajectory, str) and trajectory in CARRIED:
-        if times is not None or topic is not None or time_offset_s != 0.0:
-            raise ConfigError("stamps, topics and time offsets belong to a trajectory from a file", Remedy.GIVE_TRAJECTORY)
+        if any(option is not None for option in (times, topic, frame, mount)) or time_offset_s != 0.0:
+            problem = "stamps, topics, frames, time offsets and extrinsics belong to a trajectory from a file"
+            raise ConfigError(problem, Remedy.GIVE_TRAJECTORY)
         return None
-    given = trajectory if isinstance(trajectory, Trajectory) else read_trajectory(Path(trajectory), times, topic)
+    given = trajectory if isinstance(trajectory, Trajectory) else read_trajectory(Path(trajectory), times, topic, frame)
     if not abs(time_offset_s) <= _LONGEST_OFFSET_S:
         raise ConfigError(f"a time offset of {time_offset_s:g} s is beyond any clock; give it in seconds")
-    return Trajectory(given.stamps_us + round(1e6 * time_offset_s), given.poses)
+    poses = given.poses if mount is None else se2.compose(given.poses, mount)
+    return Trajectory(given.stamps_us + round(1e6 * time_offset_s), poses)
 
 
 def _pick_carried(path: Path, tracks: dict[str, Trajectory], name: str) -> Trajectory:

@@ -24,7 +24,9 @@ CONFIG = Config()
 
 
 @lru_cache
-def pooled(scale: float = 1.0, turn: float = 0.0, mount: float = 0.0) -> Pooled:
+def pooled(
+    scale: float = 1.0, turn: float = 0.0, mount: float = 0.0, extrinsics: tuple[float, ...] = (0.0, 0.0, 0.0)
+) -> Pooled:
     """Returns what the drive asks for under a trajectory of another scale, yaw rate [rad/m] and mount [rad]."""
     recording, scans = block_drive()
     truth = recording.ground_truth
@@ -33,7 +35,7 @@ def pooled(scale: float = 1.0, turn: float = 0.0, mount: float = 0.0) -> Pooled:
     motions[:, :2] *= scale
     poses = se2.chain(motions, truth.poses[0])
     poses[:, 2] += mount
-    track = Trajectory(truth.stamps_us, poses)
+    track = Trajectory(truth.stamps_us, se2.compose(poses, extrinsics))
     sweeps = place_sweeps(scans, track, CONFIG.audit, beam_of(CONFIG.estimator, 0.0))[0]
     found = pool_corrections(
         sweeps, np.ones(len(sweeps), bool), CONFIG.audit, CONFIG.estimator, LocalEngine(2), ignore_progress
@@ -69,7 +71,27 @@ def test_a_yaw_that_drifts_is_measured_and_told(degrees: float) -> None:
 def test_a_turned_mount_is_measured_and_told(degrees: float) -> None:
     found = pooled(mount=np.radians(degrees))
     assert np.degrees(found.bias[1]) == pytest.approx(degrees, abs=0.1)
-    assert "its mount is turned" in judge_pooled(found, CONFIG.verdict).reason
+    assert judge_pooled(found, CONFIG.verdict).reason.endswith("its mount is turned by as much")
+
+
+@pytest.mark.parametrize("degrees", [-1.0, 1.0])
+def test_the_extrinsics_that_are_named_mend_a_turned_mount(degrees: float) -> None:
+    reason = judge_pooled(pooled(mount=np.radians(degrees)), CONFIG.verdict, np.zeros(3)).reason
+    x, y, yaw = (float(number) for number in reason.split("; give extrinsics ")[1].split(","))
+    assert (x, y) == (0.0, 0.0)
+    mended = judge_pooled(pooled(mount=np.radians(degrees), extrinsics=(x, y, np.radians(yaw))), CONFIG.verdict, np.zeros(3))
+    assert mended.status is VerdictStatus.PASS, mended.reason
+
+
+def test_extrinsics_that_were_given_are_mended_in_their_yaw() -> None:
+    asked = Pooled(np.array([0.0, np.radians(1.0), 0.0]), np.full(3, 1e-4), np.array([1.0, 0.0, 1.0]), 40)
+    reason = judge_pooled(asked, CONFIG.verdict, np.array([1.5, -0.25, np.radians(90.0)])).reason
+    assert reason.endswith("its mount is turned by as much; give extrinsics 1.5,-0.25,89.00")
+
+
+def test_where_only_the_scale_is_off_no_extrinsics_are_named() -> None:
+    asked = Pooled(np.array([0.01, 0.0, 0.0]), np.full(3, 1e-4), np.array([0.0, 1.0, 1.0]), 40)
+    assert "extrinsics" not in judge_pooled(asked, CONFIG.verdict, np.zeros(3)).reason
 
 
 def span(offset: np.ndarray, heading: float = 0.0) -> Laid:

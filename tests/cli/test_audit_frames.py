@@ -1,0 +1,133 @@
+"""`mqslam audit` of a trajectory that is not the sensor's own: extrinsics, frames of a bag, results of other SLAMs."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from support.commands import mqslam, read_contents
+from support.laser_drive import drive_truth, write_laser_bag
+
+import mqslam as package
+from mqslam.core.trajectory import Trajectory
+from mqslam.formats.trajectories import write_kitti
+from mqslam.formats.tum import read_tum, write_tum
+from mqslam.simulator import simulate
+
+QUICK = "sensor: {doppler_beta: 0.0}\n"
+
+
+@pytest.fixture(scope="module")
+def quick(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A settings file that leaves nothing to be measured beforehand."""
+    settings = tmp_path_factory.mktemp("settings") / "quick.yaml"
+    settings.write_text(QUICK)
+    return settings
+
+
+def base_of(track: Trajectory, extrinsics: tuple[float, float, float]) -> Trajectory:
+    """Returns the trajectory of a base on which the sensor is mounted at x, y [m], yaw [degrees], by matrices."""
+
+    def matrix(pose: np.ndarray) -> np.ndarray:
+        x, y, yaw = pose
+        return np.array([[np.cos(yaw), -np.sin(yaw), x], [np.sin(yaw), np.cos(yaw), y], [0.0, 0.0, 1.0]])
+
+    mount = matrix(np.array([*extrinsics[:2], np.radians(extrinsics[2])]))
+    bases = [matrix(pose) @ np.linalg.inv(mount) for pose in track.poses]
+    return Trajectory(track.stamps_us, np.array([[m[0, 2], m[1, 2], np.arctan2(m[1, 0], m[0, 0])] for m in bases]))
+
+
+def test_a_bases_trajectory_with_extrinsics_is_the_sensors(street: Path, quick: Path, tmp_path: Path) -> None:
+    truth = read_tum(street / "gt" / "poses_tum.txt")
+    write_tum(tmp_path / "base.tum", base_of(truth, (-1.5, 0.4, 90.0)))
+    words = ("audit", street, "--config", quick)
+    own = mqslam(*words, "-t", "ground_truth", "--out", tmp_path / "own")
+    given = mqslam(*words, "-t", tmp_path / "base.tum", "--extrinsics", "-1.5,0.4,90", "--out", tmp_path / "given")
+    assert own.code == given.code == 0
+    a, b = (json.loads((tmp_path / name / "audit.json").read_text()) for name in ("own", "given"))
+    assert b["windows"]["inflation_median"] == pytest.approx(a["windows"]["inflation_median"], rel=1e-3)
+    assert a["extrinsics"] is None and b["extrinsics"] == [-1.5, 0.4, 90.0]
+    said = "carried to the sensor by its extrinsics: -1.5 m forward, 0.4 m to the left, turned by 90 degrees to the left"
+    assert said in given.err and any(said in warning for warning in b["warnings"])
+    assert said in (tmp_path / "given" / "report.html").read_text()
+
+
+def test_the_remedy_for_a_turned_mount_on_a_lidar_mends_it(tmp_path: Path) -> None:
+    bag = write_laser_bag(tmp_path / "drive.bag")
+    write_tum(tmp_path / "base.tum", base_of(drive_truth(), (0.0, 0.0, -1.0)))
+    words = ("audit", bag, "--trajectory", tmp_path / "base.tum")
+    warned = mqslam(*words, "--out", tmp_path / "a", "--fail-on", "warn")
+    assert warned.code == 1 and warned.out.startswith("verdict       warn: ")
+    remedy = re.search(r"its mount is turned by as much; give (--extrinsics) (0,0,-\d\.\d\d)\n", warned.out)
+    assert remedy is not None and float(remedy[2].split(",")[2]) == pytest.approx(-1.0, abs=0.05)
+    mended = mqslam(*words, remedy[1], remedy[2], "--out", tmp_path / "b", "--fail-on", "warn")
+    assert mended.code == 0 and mended.out.startswith("verdict       pass: ")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("degrees", [-1.0, 1.0])
+def test_the_remedy_for_a_turned_mount_of_a_radar_mends_it(tmp_path: Path, degrees: float) -> None:
+    drive = tmp_path / "drive"
+    simulate(drive, scene="street", duration_s=45.0, movers=0, seed=1)
+    truth = read_tum(drive / "gt" / "poses_tum.txt")
+    base = base_of(truth, (0.0, 0.0, degrees))
+    (tmp_path / "quick.yaml").write_text(QUICK)
+    warned = package.audit(drive, tmp_path / "a", trajectory=base, config=tmp_path / "quick.yaml")
+    assert warned.verdict != "pass"
+    remedy = re.search(r"give extrinsics (\S+),(\S+),(\S+)$", " ".join(warned.reasons))
+    assert remedy is not None
+    x, y, yaw = (float(remedy[k]) for k in (1, 2, 3))
+    assert (x, y) == (0.0, 0.0) and yaw == pytest.approx(degrees, abs=0.1)
+    mended = package.audit(drive, tmp_path / "b", trajectory=base, extrinsics=(x, y, yaw), config=tmp_path / "quick.yaml")
+    assert mended.verdict == "pass", mended.reasons
+
+
+def test_results_of_other_slams_and_frames_of_a_bag_are_audited(street: Path, quick: Path, tmp_path: Path) -> None:
+    run = tmp_path / "run"
+    assert mqslam("run", street, "--out", run, "--frontend", "odometry", "--config", quick, "--quiet").code == 0
+    assert mqslam("convert", run, tmp_path / "run.mcap", "--quiet").code == 0
+    (tmp_path / "cfear" / "est").mkdir(parents=True)
+    write_kitti(tmp_path / "cfear" / "est" / "00.txt", read_tum(run / "trajectory.tum"))
+    write_tum(tmp_path / "cfear" / "est" / "tum_00.txt", read_tum(run / "trajectory.tum"))
+    medians = {}
+    for name, options in {
+        "tum": (run / "trajectory.tum",),
+        "cfear": (tmp_path / "cfear",),
+        "tf": (tmp_path / "run.mcap", "--frame", "radar"),
+    }.items():
+        words = ("audit", street, "--config", quick, "--quiet", "--out", tmp_path / name / "audited")
+        assert mqslam(*words, "--trajectory", *options).code == 0
+        audited = json.loads((tmp_path / name / "audited" / "audit.json").read_text())
+        medians[name] = audited["windows"]["inflation_median"]
+    assert medians["cfear"] == pytest.approx(medians["tum"], rel=1e-3)
+    assert medians["tf"] == pytest.approx(medians["tum"], rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (("--extrinsics", "1,2"), "--extrinsics 1,2: give metres forward, metres to the left and degrees to the left"),
+        (("--extrinsics", "1,2,left"), "--extrinsics 1,2,left: give metres forward"),
+        (("--extrinsics", "1500,0,0"), "extrinsics of 1500, 0, 0 are beyond any vehicle; give --extrinsics as metres"),
+        (("--extrinsics", "0,0,nan"), "extrinsics of 0, 0, nan are beyond any vehicle"),
+        (("--extrinsics", "0,0,1", "--trajectory", "ground_truth"), "belong to a trajectory from a file; give --trajectory"),
+        (("--frame", "base_link", "--trajectory", "odometry"), "belong to a trajectory from a file; give --trajectory"),
+        (("--frame", "base_link", "--trajectory", "TRUTH"), "is no bag, and holds neither topics nor frames"),
+    ],
+)
+def test_mistakes_are_one_line_and_leave_nothing(street: Path, tmp_path: Path, options: tuple[str, ...], said: str) -> None:
+    truth = street / "gt" / "poses_tum.txt"
+    given = () if "--trajectory" in options else ("--trajectory", "TRUTH")
+    words = [truth if word == "TRUTH" else word for word in (*given, *options)]
+    result = mqslam("audit", street, "--out", tmp_path / "a", "--quiet", *words)
+    assert result.code == 2 and said in result.err and len(result.err.splitlines()) == 1
+    assert read_contents(tmp_path) == {}
+
+
+@pytest.mark.parametrize("option", [("--extrinsics", "0,0,1"), ("--frame", "base_link")])
+def test_what_belongs_to_a_trajectory_needs_one(street: Path, tmp_path: Path, option: tuple[str, str]) -> None:
+    result = mqslam("audit", street, "--out", tmp_path / "a", "--quiet", *option)
+    assert result.code == 2 and "--extrinsics belong to a trajectory from a file; give --trajectory FILE" in result.err

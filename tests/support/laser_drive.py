@@ -1,0 +1,72 @@
+"""A bag of laser scans of a drive around a yard full of thin walls, cast beam by beam."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from support.recordings import START_US, bag_writer
+
+from mqslam.core import se2
+from mqslam.core.trajectory import Trajectory
+
+RADIUS_M, STEP_M, SCANS, BEAMS, REACH_M = 48.0, 2.0, 138, 200, 40.0
+SCAN_TYPE = "sensor_msgs/msg/LaserScan"
+
+
+def drive_truth() -> Trajectory:
+    """Returns the poses of the lidar: almost a round to the left, at 4 m/s."""
+    stamps = START_US + 500_000 * np.arange(SCANS)
+    start = np.array([RADIUS_M, 0.0, np.pi / 2])
+    steps = np.tile([STEP_M, 0.0, STEP_M / RADIUS_M], (SCANS, 1))
+    return Trajectory(stamps, se2.compose(start, se2.exp(steps, np.arange(float(SCANS)))))
+
+
+def write_laser_bag(path: Path) -> Path:
+    """Writes the scans of the drive as a ROS 1 bag that holds nothing else."""
+    truth, walls, random = drive_truth(), _stand_walls(), np.random.default_rng(2)
+    with bag_writer(path, "ros1") as bag:
+        topic = bag.topic("/scan", SCAN_TYPE)
+        for stamp, pose in zip(truth.stamps_us.tolist(), truth.poses, strict=True):
+            ranges = _cast(walls, pose) + random.normal(0.0, 0.01, BEAMS)
+            message = bag.store.types[SCAN_TYPE](
+                bag.header(stamp),
+                angle_min=-np.pi,
+                angle_max=np.pi,
+                angle_increment=2 * np.pi / BEAMS,
+                time_increment=0.0,
+                scan_time=0.1,
+                range_min=0.1,
+                range_max=REACH_M,
+                ranges=ranges.astype(np.float32),
+                intensities=np.zeros(0, np.float32),
+            )
+            bag.write(topic, stamp, message)
+    return path
+
+
+def _stand_walls() -> NDArray[np.float64]:
+    """Returns walls (N, 4) beside the way: x and y [m] of both ends. They are thin, so that both sides are one place."""
+    random = np.random.default_rng(1)
+    centres, half, angles = (
+        random.uniform(-75.0, 75.0, (600, 2)),
+        random.uniform(0.5, 2.0, 600),
+        random.uniform(0, np.pi, 600),
+    )
+    reach = half[:, None] * np.column_stack([np.cos(angles), np.sin(angles)])
+    beside = np.abs(np.hypot(*centres.T) - RADIUS_M) > 3.0 + half
+    return np.hstack([centres - reach, centres + reach])[beside]
+
+
+def _cast(walls: NDArray[np.float64], pose: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Returns the range [m] of every beam, twice the reach where it meets no wall."""
+    angles = pose[2] - np.pi + 2 * np.pi / BEAMS * np.arange(BEAMS)
+    beam = np.column_stack([np.cos(angles), np.sin(angles)])[:, None]
+    first, along = walls[:, :2] - pose[:2], walls[:, 2:] - walls[:, :2]
+    across = beam[..., 0] * along[:, 1] - beam[..., 1] * along[:, 0]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        distance = (first[:, 0] * along[:, 1] - first[:, 1] * along[:, 0]) / across
+        share = (first[:, 0] * beam[..., 1] - first[:, 1] * beam[..., 0]) / across
+    hit = (distance > 0.0) & (share >= 0.0) & (share <= 1.0)
+    return np.where(hit, distance, 2.0 * REACH_M).min(axis=1)
