@@ -142,7 +142,7 @@ def _check_extrinsics(extrinsics: tuple[float, float, float] | None) -> se2.Arra
 def _describe_mount(mount: se2.Array) -> str:
     """Returns the pose of a sensor on a vehicle in words."""
     x, y, yaw = mount
-    return f"{x:g} m forward, {y:g} m to the left, turned by {np.degrees(yaw):g} degrees to the left"
+    return f"{x:g} m forward, {y:g} m to the left, turned by {np.degrees(yaw):g} deg to the left"
 
 
 def _read_given(
