@@ -4,7 +4,8 @@ A trajectory whose scale, direction of travel or yaw rate is off by little is of
 shows to matter. Scans that are some path apart but still see the same show it, and all along the drive they agree.
 
 Laid on each other, scans seem a little closer together than they are, by an amount that does not depend on the path between
-them. The path is therefore long.
+them. The path is therefore long, but no longer than the range at which the sensor sees most things: from farther apart it
+sees other faces of them, which are wrongly laid on each other.
 """
 
 from __future__ import annotations
@@ -67,6 +68,7 @@ def pool_corrections(
         engine: where spans are measured; the result does not depend on it.
         progress: called as spans are done.
     """
+    settings = fit_to_reach(sweeps, settings)
     pairs = [(a, b) for a, b in find_spans(sweeps.travelled, settings) if known[[a, b]].all()]
 
     def report(number: int, laid: Laid | None) -> None:
@@ -74,6 +76,22 @@ def pool_corrections(
 
     laid = engine.map(_lay_span, (sweeps, settings, estimator), pairs, report)
     return pool([span for span in laid if span is not None and span.observed], settings)
+
+
+def fit_to_reach(sweeps: Sweeps, settings: AuditConfig) -> AuditConfig:
+    """Returns the settings with spans no longer than the range from which on half of the points are seen.
+
+    Args:
+        sweeps: points under the trajectory to judge.
+        settings: of the audit.
+    """
+    of_sweep = np.repeat(np.arange(len(sweeps)), np.diff(sweeps.begins))
+    if len(of_sweep) == 0:
+        return settings
+    usual_m = float(np.median(np.hypot(*(sweeps.points - sweeps.poses[of_sweep, :2]).T)))
+    shorter = min(1.0, usual_m / settings.span_m)
+    lengths = {"span_m": shorter * settings.span_m, "span_every_m": shorter * settings.span_every_m}
+    return settings.model_copy(update=lengths)
 
 
 def find_spans(travelled: NDArray[np.float64], settings: AuditConfig) -> list[tuple[int, int]]:

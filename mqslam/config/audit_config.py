@@ -25,7 +25,10 @@ class AuditConfig(PassConfig):
     jump_m: float = Field(0.1, ge=0.0, description="A step that moves the points after it by less than this [m] is no jump.")
     step_every: int = Field(2, ge=1, description="Every how many scans a step is judged.")
     span_m: float = Field(
-        30.0, gt=0.0, description="Path [m] between scans that show what the whole map asks for together, such as a scale."
+        30.0,
+        gt=0.0,
+        description="Path [m] between scans that show what the whole map asks for together, such as a scale; less where "
+        "half of what the sensor sees is nearer than this.",
     )
     radius_m: float = Field(1.0, gt=0.0, description="Radius [m] of the neighbourhoods of the entropies and plane variance.")
     cell_m: float = Field(0.5, gt=0.0, description="Side of a cell of the evidence grid [m].")

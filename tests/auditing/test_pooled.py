@@ -3,21 +3,25 @@
 from __future__ import annotations
 
 from functools import lru_cache
+from pathlib import Path
 
 import numpy as np
 import pytest
 from support.drives import block_drive
+from support.laser_drive import drive_truth, write_laser_bag
 
 from mqslam.auditing.findings import judge_pooled
 from mqslam.auditing.laying import Laid
 from mqslam.auditing.pooled import Pooled, find_spans, pool, pool_corrections
+from mqslam.auditing.sources import LIDAR_CONFIG, make_lidar_source, place_source
 from mqslam.auditing.sweeps import place_sweeps
 from mqslam.auditing.verdict import VerdictStatus
-from mqslam.config import Config
+from mqslam.config import Config, load_config
 from mqslam.core import se2
 from mqslam.core.trajectory import Trajectory
 from mqslam.execution.engine import LocalEngine
 from mqslam.execution.progress import ignore_progress
+from mqslam.formats.lidars import read_lidar
 from mqslam.psi.place import beam_of
 
 CONFIG = Config()
@@ -140,3 +144,15 @@ def test_spans_have_their_path_between_them() -> None:
     assert len(pairs) > 20
     lengths = np.array([travelled[b] - travelled[a] for a, b in pairs])
     assert (lengths >= CONFIG.audit.span_m).all() and (lengths < CONFIG.audit.span_m + 3.0).all()
+
+
+def test_things_of_which_a_lidar_sees_one_side_at_a_time_show_no_scale(tmp_path: Path) -> None:
+    config = load_config(LIDAR_CONFIG)
+    source = make_lidar_source(read_lidar(write_laser_bag(tmp_path / "boxes.bag", solid=True), config.reading))
+    sweeps, _ = place_source(source, drive_truth(), config.audit, beam_of(config.estimator, 0.0))
+    known = np.ones(len(sweeps), bool)
+    found = pool_corrections(sweeps, known, config.audit, config.estimator, LocalEngine(2), ignore_progress)
+    assert found is not None and found.spans > 30
+    assert abs(found.bias[0]) < 1e-3  # 30 m apart the lidar sees the opposite faces, and the scale seems 3 % off
+    finding = judge_pooled(found, config.verdict)
+    assert finding.judged and finding.status is VerdictStatus.PASS, finding.reason

@@ -1,4 +1,4 @@
-"""A bag of laser scans of a drive around a yard full of thin walls, cast beam by beam."""
+"""A bag of laser scans of a drive around a yard full of thin walls or of boxes, cast beam by beam."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from support.recordings import START_US, bag_writer
 from mqslam.core import se2
 from mqslam.core.trajectory import Trajectory
 
-RADIUS_M, STEP_M, SCANS, BEAMS, REACH_M = 48.0, 2.0, 138, 200, 40.0
+RADIUS_M, STEP_M, SCANS, BEAMS = 48.0, 2.0, 138, 200
 SCAN_TYPE = "sensor_msgs/msg/LaserScan"
 
 
@@ -23,13 +23,19 @@ def drive_truth() -> Trajectory:
     return Trajectory(stamps, se2.compose(start, se2.exp(steps, np.arange(float(SCANS)))))
 
 
-def write_laser_bag(path: Path) -> Path:
-    """Writes the scans of the drive as a ROS 1 bag that holds nothing else."""
-    truth, walls, random = drive_truth(), _stand_walls(), np.random.default_rng(2)
+def write_laser_bag(path: Path, *, solid: bool = False) -> Path:
+    """Writes the scans of the drive as a ROS 1 bag that holds nothing else.
+
+    Args:
+        path: of the bag.
+        solid: whether boxes stand in the yard, of which one side shows only, and the lidar does not see far.
+    """
+    truth, random = drive_truth(), np.random.default_rng(2)
+    walls, reach_m = (_stand_boxes(), 25.0) if solid else (_stand_walls(), 40.0)
     with bag_writer(path, "ros1") as bag:
         topic = bag.topic("/scan", SCAN_TYPE)
         for stamp, pose in zip(truth.stamps_us.tolist(), truth.poses, strict=True):
-            ranges = _cast(walls, pose) + random.normal(0.0, 0.01, BEAMS)
+            ranges = _cast(walls, pose, reach_m) + random.normal(0.0, 0.01, BEAMS)
             message = bag.store.types[SCAN_TYPE](
                 bag.header(stamp),
                 angle_min=-np.pi,
@@ -38,7 +44,7 @@ def write_laser_bag(path: Path) -> Path:
                 time_increment=0.0,
                 scan_time=0.1,
                 range_min=0.1,
-                range_max=REACH_M,
+                range_max=reach_m,
                 ranges=ranges.astype(np.float32),
                 intensities=np.zeros(0, np.float32),
             )
@@ -59,7 +65,23 @@ def _stand_walls() -> NDArray[np.float64]:
     return np.hstack([centres - reach, centres + reach])[beside]
 
 
-def _cast(walls: NDArray[np.float64], pose: NDArray[np.float64]) -> NDArray[np.float64]:
+def _stand_boxes() -> NDArray[np.float64]:
+    """Returns the four walls each (N, 4) of boxes beside the way: x and y [m] of both ends."""
+    random = np.random.default_rng(1)
+    centres, half, angles = (
+        random.uniform(-75.0, 75.0, (500, 2)),
+        random.uniform(0.3, 1.5, (500, 2)),
+        random.uniform(0, np.pi, 500),
+    )
+    corners = half[:, None] * np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
+    placed = np.array(
+        [se2.transform(np.array([*at, yaw]), box) for at, yaw, box in zip(centres, angles, corners, strict=True)]
+    )
+    beside = np.abs(np.hypot(*centres.T) - RADIUS_M) > 3.0 + half.max(axis=1)
+    return np.concatenate([placed, np.roll(placed, -1, axis=1)], axis=2)[beside].reshape(-1, 4)
+
+
+def _cast(walls: NDArray[np.float64], pose: NDArray[np.float64], reach_m: float) -> NDArray[np.float64]:
     """Returns the range [m] of every beam, twice the reach where it meets no wall."""
     angles = pose[2] - np.pi + 2 * np.pi / BEAMS * np.arange(BEAMS)
     beam = np.column_stack([np.cos(angles), np.sin(angles)])[:, None]
@@ -69,4 +91,4 @@ def _cast(walls: NDArray[np.float64], pose: NDArray[np.float64]) -> NDArray[np.f
         distance = (first[:, 0] * along[:, 1] - first[:, 1] * along[:, 0]) / across
         share = (first[:, 0] * beam[..., 1] - first[:, 1] * beam[..., 0]) / across
     hit = (distance > 0.0) & (share >= 0.0) & (share <= 1.0)
-    return np.where(hit, distance, 2.0 * REACH_M).min(axis=1)
+    return np.where(hit, distance, 2.0 * reach_m).min(axis=1)
