@@ -69,6 +69,8 @@ def pool_corrections(
         progress: called as spans are done.
     """
     settings = fit_to_reach(sweeps, settings)
+    if settings.span_m < settings.span_least_m:
+        return None
     pairs = [(a, b) for a, b in find_spans(sweeps.travelled, settings) if known[[a, b]].all()]
 
     def report(number: int, laid: Laid | None) -> None:

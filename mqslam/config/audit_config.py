@@ -50,6 +50,12 @@ class AuditConfig(PassConfig):
         description="Share of the steps, those that match worst, whose sides are looked for farther apart as well.",
     )
     span_every_m: float = expert(15.0, gt=0.0, description="Path [m] from one such pair of scans to the next.")
+    span_least_m: float = expert(
+        15.0,
+        gt=0.0,
+        description="Such scans less than this apart [m] show no scale: laid on each other, they seem closer than they are "
+        "by a few centimetres, whatever the path between them.",
+    )
     span_fewest: int = expert(15, ge=1, description="Fewest such pairs that show a bias.")
     sampled_windows: int = expert(
         100, ge=1, description="Number of windows, evenly spread, that a run judges of its own map; an audit judges all."

@@ -146,13 +146,11 @@ def test_spans_have_their_path_between_them() -> None:
     assert (lengths >= CONFIG.audit.span_m).all() and (lengths < CONFIG.audit.span_m + 3.0).all()
 
 
-def test_things_of_which_a_lidar_sees_one_side_at_a_time_show_no_scale(tmp_path: Path) -> None:
+def test_a_lidar_that_does_not_see_far_shows_no_scale(tmp_path: Path) -> None:
     config = load_config(LIDAR_CONFIG)
     source = make_lidar_source(read_lidar(write_laser_bag(tmp_path / "boxes.bag", solid=True), config.reading))
     sweeps, _ = place_source(source, drive_truth(), config.audit, beam_of(config.estimator, 0.0))
     known = np.ones(len(sweeps), bool)
     found = pool_corrections(sweeps, known, config.audit, config.estimator, LocalEngine(2), ignore_progress)
-    assert found is not None and found.spans > 30
-    assert abs(found.bias[0]) < 1e-3  # 30 m apart the lidar sees the opposite faces, and the scale seems 3 % off
-    finding = judge_pooled(found, config.verdict)
-    assert finding.judged and finding.status is VerdictStatus.PASS, finding.reason
+    assert found is None  # 30 m apart the lidar sees opposite faces, and the scale seems 3 % off; closer by is too close
+    assert not judge_pooled(found, config.verdict).judged
