@@ -81,7 +81,8 @@ class Slam:
             checked: Audit | None = None
             with runner.time_stage("check"), runner.tolerate("the check of the map"):
                 if len(scans) > 1:
-                    checked = audit_trajectory(scans, solution.optimised, config, solution.beam, runner)
+                    optimum = None if solution.covariances.failure else (solution.graph, solution.values)
+                    checked = audit_trajectory(scans, solution.optimised, config, solution.beam, runner, optimum)
         return Run(
             **(vars(solution) | {"warnings": tuple(runner.warnings)}),
             map_odometry=before,

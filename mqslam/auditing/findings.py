@@ -15,6 +15,7 @@ from mqslam.auditing.verdict import Finding, Share, VerdictStatus
 from mqslam.auditing.windows import Undecided, WindowAudit, share_torn
 from mqslam.config import AuditConfig, VerdictConfig
 from mqslam.core import se2
+from mqslam.core.chances import correct_for_places, find_smallest
 from mqslam.core.wording import count_of, is_or_are
 from mqslam.errors import Remedy
 
@@ -42,7 +43,7 @@ def judge_windows(windows: Sequence[WindowAudit], scans: int, size: int, setting
         reason += f", too few to judge the map by: the share of torn ones may be {torn.describe_range(settings)}"
     if 0 < torn.total < len(windows):
         reason += f", {len(windows) - torn.total} undecided"
-    findings = [Finding(status, reason)]
+    findings = [Finding(status, reason, p_value=find_smallest(window.p_value for window in windows))]
     blind = Share(sum(w.undecided is Undecided.APART for w in windows), len(windows))
     if blind.is_above(settings.windows_fail, settings):
         reason = f"{blind.count} of {count_of(blind.total, 'window')} {is_or_are(blind.count)} undecided: {Undecided.APART}"
@@ -63,17 +64,19 @@ def judge_steps(steps: Sequence[StepAudit], settings: AuditConfig, limits: Verdi
         limits: of the verdict.
     """
     jumps = find_torn_steps(steps, settings, limits)
+    p_value = find_smallest(step.p_value for step in steps if step.judged)
     if not jumps:
         judged = sum(step.judged for step in steps)
         if judged < settings.step_fewest:
             reason = "too few steps could be measured to see a jump of the trajectory"
             return Finding(VerdictStatus.PASS, reason, judged=False)
         reason = f"no jump of up to {settings.search_m:g} m at any of {count_of(judged, 'step')}"
-        return Finding(VerdictStatus.PASS, reason)
+        return Finding(VerdictStatus.PASS, reason, p_value=p_value)
     worst = max(jumps, key=lambda step: step.laid.size_m)
     others = f" and at {count_of(len(jumps) - 1, 'other place')}" if len(jumps) > 1 else ""
     reason = f"the map jumps by {worst.laid.size_m:.2f} m at {worst.t:.1f} s{others}"
-    return Finding(VerdictStatus.FAIL if worst.laid.size_m > settings.torn_m else VerdictStatus.WARN, reason)
+    status = VerdictStatus.FAIL if worst.laid.size_m > settings.torn_m else VerdictStatus.WARN
+    return Finding(status, reason, p_value=p_value)
 
 
 def find_torn_steps(steps: Sequence[StepAudit], settings: AuditConfig, limits: VerdictConfig) -> list[StepAudit]:
@@ -87,7 +90,7 @@ def find_torn_steps(steps: Sequence[StepAudit], settings: AuditConfig, limits: V
         settings: of the audit.
         limits: of the verdict.
     """
-    chance = limits.false_alarms / _SHARERS
+    chance = limits.share_of_false_alarms
 
     def is_off(step: StepAudit) -> bool:
         laid = step.laid
@@ -123,15 +126,17 @@ def judge_pooled(pooled: Pooled | None, limits: VerdictConfig, extrinsics: se2.A
         for axis, (bias, sigma, chance, limit) in enumerate(
             zip(pooled.bias, pooled.sigma, pooled.p_value, largest, strict=True)
         )
-        if abs(bias) > limit and chance < limits.false_alarms / _SHARERS
+        if abs(bias) > limit and chance < limits.share_of_false_alarms
     }
+    p_value = find_smallest(correct_for_places(pooled.p_value))
     if wishes:
         reason = f"all along the drive {' and '.join(wishes.values())}"
         if _SIDE in wishes and extrinsics is not None:
             x, y, yaw = extrinsics
             reason += f"; {Remedy.GIVE_EXTRINSICS} {x:g},{y:g},{np.degrees(yaw - pooled.bias[_SIDE]):.2f}"
-        return Finding(VerdictStatus.WARN, reason)
-    return Finding(VerdictStatus.PASS, "scale, direction of travel and yaw rate fit what the sensor sees")
+        return Finding(VerdictStatus.WARN, reason, p_value=p_value)
+    reason = "scale, direction of travel and yaw rate fit what the sensor sees"
+    return Finding(VerdictStatus.PASS, reason, p_value=p_value)
 
 
 def _wish_length(bias: float, sigma: float) -> str:
@@ -156,7 +161,6 @@ def _side(bias: float) -> str:
 
 _WISHES: Final = (_wish_length, _wish_side, _wish_turn)  # what is asked for forward, to the side and in yaw, in words
 _SIDE: Final = 1  # index of that to the side
-_SHARERS: Final = 4  # by definition: tests that share the rate of false alarms, which are the steps and three biases
 
 
 def judge_locally(windows: Sequence[WindowAudit]) -> Finding:
@@ -173,19 +177,29 @@ def judge_revisits(revisits: Sequence[RevisitAudit], settings: VerdictConfig) ->
     sure = [r for r in revisits if r.revisit.sure]
     if not sure:
         return Finding(VerdictStatus.PASS, _explain_no_revisit(revisits))
-    off = [r for r in sure if r.torn]
+    off, excused = [r for r in sure if r.torn], [r for r in sure if r.excused]
+    p_value = find_smallest(r.p_value for r in sure)
     reason = f"{len(off)} of {count_of(len(sure), 'revisit')} {is_or_are(len(off))} torn"
-    if not off:
-        return Finding(VerdictStatus.PASS, reason)
-    reason += f", by up to {max(r.revisit.distance_m for r in off):.2f} m"
-    torn = Share(len(off), len(sure))
-    status = torn.judge(settings.revisits_warn, settings.revisits_fail, settings)
-    successive = any(a.torn and b.torn for a, b in itertools.pairwise(sure))  # one alone may be of places that look alike
-    if successive and status is not VerdictStatus.FAIL:
-        status = VerdictStatus.WARN
-    if status is VerdictStatus.NOT_JUDGED:
-        reason += f", too few to judge drift by: the share of torn ones may be {torn.describe_range(settings)}"
-    return Finding(status, reason)
+    status = VerdictStatus.PASS
+    if off:
+        reason += f", by up to {max(r.revisit.distance_m for r in off):.2f} m"
+        if any(r.claimed is not None for r in off):
+            reason += ", beyond what the trajectory claims to know"
+        torn = Share(len(off), len(sure))
+        status = torn.judge(settings.revisits_warn, settings.revisits_fail, settings)
+        successive = any(
+            a.torn and b.torn for a, b in itertools.pairwise(sure)
+        )  # one alone may be of places that look alike
+        if successive and status is not VerdictStatus.FAIL:
+            status = VerdictStatus.WARN
+        if status is VerdictStatus.NOT_JUDGED:
+            reason += f", too few to judge drift by: the share of torn ones may be {torn.describe_range(settings)}"
+    if excused:
+        farthest = max(r.revisit.distance_m for r in excused)
+        reason += f", and the passes of {len(excused)} lie up to {farthest:.2f} m apart, as the trajectory says they may"
+        if status is VerdictStatus.PASS and Share(len(excused), len(sure)).is_above(settings.revisits_warn, settings):
+            status = VerdictStatus.WARN
+    return Finding(status, reason, p_value=p_value)
 
 
 def _explain_no_revisit(revisits: Sequence[RevisitAudit]) -> str:

@@ -5,7 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import chain
+from typing import TypeAlias
 
+import gtsam
 import numpy as np
 from numpy.typing import NDArray
 
@@ -24,14 +26,18 @@ from mqslam.auditing.steps import StepAudit, audit_steps
 from mqslam.auditing.sweeps import Sweeps, place_sweeps
 from mqslam.auditing.tracks import judge_track, mark_interpolated
 from mqslam.auditing.verdict import Finding, VerdictStatus, verdict_of
-from mqslam.auditing.windows import Undecided, WindowAudit, audit_windows
-from mqslam.config import AuditConfig, Config, EstimatorConfig, LoopConfig, VerdictConfig
+from mqslam.auditing.windows import Undecided, WindowAudit, audit_windows, state_p_values
+from mqslam.backend.claims import Claims, GraphClaims
+from mqslam.backend.pose_graph import PoseGraph
+from mqslam.config import AuditConfig, Config, EstimatorConfig, VerdictConfig
 from mqslam.core.scans import Scans
 from mqslam.core.trajectory import Trajectory
 from mqslam.execution.engine import Engine
 from mqslam.execution.progress import Progress
 from mqslam.execution.runner import Runner
 from mqslam.psi.place import Beam
+
+Optimum: TypeAlias = tuple[PoseGraph, gtsam.Values]
 
 
 @dataclass(frozen=True)
@@ -63,11 +69,11 @@ def audit(
     sweeps: Sweeps,
     settings: AuditConfig,
     estimator: EstimatorConfig,
-    loops: LoopConfig,
     limits: VerdictConfig,
     engine: Engine,
     progress: Progress,
     sampled: int | None = None,
+    claims: Claims | None = None,
 ) -> Audit:
     """Judges a map.
 
@@ -75,17 +81,17 @@ def audit(
         sweeps: its points under the trajectory.
         settings: of the audit.
         estimator: settings of the score.
-        loops: settings of loops, whose floor holds for revisits too.
         limits: settings of the verdict.
         engine: where windows and revisits are judged; the result does not depend on it.
         progress: called as its parts are done.
         sampled: how many windows at most are judged, evenly spread; None takes all.
+        claims: how sure the trajectory is of itself, by the numbers of the sweeps; None where it does not say.
     """
     windows = audit_windows(sweeps, settings, estimator, engine, progress, sampled)
     speeds = check_speeds(sweeps, [(w.begin + w.end) // 2 - 1 for w in windows], settings, estimator, engine, progress)
     capture = find_capture_range(sweeps.revolution_s, settings, estimator)
     interpolated = _mark_interpolated(sweeps, settings)
-    windows = _decide(windows, speeds, interpolated, capture, limits)
+    windows = state_p_values(_decide(windows, speeds, interpolated, capture, limits))
     steps = audit_steps(sweeps, ~interpolated, settings, estimator, engine, progress)
     track = sweeps.track
     tests = {
@@ -100,14 +106,16 @@ def audit(
         tests["revisits"] = [judge_locally(windows)]
     else:
         pooled = pool_corrections(sweeps, ~interpolated, settings, estimator, engine, progress)
-        revisits = audit_revisits(sweeps, settings, estimator, loops, engine, progress)
+        revisits = audit_revisits(sweeps, settings, estimator, limits, engine, progress, claims)
         tests |= {"pooled": [judge_pooled(pooled, limits, track.extrinsics)], "revisits": [judge_revisits(revisits, limits)]}
     tests = {name: findings for name, findings in tests.items() if findings}
     verdict = verdict_of(chain.from_iterable(tests.values()))
     return Audit(windows, steps, pooled, revisits, tests, *verdict, capture)
 
 
-def audit_trajectory(scans: Scans, trajectory: Trajectory, config: Config, beam: Beam, runner: Runner) -> Audit:
+def audit_trajectory(
+    scans: Scans, trajectory: Trajectory, config: Config, beam: Beam, runner: Runner, optimum: Optimum | None = None
+) -> Audit:
     """Judges the map that a run has made: all of it, but of its windows a sample.
 
     Args:
@@ -116,13 +124,16 @@ def audit_trajectory(scans: Scans, trajectory: Trajectory, config: Config, beam:
         config: all settings.
         beam: the sensor's errors.
         runner: where the map is judged; the result does not depend on it.
+        optimum: the graph that the trajectory optimises and its values, which say how sure the trajectory is; None where
+            they do not.
 
     Raises:
         EstimationError: there are no returns.
     """
-    sweeps, _ = place_sweeps(scans, trajectory, config.audit, beam)
-    sections = config.audit, config.estimator, config.loops, config.verdict
-    return audit(sweeps, *sections, runner.engine, runner.progress, config.audit.sampled_windows)
+    sweeps, inside = place_sweeps(scans, trajectory, config.audit, beam)
+    claims = None if optimum is None else GraphClaims(*optimum, inside, sweeps.poses)
+    sections = config.audit, config.estimator, config.verdict
+    return audit(sweeps, *sections, runner.engine, runner.progress, config.audit.sampled_windows, claims)
 
 
 def _mark_interpolated(sweeps: Sweeps, settings: AuditConfig) -> NDArray[np.bool_]:

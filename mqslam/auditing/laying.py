@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,6 +31,7 @@ class Laid:
         psi, psi_best: score per point as the trajectory has it and with the offset corrected.
         observed: whether the two stretches hold every direction.
         unrivalled: whether they do, lie on each other well enough, and fit nowhere else as well.
+        rivals: (R, 3) other offsets at which they fit about as well.
     """
 
     earlier: int
@@ -45,6 +46,7 @@ class Laid:
     psi_best: float
     observed: bool
     unrivalled: bool
+    rivals: se2.Array = field(default_factory=lambda: np.empty((0, 3)))
 
 
 def ask_of_scans(settings: AuditConfig) -> AuditConfig:
@@ -108,4 +110,5 @@ def lay(
         psi_best=alignment.psi,
         observed=alignment.observed,
         unrivalled=is_unrivalled(alignment, settings),
+        rivals=se2.wrapped_between(between, alignment.rivals),
     )

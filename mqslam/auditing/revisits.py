@@ -3,21 +3,29 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import f as f_distribution
 
-from mqslam.auditing.laying import lay
+from mqslam.auditing.laying import Laid, lay
 from mqslam.auditing.sweeps import Sweeps
 from mqslam.auditing.verdict import Share
 from mqslam.auditing.windows import torn_threshold
+from mqslam.backend.claims import Claims
+from mqslam.backend.loops.agreement import Offsets, compare_neighbours, find_agreeing
+from mqslam.backend.loops.align import TOLERANCES
 from mqslam.backend.loops.passes import find_passes
 from mqslam.backend.loops.submap import pick_around
-from mqslam.config import AuditConfig, EstimatorConfig, LoopConfig
+from mqslam.config import AuditConfig, EstimatorConfig, VerdictConfig
 from mqslam.core import se2
+from mqslam.core.chances import correct_for_places, find_usual_scale
 from mqslam.execution.engine import Engine
 from mqslam.execution.progress import Progress
+
+_EFFICIENCY: Final = 0.37  # by definition: of a median absolute deviation of normal noise, against the standard deviation
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,11 +36,12 @@ class Revisit:
         earlier, later: the two sweeps.
         offset: (3,) where psi has the later pass against where the trajectory has it, in the frame of the later sweep
             [m, m, rad].
-        covariance: (3, 3) of the offset.
+        covariance: (3, 3) of the offset, as far as measurement and, where it says so, trajectory explain one.
         inflation: offset^T covariance^-1 offset.
         matched: share of the later pass's points that lie on the earlier one's.
         psi, psi_best: score per point as the trajectory has it and with the offset corrected.
-        sure: whether the maps of the two passes fit nowhere else as well and hold every direction.
+        sure: whether the maps of the two passes fit nowhere else as well and hold every direction, or do so together with
+            those of the revisits beside it.
     """
 
     earlier: int
@@ -57,20 +66,29 @@ class RevisitAudit:
 
     Args:
         revisit: the two passes and their offset.
-        torn: whether they are off each other beyond what the covariance explains and beyond the settings' tolerance.
+        torn: whether they are off each other beyond what the covariance explains and beyond a tolerance.
+        p_value: probability that an offset as large shows at any revisit of a good map; NaN where the revisit is not sure or
+            too few revisits show how far off they usually are.
+        claimed: (3, 3) covariance that the trajectory itself states of the later pose against the earlier one, which is part
+            of the revisit's; None where it states none.
+        excused: whether they would be torn if the trajectory did not say that it may be off as far as this.
     """
 
     revisit: Revisit
     torn: bool
+    p_value: float = np.nan
+    claimed: NDArray[np.float64] | None = None
+    excused: bool = False
 
 
 def audit_revisits(
     sweeps: Sweeps,
     settings: AuditConfig,
     estimator: EstimatorConfig,
-    loops: LoopConfig,
+    limits: VerdictConfig,
     engine: Engine,
     progress: Progress,
+    claims: Claims | None = None,
 ) -> list[RevisitAudit]:
     """Judges the revisits of a map; those of which either pass holds too few points are left out.
 
@@ -78,17 +96,97 @@ def audit_revisits(
         sweeps: points under the trajectory to judge.
         settings: of the audit.
         estimator: settings of the score.
-        loops: settings of loops, whose floor holds for revisits too.
+        limits: of the verdict.
         engine: where the revisits are judged; the result does not depend on it.
         progress: called as revisits are done.
+        claims: how sure the trajectory is of itself; None where it does not say.
     """
     pairs = find_revisit_pairs(sweeps, settings)
 
-    def report(number: int, revisit: Revisit | None) -> None:
+    def report(number: int, laid: Laid | None) -> None:
         progress("revisits", number, len(pairs))
 
-    revisits = engine.map(_measure_pair, (sweeps, settings, estimator, loops), pairs, report)
-    return [RevisitAudit(revisit, is_torn(revisit, settings)) for revisit in revisits if revisit is not None]
+    laid = [one for one in engine.map(_lay_pair, (sweeps, settings, estimator), pairs, report) if one is not None]
+    return judge_laid(laid, sweeps, settings, estimator, limits, claims)
+
+
+def judge_laid(
+    laid: Sequence[Laid],
+    sweeps: Sweeps,
+    settings: AuditConfig,
+    estimator: EstimatorConfig,
+    limits: VerdictConfig,
+    claims: Claims | None = None,
+) -> list[RevisitAudit]:
+    """Judges pairs of passes that are laid on each other, as `audit_revisits` does.
+
+    The curvature's covariance is too small by a factor that depends on the world, as with steps. Here the usual difference
+    between neighbouring revisits shows it: a drift of the whole trajectory, which is what revisits are there to find, moves
+    neighbours alike.
+    """
+    if not laid:
+        return []
+    measured, freedom = _measure_offsets(laid, sweeps, settings)
+    sure = np.array([one.unrivalled for one in laid])
+    sure |= find_agreeing(
+        measured,
+        np.array([one.observed for one in laid]),
+        [one.rivals for one in laid],
+        np.array([compute_reach(one.path_m, settings)[0] for one in laid]),
+        settings.least_path_m,
+        estimator.search_same_m,
+        settings.probability,
+    )
+    claimed = claims.relate([(one.earlier, one.later) for one in laid]) if claims is not None else None
+    total = measured if claimed is None else replace(measured, covariances=measured.covariances + claimed)
+    inflations = total.inflations
+    p_values = np.full(len(laid), np.nan)
+    if freedom > 0.0:
+        p_values[sure] = f_distribution.sf(inflations[sure] / 3.0, 3, freedom)
+    p_values = correct_for_places(p_values)
+    chance = limits.share_of_false_alarms
+    audited = []
+    for k, one in enumerate(laid):
+        revisit = Revisit(
+            earlier=one.earlier,
+            later=one.later,
+            offset=one.offset,
+            covariance=total.covariances[k],
+            inflation=float(inflations[k]),
+            matched=one.matched,
+            psi=one.psi,
+            psi_best=one.psi_best,
+            sure=bool(sure[k]),
+        )
+        p_value = float(p_values[k])
+        if claimed is None:
+            audited.append(RevisitAudit(revisit, is_torn(revisit, settings), p_value))
+            continue
+        torn = is_torn(revisit, settings)  # by the constants, where too few revisits give p-values
+        if np.isfinite(p_value):
+            torn = p_value < chance and one.size_m > settings.claimed_m  # by what the trajectory claims to know
+        alone = is_torn(replace(revisit, inflation=float(measured.inflations[k])), settings)
+        audited.append(RevisitAudit(revisit, torn, p_value, claimed[k], excused=alone and not torn))
+    return audited
+
+
+def _measure_offsets(laid: Sequence[Laid], sweeps: Sweeps, settings: AuditConfig) -> tuple[Offsets, float]:
+    """Returns the offsets with covariances that fit their neighbours, and how many degrees of freedom these have.
+
+    No covariance is made smaller. Without enough neighbours all stay as they are, and have no degree of freedom.
+    """
+    curvature = Offsets(
+        offsets=np.array([one.offset for one in laid]),
+        covariances=np.array([one.covariance for one in laid]) + np.diag(TOLERANCES**2),
+        poses=sweeps.poses[[one.later for one in laid]],
+        places=np.array([sweeps.travelled[[one.earlier, one.later]] for one in laid]),
+    )
+    known = curvature.take(np.array([one.observed for one in laid]))
+    squares = compare_neighbours(known, 2.0 * settings.submap_m, settings.least_path_m)
+    if len(squares) < settings.revisit_fewest:
+        return curvature, 0.0
+    scaled = se2.scale_covariance(curvature.covariances, find_usual_scale(squares))
+    return replace(curvature, covariances=scaled), _EFFICIENCY * len(known.offsets)
 
 
 def share_torn_revisits(revisits: Sequence[RevisitAudit]) -> Share:
@@ -115,46 +213,16 @@ def compute_reach(path_m: float, settings: AuditConfig) -> tuple[float, float]:
     return position_m, yaw
 
 
-def _measure_pair(shared: tuple[Sweeps, AuditConfig, EstimatorConfig, LoopConfig], pair: tuple[int, int]) -> Revisit | None:
-    """Lays one pass of a pair on the other."""
-    sweeps, settings, estimator, loops = shared
-    return measure_revisit(sweeps, *pair, settings, estimator, loops)
-
-
-def measure_revisit(
-    sweeps: Sweeps, earlier: int, later: int, settings: AuditConfig, estimator: EstimatorConfig, loops: LoopConfig
-) -> Revisit | None:
-    """Lays one pass on the other; returns None where either holds too few points.
-
-    Args:
-        sweeps: points under the trajectory to judge.
-        earlier: sweep of the earlier pass.
-        later: sweep of the later pass.
-        settings: of the audit.
-        estimator: settings of the score.
-        loops: settings of loops, whose floor holds here too, because submaps bend.
-    """
-    path_m = float(sweeps.travelled[later] - sweeps.travelled[earlier])
-    passes, reach = pick_passes(sweeps, earlier, later, settings), compute_reach(path_m, settings)
-    laid = lay(sweeps, (earlier, later), passes, reach, settings, estimator)
-    if laid is None:
-        return None
-    covariance = laid.covariance + np.diag([loops.floor_m**2, loops.floor_m**2, loops.floor_rad**2])
-    return Revisit(
-        earlier=earlier,
-        later=later,
-        offset=laid.offset,
-        covariance=covariance,
-        inflation=float(laid.offset @ np.linalg.solve(covariance, laid.offset)),
-        matched=laid.matched,
-        psi=laid.psi,
-        psi_best=laid.psi_best,
-        sure=laid.unrivalled,
-    )
+def _lay_pair(shared: tuple[Sweeps, AuditConfig, EstimatorConfig], pair: tuple[int, int]) -> Laid | None:
+    """Lays the later pass of a pair on the earlier one; returns None where either holds too few points."""
+    sweeps, settings, estimator = shared
+    earlier, later = pair
+    reach = compute_reach(float(sweeps.travelled[later] - sweeps.travelled[earlier]), settings)
+    return lay(sweeps, pair, pick_passes(sweeps, earlier, later, settings), reach, settings, estimator)
 
 
 def is_torn(revisit: Revisit, settings: AuditConfig) -> bool:
-    """Returns whether two passes are off each other."""
+    """Returns whether two passes of a trajectory that does not say how sure it is are off each other."""
     beyond = revisit.inflation > torn_threshold(settings)
     far = revisit.distance_m > settings.torn_m or abs(revisit.offset[2]) > settings.torn_rad
     return bool(revisit.sure and beyond and far)

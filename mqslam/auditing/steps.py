@@ -18,7 +18,7 @@ from mqslam.auditing.sweeps import Sweeps
 from mqslam.backend.loops.align import TOLERANCES
 from mqslam.config import AuditConfig, EstimatorConfig
 from mqslam.core import se2
-from mqslam.core.gross import MEDIAN_OF_CHI2
+from mqslam.core.chances import correct_for_places, find_usual_scale
 from mqslam.execution.engine import Engine
 from mqslam.execution.progress import Progress
 
@@ -112,11 +112,9 @@ def compute_p_values(steps: Sequence[Laid], settings: AuditConfig) -> NDArray[np
         return p_values
     offsets = np.array([step.offset for step in steps])[judged]
     covariances = np.array([step.covariance for step in steps])[judged] + np.diag(TOLERANCES**2)
-    variances = np.einsum("kii->ki", covariances)
-    scale = np.sqrt(np.maximum(np.median(offsets**2 / variances, axis=0) / MEDIAN_OF_CHI2, 1.0))
-    covariances = covariances * scale[:, None] * scale[None, :]
-    p_values[judged] = np.minimum(judged.sum() * chi2.sf(se2.normalise(offsets, covariances), 3), 1.0)
-    return p_values
+    covariances = se2.scale_covariance(covariances, find_usual_scale(offsets**2 / np.einsum("kii->ki", covariances)))
+    p_values[judged] = chi2.sf(se2.normalise(offsets, covariances), 3)
+    return correct_for_places(p_values)
 
 
 def _pick_doubtful(near: Mapping[int, Laid | None], settings: AuditConfig) -> list[int]:

@@ -81,11 +81,13 @@ class Finding:
         status: the verdict that the test alone would give.
         reason: why.
         judged: whether the test could judge anything; one that could not holds nothing against a map.
+        p_value: probability that a good map shows something as bad anywhere; None where the test gives none.
     """
 
     status: VerdictStatus
     reason: str
     judged: bool = True
+    p_value: float | None = None
 
 
 def verdict_of(findings: Iterable[Finding]) -> tuple[VerdictStatus, list[str]]:

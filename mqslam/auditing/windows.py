@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 
 import numpy as np
@@ -16,6 +16,7 @@ from mqslam.auditing.sweeps import Sweeps
 from mqslam.auditing.verdict import Share
 from mqslam.config import AuditConfig, EstimatorConfig
 from mqslam.core import se2
+from mqslam.core.chances import correct_for_places
 from mqslam.core.evenly import pick_evenly
 from mqslam.execution.engine import Engine
 from mqslam.execution.progress import Progress
@@ -41,6 +42,8 @@ class WindowAudit:
         torn: whether it is bent beyond what its covariance explains and beyond the settings' tolerance.
         undecided: why nothing was decided about it, so that it counts neither as torn nor as whole; None if it was decided.
         speed: the motion of its two middle scans, searched for over all plausible speeds; None where that was not done.
+        p_value: probability that an inflation as large shows in any window of a good map, as far as the stated covariance
+            is right; NaN where nothing was decided.
     """
 
     begin: int
@@ -53,6 +56,7 @@ class WindowAudit:
     torn: bool
     undecided: Undecided | None = None
     speed: SpeedCheck | None = None
+    p_value: float = np.nan
 
 
 def audit_windows(
@@ -129,6 +133,13 @@ def share_torn(windows: Sequence[WindowAudit]) -> Share:
     """Returns the share of torn windows among those of which anything was decided."""
     decided = [window for window in windows if window.undecided is None]
     return Share(sum(window.torn for window in decided), len(decided))
+
+
+def state_p_values(windows: Sequence[WindowAudit]) -> list[WindowAudit]:
+    """Returns the windows with their p-values, corrected for the number of those of which anything was decided."""
+    inflations = np.array([np.nan if window.undecided else window.bend.inflation for window in windows])
+    p_values = correct_for_places(np.asarray(chi2.sf(inflations, 3)))
+    return [replace(window, p_value=p) for window, p in zip(windows, p_values.tolist(), strict=True)]
 
 
 def torn_threshold(settings: AuditConfig) -> float:

@@ -62,6 +62,22 @@ def audit(
         str | None,
         typer.Option(metavar="LOW,HIGH", help=r"Lowest and highest points of a cloud to use \[m]; all by default."),
     ] = None,
+    covariances: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            help="Covariances of the trajectory's poses, as a run's covariances.csv, which revisits are held against; "
+            "those beside a run's own trajectory.tum are found by themselves.",
+        ),
+    ] = None,
+    false_alarms: Annotated[
+        float | None,
+        typer.Option(
+            metavar="RATE",
+            help="Probability, below 0.5, with which steps, pooled corrections and revisits held against covariances may "
+            "together call a good recording's map bad; 0.01 by default.",
+        ),
+    ] = None,
     fail_on: Annotated[
         Literal["warn", "fail"] | None,
         typer.Option(help="Exit with 1 if the verdict is this or worse, and with 3 if the map could not be judged."),
@@ -92,9 +108,9 @@ def audit(
     from mqslam.errors import ConfigError
     from mqslam.execution.files import to_json
 
-    of_file = times, topic, frame, extrinsics
+    of_file = times, topic, frame, extrinsics, covariances
     if trajectory is None and (any(option is not None for option in of_file) or time_offset != 0.0):
-        options = "--times, --topic, --frame, --time-offset and --extrinsics"
+        options = "--times, --topic, --frame, --time-offset, --extrinsics and --covariances"
         raise ConfigError(f"{options} belong to a trajectory from a file; give --trajectory FILE")
     heights, mount = _parse_heights(z_range), _parse_extrinsics(extrinsics)
     console = Console(stderr=True, markup=False)
@@ -109,6 +125,8 @@ def audit(
             time_offset_s=time_offset,
             extrinsics=mount,
             heights=heights,
+            covariances=covariances,
+            false_alarms=false_alarms,
             config=config,
             format=format,
             range_resolution=range_resolution,

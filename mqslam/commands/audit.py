@@ -10,10 +10,11 @@ import numpy as np
 from mqslam.auditing import judge
 from mqslam.auditing.sources import LIDAR_CONFIG, Source, divide_cloud, is_cloud, make_lidar_source, place_source
 from mqslam.auditing.sweeps import Sweeps, require_covered
+from mqslam.commands.claims import find_claims
 from mqslam.commands.opening import choose_settings, open_data
 from mqslam.commands.result import JudgedResult
 from mqslam.commands.work import QUIET, Work
-from mqslam.config import Config, set_doppler_beta
+from mqslam.config import Config, set_doppler_beta, set_false_alarms
 from mqslam.core import se2
 from mqslam.core.trajectory import Trajectory
 from mqslam.detection.stage import detect_all, make_scans, warn_of_unread
@@ -45,6 +46,8 @@ def audit(  # noqa: PLR0913 - these are the options of an audit, each with its d
     time_offset_s: float = 0.0,
     extrinsics: tuple[float, float, float] | None = None,
     heights: tuple[float, float] | None = None,
+    covariances: Path | str | None = None,
+    false_alarms: float | None = None,
     config: Config | Path | str | None = None,
     format: str | None = None,
     range_resolution: float | None = None,
@@ -65,6 +68,9 @@ def audit(  # noqa: PLR0913 - these are the options of an audit, each with its d
         extrinsics: x [m] forward, y [m] to the left and yaw [degrees] to the left of the sensor in the frame of which the
             trajectory is, such as a vehicle's base; None where the trajectory is the sensor's own.
         heights: the lowest and highest points of a cloud to use [m]; None takes all.
+        covariances: file of the covariances of the trajectory's poses, as a run's covariances.csv, which revisits are held
+            against; None takes the one beside a run's own trajectory.tum.
+        false_alarms: probability with which an audit calls a good map bad, in (0, 0.5); None takes that of the settings.
         config: settings, or the path of a YAML file, or the name of one that ships with mqslam; None takes the defaults.
         format: layout of the recording; None guesses it.
         range_resolution: length of a range bin [m], if the recording does not state it or is wrong.
@@ -83,7 +89,10 @@ def audit(  # noqa: PLR0913 - these are the options of an audit, each with its d
     """
     data, out = Path(data), Path(out)
     check_free(out, force=force, recording=data)
+    _require_rate(false_alarms)
     mount = _check_extrinsics(extrinsics)
+    if mount is not None and covariances is not None:
+        raise ConfigError("covariances are of the poses of the sensor, but extrinsics say that the poses are of something else")
     given = _read_given(trajectory, times, topic, frame, time_offset_s, mount)
     name = trajectory if isinstance(trajectory, str) else "given" if isinstance(trajectory, Trajectory) else str(trajectory)
     if is_cloud(data):
@@ -105,10 +114,16 @@ def audit(  # noqa: PLR0913 - these are the options of an audit, each with its d
     if given is not None and sweeps.track is not None and not is_cloud(data):  # the points of a cloud are placed already
         stated = np.zeros(3) if mount is None else mount
         sweeps = replace(sweeps, track=replace(sweeps.track, extrinsics=stated))
+    claims, more = None, []
+    if mount is None:
+        claims, more = find_claims(covariances, trajectory, given, round(1e6 * time_offset_s), sweeps)
+    notes += more
     for note in notes:
         work.tell(note)
-    sections = settings.audit, settings.estimator, settings.loops, settings.verdict
-    judged = judge.audit(sweeps, *sections, work.engine, work.progress)
+    if false_alarms is not None:
+        settings = set_false_alarms(settings, false_alarms)
+    sections = settings.audit, settings.estimator, settings.verdict
+    judged = judge.audit(sweeps, *sections, work.engine, work.progress, claims=claims)
     dataset = {"format": kind, "path": str(data)}
     origin = name if sweeps.track is not None else None
     summary = summarise(judged, sweeps, settings.audit, settings.verdict, dataset, origin, notes)
@@ -120,6 +135,16 @@ def audit(  # noqa: PLR0913 - these are the options of an audit, each with its d
     for warning in summary["warnings"][len(notes) :]:
         work.tell(warning)
     return JudgedResult(out, summary)
+
+
+def _require_rate(false_alarms: float | None) -> None:
+    """Checks a rate of false alarms that was asked for.
+
+    Raises:
+        ConfigError: it is no probability below a half.
+    """
+    if false_alarms is not None and not 0.0 < false_alarms < 0.5:
+        raise ConfigError(f"a rate of false alarms of {false_alarms:g} is not between 0 and 0.5; give one such as 0.01")
 
 
 def _check_extrinsics(extrinsics: tuple[float, float, float] | None) -> se2.Array | None:

@@ -123,7 +123,7 @@ def compare(  # noqa: PLR0913 - these are the options of a comparison, each with
             notes.append(f"{len(common)} of {len(scans)} scans are in every trajectory; the rows are judged on those")
         where = find_places(common, tracks, settings.audit.window, settings.compare)
         along = pick_stations(common, settings.audit.window)
-        judges = JudgeSettings(settings.audit, settings.estimator, settings.loops, settings.verdict, settings.map)
+        judges = JudgeSettings(settings.audit, settings.estimator, settings.verdict, settings.map)
         rows, judged = judge_rows(
             rows, common, recording.ground_truth, [*where, *along], judges, beam, work.engine, work.progress
         )

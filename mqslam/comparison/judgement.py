@@ -13,7 +13,7 @@ from mqslam.auditing.inflation import centre_window
 from mqslam.auditing.judge import Audit, audit
 from mqslam.auditing.sweeps import Sweeps, find_covered, place_sweeps
 from mqslam.comparison.rows import Row
-from mqslam.config import AuditConfig, CompareConfig, EstimatorConfig, LoopConfig, MapConfig, VerdictConfig
+from mqslam.config import AuditConfig, CompareConfig, EstimatorConfig, MapConfig, VerdictConfig
 from mqslam.core import se2
 from mqslam.core.evenly import pick_evenly
 from mqslam.core.point_map import PointMap, pick_thinned
@@ -38,7 +38,6 @@ class JudgeSettings(NamedTuple):
 
     audit: AuditConfig
     estimator: EstimatorConfig
-    loops: LoopConfig
     verdict: VerdictConfig
     map: MapConfig
 
@@ -220,7 +219,7 @@ def judge(
         map=rendered.take(pick_thinned(rendered.points, _MAP_POINTS)),
         psi_per_point=rendered.psi_per_point,
         matched=rendered.matched_share,
-        audit=audit(sweeps, settings.audit, settings.estimator, settings.loops, settings.verdict, engine, progress),
+        audit=audit(sweeps, settings.audit, settings.estimator, settings.verdict, engine, progress),
         before=None if truth is None else evaluate(row.odometry, truth),
         after=None if truth is None else evaluate(row.trajectory, truth),
         nees=None if truth is None else measure_nees(row.measurements, truth, scans.start_us),

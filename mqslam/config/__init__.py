@@ -60,6 +60,7 @@ __all__ = [
     "list_shipped",
     "load_config",
     "set_doppler_beta",
+    "set_false_alarms",
 ]
 
 
@@ -122,6 +123,11 @@ def list_shipped() -> list[str]:
 def set_doppler_beta(config: Config, doppler_beta: float) -> Config:
     """Returns the settings with the Doppler shift [s] that was used, as the config.yaml of a result states them."""
     return config.model_copy(update={"sensor": config.sensor.model_copy(update={"doppler_beta": doppler_beta})})
+
+
+def set_false_alarms(config: Config, rate: float) -> Config:
+    """Returns the settings with another rate of false alarms per recording."""
+    return config.model_copy(update={"verdict": config.verdict.model_copy(update={"false_alarms": rate})})
 
 
 def dump_yaml(config: Config) -> str:

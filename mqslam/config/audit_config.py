@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from typing import Final
+
 from pydantic import BaseModel, ConfigDict, Field
 
 from mqslam.config.fields import expert
 from mqslam.config.loop_config import PassConfig, SearchRad, SpacingM
+
+_SHARERS: Final = 5  # by definition: tests that share the rate of false alarms: steps, three biases and revisits
 
 
 class AuditConfig(PassConfig):
@@ -37,6 +41,12 @@ class AuditConfig(PassConfig):
     torn_rad: float = Field(
         0.02, gt=0.0, description="Two passes are torn, too, if one is turned against the other by more than this [rad]."
     )
+    claimed_m: float = Field(
+        0.1,
+        ge=0.0,
+        description="Where the trajectory says how sure it is, two passes are torn if that and the measurement do not "
+        "explain their offset, unless it moves the points by less than this [m]. torn_m and torn_rad do not count then.",
+    )
     # an audited trajectory, which anyone may have made, may drift more than our own does before loops are closed
     spacing_m: SpacingM = 10.0
     drift: float = Field(0.02, ge=0.0, description="Drift of the trajectory to reckon with, per length of path [m/m].")
@@ -48,6 +58,9 @@ class AuditConfig(PassConfig):
         ge=0.0,
         le=1.0,
         description="Share of the steps, those that match worst, whose sides are looked for farther apart as well.",
+    )
+    revisit_fewest: int = expert(
+        10, ge=2, description="Fewest pairs of neighbouring revisits that show how far off a revisit usually is."
     )
     span_every_m: float = expert(15.0, gt=0.0, description="Path [m] from one such pair of scans to the next.")
     span_least_m: float = expert(
@@ -198,7 +211,8 @@ class VerdictConfig(BaseModel):
         0.01,
         gt=0.0,
         lt=0.5,
-        description="Probability with which the tests of steps and of pooled corrections together call a good map bad.",
+        description="Probability with which the tests of steps, of pooled corrections and of revisits against what the "
+        "trajectory claims to know together call a good map bad.",
     )
     scale_warn: float = Field(
         0.002, ge=0.0, description="Distances or directions that are off by a larger share than this are worth a look [m/m]."
@@ -245,6 +259,11 @@ class VerdictConfig(BaseModel):
         description="Ratio of psi per point after optimisation to that before, above which optimisation made the map worse. "
         "Passes that loops lay on each other cost a little more than each pass alone.",
     )
+
+    @property
+    def share_of_false_alarms(self) -> float:
+        """Probability with which each of the tests that share the rate may call a good map bad."""
+        return self.false_alarms / _SHARERS
 
 
 class CompareConfig(BaseModel):

@@ -145,7 +145,7 @@ def normalise(errors: Array, covariances: Array) -> Array:
 
 
 def scale_covariance(covariance: Array, factors: Array) -> Array:
-    """Returns a covariance (3, 3) whose variances of x, y and yaw are multiplied by factors (3,); correlations stay."""
+    """Returns covariances (..., 3, 3) whose variances of x, y and yaw are multiplied by factors (3,); correlations stay."""
     sigmas = np.sqrt(factors)
     return np.asarray(covariance * np.outer(sigmas, sigmas))
 

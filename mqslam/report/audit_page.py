@@ -179,6 +179,8 @@ def _show_map(report: AuditReport) -> Section:
         "the map in grey, the path in the colour of its windows' inflation: blue up to the threshold "
         f"{torn_threshold(settings):.1f}, orange beyond it; red where two passes of a place are off each other"
     )
+    if any(window.undecided is not None for window in audit.windows):
+        caption += "; grey where nothing could be decided"
     heat_map = Figure(draw_heat_map(report.sweeps, audit, settings, opaque=False), "Heat map", caption)
     charts = []
     if audit.windows:
@@ -209,7 +211,7 @@ def _list_worst(report: AuditReport) -> Section | None:
                 format_length(spot.off_m),
                 describe_motion(spot.correction),
                 format_three_digits(spot.inflation),
-                "yes" if spot.torn else "no",
+                spot.verdict,
             ),
         )
         for k, spot in enumerate(spots, 1)
@@ -218,7 +220,7 @@ def _list_worst(report: AuditReport) -> Section | None:
         "Torn places come first, by how far they are off, then the windows of the largest inflation; all are well apart. "
         "A correction, as seen from the sensor, moves a window's end against its begin, or the later pass of a revisit."
     )
-    head = ("", "what", "time", "place", "off by", "correction", "inflation", "torn")
+    head = ("", "what", "time", "place", "off by", "correction", "inflation", "verdict")
     return Section("Worst places", (note,), table=Table(head, rows))
 
 

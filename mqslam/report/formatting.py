@@ -50,6 +50,13 @@ def format_length(metres: float) -> str:
     return f"{metres:.2f} m" if metres >= 0.1 else f"{1e3 * metres:.0f} mm"
 
 
+def format_p_value(p_value: float | None) -> str:
+    """Returns a p-value as text, as exact as one is; a dash where there is none."""
+    if p_value is None:
+        return ABSENT
+    return "< 0.0001" if p_value < 1e-4 else f"{p_value:.2g}"
+
+
 def format_three_digits(value: float) -> str:
     """Returns a number as text with three significant digits, thousands separated."""
     return f"{float(f'{value:.3g}'):,.10g}"

@@ -17,7 +17,7 @@ from mqslam.auditing.verdict import VerdictStatus
 from mqslam.errors import tolerate
 from mqslam.execution.files import write_text
 from mqslam.report.content import Content, Frame, Part, Row, Section, Table, Values, Verdict
-from mqslam.report.formatting import ABSENT, format_value
+from mqslam.report.formatting import ABSENT, format_p_value, format_value
 
 _PACKAGES: Final = ("numpy", "scipy", "numba", "gtsam", "open3d", "kiss-icp", "matplotlib")
 _UNITS: Final = {"m": " m", "s": " s", "mb": " MB", "percent": " %"}
@@ -116,12 +116,16 @@ def tabulate_tests(summary: Mapping[str, Any]) -> Section | None:
     """
     found = section_of(summary, "tests")
     rows = tuple(
-        Row(label, (found[name]["status"], "; ".join(found[name]["reasons"]), blind))
+        Row(label, (test["status"], format_p_value(test.get("p_value")), "; ".join(test["reasons"]), blind))
         for name, (label, blind) in _TESTS.items()
-        if name in found
+        if (test := found.get(name)) is not None
     )
-    head = ("test", "verdict", "what it found", "what it cannot see")
-    return Section("Tests", (), table=Table(head, rows, holds_words=True)) if rows else None
+    head = ("test", "verdict", "p-value", "what it found", "what it cannot see")
+    note = (
+        "The p-value is the probability that a test shows as much anywhere in a map without a fault, as far as the stated "
+        "covariances are right. A small one alone is no fault: what is off must matter, too."
+    )
+    return Section("Tests", (note,), table=Table(head, rows, holds_words=True)) if rows else None
 
 
 def _data_uri(png: bytes) -> Markup:

@@ -70,7 +70,16 @@ class Spot:
         else:
             matched = f"{100.0 * self.judged.revisit.matched:.0f} % of its points then lie on the earlier one"
             text = f"The later pass fits {size} from where the trajectory has it, moved {motion}; {matched}."
-        return f"{text} Inflation {format_three_digits(self.inflation)}" + ("." if self.torn else ", not torn.")
+        verdict = "" if self.torn else f", {self.verdict}"
+        return f"{text} Inflation {format_three_digits(self.inflation)}{verdict}."
+
+    @property
+    def verdict(self) -> str:
+        """Whether it is torn, or why that is not known."""
+        undecided = self.judged.undecided if isinstance(self.judged, WindowAudit) else None
+        if undecided is not None:
+            return f"undecided: {undecided}"
+        return "torn" if self.torn else "not torn"
 
 
 def find_worst_spots(sweeps: Sweeps, audit: Audit, count: int = WORST) -> tuple[Spot, ...]:

@@ -18,6 +18,7 @@ from mqslam.auditing.sweeps import Sweeps
 from mqslam.auditing.verdict import Finding, VerdictStatus, verdict_of
 from mqslam.auditing.windows import WindowAudit, share_torn, torn_threshold
 from mqslam.config import AuditConfig, Config, VerdictConfig, dump_yaml
+from mqslam.core.chances import find_smallest
 from mqslam.execution.files import write_json, write_text
 from mqslam.results.summary_files import format_csv
 from mqslam.version import __version__
@@ -109,6 +110,11 @@ def _mean(values: Sequence[float]) -> float | None:
     return float(np.mean(values)) if values else None
 
 
+def _known(p_value: float) -> float | None:
+    """Returns a p-value, or None where nothing was judged."""
+    return p_value if np.isfinite(p_value) else None
+
+
 def _list_window(window: WindowAudit) -> dict[str, Any]:
     bend, beside = window.bend, window.measures
     span = window.t1 - window.t0
@@ -122,6 +128,7 @@ def _list_window(window: WindowAudit) -> dict[str, Any]:
         "torn": window.torn if window.undecided is None else None,
         "undecided": window.undecided,
         "inflation": bend.inflation,
+        "p_value": _known(window.p_value),
         "dx": float(bend.correction[0]),
         "dy": float(bend.correction[1]),
         "dyaw": float(bend.correction[2]),
@@ -147,6 +154,7 @@ def _list_window(window: WindowAudit) -> dict[str, Any]:
 def _list_revisit(judged: RevisitAudit, sweeps: Sweeps) -> dict[str, Any]:
     revisit = judged.revisit
     pose, sigma = sweeps.poses[revisit.later], np.sqrt(np.diag(revisit.covariance))
+    claimed = None if judged.claimed is None else np.sqrt(np.diag(judged.claimed))
     return {
         "t_earlier": float(sweeps.times[revisit.earlier]),
         "t_later": float(sweeps.times[revisit.later]),
@@ -161,7 +169,11 @@ def _list_revisit(judged: RevisitAudit, sweeps: Sweeps) -> dict[str, Any]:
         "sigma_x": float(sigma[0]),
         "sigma_y": float(sigma[1]),
         "sigma_yaw": float(sigma[2]),
+        "claimed_sigma_x": None if claimed is None else float(claimed[0]),
+        "claimed_sigma_y": None if claimed is None else float(claimed[1]),
+        "claimed_sigma_yaw": None if claimed is None else float(claimed[2]),
         "inflation": revisit.inflation,
+        "p_value": _known(judged.p_value),
         "matched": revisit.matched,
         "psi_per_point": revisit.psi,
         "psi_per_point_best": revisit.psi_best,
@@ -200,7 +212,7 @@ def _list_step(step: StepAudit, sweeps: Sweeps) -> dict[str, Any]:
         "dyaw": float(laid.offset[2]),
         "size_m": laid.size_m,
         "matched": laid.matched,
-        "p_value": step.p_value if np.isfinite(step.p_value) else None,
+        "p_value": _known(step.p_value),
     }
 
 
@@ -217,7 +229,9 @@ def _list_pooled(pooled: Pooled | None) -> dict[str, Any]:
 
 def _list_findings(findings: Sequence[Finding]) -> dict[str, Any]:
     status, reasons = verdict_of(findings)
-    return {"status": status if any(f.judged for f in findings) else VerdictStatus.NOT_JUDGED, "reasons": reasons}
+    p_value = find_smallest(f.p_value for f in findings if f.p_value is not None)
+    judged = status if any(f.judged for f in findings) else VerdictStatus.NOT_JUDGED
+    return {"status": judged, "p_value": p_value, "reasons": reasons}
 
 
 def write_audit(folder: Path, config: Config, summary: Mapping[str, Any]) -> None:

@@ -21,7 +21,7 @@ from mqslam.execution.progress import ignore_progress
 from mqslam.psi.place import beam_of
 
 CONFIG = Config()
-SETTINGS = (CONFIG.audit, CONFIG.estimator, CONFIG.loops, CONFIG.verdict)
+SETTINGS = (CONFIG.audit, CONFIG.estimator, CONFIG.verdict)
 BEAM = beam_of(CONFIG.estimator, 0.0)
 
 

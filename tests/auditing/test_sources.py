@@ -22,7 +22,7 @@ from mqslam.formats.lidars import carmen
 from mqslam.psi.place import beam_of
 
 CONFIG = load_config(LIDAR_CONFIG)
-SETTINGS = (CONFIG.audit, CONFIG.estimator, CONFIG.loops, CONFIG.verdict)
+SETTINGS = (CONFIG.audit, CONFIG.estimator, CONFIG.verdict)
 BEAM = beam_of(CONFIG.estimator, 0.0)
 REVOLUTION_S = 0.1
 

@@ -34,7 +34,7 @@ def judged(factor: float, poses: int | None = None) -> tuple[Audit, Sweeps]:
     kept = np.unique(np.linspace(0, len(truth) - 1, poses or len(truth)).astype(int))
     track = Trajectory(truth.stamps_us[kept], truth.poses[kept] * [factor, factor, 1.0])
     sweeps, _ = place_sweeps(scans, track, CONFIG.audit, beam_of(CONFIG.estimator, 0.0))
-    sections = CONFIG.audit, CONFIG.estimator, CONFIG.loops, CONFIG.verdict
+    sections = CONFIG.audit, CONFIG.estimator, CONFIG.verdict
     return audit(sweeps, *sections, HERE, ignore_progress), sweeps
 
 

@@ -6,7 +6,7 @@ score; the best peaks are refined by psi, which decides.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Final
 
 import numpy as np
@@ -40,6 +40,7 @@ class Alignment:
         psi: score per point.
         rival: score per point of the best other pose in the searched region; infinite if there is none.
         observed: whether the maps hold every direction.
+        rivals: (R, 3) the other poses that score worse than the best one by less than the settings' factor.
     """
 
     pose: se2.Array
@@ -48,6 +49,7 @@ class Alignment:
     psi: float
     rival: float
     observed: bool
+    rivals: se2.Array = field(default_factory=lambda: np.empty((0, 3)))
 
 
 def align(
@@ -99,6 +101,7 @@ def align(
         psi=best.evaluation.psi / len(query),
         rival=rivals[0].evaluation.psi / len(query) if rivals else np.inf,
         observed=observes_all(references, points, config),
+        rivals=np.array([m.state for m in rivals if m.evaluation.psi < settings.rival * best.evaluation.psi]).reshape(-1, 3),
     )
 
 

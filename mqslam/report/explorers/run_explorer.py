@@ -27,6 +27,7 @@ _ELLIPSES = 150  # most ellipses that are shown, so that a long path is not cove
 _CORNERS = 24  # corners of an ellipse
 _LEAST_INFLATION = 1e-2  # smaller values are drawn as this on a logarithmic axis
 _ELLIPSE_COLOUR = "#a8327e"
+_UNDECIDED_COLOUR = "#7b8594"
 
 
 def explore_run(report: Report, truth: Trajectory | None) -> Explorer:
@@ -121,14 +122,17 @@ def chart_inflation(rows: list[tuple[str, tuple[WindowAudit, ...], str]], thresh
     """Returns the inflation of windows over time.
 
     Args:
-        rows: name, windows and colour of each row; the torn windows of a single row are red.
+        rows: name, windows and colour of each row; the torn windows of a single row are red, the undecided grey.
         threshold: inflation beyond which a window is torn.
     """
     curves = []
     for name, windows, colour in rows:
         alone = len(rows) == 1
-        fine, torn = [w for w in windows if not (alone and w.torn)], [w for w in windows if alone and w.torn]
-        for shown, shade, title in ((fine, colour, name), (torn, RED, f"{name}: torn")):
+        undecided = [w for w in windows if alone and w.undecided is not None]
+        torn = [w for w in windows if alone and w.torn]
+        fine = [w for w in windows if not (alone and (w.torn or w.undecided is not None))]
+        kinds = (fine, colour, name), (torn, RED, f"{name}: torn"), (undecided, _UNDECIDED_COLOUR, f"{name}: undecided")
+        for shown, shade, title in kinds:
             if shown:
                 times = np.array([0.5 * (w.t0 + w.t1) for w in shown])
                 values = np.maximum([w.bend.inflation for w in shown], _LEAST_INFLATION)
@@ -148,6 +152,8 @@ def explain_torn(settings: AuditConfig) -> str:
 def _describe_window(window: WindowAudit) -> tuple[str, str]:
     """Returns title and text of a window."""
     torn = "torn: " if window.torn else "not torn: "
+    if window.undecided is not None:
+        torn = f"undecided, since {window.undecided}: "
     return (
         f"{window.t0:.1f} s to {window.t1:.1f} s, inflation {format_three_digits(window.bend.inflation)}",
         f"{torn}best with its end moved {describe_motion(window.bend.correction)}, which moves its points by "

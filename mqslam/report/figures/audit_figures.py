@@ -66,7 +66,8 @@ def draw_heat_map(sweeps: Sweeps, audit: Audit, settings: AuditConfig | None = N
     axes.plot(*sweeps.poses[:, :2].T, color=_GROUND_INK, linewidth=1.0)
     threshold = torn_threshold(settings or AuditConfig())
     colours = _make_colours(threshold)
-    windows = sorted(audit.windows, key=_inflation_of)  # the worst on top where the path crosses itself
+    decided = [window for window in audit.windows if window.undecided is None]
+    windows = sorted(decided, key=_inflation_of)  # the worst on top where the path crosses itself
     for window, colour in zip(windows, colours.to_rgba(np.array([_inflation_of(w) for w in windows])), strict=True):
         axes.plot(
             *sweeps.poses[window.begin : window.end + 1, :2].T,
@@ -86,12 +87,17 @@ def draw_inflation(audit: Audit, settings: AuditConfig) -> bytes:
     time = np.array([0.5 * (w.t0 + w.t1) for w in audit.windows])
     inflation = np.array([_inflation_of(w) for w in audit.windows])
     torn = np.array([w.torn for w in audit.windows])
+    undecided = np.array([w.undecided is not None for w in audit.windows])
     use_plain_log(axes, "y")
-    _draw_marks(axes, time, np.maximum(inflation, _LEAST_INFLATION), torn, "window")
+    drawn = np.maximum(inflation, _LEAST_INFLATION)
+    if undecided.any():
+        label = f"undecided ({undecided.sum()})"
+        axes.plot(time[undecided], drawn[undecided], "o", color=_GROUND_INK, markersize=4, fillstyle="none", label=label)
+    _draw_marks(axes, time[~undecided], drawn[~undecided], torn[~undecided], "window")
     threshold = torn_threshold(settings)
     axes.axhline(threshold, color=RED, linewidth=1.2, label=f"threshold {threshold:.1f}")
     axes.axhline(EXPECTED, color=INK, linewidth=1.2, linestyle="--", label=f"expected median {EXPECTED:.2f}")
-    put_legend_strip(axes, 4)
+    put_legend_strip(axes, 5)
     return encode_png(figure)
 
 

@@ -1,0 +1,36 @@
+"""Chances: how likely what a test shows is where the map is good, corrected for the number of places looked at."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mqslam.core.gross import MEDIAN_OF_CHI2
+
+
+def correct_for_places(p_values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Returns p-values (N,) as probabilities that one as small shows anywhere where the map is good (Bonferroni).
+
+    Args:
+        p_values: of single places; NaN where nothing was judged, which does not count as a place.
+    """
+    return np.minimum(np.count_nonzero(np.isfinite(p_values)) * p_values, 1.0)
+
+
+def find_smallest(p_values: Iterable[float]) -> float | None:
+    """Returns the smallest of the corrected p-values of places, which is that of all together; None without any."""
+    return min((float(p) for p in p_values if np.isfinite(p)), default=None)
+
+
+def find_usual_scale(squares: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Returns the factors (3,) on variances that make the usual place as far off as its covariance says; 1 at least.
+
+    The curvature's covariance is too small by a factor that depends on the world. The median of all places shows it, and
+    is not moved by the few that are torn.
+
+    Args:
+        squares: (N, 3) how far off each place is per axis, squared, in units of its variances.
+    """
+    return np.asarray(np.maximum(np.median(squares, axis=0) / MEDIAN_OF_CHI2, 1.0))
