@@ -127,7 +127,7 @@ def judge_laid(
     if not laid:
         return []
     measured, freedom = _measure_offsets(laid, sweeps, settings)
-    sure = np.array([one.unrivalled for one in laid])
+    sure = np.array([one.unrivalled and not len(one.rivals) for one in laid])
     sure |= find_agreeing(
         measured,
         np.array([one.observed for one in laid]),

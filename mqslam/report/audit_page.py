@@ -134,7 +134,8 @@ def _make_window_tiles(report: AuditReport) -> tuple[Tile, ...]:
         return ()
     torn = share_torn(windows)
     median = float(np.median([w.bend.inflation for w in windows]))
-    worst = max(map(spot_of_window, windows), key=rank_spot).off_m
+    decided = [window for window in windows if window.undecided is None]
+    worst = max(map(spot_of_window, decided or windows), key=rank_spot).off_m
     share = Tile(ABSENT, f"of windows torn: none of {len(windows):,} could be decided")
     if torn.total:
         share = Tile(

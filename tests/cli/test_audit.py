@@ -70,6 +70,26 @@ def test_a_bent_trajectory_fails_and_says_what_would_mend_it(
     assert mqslam(*words, "--out", tmp_path / "b", "--quiet").code == 0
 
 
+def test_each_test_gives_a_p_value_and_the_rate_of_false_alarms_decides(
+    street: Path, tracks: Path, quick: Path, tmp_path: Path
+) -> None:
+    truth = read_tum(tracks / "true.tum")
+    poses = truth.poses.copy()
+    poses[len(poses) // 2 :, 0] += 0.25  # a lasting jump
+    write_tum(tmp_path / "jump.tum", Trajectory(truth.stamps_us, poses))
+    words = ("--trajectory", tmp_path / "jump.tum", "--config", quick)
+    summary = audited(street, tmp_path / "a", *words)
+    p_value = summary["tests"]["steps"]["p_value"]
+    assert summary["tests"]["steps"]["status"] == "warn" and 0.0 < p_value < 0.002
+    assert p_value == min(row["p_value"] for row in summary["per_step"] if row["p_value"] is not None)
+    windows = [row["p_value"] for row in summary["per_window"] if row["torn"] is not None]
+    assert summary["tests"]["windows"]["p_value"] == min(windows) and summary["tests"]["revisits"]["p_value"] is None
+    assert "p_value" in (tmp_path / "a" / "audit.csv").read_text().splitlines()[0].split(",")
+    strict = audited(street, tmp_path / "b", *words, "--false-alarms", f"{2.0 * p_value:g}")
+    assert strict["tests"]["steps"]["status"] == "pass"
+    assert f"false_alarms: {2.0 * p_value:g}"[:18] in (tmp_path / "b" / "config.yaml").read_text()
+
+
 def test_the_numbers_are_printed_as_json(street: Path, tracks: Path, quick: Path, tmp_path: Path) -> None:
     result = mqslam("audit", street, "-t", tracks / "true.tum", "--config", quick, "--out", tmp_path / "a", "--json")
     assert json.loads(result.out) == json.loads((tmp_path / "a" / "audit.json").read_text())
@@ -125,6 +145,11 @@ def test_a_trajectory_of_another_clock_takes_an_offset(finished: Path, tmp_path:
         (("--trajectory", "ground_truth", "--time-offset", "2.5"), "belong to a trajectory from a file"),
         (("--trajectory", "odometry", "--times", "t.txt"), "belong to a trajectory from a file"),
         (("--trajectory", "ground_truth", "--config", "nothing"), "no such configuration"),
+        (("--covariances", "c.csv"), "belongs to a trajectory from a file"),
+        (("--trajectory", "ground_truth", "--covariances", "c.csv"), "belong to a trajectory from a file"),
+        (("--trajectory", "ground_truth", "--false-alarms", "0"), "a rate of false alarms of 0 is not between 0 and 0.5"),
+        (("--trajectory", "ground_truth", "--false-alarms", "0.5"), "a rate of false alarms of 0.5 is not between 0 and"),
+        (("--trajectory", "ground_truth", "--false-alarms", "nan"), "a rate of false alarms of nan is not between 0 and"),
     ],
 )
 def test_mistakes_are_one_line_and_leave_nothing(street: Path, tmp_path: Path, options: tuple[str, ...], said: str) -> None:

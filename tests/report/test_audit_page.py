@@ -25,10 +25,12 @@ from support.reported import (
 )
 
 from mqslam.auditing.verdict import VerdictStatus
+from mqslam.auditing.windows import Undecided
 from mqslam.config import Config
 from mqslam.report.audit_page import write_audit_report
 from mqslam.report.audit_report import AuditReport
-from mqslam.report.figures.audit_figures import draw_heat_map
+from mqslam.report.explorers.audit_explorer import explore_audit
+from mqslam.report.figures.audit_figures import draw_heat_map, draw_inflation
 from mqslam.report.figures.crops import Crop, make_crops
 from mqslam.report.formatting import describe_motion
 from mqslam.report.spots import find_worst_spots
@@ -100,6 +102,36 @@ def test_the_worst_place_is_listed_first_with_size_and_direction(written: Path) 
     row = "\n".join(("1", "revisit", "2.2 s and 12.5 s", "(45, 0) m", "1.35 m", motion))
     assert row in text
     assert text.index(row) < text.index("4.5 s to 6.0 s")
+
+
+def test_an_undecided_window_is_not_said_to_be_whole(tmp_path: Path) -> None:
+    sweeps = swept_walls()
+    windows = [judged_window(sweeps, 6 * k, 1.0 + k, (0.02, 0.0, 0.0), False) for k in range(10)]
+    windows[9] = replace(windows[9], undecided=Undecided.GAP)
+    audit = audit_of(windows, [])
+    worst = find_worst_spots(sweeps, audit)[0]
+    assert worst.text.endswith("Inflation 10, undecided: its motion is interpolated across a gap of the trajectory.")
+    write_audit_report(tmp_path / "report.html", replace(a_report(), sweeps=sweeps, audit=audit))
+    page = page_of(tmp_path / "report.html")
+    assert "10\nundecided: its motion is interpolated across a gap" in page.text and "nothing could be decided" in page.text
+    chart = explore_audit(sweeps, audit, Config().audit).charts[0]
+    assert {curve.name: len(curve.times) for curve in chart.curves} == {"inflation": 9, "inflation: undecided": 1}
+    picture = draw_inflation(audit, Config().audit)
+    decided = draw_inflation(audit_of([replace(w, undecided=None) for w in windows], []), Config().audit)
+    assert picture != decided
+
+
+def test_the_tests_stand_side_by_side_with_their_p_values(tmp_path: Path) -> None:
+    tests = {
+        "windows": {"status": "pass", "p_value": 0.31, "reasons": ["0 of 10 windows are torn"]},
+        "steps": {"status": "warn", "p_value": 3e-9, "reasons": ["the map jumps"]},
+        "revisits": {"status": "pass", "p_value": None, "reasons": ["it comes back to no place"]},
+    }
+    report = a_report()
+    write_audit_report(tmp_path / "report.html", replace(report, summary={**report.summary, "tests": tests}))
+    text = page_of(tmp_path / "report.html").text
+    assert "p-value" in text and "pass\n0.31\n0 of 10" in text and "warn\n< 0.0001\nthe map jumps" in text
+    assert "pass\n–\nit comes back" in text
 
 
 def test_measures_of_windows_without_a_value_leave_the_others(written: Path) -> None:

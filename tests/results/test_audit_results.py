@@ -8,11 +8,15 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+import pytest
+from scipy.stats import chi2
 from support.reported import judged_walls, swept_walls
 
+from mqslam.auditing.findings import judge_windows
 from mqslam.auditing.judge import Audit
 from mqslam.auditing.sweeps import Sweeps
-from mqslam.auditing.windows import Undecided
+from mqslam.auditing.windows import Undecided, state_p_values
 from mqslam.config import Config
 from mqslam.results.audit_results import summarise, write_audit
 
@@ -40,6 +44,25 @@ def test_what_was_not_decided_is_unknown(tmp_path: Path) -> None:
     assert [row["torn"] for row in content["per_revisit"]] == [False, True, None]
     assert content["windows"]["count"] == 10 and content["windows"]["undecided"] == 1
     assert content["per_window"][5]["undecided"] == Undecided.GAP and content["per_window"][4]["undecided"] is None
+
+
+def test_p_values_are_empty_where_nothing_was_judged(tmp_path: Path) -> None:
+    sweeps = swept_walls()
+    audit = judged_walls(sweeps)
+    audit.windows[5] = replace(audit.windows[5], undecided=Undecided.APART)
+    audit = replace(audit, windows=state_p_values(audit.windows))
+    audit.revisits[1] = replace(audit.revisits[1], p_value=1e-7, claimed=np.diag([0.04, 0.01, 1e-4]))
+    content, _, _ = written(tmp_path / "a", audit, sweeps)
+    told = [row["p_value"] for row in content["per_window"]]
+    assert told[5] is None and told[3] == min(p for p in told if p is not None)
+    expected = [min(9.0 * chi2.sf(w.bend.inflation, 3), 1.0) for w in audit.windows]  # nine were decided
+    assert told[:5] == pytest.approx(expected[:5])
+    (finding,) = judge_windows(audit.windows, len(sweeps), 6, CONFIG.verdict)
+    assert finding.p_value == told[3]
+    rows = list(csv.DictReader((tmp_path / "a" / "revisits.csv").read_text().splitlines()))
+    assert [row["p_value"] for row in rows] == ["", "1e-07", ""]
+    assert [row["claimed_sigma_x"] for row in rows] == ["", "0.2", ""]
+    assert list(csv.DictReader((tmp_path / "a" / "audit.csv").read_text().splitlines()))[5]["p_value"] == ""
 
 
 def test_without_a_trajectory_there_is_no_path_and_no_revisit(tmp_path: Path) -> None:

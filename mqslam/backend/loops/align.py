@@ -6,18 +6,20 @@ score; the best peaks are refined by psi, which decides.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
 from mqslam.config import EstimatorConfig, PassConfig
 from mqslam.core import se2
 from mqslam.psi.correlate import find_correlation_peaks
-from mqslam.psi.covariance import estimate_covariance
+from mqslam.psi.covariance import estimate_covariance, sum_by_object
 from mqslam.psi.estimator import Evaluation, Scale
-from mqslam.psi.minimiser import Prior, References, annealed_scale, final_scale, minimise, score
+from mqslam.psi.minimiser import Minimum, Prior, References, annealed_scale, final_scale, minimise, score
 from mqslam.psi.neighbours import find_candidates, sort_into_cells
 from mqslam.psi.observability import find_weak_directions
 from mqslam.psi.place import PointSet, rotate_covariances
@@ -40,7 +42,8 @@ class Alignment:
         psi: score per point.
         rival: score per point of the best other pose in the searched region; infinite if there is none.
         observed: whether the maps hold every direction.
-        rivals: (R, 3) the other poses that score worse than the best one by less than the settings' factor.
+        rivals: (R, 3) the other poses that score worse than the best one by less than the settings' factor, or by less than
+            chance makes poses differ that fit equally well.
     """
 
     pose: se2.Array
@@ -101,8 +104,40 @@ def align(
         psi=best.evaluation.psi / len(query),
         rival=rivals[0].evaluation.psi / len(query) if rivals else np.inf,
         observed=observes_all(references, points, config),
-        rivals=np.array([m.state for m in rivals if m.evaluation.psi < settings.rival * best.evaluation.psi]).reshape(-1, 3),
+        rivals=_pick_rivals(best, rivals, reference, query, settings, config),
     )
+
+
+def _pick_rivals(
+    best: Minimum,
+    others: Sequence[Minimum],
+    reference: PointSet,
+    query: PointSet,
+    settings: PassConfig,
+    config: EstimatorConfig,
+) -> se2.Array:
+    """Returns the poses (R, 3) among others that fit about as well as the best one.
+
+    The two scores are sums over the same points, whose differences are summed by object, as in psi's covariance: where both
+    poses fit equally well, the sum of all is about zero in units of its standard deviation (Vuong, 1989). Points for which
+    either pose has nothing in reach, as beyond the end of a pass, say nothing about which is right.
+    """
+    tree = cKDTree(reference.points)
+
+    def reaches(pose: se2.Array) -> NDArray[np.bool_]:
+        apart, _ = tree.query(move_rigidly(query, pose).points, distance_upper_bound=config.s_start)
+        return np.isfinite(apart)
+
+    near = reaches(best.state)
+    picked = []
+    for other in others:
+        shown = near & reaches(other.state)
+        worse = (other.evaluation.shares - best.evaluation.shares)[shown]
+        sums = sum_by_object(worse[:, None], query.points[shown], config.cluster_m)
+        by_chance = sums.sum() <= settings.rival_sigmas * np.sqrt(np.sum(sums**2))
+        if by_chance or other.evaluation.psi < settings.rival * best.evaluation.psi:
+            picked.append(other.state)
+    return np.array(picked).reshape(-1, 3)
 
 
 def score_at_pose(reference: PointSet, query: PointSet, pose: se2.Array, config: EstimatorConfig) -> float:

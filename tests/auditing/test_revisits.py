@@ -1,0 +1,139 @@
+"""Revisits: rare p-values under good maps, and what a trajectory claims to know in place of a constant."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+from support.reported import swept_walls
+
+from mqslam.auditing.findings import judge_revisits
+from mqslam.auditing.laying import Laid
+from mqslam.auditing.revisits import RevisitAudit, judge_laid
+from mqslam.auditing.sweeps import Sweeps
+from mqslam.auditing.verdict import VerdictStatus
+from mqslam.config import Config
+from mqslam.core import se2
+
+CONFIG = Config()
+SIGMAS = np.array([0.01, 0.01, 0.0004])
+LEVER_M = 20.0  # how far away the points are that an offset in yaw moves
+
+
+@dataclass(frozen=True)
+class Alike:
+    """A trajectory that claims to know all its poses equally well against each other."""
+
+    sigma_m: float
+
+    def relate(self, pairs: Sequence[tuple[int, int]]) -> np.ndarray:
+        variances = np.array([self.sigma_m, self.sigma_m, self.sigma_m / 50.0]) ** 2
+        return np.tile(np.diag(variances), (len(pairs), 1, 1))
+
+
+def passed_twice(count: int) -> Sweeps:
+    """Returns a drive of two passes, with `count` sweeps 10 m apart in each."""
+    along = np.tile(10.0 * np.arange(count), 2)
+    poses = np.column_stack([along, np.zeros(2 * count), np.zeros(2 * count)])
+    travelled = 10.0 * np.arange(2 * count) + np.repeat([0.0, 300.0], count)
+    return replace(swept_walls(), poses=poses, travelled=travelled)
+
+
+def lay_passes(
+    sweeps: Sweeps, moved: tuple[float, float, float] = (0.0, 0.0, 0.0), spread: float = 1.5, seed: int = 1
+) -> list[Laid]:
+    """Returns the second pass laid on the first: off by a rigid motion, and by `spread` times what the curvature states."""
+    count = len(sweeps.poses) // 2
+    noise = spread * SIGMAS * np.random.default_rng(seed).normal(size=(count, 3))
+    laid = []
+    for k in range(count):
+        pose = sweeps.poses[count + k]
+        off = se2.between(pose, se2.compose(np.array(moved), pose)) + noise[k]
+        size_m = float(np.hypot(np.hypot(off[0], off[1]), LEVER_M * off[2]))
+        path_m = float(sweeps.travelled[count + k] - sweeps.travelled[k])
+        laid.append(Laid(k, count + k, np.zeros(3), path_m, off, np.diag(SIGMAS**2), size_m, 0.8, 1.4, 1.0, True, True))
+    return laid
+
+
+def judged(sweeps: Sweeps, laid: list[Laid], sigma_m: float | None = None) -> list[RevisitAudit]:
+    claims = None if sigma_m is None else Alike(sigma_m)
+    return judge_laid(laid, sweeps, CONFIG.audit, CONFIG.estimator, CONFIG.verdict, claims)
+
+
+@pytest.mark.parametrize("count", [12, 40])
+def test_good_maps_show_small_p_values_as_rarely_as_promised(count: int) -> None:
+    sweeps = passed_twice(count)
+    smallest = [min(r.p_value for r in judged(sweeps, lay_passes(sweeps, seed=seed))) for seed in range(150)]
+    assert np.mean(np.array(smallest) < 0.05) < 0.08
+
+
+def test_inflation_of_a_good_map_is_a_chi_square_whatever_the_curvature_says() -> None:
+    sweeps = passed_twice(40)
+    inflations = [
+        r.revisit.inflation for seed in range(40) for r in judged(sweeps, lay_passes(sweeps, spread=3.0, seed=seed))
+    ]
+    assert np.mean(inflations) / 3.0 == pytest.approx(1.0, abs=0.2)
+
+
+def test_too_few_revisits_have_no_p_value_but_large_offsets_are_torn_all_the_same() -> None:
+    sweeps = passed_twice(4)
+    few = judged(sweeps, lay_passes(sweeps, (0.8, 0.0, 0.0)))
+    assert all(np.isnan(r.p_value) and r.torn for r in few)
+    assert judge_revisits(few, CONFIG.verdict).p_value is None
+    assert all(r.torn for r in judged(sweeps, lay_passes(sweeps, (0.8, 0.0, 0.0)), 0.02))
+
+
+@pytest.mark.parametrize("moved", [(0.3, 0.0, 0.0), (0.0, 0.0, 0.003)])
+def test_a_trajectory_that_is_sure_and_off_is_torn_below_the_constant(moved: tuple[float, float, float]) -> None:
+    sweeps = passed_twice(17)
+    laid = lay_passes(sweeps, moved)
+    assert not any(r.torn for r in judged(sweeps, laid))  # the constants let it pass
+    sure = judged(sweeps, laid, 0.005)
+    finding = judge_revisits(sure, CONFIG.verdict)
+    assert finding.status is VerdictStatus.FAIL and "beyond what the trajectory claims to know" in finding.reason
+    assert finding.p_value is not None and finding.p_value < CONFIG.verdict.share_of_false_alarms
+
+
+def test_what_nobody_minds_is_not_torn_however_sure_the_trajectory_is() -> None:
+    sweeps = passed_twice(40)
+    tiny = judged(sweeps, lay_passes(sweeps, (0.07, 0.0, 0.0), spread=1.0), 1e-4)
+    assert not any(r.torn for r in tiny) and min(r.p_value for r in tiny) < CONFIG.verdict.share_of_false_alarms
+    assert judge_revisits(tiny, CONFIG.verdict).status is VerdictStatus.PASS
+
+
+def test_a_trajectory_that_says_it_may_be_off_is_not_torn_but_worth_a_look() -> None:
+    sweeps = passed_twice(17)
+    laid = lay_passes(sweeps, (1.5, 0.0, 0.0))
+    assert judge_revisits(judged(sweeps, laid), CONFIG.verdict).status is VerdictStatus.FAIL
+    unsure = judged(sweeps, laid, 1.0)
+    finding = judge_revisits(unsure, CONFIG.verdict)
+    assert not any(r.torn for r in unsure) and all(r.excused for r in unsure)
+    assert finding.status is VerdictStatus.WARN and "as the trajectory says they may" in finding.reason
+    assert finding.p_value is not None and finding.p_value > 0.05
+
+
+def test_a_true_map_passes_with_claims_and_without() -> None:
+    sweeps = passed_twice(30)
+    for seed in range(20):
+        laid = lay_passes(sweeps, seed=seed)
+        for sigma_m in (None, 1e-4, 0.5):
+            assert judge_revisits(judged(sweeps, laid, sigma_m), CONFIG.verdict).status is VerdictStatus.PASS
+
+
+def unsure(laid: list[Laid], rivals: np.ndarray | None = None) -> list[Laid]:
+    """Returns revisits as if their passes had matched too little, or had rivals (R, 3)."""
+    none = np.empty((0, 3))
+    return [replace(one, unrivalled=False, matched=0.3, rivals=none if rivals is None else rivals) for one in laid]
+
+
+def test_unsure_revisits_that_agree_count_and_those_that_fit_every_period_do_not() -> None:
+    sweeps = passed_twice(17)
+    laid = lay_passes(sweeps, (5.0, 0.0, 0.0))
+    together = judged(sweeps, unsure(laid))
+    assert all(r.revisit.sure and r.torn for r in together)
+    assert judge_revisits(together, CONFIG.verdict).status is VerdictStatus.FAIL
+    repeating = judged(sweeps, unsure(laid, np.array([[0.0, 0.0, 0.0]])))  # where the trajectory has it fits as well
+    assert not any(r.revisit.sure or r.torn for r in repeating) and all(np.isnan(r.p_value) for r in repeating)
+    assert judge_revisits(repeating, CONFIG.verdict).status is VerdictStatus.PASS
