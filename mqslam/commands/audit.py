@@ -10,7 +10,7 @@ import numpy as np
 from mqslam.auditing import judge
 from mqslam.auditing.sources import LIDAR_CONFIG, Source, divide_cloud, is_cloud, make_lidar_source, place_source
 from mqslam.auditing.sweeps import Sweeps, require_covered
-from mqslam.commands.claims import find_claims
+from mqslam.commands.given_covariances import find_claims
 from mqslam.commands.opening import choose_settings, open_data
 from mqslam.commands.result import JudgedResult
 from mqslam.commands.work import QUIET, Work

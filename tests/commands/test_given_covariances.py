@@ -9,7 +9,7 @@ import pytest
 from support.reported import swept_walls
 
 from mqslam.auditing.sweeps import Sweeps
-from mqslam.commands.claims import find_claims
+from mqslam.commands.given_covariances import find_claims
 from mqslam.core import se2
 from mqslam.core.trajectory import Trajectory
 from mqslam.errors import ConfigError, DataError
