@@ -126,7 +126,7 @@ def _pick_rivals(
 
     def reaches(pose: se2.Array) -> NDArray[np.bool_]:
         apart, _ = tree.query(move_rigidly(query, pose).points, distance_upper_bound=config.s_start)
-        return np.isfinite(apart)
+        return np.asarray(np.isfinite(apart))
 
     near = reaches(best.state)
     picked = []
