@@ -92,7 +92,7 @@ def audit(  # noqa: PLR0913 - these are the options of an audit, each with its d
     _require_rate(false_alarms)
     mount = _check_extrinsics(extrinsics)
     if mount is not None and covariances is not None:
-        raise ConfigError("covariances are of the poses of the sensor, but extrinsics say that the poses are of something else")
+        raise ConfigError("covariances are those of the sensor's poses; extrinsics say that these are of something else")
     given = _read_given(trajectory, times, topic, frame, time_offset_s, mount)
     name = trajectory if isinstance(trajectory, str) else "given" if isinstance(trajectory, Trajectory) else str(trajectory)
     if is_cloud(data):
@@ -114,10 +114,10 @@ def audit(  # noqa: PLR0913 - these are the options of an audit, each with its d
     if given is not None and sweeps.track is not None and not is_cloud(data):  # the points of a cloud are placed already
         stated = np.zeros(3) if mount is None else mount
         sweeps = replace(sweeps, track=replace(sweeps.track, extrinsics=stated))
-    claims, more = None, []
+    claims = None
     if mount is None:
-        claims, more = find_claims(covariances, trajectory, given, round(1e6 * time_offset_s), sweeps)
-    notes += more
+        claims, unclaimed = find_claims(covariances, trajectory, given, round(1e6 * time_offset_s), sweeps)
+        notes += unclaimed
     for note in notes:
         work.tell(note)
     if false_alarms is not None:

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from support.reported import swept_walls
 
+import mqslam
 from mqslam.auditing.sweeps import Sweeps
 from mqslam.commands.given_covariances import find_claims
 from mqslam.core import se2
@@ -80,3 +81,10 @@ def test_covariances_need_a_trajectory_from_a_file(tmp_path: Path) -> None:
         find_claims(path, "ground_truth", None, 0, sweeps)
     with pytest.raises(DataError, match="does not exist"):
         find_claims(tmp_path / "nowhere.csv", "any.tum", given, 0, sweeps)
+
+
+def test_covariances_of_a_sensor_are_not_those_of_what_extrinsics_move(tmp_path: Path) -> None:
+    _, given = turned_walls()
+    path = written(tmp_path, given.stamps_us, given.poses)
+    with pytest.raises(ConfigError, match="covariances are those of the sensor's poses"):
+        mqslam.audit(tmp_path / "drive", tmp_path / "out", trajectory=given, covariances=path, extrinsics=(1.0, 0.0, 0.0))
