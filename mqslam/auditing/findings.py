@@ -120,14 +120,8 @@ def judge_pooled(pooled: Pooled | None, limits: VerdictConfig, extrinsics: se2.A
     if pooled is None:
         reason = "too few places that far apart see the same to show whether the scale is right"
         return Finding(VerdictStatus.PASS, reason, judged=False)
-    largest = (limits.scale_warn, limits.scale_warn, limits.turn_warn)
-    wishes = {
-        axis: _WISHES[axis](float(bias), float(sigma))
-        for axis, (bias, sigma, chance, limit) in enumerate(
-            zip(pooled.bias, pooled.sigma, pooled.p_value, largest, strict=True)
-        )
-        if abs(bias) > limit and chance < limits.share_of_false_alarms
-    }
+    biases = find_biases(pooled, limits)
+    wishes = {axis: _WISHES[axis](float(pooled.bias[axis]), float(pooled.sigma[axis])) for axis in biases}
     p_value = find_smallest(correct_for_places(pooled.p_value))
     if wishes:
         reason = f"all along the drive {' and '.join(wishes.values())}"
@@ -137,6 +131,13 @@ def judge_pooled(pooled: Pooled | None, limits: VerdictConfig, extrinsics: se2.A
         return Finding(VerdictStatus.WARN, reason, p_value=p_value)
     reason = "scale, direction of travel and yaw rate fit what the sensor sees"
     return Finding(VerdictStatus.PASS, reason, p_value=p_value)
+
+
+def find_biases(pooled: Pooled, limits: VerdictConfig) -> list[int]:
+    """Returns the axes (forward 0, left 1, yaw 2) along which all of a map asks for a correction that is worth a look."""
+    largest = (limits.scale_warn, limits.scale_warn, limits.turn_warn)
+    found = (np.abs(pooled.bias) > largest) & (pooled.p_value < limits.share_of_false_alarms)
+    return np.flatnonzero(found).tolist()
 
 
 def _wish_length(bias: float, sigma: float) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import zipfile
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
 
@@ -144,6 +144,20 @@ def divide_cloud(
         revolution_s=revolution_s,
         track=track,
     )
+
+
+def move_cloud(cloud: TimedCloud, given: Trajectory, mended: Trajectory) -> TimedCloud:
+    """Returns a cloud that was made with one trajectory as it would be with another: each point moves with the sensor.
+
+    Args:
+        cloud: points with the times they were measured at.
+        given: the poses of the sensor that the cloud was made with.
+        mended: other poses at the same stamps.
+    """
+    stamps, of_stamp = np.unique(cloud.stamps_us, return_inverse=True)
+    motions = se2.compose(mended.at(stamps), se2.inverse(given.at(stamps)))[of_stamp]
+    points = np.column_stack([cloud.points, np.zeros(len(cloud))])
+    return replace(cloud, points=se2.compose(motions, points)[:, :2])
 
 
 def _middle(points: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -111,10 +111,16 @@ def compute_p_values(steps: Sequence[Laid], settings: AuditConfig) -> NDArray[np
     if judged.sum() < settings.step_fewest:
         return p_values
     offsets = np.array([step.offset for step in steps])[judged]
-    covariances = np.array([step.covariance for step in steps])[judged] + np.diag(TOLERANCES**2)
-    covariances = se2.scale_covariance(covariances, find_usual_scale(offsets**2 / np.einsum("kii->ki", covariances)))
+    covariances = scale_covariances([step for step, is_judged in zip(steps, judged, strict=True) if is_judged])
     p_values[judged] = chi2.sf(se2.normalise(offsets, covariances), 3)
     return correct_for_places(p_values)
+
+
+def scale_covariances(steps: Sequence[Laid]) -> NDArray[np.float64]:
+    """Returns the covariances (N, 3, 3) of steps, scaled per axis until the median step is as far off as it should be."""
+    offsets = np.array([step.offset for step in steps])
+    covariances = np.array([step.covariance for step in steps]) + np.diag(TOLERANCES**2)
+    return se2.scale_covariance(covariances, find_usual_scale(offsets**2 / np.einsum("kii->ki", covariances)))
 
 
 def _pick_doubtful(near: Mapping[int, Laid | None], settings: AuditConfig) -> list[int]:

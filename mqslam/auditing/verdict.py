@@ -22,7 +22,8 @@ class VerdictStatus(StrEnum):
 
 
 _ROUNDING: Final = 1e-9  # numerical: the bounds are roots of a function and as exact as that
-_GRAVEST_FIRST: Final = (VerdictStatus.FAIL, VerdictStatus.WARN, VerdictStatus.NOT_JUDGED, VerdictStatus.PASS)
+GRAVEST_FIRST: Final = (VerdictStatus.FAIL, VerdictStatus.WARN, VerdictStatus.NOT_JUDGED, VerdictStatus.PASS)
+"""The verdicts in the order in which one decides over another."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,7 +97,7 @@ def verdict_of(findings: Iterable[Finding]) -> tuple[VerdictStatus, list[str]]:
     Evidence of a fault counts more than lack of evidence: if the windows cannot judge a map but its run lost track, the
     verdict is `warn`.
     """
-    ranked = sorted(findings, key=lambda finding: _GRAVEST_FIRST.index(finding.status))
+    ranked = sorted(findings, key=lambda finding: GRAVEST_FIRST.index(finding.status))
     if not ranked:
         return VerdictStatus.NOT_JUDGED, ["nothing was judged"]
     status = ranked[0].status

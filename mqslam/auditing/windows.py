@@ -10,7 +10,6 @@ import numpy as np
 from scipy.stats import chi2
 
 from mqslam.auditing.inflation import Bend, fit_bend
-from mqslam.auditing.measures import Measures, compute_measures, locate_sensors
 from mqslam.auditing.speeds import SpeedCheck
 from mqslam.auditing.sweeps import Sweeps
 from mqslam.auditing.verdict import Share
@@ -20,6 +19,7 @@ from mqslam.core.chances import correct_for_places
 from mqslam.core.evenly import pick_evenly
 from mqslam.execution.engine import Engine
 from mqslam.execution.progress import Progress
+from mqslam.mapping.measures import Measures, compute_measures, locate_sensors
 
 
 class Undecided(StrEnum):

@@ -80,8 +80,17 @@ def audit(
     ] = None,
     fail_on: Annotated[
         Literal["warn", "fail"] | None,
-        typer.Option(help="Exit with 1 if the verdict is this or worse, and with 3 if the map could not be judged."),
+        typer.Option(
+            help="Exit with 1 if the verdict on the trajectory as it is given is this or worse, and with 3 if the map could "
+            "not be judged."
+        ),
     ] = None,
+    mend: Annotated[
+        bool,
+        typer.Option(
+            "--mend", help="Write the trajectory with the corrections put in as mended.tum, and judge that one, too."
+        ),
+    ] = False,
     config: ConfigOption = None,
     format: Format = None,
     range_resolution: RangeResolution = None,
@@ -130,6 +139,7 @@ def audit(
             config=config,
             format=format,
             range_resolution=range_resolution,
+            mend=mend,
             force=force,
             work=work,
         )
@@ -226,4 +236,13 @@ def _format_lines(summary: dict[str, Any]) -> list[str]:
         )
         for r in sorted(torn, key=lambda r: -(r["dx"] ** 2 + r["dy"] ** 2))[:5]
     ]
+    if "mended" in summary:
+        mended = summary["mended"]
+        windows, verdict = mended["windows"], mended["verdict"]
+        rows += [
+            ("mended", mended["sentence"]),
+            ("verdict then", f"{verdict['status']}: {'; '.join(verdict['reasons'])}"),
+            ("windows then", f"{windows['torn']} of {windows['count']} torn{_count_undecided(windows['undecided'])}"),
+            ("revisits then", _format_revisits(mended["revisits"])),
+        ]
     return [f"{name:<14}{value}" for name, value in rows]

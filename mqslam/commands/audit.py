@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 
 from mqslam.auditing import judge
-from mqslam.auditing.sources import LIDAR_CONFIG, Source, divide_cloud, is_cloud, make_lidar_source, place_source
+from mqslam.auditing.mending.rounds import Judged, Mended
+from mqslam.auditing.mending.rounds import mend as mend_trajectory
+from mqslam.auditing.sources import LIDAR_CONFIG, Source, divide_cloud, is_cloud, make_lidar_source, move_cloud, place_source
 from mqslam.auditing.sweeps import Sweeps, require_covered
 from mqslam.commands.given_covariances import find_claims
 from mqslam.commands.opening import choose_settings, open_data
@@ -16,6 +19,7 @@ from mqslam.commands.result import JudgedResult
 from mqslam.commands.work import QUIET, Work
 from mqslam.config import Config, set_doppler_beta, set_false_alarms
 from mqslam.core import se2
+from mqslam.core.timed_cloud import TimedCloud
 from mqslam.core.trajectory import Trajectory
 from mqslam.detection.stage import detect_all, make_scans, warn_of_unread
 from mqslam.errors import ConfigError, Remedy
@@ -24,10 +28,11 @@ from mqslam.execution.runner import Runner
 from mqslam.formats import lidars
 from mqslam.formats.clouds import read_cloud
 from mqslam.formats.trajectories import read_trajectory
+from mqslam.formats.tum import write_tum
 from mqslam.psi.doppler import choose_doppler_beta
 from mqslam.psi.place import beam_of
 from mqslam.report.audit_page import write_audit_pages
-from mqslam.results.audit_results import summarise, write_audit
+from mqslam.results.audit_results import summarise, summarise_mended, write_audit
 from mqslam.results.summary_files import add_warnings
 
 _LARGEST_EXTRINSICS = np.array([100.0, 100.0, 360.0])  # beyond any vehicle [m, m, degrees]: in other units, or no numbers
@@ -51,6 +56,7 @@ def audit(  # noqa: PLR0913 - these are the options of an audit, each with its d
     config: Config | Path | str | None = None,
     format: str | None = None,
     range_resolution: float | None = None,
+    mend: bool = False,
     force: bool = False,
     work: Work = QUIET,
 ) -> JudgedResult:
@@ -74,6 +80,8 @@ def audit(  # noqa: PLR0913 - these are the options of an audit, each with its d
         config: settings, or the path of a YAML file, or the name of one that ships with mqslam; None takes the defaults.
         format: layout of the recording; None guesses it.
         range_resolution: length of a range bin [m], if the recording does not state it or is wrong.
+        mend: whether the trajectory is mended by what the audit finds, written as mended.tum with the given stamps, and
+            audited in turn; the verdict stays that on the given one.
         force: whether what is at `out` is replaced.
         work: where the work is done, and who is told about it.
 
@@ -96,19 +104,23 @@ def audit(  # noqa: PLR0913 - these are the options of an audit, each with its d
     given = _read_given(trajectory, times, topic, frame, time_offset_s, mount)
     name = trajectory if isinstance(trajectory, str) else "given" if isinstance(trajectory, Trajectory) else str(trajectory)
     if is_cloud(data):
-        cloud = read_cloud(data, heights)
+        if mend and given is None:
+            raise ConfigError(f"{data}: a cloud without its trajectory cannot be mended", Remedy.GIVE_TRAJECTORY)
+        cloud, track = read_cloud(data, heights), given
         settings = choose_settings(config, None if cloud.is_of_radar else LIDAR_CONFIG)
-        sweeps = divide_cloud(cloud, given, settings.audit, beam_of(settings.estimator, 0.0), settings.reading)
-        notes, kind = list(cloud.notes), data.suffix.lower()[1:]
+        sweeps = _divide(cloud, given, settings)
+        notes, kind, place = list(cloud.notes), data.suffix.lower()[1:], partial(_divide_moved, cloud, given, settings)
     elif format is None and data.exists() and lidars.recognises(data):
         settings = choose_settings(config, LIDAR_CONFIG)
         source = make_lidar_source(lidars.read_lidar(data, settings.reading))
         track = given or _pick_carried(data, source.tracks, name)
         sweeps, notes, kind = *_render_sweeps(source, track, settings), source.format
+        place = partial(_place_alone, source, settings)
     else:
         settings = choose_settings(config)
         source, track, settings = _detect_radar(data, given, name, settings, format, range_resolution, work)
         sweeps, notes, kind = *_render_sweeps(source, track, settings), source.format
+        place = partial(_place_alone, source, settings)
     if mount is not None:
         notes.append(f"the trajectory is carried to the sensor by its extrinsics: {_describe_mount(mount)}")
     if given is not None and sweeps.track is not None and not is_cloud(data):  # the points of a cloud are placed already
@@ -128,9 +140,20 @@ def audit(  # noqa: PLR0913 - these are the options of an audit, each with its d
     origin = name if sweeps.track is not None else None
     summary = summarise(judged, sweeps, settings.audit, settings.verdict, dataset, origin, notes)
     summary["extrinsics"] = None if extrinsics is None else list(extrinsics)
+    mended: Mended | None = None
+    if mend and track is not None:
+
+        def judge_mended(shown: Sweeps) -> judge.Audit:
+            return judge.audit(shown, *sections, work.engine, work.progress)
+
+        mended = mend_trajectory(Judged(track, sweeps, judged), place, judge_mended, settings, work.engine, work.progress)
+        summary["mended"] = summarise_mended(mended, summary, settings)
     with write_folder_aside(out) as folder:
         write_audit(folder, settings, summary)
-        failures = write_audit_pages(folder, data.resolve().name, judged, sweeps, settings, summary)
+        if mended is not None:
+            write_tum(folder / "mended.tum", mended.result.trajectory)
+        after = None if mended is None else mended.result
+        failures = write_audit_pages(folder, data.resolve().name, judged, sweeps, settings, summary, after)
         add_warnings(folder / "audit.json", summary, failures)
     for warning in summary["warnings"][len(notes) :]:
         work.tell(warning)
@@ -208,6 +231,21 @@ def _pick_carried(path: Path, tracks: dict[str, Trajectory], name: str) -> Traje
         remedy = Remedy.GIVE_TRAJECTORY_OR_NAME if tracks else Remedy.GIVE_TRAJECTORY
         raise ConfigError(f"{path}: has no trajectory '{name}' ({has})", remedy)
     return tracks[name]
+
+
+def _divide(cloud: TimedCloud, trajectory: Trajectory | None, settings: Config) -> Sweeps:
+    """Returns the sweeps of a cloud."""
+    return divide_cloud(cloud, trajectory, settings.audit, beam_of(settings.estimator, 0.0), settings.reading)
+
+
+def _divide_moved(cloud: TimedCloud, given: Trajectory | None, settings: Config, mended: Trajectory) -> Sweeps:
+    """Returns the sweeps of a cloud that was made with one trajectory as another one makes it."""
+    return _divide(cloud if given is None else move_cloud(cloud, given, mended), mended, settings)
+
+
+def _place_alone(source: Source, settings: Config, track: Trajectory) -> Sweeps:
+    """Returns the sweeps of a recording under a trajectory, without what a user should know about them."""
+    return _render_sweeps(source, track, settings)[0]
 
 
 def _render_sweeps(source: Source, track: Trajectory, settings: Config) -> tuple[Sweeps, list[str]]:

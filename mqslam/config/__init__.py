@@ -10,7 +10,7 @@ from typing import Any
 import yaml
 from pydantic import BaseModel, ConfigDict
 
-from mqslam.config.audit_config import AuditConfig, CompareConfig, VerdictConfig
+from mqslam.config.audit_config import AuditConfig, CompareConfig, MendConfig, VerdictConfig
 from mqslam.config.check_config import CheckConfig
 from mqslam.config.detector_config import DetectorConfig
 from mqslam.config.estimator_config import EstimatorConfig
@@ -44,6 +44,7 @@ __all__ = [
     "KissIcpConfig",
     "LoopConfig",
     "MapConfig",
+    "MendConfig",
     "OdometryConfig",
     "Open3dIcpConfig",
     "PassConfig",
@@ -85,6 +86,7 @@ class Config(BaseModel):
     map: MapConfig = MapConfig()
     audit: AuditConfig = AuditConfig()
     verdict: VerdictConfig = VerdictConfig()
+    mend: MendConfig = MendConfig()
     compare: CompareConfig = CompareConfig()
     check: CheckConfig = CheckConfig()
 

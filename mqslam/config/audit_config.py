@@ -266,6 +266,19 @@ class VerdictConfig(BaseModel):
         return self.false_alarms / _SHARERS
 
 
+class MendConfig(BaseModel):
+    """How a trajectory is mended by what its audit has found."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    rounds: int = Field(
+        5,
+        ge=1,
+        description="Most rounds of mending a trajectory and auditing it again. A further round follows only if the mended "
+        "trajectory does not pass yet, but lays more revisits on each other than the one before.",
+    )
+
+
 class CompareConfig(BaseModel):
     """What a comparison of front ends points out."""
 

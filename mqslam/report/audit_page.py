@@ -10,13 +10,14 @@ from typing import Any, Final
 import numpy as np
 
 from mqslam.auditing.judge import Audit
-from mqslam.auditing.measures import Measures
+from mqslam.auditing.mending.rounds import Judged
 from mqslam.auditing.revisits import share_torn_revisits
 from mqslam.auditing.sweeps import Sweeps
 from mqslam.auditing.windows import share_torn, torn_threshold
 from mqslam.config import Config, dump_yaml
 from mqslam.errors import tolerate
 from mqslam.execution.files import write_bytes
+from mqslam.mapping.measures import Measures
 from mqslam.report.audit_report import AuditReport
 from mqslam.report.content import (
     Figure,
@@ -47,12 +48,23 @@ _MEASURES: Final = {
 }
 
 
+_COMPARED: Final = (  # what is shown before and after mending: its name, where the summary has it, and its unit
+    ("windows torn", "windows", "torn", ""),
+    ("median inflation", "windows", "inflation_median", ""),
+    ("jumps", "steps", "jumps", ""),
+    ("revisits that are sure", "revisits", "sure", ""),
+    ("revisits torn", "revisits", "torn", ""),
+    ("median offset of two passes", "revisits", "median_m", " m"),
+)
+
+
 @dataclass(frozen=True, slots=True)
 class AuditParts:
     """The parts of the page, as audit.html shows them."""
 
     tiles: Part[tuple[Tile, ...]]
     tests: Part[Section]
+    mended: Part[Section]
     map: Part[Section]
     explorer: Part[Scene]
     worst: Part[Section]
@@ -61,7 +73,13 @@ class AuditParts:
 
 
 def write_audit_pages(
-    folder: Path, title: str, audit: Audit, sweeps: Sweeps, config: Config, summary: Mapping[str, Any]
+    folder: Path,
+    title: str,
+    audit: Audit,
+    sweeps: Sweeps,
+    config: Config,
+    summary: Mapping[str, Any],
+    mended: Judged | None = None,
 ) -> list[str]:
     """Writes an audit's heat map and its page into an existing folder.
 
@@ -72,6 +90,7 @@ def write_audit_pages(
         sweeps: what was judged.
         config: all settings.
         summary: content of audit.json.
+        mended: the mended trajectory and its audit; None where none was asked for.
 
     Returns:
         what could not be made, and why.
@@ -84,7 +103,7 @@ def write_audit_pages(
         write_bytes(folder / "heatmap.png", draw_heat_map(sweeps, audit, config.audit))
     with tolerate("report.html", failures):
         warnings = (*summary["warnings"], *failures)
-        report = AuditReport(title, summary, sweeps, audit, config, warnings, dump_yaml(config))
+        report = AuditReport(title, summary, sweeps, audit, config, warnings, dump_yaml(config), mended)
         failures += write_audit_report(folder / "report.html", report)
     return failures
 
@@ -105,6 +124,7 @@ def write_audit_report(path: Path, report: AuditReport) -> list[str]:
     failures: list[str] = []
     sweeps, audit, settings = report.sweeps, report.audit, report.config.audit
     parts = AuditParts(
+        mended=collect("the mended trajectory", lambda: _show_mended(report), failures),
         map=collect("the pictures of the map", lambda: _show_map(report), failures),
         tests=collect("the tests", lambda: tabulate_tests(report.summary), failures),
         tiles=collect("the first numbers", lambda: _make_tiles(report), failures),
@@ -198,6 +218,24 @@ def _show_map(report: AuditReport) -> Section:
         "correction that leads there, squared, in units of its own covariance. No ground truth takes part."
     )
     return Section("Map", (note,), (heat_map,), tuple(charts))
+
+
+def _show_mended(report: AuditReport) -> Section | None:
+    """Returns the given trajectory and the mended one side by side; None where none was asked for."""
+    before, after = report.summary, section_of(report.summary, "mended")
+    if report.mended is None or not after:
+        return None
+    settings = report.config.audit
+    figures = (
+        Figure(draw_heat_map(report.sweeps, report.audit, settings, opaque=False), "As it was given"),
+        Figure(draw_heat_map(report.mended.sweeps, report.mended.audit, settings, opaque=False), "Mended"),
+    )
+    rows = [Row("verdict", tuple(section_of(shown, "verdict")["status"] for shown in (before, after)))]
+    for label, section, key, unit in _COMPARED:
+        values = (section_of(shown, section).get(key) for shown in (before, after))
+        rows.append(Row(label, tuple(format_value(value, unit) for value in values)))
+    table = Table(("", "as it was given", "mended"), tuple(rows))
+    return Section("Mended", (str(after["sentence"]),), figures, table=table)
 
 
 def _list_worst(report: AuditReport) -> Section | None:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from mqslam.auditing.judge import Audit
+from mqslam.auditing.mending.rounds import Judged
 from mqslam.auditing.sweeps import Sweeps
 from mqslam.config import Config
 
@@ -23,6 +24,7 @@ class AuditReport:
         config: all settings.
         warnings: what the reader has to know before the numbers.
         settings_yaml: every setting used, as in config.yaml.
+        mended: the mended trajectory and its audit; None where nothing was to be mended.
     """
 
     title: str
@@ -32,3 +34,4 @@ class AuditReport:
     config: Config
     warnings: tuple[str, ...]
     settings_yaml: str
+    mended: Judged | None = None

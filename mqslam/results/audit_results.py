@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 
 from mqslam.auditing.findings import find_torn_steps
 from mqslam.auditing.judge import Audit
+from mqslam.auditing.mending.rounds import Mended
 from mqslam.auditing.pooled import Pooled
 from mqslam.auditing.revisits import RevisitAudit, share_torn_revisits
 from mqslam.auditing.speeds import contradicts
@@ -19,9 +20,12 @@ from mqslam.auditing.verdict import Finding, VerdictStatus, verdict_of
 from mqslam.auditing.windows import WindowAudit, share_torn, torn_threshold
 from mqslam.config import AuditConfig, Config, VerdictConfig, dump_yaml
 from mqslam.core.chances import find_smallest
+from mqslam.core.wording import count_of
 from mqslam.execution.files import write_json, write_text
 from mqslam.results.summary_files import format_csv
 from mqslam.version import __version__
+
+_OF_BOTH: Final = ("mqslam_version", "dataset", "trajectory", "threshold", "bend_m", "warnings")  # said once in audit.json
 
 
 def summarise(
@@ -90,6 +94,45 @@ def summarise(
         "per_revisit": [_list_revisit(r, sweeps) for r in audit.revisits],
         "per_step": [_list_step(s, sweeps) for s in audit.steps],
     }
+
+
+def summarise_mended(mended: Mended, given: Mapping[str, Any], config: Config) -> dict[str, Any]:
+    """Returns what audit.json says of the mended trajectory: how it was mended, and its own audit.
+
+    Args:
+        mended: the trajectory and its audit.
+        given: content of audit.json on the trajectory as it was given.
+        config: all settings.
+    """
+    judged = mended.result
+    own = summarise(judged.audit, judged.sweeps, config.audit, config.verdict, given["dataset"], given["trajectory"])
+    return {
+        "sentence": describe_mended(mended, given),
+        "rounds": mended.rounds,
+        "ties": mended.ties,
+        "loops": mended.loops,
+        "moved_m": mended.moved_m,
+        "worse": mended.is_worse,
+        **{name: value for name, value in own.items() if name not in _OF_BOTH},
+    }
+
+
+def describe_mended(mended: Mended, given: Mapping[str, Any]) -> str:
+    """Returns what mending has led to, as a sentence.
+
+    Args:
+        mended: the trajectory and its audit.
+        given: content of audit.json on the trajectory as it was given.
+    """
+    before, after = given["verdict"]["status"], mended.result.audit.status
+    if not mended.rounds:
+        return "The audit found nothing to mend: the trajectory is as it was given."
+    if mended.is_worse:
+        return (
+            f"Mending failed: the mended trajectory is judged worse ({after}) than the given one ({before}). Keep that one."
+        )
+    held = f"{count_of(mended.ties, 'motion')} and {count_of(mended.loops, 'revisit')} hold the mended trajectory"
+    return f"{held}, which moves poses by up to {mended.moved_m:.2f} m: the verdict was {before} and is {after}."
 
 
 def _summarise_speeds(audit: Audit) -> dict[str, Any]:

@@ -23,7 +23,6 @@ from selenium.webdriver.support.ui import WebDriverWait
 from mqslam.auditing.findings import judge_locally, judge_revisits, judge_windows
 from mqslam.auditing.inflation import Bend
 from mqslam.auditing.judge import Audit
-from mqslam.auditing.measures import Measures
 from mqslam.auditing.revisits import Revisit, RevisitAudit
 from mqslam.auditing.speeds import find_capture_range
 from mqslam.auditing.sweeps import Sweeps
@@ -32,6 +31,7 @@ from mqslam.auditing.verdict import Finding, VerdictStatus, verdict_of
 from mqslam.auditing.windows import WindowAudit
 from mqslam.config import AuditConfig, EstimatorConfig, VerdictConfig
 from mqslam.core import se2
+from mqslam.mapping.measures import Measures
 
 WINDOW = 6
 PATIENCE_S = 600.0  # for a browser on a busy machine; it only ends what hangs

@@ -5,14 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mqslam.auditing.measures import (
+from mqslam.config import AuditConfig
+from mqslam.mapping.measures import (
     EvidenceModel,
     accumulate_evidence,
     compute_grid_entropy,
     compute_measures,
     locate_sensors,
 )
-from mqslam.config import AuditConfig
 
 RNG = np.random.default_rng(3)
 POINTS = RNG.uniform(-4.0, 4.0, (300, 2)) * [1.0, 0.2]

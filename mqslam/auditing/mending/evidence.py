@@ -1,0 +1,221 @@
+"""What an audit has measured, as it enters a pose graph: ties from windows and steps, loops from revisits, and noise."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import chi2
+
+from mqslam.auditing.judge import Audit
+from mqslam.auditing.laying import Laid, ask_of_scans, lay
+from mqslam.auditing.revisits import Revisit
+from mqslam.auditing.speeds import contradicts
+from mqslam.auditing.steps import scale_covariances
+from mqslam.auditing.sweeps import Sweeps
+from mqslam.auditing.windows import WindowAudit
+from mqslam.backend.tied_chain import Tie
+from mqslam.config import AuditConfig, EstimatorConfig, LoopConfig
+from mqslam.core import se2
+from mqslam.core.gross import MEDIAN_OF_CHI2
+from mqslam.core.measurement import Loop
+from mqslam.execution.engine import Engine
+from mqslam.execution.progress import Progress
+
+_LINE_MISS: Final = 0.2  # by definition: variance by which the ends of a line through a random walk miss the walk's ends
+_ANYWHERE_M2: Final = 1e6  # numerical: variance of a position [m^2] of which nothing is known
+_LEAST_VARIANCE: Final = 1e-10  # numerical: keeps the noise of steps that agree exactly from being singular
+
+
+def tie_windows(
+    audit: Audit, sweeps: Sweeps, jumps: Collection[int], settings: AuditConfig, *, torn: bool = False
+) -> list[Tie]:
+    """Returns the motions through windows as psi has them, from each one's first sweep to its last.
+
+    Windows of which nothing was decided, that do not overlap even at their best, that hold a jump or whose speed is beyond
+    what they can measure are left out: no twist describes these.
+
+    Args:
+        audit: of the trajectory.
+        sweeps: points under it.
+        jumps: sweeps that a jump leads to.
+        settings: of the audit.
+        torn: whether only windows that are torn are taken.
+    """
+    return [
+        _tie_window(window, sweeps)
+        for window in audit.windows
+        if window.undecided is None
+        and (window.torn or not torn)
+        and window.bend.matched_best >= settings.overlap
+        and not contradicts(window.speed, audit.capture)
+        and not any(window.begin < jump < window.end for jump in jumps)
+    ]
+
+
+def _tie_window(window: WindowAudit, sweeps: Sweeps) -> Tie:
+    """Returns the motion from a window's first sweep to its last, with the window's correction."""
+    a, b, numbers = window.begin, window.end - 1, sweeps.numbers
+    frame = sweeps.poses[(window.begin + window.end) // 2]  # as `centre_window` has it
+    middle = 0.5 * (numbers[a] + numbers[b] + 1.0)
+    twist = window.bend.correction / (window.end - window.begin)
+    first, last = (se2.compose(twist * (numbers[k] - middle), se2.between(frame, sweeps.poses[k])) for k in (a, b))
+    share = (numbers[b] - numbers[a]) / (window.end - window.begin)
+    turn = float(frame[2] - sweeps.poses[a, 2])
+    covariance = se2.rotate_covariance(window.bend.covariance * share**2, turn)
+    return Tie(a, b, se2.wrapped_between(first, last), covariance)
+
+
+def allow_for_walk(ties: Sequence[Tie], variances: NDArray[np.float64]) -> list[Tie]:
+    """Returns the motions through windows with what a constant twist misses where the errors of steps come and go.
+
+    Args:
+        ties: of windows.
+        variances: (3,) of the error of a step.
+    """
+    return [tie._replace(covariance=tie.covariance + _LINE_MISS * (tie.b - tie.a) * np.diag(variances)) for tie in ties]
+
+
+def tie_steps(audit: Audit, sweeps: Sweeps, jumps: Collection[int], settings: AuditConfig) -> dict[int, Tie]:
+    """Returns the motions across steps as psi has them, from the middle of the scans before to that of those after.
+
+    Steps that are not sure are left out, and those of which either side holds a jump.
+
+    Args:
+        audit: of the trajectory.
+        sweeps: points under it.
+        jumps: sweeps that a jump leads to.
+        settings: of the audit.
+
+    Returns:
+        ties by the first sweep after the step.
+    """
+    steps = [step.laid for step in audit.steps if np.isfinite(step.p_value)]
+    if not steps:
+        return {}
+    size = settings.step_scans
+    return {
+        laid.later: _tie_step(laid, covariance, sweeps, size // 2)
+        for laid, covariance in zip(steps, scale_covariances(steps), strict=True)
+        if laid.unrivalled and not any(0 < abs(laid.later - jump) < size for jump in jumps)
+    }
+
+
+def lay_successive(
+    sweeps: Sweeps, settings: AuditConfig, estimator: EstimatorConfig, engine: Engine, progress: Progress
+) -> list[Laid]:
+    """Lays every scan on the one before it; returns those that hold every direction.
+
+    Args:
+        sweeps: points under a trajectory.
+        settings: of the audit.
+        estimator: settings of the score.
+        engine: where scans are laid; the result does not depend on it.
+        progress: called as scans are laid.
+    """
+    places = list(range(1, len(sweeps)))
+
+    def report(number: int, laid: Laid | None) -> None:
+        progress("scans", number, len(places))
+
+    pairs = engine.map(_lay_scan, (sweeps, settings, estimator), places, report)
+    return [pair for pair in pairs if pair is not None and pair.observed]
+
+
+def _lay_scan(shared: tuple[Sweeps, AuditConfig, EstimatorConfig], place: int) -> Laid | None:
+    """Lays a scan on the one before it."""
+    sweeps, settings, estimator = shared
+    of_scans = ask_of_scans(settings).model_copy(update={"fewest": settings.speed_fewest})
+    reach = settings.search_m, settings.search_rad
+    return lay(sweeps, (place - 1, place), ([place - 1], [place]), reach, of_scans, estimator)
+
+
+def tie_scans(pairs: Sequence[Laid], sweeps: Sweeps) -> list[Tie]:
+    """Returns by how much the sensor turns from scans to the next ones, as psi has it.
+
+    Single scans show the yaw better than odometry does, but slide along corridors, so that nothing is said of the position.
+
+    Args:
+        pairs: scans, each laid on the one before it.
+        sweeps: points under the trajectory that they were laid under.
+    """
+    if not pairs:
+        return []
+    covariances = scale_covariances(pairs)
+    return [_keep_yaw(_tie_step(laid, covariance, sweeps, 0)) for laid, covariance in zip(pairs, covariances, strict=True)]
+
+
+def _tie_step(laid: Laid, covariance: NDArray[np.float64], sweeps: Sweeps, half: int) -> Tie:
+    """Returns the motion across a step between the middles of the scans on either side."""
+    a, b = laid.earlier - half, laid.later + half
+    before = se2.between(sweeps.poses[a], sweeps.poses[laid.earlier])
+    place = se2.compose(se2.compose(before, laid.between), laid.offset)
+    pose = se2.compose(place, se2.between(sweeps.poses[laid.later], sweeps.poses[b]))
+    x, y, _ = place - pose
+    lever = se2.adjoint([x, y, 0.0])
+    pose[2] = se2.wrap(pose[2])
+    return Tie(a, b, pose, lever @ se2.rotate_covariance(covariance, float(place[2])) @ lever.T)
+
+
+def as_loop(revisit: Revisit, sweeps: Sweeps, settings: LoopConfig) -> Loop:
+    """Returns a revisit as a loop, whose factor adds the floor that the revisit's covariance has already.
+
+    Args:
+        revisit: two passes of one place.
+        sweeps: points under the trajectory that was audited.
+        settings: of loops.
+    """
+    between = se2.between(sweeps.poses[revisit.earlier], sweeps.poses[revisit.later])
+    pose = se2.compose(between, revisit.offset)
+    pose[2] = se2.wrap(pose[2])
+    own = revisit.covariance - np.diag([settings.floor_m**2, settings.floor_m**2, settings.floor_rad**2])
+    covariance = se2.rotate_covariance(own, float(between[2]))
+    return Loop(revisit.earlier, revisit.later, pose, covariance, revisit.matched, revisit.psi_best)
+
+
+def keep_plausible(
+    ties: Sequence[Tie], misses: NDArray[np.float64], walks: NDArray[np.float64], probability: float
+) -> list[Tie]:
+    """Returns the ties that the errors of the steps between their ends explain; of others the yaw, where it is explained.
+
+    Scans of a corridor fit as well somewhere else along it, but nowhere at another angle.
+
+    Args:
+        ties: measured motions.
+        misses: (K, 3) by how much they are beyond the chained steps.
+        walks: (K, 3) variances of the steps' errors between their ends.
+        probability: of a chi-square quantile that a plausible difference does not exceed.
+    """
+    kept = []
+    for tie, miss, walk in zip(ties, misses, walks, strict=True):
+        expected = tie.covariance + np.diag(walk)
+        if miss @ np.linalg.solve(expected, miss) <= chi2.ppf(probability, 3):
+            kept.append(tie)
+        elif miss[2] ** 2 / expected[2, 2] <= chi2.ppf(probability, 1):
+            kept.append(_keep_yaw(tie))
+    return kept
+
+
+def _keep_yaw(tie: Tie) -> Tie:
+    """Returns a tie that says nothing of the position."""
+    return tie._replace(covariance=tie.covariance + np.diag([_ANYWHERE_M2, _ANYWHERE_M2, 0.0]))
+
+
+def measure_misses(ties: Sequence[Tie], chain: se2.Array) -> NDArray[np.float64]:
+    """Returns by how much (K, 3) ties are beyond a chain of poses (N, 3), each in the frame of its earlier scan."""
+    return np.array([se2.subtract(tie.pose, se2.between(chain[tie.a], chain[tie.b])) for tie in ties]).reshape(-1, 3)
+
+
+def estimate_variances(ties: Sequence[Tie], misses: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Returns the variances (3,) of the error of a step, robustly: all that windows miss is taken to be noise of the steps.
+
+    Args:
+        ties: of windows.
+        misses: (K, 3) by how much they are beyond the chained steps.
+    """
+    if not ties:
+        return np.full(3, _LEAST_VARIANCE)
+    counts = np.array([tie.b - tie.a for tie in ties])
+    return np.asarray(np.median(misses**2 / counts[:, None], axis=0) / MEDIAN_OF_CHI2 + _LEAST_VARIANCE)

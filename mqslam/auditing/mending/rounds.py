@@ -1,0 +1,234 @@
+"""A trajectory mended by its own audit, in rounds: each puts in what the audit of the round before has found.
+
+The steps of the given trajectory are the odometry of a pose graph, but for biases that all of the map asks for. Jumps and
+torn windows are replaced by the motions that psi has there. Where there is evidence that too many windows are torn, all
+windows and steps tie the scans near each other, and successive scans laid on each other show how the sensor turns. Revisits
+that are sure, and that agree with each other, are its loops. A trajectory that is off by more than the search for revisits
+reaches shows few of them, and more once it is mended: hence the rounds. A trajectory that passes is left as it is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mqslam.auditing.findings import find_biases, find_torn_steps
+from mqslam.auditing.judge import Audit
+from mqslam.auditing.mending.evidence import (
+    allow_for_walk,
+    as_loop,
+    estimate_variances,
+    keep_plausible,
+    lay_successive,
+    measure_misses,
+    tie_scans,
+    tie_steps,
+    tie_windows,
+)
+from mqslam.auditing.steps import StepAudit
+from mqslam.auditing.sweeps import Sweeps
+from mqslam.auditing.verdict import GRAVEST_FIRST, VerdictStatus
+from mqslam.auditing.windows import share_torn
+from mqslam.backend.tied_chain import Tie, TiedChain
+from mqslam.config import Config
+from mqslam.core import se2
+from mqslam.core.trajectory import Trajectory
+from mqslam.execution.engine import Engine
+from mqslam.execution.progress import Progress
+
+
+@dataclass(frozen=True)
+class Judged:
+    """A trajectory and its audit.
+
+    Args:
+        trajectory: poses of the sensor.
+        sweeps: points under it.
+        audit: what they show.
+    """
+
+    trajectory: Trajectory
+    sweeps: Sweeps
+    audit: Audit
+
+    @property
+    def whole(self) -> int:
+        """The number of revisits that are sure and not torn."""
+        return sum(revisit.revisit.sure and not revisit.torn for revisit in self.audit.revisits)
+
+    @property
+    def rank(self) -> tuple[int, int, int]:
+        """How bad the map is: its verdict first, then how few revisits are whole, then how many windows are torn."""
+        return -GRAVEST_FIRST.index(self.audit.status), -self.whole, share_torn(self.audit.windows).count
+
+
+@dataclass(frozen=True)
+class Mended:
+    """A mended trajectory.
+
+    Args:
+        result: the mended trajectory and its audit; that which was given where nothing is to be mended.
+        rounds: number of rounds that were made.
+        ties: number of motions near each other on the path that the result's graph holds.
+        loops: number of revisits that it holds.
+        moved_m: how far a pose of the result is from where it was given, at most [m].
+        is_worse: whether it is judged worse than what was given.
+    """
+
+    result: Judged
+    rounds: int = 0
+    ties: int = 0
+    loops: int = 0
+    moved_m: float = 0.0
+    is_worse: bool = False
+
+
+def mend(
+    given: Judged,
+    place: Callable[[Trajectory], Sweeps],
+    judge: Callable[[Sweeps], Audit],
+    config: Config,
+    engine: Engine,
+    progress: Progress,
+) -> Mended:
+    """Mends a trajectory by its audit.
+
+    The mended trajectory has the stamps of the given one: between the scans it moves as the given one does, what is rendered
+    with it keeps its detail, and in a gap nothing is made up.
+
+    Args:
+        given: the trajectory and its audit.
+        place: returns the points under a trajectory with the same stamps.
+        judge: returns the audit of points.
+        config: all settings.
+        engine: where scans are laid on each other; the result does not depend on it.
+        progress: called as scans are laid.
+
+    Returns:
+        The best of all rounds, in which the first pose is where it was given.
+
+    Raises:
+        EstimationError: the uncertainty of the trajectory cannot be computed.
+    """
+    mender = _Mender(given, config, engine, progress)
+    if given.audit.status is VerdictStatus.PASS or mender.finds_nothing(given.audit):
+        return Mended(given)
+    best: Mended | None = None
+    current = given
+    for number in range(config.mend.rounds):
+        poses, ties, loops = mender.solve(current)
+        track = carry(given.trajectory, given.sweeps, poses)
+        sweeps = place(track)
+        mended = Judged(track, sweeps, judge(sweeps))
+        if best is None or mended.rank < best.result.rank:
+            moved_m = float(np.hypot(*(track.poses - given.trajectory.poses)[:, :2].T).max())
+            best = Mended(mended, number + 1, ties, loops, moved_m, mended.rank > given.rank)
+        if mended.audit.status is VerdictStatus.PASS or mended.whole <= current.whole:
+            break
+        current = mended
+    assert best is not None  # there is one round at least
+    return best
+
+
+def carry(given: Trajectory, sweeps: Sweeps, poses: se2.Array) -> Trajectory:
+    """Returns a trajectory whose poses are moved as those of the scans beside them are.
+
+    Args:
+        given: the trajectory.
+        sweeps: points under it.
+        poses: (S, 3) of the sweeps, mended.
+    """
+    assert sweeps.track is not None
+    times, before, own = sweeps.times, sweeps.poses, sweeps.track.times
+    first = np.clip(np.searchsorted(times, own, side="right") - 1, 0, len(times) - 1)
+    second = np.minimum(first + 1, len(times) - 1)
+    spans = np.where(second > first, times[second] - times[first], 1.0)
+    share = np.where(second > first, np.clip((own - times[first]) / spans, 0.0, 1.0), 0.0)
+    rigid = se2.compose(poses[first], se2.between(before[first], given.poses))
+    ends = se2.compose(poses[first], se2.between(before[first], before[second]))
+    moved = se2.compose(rigid, se2.exp(se2.log(se2.wrapped_between(ends, poses[second])), share))
+    return Trajectory(given.stamps_us, moved)
+
+
+class _Mender:
+    """What stays the same in all rounds.
+
+    Args:
+        given: the trajectory and its audit.
+        config: all settings.
+        engine: where scans are laid on each other; the result does not depend on it.
+        progress: called as scans are laid.
+    """
+
+    def __init__(self, given: Judged, config: Config, engine: Engine, progress: Progress) -> None:
+        self._config, self._engine, self._progress = config, engine, progress
+        poses, pooled = given.sweeps.poses, given.audit.pooled
+        self._biases = find_biases(pooled, config.verdict) if pooled is not None else []
+        steps = se2.wrapped_between(poses[:-1], poses[1:])
+        if pooled is not None and self._biases:
+            steps = _take_out(steps, np.where(np.isin(np.arange(3), self._biases), pooled.bias, 0.0))
+        self._steps, self._chain = steps, se2.chain(steps, poses[0])
+        self._jumps = {step.laid.later: step.laid.offset for step in _find_jumps(given.audit, config)}
+        self._across: dict[int, Tie] = {}  # jumps, as the last round that is sure of each has measured it
+        windows = tie_windows(given.audit, given.sweeps, self._jumps, config.audit)
+        self._torn = tie_windows(given.audit, given.sweeps, self._jumps, config.audit, torn=True)
+        self._noise = estimate_variances(windows, measure_misses(windows, self._chain))
+        self._is_noisy = share_torn(given.audit.windows).is_above(config.verdict.windows_warn, config.verdict)
+        self._variances = self._list_variances()
+        self._loop_settings = config.loops.model_copy(update={"least_path_m": config.audit.least_path_m})
+
+    def finds_nothing(self, given: Audit) -> bool:
+        """Returns whether an audit shows nothing that could be mended."""
+        torn = any(revisit.torn for revisit in given.revisits)
+        return not (self._torn or self._jumps or self._biases or torn)
+
+    def solve(self, current: Judged) -> tuple[se2.Array, int, int]:
+        """Returns the poses (S, 3) of the sweeps with what an audit has found, and how many ties and loops hold them."""
+        config, audit, sweeps = self._config, current.audit, current.sweeps
+        jumps = {step.laid.later for step in _find_jumps(audit, config)}
+        across = tie_steps(audit, sweeps, jumps, config.audit)
+        self._across |= {place: across[place] for place in self._jumps if place in across}
+        windows = tie_windows(audit, sweeps, jumps, config.audit)
+        if not self._is_noisy:
+            torn = {tie.a for tie in self._torn}
+            windows = [tie for tie in windows if tie.a in torn]
+        beside: list[Tie] = []
+        if self._is_noisy:
+            pairs = lay_successive(sweeps, config.audit, config.estimator, self._engine, self._progress)
+            beside = [*tie_scans(pairs, sweeps), *(tie for place, tie in across.items() if place not in self._across)]
+        ties = [*self._across.values(), *self._keep_plausible([*allow_for_walk(windows, self._noise), *beside])]
+        loops = [as_loop(r.revisit, sweeps, config.loops) for r in audit.revisits if r.revisit.sure]
+        chain = TiedChain(self._steps, self._variances, ties, sweeps.poses, config.graph, self._loop_settings)
+        poses, kept = chain.solve(loops)
+        return poses, len(ties), len(kept)
+
+    def _list_variances(self) -> NDArray[np.float64]:
+        """Returns the variances (S - 1, 3) of the steps: noise, and more where the trajectory jumps or a window is torn."""
+        variances = np.tile(self._noise, (len(self._steps), 1))
+        for place, offset in self._jumps.items():
+            variances[place - 1] += offset**2
+        for tie, miss in zip(self._torn, measure_misses(self._torn, self._chain), strict=True):
+            variances[tie.a : tie.b] += miss**2 / (tie.b - tie.a)
+        return variances
+
+    def _keep_plausible(self, ties: list[Tie]) -> list[Tie]:
+        """Returns what the errors of the steps explain of ties."""
+        walks = np.array([self._variances[tie.a : tie.b].sum(axis=0) for tie in ties]).reshape(-1, 3)
+        misses = measure_misses(ties, self._chain)
+        return keep_plausible(ties, misses, walks, self._config.loops.probability)
+
+
+def _find_jumps(audit: Audit, config: Config) -> list[StepAudit]:
+    """Returns the steps at which a map jumps."""
+    judged = [step for step in audit.steps if np.isfinite(step.p_value)]
+    return find_torn_steps(judged, config.audit, config.verdict)
+
+
+def _take_out(steps: se2.Array, bias: NDArray[np.float64]) -> se2.Array:
+    """Returns steps (N, 3) with what they lack per metre (3,): forward, to the left, and of yaw."""
+    forward, left, turn = bias
+    x, y, yaw = steps.T
+    return np.column_stack([x + forward * x - left * y, y + forward * y + left * x, yaw + turn * np.hypot(x, y)])

@@ -1,0 +1,112 @@
+"""A trajectory and what corrects it: its own steps as odometry, measured poses of scans near each other, and loops."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Final, NamedTuple
+
+import numpy as np
+from gtsam.symbol_shorthand import X
+from numpy.typing import NDArray
+from scipy.stats import chi2
+
+from mqslam.backend.loops.candidates import Chain
+from mqslam.backend.loops.consistency import as_relative, compute_chi_square, keep_consistent
+from mqslam.backend.loops.submap import Drive
+from mqslam.backend.pose_graph import build_pose_graph, optimise, poses_of
+from mqslam.config import GraphConfig, LoopConfig
+from mqslam.core import se2
+from mqslam.core.measurement import Loop
+from mqslam.factors.loop_between import loop_between
+from mqslam.factors.psi_between import psi_between
+
+_ROUNDS: Final = 5  # numerical: rounds in which the scale of the errors is learnt from the loops; it settles in fewer
+_SETTLED: Final = 1.1  # numerical: a scale that grows by less than this factor has settled
+_MEDIAN: Final = float(chi2.ppf(0.5, 3))  # by definition: of a loop's distance, squared, in its standard deviations
+
+
+class Tie(NamedTuple):
+    """The pose of a scan in the frame of one shortly before it, as it was measured.
+
+    Args:
+        a, b: numbers of the earlier and the later scan.
+        pose: (3,) of b in the frame of a [m, m, rad].
+        covariance: (3, 3) of the pose, in the frame of a.
+    """
+
+    a: int
+    b: int
+    pose: se2.Array
+    covariance: NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class TiedChain:
+    """Steps of a trajectory, and ties between its scans.
+
+    Args:
+        steps: (N - 1, 3) motions from each scan to the next, as the trajectory has them [m, m, rad].
+        variances: (N - 1, 3) of these motions' errors, in the frames that they begin in.
+        ties: measured poses.
+        initial: (N, 3) poses to start from; the first is held.
+        graph_settings: settings of steps and ties.
+        loop_settings: settings of loops.
+    """
+
+    steps: se2.Array
+    variances: NDArray[np.float64]
+    ties: Sequence[Tie]
+    initial: se2.Array
+    graph_settings: GraphConfig
+    loop_settings: LoopConfig
+
+    def solve(self, loops: Sequence[Loop]) -> tuple[se2.Array, list[Loop]]:
+        """Returns the poses (N, 3) that steps, ties and those loops lead to that agree with each other, and these loops.
+
+        Errors that grow slowly show in loops alone. Where loops are farther off than the errors of steps and ties explain,
+        all of these errors are taken to be larger by as much.
+
+        Raises:
+            EstimationError: the uncertainty of the poses cannot be computed.
+        """
+        chain = self._optimise([])
+        if not loops:
+            return chain.drive.poses, []
+        wide, scale = self, 1.0
+        for _ in range(_ROUNDS):
+            kept = keep_consistent(loops, chain, self.loop_settings)
+            if not kept:
+                return chain.drive.poses, []
+            known = chain.relate([(loop.earlier, loop.later) for loop in kept])
+            off = [
+                compute_chi_square(relative, as_relative(loop, self.loop_settings))
+                for relative, loop in zip(known, kept, strict=True)
+            ]
+            growth = float(np.median(off)) / _MEDIAN
+            if growth < _SETTLED:
+                break
+            scale *= growth
+            wide = self._widen(scale)
+            chain = wide._optimise([])
+        return wide._optimise(kept).drive.poses, kept
+
+    def _widen(self, factor: float) -> TiedChain:
+        """Returns the chain with the variances of steps and ties multiplied by a factor."""
+        ties = [tie._replace(covariance=tie.covariance * factor) for tie in self.ties]
+        return replace(self, variances=self.variances * factor, ties=ties)
+
+    def _optimise(self, loops: Sequence[Loop]) -> Chain:
+        """Returns the poses that steps, ties and given loops lead to, and how sure they are."""
+        settings = self.graph_settings
+        factors = [
+            psi_between(X(k), X(k + 1), step, np.diag(own), settings)
+            for k, (step, own) in enumerate(zip(self.steps, self.variances, strict=True))
+        ]
+        factors += [psi_between(X(tie.a), X(tie.b), tie.pose, tie.covariance, settings) for tie in self.ties]
+        factors += [loop_between(X(loop.earlier), X(loop.later), loop, self.loop_settings) for loop in loops]
+        graph = build_pose_graph(self.initial, factors, settings)
+        values = optimise(graph).values
+        poses = poses_of(values, graph.size)
+        drive = Drive((), np.arange(len(poses), dtype=np.float64), poses, se2.path_lengths(poses))
+        return Chain(drive, graph, values)

@@ -1,0 +1,149 @@
+"""A trajectory mended by its audit lies nearer to the truth, which takes no part in it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from evo.core import metrics
+from evo.core.trajectory import PoseTrajectory3D
+from scipy.spatial.transform import Rotation
+from support.drives import block_drive
+
+from mqslam.auditing.judge import Audit, audit
+from mqslam.auditing.mending.rounds import Judged, Mended, carry, mend
+from mqslam.auditing.sweeps import Sweeps, place_sweeps
+from mqslam.auditing.verdict import VerdictStatus
+from mqslam.config import Config
+from mqslam.core import se2
+from mqslam.core.trajectory import Trajectory
+from mqslam.execution.engine import LocalEngine
+from mqslam.execution.progress import ignore_progress
+from mqslam.psi.place import beam_of
+
+CONFIG = Config()
+BEAM = beam_of(CONFIG.estimator, 0.0)
+Distort = Callable[[se2.Array], se2.Array]
+
+
+def place(trajectory: Trajectory) -> Sweeps:
+    return place_sweeps(block_drive()[1], trajectory, CONFIG.audit, BEAM)[0]
+
+
+def judge(sweeps: Sweeps, jobs: int = 2) -> Audit:
+    sections = CONFIG.audit, CONFIG.estimator, CONFIG.loops, CONFIG.verdict
+    return audit(sweeps, *sections, LocalEngine(jobs), ignore_progress)
+
+
+def distorted(distort: Distort) -> Judged:
+    """Returns the lap under its true trajectory made wrong, and its audit."""
+    truth = block_drive()[0].ground_truth
+    trajectory = Trajectory(truth.stamps_us, distort(truth.poses))
+    sweeps = place(trajectory)
+    return Judged(trajectory, sweeps, judge(sweeps))
+
+
+def absolute_error(trajectory: Trajectory) -> float:
+    """Returns the root mean square error [m] against the truth, best laid on it, as evo has it."""
+    tracks = []
+    for track in (block_drive()[0].ground_truth, trajectory):
+        x, y, yaw = track.poses.T
+        quaternions = Rotation.from_euler("z", yaw[:, None]).as_quat(scalar_first=True)
+        tracks.append(PoseTrajectory3D(np.column_stack([x, y, 0.0 * x]), quaternions, track.stamps_us * 1e-6))
+    tracks[1].align(tracks[0])
+    error = metrics.APE(metrics.PoseRelation.translation_part)
+    error.process_data((tracks[0], tracks[1]))
+    return float(error.get_statistic(metrics.StatisticsType.rmse))
+
+
+def jump(poses: se2.Array) -> se2.Array:
+    """Moves all that comes after the middle by 0.6 m."""
+    return poses + np.where(np.arange(len(poses)) > len(poses) // 2, 1.0, 0.0)[:, None] * [0.48, 0.36, 0.0]
+
+
+def stretch(poses: se2.Array) -> se2.Array:
+    """Makes all distances 0.3 % longer."""
+    return poses * [1.003, 1.003, 1.0]
+
+
+def turn(poses: se2.Array) -> se2.Array:
+    """Lets the yaw drift by 0.2 degrees in 100 m."""
+    steps = se2.between(poses[:-1], poses[1:])
+    steps[:, 2] += np.hypot(*steps[:, :2].T) * np.radians(0.2) / 100.0
+    return se2.chain(steps, poses[0])
+
+
+def drift_apart(poses: se2.Array) -> se2.Array:
+    """Moves the second pass by 3 m, slowly enough to bend no window."""
+    along = np.linspace(0.0, 1.0, len(poses))
+    return poses + np.clip(4.0 * along - 1.0, 0.0, 1.0)[:, None] * [0.0, 3.0, 0.0]
+
+
+def tear(poses: se2.Array) -> se2.Array:
+    """Moves all that comes after the middle by 2 m within 20 m of path."""
+    along = (se2.path_lengths(poses) - 0.5 * se2.path_lengths(poses)[-1]) / 20.0
+    return poses + np.clip(along, 0.0, 1.0)[:, None] * [1.6, 1.2, 0.0]
+
+
+def mended(given: Judged, jobs: int = 2) -> Mended:
+    return mend(given, place, lambda sweeps: judge(sweeps, jobs), CONFIG, LocalEngine(jobs), ignore_progress)
+
+
+@pytest.mark.parametrize(
+    ("distort", "share"),
+    [(jump, 0.1), (stretch, 0.3), (turn, 0.1), (drift_apart, 0.3)],
+    ids=lambda v: getattr(v, "__name__", ""),
+)
+def test_what_an_audit_finds_is_mended(distort: Distort, share: float) -> None:
+    given = distorted(distort)
+    assert given.audit.status in (VerdictStatus.WARN, VerdictStatus.FAIL)
+    result = mended(given)
+    assert result.result.audit.status in (VerdictStatus.PASS, VerdictStatus.WARN) and not result.is_worse
+    assert absolute_error(result.result.trajectory) < share * absolute_error(given.trajectory)
+    assert result.result.trajectory.stamps_us.tolist() == given.trajectory.stamps_us.tolist()
+    assert result.result.trajectory.poses[0] == pytest.approx(given.trajectory.poses[0], abs=2e-3)
+
+
+def test_a_trajectory_that_passes_is_left_as_it_is() -> None:
+    given = distorted(lambda poses: poses)
+    result = mended(given)
+    assert given.audit.status is VerdictStatus.PASS
+    assert result.result is given and result.rounds == 0 and not result.is_worse
+
+
+def test_the_result_does_not_depend_on_the_number_of_workers() -> None:
+    given = distorted(turn)
+    one, three = (mended(given, jobs).result.trajectory.poses for jobs in (1, 3))
+    assert one.tobytes() == three.tobytes()
+
+
+def test_a_worse_trajectory_is_said_to_be_worse() -> None:
+    given = distorted(stretch)
+
+    def judge_badly(sweeps: Sweeps) -> Audit:
+        return replace(judge(sweeps), status=VerdictStatus.FAIL)
+
+    result = mend(given, place, judge_badly, CONFIG, LocalEngine(2), ignore_progress)
+    assert given.audit.status is VerdictStatus.WARN and result.is_worse
+
+
+def test_poses_between_scans_move_with_the_scans_beside_them() -> None:
+    given = distorted(lambda poses: poses)
+    times = given.sweeps.times
+    track = given.trajectory
+    dense = np.arange(track.stamps_us[0] - 300_000, track.stamps_us[-1] + 300_000, 50_000)
+    fine = Trajectory(dense, track.at(dense))
+    rigid = np.array([30.0, -20.0, 0.7])
+    sweeps = place(fine)
+    moved = carry(fine, sweeps, se2.compose(rigid, sweeps.poses))
+    assert moved.poses == pytest.approx(se2.compose(rigid, fine.poses), abs=1e-9)
+    half = len(times) // 2
+    stepped = sweeps.poses + np.where(np.arange(len(times)) >= half, 1.0, 0.0)[:, None] * [0.6, 0.0, 0.0]
+    shift = carry(fine, sweeps, stepped).poses[:, 0] - fine.poses[:, 0]
+    seconds = fine.seconds(block_drive()[1].start_us)
+    before, after = seconds <= times[half - 1], seconds >= times[half]
+    assert shift[before] == pytest.approx(0.0, abs=1e-9) and shift[after] == pytest.approx(0.6, abs=1e-9)
+    between = ~before & ~after
+    assert between.any() and np.all((shift[between] > 0.0) & (shift[between] < 0.6))

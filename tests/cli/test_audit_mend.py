@@ -1,0 +1,101 @@
+"""`mqslam audit --mend`: what it writes beside the audit, what it says, and what it leaves alone."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from support.commands import mqslam, read_contents
+
+from mqslam.core.trajectory import Trajectory
+from mqslam.formats.tum import read_tum, write_tum
+
+ACES = Path(__file__).parents[3] / "shared" / "data" / "carmen" / "aces-corrected.log.gz"
+
+
+@pytest.fixture(scope="module")
+def bent(street: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The truth of the street, 1.5 % too long."""
+    truth = read_tum(street / "gt" / "poses_tum.txt")
+    path = tmp_path_factory.mktemp("tracks") / "bent.tum"
+    write_tum(path, Trajectory(truth.stamps_us, truth.poses * [1.015, 1.015, 1.0]))
+    return path
+
+
+@pytest.fixture(scope="module")
+def quick(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A settings file that leaves nothing to be measured beforehand."""
+    settings = tmp_path_factory.mktemp("settings") / "quick.yaml"
+    settings.write_text("sensor: {doppler_beta: 0.0}\n")
+    return settings
+
+
+def test_the_audit_stays_and_the_mended_trajectory_stands_beside_it(
+    street: Path, bent: Path, quick: Path, tmp_path: Path
+) -> None:
+    words = ("audit", street, "--trajectory", bent, "--config", quick, "--fail-on", "warn")
+    plain = mqslam(*words, "--out", tmp_path / "plain")
+    mending = mqslam(*words, "--out", tmp_path / "mended", "--mend")
+    assert plain.code == mending.code == 1  # judged as it was given
+    assert mending.out.splitlines()[0] == plain.out.splitlines()[0]
+    assert "\nmended        " in mending.out and "\nverdict then  " in mending.out and "mended" not in plain.out
+    before = json.loads((tmp_path / "plain" / "audit.json").read_text())
+    after = json.loads((tmp_path / "mended" / "audit.json").read_text())
+    mended = after.pop("mended")
+    assert after == before
+    assert set(read_contents(tmp_path / "mended")) - set(read_contents(tmp_path / "plain")) == {"mended.tum"}
+    truth, track = read_tum(street / "gt" / "poses_tum.txt"), read_tum(tmp_path / "mended" / "mended.tum")
+    assert track.stamps_us.tolist() == read_tum(bent).stamps_us.tolist()
+    assert track.length_m == pytest.approx(truth.length_m, rel=0.005)
+    assert mended["windows"]["torn"] < before["windows"]["torn"] and not mended["worse"]
+    page = (tmp_path / "mended" / "report.html").read_text(encoding="utf-8")
+    assert mended["sentence"] in page and "As it was given" in page
+    again = mqslam(
+        "audit",
+        street,
+        "--trajectory",
+        tmp_path / "mended" / "mended.tum",
+        "--config",
+        quick,
+        "--out",
+        tmp_path / "again",
+        "-q",
+    )
+    assert again.code == 0
+    alone = json.loads((tmp_path / "again" / "audit.json").read_text())
+    assert alone["verdict"] == mended["verdict"]
+    assert [w["dx"] for w in alone["per_window"]] == pytest.approx([w["dx"] for w in mended["per_window"]], abs=1e-3)
+
+
+def test_a_trajectory_without_a_fault_is_written_as_it_is(street: Path, quick: Path, tmp_path: Path) -> None:
+    result = mqslam("audit", street, "-t", "ground_truth", "--config", quick, "--out", tmp_path / "a", "--mend")
+    assert result.code == 0 and "nothing to mend" in result.out
+    truth, track = read_tum(street / "gt" / "poses_tum.txt"), read_tum(tmp_path / "a" / "mended.tum")
+    assert np.abs(track.poses - truth.poses)[:, :2].max() < 1e-5
+
+
+def test_the_trajectory_of_a_cloud_is_mended_and_a_cloud_alone_cannot_be(street: Path, quick: Path, tmp_path: Path) -> None:
+    run = mqslam("run", street, "--out", tmp_path / "run", "--frontend", "odometry", "--config", quick, "--quiet")
+    assert run.code == 0
+    cloud = tmp_path / "run" / "map.ply"
+    alone = mqslam("audit", cloud, "--out", tmp_path / "a", "--mend", "--quiet")
+    assert (
+        alone.code == 2 and "map.ply: a cloud without its trajectory cannot be mended; give --trajectory FILE" in alone.err
+    )
+    assert not (tmp_path / "a").exists()
+    track = tmp_path / "run" / "trajectory.tum"
+    result = mqslam("audit", cloud, "--trajectory", track, "--out", tmp_path / "b", "--mend", "--quiet")
+    assert (result.code, result.err) == (0, "")
+    assert read_tum(tmp_path / "b" / "mended.tum").stamps_us.tolist() == read_tum(track).stamps_us.tolist()
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not ACES.exists(), reason="the lidar logs are not part of the project")
+def test_the_wheels_of_a_real_lidar_log_are_mended(tmp_path: Path) -> None:
+    result = mqslam("audit", ACES, "--trajectory", "odometry", "--out", tmp_path / "a", "--mend", "--json", "-q")
+    summary = json.loads(result.out)
+    assert summary["verdict"]["status"] == "fail"
+    assert summary["mended"]["verdict"]["status"] in ("pass", "warn")
+    assert summary["mended"]["revisits"]["sure"] > 2 * summary["revisits"]["sure"]
