@@ -92,6 +92,7 @@ def test_the_trajectory_of_a_cloud_is_mended_and_a_cloud_alone_cannot_be(street:
 
 
 @pytest.mark.slow
+@pytest.mark.xfail(reason="passes come to lie on each other, but false jumps in corridors are left (issue 18)")
 @pytest.mark.skipif(not ACES.exists(), reason="the lidar logs are not part of the project")
 def test_the_wheels_of_a_real_lidar_log_are_mended(tmp_path: Path) -> None:
     result = mqslam("audit", ACES, "--trajectory", "odometry", "--out", tmp_path / "a", "--mend", "--json", "-q")
