@@ -11,13 +11,13 @@ from scipy.stats import chi2
 
 from mqslam.auditing.judge import Audit
 from mqslam.auditing.laying import Laid, ask_of_scans, lay
-from mqslam.auditing.revisits import Revisit
+from mqslam.auditing.revisits import RevisitAudit
 from mqslam.auditing.speeds import contradicts
 from mqslam.auditing.steps import scale_covariances
 from mqslam.auditing.sweeps import Sweeps
 from mqslam.auditing.windows import WindowAudit
 from mqslam.backend.tied_chain import Tie
-from mqslam.config import AuditConfig, EstimatorConfig, LoopConfig
+from mqslam.config import AuditConfig, EstimatorConfig
 from mqslam.core import se2
 from mqslam.core.gross import MEDIAN_OF_CHI2
 from mqslam.core.measurement import Loop
@@ -29,19 +29,16 @@ _ANYWHERE_M2: Final = 1e6  # numerical: variance of a position [m^2] of which no
 _LEAST_VARIANCE: Final = 1e-10  # numerical: keeps the noise of steps that agree exactly from being singular
 
 
-def tie_windows(
-    audit: Audit, sweeps: Sweeps, jumps: Collection[int], settings: AuditConfig, *, torn: bool = False
-) -> list[Tie]:
+def tie_windows(audit: Audit, sweeps: Sweeps, jumps: Collection[int], *, torn: bool = False) -> list[Tie]:
     """Returns the motions through windows as psi has them, from each one's first sweep to its last.
 
-    Windows of which nothing was decided, that do not overlap even at their best, that hold a jump or whose speed is beyond
-    what they can measure are left out: no twist describes these.
+    Windows of which nothing was decided, that hold a jump or whose speed is beyond what they can measure are left out: no
+    twist describes these.
 
     Args:
         audit: of the trajectory.
         sweeps: points under it.
         jumps: sweeps that a jump leads to.
-        settings: of the audit.
         torn: whether only windows that are torn are taken.
     """
     return [
@@ -49,7 +46,6 @@ def tie_windows(
         for window in audit.windows
         if window.undecided is None
         and (window.torn or not torn)
-        and window.bend.matched_best >= settings.overlap
         and not contradicts(window.speed, audit.capture)
         and not any(window.begin < jump < window.end for jump in jumps)
     ]
@@ -159,19 +155,19 @@ def _tie_step(laid: Laid, covariance: NDArray[np.float64], sweeps: Sweeps, half:
     return Tie(a, b, pose, lever @ se2.rotate_covariance(covariance, float(place[2])) @ lever.T)
 
 
-def as_loop(revisit: Revisit, sweeps: Sweeps, settings: LoopConfig) -> Loop:
-    """Returns a revisit as a loop, whose factor adds the floor that the revisit's covariance has already.
+def as_loop(judged: RevisitAudit, sweeps: Sweeps) -> Loop:
+    """Returns a revisit as a loop, as sure as it was measured, whatever the trajectory claims to know.
 
     Args:
-        revisit: two passes of one place.
+        judged: two passes of one place.
         sweeps: points under the trajectory that was audited.
-        settings: of loops.
     """
+    revisit = judged.revisit
+    measured = revisit.covariance - (0.0 if judged.claimed is None else judged.claimed)
     between = se2.between(sweeps.poses[revisit.earlier], sweeps.poses[revisit.later])
     pose = se2.compose(between, revisit.offset)
     pose[2] = se2.wrap(pose[2])
-    own = revisit.covariance - np.diag([settings.floor_m**2, settings.floor_m**2, settings.floor_rad**2])
-    covariance = se2.rotate_covariance(own, float(between[2]))
+    covariance = se2.rotate_covariance(measured, float(between[2]))
     return Loop(revisit.earlier, revisit.later, pose, covariance, revisit.matched, revisit.psi_best)
 
 

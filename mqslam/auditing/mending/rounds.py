@@ -173,8 +173,8 @@ class _Mender:
         self._steps, self._chain = steps, se2.chain(steps, poses[0])
         self._jumps = {step.laid.later: step.laid.offset for step in _find_jumps(given.audit, config)}
         self._across: dict[int, Tie] = {}  # jumps, as the last round that is sure of each has measured it
-        windows = tie_windows(given.audit, given.sweeps, self._jumps, config.audit)
-        self._torn = tie_windows(given.audit, given.sweeps, self._jumps, config.audit, torn=True)
+        windows = tie_windows(given.audit, given.sweeps, self._jumps)
+        self._torn = tie_windows(given.audit, given.sweeps, self._jumps, torn=True)
         self._noise = estimate_variances(windows, measure_misses(windows, self._chain))
         self._is_noisy = share_torn(given.audit.windows).is_above(config.verdict.windows_warn, config.verdict)
         self._variances = self._list_variances()
@@ -191,7 +191,7 @@ class _Mender:
         jumps = {step.laid.later for step in _find_jumps(audit, config)}
         across = tie_steps(audit, sweeps, jumps, config.audit)
         self._across |= {place: across[place] for place in self._jumps if place in across}
-        windows = tie_windows(audit, sweeps, jumps, config.audit)
+        windows = tie_windows(audit, sweeps, jumps)
         if not self._is_noisy:
             torn = {tie.a for tie in self._torn}
             windows = [tie for tie in windows if tie.a in torn]
@@ -200,7 +200,7 @@ class _Mender:
             pairs = lay_successive(sweeps, config.audit, config.estimator, self._engine, self._progress)
             beside = [*tie_scans(pairs, sweeps), *(tie for place, tie in across.items() if place not in self._across)]
         ties = [*self._across.values(), *self._keep_plausible([*allow_for_walk(windows, self._noise), *beside])]
-        loops = [as_loop(r.revisit, sweeps, config.loops) for r in audit.revisits if r.revisit.sure]
+        loops = [as_loop(r, sweeps) for r in audit.revisits if r.revisit.sure]
         chain = TiedChain(self._steps, self._variances, ties, sweeps.poses, config.graph, self._loop_settings)
         poses, kept = chain.solve(loops)
         return poses, len(ties), len(kept)
@@ -223,8 +223,7 @@ class _Mender:
 
 def _find_jumps(audit: Audit, config: Config) -> list[StepAudit]:
     """Returns the steps at which a map jumps."""
-    judged = [step for step in audit.steps if np.isfinite(step.p_value)]
-    return find_torn_steps(judged, config.audit, config.verdict)
+    return find_torn_steps(audit.steps, config.audit, config.verdict)
 
 
 def _take_out(steps: se2.Array, bias: NDArray[np.float64]) -> se2.Array:
