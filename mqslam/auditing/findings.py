@@ -80,7 +80,7 @@ def judge_steps(steps: Sequence[StepAudit], settings: AuditConfig, limits: Verdi
 
 
 def find_torn_steps(steps: Sequence[StepAudit], settings: AuditConfig, limits: VerdictConfig) -> list[StepAudit]:
-    """Returns the steps at which a map jumps, one for each jump: that which is farthest off.
+    """Returns the steps at which a map jumps, one for each jump: that whose two sides fit best once they are moved.
 
     The two sides of a step must fit there better than where the trajectory has them, and nowhere else as well: scans that
     share little, such as those of a lidar that turns on the spot, fit many places by chance.
@@ -100,7 +100,7 @@ def find_torn_steps(steps: Sequence[StepAudit], settings: AuditConfig, limits: V
     jumps: list[StepAudit] = []
     for step in off:
         if jumps and step.laid.later - jumps[-1].laid.later <= 2 * settings.step_scans:  # they share scans
-            jumps[-1] = max(jumps[-1], step, key=lambda s: s.laid.size_m)
+            jumps[-1] = min(jumps[-1], step, key=lambda s: s.laid.psi_best)
         else:
             jumps.append(step)
     return jumps

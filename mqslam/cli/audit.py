@@ -117,10 +117,12 @@ def audit(
     from mqslam.errors import ConfigError
     from mqslam.execution.files import to_json
 
-    of_file = times, topic, frame, extrinsics, covariances
+    of_file = times, topic, frame, extrinsics
     if trajectory is None and (any(option is not None for option in of_file) or time_offset != 0.0):
-        options = "--times, --topic, --frame, --time-offset, --extrinsics and --covariances"
+        options = "--times, --topic, --frame, --time-offset and --extrinsics"
         raise ConfigError(f"{options} belong to a trajectory from a file; give --trajectory FILE")
+    if trajectory is None and covariances is not None:
+        raise ConfigError("--covariances belongs to a trajectory from a file; give --trajectory FILE")
     heights, mount = _parse_heights(z_range), _parse_extrinsics(extrinsics)
     console = Console(stderr=True, markup=False)
     with set_up_work(console, cluster, jobs, quiet=quiet, silent=quiet or as_json) as work:

@@ -33,7 +33,7 @@ def place(trajectory: Trajectory) -> Sweeps:
 
 
 def judge(sweeps: Sweeps, jobs: int = 2) -> Audit:
-    sections = CONFIG.audit, CONFIG.estimator, CONFIG.loops, CONFIG.verdict
+    sections = CONFIG.audit, CONFIG.estimator, CONFIG.verdict
     return audit(sweeps, *sections, LocalEngine(jobs), ignore_progress)
 
 

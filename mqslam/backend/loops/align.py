@@ -122,6 +122,8 @@ def _pick_rivals(
     poses fit equally well, the sum of all is about zero in units of its standard deviation (Vuong, 1989). Points for which
     either pose has nothing in reach, as beyond the end of a pass, say nothing about which is right.
     """
+    if not others:
+        return np.empty((0, 3))
     tree = cKDTree(reference.points)
 
     def reaches(pose: se2.Array) -> NDArray[np.bool_]:
