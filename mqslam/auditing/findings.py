@@ -177,7 +177,7 @@ def judge_revisits(revisits: Sequence[RevisitAudit], settings: VerdictConfig) ->
     """Returns what the revisits of a map say about it. A map passes without any: many a drive comes back to no place."""
     sure = [r for r in revisits if r.revisit.sure]
     if not sure:
-        return Finding(VerdictStatus.PASS, _explain_no_revisit(revisits))
+        return Finding(VerdictStatus.PASS, _explain_no_revisit(revisits), judged=False)
     off, excused = [r for r in sure if r.torn], [r for r in sure if r.excused]
     p_value = find_smallest(r.p_value for r in sure)
     reason = f"{len(off)} of {count_of(len(sure), 'revisit')} {is_or_are(len(off))} torn"
