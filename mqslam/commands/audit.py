@@ -100,7 +100,7 @@ def audit(  # noqa: PLR0913 - these are the options of an audit, each with its d
     _require_rate(false_alarms)
     mount = _check_extrinsics(extrinsics)
     if mount is not None and covariances is not None:
-        raise ConfigError("covariances are those of the sensor's poses; extrinsics say that these are of something else")
+        raise ConfigError("covariances are those of the sensor's poses; extrinsics say otherwise; leave out one of the two")
     given = _read_given(trajectory, times, topic, frame, time_offset_s, mount)
     name = trajectory if isinstance(trajectory, str) else "given" if isinstance(trajectory, Trajectory) else str(trajectory)
     if is_cloud(data):
