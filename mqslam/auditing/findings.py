@@ -188,10 +188,8 @@ def judge_revisits(revisits: Sequence[RevisitAudit], settings: VerdictConfig) ->
             reason += ", beyond what the trajectory claims to know"
         torn = Share(len(off), len(sure))
         status = torn.judge(settings.revisits_warn, settings.revisits_fail, settings)
-        successive = any(
-            a.torn and b.torn for a, b in itertools.pairwise(sure)
-        )  # one alone may be of places that look alike
-        if successive and status is not VerdictStatus.FAIL:
+        # one torn revisit alone may be of two places that look alike
+        if status is not VerdictStatus.FAIL and any(a.torn and b.torn for a, b in itertools.pairwise(sure)):
             status = VerdictStatus.WARN
         if status is VerdictStatus.NOT_JUDGED:
             reason += f", too few to judge drift by: the share of torn ones may be {torn.describe_range(settings)}"

@@ -31,7 +31,7 @@ class Laid:
         psi, psi_best: score per point as the trajectory has it and with the offset corrected.
         observed: whether the two stretches hold every direction.
         unrivalled: whether they do, lie on each other well enough, and fit nowhere else as well.
-        rivals: (R, 3) other offsets at which they fit about as well.
+        rivals: (R, 3) other offsets at which they fit about as well; none where these were not asked for.
     """
 
     earlier: int
@@ -52,6 +52,11 @@ class Laid:
 def ask_of_scans(settings: AuditConfig) -> AuditConfig:
     """Returns settings that ask of a few scans as much as they can match, which is less than maps of many scans can."""
     return settings.model_copy(update={"matched": settings.scan_matched * settings.matched})
+
+
+def ask_of_single_scans(settings: AuditConfig) -> AuditConfig:
+    """Returns settings that ask of a single scan as much as it can match, and fewer points than of several."""
+    return ask_of_scans(settings).model_copy(update={"fewest": settings.speed_fewest})
 
 
 def measure_span(sweeps: Sweeps, begin: int) -> float:
@@ -79,6 +84,7 @@ def lay(
     reach: tuple[float, float],
     settings: AuditConfig,
     estimator: EstimatorConfig,
+    rival_sigmas: float | None = None,
 ) -> Laid | None:
     """Lays one stretch on another; returns None where either holds too few points.
 
@@ -89,13 +95,15 @@ def lay(
         reach: how far the later stretch may be off in position [m] and in yaw [rad].
         settings: of the audit.
         estimator: settings of the score.
+        rival_sigmas: by how many standard deviations of chance the stretches must fit worse elsewhere; None where rivals
+            need not be known.
     """
     a, b = frames
     reference, query = (sweeps.local(part, sweeps.poses[k]) for part, k in zip(stretches, frames, strict=True))
     if min(len(reference), len(query)) < settings.fewest:
         return None
     between = se2.between(sweeps.poses[a], sweeps.poses[b])
-    alignment = align(reference, query, between, reach, settings, estimator)
+    alignment = align(reference, query, between, reach, settings, estimator, rival_sigmas)
     moved = move_rigidly(query, alignment.pose).points - move_rigidly(query, between).points
     return Laid(
         earlier=a,

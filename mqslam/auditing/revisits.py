@@ -218,7 +218,9 @@ def _lay_pair(shared: tuple[Sweeps, AuditConfig, EstimatorConfig], pair: tuple[i
     sweeps, settings, estimator = shared
     earlier, later = pair
     reach = compute_reach(float(sweeps.travelled[later] - sweeps.travelled[earlier]), settings)
-    return lay(sweeps, pair, pick_passes(sweeps, earlier, later, settings), reach, settings, estimator)
+    return lay(
+        sweeps, pair, pick_passes(sweeps, earlier, later, settings), reach, settings, estimator, settings.rival_sigmas
+    )
 
 
 def is_torn(revisit: Revisit, settings: AuditConfig) -> bool:

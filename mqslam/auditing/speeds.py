@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from mqslam.auditing.laying import ask_of_scans, compute_far_reach, fits_far_better, lay, measure_span
+from mqslam.auditing.laying import ask_of_single_scans, compute_far_reach, fits_far_better, lay, measure_span
 from mqslam.auditing.sweeps import Sweeps
 from mqslam.auditing.verdict import Finding, Share, VerdictStatus
 from mqslam.config import AuditConfig, EstimatorConfig, VerdictConfig
@@ -104,8 +104,7 @@ def _check_from(shared: tuple[Sweeps, AuditConfig, EstimatorConfig], begin: int)
     sweeps, settings, estimator = shared
     span_s = measure_span(sweeps, begin)
     reach = compute_far_reach(span_s, settings)
-    of_scans = ask_of_scans(settings).model_copy(update={"fewest": settings.speed_fewest})
-    laid = lay(sweeps, (begin, begin + 1), ([begin], [begin + 1]), reach, of_scans, estimator)
+    laid = lay(sweeps, (begin, begin + 1), ([begin], [begin + 1]), reach, ask_of_single_scans(settings), estimator)
     if laid is None:
         return None
     check = SpeedCheck(laid.offset / span_s, laid.unrivalled)

@@ -65,19 +65,18 @@ def audit_steps(
         progress: called as steps are done.
     """
     size = settings.step_scans
-    places = [
-        place
-        for place in range(size, len(sweeps) - size + 1, settings.step_every)
-        if known[place - size : place + size].all()
-    ]
 
+    def lies_in_no_gap(place: int) -> bool:
+        return bool(known[place - size : place + size].all())
+
+    places = list(filter(lies_in_no_gap, range(size, len(sweeps) - size + 1, settings.step_every)))
     shared = sweeps, settings, estimator
 
     def report(number: int, laid: Laid | None) -> None:
         progress("steps", number, len(places))
 
     near = dict(zip(places, engine.map(_lay_near, shared, places, report), strict=True))
-    doubtful = [place for place in _pick_doubtful(near, settings) if known[place - size : place + size].all()]
+    doubtful = list(filter(lies_in_no_gap, _pick_doubtful(near, settings)))
 
     def report_far(number: int, laid: Laid | None) -> None:
         progress("doubtful steps", number, len(doubtful))

@@ -80,8 +80,8 @@ def audit(  # noqa: PLR0913 - these are the options of an audit, each with its d
         config: settings, or the path of a YAML file, or the name of one that ships with mqslam; None takes the defaults.
         format: layout of the recording; None guesses it.
         range_resolution: length of a range bin [m], if the recording does not state it or is wrong.
-        mend: whether the trajectory is mended by what the audit finds, written as mended.tum with the given stamps, and
-            audited in turn; the verdict stays that on the given one.
+        mend: whether the trajectory is mended by what the audit finds, written as mended.tum with the stamps and in the
+            frame of the given one, and audited in turn; the verdict stays that on the given one.
         force: whether what is at `out` is replaced.
         work: where the work is done, and who is told about it.
 
@@ -103,7 +103,8 @@ def audit(  # noqa: PLR0913 - these are the options of an audit, each with its d
         raise ConfigError("covariances are those of the sensor's poses; extrinsics say otherwise; leave out one of the two")
     given = _read_given(trajectory, times, topic, frame, time_offset_s, mount)
     name = trajectory if isinstance(trajectory, str) else "given" if isinstance(trajectory, Trajectory) else str(trajectory)
-    if is_cloud(data):
+    of_cloud = is_cloud(data)
+    if of_cloud:
         if mend and given is None:
             raise ConfigError(f"{data}: a cloud without its trajectory cannot be mended", Remedy.GIVE_TRAJECTORY)
         cloud, track = read_cloud(data, heights), given
@@ -123,7 +124,7 @@ def audit(  # noqa: PLR0913 - these are the options of an audit, each with its d
         place = partial(_place_alone, source, settings)
     if mount is not None:
         notes.append(f"the trajectory is carried to the sensor by its extrinsics: {_describe_mount(mount)}")
-    if given is not None and sweeps.track is not None and not is_cloud(data):  # the points of a cloud are placed already
+    if given is not None and sweeps.track is not None and not of_cloud:  # the points of a cloud are placed already
         stated = np.zeros(3) if mount is None else mount
         sweeps = replace(sweeps, track=replace(sweeps.track, extrinsics=stated))
     claims = None
@@ -138,8 +139,7 @@ def audit(  # noqa: PLR0913 - these are the options of an audit, each with its d
     judged = judge.audit(sweeps, *sections, work.engine, work.progress, claims=claims)
     dataset = {"format": kind, "path": str(data)}
     origin = name if sweeps.track is not None else None
-    summary = summarise(judged, sweeps, settings.audit, settings.verdict, dataset, origin, notes)
-    summary["extrinsics"] = None if extrinsics is None else list(extrinsics)
+    summary = summarise(judged, sweeps, settings.audit, settings.verdict, dataset, origin, notes, extrinsics)
     mended: Mended | None = None
     if mend and track is not None:
 
@@ -151,7 +151,7 @@ def audit(  # noqa: PLR0913 - these are the options of an audit, each with its d
     with write_folder_aside(out) as folder:
         write_audit(folder, settings, summary)
         if mended is not None:
-            write_tum(folder / "mended.tum", mended.result.trajectory)
+            write_tum(folder / "mended.tum", _give_back(mended.result.trajectory, time_offset_s, mount))
         after = None if mended is None else mended.result
         failures = write_audit_pages(folder, data.resolve().name, judged, sweeps, settings, summary, after)
         add_warnings(folder / "audit.json", summary, failures)
@@ -218,6 +218,12 @@ def _read_given(
         raise ConfigError(f"a time offset of {time_offset_s:g} s is beyond any clock; give it in seconds")
     poses = given.poses if mount is None else se2.compose(given.poses, mount)
     return Trajectory(given.stamps_us + round(1e6 * time_offset_s), poses)
+
+
+def _give_back(trajectory: Trajectory, time_offset_s: float, mount: se2.Array | None) -> Trajectory:
+    """Returns a trajectory of the sensor in the clock and the frame of the one that was given."""
+    poses = trajectory.poses if mount is None else se2.compose(trajectory.poses, se2.inverse(mount))
+    return Trajectory(trajectory.stamps_us - round(1e6 * time_offset_s), poses)
 
 
 def _pick_carried(path: Path, tracks: dict[str, Trajectory], name: str) -> Trajectory:

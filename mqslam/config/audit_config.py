@@ -59,6 +59,12 @@ class AuditConfig(PassConfig):
         le=1.0,
         description="Share of the steps, those that match worst, whose sides are looked for farther apart as well.",
     )
+    rival_sigmas: float = expert(
+        3.0,
+        ge=0.0,
+        description="A revisit is sure if the next best pose also scores worse by this many standard deviations of the "
+        "difference of the two scores, so that one of several places that look alike is not best by chance.",
+    )
     revisit_fewest: int = expert(
         10, ge=2, description="Fewest pairs of neighbouring revisits that show how far off a revisit usually is."
     )

@@ -41,12 +41,6 @@ class PassConfig(BaseModel):
     rival: float = Field(
         1.1, ge=1.0, description="The next best pose must score worse than the best one by at least this factor."
     )
-    rival_sigmas: float = expert(
-        3.0,
-        ge=0.0,
-        description="In an audit, the next best pose must also score worse by this many standard deviations of the "
-        "difference of the two scores, so that one of several places that look alike is not best by chance.",
-    )
     later_share: float = expert(
         0.5,
         gt=0.0,

@@ -25,7 +25,8 @@ from mqslam.execution.files import write_json, write_text
 from mqslam.results.summary_files import format_csv
 from mqslam.version import __version__
 
-_OF_BOTH: Final = ("mqslam_version", "dataset", "trajectory", "threshold", "bend_m", "warnings")  # said once in audit.json
+# what audit.json says once, of the given and of the mended trajectory
+_OF_BOTH: Final = ("mqslam_version", "dataset", "trajectory", "threshold", "bend_m", "extrinsics", "warnings")
 
 
 def summarise(
@@ -36,6 +37,7 @@ def summarise(
     dataset: Mapping[str, Any],
     trajectory: str | None,
     warnings: Sequence[str] = (),
+    extrinsics: tuple[float, float, float] | None = None,
 ) -> dict[str, Any]:
     """Returns the content of audit.json.
 
@@ -47,6 +49,7 @@ def summarise(
         dataset: format and path of what was audited.
         trajectory: where the trajectory came from; None for a cloud without one.
         warnings: what a reader has to know before the numbers.
+        extrinsics: x, y [m], yaw [degrees] of the sensor in the frame of which the trajectory was given, if it was stated.
     """
     sure = [r for r in audit.revisits if r.revisit.sure]
     torn = share_torn(audit.windows)
@@ -89,6 +92,7 @@ def summarise(
         if sweeps.track is not None
         else None,
         **summarise_tests(audit, settings, bounds),
+        "extrinsics": None if extrinsics is None else list(extrinsics),
         "warnings": list(warnings),
         "per_window": [_list_window(w) for w in audit.windows],
         "per_revisit": [_list_revisit(r, sweeps) for r in audit.revisits],

@@ -30,14 +30,6 @@ def tracks(street: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-@pytest.fixture(scope="module")
-def quick(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A settings file that leaves nothing to be measured beforehand."""
-    settings = tmp_path_factory.mktemp("settings") / "quick.yaml"
-    settings.write_text("sensor: {doppler_beta: 0.0}\n")
-    return settings
-
-
 def audited(street: Path, out: Path, *more: str | Path) -> dict:
     result = mqslam("audit", street, "--out", out, "--quiet", *more)
     assert (result.code, result.err) == (0, "")

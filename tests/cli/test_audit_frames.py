@@ -17,16 +17,6 @@ from mqslam.formats.trajectories import write_kitti
 from mqslam.formats.tum import read_tum, write_tum
 from mqslam.simulator import simulate
 
-QUICK = "sensor: {doppler_beta: 0.0}\n"
-
-
-@pytest.fixture(scope="module")
-def quick(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A settings file that leaves nothing to be measured beforehand."""
-    settings = tmp_path_factory.mktemp("settings") / "quick.yaml"
-    settings.write_text(QUICK)
-    return settings
-
 
 def base_of(track: Trajectory, extrinsics: tuple[float, float, float]) -> Trajectory:
     """Returns the trajectory of a base on which the sensor is mounted at x, y [m], yaw [degrees], by matrices."""
@@ -69,19 +59,18 @@ def test_the_remedy_for_a_turned_mount_on_a_lidar_mends_it(tmp_path: Path) -> No
 
 @pytest.mark.slow
 @pytest.mark.parametrize("degrees", [-1.0, 1.0])
-def test_the_remedy_for_a_turned_mount_of_a_radar_mends_it(tmp_path: Path, degrees: float) -> None:
+def test_the_remedy_for_a_turned_mount_of_a_radar_mends_it(quick: Path, tmp_path: Path, degrees: float) -> None:
     drive = tmp_path / "drive"
     simulate(drive, scene="street", duration_s=45.0, movers=0, seed=1)
     truth = read_tum(drive / "gt" / "poses_tum.txt")
     base = base_of(truth, (0.0, 0.0, degrees))
-    (tmp_path / "quick.yaml").write_text(QUICK)
-    warned = package.audit(drive, tmp_path / "a", trajectory=base, config=tmp_path / "quick.yaml")
+    warned = package.audit(drive, tmp_path / "a", trajectory=base, config=quick)
     assert warned.verdict != "pass"
     remedy = re.search(r"give extrinsics (\S+),(\S+),(\S+)$", " ".join(warned.reasons))
     assert remedy is not None
     x, y, yaw = (float(remedy[k]) for k in (1, 2, 3))
     assert (x, y) == (0.0, 0.0) and yaw == pytest.approx(degrees, abs=0.1)
-    mended = package.audit(drive, tmp_path / "b", trajectory=base, extrinsics=(x, y, yaw), config=tmp_path / "quick.yaml")
+    mended = package.audit(drive, tmp_path / "b", trajectory=base, extrinsics=(x, y, yaw), config=quick)
     assert mended.verdict == "pass", mended.reasons
 
 

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from support.commands import mqslam, read_contents
 
+from mqslam.core import se2
 from mqslam.core.trajectory import Trajectory
 from mqslam.formats.tum import read_tum, write_tum
 
@@ -22,14 +23,6 @@ def bent(street: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("tracks") / "bent.tum"
     write_tum(path, Trajectory(truth.stamps_us, truth.poses * [1.015, 1.015, 1.0]))
     return path
-
-
-@pytest.fixture(scope="module")
-def quick(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A settings file that leaves nothing to be measured beforehand."""
-    settings = tmp_path_factory.mktemp("settings") / "quick.yaml"
-    settings.write_text("sensor: {doppler_beta: 0.0}\n")
-    return settings
 
 
 def test_the_audit_stays_and_the_mended_trajectory_stands_beside_it(
@@ -89,6 +82,26 @@ def test_the_trajectory_of_a_cloud_is_mended_and_a_cloud_alone_cannot_be(street:
     result = mqslam("audit", cloud, "--trajectory", track, "--out", tmp_path / "b", "--mend", "--quiet")
     assert (result.code, result.err) == (0, "")
     assert read_tum(tmp_path / "b" / "mended.tum").stamps_us.tolist() == read_tum(track).stamps_us.tolist()
+
+
+def test_what_is_mended_is_in_the_frame_and_the_clock_of_what_was_given(
+    street: Path, bent: Path, quick: Path, tmp_path: Path
+) -> None:
+    track = read_tum(bent)
+    base = se2.compose(track.poses, se2.inverse(np.array([-1.5, 0.4, np.pi / 2])))
+    write_tum(tmp_path / "base.tum", Trajectory(track.stamps_us - 3_000_000, base))
+    words = ("audit", street, "--config", quick, "--mend", "--quiet")
+    assert mqslam(*words, "--trajectory", bent, "--out", tmp_path / "a").code == 0
+    mount = "--extrinsics", "-1.5,0.4,90", "--time-offset", "3"
+    assert mqslam(*words, "--trajectory", tmp_path / "base.tum", *mount, "--out", tmp_path / "b").code == 0
+    sensor, mended = (read_tum(tmp_path / name / "mended.tum") for name in ("a", "b"))
+    assert (mended.stamps_us + 3_000_000).tolist() == sensor.stamps_us.tolist()
+    apart = se2.between(se2.compose(mended.poses, np.array([-1.5, 0.4, np.pi / 2])), sensor.poses)
+    assert np.abs(apart).max() < 1e-3
+    again = mqslam("audit", street, "-t", tmp_path / "b" / "mended.tum", *mount, "--config", quick, "--out", tmp_path / "c")
+    assert again.code == 0
+    alone, before = (json.loads((tmp_path / name / "audit.json").read_text()) for name in ("c", "b"))
+    assert alone["verdict"] == before["mended"]["verdict"]
 
 
 @pytest.mark.slow

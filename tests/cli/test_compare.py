@@ -49,14 +49,6 @@ def dawdler(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> str:
 
 
 @pytest.fixture(scope="module")
-def quick(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A settings file that leaves nothing to be measured beforehand."""
-    settings = tmp_path_factory.mktemp("settings") / "quick.yaml"
-    settings.write_text("sensor: {doppler_beta: 0.0}\n")
-    return settings
-
-
-@pytest.fixture(scope="module")
 def compared(street: Path, quick: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The street by psi, KISS-ICP and its wheels, beside the truth as a given trajectory."""
     out = tmp_path_factory.mktemp("compared") / "out"

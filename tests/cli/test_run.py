@@ -99,14 +99,6 @@ def error_m(estimate: Trajectory, truth: Trajectory) -> float:
 
 
 @pytest.fixture(scope="module")
-def quick(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A settings file that leaves nothing to be measured beforehand."""
-    settings = tmp_path_factory.mktemp("settings") / "quick.yaml"
-    settings.write_text("sensor: {doppler_beta: 0.0}\n")
-    return settings
-
-
-@pytest.fixture(scope="module")
 def run(street: Path, tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Path]:
     """Runs the street with options and says where the results are."""
 

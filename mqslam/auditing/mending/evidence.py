@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.stats import chi2
 
 from mqslam.auditing.judge import Audit
-from mqslam.auditing.laying import Laid, ask_of_scans, lay
+from mqslam.auditing.laying import Laid, ask_of_single_scans, lay
 from mqslam.auditing.revisits import RevisitAudit
 from mqslam.auditing.speeds import contradicts
 from mqslam.auditing.steps import scale_covariances
@@ -123,9 +123,8 @@ def lay_successive(
 def _lay_scan(shared: tuple[Sweeps, AuditConfig, EstimatorConfig], place: int) -> Laid | None:
     """Lays a scan on the one before it."""
     sweeps, settings, estimator = shared
-    of_scans = ask_of_scans(settings).model_copy(update={"fewest": settings.speed_fewest})
     reach = settings.search_m, settings.search_rad
-    return lay(sweeps, (place - 1, place), ([place - 1], [place]), reach, of_scans, estimator)
+    return lay(sweeps, (place - 1, place), ([place - 1], [place]), reach, ask_of_single_scans(settings), estimator)
 
 
 def tie_scans(pairs: Sequence[Laid], sweeps: Sweeps) -> list[Tie]:

@@ -43,7 +43,7 @@ class Alignment:
         rival: score per point of the best other pose in the searched region; infinite if there is none.
         observed: whether the maps hold every direction.
         rivals: (R, 3) the other poses that score worse than the best one by less than the settings' factor, or by less than
-            chance makes poses differ that fit equally well.
+            chance makes poses differ that fit equally well; none where these were not asked for.
     """
 
     pose: se2.Array
@@ -62,6 +62,7 @@ def align(
     reach: tuple[float, float],
     settings: PassConfig,
     config: EstimatorConfig,
+    rival_sigmas: float | None = None,
 ) -> Alignment:
     """Finds the pose of a submap in another's frame.
 
@@ -72,6 +73,8 @@ def align(
         reach: how far the guess may be off in position [m] and in yaw [rad].
         settings: of the comparison of passes.
         config: settings of the score.
+        rival_sigmas: by how many standard deviations of chance other poses must score worse for none of them to be a rival;
+            None where rivals need not be known.
     """
     reach_m, reach_rad = reach
     references = as_references(reference)
@@ -97,6 +100,9 @@ def align(
     best = minima[0]
     rivals = [m for m in minima[1:] if np.hypot(*(m.state - best.state)[:2]) > config.search_same_m]
     points = move_rigidly(query, best.state)
+    picked = np.empty((0, 3))
+    if rival_sigmas is not None:
+        picked = _pick_rivals(best, rivals, (reference, query), rival_sigmas, settings.rival, config)
     return Alignment(
         pose=best.state,
         covariance=estimate_covariance(best.evaluation, points.points, config.cluster_m),
@@ -104,16 +110,16 @@ def align(
         psi=best.evaluation.psi / len(query),
         rival=rivals[0].evaluation.psi / len(query) if rivals else np.inf,
         observed=observes_all(references, points, config),
-        rivals=_pick_rivals(best, rivals, reference, query, settings, config),
+        rivals=picked,
     )
 
 
 def _pick_rivals(
     best: Minimum,
     others: Sequence[Minimum],
-    reference: PointSet,
-    query: PointSet,
-    settings: PassConfig,
+    submaps: tuple[PointSet, PointSet],
+    sigmas: float,
+    factor: float,
     config: EstimatorConfig,
 ) -> se2.Array:
     """Returns the poses (R, 3) among others that fit about as well as the best one.
@@ -122,8 +128,7 @@ def _pick_rivals(
     poses fit equally well, the sum of all is about zero in units of its standard deviation (Vuong, 1989). Points for which
     either pose has nothing in reach, as beyond the end of a pass, say nothing about which is right.
     """
-    if not others:
-        return np.empty((0, 3))
+    reference, query = submaps
     tree = cKDTree(reference.points)
 
     def reaches(pose: se2.Array) -> NDArray[np.bool_]:
@@ -136,8 +141,8 @@ def _pick_rivals(
         shown = near & reaches(other.state)
         worse = (other.evaluation.shares - best.evaluation.shares)[shown]
         sums = sum_by_object(worse[:, None], query.points[shown], config.cluster_m)
-        by_chance = sums.sum() <= settings.rival_sigmas * np.sqrt(np.sum(sums**2))
-        if by_chance or other.evaluation.psi < settings.rival * best.evaluation.psi:
+        by_chance = sums.sum() <= sigmas * np.sqrt(np.sum(sums**2))
+        if by_chance or other.evaluation.psi < factor * best.evaluation.psi:
             picked.append(other.state)
     return np.array(picked).reshape(-1, 3)
 
