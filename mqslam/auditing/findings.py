@@ -8,8 +8,10 @@ from typing import Final
 
 import numpy as np
 
-from mqslam.auditing.pooled import Pooled
 from mqslam.auditing.revisits import RevisitAudit
+from mqslam.auditing.spans.lever import Lever
+from mqslam.auditing.spans.pooled import Pooled
+from mqslam.auditing.spans.torn import SpanAudit
 from mqslam.auditing.steps import StepAudit
 from mqslam.auditing.verdict import Finding, Share, VerdictStatus
 from mqslam.auditing.windows import Undecided, WindowAudit, share_torn
@@ -121,16 +123,37 @@ def judge_pooled(pooled: Pooled | None, limits: VerdictConfig, extrinsics: se2.A
         reason = "too few places that far apart see the same to show whether the scale is right"
         return Finding(VerdictStatus.PASS, reason, judged=False)
     biases = find_biases(pooled, limits)
-    wishes = {axis: _WISHES[axis](float(pooled.bias[axis]), float(pooled.sigma[axis])) for axis in biases}
-    p_value = find_smallest(correct_for_places(pooled.p_value))
-    if wishes:
-        reason = f"all along the drive {' and '.join(wishes.values())}"
-        if _SIDE in wishes and extrinsics is not None:
-            x, y, yaw = extrinsics
-            reason += f"; {Remedy.GIVE_EXTRINSICS} {x:g},{y:g},{np.degrees(yaw - pooled.bias[_SIDE]):.2f}"
-        return Finding(VerdictStatus.WARN, reason, p_value=p_value)
-    reason = "scale, direction of travel and yaw rate fit what the sensor sees"
-    return Finding(VerdictStatus.PASS, reason, p_value=p_value)
+    wishes = [_WISHES[axis](float(pooled.bias[axis]), float(pooled.sigma[axis])) for axis in biases]
+    arm = finds_lever(pooled, limits)
+    chances = pooled.p_value if pooled.lever is None else np.append(pooled.p_value, pooled.lever.p_value)
+    p_value = find_smallest(correct_for_places(chances))
+    reasons = [f"all along the drive {' and '.join(wishes)}"] if wishes else []
+    if arm and pooled.lever is not None:
+        reasons.append(_wish_arm(pooled.lever))
+    if not reasons:
+        reason = "scale, direction of travel and yaw rate fit what the sensor sees"
+        return Finding(VerdictStatus.PASS, reason, p_value=p_value)
+    reason = ", and ".join(reasons)
+    if (_SIDE in biases or arm) and extrinsics is not None:
+        reason += f"; {Remedy.GIVE_EXTRINSICS} {_name_extrinsics(pooled, biases, extrinsics, with_arm=arm)}"
+    return Finding(VerdictStatus.WARN, reason, p_value=p_value)
+
+
+def finds_lever(pooled: Pooled, limits: VerdictConfig) -> bool:
+    """Returns whether the turns of a map ask for a sensor that sits elsewhere, by as much as is worth a look."""
+    lever = pooled.lever
+    if lever is None:
+        return False
+    return bool(np.any((np.abs(lever.arm) > limits.lever_warn) & (lever.p_value < limits.share_of_false_alarms)))
+
+
+def _name_extrinsics(pooled: Pooled, biases: Sequence[int], given: se2.Array, *, with_arm: bool) -> str:
+    """Returns the extrinsics that would mend a wrong mount, as text: x [m], y [m] and yaw [degrees]."""
+    turned = -pooled.bias[_SIDE] if _SIDE in biases else 0.0
+    if not with_arm or pooled.lever is None:
+        return f"{given[0]:g},{given[1]:g},{np.degrees(given[2] + turned):.2f}"
+    x, y, yaw = se2.compose(given, [*pooled.lever.arm, turned])
+    return f"{x:.2f},{y:.2f},{np.degrees(yaw):.2f}"
 
 
 def find_biases(pooled: Pooled, limits: VerdictConfig) -> list[int]:
@@ -156,12 +179,50 @@ def _wish_turn(bias: float, sigma: float) -> str:
     return f"the yaw drifts by {turn} to the {_side(-bias)} per 100 m"
 
 
+def _wish_arm(lever: Lever) -> str:
+    ahead, left = lever.arm
+    sigma = f"(± {np.max(lever.sigma):.2f})"
+    places = [f"{abs(ahead):.2f} m {'ahead' if ahead > 0.0 else 'behind'}"] if abs(ahead) > np.max(lever.sigma) else []
+    places += [f"{abs(left):.2f} m to the {_side(left)}"] if abs(left) > np.max(lever.sigma) else []
+    return f"in turns the sensor moves as if it sat {' and '.join(places)} {sigma} of where the trajectory has it"
+
+
 def _side(bias: float) -> str:
     return "left" if bias > 0.0 else "right"
 
 
 _WISHES: Final = (_wish_length, _wish_side, _wish_turn)  # what is asked for forward, to the side and in yaw, in words
 _SIDE: Final = 1  # index of that to the side
+
+
+def judge_spans(spans: Sequence[SpanAudit], settings: AuditConfig, limits: VerdictConfig) -> Finding:
+    """Returns what single spans of a map say about it.
+
+    Args:
+        spans: all that were laid.
+        settings: of the audit, which say from which offset on a span is torn.
+        limits: of the verdict; spans have the limits of windows.
+    """
+    judged = [span for span in spans if np.isfinite(span.p_value)]
+    if not judged:
+        reason = "too few places some path apart see the same to show a stretch that is off"
+        return Finding(VerdictStatus.PASS, reason, judged=False)
+    p_value = find_smallest(span.p_value for span in judged)
+    usual_m = float(np.median([span.laid.path_m for span in judged]))
+    all_spans = f"{count_of(len(judged), 'span')} of {usual_m:.0f} m of path"
+    torn = find_torn_spans(judged, settings, limits)
+    if not torn:
+        return Finding(VerdictStatus.PASS, f"none of {all_spans} is too long, too short or bent", p_value=p_value)
+    worst = max(torn, key=lambda span: span.distance_m)
+    reason = f"{len(torn)} of {all_spans} {is_or_are(len(torn))} off, by up to {worst.distance_m:.2f} m at {worst.t:.1f} s"
+    fails = Share(len(torn), len(judged)).is_above(limits.windows_fail, limits)
+    return Finding(VerdictStatus.FAIL if fails else VerdictStatus.WARN, reason, p_value=p_value)
+
+
+def find_torn_spans(spans: Sequence[SpanAudit], settings: AuditConfig, limits: VerdictConfig) -> list[SpanAudit]:
+    """Returns the spans that are off by more than chance explains and than is tolerated."""
+    chance = limits.share_of_false_alarms
+    return [span for span in spans if span.p_value < chance and span.distance_m > settings.span_torn_m]
 
 
 def judge_locally(windows: Sequence[WindowAudit]) -> Finding:

@@ -11,9 +11,21 @@ import gtsam
 import numpy as np
 from numpy.typing import NDArray
 
-from mqslam.auditing.findings import judge_locally, judge_pooled, judge_revisits, judge_steps, judge_windows
-from mqslam.auditing.pooled import Pooled, pool_corrections
+from mqslam.auditing.findings import (
+    find_biases,
+    finds_lever,
+    judge_locally,
+    judge_pooled,
+    judge_revisits,
+    judge_spans,
+    judge_steps,
+    judge_windows,
+)
+from mqslam.auditing.laying import Laid
 from mqslam.auditing.revisits import RevisitAudit, audit_revisits
+from mqslam.auditing.spans.measured import lay_spans
+from mqslam.auditing.spans.pooled import Pooled, pool, predict_offsets
+from mqslam.auditing.spans.torn import SpanAudit, audit_spans
 from mqslam.auditing.speeds import (
     CaptureRange,
     SpeedCheck,
@@ -47,6 +59,7 @@ class Audit:
     Args:
         windows: its windows in the order of time.
         steps: its steps in the order of time.
+        spans: its spans in the order of time; none for a cloud without a trajectory.
         pooled: what all of it asks for together; None where too few places show it, and for a cloud without a trajectory.
         revisits: places that the trajectory comes back to; none for a cloud without one.
         tests: what each test found, by its name.
@@ -57,6 +70,7 @@ class Audit:
 
     windows: list[WindowAudit]
     steps: list[StepAudit]
+    spans: list[SpanAudit]
     pooled: Pooled | None
     revisits: list[RevisitAudit]
     tests: dict[str, list[Finding]]
@@ -100,17 +114,24 @@ def audit(
         "windows": judge_windows(windows, len(sweeps), settings.window, limits),
         "steps": [judge_steps(steps, settings, limits)],
     }
+    spans: list[SpanAudit] = []
     pooled: Pooled | None = None
     revisits: list[RevisitAudit] = []
     if track is None:
         tests["revisits"] = [judge_locally(windows)]
     else:
-        pooled = pool_corrections(sweeps, ~interpolated, settings, estimator, engine, progress)
+        laid = lay_spans(sweeps, ~interpolated, settings, estimator, engine, progress)
+        pooled = pool(laid, settings)
+        spans = audit_spans(laid, _expect(laid, pooled, limits), sweeps.times, settings)
         revisits = audit_revisits(sweeps, settings, estimator, limits, engine, progress, claims)
-        tests |= {"pooled": [judge_pooled(pooled, limits, track.extrinsics)], "revisits": [judge_revisits(revisits, limits)]}
+        tests |= {
+            "spans": [judge_spans(spans, settings, limits)],
+            "pooled": [judge_pooled(pooled, limits, track.extrinsics)],
+            "revisits": [judge_revisits(revisits, limits)],
+        }
     tests = {name: findings for name, findings in tests.items() if findings}
     verdict = verdict_of(chain.from_iterable(tests.values()))
-    return Audit(windows, steps, pooled, revisits, tests, *verdict, capture)
+    return Audit(windows, steps, spans, pooled, revisits, tests, *verdict, capture)
 
 
 def audit_trajectory(
@@ -134,6 +155,13 @@ def audit_trajectory(
     claims = None if optimum is None else GraphClaims(*optimum, inside, sweeps.poses)
     sections = config.audit, config.estimator, config.verdict
     return audit(sweeps, *sections, runner.engine, runner.progress, config.audit.sampled_windows, claims)
+
+
+def _expect(spans: Sequence[Laid], pooled: Pooled | None, limits: VerdictConfig) -> NDArray[np.float64]:
+    """Returns the offsets (N, 3) of spans that the test of pooled corrections tells of already."""
+    if pooled is None:
+        return np.zeros((len(spans), 3))
+    return predict_offsets(spans, pooled, find_biases(pooled, limits), with_lever=finds_lever(pooled, limits))
 
 
 def _mark_interpolated(sweeps: Sweeps, settings: AuditConfig) -> NDArray[np.bool_]:

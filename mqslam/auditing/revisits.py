@@ -4,11 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import f as f_distribution
 
 from mqslam.auditing.laying import Laid, lay
 from mqslam.auditing.sweeps import Sweeps
@@ -21,11 +19,9 @@ from mqslam.backend.loops.passes import find_passes
 from mqslam.backend.loops.submap import pick_around
 from mqslam.config import AuditConfig, EstimatorConfig, VerdictConfig
 from mqslam.core import se2
-from mqslam.core.chances import correct_for_places, find_usual_scale
+from mqslam.core.chances import compute_p_values, correct_for_places, find_usual_scale
 from mqslam.execution.engine import Engine
 from mqslam.execution.progress import Progress
-
-_EFFICIENCY: Final = 0.37  # by definition: of a median absolute deviation of normal noise, against the standard deviation
 
 
 @dataclass(frozen=True, slots=True)
@@ -126,7 +122,7 @@ def judge_laid(
     """
     if not laid:
         return []
-    measured, freedom = _measure_offsets(laid, sweeps, settings)
+    measured, places = _measure_offsets(laid, sweeps, settings)
     sure = np.array([one.unrivalled and not len(one.rivals) for one in laid])
     sure |= find_agreeing(
         measured,
@@ -141,8 +137,8 @@ def judge_laid(
     total = measured if claimed is None else replace(measured, covariances=measured.covariances + claimed)
     inflations = total.inflations
     p_values = np.full(len(laid), np.nan)
-    if freedom > 0.0:
-        p_values[sure] = f_distribution.sf(inflations[sure] / 3.0, 3, freedom)
+    if places:
+        p_values[sure] = compute_p_values(inflations[sure], places)
     p_values = correct_for_places(p_values)
     chance = limits.share_of_false_alarms
     audited = []
@@ -170,10 +166,10 @@ def judge_laid(
     return audited
 
 
-def _measure_offsets(laid: Sequence[Laid], sweeps: Sweeps, settings: AuditConfig) -> tuple[Offsets, float]:
-    """Returns the offsets with covariances that fit their neighbours, and how many degrees of freedom these have.
+def _measure_offsets(laid: Sequence[Laid], sweeps: Sweeps, settings: AuditConfig) -> tuple[Offsets, int]:
+    """Returns the offsets with covariances that fit their neighbours, and the number of places that show how large they are.
 
-    No covariance is made smaller. Without enough neighbours all stay as they are, and have no degree of freedom.
+    No covariance is made smaller. Without enough neighbours all stay as they are, and no place shows how large they are.
     """
     curvature = Offsets(
         offsets=np.array([one.offset for one in laid]),
@@ -184,9 +180,9 @@ def _measure_offsets(laid: Sequence[Laid], sweeps: Sweeps, settings: AuditConfig
     known = curvature.take(np.array([one.observed for one in laid]))
     squares = compare_neighbours(known, 2.0 * settings.submap_m, settings.least_path_m)
     if len(squares) < settings.revisit_fewest:
-        return curvature, 0.0
+        return curvature, 0
     scaled = se2.scale_covariance(curvature.covariances, find_usual_scale(squares))
-    return replace(curvature, covariances=scaled), _EFFICIENCY * len(known.offsets)
+    return replace(curvature, covariances=scaled), len(known.offsets)
 
 
 def share_torn_revisits(revisits: Sequence[RevisitAudit]) -> Share:

@@ -9,7 +9,8 @@ from pydantic import BaseModel, ConfigDict, Field
 from mqslam.config.fields import expert
 from mqslam.config.loop_config import PassConfig, SearchRad, SpacingM
 
-_SHARERS: Final = 5  # by definition: tests that share the rate of false alarms: steps, three biases and revisits
+# by definition: tests that share the rate of false alarms: steps, spans, three biases, two of the lever arm, and revisits
+_SHARERS: Final = 8
 
 
 class AuditConfig(PassConfig):
@@ -75,7 +76,19 @@ class AuditConfig(PassConfig):
         description="Such scans less than this apart [m] show no scale: laid on each other, they seem closer than they are "
         "by a few centimetres, whatever the path between them.",
     )
-    span_fewest: int = expert(15, ge=1, description="Fewest such pairs that show a bias.")
+    span_fewest: int = expert(
+        15, ge=1, description="Fewest such pairs that show a bias, or how far off such a pair usually is."
+    )
+    span_torn_m: float = Field(
+        0.15,
+        ge=0.0,
+        description="A span is not torn if the scans at its ends are off each other by less than this [m], besides what all "
+        "of the map asks for.",
+    )
+    lever_turn_rad: float = expert(
+        0.3, gt=0.0, description="A span that turns by more than this [rad] shows where on the vehicle the sensor sits."
+    )
+    lever_turns: int = expert(3, ge=2, description="Fewest turns that show where on the vehicle the sensor sits.")
     sampled_windows: int = expert(
         100, ge=1, description="Number of windows, evenly spread, that a run judges of its own map; an audit judges all."
     )
@@ -217,7 +230,7 @@ class VerdictConfig(BaseModel):
         0.01,
         gt=0.0,
         lt=0.5,
-        description="Probability with which the tests of steps, of pooled corrections and of revisits against what the "
+        description="Probability with which the tests of steps, spans, pooled corrections and revisits against what the "
         "trajectory claims to know together call a good map bad.",
     )
     scale_warn: float = Field(
@@ -225,6 +238,11 @@ class VerdictConfig(BaseModel):
     )
     turn_warn: float = Field(
         8.7e-6, ge=0.0, description="A yaw that drifts by more than this is worth a look [rad/m]: 0.05 degrees in 100 m."
+    )
+    lever_warn: float = Field(
+        0.05,
+        ge=0.0,
+        description="A sensor that sits farther from where the trajectory has it than this is worth a look [m].",
     )
     lost_fail: float = Field(
         0.2,

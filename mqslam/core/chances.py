@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import f as f_distribution
 
 from mqslam.core.gross import MEDIAN_OF_CHI2
+
+_EFFICIENCY: Final = 0.37  # by definition: of a median absolute deviation of normal noise, against the standard deviation
 
 
 def correct_for_places(p_values: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -17,6 +21,16 @@ def correct_for_places(p_values: NDArray[np.float64]) -> NDArray[np.float64]:
         p_values: of single places; NaN where nothing was judged, which does not count as a place.
     """
     return np.minimum(np.count_nonzero(np.isfinite(p_values)) * p_values, 1.0)
+
+
+def compute_p_values(squares: NDArray[np.float64], places: int) -> NDArray[np.float64]:
+    """Returns the probabilities that offsets as large as these show at places of a good map.
+
+    Args:
+        squares: (N,) of offsets with three degrees of freedom, in units of covariances scaled by `find_usual_scale`.
+        places: number of places that the scale is found from, which makes it uncertain.
+    """
+    return np.asarray(f_distribution.sf(squares / 3.0, 3, _EFFICIENCY * places))
 
 
 def find_smallest(p_values: Iterable[float]) -> float | None:

@@ -291,6 +291,7 @@ def _list_numbers(report: AuditReport) -> Numbers:
         name_values("Recording", dataset),
         name_values("Windows", section_of(summary, "windows")),
         name_values("Steps", section_of(summary, "steps")),
+        name_values("Spans", section_of(summary, "spans")),
         name_values("Pooled corrections", section_of(summary, "pooled")),
         name_values("Revisits", section_of(summary, "revisits")),
     )

@@ -26,6 +26,7 @@ _TESTS: Final = {  # the tests of a map, and what they cannot see
     "speeds": ("speeds: successive scans searched for each other", "errors that windows are wide enough to measure"),
     "windows": ("windows: a few scans against their best map", "jumps, and errors that grow slowly"),
     "steps": ("steps: scans against those just before", "errors that grow slowly"),
+    "spans": ("spans: scans some 30 m of path apart", "errors that grow more slowly than that shows"),
     "pooled": ("pooled corrections: all of the drive together", "errors that come and go; one scale for everything"),
     "revisits": ("revisits: two passes of one place", "anything where no place is passed twice"),
 }

@@ -8,11 +8,12 @@ from typing import Any, Final
 
 import numpy as np
 
-from mqslam.auditing.findings import find_torn_steps
+from mqslam.auditing.findings import find_torn_spans, find_torn_steps
 from mqslam.auditing.judge import Audit
 from mqslam.auditing.mending.rounds import Mended
-from mqslam.auditing.pooled import Pooled
 from mqslam.auditing.revisits import RevisitAudit, share_torn_revisits
+from mqslam.auditing.spans.pooled import Pooled
+from mqslam.auditing.spans.torn import SpanAudit
 from mqslam.auditing.speeds import contradicts
 from mqslam.auditing.steps import StepAudit
 from mqslam.auditing.sweeps import Sweeps
@@ -97,6 +98,7 @@ def summarise(
         "per_window": [_list_window(w) for w in audit.windows],
         "per_revisit": [_list_revisit(r, sweeps) for r in audit.revisits],
         "per_step": [_list_step(s, sweeps) for s in audit.steps],
+        "per_span": [_list_span(s, sweeps) for s in audit.spans],
     }
 
 
@@ -242,6 +244,11 @@ def summarise_tests(audit: Audit, settings: AuditConfig, bounds: VerdictConfig) 
             "jumps": len(find_torn_steps(audit.steps, settings, bounds)),
             "median_m": float(np.median([s.laid.size_m for s in audit.steps])) if audit.steps else None,
         },
+        "spans": {
+            "count": len(audit.spans),
+            "torn": len(find_torn_spans(audit.spans, settings, bounds)),
+            "median_m": float(np.median([s.distance_m for s in audit.spans])) if audit.spans else None,
+        },
         "pooled": _list_pooled(audit.pooled),
         "tests": {name: _list_findings(findings) for name, findings in audit.tests.items()},
     }
@@ -263,6 +270,23 @@ def _list_step(step: StepAudit, sweeps: Sweeps) -> dict[str, Any]:
     }
 
 
+def _list_span(span: SpanAudit, sweeps: Sweeps) -> dict[str, Any]:
+    laid, pose = span.laid, sweeps.poses[span.laid.later]
+    return {
+        "t_earlier": float(sweeps.times[laid.earlier]),
+        "t_later": span.t,
+        "x": float(pose[0]),
+        "y": float(pose[1]),
+        "yaw": float(pose[2]),
+        "path_m": laid.path_m,
+        "dx": float(span.offset[0]),
+        "dy": float(span.offset[1]),
+        "dyaw": float(span.offset[2]),
+        "matched": laid.matched,
+        "p_value": _known(span.p_value),
+    }
+
+
 def _list_pooled(pooled: Pooled | None) -> dict[str, Any]:
     """Returns what a map asks for as a whole, by name; without anything but the number of spans where it is unknown."""
     if pooled is None:
@@ -271,6 +295,11 @@ def _list_pooled(pooled: Pooled | None) -> dict[str, Any]:
     for axis, name in enumerate(("forward_per_m", "left_per_m", "yaw_per_m")):
         values |= {name: float(pooled.bias[axis]), f"{name}_sigma": float(pooled.sigma[axis])}
         values[f"{name}_p_value"] = float(pooled.p_value[axis])
+    if pooled.lever is not None:
+        values["turns"] = pooled.lever.turns
+        for axis, name in enumerate(("ahead_m", "left_m")):
+            values |= {name: float(pooled.lever.arm[axis]), f"{name}_sigma": float(pooled.lever.sigma[axis])}
+            values[f"{name}_p_value"] = float(pooled.lever.p_value[axis])
     return values
 
 
@@ -296,6 +325,7 @@ def write_audit(folder: Path, config: Config, summary: Mapping[str, Any]) -> Non
     write_text(folder / "audit.csv", _format_csv(summary["per_window"]))
     write_text(folder / "revisits.csv", _format_csv(summary["per_revisit"]))
     write_text(folder / "steps.csv", _format_csv(summary["per_step"]))
+    write_text(folder / "spans.csv", _format_csv(summary["per_span"]))
     write_json(folder / "audit.json", summary)
 
 

@@ -12,8 +12,9 @@ from support.laser_drive import drive_truth, write_laser_bag
 
 from mqslam.auditing.findings import judge_pooled
 from mqslam.auditing.laying import Laid
-from mqslam.auditing.pooled import Pooled, find_spans, pool, pool_corrections
 from mqslam.auditing.sources import LIDAR_CONFIG, make_lidar_source, place_source
+from mqslam.auditing.spans.measured import find_spans, lay_spans
+from mqslam.auditing.spans.pooled import Pooled, pool
 from mqslam.auditing.sweeps import place_sweeps
 from mqslam.auditing.verdict import VerdictStatus
 from mqslam.config import Config, load_config
@@ -29,9 +30,16 @@ CONFIG = Config()
 
 @lru_cache
 def pooled(
-    scale: float = 1.0, turn: float = 0.0, mount: float = 0.0, extrinsics: tuple[float, ...] = (0.0, 0.0, 0.0)
+    scale: float = 1.0,
+    turn: float = 0.0,
+    mount: float = 0.0,
+    extrinsics: tuple[float, ...] = (0.0, 0.0, 0.0),
+    base: tuple[float, ...] = (0.0, 0.0, 0.0),
 ) -> Pooled:
-    """Returns what the drive asks for under a trajectory of another scale, yaw rate [rad/m] and mount [rad]."""
+    """Returns what the drive asks for under a trajectory of another scale, yaw rate [rad/m] and mount [rad].
+
+    It is that of a base on which the sensor has the pose `base`, with the extrinsics that an audit is given.
+    """
     recording, scans = block_drive()
     truth = recording.ground_truth
     motions = np.array([se2.between(a, b) for a, b in zip(truth.poses[:-1], truth.poses[1:], strict=True)])
@@ -39,11 +47,12 @@ def pooled(
     motions[:, :2] *= scale
     poses = se2.chain(motions, truth.poses[0])
     poses[:, 2] += mount
+    poses = se2.compose(poses, se2.inverse(np.array(base)))
     track = Trajectory(truth.stamps_us, se2.compose(poses, extrinsics))
     sweeps = place_sweeps(scans, track, CONFIG.audit, beam_of(CONFIG.estimator, 0.0))[0]
-    found = pool_corrections(
-        sweeps, np.ones(len(sweeps), bool), CONFIG.audit, CONFIG.estimator, LocalEngine(2), ignore_progress
-    )
+    known = np.ones(len(sweeps), bool)
+    spans = lay_spans(sweeps, known, CONFIG.audit, CONFIG.estimator, LocalEngine(2), ignore_progress)
+    found = pool(spans, CONFIG.audit)
     assert found is not None
     return found
 
@@ -93,13 +102,50 @@ def test_extrinsics_that_were_given_are_mended_in_their_yaw() -> None:
     assert reason.endswith("its mount is turned by as much; give extrinsics 1.5,-0.25,89.00")
 
 
+@pytest.mark.parametrize("arm", [(0.0, 0.2), (-0.3, 0.0), (1.2, -0.4)])
+def test_where_the_sensor_sits_is_measured_and_the_extrinsics_that_are_named_mend_it(arm: tuple[float, float]) -> None:
+    found = pooled(base=(*arm, 0.0))
+    assert found.lever is not None and found.lever.turns >= CONFIG.audit.lever_turns
+    np.testing.assert_allclose(found.lever.arm, arm, atol=0.03)
+    finding = judge_pooled(found, CONFIG.verdict, np.zeros(3))
+    assert finding.status is VerdictStatus.WARN and "in turns the sensor moves as if it sat " in finding.reason
+    x, y, yaw = (float(number) for number in finding.reason.split("; give extrinsics ")[1].split(","))
+    assert (x, y, yaw) == pytest.approx((*arm, 0.0), abs=0.03)
+    mended = pooled(base=(*arm, 0.0), extrinsics=(x, y, np.radians(yaw)))
+    assert judge_pooled(mended, CONFIG.verdict, np.zeros(3)).status is VerdictStatus.PASS
+
+
+def test_a_mount_that_is_turned_and_beside_is_mended_at_once() -> None:
+    mount = (0.5, -0.3, np.radians(1.0))
+    reason = judge_pooled(pooled(base=mount), CONFIG.verdict, np.zeros(3)).reason
+    x, y, yaw = (float(number) for number in reason.split("; give extrinsics ")[1].split(","))
+    assert (x, y, yaw) == pytest.approx((0.5, -0.3, 1.0), abs=0.1)
+
+
+def test_without_turns_nothing_is_said_of_where_the_sensor_sits() -> None:
+    random = np.random.default_rng(1)
+    found = pool([span(off) for off in random.normal(0.0, [0.02, 0.02, 1e-3], (60, 3))], CONFIG.audit)
+    assert found is not None and found.lever is None
+
+
+def test_a_lever_arm_is_found_as_rarely_as_promised_where_there_is_none() -> None:
+    random = np.random.default_rng(1)
+    chances = []
+    for _ in range(100):
+        offsets = random.normal(0.0, [0.02, 0.02, 1e-3], (60, 3))
+        found = pool([span(off, turn=1.5 * (k % 12 in (3, 4))) for k, off in enumerate(offsets)], CONFIG.audit)
+        assert found is not None and found.lever is not None and found.lever.turns == 5
+        chances.append(found.lever.p_value)
+    assert np.mean(np.array(chances) < 0.05) < 0.08
+
+
 def test_where_only_the_scale_is_off_no_extrinsics_are_named() -> None:
     asked = Pooled(np.array([0.01, 0.0, 0.0]), np.full(3, 1e-4), np.array([0.0, 1.0, 1.0]), 40)
     assert "extrinsics" not in judge_pooled(asked, CONFIG.verdict, np.zeros(3)).reason
 
 
-def span(offset: np.ndarray, heading: float = 0.0) -> Laid:
-    between = np.array([30.0 * np.cos(heading), 30.0 * np.sin(heading), 0.0])
+def span(offset: np.ndarray, heading: float = 0.0, turn: float = 0.0) -> Laid:
+    between = np.array([30.0 * np.cos(heading), 30.0 * np.sin(heading), turn])
     return Laid(0, 15, between, 30.0, offset, 1e-4 * np.eye(3), 0.1, 0.8, 1.0, 1.0, True, True)
 
 
@@ -151,6 +197,6 @@ def test_a_lidar_that_does_not_see_far_shows_no_scale(tmp_path: Path) -> None:
     source = make_lidar_source(read_lidar(write_laser_bag(tmp_path / "boxes.bag", solid=True), config.reading))
     sweeps, _ = place_source(source, drive_truth(), config.audit, beam_of(config.estimator, 0.0))
     known = np.ones(len(sweeps), bool)
-    found = pool_corrections(sweeps, known, config.audit, config.estimator, LocalEngine(2), ignore_progress)
+    found = pool(lay_spans(sweeps, known, config.audit, config.estimator, LocalEngine(2), ignore_progress), config.audit)
     assert found is None  # 30 m apart the lidar sees opposite faces, and the scale seems 3 % off; closer by is too close
     assert not judge_pooled(found, config.verdict).judged

@@ -14,7 +14,7 @@ from mqslam.core.trajectory import Trajectory
 from mqslam.formats.trajectories import write_kitti
 from mqslam.formats.tum import read_tum, write_tum
 
-FILES = {"audit.json", "audit.csv", "steps.csv", "revisits.csv", "heatmap.png", "report.html", "config.yaml"}
+FILES = {"audit.json", "audit.csv", "steps.csv", "spans.csv", "revisits.csv", "heatmap.png", "report.html", "config.yaml"}
 
 
 @pytest.fixture(scope="module")

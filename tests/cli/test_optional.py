@@ -239,6 +239,7 @@ def test_an_audit_keeps_its_numbers_without_pictures_and_report(
         "config.yaml",
         "audit.csv",
         "steps.csv",
+        "spans.csv",
         "revisits.csv",
         "audit.json",
     }

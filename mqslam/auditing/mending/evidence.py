@@ -12,6 +12,7 @@ from scipy.stats import chi2
 from mqslam.auditing.judge import Audit
 from mqslam.auditing.laying import Laid, ask_of_single_scans, lay
 from mqslam.auditing.revisits import RevisitAudit
+from mqslam.auditing.spans.torn import SpanAudit
 from mqslam.auditing.speeds import contradicts
 from mqslam.auditing.steps import scale_covariances
 from mqslam.auditing.sweeps import Sweeps
@@ -97,6 +98,16 @@ def tie_steps(audit: Audit, sweeps: Sweeps, jumps: Collection[int], settings: Au
         for laid, covariance in zip(steps, scale_covariances(steps), strict=True)
         if laid.unrivalled and not any(0 < abs(laid.later - jump) < size for jump in jumps)
     }
+
+
+def tie_spans(spans: Sequence[SpanAudit], sweeps: Sweeps) -> list[Tie]:
+    """Returns the motions through spans as psi has them.
+
+    Args:
+        spans: of the trajectory.
+        sweeps: points under it.
+    """
+    return [_tie_step(span.laid, span.covariance, sweeps, 0) for span in spans if np.isfinite(span.p_value)]
 
 
 def lay_successive(

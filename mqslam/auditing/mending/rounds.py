@@ -1,10 +1,10 @@
 """A trajectory mended by its own audit, in rounds: each puts in what the audit of the round before has found.
 
-The steps of the given trajectory are the odometry of a pose graph, but for biases that all of the map asks for. Jumps and
-torn windows are replaced by the motions that psi has there. Where there is evidence that too many windows are torn, all
-windows and steps tie the scans near each other, and successive scans laid on each other show how the sensor turns. Revisits
-that are sure, and that agree with each other, are its loops. A trajectory that is off by more than the search for revisits
-reaches shows few of them, and more once it is mended: hence the rounds. A trajectory that passes is left as it is.
+The steps of the given trajectory are the odometry of a pose graph, but for biases that all of the map asks for. Jumps, torn
+windows and torn spans are replaced by the motions that psi has there. Where too many windows are torn, all windows and steps
+tie the scans near each other, and successive scans laid on each other show how the sensor turns. Revisits that are sure, and
+that agree with each other, are its loops. A trajectory that is off by more than the search for revisits reaches shows few of
+them, and more once it is mended: hence the rounds. A trajectory that passes is left as it is.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mqslam.auditing.findings import find_biases, find_torn_steps
+from mqslam.auditing.findings import find_biases, find_torn_spans, find_torn_steps
 from mqslam.auditing.judge import Audit
 from mqslam.auditing.mending.evidence import (
     allow_for_walk,
@@ -25,6 +25,7 @@ from mqslam.auditing.mending.evidence import (
     lay_successive,
     measure_misses,
     tie_scans,
+    tie_spans,
     tie_steps,
     tie_windows,
 )
@@ -175,6 +176,7 @@ class _Mender:
         self._across: dict[int, Tie] = {}  # jumps, as the last round that is sure of each has measured it
         windows = tie_windows(given.audit, given.sweeps, self._jumps)
         self._torn = tie_windows(given.audit, given.sweeps, self._jumps, torn=True)
+        self._bent = tie_spans(find_torn_spans(given.audit.spans, config.audit, config.verdict), given.sweeps)
         self._noise = estimate_variances(windows, measure_misses(windows, self._chain))
         self._is_noisy = share_torn(given.audit.windows).is_above(config.verdict.windows_warn, config.verdict)
         self._variances = self._list_variances()
@@ -183,7 +185,7 @@ class _Mender:
     def finds_nothing(self, given: Audit) -> bool:
         """Returns whether an audit shows nothing that could be mended."""
         torn = any(revisit.torn for revisit in given.revisits)
-        return not (self._torn or self._jumps or self._biases or torn)
+        return not (self._torn or self._bent or self._jumps or self._biases or torn)
 
     def solve(self, current: Judged) -> tuple[se2.Array, int, int]:
         """Returns the poses (S, 3) of the sweeps with what an audit has found, and how many ties and loops hold them."""
@@ -195,10 +197,10 @@ class _Mender:
         if not self._is_noisy:
             torn = {tie.a for tie in self._torn}
             windows = [tie for tie in windows if tie.a in torn]
-        beside: list[Tie] = []
+        beside = tie_spans(audit.spans, sweeps) if self._bent else []
         if self._is_noisy:
             pairs = lay_successive(sweeps, config.audit, config.estimator, self._engine, self._progress)
-            beside = [*tie_scans(pairs, sweeps), *(tie for place, tie in across.items() if place not in self._across)]
+            beside += [*tie_scans(pairs, sweeps), *(tie for place, tie in across.items() if place not in self._across)]
         ties = [*self._across.values(), *self._keep_plausible([*allow_for_walk(windows, self._noise), *beside])]
         loops = [as_loop(r, sweeps) for r in audit.revisits if r.revisit.sure]
         chain = TiedChain(self._steps, self._variances, ties, sweeps.poses, config.graph, self._loop_settings)
@@ -206,11 +208,12 @@ class _Mender:
         return poses, len(ties), len(kept)
 
     def _list_variances(self) -> NDArray[np.float64]:
-        """Returns the variances (S - 1, 3) of the steps: noise, and more where the trajectory jumps or a window is torn."""
+        """Returns the variances (S - 1, 3) of the steps: noise, and more where a step, a window or a span is torn."""
         variances = np.tile(self._noise, (len(self._steps), 1))
         for place, offset in self._jumps.items():
             variances[place - 1] += offset**2
-        for tie, miss in zip(self._torn, measure_misses(self._torn, self._chain), strict=True):
+        off = [*self._torn, *self._bent]
+        for tie, miss in zip(off, measure_misses(off, self._chain), strict=True):
             variances[tie.a : tie.b] += miss**2 / (tie.b - tie.a)
         return variances
 

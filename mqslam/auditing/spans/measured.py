@@ -1,0 +1,94 @@
+"""The spans of a map: pairs of places some path apart, of which psi lays the later one on the earlier one.
+
+Laid on each other, scans seem a little closer together than they are, by an amount that does not depend on the path between
+them. The path is therefore long, but no longer than the range at which the sensor sees most things: from farther apart it
+sees other faces of them, which are wrongly laid on each other.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mqslam.auditing.laying import Laid, lay
+from mqslam.auditing.sweeps import Sweeps
+from mqslam.backend.loops.submap import pick_spaced
+from mqslam.config import AuditConfig, EstimatorConfig
+from mqslam.execution.engine import Engine
+from mqslam.execution.progress import Progress
+
+
+def lay_spans(
+    sweeps: Sweeps,
+    known: NDArray[np.bool_],
+    settings: AuditConfig,
+    estimator: EstimatorConfig,
+    engine: Engine,
+    progress: Progress,
+) -> list[Laid]:
+    """Lays the spans of a map; returns in the order of time those that hold every direction and lead away from a place.
+
+    Args:
+        sweeps: points under the trajectory to judge.
+        known: (S,) which sweeps lie in no gap of the trajectory.
+        settings: of the audit.
+        estimator: settings of the score.
+        engine: where spans are laid; the result does not depend on it.
+        progress: called as spans are done.
+    """
+    settings = fit_to_reach(sweeps, settings)
+    if settings.span_m < settings.span_least_m:
+        return []
+    pairs = [(a, b) for a, b in find_spans(sweeps.travelled, settings) if known[[a, b]].all()]
+
+    def report(number: int, laid: Laid | None) -> None:
+        progress("spans", number, len(pairs))
+
+    laid = engine.map(_lay_span, (sweeps, settings, estimator), pairs, report)
+    return [span for span in laid if span is not None and span.observed and leads_away(span, settings)]
+
+
+def leads_away(span: Laid, settings: AuditConfig) -> bool:
+    """Returns whether the ends of a span are at least half as far apart as the path between them is long."""
+    return bool(np.hypot(*span.between[:2]) >= 0.5 * settings.span_m)
+
+
+def fit_to_reach(sweeps: Sweeps, settings: AuditConfig) -> AuditConfig:
+    """Returns the settings with spans no longer than the range from which on half of the points are seen.
+
+    Args:
+        sweeps: points under the trajectory to judge.
+        settings: of the audit.
+    """
+    of_sweep = np.repeat(np.arange(len(sweeps)), np.diff(sweeps.begins))
+    if len(of_sweep) == 0:
+        return settings
+    usual_m = float(np.median(np.hypot(*(sweeps.points - sweeps.poses[of_sweep, :2]).T)))
+    shorter = min(1.0, usual_m / settings.span_m)
+    lengths = {"span_m": shorter * settings.span_m, "span_every_m": shorter * settings.span_every_m}
+    return settings.model_copy(update=lengths)
+
+
+def find_spans(travelled: NDArray[np.float64], settings: AuditConfig) -> list[tuple[int, int]]:
+    """Finds pairs of sweeps (earlier, later) with the path of a span between them, evenly spread over the path.
+
+    Args:
+        travelled: (N,) length of the path so far [m].
+        settings: of the audit.
+    """
+    half = settings.step_scans // 2
+    last = len(travelled) - 1 - half
+    earlier = pick_spaced(travelled, settings.span_every_m)
+    later = np.searchsorted(travelled, travelled[earlier] + settings.span_m)
+    ends = travelled[np.minimum(later, len(travelled) - 1)]
+    there = (half <= earlier) & (later <= last) & (ends - travelled[earlier] < 2.0 * settings.span_m)  # no jump in between
+    return list(zip(earlier[there].tolist(), later[there].tolist(), strict=True))
+
+
+def _lay_span(shared: tuple[Sweeps, AuditConfig, EstimatorConfig], pair: tuple[int, int]) -> Laid | None:
+    """Lays the scans around the end of a span upon those around its begin."""
+    sweeps, settings, estimator = shared
+    half = settings.step_scans // 2
+    stretches = [range(k - half, k - half + settings.step_scans) for k in pair]
+    reach = settings.search_m, settings.search_rad
+    return lay(sweeps, pair, (stretches[0], stretches[1]), reach, settings, estimator)

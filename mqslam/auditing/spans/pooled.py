@@ -1,0 +1,110 @@
+"""Pooled corrections: what all of a map asks for together.
+
+A trajectory whose scale, direction of travel or yaw rate is off by little is off by little everywhere, which no place alone
+shows to matter. The spans show it, and all along the drive they agree. A trajectory of something beside the sensor is off in
+turns only, and there all of them agree as well.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import least_squares
+from scipy.stats import t as student
+
+from mqslam.auditing.laying import Laid
+from mqslam.auditing.spans import effects
+from mqslam.auditing.spans.lever import Lever, estimate_lever
+from mqslam.auditing.spans.robust import HUBER, LEAST, measure_spread
+from mqslam.config import AuditConfig
+
+_BLOCKS: Final = 10  # parts of the drive of which each is left out once: errors of places beside each other are alike
+
+
+@dataclass(frozen=True, slots=True)
+class Pooled:
+    """What all of a map asks for together, per metre of path.
+
+    Args:
+        bias: (3,) how much the trajectory has too little forward [m/m], to the left [m/m], and of yaw to the left [rad/m].
+        sigma: (3,) standard deviations.
+        p_value: (3,) probability that a bias as large as this shows where there is none.
+        spans: number of places that show it.
+        lever: where the sensor sits as its turns show it; None where too few turns do.
+    """
+
+    bias: NDArray[np.float64]
+    sigma: NDArray[np.float64]
+    p_value: NDArray[np.float64]
+    spans: int
+    lever: Lever | None = None
+
+
+def pool(spans: Sequence[Laid], settings: AuditConfig) -> Pooled | None:
+    """Returns what spans ask for together, or None where they are too few.
+
+    Args:
+        spans: in the order of time.
+        settings: of the audit.
+    """
+    if len(spans) < max(settings.span_fewest, _BLOCKS):
+        return None
+    offsets = np.array([span.offset for span in spans])
+    path = np.array([span.path_m for span in spans])
+    turn = _estimate(path, offsets[:, 2])
+    placed = (offsets - turn[0] * effects.of_turn(spans))[:, :2]
+    lever = estimate_lever(spans, placed, settings)
+    if lever is not None:
+        placed = placed - effects.of_lever(spans) @ lever.arm
+    moves = effects.measure_moves(spans)
+    length = np.hypot(*moves.T)
+    forward = (moves * placed).sum(axis=1) / length
+    left = (moves[:, 0] * placed[:, 1] - moves[:, 1] * placed[:, 0]) / length
+    bias, sigma, p_value = np.array([_estimate(length, forward), _estimate(length, left), turn]).T
+    return Pooled(bias, sigma, p_value, len(spans), lever)
+
+
+def predict_offsets(
+    spans: Sequence[Laid], pooled: Pooled, biases: Sequence[int], *, with_lever: bool
+) -> NDArray[np.float64]:
+    """Returns the offsets (N, 3) that spans have by what all of a map asks for.
+
+    Args:
+        spans: of the map.
+        pooled: what all of it asks for.
+        biases: the axes that count.
+        with_lever: whether where the sensor sits counts, too.
+    """
+    bias = np.where(np.isin(np.arange(3), biases), pooled.bias, 0.0)
+    placed = effects.of_direction(spans) @ bias[:2]
+    if with_lever and pooled.lever is not None:
+        placed = placed + effects.of_lever(spans) @ pooled.lever.arm
+    return np.asarray(effects.of_position(placed) + bias[2] * effects.of_turn(spans))
+
+
+def _estimate(lengths: NDArray[np.float64], offsets: NDArray[np.float64]) -> tuple[float, float, float]:
+    """Returns the slope of offsets over lengths, its standard deviation and its p-value.
+
+    The slope is robust against places that are torn, and its standard deviation is that of a jackknife over parts of the
+    drive.
+    """
+    slope = _fit(lengths, offsets)
+    blocks = np.array_split(np.arange(len(lengths)), _BLOCKS)
+    without = [_fit(np.delete(lengths, block), np.delete(offsets, block)) for block in blocks]
+    sigma = max(float(np.sqrt((_BLOCKS - 1.0) / _BLOCKS * np.sum((np.array(without) - slope) ** 2))), LEAST)
+    return slope, sigma, float(2.0 * student.sf(abs(slope) / sigma, _BLOCKS - 1))
+
+
+def _fit(lengths: NDArray[np.float64], offsets: NDArray[np.float64]) -> float:
+    """Returns the slope of a line through the origin, by Huber's loss."""
+    start = float(np.median(offsets / lengths))
+    spread = measure_spread(offsets - start * lengths)
+
+    def miss(slope: NDArray[np.float64]) -> NDArray[np.float64]:
+        return np.asarray((offsets - slope * lengths) / spread)
+
+    return float(least_squares(miss, [start], loss="huber", f_scale=HUBER, x_scale=max(abs(start), 1e-6)).x[0])

@@ -1,0 +1,73 @@
+"""Torn spans: places where a trajectory is off by more than what all of the map asks for.
+
+A stretch of path that is too long or too short, or bent, by little in every window shows in the scans at its ends.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mqslam.auditing.laying import Laid
+from mqslam.backend.loops.align import TOLERANCES
+from mqslam.config import AuditConfig
+from mqslam.core import se2
+from mqslam.core.chances import compute_p_values, correct_for_places, find_usual_scale
+
+
+@dataclass(frozen=True, slots=True)
+class SpanAudit:
+    """The judgement of one span.
+
+    Args:
+        laid: the scans at its end laid on those at its begin.
+        t: when its end is [s] since the recording's start.
+        offset: (3,) of the end, without what all of the map asks for [m, m, rad].
+        covariance: (3, 3) of the offset, as far as measurement explains one.
+        p_value: probability that a span as far off as this shows somewhere in a good map; NaN where too few show what is
+            usual.
+    """
+
+    laid: Laid
+    t: float
+    offset: se2.Array
+    covariance: NDArray[np.float64]
+    p_value: float
+
+    @property
+    def distance_m(self) -> float:
+        """How far its end is off [m]."""
+        return float(np.hypot(self.offset[0], self.offset[1]))
+
+
+def audit_spans(
+    spans: Sequence[Laid], expected: NDArray[np.float64], times: NDArray[np.float64], settings: AuditConfig
+) -> list[SpanAudit]:
+    """Judges the spans of a map.
+
+    The curvature's covariance is too small by a factor that depends on the world, as with steps. The usual difference
+    between neighbouring spans shows it: a stretch that is off moves neighbours alike.
+
+    Args:
+        spans: in the order of time.
+        expected: (N, 3) offsets that all of the map asks for.
+        times: (S,) of the sweeps [s].
+        settings: of the audit.
+    """
+    if not spans:
+        return []
+    offsets = np.array([span.offset for span in spans]) - expected
+    covariances = np.array([span.covariance for span in spans]) + np.diag(TOLERANCES**2)
+    p_values = np.full(len(spans), np.nan)
+    if len(spans) >= settings.span_fewest:
+        variances = np.einsum("kii->ki", covariances)
+        squares = np.diff(offsets, axis=0) ** 2 / (variances[1:] + variances[:-1])
+        covariances = se2.scale_covariance(covariances, find_usual_scale(squares))
+        p_values = correct_for_places(compute_p_values(se2.normalise(offsets, covariances), len(spans)))
+    return [
+        SpanAudit(span, float(times[span.later]), offset, covariance, float(p))
+        for span, offset, covariance, p in zip(spans, offsets, covariances, p_values.tolist(), strict=True)
+    ]
