@@ -2,37 +2,38 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from bench.benchmark import Benchmark, Bound, Cell, Column, Goal, Row, label
-from bench.measuring.commands import audit
-from bench.measuring.distortions import DISTORTIONS, Distortion, distort
+from bench.measuring.distortions import DISTORTIONS, distort
 from bench.measuring.recordings import TRUTH, simulate_short_city
 from bench.measuring.scorer import read_trajectory
-from evo.tools import file_interface
+from bench.measuring.verdicts import judge_tracks
 
-_SEEDS = (11, 12)  # of drives that `heading` measures too
+_SEEDS = (11, 12, 13, 14)  # of drives that `heading` measures too
 _WORLDS = ("kind", "hard")
 _BAD = ("warn", "fail")
 
 
 def _measure(out: Path) -> list[Row]:
-    return [_judge(name, distortion, out / str(k)) for k, (name, distortion) in enumerate(DISTORTIONS.items())]
-
-
-def _judge(name: str, distortion: Distortion, out: Path) -> Row:
-    """Returns in how many drives of each world an audit calls a distortion bad."""
-    cells: dict[str, Cell] = {"distortion": name}
+    verdicts: dict[str, dict[str, list[str]]] = {name: {world: [] for world in _WORLDS} for name in DISTORTIONS}
     for world in _WORLDS:
-        verdicts = []
         for seed in _SEEDS:
-            data, folder = simulate_short_city(world, seed), out / f"{world}{seed}"
-            folder.mkdir(parents=True)
-            wrong = folder / "wrong.tum"
-            file_interface.write_tum_trajectory_file(str(wrong), distort(read_trajectory(data / TRUTH), distortion))
-            verdicts.append(audit(data, wrong, folder / "audit")["verdict"]["status"])
-        cells[world] = sum(verdict in _BAD for verdict in verdicts) / len(verdicts)
-        cells[f"{world} verdicts"] = ", ".join(verdicts)
+            data = simulate_short_city(world, seed)
+            truth = read_trajectory(data / TRUTH)
+            tracks = {name: distort(truth, distortion) for name, distortion in DISTORTIONS.items()}
+            for name, verdict in judge_tracks(data, tracks):
+                verdicts[name][world].append(verdict)
+    return [_make_row(name, of_worlds) for name, of_worlds in verdicts.items()]
+
+
+def _make_row(name: str, verdicts: Mapping[str, Sequence[str]]) -> Row:
+    """Returns the row of a distortion, given the verdicts on the drives of each world."""
+    cells: dict[str, Cell] = {"distortion": name}
+    for world, given in verdicts.items():
+        cells[world] = sum(verdict in _BAD for verdict in given) / len(given)
+        cells[f"{world} verdicts"] = ", ".join(given)
     return Row(cells, judged=name != _RIGHT)
 
 
