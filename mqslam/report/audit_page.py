@@ -52,6 +52,7 @@ _COMPARED: Final = (  # what is shown before and after mending: its name, where 
     ("windows torn", "windows", "torn", ""),
     ("median inflation", "windows", "inflation_median", ""),
     ("jumps", "steps", "jumps", ""),
+    ("spans torn", "spans", "torn", ""),
     ("revisits that are sure", "revisits", "sure", ""),
     ("revisits torn", "revisits", "torn", ""),
     ("median offset of two passes", "revisits", "median_m", " m"),

@@ -11,18 +11,26 @@ import numpy as np
 from mqslam.auditing.findings import find_torn_spans, find_torn_steps
 from mqslam.auditing.judge import Audit
 from mqslam.auditing.mending.rounds import Mended
-from mqslam.auditing.revisits import RevisitAudit, share_torn_revisits
+from mqslam.auditing.revisits import share_torn_revisits
 from mqslam.auditing.spans.pooled import Pooled
-from mqslam.auditing.spans.torn import SpanAudit
 from mqslam.auditing.speeds import contradicts
-from mqslam.auditing.steps import StepAudit
 from mqslam.auditing.sweeps import Sweeps
 from mqslam.auditing.verdict import Finding, VerdictStatus, verdict_of
-from mqslam.auditing.windows import WindowAudit, share_torn, torn_threshold
+from mqslam.auditing.windows import share_torn, torn_threshold
 from mqslam.config import AuditConfig, Config, VerdictConfig, dump_yaml
 from mqslam.core.chances import find_smallest
 from mqslam.core.wording import count_of
 from mqslam.execution.files import write_json, write_text
+from mqslam.results.audit_rows import (
+    RevisitRow,
+    SpanRow,
+    StepRow,
+    WindowRow,
+    list_revisit,
+    list_span,
+    list_step,
+    list_window,
+)
 from mqslam.results.summary_files import format_csv
 from mqslam.version import __version__
 
@@ -95,10 +103,10 @@ def summarise(
         **summarise_tests(audit, settings, bounds),
         "extrinsics": None if extrinsics is None else list(extrinsics),
         "warnings": list(warnings),
-        "per_window": [_list_window(w) for w in audit.windows],
-        "per_revisit": [_list_revisit(r, sweeps) for r in audit.revisits],
-        "per_step": [_list_step(s, sweeps) for s in audit.steps],
-        "per_span": [_list_span(s, sweeps) for s in audit.spans],
+        "per_window": [list_window(w) for w in audit.windows],
+        "per_revisit": [list_revisit(r, sweeps) for r in audit.revisits],
+        "per_step": [list_step(s, sweeps) for s in audit.steps],
+        "per_span": [list_span(s, sweeps) for s in audit.spans],
     }
 
 
@@ -159,76 +167,6 @@ def _mean(values: Sequence[float]) -> float | None:
     return float(np.mean(values)) if values else None
 
 
-def _known(p_value: float) -> float | None:
-    """Returns a p-value, or None where nothing was judged."""
-    return p_value if np.isfinite(p_value) else None
-
-
-def _list_window(window: WindowAudit) -> dict[str, Any]:
-    bend, beside = window.bend, window.measures
-    span = window.t1 - window.t0
-    sigma = np.sqrt(np.diag(bend.covariance))
-    return {
-        "t0": window.t0,
-        "t1": window.t1,
-        "x": float(window.pose[0]),
-        "y": float(window.pose[1]),
-        "yaw": float(window.pose[2]),
-        "torn": window.torn if window.undecided is None else None,
-        "undecided": window.undecided,
-        "inflation": bend.inflation,
-        "p_value": _known(window.p_value),
-        "dx": float(bend.correction[0]),
-        "dy": float(bend.correction[1]),
-        "dyaw": float(bend.correction[2]),
-        "sigma_x": float(sigma[0]),
-        "sigma_y": float(sigma[1]),
-        "sigma_yaw": float(sigma[2]),
-        "dv": float(bend.correction[0] / span),
-        "domega": float(bend.correction[2] / span),
-        "size_m": bend.size_m,
-        "psi_per_point": bend.psi,
-        "psi_per_point_best": bend.psi_best,
-        "matched": bend.matched,
-        "matched_best": bend.matched_best,
-        "points": bend.points,
-        "speed_error": window.speed.error_mps if window.speed is not None and window.speed.sure else None,
-        "map_entropy": beside.map_entropy,
-        "plane_variance": beside.plane_variance,
-        "joint_entropy": beside.joint_entropy,
-        "grid_entropy": beside.grid_entropy,
-    }
-
-
-def _list_revisit(judged: RevisitAudit, sweeps: Sweeps) -> dict[str, Any]:
-    revisit = judged.revisit
-    pose, sigma = sweeps.poses[revisit.later], np.sqrt(np.diag(revisit.covariance))
-    claimed = None if judged.claimed is None else np.sqrt(np.diag(judged.claimed))
-    return {
-        "t_earlier": float(sweeps.times[revisit.earlier]),
-        "t_later": float(sweeps.times[revisit.later]),
-        "x": float(pose[0]),
-        "y": float(pose[1]),
-        "yaw": float(pose[2]),
-        "torn": judged.torn if revisit.sure else None,
-        "sure": revisit.sure,
-        "dx": float(revisit.offset[0]),
-        "dy": float(revisit.offset[1]),
-        "dyaw": float(revisit.offset[2]),
-        "sigma_x": float(sigma[0]),
-        "sigma_y": float(sigma[1]),
-        "sigma_yaw": float(sigma[2]),
-        "claimed_sigma_x": None if claimed is None else float(claimed[0]),
-        "claimed_sigma_y": None if claimed is None else float(claimed[1]),
-        "claimed_sigma_yaw": None if claimed is None else float(claimed[2]),
-        "inflation": revisit.inflation,
-        "p_value": _known(judged.p_value),
-        "matched": revisit.matched,
-        "psi_per_point": revisit.psi,
-        "psi_per_point_best": revisit.psi_best,
-    }
-
-
 def summarise_tests(audit: Audit, settings: AuditConfig, bounds: VerdictConfig) -> dict[str, Any]:
     """Returns what each test of a map found, and the numbers of those besides windows and revisits, by name.
 
@@ -251,39 +189,6 @@ def summarise_tests(audit: Audit, settings: AuditConfig, bounds: VerdictConfig) 
         },
         "pooled": _list_pooled(audit.pooled),
         "tests": {name: _list_findings(findings) for name, findings in audit.tests.items()},
-    }
-
-
-def _list_step(step: StepAudit, sweeps: Sweeps) -> dict[str, Any]:
-    laid, pose = step.laid, sweeps.poses[step.laid.later]
-    return {
-        "t": step.t,
-        "x": float(pose[0]),
-        "y": float(pose[1]),
-        "yaw": float(pose[2]),
-        "dx": float(laid.offset[0]),
-        "dy": float(laid.offset[1]),
-        "dyaw": float(laid.offset[2]),
-        "size_m": laid.size_m,
-        "matched": laid.matched,
-        "p_value": _known(step.p_value),
-    }
-
-
-def _list_span(span: SpanAudit, sweeps: Sweeps) -> dict[str, Any]:
-    laid, pose = span.laid, sweeps.poses[span.laid.later]
-    return {
-        "t_earlier": float(sweeps.times[laid.earlier]),
-        "t_later": span.t,
-        "x": float(pose[0]),
-        "y": float(pose[1]),
-        "yaw": float(pose[2]),
-        "path_m": laid.path_m,
-        "dx": float(span.offset[0]),
-        "dy": float(span.offset[1]),
-        "dyaw": float(span.offset[2]),
-        "matched": laid.matched,
-        "p_value": _known(span.p_value),
     }
 
 
@@ -322,16 +227,17 @@ def write_audit(folder: Path, config: Config, summary: Mapping[str, Any]) -> Non
         OutputError: a file cannot be written.
     """
     write_text(folder / "config.yaml", dump_yaml(config))
-    write_text(folder / "audit.csv", _format_csv(summary["per_window"]))
-    write_text(folder / "revisits.csv", _format_csv(summary["per_revisit"]))
-    write_text(folder / "steps.csv", _format_csv(summary["per_step"]))
-    write_text(folder / "spans.csv", _format_csv(summary["per_span"]))
+    write_text(folder / "audit.csv", _format_csv(summary["per_window"], WindowRow))
+    write_text(folder / "revisits.csv", _format_csv(summary["per_revisit"], RevisitRow))
+    write_text(folder / "steps.csv", _format_csv(summary["per_step"], StepRow))
+    write_text(folder / "spans.csv", _format_csv(summary["per_span"], SpanRow))
     write_json(folder / "audit.json", summary)
 
 
-def _format_csv(rows: Sequence[Mapping[str, Any]]) -> str:
-    """Returns rows of numbers under their names; empty without any. Where `torn` was not decided, it is `unknown`."""
-    return format_csv([{key: _format_cell(key, value) for key, value in row.items()} for row in rows])
+def _format_csv(rows: Sequence[Mapping[str, Any]], columns: type) -> str:
+    """Returns rows of numbers under the names of a typed dictionary. Where `torn` was not decided, it is `unknown`."""
+    cells = [{key: _format_cell(key, value) for key, value in row.items()} for row in rows]
+    return format_csv(cells, list(columns.__annotations__))
 
 
 def _format_cell(key: str, value: Any) -> Any:

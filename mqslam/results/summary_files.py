@@ -11,12 +11,18 @@ from typing import Any
 from mqslam.execution.files import write_json
 
 
-def format_csv(rows: Sequence[Mapping[str, Any]]) -> str:
-    """Returns rows under the names of the row that has the most; what a row lacks or does not know is an empty cell."""
-    if not rows:
+def format_csv(rows: Sequence[Mapping[str, Any]], columns: Sequence[str] = ()) -> str:
+    """Returns rows under the names of their columns; what a row lacks or does not know is an empty cell.
+
+    Args:
+        rows: to write.
+        columns: their names in order; by default those of the row that has the most, so that without rows there is nothing.
+    """
+    names = columns or max((list(row) for row in rows), key=len, default=[])
+    if not names:
         return ""
     text = io.StringIO()
-    writer = csv.DictWriter(text, max((list(row) for row in rows), key=len), lineterminator="\n", restval="")
+    writer = csv.DictWriter(text, names, lineterminator="\n", restval="")
     writer.writeheader()
     writer.writerows(rows)
     return text.getvalue()

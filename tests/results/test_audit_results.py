@@ -72,3 +72,15 @@ def test_without_a_trajectory_there_is_no_path_and_no_revisit(tmp_path: Path) ->
     bare = replace(sweeps, track=None)
     content, _, revisits = written(tmp_path / "without", replace(judged_walls(sweeps), revisits=[]), bare)
     assert content["dataset"]["length_m"] is None and content["revisits"] is None and revisits == []
+
+
+def test_a_table_without_rows_still_names_its_columns(tmp_path: Path) -> None:
+    write_audit(tmp_path, Config(), {"per_window": [], "per_revisit": [], "per_step": [], "per_span": []})
+    for name, columns in {
+        "audit": "t0,t1,x,y,yaw,torn",
+        "revisits": "t_earlier,t_later",
+        "steps": "t,x",
+        "spans": "t_e",
+    }.items():
+        (header,) = (tmp_path / f"{name}.csv").read_text().splitlines()
+        assert header.startswith(columns) and header.count(",") > 8

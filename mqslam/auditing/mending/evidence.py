@@ -100,14 +100,19 @@ def tie_steps(audit: Audit, sweeps: Sweeps, jumps: Collection[int], settings: Au
     }
 
 
-def tie_spans(spans: Sequence[SpanAudit], sweeps: Sweeps) -> list[Tie]:
-    """Returns the motions through spans as psi has them.
+def tie_spans(spans: Sequence[SpanAudit], sweeps: Sweeps, jumps: Collection[int]) -> list[Tie]:
+    """Returns the motions through spans as psi has them, but for spans that hold a jump, which is put in where it is.
 
     Args:
         spans: of the trajectory.
         sweeps: points under it.
+        jumps: sweeps that a jump leads to.
     """
-    return [_tie_step(span.laid, span.covariance, sweeps, 0) for span in spans if np.isfinite(span.p_value)]
+    return [
+        _tie_step(span.laid, span.covariance, sweeps, 0)
+        for span in spans
+        if np.isfinite(span.p_value) and not any(span.laid.earlier < jump <= span.laid.later for jump in jumps)
+    ]
 
 
 def lay_successive(

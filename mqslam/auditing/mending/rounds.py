@@ -176,7 +176,8 @@ class _Mender:
         self._across: dict[int, Tie] = {}  # jumps, as the last round that is sure of each has measured it
         windows = tie_windows(given.audit, given.sweeps, self._jumps)
         self._torn = tie_windows(given.audit, given.sweeps, self._jumps, torn=True)
-        self._bent = tie_spans(find_torn_spans(given.audit.spans, config.audit, config.verdict), given.sweeps)
+        bent = find_torn_spans(given.audit.spans, config.audit, config.verdict)
+        self._bent = tie_spans(bent, given.sweeps, self._jumps)
         self._noise = estimate_variances(windows, measure_misses(windows, self._chain))
         self._is_noisy = share_torn(given.audit.windows).is_above(config.verdict.windows_warn, config.verdict)
         self._variances = self._list_variances()
@@ -197,7 +198,7 @@ class _Mender:
         if not self._is_noisy:
             torn = {tie.a for tie in self._torn}
             windows = [tie for tie in windows if tie.a in torn]
-        beside = tie_spans(audit.spans, sweeps) if self._bent else []
+        beside = tie_spans(audit.spans, sweeps, jumps) if self._bent else []
         if self._is_noisy:
             pairs = lay_successive(sweeps, config.audit, config.estimator, self._engine, self._progress)
             beside += [*tie_scans(pairs, sweeps), *(tie for place, tie in across.items() if place not in self._across)]
