@@ -212,11 +212,19 @@ def judge_spans(spans: Sequence[SpanAudit], settings: AuditConfig, limits: Verdi
     all_spans = f"{count_of(len(judged), 'span')} of {usual_m:.0f} m of path"
     torn = find_torn_spans(judged, settings, limits)
     if not torn:
-        return Finding(VerdictStatus.PASS, f"none of {all_spans} is too long, too short or bent", p_value=p_value)
+        return Finding(VerdictStatus.PASS, f"none of {all_spans} is off by more than chance explains", p_value=p_value)
     worst = max(torn, key=lambda span: span.distance_m)
-    reason = f"{len(torn)} of {all_spans} {is_or_are(len(torn))} off, by up to {worst.distance_m:.2f} m at {worst.t:.1f} s"
+    reason = f"{len(torn)} of {all_spans} {is_or_are(len(torn))} off, the worst {_describe_span(worst)}"
     fails = Share(len(torn), len(judged)).is_above(limits.windows_fail, limits)
     return Finding(VerdictStatus.FAIL if fails else VerdictStatus.WARN, reason, p_value=p_value)
+
+
+def _describe_span(span: SpanAudit) -> str:
+    """Returns by how much and where a span is off, in words."""
+    where = f"from {span.t0:.1f} s to {span.t1:.1f} s"
+    if abs(span.forward_m) < np.sqrt(0.5) * span.distance_m:
+        return f"by {span.distance_m:.2f} m to the side {where}"
+    return f"{abs(span.forward_m):.2f} m too {'short' if span.forward_m > 0.0 else 'long'} {where}"
 
 
 def find_torn_spans(spans: Sequence[SpanAudit], settings: AuditConfig, limits: VerdictConfig) -> list[SpanAudit]:

@@ -19,7 +19,7 @@ from mqslam.backend.loops.passes import find_passes
 from mqslam.backend.loops.submap import pick_around
 from mqslam.config import AuditConfig, EstimatorConfig, VerdictConfig
 from mqslam.core import se2
-from mqslam.core.chances import compute_p_values, correct_for_places, find_usual_scale
+from mqslam.core.chances import MEDIAN_EFFICIENCY, compute_p_values, correct_for_places, find_usual_scale
 from mqslam.execution.engine import Engine
 from mqslam.execution.progress import Progress
 
@@ -138,7 +138,7 @@ def judge_laid(
     inflations = total.inflations
     p_values = np.full(len(laid), np.nan)
     if places:
-        p_values[sure] = compute_p_values(inflations[sure], places)
+        p_values[sure] = compute_p_values(inflations[sure], MEDIAN_EFFICIENCY * places)
     p_values = correct_for_places(p_values)
     chance = limits.share_of_false_alarms
     audited = []

@@ -71,7 +71,7 @@ def judge_track(
         settings: of the audit.
         limits: settings of the verdict.
     """
-    findings = _judge_cover(track, limits)
+    findings = _judge_cover(track, settings, limits)
     span_s = settings.window * revolution_s
     inside = mark_interpolated(track, times, revolution_s, settings)
     if inside.any():
@@ -174,8 +174,8 @@ def _find_steps(track: Track, times: NDArray[np.float64]) -> NDArray[np.int64]:
     return np.clip(np.searchsorted(track.times, times, side="right") - 1, 0, len(track.times) - 2)
 
 
-def _judge_cover(track: Track, limits: VerdictConfig) -> list[Finding]:
-    """Returns what scans without a pose say: nothing where most have one."""
+def _judge_cover(track: Track, settings: AuditConfig, limits: VerdictConfig) -> list[Finding]:
+    """Returns what scans without a pose say: nothing where most have one, and that nothing is judged without a window."""
     if track.uncovered <= limits.uncovered_warn * track.scans:
         return []
     begin, end = float(track.times[0]), float(track.times[-1])
@@ -183,7 +183,8 @@ def _judge_cover(track: Track, limits: VerdictConfig) -> list[Finding]:
         f"the trajectory covers only {track.scans - track.uncovered} of {count_of(track.scans, 'scan')}, from {begin:.1f} s "
         f"to {end:.1f} s: the others were not judged, and its stamps may not fit the recording's"
     )
-    return [Finding(VerdictStatus.WARN, reason)]
+    too_few = track.scans - track.uncovered < settings.window
+    return [Finding(VerdictStatus.NOT_JUDGED if too_few else VerdictStatus.WARN, reason)]
 
 
 def _list_spans(spans: Sequence[tuple[float, float]], last: float) -> str:

@@ -26,7 +26,8 @@ def read_tum(path: Path) -> Trajectory:
     """Reads a TUM file: `t[s] x y z qx qy qz qw`, `#` starts a comment; z, roll and pitch are dropped.
 
     Raises:
-        DataError: the file cannot be read, has a line of other than eight numbers, or its stamps do not increase.
+        DataError: the file cannot be read, has a line of other than eight numbers, a quaternion of zeros, or its
+            stamps do not increase.
     """
     stamps: list[int] = []
     poses: list[tuple[float, float, float]] = []
@@ -48,6 +49,8 @@ def read_tum(path: Path) -> Trajectory:
         except (ValueError, OverflowError):
             raise DataError(path, f"line {number} is not 't x y z qx qy qz qw'", "give a TUM trajectory") from None
         qx, qy, qz, qw = values[4:]
+        if not any(values[4:]):
+            raise DataError(path, f"line {number} has a quaternion of zeros", "give a rotation; 0 0 0 1 turns nothing")
         stamps.append(stamp)
         poses.append((values[1], values[2], yaw_of_quaternion(qx, qy, qz, qw)))
     return make_trajectory(path, np.array(stamps, dtype=np.int64), np.array(poses, dtype=np.float64).reshape(-1, 3))

@@ -20,7 +20,7 @@ from mqslam.report.content import Content, Frame, Part, Row, Section, Table, Val
 from mqslam.report.formatting import ABSENT, format_p_value, format_value
 
 _PACKAGES: Final = ("numpy", "scipy", "numba", "gtsam", "open3d", "kiss-icp", "matplotlib")
-_UNITS: Final = {"m": " m", "s": " s", "mb": " MB", "percent": " %"}
+_UNITS: Final = {"per_m": " per m", "m": " m", "s": " s", "mb": " MB", "percent": " %"}
 _TESTS: Final = {  # the tests of a map, and what they cannot see
     "trajectory": ("trajectory: its poses as they were given", "errors that are as smooth as a drive"),
     "speeds": ("speeds: successive scans searched for each other", "errors that windows are wide enough to measure"),
@@ -70,8 +70,8 @@ def name_values(heading: str, values: Mapping[str, Any]) -> Values:
     for key, value in values.items():
         if isinstance(value, Mapping | list | tuple):
             continue
-        stem, _, ending = key.rpartition("_")
-        name, unit = (stem, _UNITS[ending]) if stem and ending in _UNITS else (key, "")
+        ending = next((ending for ending in _UNITS if key.endswith(f"_{ending}")), "")
+        name, unit = (key.removesuffix(f"_{ending}"), _UNITS[ending]) if ending else (key, "")
         rows.append((name.replace("_", " "), format_value(value, unit)))
     return Values(heading, tuple(rows))
 

@@ -65,6 +65,8 @@ def summarise(
     off = share_torn_revisits(audit.revisits)
     confidence = bounds.confidence
     inflation = [w.bend.inflation for w in audit.windows]
+    jumps = {id(step) for step in find_torn_steps(audit.steps, settings, bounds)}
+    off_spans = {id(span) for span in find_torn_spans(audit.spans, settings, bounds)}
     return {
         "mqslam_version": __version__,
         "dataset": {
@@ -105,8 +107,8 @@ def summarise(
         "warnings": list(warnings),
         "per_window": [list_window(w) for w in audit.windows],
         "per_revisit": [list_revisit(r, sweeps) for r in audit.revisits],
-        "per_step": [list_step(s, sweeps) for s in audit.steps],
-        "per_span": [list_span(s, sweeps) for s in audit.spans],
+        "per_step": [list_step(s, sweeps, jumps=id(s) in jumps) for s in audit.steps],
+        "per_span": [list_span(s, sweeps, torn=id(s) in off_spans) for s in audit.spans],
     }
 
 

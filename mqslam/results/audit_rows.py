@@ -85,6 +85,7 @@ class StepRow(TypedDict):
     size_m: float
     matched: float
     p_value: float | None
+    torn: bool | None
 
 
 class SpanRow(TypedDict):
@@ -101,6 +102,7 @@ class SpanRow(TypedDict):
     dyaw: float
     matched: float
     p_value: float | None
+    torn: bool | None
 
 
 def list_window(window: WindowAudit) -> WindowRow:
@@ -170,7 +172,7 @@ def list_revisit(judged: RevisitAudit, sweeps: Sweeps) -> RevisitRow:
     }
 
 
-def list_step(step: StepAudit, sweeps: Sweeps) -> StepRow:
+def list_step(step: StepAudit, sweeps: Sweeps, *, jumps: bool) -> StepRow:
     """Returns the row of a step."""
     laid, pose = step.laid, sweeps.poses[step.laid.later]
     return {
@@ -184,15 +186,16 @@ def list_step(step: StepAudit, sweeps: Sweeps) -> StepRow:
         "size_m": laid.size_m,
         "matched": laid.matched,
         "p_value": _known(step.p_value),
+        "torn": jumps if step.judged else None,
     }
 
 
-def list_span(span: SpanAudit, sweeps: Sweeps) -> SpanRow:
+def list_span(span: SpanAudit, sweeps: Sweeps, *, torn: bool) -> SpanRow:
     """Returns the row of a span, whose offset is without what all of the map asks for."""
     laid, pose = span.laid, sweeps.poses[span.laid.later]
     return {
-        "t_earlier": float(sweeps.times[laid.earlier]),
-        "t_later": span.t,
+        "t_earlier": span.t0,
+        "t_later": span.t1,
         "x": float(pose[0]),
         "y": float(pose[1]),
         "yaw": float(pose[2]),
@@ -202,6 +205,7 @@ def list_span(span: SpanAudit, sweeps: Sweeps) -> SpanRow:
         "dyaw": float(span.offset[2]),
         "matched": laid.matched,
         "p_value": _known(span.p_value),
+        "torn": torn if np.isfinite(span.p_value) else None,
     }
 
 

@@ -50,7 +50,9 @@ def test_a_stretch_that_is_too_long_by_a_hundredth_is_found(stretch: float) -> N
     assert finding.status is not VerdictStatus.PASS and finding.p_value < CONFIG.verdict.share_of_false_alarms
     torn = find_torn_spans(spans, CONFIG.audit, CONFIG.verdict)
     assert all(np.sign(span.offset[0]) == -np.sign(stretch) for span in torn)
-    assert re.match(rf"{len(torn)} of {len(spans)} spans of 3\d m of path are off, by up to 0\.[23]\d m at ", finding.reason)
+    side = "long" if stretch > 0.0 else "short"
+    said = rf"{len(torn)} of {len(spans)} spans of 3\d m of path are off, the worst 0\.[23]\d m too {side} from \d"
+    assert re.match(said, finding.reason)
 
 
 def laid(offset: np.ndarray) -> Laid:
