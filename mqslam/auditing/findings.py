@@ -181,10 +181,10 @@ def _wish_turn(bias: float, sigma: float) -> str:
 
 def _wish_arm(lever: Lever) -> str:
     ahead, left = lever.arm
+    parts = [(abs(ahead), "ahead" if ahead > 0.0 else "behind"), (abs(left), f"to the {_side(left)}")]
+    places = " and ".join(f"{size:.2f} m {side}" for size, side in parts if size > 0.1 * np.hypot(ahead, left))
     sigma = f"(± {np.max(lever.sigma):.2f})"
-    places = [f"{abs(ahead):.2f} m {'ahead' if ahead > 0.0 else 'behind'}"] if abs(ahead) > np.max(lever.sigma) else []
-    places += [f"{abs(left):.2f} m to the {_side(left)}"] if abs(left) > np.max(lever.sigma) else []
-    return f"in turns the sensor moves as if it sat {' and '.join(places)} {sigma} of where the trajectory has it"
+    return f"in turns the sensor moves as if it sat {places} {sigma} of where the trajectory has it"
 
 
 def _side(bias: float) -> str:
