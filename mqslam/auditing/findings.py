@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mqslam.auditing.revisits import RevisitAudit
 from mqslam.auditing.spans.lever import Lever
@@ -124,35 +125,36 @@ def judge_pooled(pooled: Pooled | None, limits: VerdictConfig, extrinsics: se2.A
         return Finding(VerdictStatus.PASS, reason, judged=False)
     biases = find_biases(pooled, limits)
     wishes = [_WISHES[axis](float(pooled.bias[axis]), float(pooled.sigma[axis])) for axis in biases]
-    arm = finds_lever(pooled, limits)
+    lever = find_lever(pooled, limits)
     chances = pooled.p_value if pooled.lever is None else np.append(pooled.p_value, pooled.lever.p_value)
     p_value = find_smallest(correct_for_places(chances))
     reasons = [f"all along the drive {' and '.join(wishes)}"] if wishes else []
-    if arm and pooled.lever is not None:
-        reasons.append(_wish_arm(pooled.lever))
+    if lever is not None:
+        reasons.append(_wish_arm(lever))
     if not reasons:
         reason = "scale, direction of travel and yaw rate fit what the sensor sees"
         return Finding(VerdictStatus.PASS, reason, p_value=p_value)
     reason = ", and ".join(reasons)
-    if (_SIDE in biases or arm) and extrinsics is not None:
-        reason += f"; {Remedy.GIVE_EXTRINSICS} {_name_extrinsics(pooled, biases, extrinsics, with_arm=arm)}"
+    if (_SIDE in biases or lever is not None) and extrinsics is not None:
+        turned = float(-find_bias(pooled, limits)[_SIDE])
+        reason += f"; {Remedy.GIVE_EXTRINSICS} {_name_extrinsics(extrinsics, turned, lever)}"
     return Finding(VerdictStatus.WARN, reason, p_value=p_value)
 
 
-def finds_lever(pooled: Pooled, limits: VerdictConfig) -> bool:
-    """Returns whether the turns of a map ask for a sensor that sits elsewhere, by as much as is worth a look."""
+def find_lever(pooled: Pooled, limits: VerdictConfig) -> Lever | None:
+    """Returns where the turns of a map ask for the sensor to sit, or None if that is no farther off than is tolerated."""
     lever = pooled.lever
     if lever is None:
-        return False
-    return bool(np.any((np.abs(lever.arm) > limits.lever_warn) & (lever.p_value < limits.share_of_false_alarms)))
+        return None
+    found = (np.abs(lever.arm) > limits.lever_warn) & (lever.p_value < limits.share_of_false_alarms)
+    return lever if found.any() else None
 
 
-def _name_extrinsics(pooled: Pooled, biases: Sequence[int], given: se2.Array, *, with_arm: bool) -> str:
+def _name_extrinsics(given: se2.Array, turned: float, lever: Lever | None) -> str:
     """Returns the extrinsics that would mend a wrong mount, as text: x [m], y [m] and yaw [degrees]."""
-    turned = -pooled.bias[_SIDE] if _SIDE in biases else 0.0
-    if not with_arm or pooled.lever is None:
+    if lever is None:
         return f"{given[0]:g},{given[1]:g},{np.degrees(given[2] + turned):.2f}"
-    x, y, yaw = se2.compose(given, [*pooled.lever.arm, turned])
+    x, y, yaw = se2.compose(given, [*lever.arm, turned])
     return f"{x:.2f},{y:.2f},{np.degrees(yaw):.2f}"
 
 
@@ -161,6 +163,11 @@ def find_biases(pooled: Pooled, limits: VerdictConfig) -> list[int]:
     largest = (limits.scale_warn, limits.scale_warn, limits.turn_warn)
     found = (np.abs(pooled.bias) > largest) & (pooled.p_value < limits.share_of_false_alarms)
     return np.flatnonzero(found).tolist()
+
+
+def find_bias(pooled: Pooled, limits: VerdictConfig) -> NDArray[np.float64]:
+    """Returns the bias (3,) that all of a map asks for, 0 along the axes where it is not worth a look."""
+    return np.where(np.isin(np.arange(3), find_biases(pooled, limits)), pooled.bias, 0.0)
 
 
 def _wish_length(bias: float, sigma: float) -> str:
@@ -195,12 +202,11 @@ _WISHES: Final = (_wish_length, _wish_side, _wish_turn)  # what is asked for for
 _SIDE: Final = 1  # index of that to the side
 
 
-def judge_spans(spans: Sequence[SpanAudit], settings: AuditConfig, limits: VerdictConfig) -> Finding:
+def judge_spans(spans: Sequence[SpanAudit], limits: VerdictConfig) -> Finding:
     """Returns what single spans of a map say about it.
 
     Args:
         spans: all that were laid.
-        settings: of the audit, which say from which offset on a span is torn.
         limits: of the verdict; spans have the limits of windows.
     """
     judged = [span for span in spans if np.isfinite(span.p_value)]
@@ -210,7 +216,7 @@ def judge_spans(spans: Sequence[SpanAudit], settings: AuditConfig, limits: Verdi
     p_value = find_smallest(span.p_value for span in judged)
     usual_m = float(np.median([span.laid.path_m for span in judged]))
     all_spans = f"{count_of(len(judged), 'span')} of {usual_m:.0f} m of path"
-    torn = find_torn_spans(judged, settings, limits)
+    torn = [span for span in judged if span.torn]
     if not torn:
         return Finding(VerdictStatus.PASS, f"none of {all_spans} is off by more than chance explains", p_value=p_value)
     worst = max(torn, key=lambda span: span.distance_m)
@@ -225,12 +231,6 @@ def _describe_span(span: SpanAudit) -> str:
     if abs(span.forward_m) < np.sqrt(0.5) * span.distance_m:
         return f"by {span.distance_m:.2f} m to the side {where}"
     return f"{abs(span.forward_m):.2f} m too {'short' if span.forward_m > 0.0 else 'long'} {where}"
-
-
-def find_torn_spans(spans: Sequence[SpanAudit], settings: AuditConfig, limits: VerdictConfig) -> list[SpanAudit]:
-    """Returns the spans that are off by more than chance explains and than is tolerated."""
-    chance = limits.share_of_false_alarms
-    return [span for span in spans if span.p_value < chance and span.distance_m > settings.span_torn_m]
 
 
 def judge_locally(windows: Sequence[WindowAudit]) -> Finding:

@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mqslam.auditing.findings import (
-    find_biases,
-    finds_lever,
+    find_bias,
+    find_lever,
     judge_locally,
     judge_pooled,
     judge_revisits,
@@ -122,10 +122,10 @@ def audit(
     else:
         laid = lay_spans(sweeps, ~interpolated, settings, estimator, engine, progress)
         pooled = pool(laid, settings)
-        spans = audit_spans(laid, _expect(laid, pooled, limits), sweeps.times, settings)
+        spans = audit_spans(laid, _expect(laid, pooled, limits), sweeps.times, settings, limits)
         revisits = audit_revisits(sweeps, settings, estimator, limits, engine, progress, claims)
         tests |= {
-            "spans": [judge_spans(spans, settings, limits)],
+            "spans": [judge_spans(spans, limits)],
             "pooled": [judge_pooled(pooled, limits, track.extrinsics)],
             "revisits": [judge_revisits(revisits, limits)],
         }
@@ -161,7 +161,7 @@ def _expect(spans: Sequence[Laid], pooled: Pooled | None, limits: VerdictConfig)
     """Returns the offsets (N, 3) of spans that the test of pooled corrections tells of already."""
     if pooled is None:
         return np.zeros((len(spans), 3))
-    return predict_offsets(spans, pooled, find_biases(pooled, limits), with_lever=finds_lever(pooled, limits))
+    return predict_offsets(spans, find_bias(pooled, limits), find_lever(pooled, limits))
 
 
 def _mark_interpolated(sweeps: Sweeps, settings: AuditConfig) -> NDArray[np.bool_]:

@@ -122,7 +122,7 @@ def judge_laid(
     """
     if not laid:
         return []
-    measured, places = _measure_offsets(laid, sweeps, settings)
+    measured, freedom = _measure_offsets(laid, sweeps, settings)
     sure = np.array([one.unrivalled and not len(one.rivals) for one in laid])
     sure |= find_agreeing(
         measured,
@@ -137,8 +137,8 @@ def judge_laid(
     total = measured if claimed is None else replace(measured, covariances=measured.covariances + claimed)
     inflations = total.inflations
     p_values = np.full(len(laid), np.nan)
-    if places:
-        p_values[sure] = compute_p_values(inflations[sure], MEDIAN_EFFICIENCY * places)
+    if freedom > 0.0:
+        p_values[sure] = compute_p_values(inflations[sure], freedom)
     p_values = correct_for_places(p_values)
     chance = limits.share_of_false_alarms
     audited = []
@@ -166,10 +166,10 @@ def judge_laid(
     return audited
 
 
-def _measure_offsets(laid: Sequence[Laid], sweeps: Sweeps, settings: AuditConfig) -> tuple[Offsets, int]:
-    """Returns the offsets with covariances that fit their neighbours, and the number of places that show how large they are.
+def _measure_offsets(laid: Sequence[Laid], sweeps: Sweeps, settings: AuditConfig) -> tuple[Offsets, float]:
+    """Returns the offsets with covariances that fit their neighbours, and how many degrees of freedom these have.
 
-    No covariance is made smaller. Without enough neighbours all stay as they are, and no place shows how large they are.
+    No covariance is made smaller. Without enough neighbours all stay as they are, and have no degree of freedom.
     """
     curvature = Offsets(
         offsets=np.array([one.offset for one in laid]),
@@ -180,9 +180,9 @@ def _measure_offsets(laid: Sequence[Laid], sweeps: Sweeps, settings: AuditConfig
     known = curvature.take(np.array([one.observed for one in laid]))
     squares = compare_neighbours(known, 2.0 * settings.submap_m, settings.least_path_m)
     if len(squares) < settings.revisit_fewest:
-        return curvature, 0
+        return curvature, 0.0
     scaled = se2.scale_covariance(curvature.covariances, find_usual_scale(squares))
-    return replace(curvature, covariances=scaled), len(known.offsets)
+    return replace(curvature, covariances=scaled), MEDIAN_EFFICIENCY * len(known.offsets)
 
 
 def share_torn_revisits(revisits: Sequence[RevisitAudit]) -> Share:

@@ -119,7 +119,7 @@ def audit(  # noqa: PLR0913 - these are the options of an audit, each with its d
         place = partial(_place_alone, source, settings)
     else:
         settings = choose_settings(config)
-        source, track, settings = _detect_radar(data, given, name, settings, format, range_resolution, work)
+        source, track, settings = detect_radar(data, given, name, settings, format, range_resolution, work)
         sweeps, notes, kind = *_render_sweeps(source, track, settings), source.format
         place = partial(_place_alone, source, settings)
     if mount is not None:
@@ -262,7 +262,7 @@ def _render_sweeps(source: Source, track: Trajectory, settings: Config) -> tuple
     return sweeps, [*source.notes, *notes]
 
 
-def _detect_radar(
+def detect_radar(
     data: Path,
     given: Trajectory | None,
     name: str,
@@ -271,7 +271,20 @@ def _detect_radar(
     range_resolution: float | None,
     work: Work,
 ) -> tuple[Source, Trajectory, Config]:
-    """Returns the scans of a radar recording, the trajectory, and the settings with the Doppler shift that was used."""
+    """Returns the scans of a radar recording, the trajectory, and the settings with the Doppler shift that was used.
+
+    Args:
+        data: the recording.
+        given: poses of the sensor; None takes those that the recording carries.
+        name: of the trajectory that the recording carries.
+        settings: all of them.
+        format: layout of the recording; None guesses it.
+        range_resolution: length of a range bin [m]; None takes what the recording states.
+        work: where the returns are detected, and who is told about it.
+
+    Raises:
+        MqslamError: the recording cannot be read, carries no such trajectory, or is not covered by it.
+    """
     recording = open_data(data, format, range_resolution, settings)
     carried = {"odometry": recording.odometry, "ground_truth": recording.ground_truth}
     tracks = {name: track for name, track in carried.items() if track is not None}

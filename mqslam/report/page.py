@@ -20,7 +20,13 @@ from mqslam.report.content import Content, Frame, Part, Row, Section, Table, Val
 from mqslam.report.formatting import ABSENT, format_p_value, format_value
 
 _PACKAGES: Final = ("numpy", "scipy", "numba", "gtsam", "open3d", "kiss-icp", "matplotlib")
-_UNITS: Final = {"per_m": " per m", "m": " m", "s": " s", "mb": " MB", "percent": " %"}
+_UNITS: Final = {  # by the endings of names, the longer ones first
+    "per_m": " per m",
+    "m": " m",
+    "s": " s",
+    "mb": " MB",
+    "percent": " %",
+}
 _TESTS: Final = {  # the tests of a map, and what they cannot see
     "trajectory": ("trajectory: its poses as they were given", "errors that are as smooth as a drive"),
     "speeds": ("speeds: successive scans searched for each other", "errors that windows are wide enough to measure"),

@@ -8,7 +8,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from mqslam.auditing.findings import find_torn_spans, find_torn_steps
+from mqslam.auditing.findings import find_torn_steps
 from mqslam.auditing.judge import Audit
 from mqslam.auditing.mending.rounds import Mended
 from mqslam.auditing.revisits import share_torn_revisits
@@ -65,8 +65,7 @@ def summarise(
     off = share_torn_revisits(audit.revisits)
     confidence = bounds.confidence
     inflation = [w.bend.inflation for w in audit.windows]
-    jumps = {id(step) for step in find_torn_steps(audit.steps, settings, bounds)}
-    off_spans = {id(span) for span in find_torn_spans(audit.spans, settings, bounds)}
+    jumps = {step.laid.later for step in find_torn_steps(audit.steps, settings, bounds)}
     return {
         "mqslam_version": __version__,
         "dataset": {
@@ -107,8 +106,8 @@ def summarise(
         "warnings": list(warnings),
         "per_window": [list_window(w) for w in audit.windows],
         "per_revisit": [list_revisit(r, sweeps) for r in audit.revisits],
-        "per_step": [list_step(s, sweeps, jumps=id(s) in jumps) for s in audit.steps],
-        "per_span": [list_span(s, sweeps, torn=id(s) in off_spans) for s in audit.spans],
+        "per_step": [list_step(s, sweeps, jumps=s.laid.later in jumps) for s in audit.steps],
+        "per_span": [list_span(s, sweeps) for s in audit.spans],
     }
 
 
@@ -186,7 +185,7 @@ def summarise_tests(audit: Audit, settings: AuditConfig, bounds: VerdictConfig) 
         },
         "spans": {
             "count": len(audit.spans),
-            "torn": len(find_torn_spans(audit.spans, settings, bounds)),
+            "torn": sum(span.torn for span in audit.spans),
             "median_m": float(np.median([s.distance_m for s in audit.spans])) if audit.spans else None,
         },
         "pooled": _list_pooled(audit.pooled),

@@ -190,7 +190,7 @@ def list_step(step: StepAudit, sweeps: Sweeps, *, jumps: bool) -> StepRow:
     }
 
 
-def list_span(span: SpanAudit, sweeps: Sweeps, *, torn: bool) -> SpanRow:
+def list_span(span: SpanAudit, sweeps: Sweeps) -> SpanRow:
     """Returns the row of a span, whose offset is without what all of the map asks for."""
     laid, pose = span.laid, sweeps.poses[span.laid.later]
     return {
@@ -205,7 +205,7 @@ def list_span(span: SpanAudit, sweeps: Sweeps, *, torn: bool) -> SpanRow:
         "dyaw": float(span.offset[2]),
         "matched": laid.matched,
         "p_value": _known(span.p_value),
-        "torn": torn if np.isfinite(span.p_value) else None,
+        "torn": span.torn if np.isfinite(span.p_value) else None,
     }
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from support.drives import block_drive
 
-from mqslam.auditing.findings import find_torn_spans, judge_spans
+from mqslam.auditing.findings import judge_spans
 from mqslam.auditing.laying import Laid
 from mqslam.auditing.spans.measured import lay_spans
 from mqslam.auditing.spans.torn import SpanAudit, audit_spans
@@ -35,20 +35,20 @@ def judged(stretch: float, first_m: float = 0.0, last_m: float = 0.0) -> list[Sp
     sweeps = place_sweeps(scans, track, CONFIG.audit, beam_of(CONFIG.estimator, 0.0))[0]
     known = np.ones(len(sweeps), bool)
     spans = lay_spans(sweeps, known, CONFIG.audit, CONFIG.estimator, LocalEngine(2), ignore_progress)
-    return audit_spans(spans, np.zeros((len(spans), 3)), sweeps.times, CONFIG.audit)
+    return audit_spans(spans, np.zeros((len(spans), 3)), sweeps.times, CONFIG.audit, CONFIG.verdict)
 
 
 def test_no_span_of_the_truth_is_torn() -> None:
-    finding = judge_spans(judged(0.0), CONFIG.audit, CONFIG.verdict)
+    finding = judge_spans(judged(0.0), CONFIG.verdict)
     assert finding.status is VerdictStatus.PASS and finding.judged, finding.reason
 
 
 @pytest.mark.parametrize("stretch", [-0.01, 0.01])
 def test_a_stretch_that_is_too_long_by_a_hundredth_is_found(stretch: float) -> None:
     spans = judged(stretch, 120.0, 220.0)
-    finding = judge_spans(spans, CONFIG.audit, CONFIG.verdict)
+    finding = judge_spans(spans, CONFIG.verdict)
     assert finding.status is not VerdictStatus.PASS and finding.p_value < CONFIG.verdict.share_of_false_alarms
-    torn = find_torn_spans(spans, CONFIG.audit, CONFIG.verdict)
+    torn = [span for span in spans if span.torn]
     assert all(np.sign(span.offset[0]) == -np.sign(stretch) for span in torn)
     side = "long" if stretch > 0.0 else "short"
     said = rf"{len(torn)} of {len(spans)} spans of 3\d m of path are off, the worst 0\.[23]\d m too {side} from \d"
@@ -65,7 +65,7 @@ def test_a_good_map_is_called_bad_as_rarely_as_promised() -> None:
     least = []
     for _ in range(200):
         offsets = random.normal(0.0, [0.03, 0.03, 0.03], (60, 3))
-        spans = audit_spans([laid(off) for off in offsets], np.zeros((60, 3)), np.zeros(2), CONFIG.audit)
+        spans = audit_spans([laid(off) for off in offsets], np.zeros((60, 3)), np.zeros(2), CONFIG.audit, CONFIG.verdict)
         least.append(min(span.p_value for span in spans))
     assert np.mean(np.array(least) < 0.05) < 0.1
 
@@ -73,12 +73,12 @@ def test_a_good_map_is_called_bad_as_rarely_as_promised() -> None:
 def test_half_of_a_drive_that_is_off_does_not_pass_for_what_is_usual() -> None:
     random = np.random.default_rng(1)
     offsets = random.normal(0.0, 0.02, (40, 3)) * [1.0, 1.0, 0.05] + np.outer(np.arange(40) >= 20, [0.3, 0.0, 0.0])
-    spans = audit_spans([laid(off) for off in offsets], np.zeros((40, 3)), np.zeros(2), CONFIG.audit)
-    torn = find_torn_spans(spans, CONFIG.audit, CONFIG.verdict)
-    assert len(torn) >= 18 and judge_spans(spans, CONFIG.audit, CONFIG.verdict).status is VerdictStatus.FAIL
+    spans = audit_spans([laid(off) for off in offsets], np.zeros((40, 3)), np.zeros(2), CONFIG.audit, CONFIG.verdict)
+    torn = [span for span in spans if span.torn]
+    assert len(torn) >= 18 and judge_spans(spans, CONFIG.verdict).status is VerdictStatus.FAIL
 
 
 def test_a_few_spans_show_nothing() -> None:
-    spans = audit_spans([laid(np.ones(3))] * 5, np.zeros((5, 3)), np.zeros(2), CONFIG.audit)
-    assert not judge_spans(spans, CONFIG.audit, CONFIG.verdict).judged
-    assert audit_spans([], np.zeros((0, 3)), np.zeros(2), CONFIG.audit) == []
+    spans = audit_spans([laid(np.ones(3))] * 5, np.zeros((5, 3)), np.zeros(2), CONFIG.audit, CONFIG.verdict)
+    assert not judge_spans(spans, CONFIG.verdict).judged
+    assert audit_spans([], np.zeros((0, 3)), np.zeros(2), CONFIG.audit, CONFIG.verdict) == []

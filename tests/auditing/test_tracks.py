@@ -105,6 +105,12 @@ def test_a_step_over_a_gap_is_no_jump() -> None:
     assert find_jumps(given, WINDOW_S, CONFIG.audit) == []
 
 
+def test_a_trajectory_of_less_than_a_window_judges_nothing() -> None:
+    few = Track(TIMES[:3], driven(TIMES)[:3], 160, 157)
+    (finding,) = judge_track(few, TIMES[:3], REVOLUTION_S, CONFIG.audit, CONFIG.verdict)
+    assert finding.status is VerdictStatus.NOT_JUDGED and "covers only 3 of 160 scans" in finding.reason
+
+
 def test_a_trajectory_of_few_scans_is_a_warning_about_its_stamps() -> None:
     few = Track(TIMES[:60], driven(TIMES)[:60], 160, 100)
     (finding,) = judge_track(few, TIMES[:60], REVOLUTION_S, CONFIG.audit, CONFIG.verdict)

@@ -70,13 +70,13 @@ def _run(name: str, out: Path, *, write: bool) -> tuple[list[str], list[str]]:
     rows = benchmark.measure(work)
     result = make_result(name, benchmark, rows, Took.now().since(begin))
     print(benchmark.what, make_table(result, {}), f"({describe_time(result)})", sep="\n\n", flush=True)
-    before_exists = before.exists()
-    lost = find_losses(result, read_result(before), benchmark.columns) if before_exists else []
+    baseline = read_result(before) if before.exists() else None
+    lost = [] if baseline is None else find_losses(result, baseline, benchmark.columns)
     missed = find_missed(result, benchmark.columns, benchmark.bounds)
     write_result(out / f"{name}.json", result)
     if write:
         write_result(before, result)
     worse = f"{len(lost)} of its figures are worse, which are called losses" if lost else "none of its figures is worse"
-    print(f"Compared with the baseline: {worse}." if before_exists else "There is no baseline to compare with.")
+    print("There is no baseline to compare with." if baseline is None else f"Compared with the baseline: {worse}.")
     print(*missed, *lost, sep="\n")
     return missed, lost

@@ -60,6 +60,7 @@ def test_comments_blank_lines_and_any_form_of_seconds_are_read(tmp_path: Path) -
         ("1 0 0 0 0 0 0 1\n2 0 0 0 0 0 0 one\n", "line 2 is not"),
         ("1 0 0 0 0 0 0 1\n2 nan 0 0 0 0 0 1\n", "line 2 is not"),
         ("inf 0 0 0 0 0 0 1\n2 0 0 0 0 0 0 1\n", "line 1 is not"),
+        ("1 0 0 0 0 0 0 1\n2 0 0 0 0 0 0 0\n", "line 2 has a quaternion of zeros"),
         ("1 0 0 0 0 0 0 1\n3 0 0 0 0 0 0 1\n2 0 0 0 0 0 0 1\n", "stamps do not increase at pose 3"),
         ("1 0 0 0 0 0 0 1\n1 0 0 0 0 0 0 1\n", "stamps do not increase at pose 2"),
     ],

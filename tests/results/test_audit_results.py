@@ -75,7 +75,7 @@ def test_without_a_trajectory_there_is_no_path_and_no_revisit(tmp_path: Path) ->
 
 
 def test_a_table_without_rows_still_names_its_columns(tmp_path: Path) -> None:
-    write_audit(tmp_path, Config(), {"per_window": [], "per_revisit": [], "per_step": [], "per_span": []})
+    write_audit(tmp_path, CONFIG, {"per_window": [], "per_revisit": [], "per_step": [], "per_span": []})
     for name, columns in {
         "audit": "t0,t1,x,y,yaw,torn",
         "revisits": "t_earlier,t_later",

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mqslam.auditing.findings import find_biases, find_torn_spans, find_torn_steps
+from mqslam.auditing.findings import find_bias, find_torn_steps
 from mqslam.auditing.judge import Audit
 from mqslam.auditing.mending.evidence import (
     allow_for_walk,
@@ -167,17 +167,17 @@ class _Mender:
     def __init__(self, given: Judged, config: Config, engine: Engine, progress: Progress) -> None:
         self._config, self._engine, self._progress = config, engine, progress
         poses, pooled = given.sweeps.poses, given.audit.pooled
-        self._biases = find_biases(pooled, config.verdict) if pooled is not None else []
+        bias = np.zeros(3) if pooled is None else find_bias(pooled, config.verdict)
+        self._is_biased = bool(bias.any())
         steps = se2.wrapped_between(poses[:-1], poses[1:])
-        if pooled is not None and self._biases:
-            steps = _take_out(steps, np.where(np.isin(np.arange(3), self._biases), pooled.bias, 0.0))
+        if self._is_biased:
+            steps = _take_out(steps, bias)
         self._steps, self._chain = steps, se2.chain(steps, poses[0])
         self._jumps = {step.laid.later: step.laid.offset for step in _find_jumps(given.audit, config)}
         self._across: dict[int, Tie] = {}  # jumps, as the last round that is sure of each has measured it
         windows = tie_windows(given.audit, given.sweeps, self._jumps)
         self._torn = tie_windows(given.audit, given.sweeps, self._jumps, torn=True)
-        bent = find_torn_spans(given.audit.spans, config.audit, config.verdict)
-        self._bent = tie_spans(bent, given.sweeps, self._jumps)
+        self._bent = tie_spans([span for span in given.audit.spans if span.torn], given.sweeps, self._jumps)
         self._noise = estimate_variances(windows, measure_misses(windows, self._chain))
         self._is_noisy = share_torn(given.audit.windows).is_above(config.verdict.windows_warn, config.verdict)
         self._variances = self._list_variances()
@@ -186,7 +186,7 @@ class _Mender:
     def finds_nothing(self, given: Audit) -> bool:
         """Returns whether an audit shows nothing that could be mended."""
         torn = any(revisit.torn for revisit in given.revisits)
-        return not (self._torn or self._bent or self._jumps or self._biases or torn)
+        return not (self._torn or self._bent or self._jumps or self._is_biased or torn)
 
     def solve(self, current: Judged) -> tuple[se2.Array, int, int]:
         """Returns the poses (S, 3) of the sweeps with what an audit has found, and how many ties and loops hold them."""

@@ -16,6 +16,14 @@ def measure_moves(spans: Sequence[Laid]) -> NDArray[np.float64]:
     return np.array([-se2.inverse(span.between)[:2] for span in spans]).reshape(-1, 2)
 
 
+def resolve(spans: Sequence[Laid], placed: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Returns offsets of position (N, 2) [m] along the way of their spans and to the left of it (N, 2) [m]."""
+    moves = measure_moves(spans)
+    x, y = moves.T
+    along = np.column_stack([(moves * placed).sum(axis=1), x * placed[:, 1] - y * placed[:, 0]])
+    return np.asarray(along / np.hypot(x, y)[:, None])
+
+
 def of_direction(spans: Sequence[Laid]) -> NDArray[np.float64]:
     """Returns the matrices (N, 2, 2) that take biases forward and to the left [m/m] to the offsets of spans [m]."""
     x, y = measure_moves(spans).T
@@ -34,8 +42,3 @@ def of_lever(spans: Sequence[Laid]) -> NDArray[np.float64]:
     yaws = np.array([span.between[2] for span in spans])
     c, s = np.cos(yaws), np.sin(yaws)
     return np.moveaxis(np.array([[1.0 - c, -s], [s, 1.0 - c]]), -1, 0)
-
-
-def of_position(offsets: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Returns offsets (N, 3) of position alone (N, 2)."""
-    return np.column_stack([offsets, np.zeros(len(offsets))])

@@ -13,11 +13,10 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
-from scipy.stats import t as student
 
 from mqslam.auditing.laying import Laid
 from mqslam.auditing.spans import effects
-from mqslam.auditing.spans.robust import HUBER, LEAST, measure_spread
+from mqslam.auditing.spans.robust import HUBER, judge_by_jackknife, measure_spread
 from mqslam.config import AuditConfig
 
 _FITS: Final = 3  # numerical: after the second one the spread hardly changes
@@ -58,9 +57,7 @@ def estimate_lever(spans: Sequence[Laid], offsets: NDArray[np.float64], settings
     design = np.concatenate([effects.of_lever(spans), effects.of_direction(spans)], axis=2)
     arm = _fit(design, offsets)
     without = [_fit(np.delete(design, turn, axis=0), np.delete(offsets, turn, axis=0)) for turn in turns]
-    share = (len(turns) - 1.0) / len(turns)
-    sigma = np.maximum(np.sqrt(share * np.sum((np.array(without) - arm) ** 2, axis=0)), LEAST)
-    return Lever(arm, sigma, 2.0 * student.sf(np.abs(arm) / sigma, len(turns) - 1), len(turns))
+    return Lever(arm, *judge_by_jackknife(arm, np.array(without)), len(turns))
 
 
 def _fit(design: NDArray[np.float64], offsets: NDArray[np.float64]) -> NDArray[np.float64]:

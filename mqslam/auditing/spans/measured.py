@@ -45,10 +45,10 @@ def lay_spans(
         progress("spans", number, len(pairs))
 
     laid = engine.map(_lay_span, (sweeps, settings, estimator), pairs, report)
-    return [span for span in laid if span is not None and span.observed and leads_away(span, settings)]
+    return [span for span in laid if span is not None and span.observed and _leads_away(span, settings)]
 
 
-def leads_away(span: Laid, settings: AuditConfig) -> bool:
+def _leads_away(span: Laid, settings: AuditConfig) -> bool:
     """Returns whether the ends of a span are at least half as far apart as the path between them is long."""
     return bool(np.hypot(*span.between[:2]) >= 0.5 * settings.span_m)
 

@@ -14,12 +14,11 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
-from scipy.stats import t as student
 
 from mqslam.auditing.laying import Laid
 from mqslam.auditing.spans import effects
 from mqslam.auditing.spans.lever import Lever, estimate_lever
-from mqslam.auditing.spans.robust import HUBER, LEAST, measure_spread
+from mqslam.auditing.spans.robust import HUBER, judge_by_jackknife, measure_spread
 from mqslam.config import AuditConfig
 
 _BLOCKS: Final = 10  # parts of the drive of which each is left out once: errors of places beside each other are alike
@@ -60,30 +59,19 @@ def pool(spans: Sequence[Laid], settings: AuditConfig) -> Pooled | None:
     lever = estimate_lever(spans, placed, settings)
     if lever is not None:
         placed = placed - effects.of_lever(spans) @ lever.arm
-    moves = effects.measure_moves(spans)
-    length = np.hypot(*moves.T)
-    forward = (moves * placed).sum(axis=1) / length
-    left = (moves[:, 0] * placed[:, 1] - moves[:, 1] * placed[:, 0]) / length
+    length = np.hypot(*effects.measure_moves(spans).T)
+    forward, left = effects.resolve(spans, placed).T
     bias, sigma, p_value = np.array([_estimate(length, forward), _estimate(length, left), turn]).T
     return Pooled(bias, sigma, p_value, len(spans), lever)
 
 
-def predict_offsets(
-    spans: Sequence[Laid], pooled: Pooled, biases: Sequence[int], *, with_lever: bool
-) -> NDArray[np.float64]:
-    """Returns the offsets (N, 3) that spans have by what all of a map asks for.
-
-    Args:
-        spans: of the map.
-        pooled: what all of it asks for.
-        biases: the axes that count.
-        with_lever: whether where the sensor sits counts, too.
-    """
-    bias = np.where(np.isin(np.arange(3), biases), pooled.bias, 0.0)
-    placed = effects.of_direction(spans) @ bias[:2]
-    if with_lever and pooled.lever is not None:
-        placed = placed + effects.of_lever(spans) @ pooled.lever.arm
-    return np.asarray(effects.of_position(placed) + bias[2] * effects.of_turn(spans))
+def predict_offsets(spans: Sequence[Laid], bias: NDArray[np.float64], lever: Lever | None) -> NDArray[np.float64]:
+    """Returns the offsets (N, 3) that spans have by a bias (3,) of the trajectory, and by where the sensor sits."""
+    offsets = bias[2] * effects.of_turn(spans)
+    offsets[:, :2] += effects.of_direction(spans) @ bias[:2]
+    if lever is not None:
+        offsets[:, :2] += effects.of_lever(spans) @ lever.arm
+    return np.asarray(offsets)
 
 
 def _estimate(lengths: NDArray[np.float64], offsets: NDArray[np.float64]) -> tuple[float, float, float]:
@@ -95,8 +83,8 @@ def _estimate(lengths: NDArray[np.float64], offsets: NDArray[np.float64]) -> tup
     slope = _fit(lengths, offsets)
     blocks = np.array_split(np.arange(len(lengths)), _BLOCKS)
     without = [_fit(np.delete(lengths, block), np.delete(offsets, block)) for block in blocks]
-    sigma = max(float(np.sqrt((_BLOCKS - 1.0) / _BLOCKS * np.sum((np.array(without) - slope) ** 2))), LEAST)
-    return slope, sigma, float(2.0 * student.sf(abs(slope) / sigma, _BLOCKS - 1))
+    sigma, p_value = judge_by_jackknife(np.array([slope]), np.array(without)[:, None])
+    return slope, float(sigma[0]), float(p_value[0])
 
 
 def _fit(lengths: NDArray[np.float64], offsets: NDArray[np.float64]) -> float:

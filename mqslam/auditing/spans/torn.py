@@ -13,8 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mqslam.auditing.laying import Laid
+from mqslam.auditing.spans import effects
 from mqslam.backend.loops.align import TOLERANCES
-from mqslam.config import AuditConfig
+from mqslam.config import AuditConfig, VerdictConfig
 from mqslam.core import se2
 from mqslam.core.chances import compute_p_values, correct_for_places, find_trimmed_scale
 
@@ -32,6 +33,7 @@ class SpanAudit:
         covariance: (3, 3) of the offset, as far as measurement explains one.
         p_value: probability that a span as far off as this, alone or together with the next one, shows somewhere in a good
             map; NaN where too few show what is usual.
+        torn: whether it is off by more than chance explains and than is tolerated.
     """
 
     laid: Laid
@@ -40,6 +42,7 @@ class SpanAudit:
     offset: se2.Array
     covariance: NDArray[np.float64]
     p_value: float
+    torn: bool
 
     @property
     def distance_m(self) -> float:
@@ -49,12 +52,15 @@ class SpanAudit:
     @property
     def forward_m(self) -> float:
         """How much it has too little along the way from its begin to its end [m]."""
-        x, y = -se2.inverse(self.laid.between)[:2]
-        return float((x * self.offset[0] + y * self.offset[1]) / np.hypot(x, y))
+        return float(effects.resolve([self.laid], self.offset[None, :2])[0, 0])
 
 
 def audit_spans(
-    spans: Sequence[Laid], expected: NDArray[np.float64], times: NDArray[np.float64], settings: AuditConfig
+    spans: Sequence[Laid],
+    expected: NDArray[np.float64],
+    times: NDArray[np.float64],
+    settings: AuditConfig,
+    limits: VerdictConfig,
 ) -> list[SpanAudit]:
     """Judges the spans of a map.
 
@@ -65,7 +71,8 @@ def audit_spans(
         spans: in the order of time.
         expected: (N, 3) offsets that all of the map asks for.
         times: (S,) of the sweeps [s].
-        settings: of the audit.
+        settings: of the audit, which say from which offset on a span is torn.
+        limits: of the verdict.
     """
     if not spans:
         return []
@@ -77,9 +84,18 @@ def audit_spans(
         squares = np.diff(offsets, axis=0) ** 2 / (variances[1:] + variances[:-1])
         covariances = se2.scale_covariance(covariances, find_trimmed_scale(squares))
         p_values = _compute_p_values(spans, offsets, covariances)
+    torn = (p_values < limits.share_of_false_alarms) & (np.hypot(*offsets[:, :2].T) > settings.span_torn_m)
     return [
-        SpanAudit(span, float(times[span.earlier]), float(times[span.later]), offset, covariance, float(p))
-        for span, offset, covariance, p in zip(spans, offsets, covariances, p_values.tolist(), strict=True)
+        SpanAudit(
+            laid=span,
+            t0=float(times[span.earlier]),
+            t1=float(times[span.later]),
+            offset=offsets[k],
+            covariance=covariances[k],
+            p_value=float(p_values[k]),
+            torn=bool(torn[k]),
+        )
+        for k, span in enumerate(spans)
     ]
 
 

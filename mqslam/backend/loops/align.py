@@ -101,7 +101,7 @@ def align(
     rivals = [m for m in minima[1:] if np.hypot(*(m.state - best.state)[:2]) > config.search_same_m]
     points = move_rigidly(query, best.state)
     picked = np.empty((0, 3))
-    if rival_sigmas is not None:
+    if rivals and rival_sigmas is not None:
         picked = _pick_rivals(best, rivals, (reference, query), rival_sigmas, settings.rival, config)
     return Alignment(
         pose=best.state,

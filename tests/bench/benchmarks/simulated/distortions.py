@@ -9,11 +9,10 @@ from bench.benchmark import Benchmark, Bound, Cell, Column, Goal, Row, label
 from bench.measuring.distortions import DISTORTIONS, distort
 from bench.measuring.recordings import TRUTH, simulate_short_city
 from bench.measuring.scorer import read_trajectory
-from bench.measuring.verdicts import judge_tracks
+from bench.measuring.verdicts import count_bad, judge_tracks
 
 _SEEDS = (11, 12, 13, 14)  # of drives that `heading` measures too
 _WORLDS = ("kind", "hard")
-_BAD = ("warn", "fail")
 
 
 def _measure(out: Path) -> list[Row]:
@@ -32,7 +31,7 @@ def _make_row(name: str, verdicts: Mapping[str, Sequence[str]]) -> Row:
     """Returns the row of a distortion, given the verdicts on the drives of each world."""
     cells: dict[str, Cell] = {"distortion": name}
     for world, given in verdicts.items():
-        cells[world] = sum(verdict in _BAD for verdict in given) / len(given)
+        cells[world] = count_bad(given) / len(given)
         cells[f"{world} verdicts"] = ", ".join(given)
     return Row(cells, judged=name != _RIGHT)
 

@@ -8,11 +8,11 @@ from pathlib import Path
 from bench.benchmark import Benchmark, Bound, Column, Goal, Row, label
 from bench.measuring.commands import audit, read_json, run
 from bench.measuring.recordings import simulate_short_city
+from bench.measuring.verdicts import count_bad
 
 _SEEDS = tuple(range(11, 21))
 _WORLDS = ("kind", "hard")
 _TRACKS = ("true", "optimised")
-_BAD = ("warn", "fail")
 
 
 def _measure(out: Path) -> list[Row]:
@@ -34,7 +34,7 @@ def _make_row(world: str, track: str, verdicts: Sequence[str]) -> Row:
             "world": world,
             "track": track,
             "drives": len(verdicts),
-            "bad": sum(verdict in _BAD for verdict in verdicts),
+            "bad": count_bad(verdicts),
             "not_judged": verdicts.count("not judged"),
         }
     )
