@@ -58,15 +58,14 @@ def judge_windows(windows: Sequence[WindowAudit], scans: int, size: int, setting
     return findings
 
 
-def judge_steps(steps: Sequence[StepAudit], settings: AuditConfig, limits: VerdictConfig) -> Finding:
+def judge_steps(steps: Sequence[StepAudit], jumps: Sequence[StepAudit], settings: AuditConfig) -> Finding:
     """Returns what the steps of a map say about it.
 
     Args:
         steps: all that were laid on each other.
+        jumps: those of them at which it jumps.
         settings: of the audit, which say how large a jump matters.
-        limits: of the verdict.
     """
-    jumps = find_torn_steps(steps, settings, limits)
     p_value = find_smallest(step.p_value for step in steps if step.judged)
     if not jumps:
         judged = sum(step.judged for step in steps)

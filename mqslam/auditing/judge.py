@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from mqslam.auditing.findings import (
     find_bias,
     find_lever,
+    find_torn_steps,
     judge_locally,
     judge_pooled,
     judge_revisits,
@@ -59,6 +60,7 @@ class Audit:
     Args:
         windows: its windows in the order of time.
         steps: its steps in the order of time.
+        jumps: the steps at which it jumps.
         spans: its spans in the order of time; none for a cloud without a trajectory.
         pooled: what all of it asks for together; None where too few places show it, and for a cloud without a trajectory.
         revisits: places that the trajectory comes back to; none for a cloud without one.
@@ -70,6 +72,7 @@ class Audit:
 
     windows: list[WindowAudit]
     steps: list[StepAudit]
+    jumps: list[StepAudit]
     spans: list[SpanAudit]
     pooled: Pooled | None
     revisits: list[RevisitAudit]
@@ -107,12 +110,13 @@ def audit(
     interpolated = _mark_interpolated(sweeps, settings)
     windows = state_p_values(_decide(windows, speeds, interpolated, capture, limits))
     steps = audit_steps(sweeps, ~interpolated, settings, estimator, engine, progress)
+    jumps = find_torn_steps(steps, settings, limits)
     track = sweeps.track
     tests = {
         "trajectory": [] if track is None else judge_track(track, sweeps.times, sweeps.revolution_s, settings, limits),
         "speeds": judge_speeds(speeds, capture, limits),
         "windows": judge_windows(windows, len(sweeps), settings.window, limits),
-        "steps": [judge_steps(steps, settings, limits)],
+        "steps": [judge_steps(steps, jumps, settings)],
     }
     spans: list[SpanAudit] = []
     pooled: Pooled | None = None
@@ -131,7 +135,7 @@ def audit(
         }
     tests = {name: findings for name, findings in tests.items() if findings}
     verdict = verdict_of(chain.from_iterable(tests.values()))
-    return Audit(windows, steps, spans, pooled, revisits, tests, *verdict, capture)
+    return Audit(windows, steps, jumps, spans, pooled, revisits, tests, *verdict, capture)
 
 
 def audit_trajectory(

@@ -161,5 +161,9 @@ def _lay_far(shared: _Shared, place: int) -> Laid | None:
 def _lay_step(shared: _Shared, place: int, reach: tuple[float, float]) -> Laid | None:
     """Lays the scans from a place on upon those before it, where they may be off by a reach [m], [rad]."""
     sweeps, settings, estimator = shared
-    stretches = range(place - settings.step_scans, place), range(place, place + settings.step_scans)
-    return lay(sweeps, (place - 1, place), stretches, reach, ask_of_scans(settings), estimator)
+    return lay(sweeps, (place - 1, place), pick_sides(place, settings), reach, ask_of_scans(settings), estimator)
+
+
+def pick_sides(place: int, settings: AuditConfig) -> tuple[range, range]:
+    """Returns the sweeps before a place and those from it on that a step compares."""
+    return range(place - settings.step_scans, place), range(place, place + settings.step_scans)

@@ -190,7 +190,9 @@ def _check_extrinsics(extrinsics: tuple[float, float, float] | None) -> se2.Arra
 def _describe_mount(mount: se2.Array) -> str:
     """Returns the pose of a sensor on a vehicle in words."""
     x, y, yaw = mount
-    return f"{x:g} m forward, {y:g} m to the left, turned by {np.degrees(yaw):g} deg to the left"
+    ahead = f"{abs(x):g} m {'behind' if x < 0.0 else 'ahead'}"
+    aside, turned = ("right" if value < 0.0 else "left" for value in (y, yaw))
+    return f"{ahead}, {abs(y):g} m to the {aside}, turned by {abs(np.degrees(yaw)):g} deg to the {turned}"
 
 
 def _read_given(

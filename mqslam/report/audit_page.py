@@ -240,7 +240,7 @@ def _show_mended(report: AuditReport) -> Section | None:
 
 
 def _list_worst(report: AuditReport) -> Section | None:
-    spots = find_worst_spots(report.sweeps, report.audit)
+    spots = find_worst_spots(report.sweeps, report.audit, report.config.audit)
     if not spots:
         return None
     rows = tuple(
@@ -252,7 +252,7 @@ def _list_worst(report: AuditReport) -> Section | None:
                 spot.place,
                 format_length(spot.off_m),
                 describe_motion(spot.correction),
-                format_three_digits(spot.inflation),
+                spot.inflation_text,
                 spot.verdict,
             ),
         )
@@ -260,7 +260,8 @@ def _list_worst(report: AuditReport) -> Section | None:
     )
     note = (
         "Torn places come first, by how far they are off, then the windows of the largest inflation; all are well apart. "
-        "A correction, as seen from the sensor, moves a window's end against its begin, or the later pass of a revisit."
+        "A correction, as seen from the sensor, moves the end of a window or span against its begin, what follows a jump, "
+        "or the later pass of a revisit."
     )
     head = ("", "what", "time", "place", "off by", "correction", "inflation", "verdict")
     return Section("Worst places", (note,), table=Table(head, rows))

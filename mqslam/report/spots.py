@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from mqslam.auditing.judge import Audit
-from mqslam.auditing.revisits import RevisitAudit
+from mqslam.auditing.revisits import RevisitAudit, pick_passes
+from mqslam.auditing.spans.measured import pick_ends
+from mqslam.auditing.spans.torn import SpanAudit
+from mqslam.auditing.steps import StepAudit, pick_sides
 from mqslam.auditing.sweeps import Sweeps
 from mqslam.auditing.windows import WindowAudit
+from mqslam.config import AuditConfig
 from mqslam.core import se2
-from mqslam.report.formatting import describe_motion, format_length, format_three_digits
+from mqslam.report.formatting import ABSENT, describe_motion, format_length, format_three_digits
 
 WORST = 10  # places that a page shows
 _SPREAD_M = 50.0  # path between two places of one kind on a page, so that one bad stretch does not fill it
@@ -17,39 +22,37 @@ _SPREAD_M = 50.0  # path between two places of one kind on a page, so that one b
 
 @dataclass(frozen=True, slots=True)
 class Spot:
-    """A window or a revisit as a page shows it.
+    """A window, or a torn jump, span or revisit, as a page shows it.
 
     Args:
-        judged: the window or revisit.
-        t0, t1: begin and end of the window, or the earlier and the later pass [s] since the recording's start.
-        pose: (3,) of the sensor at the window's middle or at the later pass, world frame.
+        kind: what it is.
+        time: when it was, in words.
+        t0, t1: begin and end of a window, or what was seen earlier and later [s] since the recording's start.
+        pose: (3,) of the sensor at the window's middle, or at what was seen later, world frame.
         sweep: number of the sweep at that pose.
-        off_m: how far the correction moves a window's points (root mean square) or a revisit's later pass [m].
+        stretches: numbers of the sweeps of a window, or of those that were earlier and of those that were later.
+        off_m: how far the correction moves a window's points or those after a jump (root mean square), or the later pose,
+            in metres.
         correction: (3,) in the frame of the pose [m, m, rad].
-        inflation: the correction in units of its covariance, squared.
+        inflation: the correction in units of its covariance, squared; None for a jump, which is judged against other steps.
         torn: whether it counts as torn.
+        verdict: whether it is torn, or why that is not known.
+        text: size and direction of the correction, in words.
     """
 
-    judged: WindowAudit | RevisitAudit
+    kind: str
+    time: str
     t0: float
     t1: float
     pose: se2.Array
     sweep: int
+    stretches: tuple[Sequence[int], ...]
     off_m: float
     correction: se2.Array
-    inflation: float
+    inflation: float | None
     torn: bool
-
-    @property
-    def kind(self) -> str:
-        """What it is: window or revisit."""
-        return "window" if isinstance(self.judged, WindowAudit) else "revisit"
-
-    @property
-    def time(self) -> str:
-        """When it was."""
-        between = "to" if self.kind == "window" else "and"
-        return f"{self.t0:.1f} s {between} {self.t1:.1f} s"
+    verdict: str
+    text: str
 
     @property
     def place(self) -> str:
@@ -62,35 +65,21 @@ class Spot:
         return f"{self.kind} {self.time} at {self.place}"
 
     @property
-    def text(self) -> str:
-        """Size and direction of the correction."""
-        motion, size = describe_motion(self.correction), format_length(self.off_m)
-        if isinstance(self.judged, WindowAudit):
-            text = f"Best with the window's end moved {motion} against its begin, which moves its points by {size}."
-        else:
-            matched = f"{100.0 * self.judged.revisit.matched:.0f} % of its points then lie on the earlier one"
-            text = f"The later pass fits {size} from where the trajectory has it, moved {motion}; {matched}."
-        verdict = "" if self.torn else f", {self.verdict}"
-        return f"{text} Inflation {format_three_digits(self.inflation)}{verdict}."
-
-    @property
-    def verdict(self) -> str:
-        """Whether it is torn, or why that is not known."""
-        undecided = self.judged.undecided if isinstance(self.judged, WindowAudit) else None
-        if undecided is not None:
-            return f"undecided: {undecided}"
-        return "torn" if self.torn else "not torn"
+    def inflation_text(self) -> str:
+        """The inflation, or a dash where there is none."""
+        return ABSENT if self.inflation is None else format_three_digits(self.inflation)
 
 
-def find_worst_spots(sweeps: Sweeps, audit: Audit, count: int = WORST) -> tuple[Spot, ...]:
+def find_worst_spots(sweeps: Sweeps, audit: Audit, settings: AuditConfig, count: int = WORST) -> tuple[Spot, ...]:
     """Returns the torn places that are off the most, then the windows of the largest inflation, well apart.
 
     Args:
         sweeps: what was judged.
-        audit: the windows and revisits, judged.
+        audit: its judgement.
+        settings: of the audit.
         count: how many places at most.
     """
-    spots = [spot_of_revisit(sweeps, r) for r in audit.revisits if r.torn] + [spot_of_window(w) for w in audit.windows]
+    spots = [*spots_of_torn_pairs(sweeps, audit, settings), *map(spot_of_window, audit.windows)]
     chosen: list[Spot] = []
     for spot in sorted(spots, key=rank_spot, reverse=True):
         if len(chosen) == count:
@@ -102,29 +91,125 @@ def find_worst_spots(sweeps: Sweeps, audit: Audit, count: int = WORST) -> tuple[
 
 def rank_spot(spot: Spot) -> tuple[bool, float]:
     """Ranks torn places by how far they are off, and the others by inflation, because directions may be unobserved."""
-    return spot.torn, spot.off_m if spot.torn else spot.inflation
+    return spot.torn, spot.off_m if spot.torn or spot.inflation is None else spot.inflation
 
 
 def spot_of_window(window: WindowAudit) -> Spot:
     """Returns a window as a spot."""
     bend = window.bend
-    middle = (window.begin + window.end) // 2
-    return Spot(window, window.t0, window.t1, window.pose, middle, bend.size_m, bend.correction, bend.inflation, window.torn)
+    verdict = "torn" if window.torn else "not torn"
+    if window.undecided is not None:
+        verdict = f"undecided: {window.undecided}"
+    motion, size = describe_motion(bend.correction), format_length(bend.size_m)
+    text = f"Best with the window's end moved {motion} against its begin, which moves its points by {size}."
+    known = "" if window.torn else f", {verdict}"
+    return Spot(
+        kind="window",
+        time=f"{window.t0:.1f} s to {window.t1:.1f} s",
+        t0=window.t0,
+        t1=window.t1,
+        pose=window.pose,
+        sweep=(window.begin + window.end) // 2,
+        stretches=(range(window.begin, window.end),),
+        off_m=bend.size_m,
+        correction=bend.correction,
+        inflation=bend.inflation,
+        torn=window.torn,
+        verdict=verdict,
+        text=f"{text} Inflation {format_three_digits(bend.inflation)}{known}.",
+    )
 
 
-def spot_of_revisit(sweeps: Sweeps, judged: RevisitAudit) -> Spot:
-    """Returns a revisit as a spot."""
+def spots_of_torn_pairs(sweeps: Sweeps, audit: Audit, settings: AuditConfig) -> list[Spot]:
+    """Returns the jumps, the torn spans and the torn revisits as spots.
+
+    Args:
+        sweeps: what was judged.
+        audit: its judgement.
+        settings: of the audit.
+    """
+    jumps = [_spot_of_jump(sweeps, jump, settings) for jump in audit.jumps]
+    spans = [_spot_of_span(sweeps, span, settings) for span in audit.spans if span.torn]
+    return jumps + spans + [_spot_of_revisit(sweeps, revisit, settings) for revisit in audit.revisits if revisit.torn]
+
+
+def _spot_of_jump(sweeps: Sweeps, jump: StepAudit, settings: AuditConfig) -> Spot:
+    """Returns a jump as a spot."""
+    laid = jump.laid
+    motion, size = describe_motion(laid.offset), format_length(laid.size_m)
+    text = f"What was seen after it fits where it is moved {motion}, which moves its points by {size}"
+    return Spot(
+        kind="jump",
+        time=f"at {jump.t:.1f} s",
+        t0=float(sweeps.times[laid.earlier]),
+        t1=jump.t,
+        pose=sweeps.poses[laid.later],
+        sweep=laid.later,
+        stretches=pick_sides(laid.later, settings),
+        off_m=laid.size_m,
+        correction=laid.offset,
+        inflation=None,
+        torn=True,
+        verdict="torn",
+        text=f"{text}; {_describe_match(laid.matched)}.",
+    )
+
+
+def _spot_of_span(sweeps: Sweeps, span: SpanAudit, settings: AuditConfig) -> Spot:
+    """Returns a torn span as a spot."""
+    laid = span.laid
+    inflation = float(se2.normalise(span.offset[None], span.covariance[None])[0])
+    motion, size = describe_motion(span.offset), format_length(span.distance_m)
+    text = f"The end of the span fits {size} from where the trajectory has it, moved {motion}"
+    return Spot(
+        kind="span",
+        time=f"{span.t0:.1f} s to {span.t1:.1f} s",
+        t0=span.t0,
+        t1=span.t1,
+        pose=sweeps.poses[laid.later],
+        sweep=laid.later,
+        stretches=pick_ends((laid.earlier, laid.later), settings),
+        off_m=span.distance_m,
+        correction=span.offset,
+        inflation=inflation,
+        torn=True,
+        verdict="torn",
+        text=f"{text}; {_describe_match(laid.matched)}. Inflation {format_three_digits(inflation)}.",
+    )
+
+
+def _spot_of_revisit(sweeps: Sweeps, judged: RevisitAudit, settings: AuditConfig) -> Spot:
+    """Returns a torn revisit as a spot."""
     revisit = judged.revisit
     t0, t1 = float(sweeps.times[revisit.earlier]), float(sweeps.times[revisit.later])
-    pose = sweeps.poses[revisit.later]
-    return Spot(judged, t0, t1, pose, revisit.later, revisit.distance_m, revisit.offset, revisit.inflation, judged.torn)
+    motion, size = describe_motion(revisit.offset), format_length(revisit.distance_m)
+    text = f"The later pass fits {size} from where the trajectory has it, moved {motion}"
+    return Spot(
+        kind="revisit",
+        time=f"{t0:.1f} s and {t1:.1f} s",
+        t0=t0,
+        t1=t1,
+        pose=sweeps.poses[revisit.later],
+        sweep=revisit.later,
+        stretches=pick_passes(sweeps, revisit.earlier, revisit.later, settings),
+        off_m=revisit.distance_m,
+        correction=revisit.offset,
+        inflation=revisit.inflation,
+        torn=True,
+        verdict="torn",
+        text=f"{text}; {_describe_match(revisit.matched)}. Inflation {format_three_digits(revisit.inflation)}.",
+    )
+
+
+def _describe_match(matched: float) -> str:
+    """Returns in words how well two stretches fit once the later one is moved."""
+    return f"{100.0 * matched:.0f} % of its points then lie on what was seen before"
 
 
 def _are_apart(sweeps: Sweeps, a: Spot, b: Spot) -> bool:
     """Returns whether a page may show both places."""
-    if isinstance(a.judged, WindowAudit) and isinstance(b.judged, WindowAudit):
-        if a.judged.begin <= b.judged.end and b.judged.begin <= a.judged.end:
-            return False
-    elif a.kind != b.kind:
+    if a.kind != b.kind:
         return True
+    if a.kind == "window" and a.stretches[0][0] <= b.stretches[0][-1] + 1 and b.stretches[0][0] <= a.stretches[0][-1] + 1:
+        return False
     return bool(abs(sweeps.travelled[a.sweep] - sweeps.travelled[b.sweep]) > _SPREAD_M)

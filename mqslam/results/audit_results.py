@@ -8,7 +8,6 @@ from typing import Any, Final
 
 import numpy as np
 
-from mqslam.auditing.findings import find_torn_steps
 from mqslam.auditing.judge import Audit
 from mqslam.auditing.mending.rounds import Mended
 from mqslam.auditing.revisits import share_torn_revisits
@@ -65,7 +64,7 @@ def summarise(
     off = share_torn_revisits(audit.revisits)
     confidence = bounds.confidence
     inflation = [w.bend.inflation for w in audit.windows]
-    jumps = {step.laid.later for step in find_torn_steps(audit.steps, settings, bounds)}
+    jumps = {step.laid.later for step in audit.jumps}
     return {
         "mqslam_version": __version__,
         "dataset": {
@@ -180,7 +179,7 @@ def summarise_tests(audit: Audit, settings: AuditConfig, bounds: VerdictConfig) 
         "steps": {
             "count": len(audit.steps),
             "judged": sum(step.judged for step in audit.steps),
-            "jumps": len(find_torn_steps(audit.steps, settings, bounds)),
+            "jumps": len(audit.jumps),
             "median_m": float(np.median([s.laid.size_m for s in audit.steps])) if audit.steps else None,
         },
         "spans": {

@@ -190,6 +190,7 @@ KITTI_LINE = "1 0 0 {} 0 1 0 0 0 0 1 0\n"
         (b"1,2,3,0\n2,3,4,0\n", r"has no column t, x, y, qx"),
         (b"t,x,y,yaw\n1,2,3,0\n", "holds 1 poses"),
         (b"t,x,y,yaw\n", "holds 0 poses"),
+        (b"t,x,y,qx,qy,qz,qw\n1,2,3,0,0,0,1\n2,3,4,0,0,0,0\n", "pose 2 has a quaternion of zeros"),
         (b"t,x,y,yaw\n1,2,3,0\n2,3\n", "pose 2 is not made of finite numbers"),
         (b"t,x,y,yaw\n1,2,3,0\n2,3,4,nan\n", "pose 2 is not made of finite numbers"),
         (b"t,x,y,yaw\n1,2,3,0\n2,3,4,left\n", "pose 2 is not made of finite numbers"),

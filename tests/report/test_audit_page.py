@@ -24,14 +24,18 @@ from support.reported import (
     swept_walls,
 )
 
+from mqslam.auditing.laying import Laid
+from mqslam.auditing.spans.torn import SpanAudit
+from mqslam.auditing.steps import StepAudit
 from mqslam.auditing.verdict import VerdictStatus
 from mqslam.auditing.windows import Undecided
 from mqslam.config import Config
+from mqslam.core import se2
 from mqslam.report.audit_page import write_audit_report
 from mqslam.report.audit_report import AuditReport
 from mqslam.report.explorers.audit_explorer import explore_audit
 from mqslam.report.figures.audit_figures import draw_heat_map, draw_inflation
-from mqslam.report.figures.crops import Crop, make_crops
+from mqslam.report.figures.crops import Crop, make_crop, make_crops
 from mqslam.report.formatting import describe_motion
 from mqslam.report.spots import find_worst_spots
 
@@ -109,7 +113,7 @@ def test_an_undecided_window_is_not_said_to_be_whole(tmp_path: Path) -> None:
     windows = [judged_window(sweeps, 6 * k, 1.0 + k, (0.02, 0.0, 0.0), False) for k in range(10)]
     windows[9] = replace(windows[9], undecided=Undecided.GAP)
     audit = audit_of(windows, [])
-    worst = find_worst_spots(sweeps, audit)[0]
+    worst = find_worst_spots(sweeps, audit, Config().audit)[0]
     assert worst.text.endswith("Inflation 10, undecided: its motion is interpolated across a gap of the trajectory.")
     write_audit_report(tmp_path / "report.html", replace(a_report(), sweeps=sweeps, audit=audit))
     page = page_of(tmp_path / "report.html")
@@ -167,12 +171,35 @@ def test_the_worst_places_keep_apart_and_fill_up_with_the_largest_inflation() ->
     sweeps = swept_walls(120)
     windows = [judged_window(sweeps, 6 * k, float(k), (0.5, 0.0, 0.0), k in (2, 3)) for k in range(20)]
     revisits = [judged_revisit(9, later, (0.1 * later, 0.0, 0.0), True) for later in (100, 102, 104)]
-    spots = find_worst_spots(sweeps, audit_of(windows, revisits), 5)
+    spots = find_worst_spots(sweeps, audit_of(windows, revisits), Config().audit, 5)
     assert [(s.kind, s.sweep) for s in spots[:2]] == [("revisit", 104), ("window", 15)]
     assert [s.torn for s in spots] == [True, True, False, False, False]
     begins = [s.sweep for s in spots if s.kind == "window"]
     assert begins[1] == 117
     assert np.diff(np.sort(sweeps.travelled[begins])).min() > 50.0
+
+
+def test_jumps_and_spans_are_among_the_worst_places_with_what_would_mend_them() -> None:
+    sweeps = swept_walls()
+    between = se2.between(sweeps.poses[20], sweeps.poses[26])
+    jumped = Laid(25, 26, between, 1.0, np.array([-2.0, 0.5, 0.0]), np.eye(3), 2.1, 0.75, 2.0, 1.0, True, True)
+    bent = replace(jumped, earlier=20, offset=np.array([0.0, 0.3, 0.01]))
+    jump = StepAudit(jumped, 6.5, 1e-9)
+    span = SpanAudit(bent, 5.0, 6.5, bent.offset, np.diag([0.01, 0.01, 1e-4]), 1e-9, True)
+    whole = replace(span, t0=9.0, torn=False)
+    audit = replace(audit_of([], []), jumps=[jump], spans=[span, whole])
+    found = find_worst_spots(sweeps, audit, Config().audit)
+    assert [(spot.kind, spot.time) for spot in found] == [("jump", "at 6.5 s"), ("span", "5.0 s to 6.5 s")]
+    assert found[0].text == (
+        "What was seen after it fits where it is moved 2.00 m back, 0.50 m left, which moves its points by 2.10 m; "
+        "75 % of its points then lie on what was seen before."
+    )
+    assert "The end of the span fits 0.30 m from where the trajectory has it, moved 0.30 m left" in found[1].text
+    assert found[1].text.endswith("Inflation 10.")
+    before, after = (
+        np.concatenate(shown) for shown in (make_crop(sweeps, found[0]).before, make_crop(sweeps, found[0]).after)
+    )
+    assert len(before) and len(after) and not np.array_equal(before, after)
 
 
 def test_directions_are_said_as_a_driver_would() -> None:

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mqslam.auditing.findings import find_bias, find_torn_steps
+from mqslam.auditing.findings import find_bias
 from mqslam.auditing.judge import Audit
 from mqslam.auditing.mending.evidence import (
     allow_for_walk,
@@ -29,7 +29,6 @@ from mqslam.auditing.mending.evidence import (
     tie_steps,
     tie_windows,
 )
-from mqslam.auditing.steps import StepAudit
 from mqslam.auditing.sweeps import Sweeps
 from mqslam.auditing.verdict import GRAVEST_FIRST, VerdictStatus
 from mqslam.auditing.windows import share_torn
@@ -173,7 +172,7 @@ class _Mender:
         if self._is_biased:
             steps = _take_out(steps, bias)
         self._steps, self._chain = steps, se2.chain(steps, poses[0])
-        self._jumps = {step.laid.later: step.laid.offset for step in _find_jumps(given.audit, config)}
+        self._jumps = {step.laid.later: step.laid.offset for step in given.audit.jumps}
         self._across: dict[int, Tie] = {}  # jumps, as the last round that is sure of each has measured it
         windows = tie_windows(given.audit, given.sweeps, self._jumps)
         self._torn = tie_windows(given.audit, given.sweeps, self._jumps, torn=True)
@@ -191,7 +190,7 @@ class _Mender:
     def solve(self, current: Judged) -> tuple[se2.Array, int, int]:
         """Returns the poses (S, 3) of the sweeps with what an audit has found, and how many ties and loops hold them."""
         config, audit, sweeps = self._config, current.audit, current.sweeps
-        jumps = {step.laid.later for step in _find_jumps(audit, config)}
+        jumps = {step.laid.later for step in audit.jumps}
         across = tie_steps(audit, sweeps, jumps, config.audit)
         self._across |= {place: across[place] for place in self._jumps if place in across}
         windows = tie_windows(audit, sweeps, jumps)
@@ -223,11 +222,6 @@ class _Mender:
         walks = np.array([self._variances[tie.a : tie.b].sum(axis=0) for tie in ties]).reshape(-1, 3)
         misses = measure_misses(ties, self._chain)
         return keep_plausible(ties, misses, walks, self._config.loops.probability)
-
-
-def _find_jumps(audit: Audit, config: Config) -> list[StepAudit]:
-    """Returns the steps at which a map jumps."""
-    return find_torn_steps(audit.steps, config.audit, config.verdict)
 
 
 def _take_out(steps: se2.Array, bias: NDArray[np.float64]) -> se2.Array:

@@ -88,7 +88,11 @@ def find_spans(travelled: NDArray[np.float64], settings: AuditConfig) -> list[tu
 def _lay_span(shared: tuple[Sweeps, AuditConfig, EstimatorConfig], pair: tuple[int, int]) -> Laid | None:
     """Lays the scans around the end of a span upon those around its begin."""
     sweeps, settings, estimator = shared
-    half = settings.step_scans // 2
-    stretches = [range(k - half, k - half + settings.step_scans) for k in pair]
     reach = settings.search_m, settings.search_rad
-    return lay(sweeps, pair, (stretches[0], stretches[1]), reach, settings, estimator)
+    return lay(sweeps, pair, pick_ends(pair, settings), reach, settings, estimator)
+
+
+def pick_ends(pair: tuple[int, int], settings: AuditConfig) -> tuple[range, range]:
+    """Returns the sweeps around the begin of a span and those around its end."""
+    begin, end = (k - settings.step_scans // 2 for k in pair)
+    return range(begin, begin + settings.step_scans), range(end, end + settings.step_scans)

@@ -13,7 +13,9 @@ from mqslam.errors import DataError
 
 
 def yaw_of_quaternion(qx: float, qy: float, qz: float, qw: float) -> float:
-    """Returns the yaw [rad] of a rotation given as a quaternion, of any length."""
+    """Returns the yaw [rad] of a rotation given as a quaternion of any length; that of zeros is no rotation, and has NaN."""
+    if not any((qx, qy, qz, qw)):
+        return float("nan")
     return float(np.arctan2(2.0 * (qw * qz + qx * qy), qw * qw + qx * qx - qy * qy - qz * qz))
 
 

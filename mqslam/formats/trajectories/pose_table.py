@@ -25,7 +25,8 @@ def read_table(path: Path, rows: list[str]) -> Trajectory:
         rows: its lines that are not blank.
 
     Raises:
-        DataError: a column is missing or holds a value that is not a number, or its stamps do not increase.
+        DataError: a column is missing or holds a value that is not a number, a rotation is a quaternion of zeros, or its
+            stamps do not increase.
     """
     header = 0 if "," in rows[0] else next(row for row, text in enumerate(rows) if not text.startswith("#"))
     named = [name.strip(" \"'") for name in rows[header].lstrip("# ").split(",")]
@@ -40,5 +41,9 @@ def read_table(path: Path, rows: list[str]) -> Trajectory:
     words = [row.split(",") for row in rows[header + 1 :] if not row.startswith("#")]
     table = parse_numbers(path, words, [stamp, *(names.index(name) for name in ("x", "y", *turn))])
     stamps = parse_times(path, [row[stamp].strip() for row in words], units[stamp] or "")
+    turnless = ~table[:, 3:].any(axis=1)
+    if turn == list(_QUATERNION) and turnless.any():
+        row = int(np.argmax(turnless)) + 1
+        raise DataError(path, f"pose {row} has a quaternion of zeros", "give a rotation; 0 0 0 1 turns nothing")
     yaws = [row[3] if len(row) == 4 else yaw_of_quaternion(*row[3:]) for row in table.tolist()]
     return make_trajectory(path, stamps, np.column_stack([table[:, 1:3], np.array(yaws, dtype=np.float64)]))

@@ -6,17 +6,17 @@ import numpy as np
 
 from mqslam.auditing.judge import Audit
 from mqslam.auditing.sweeps import Sweeps
-from mqslam.auditing.windows import WindowAudit, torn_threshold
+from mqslam.auditing.windows import torn_threshold
 from mqslam.config import AuditConfig
 from mqslam.core.evenly import pick_evenly
 from mqslam.report.explorers.explorer import Chart, Curve, Explorer, Layer, Lines, Place, View, join_lines, mix_shades
 from mqslam.report.explorers.run_explorer import chart_inflation, explain_torn
 from mqslam.report.figures.canvas import BLUE, RED
 from mqslam.report.figures.crops import make_crop
-from mqslam.report.spots import Spot, rank_spot, spot_of_revisit, spot_of_window
+from mqslam.report.spots import Spot, rank_spot, spot_of_window, spots_of_torn_pairs
 
 # limits of the page's size
-_MOST_WINDOWS, _MOST_REVISITS = 120, 40  # windows and revisits that can be clicked
+_MOST_WINDOWS, _MOST_PAIRS = 120, 40  # windows, and what else is torn, that can be clicked
 _LEAST_M = 1e-3  # smaller offsets are drawn as this on a logarithmic axis
 
 
@@ -30,14 +30,14 @@ def explore_audit(sweeps: Sweeps, audit: Audit, settings: AuditConfig) -> Explor
     """
     times = sweeps.times[0] + (sweeps.turns - sweeps.numbers[0]) * sweeps.revolution_s
     layer = Layer("trajectory", BLUE, sweeps.times, sweeps.poses[:, :2], sweeps.points, {"time": times})
-    spots = _choose_spots(sweeps, audit)
+    spots = _choose_spots(sweeps, audit, settings)
     torn = [sweeps.poses[[r.revisit.earlier, r.revisit.later], :2] for r in audit.revisits if r.torn]
     lines = (Lines(f"torn revisits ({len(torn)})", RED, join_lines(torn), 2.0),) if torn else ()
     worst = max(range(len(spots)), key=lambda k: rank_spot(spots[k]), default=0)
     return Explorer(
         layers=(layer,),
         charts=_make_charts(sweeps, audit, settings),
-        places=tuple(_show_spot(sweeps, spot, settings) for spot in spots),
+        places=tuple(_show_spot(sweeps, spot) for spot in spots),
         lines=lines,
         first=worst,
         explained=f"{explain_torn(settings)}A click on a dot shows the place as it is and corrected, "
@@ -45,23 +45,22 @@ def explore_audit(sweeps: Sweeps, audit: Audit, settings: AuditConfig) -> Explor
     )
 
 
-def _choose_spots(sweeps: Sweeps, audit: Audit) -> list[Spot]:
-    """Returns windows, all torn ones and others evenly spread, and revisits that are torn, in the order of time."""
+def _choose_spots(sweeps: Sweeps, audit: Audit, settings: AuditConfig) -> list[Spot]:
+    """Returns windows, all torn ones and others evenly spread, and what else is torn, in the order of time."""
     torn = [w for w in audit.windows if w.torn][:_MOST_WINDOWS]
     fine = [w for w in audit.windows if not w.torn]
     fine = [fine[k] for k in pick_evenly(len(fine), _MOST_WINDOWS - len(torn))]
-    off = [r for r in audit.revisits if r.torn]
-    off = [off[k] for k in pick_evenly(len(off), _MOST_REVISITS)]
-    spots = [spot_of_window(w) for w in [*torn, *fine]] + [spot_of_revisit(sweeps, r) for r in off]
+    off = spots_of_torn_pairs(sweeps, audit, settings)
+    spots = [spot_of_window(w) for w in [*torn, *fine]] + [off[k] for k in pick_evenly(len(off), _MOST_PAIRS)]
     return sorted(spots, key=lambda spot: spot.t1)
 
 
-def _show_spot(sweeps: Sweeps, spot: Spot, settings: AuditConfig) -> Place:
+def _show_spot(sweeps: Sweeps, spot: Spot) -> Place:
     """Returns what is shown of a spot when it is clicked."""
-    crop = make_crop(sweeps, spot, settings)
+    crop = make_crop(sweeps, spot)
     colours = mix_shades(len(crop.before))
     views = (View("as it is", crop.before, colours), View("corrected", crop.after, colours))
-    t0 = spot.t0 if isinstance(spot.judged, WindowAudit) else spot.t1 - sweeps.revolution_s
+    t0 = spot.t0 if spot.kind == "window" else spot.t1 - sweeps.revolution_s
     return Place(t0, spot.t1, crop.title, crop.text, spot.torn, views)
 
 

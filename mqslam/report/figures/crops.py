@@ -12,9 +12,7 @@ from scipy.spatial import cKDTree
 
 from mqslam.auditing.inflation import centre_window, twist_points
 from mqslam.auditing.judge import Audit
-from mqslam.auditing.revisits import Revisit, pick_passes
 from mqslam.auditing.sweeps import Sweeps
-from mqslam.auditing.windows import WindowAudit
 from mqslam.config import AuditConfig
 from mqslam.core import se2
 from mqslam.report.figures.canvas import BLUE, ORANGE, View, encode_png, find_common_view, make_square
@@ -53,25 +51,21 @@ def make_crops(sweeps: Sweeps, audit: Audit, settings: AuditConfig, count: int =
 
     Args:
         sweeps: what was judged.
-        audit: the windows and revisits, judged.
+        audit: its judgement.
         settings: settings of the audit.
         count: how many crops at most.
     """
-    return tuple(make_crop(sweeps, spot, settings) for spot in find_worst_spots(sweeps, audit, count))
+    return tuple(make_crop(sweeps, spot) for spot in find_worst_spots(sweeps, audit, settings, count))
 
 
-def make_crop(sweeps: Sweeps, spot: Spot, settings: AuditConfig) -> Crop:
+def make_crop(sweeps: Sweeps, spot: Spot) -> Crop:
     """Returns one place, where its correction shows the most.
 
     Args:
         sweeps: what was judged.
         spot: the place.
-        settings: settings of the audit.
     """
-    if isinstance(spot.judged, WindowAudit):
-        before, after = _correct_window(sweeps, spot.judged)
-    else:
-        before, after = _correct_revisit(sweeps, spot.judged.revisit, settings)
+    before, after = _bend(sweeps, spot) if len(spot.stretches) == 1 else _move(sweeps, spot)
     half = len(before) // 2
     (a0, b0), (a1, b1) = ((np.concatenate(p[:half]), np.concatenate(p[half:])) for p in (before, after))
     near = np.abs(b1).max(axis=1, initial=0.0) <= _REACH_M
@@ -128,19 +122,19 @@ def measure_distances(points: Points, others: Points, most: float) -> NDArray[np
     return np.asarray(np.minimum(distances, most))
 
 
-def _correct_window(sweeps: Sweeps, window: WindowAudit) -> tuple[list[Points], list[Points]]:
+def _bend(sweeps: Sweeps, spot: Spot) -> tuple[list[Points], list[Points]]:
     """Returns a window's points (M, 2), sweep by sweep, as they are and corrected."""
-    points, into = centre_window(sweeps, window.begin, window.end)
-    mended = twist_points(points, into, window.bend.correction / (window.end - window.begin)).points
-    cuts = sweeps.begins[window.begin + 1 : window.end] - sweeps.begins[window.begin]
+    begin, end = spot.stretches[0][0], spot.stretches[0][-1] + 1
+    points, into = centre_window(sweeps, begin, end)
+    mended = twist_points(points, into, spot.correction / (end - begin)).points
+    cuts = sweeps.begins[begin + 1 : end] - sweeps.begins[begin]
     return np.split(points.points, cuts), np.split(mended, cuts)
 
 
-def _correct_revisit(sweeps: Sweeps, revisit: Revisit, settings: AuditConfig) -> tuple[list[Points], list[Points]]:
-    """Returns the points (M, 2) of two passes in the frame of the later one, as they are and with the later one moved."""
-    passes = pick_passes(sweeps, revisit.earlier, revisit.later, settings)
-    earlier, later = (sweeps.local(part, sweeps.poses[revisit.later]).points for part in passes)
-    return [earlier, later], [earlier, se2.transform(revisit.offset, later)]
+def _move(sweeps: Sweeps, spot: Spot) -> tuple[list[Points], list[Points]]:
+    """Returns the points (M, 2) of two stretches in the frame of the later one, as they are and with the later one moved."""
+    earlier, later = (sweeps.local(part, spot.pose).points for part in spot.stretches)
+    return [earlier, later], [earlier, se2.transform(spot.correction, later)]
 
 
 def _draw_dots(view: View, passes: tuple[Points, ...]) -> bytes:
