@@ -299,7 +299,7 @@ class MendConfig(BaseModel):
         5,
         ge=1,
         description="Most rounds of mending a trajectory and auditing it again. A further round follows only if the mended "
-        "trajectory does not pass yet, but lays more revisits on each other than the one before.",
+        "trajectory does not pass yet, but lays more revisits on each other than the one before or has fewer torn windows.",
     )
 
 

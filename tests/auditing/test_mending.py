@@ -13,9 +13,11 @@ from scipy.spatial.transform import Rotation
 from support.drives import block_drive
 
 from mqslam.auditing.judge import Audit, audit
+from mqslam.auditing.mending.evidence import allow_for_turns
 from mqslam.auditing.mending.rounds import Judged, Mended, carry, mend
 from mqslam.auditing.sweeps import Sweeps, place_sweeps
 from mqslam.auditing.verdict import VerdictStatus
+from mqslam.auditing.windows import share_torn
 from mqslam.config import Config
 from mqslam.core import se2
 from mqslam.core.trajectory import Trajectory
@@ -87,6 +89,14 @@ def tear(poses: se2.Array) -> se2.Array:
     return poses + np.clip(along, 0.0, 1.0)[:, None] * [1.6, 1.2, 0.0]
 
 
+def turn_at_random(poses: se2.Array) -> se2.Array:
+    """Turns every seventh step by two or three degrees, as wheels that slip do, which bends one window after the other."""
+    steps = se2.between(poses[:-1], poses[1:])
+    slips = np.arange(3, len(steps), 7)
+    steps[slips, 2] += np.random.default_rng(1).choice([-1.0, 1.0], len(slips)) * np.linspace(0.035, 0.05, len(slips))
+    return se2.chain(steps, poses[0])
+
+
 def mended(given: Judged, jobs: int = 2) -> Mended:
     return mend(given, place, lambda sweeps: judge(sweeps, jobs), CONFIG, LocalEngine(jobs), ignore_progress)
 
@@ -104,6 +114,22 @@ def test_what_an_audit_finds_is_mended(distort: Distort, share: float) -> None:
     assert absolute_error(result.result.trajectory) < share * absolute_error(given.trajectory)
     assert result.result.trajectory.stamps_us.tolist() == given.trajectory.stamps_us.tolist()
     assert result.result.trajectory.poses[0] == pytest.approx(given.trajectory.poses[0], abs=2e-3)
+
+
+@pytest.mark.slow
+def test_steps_that_are_turned_among_others_that_are_right_are_mended() -> None:
+    given = distorted(turn_at_random)
+    assert given.audit.status is VerdictStatus.FAIL
+    result = mended(given)
+    assert absolute_error(result.result.trajectory) < 0.05 * absolute_error(given.trajectory)
+    assert share_torn(result.result.audit.windows).count < 0.1 * share_torn(given.audit.windows).count
+
+
+def test_odometry_may_be_off_by_as_much_as_the_scans_turn_it_and_its_end_to_the_side() -> None:
+    steps = np.array([[1.0, 0.0, 0.0], [2.0, 0.0, 0.0], [0.5, 0.0, 0.3]])
+    wider = allow_for_turns(np.full((3, 3), 1e-4), steps, [1], np.array([[0.0, 0.0, 0.1]]))
+    np.testing.assert_allclose(wider[[0, 2]], 1e-4)
+    np.testing.assert_allclose(wider[1], [1e-4 + 0.04, 1e-4 + 0.04, 1e-4 + 0.01])
 
 
 def test_a_trajectory_that_passes_is_left_as_it_is() -> None:

@@ -75,6 +75,26 @@ def allow_for_walk(ties: Sequence[Tie], variances: NDArray[np.float64]) -> list[
     return [tie._replace(covariance=tie.covariance + _LINE_MISS * (tie.b - tie.a) * np.diag(variances)) for tie in ties]
 
 
+def allow_for_turns(
+    variances: NDArray[np.float64], steps: se2.Array, places: Sequence[int], misses: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Returns the variances (N, 3) of steps with what the scans show of the errors of their yaw.
+
+    Wheels know little of how they turn a robot on the spot, so that one variance does not fit all of its steps. Where in a
+    step the yaw goes wrong is not known, so that its end may be off to a side by as much as the whole step is turned.
+
+    Args:
+        variances: (N, 3) of the errors of steps.
+        steps: (N, 3) motions from each scan to the next.
+        places: (K,) which steps the scans show to be turned.
+        misses: (K, 3) by how much what the scans show is beyond these.
+    """
+    wider = variances.copy()
+    lengths = np.hypot(*steps[places, :2].T)
+    wider[places] += np.column_stack([lengths, lengths, np.ones(len(places))]) ** 2 * misses[:, 2:] ** 2
+    return wider
+
+
 def tie_steps(audit: Audit, sweeps: Sweeps, jumps: Collection[int], settings: AuditConfig) -> dict[int, Tie]:
     """Returns the motions across steps as psi has them, from the middle of the scans before to that of those after.
 

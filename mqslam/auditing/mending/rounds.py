@@ -1,10 +1,11 @@
 """A trajectory mended by its own audit, in rounds: each puts in what the audit of the round before has found.
 
 The steps of the given trajectory are the odometry of a pose graph, but for biases that all of the map asks for. Jumps, torn
-windows and torn spans are replaced by the motions that psi has there. Where too many windows are torn, all windows and steps
-tie the scans near each other, and successive scans laid on each other show how the sensor turns. Revisits that are sure, and
-that agree with each other, are its loops. A trajectory that is off by more than the search for revisits reaches shows few of
-them, and more once it is mended: hence the rounds. A trajectory that passes is left as it is.
+windows and torn spans are replaced by the motions that psi has there. Where too many windows are torn, the odometry is
+noisy: all windows and steps tie the scans near each other, and successive scans laid on each other show how the sensor
+turns. That is what odometry knows least, so that its steps are no surer of it than they agree with the scans. Revisits that
+are sure, and that agree with each other, are its loops. A trajectory that is off by more than the search for revisits
+reaches shows few of them, and more once it is mended: hence the rounds. A trajectory that passes is left as it is.
 """
 
 from __future__ import annotations
@@ -17,7 +18,9 @@ from numpy.typing import NDArray
 
 from mqslam.auditing.findings import find_bias
 from mqslam.auditing.judge import Audit
+from mqslam.auditing.laying import Laid
 from mqslam.auditing.mending.evidence import (
+    allow_for_turns,
     allow_for_walk,
     as_loop,
     estimate_variances,
@@ -60,9 +63,14 @@ class Judged:
         return sum(revisit.revisit.sure and not revisit.torn for revisit in self.audit.revisits)
 
     @property
+    def torn(self) -> int:
+        """The number of torn windows."""
+        return share_torn(self.audit.windows).count
+
+    @property
     def rank(self) -> tuple[int, int, int]:
         """How bad the map is: its verdict first, then how few revisits are whole, then how many windows are torn."""
-        return -GRAVEST_FIRST.index(self.audit.status), -self.whole, share_torn(self.audit.windows).count
+        return -GRAVEST_FIRST.index(self.audit.status), -self.whole, self.torn
 
 
 @dataclass(frozen=True)
@@ -126,7 +134,9 @@ def mend(
         if best is None or mended.rank < best.result.rank:
             moved_m = float(np.hypot(*(track.poses - given.trajectory.poses)[:, :2].T).max())
             best = Mended(mended, number + 1, ties, loops, moved_m, mended.rank > given.rank)
-        if mended.audit.status is VerdictStatus.PASS or mended.whole <= current.whole:
+        if mended.audit.status is VerdictStatus.PASS:
+            break
+        if mended.whole <= current.whole and mended.torn >= current.torn:
             break
         current = mended
     assert best is not None  # there is one round at least
@@ -172,13 +182,18 @@ class _Mender:
         if self._is_biased:
             steps = _take_out(steps, bias)
         self._steps, self._chain = steps, se2.chain(steps, poses[0])
-        self._jumps = {step.laid.later: step.laid.offset for step in given.audit.jumps}
+        self._is_noisy = share_torn(given.audit.windows).is_above(config.verdict.windows_warn, config.verdict)
+        self._jumps = {
+            step.laid.later: step.laid.offset
+            for step in given.audit.jumps
+            if not self._is_noisy or np.hypot(*step.laid.offset[:2]) > config.audit.jump_m
+        }
         self._across: dict[int, Tie] = {}  # jumps, as the last round that is sure of each has measured it
+        self._pairs: dict[int, Laid] = {}  # successive scans as the round has laid them in which they fit best
         windows = tie_windows(given.audit, given.sweeps, self._jumps)
         self._torn = tie_windows(given.audit, given.sweeps, self._jumps, torn=True)
         self._bent = tie_spans([span for span in given.audit.spans if span.torn], given.sweeps, self._jumps)
         self._noise = estimate_variances(windows, measure_misses(windows, self._chain))
-        self._is_noisy = share_torn(given.audit.windows).is_above(config.verdict.windows_warn, config.verdict)
         self._variances = self._list_variances()
         self._loop_settings = config.loops.model_copy(update={"least_path_m": config.audit.least_path_m})
 
@@ -198,12 +213,21 @@ class _Mender:
             torn = {tie.a for tie in self._torn}
             windows = [tie for tie in windows if tie.a in torn]
         beside = tie_spans(audit.spans, sweeps, jumps) if self._bent else []
+        variances = self._variances
         if self._is_noisy:
-            pairs = lay_successive(sweeps, config.audit, config.estimator, self._engine, self._progress)
-            beside += [*tie_scans(pairs, sweeps), *(tie for place, tie in across.items() if place not in self._across)]
-        ties = [*self._across.values(), *self._keep_plausible([*allow_for_walk(windows, self._noise), *beside])]
+            for pair in lay_successive(sweeps, config.audit, config.estimator, self._engine, self._progress):
+                best = self._pairs.get(pair.earlier)
+                if best is None or pair.psi_best < best.psi_best:
+                    self._pairs[pair.earlier] = pair
+            turns = tie_scans(list(self._pairs.values()), sweeps)
+            found = {tie.a: tie for tie in turns} | {place - 1: across[place] for place in jumps if place in across}
+            misses = measure_misses(list(found.values()), self._chain)
+            variances = allow_for_turns(variances, self._steps, list(found), misses)
+            beside += [*turns, *(tie for place, tie in across.items() if place not in self._across)]
+        plausible = self._keep_plausible([*allow_for_walk(windows, self._noise), *beside], variances)
+        ties = [*self._across.values(), *plausible]
         loops = [as_loop(r, sweeps) for r in audit.revisits if r.revisit.sure]
-        chain = TiedChain(self._steps, self._variances, ties, sweeps.poses, config.graph, self._loop_settings)
+        chain = TiedChain(self._steps, variances, ties, sweeps.poses, config.graph, self._loop_settings)
         poses, kept = chain.solve(loops)
         return poses, len(ties), len(kept)
 
@@ -217,9 +241,9 @@ class _Mender:
             variances[tie.a : tie.b] += miss**2 / (tie.b - tie.a)
         return variances
 
-    def _keep_plausible(self, ties: list[Tie]) -> list[Tie]:
-        """Returns what the errors of the steps explain of ties."""
-        walks = np.array([self._variances[tie.a : tie.b].sum(axis=0) for tie in ties]).reshape(-1, 3)
+    def _keep_plausible(self, ties: list[Tie], variances: NDArray[np.float64]) -> list[Tie]:
+        """Returns what the errors of the steps, of variances (S - 1, 3), explain of ties."""
+        walks = np.array([variances[tie.a : tie.b].sum(axis=0) for tie in ties]).reshape(-1, 3)
         misses = measure_misses(ties, self._chain)
         return keep_plausible(ties, misses, walks, self._config.loops.probability)
 
