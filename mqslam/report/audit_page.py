@@ -278,8 +278,8 @@ def _show_crops(report: AuditReport) -> Gallery | None:
         )
         cards.append(ThumbnailCard(title, thumbnails, crop.text))
     note = (
-        "The points where the correction shows the most, seen from the sensor, ahead to the right. Blue is the earlier "
-        "pass or the window's first sweep, orange the later pass or its last sweep: a wall in two colours is doubled."
+        "The points where the correction shows the most, seen from the sensor, ahead to the right. Blue is what was "
+        "seen first, orange what was seen last: a wall in two colours is doubled."
     )
     return Gallery("Before and after", note, tuple(cards)) if cards else None
 

@@ -41,7 +41,7 @@ def explore_audit(sweeps: Sweeps, audit: Audit, settings: AuditConfig) -> Explor
         lines=lines,
         first=worst,
         explained=f"{explain_torn(settings)}A click on a dot shows the place as it is and corrected, "
-        "the first sweep or pass blue, the last orange.",
+        "what was seen first blue, what was seen last orange.",
     )
 
 
