@@ -19,7 +19,7 @@ from mqslam.auditing.windows import Undecided, WindowAudit, share_torn
 from mqslam.config import AuditConfig, VerdictConfig
 from mqslam.core import se2
 from mqslam.core.chances import correct_for_places, find_smallest
-from mqslam.core.wording import count_of, is_or_are
+from mqslam.core.wording import count_of, is_or_are, left_or_right
 from mqslam.errors import Remedy
 
 
@@ -177,24 +177,21 @@ def _wish_length(bias: float, sigma: float) -> str:
 
 def _wish_side(bias: float, sigma: float) -> str:
     turn = f"{np.degrees(abs(bias)):.2f} degrees (± {np.degrees(sigma):.2f})"
-    return f"the sensor moves {turn} farther to the {_side(bias)} than the trajectory says: its mount is turned by as much"
+    farther = f"the sensor moves {turn} farther to the {left_or_right(bias)} than the trajectory says"
+    return f"{farther}: its mount is turned by as much"
 
 
 def _wish_turn(bias: float, sigma: float) -> str:
     turn = f"{100.0 * np.degrees(abs(bias)):.2f} degrees (± {100.0 * np.degrees(sigma):.2f})"
-    return f"the yaw drifts by {turn} to the {_side(-bias)} per 100 m"
+    return f"the yaw drifts by {turn} to the {left_or_right(-bias)} per 100 m"
 
 
 def _wish_arm(lever: Lever) -> str:
     ahead, left = lever.arm
-    parts = [(abs(ahead), "ahead" if ahead > 0.0 else "behind"), (abs(left), f"to the {_side(left)}")]
+    parts = [(abs(ahead), "ahead" if ahead > 0.0 else "behind"), (abs(left), f"to the {left_or_right(left)}")]
     places = " and ".join(f"{size:.2f} m {side}" for size, side in parts if size > 0.1 * np.hypot(ahead, left))
     sigma = f"(± {np.max(lever.sigma):.2f})"
     return f"in turns the sensor moves as if it sat {places} {sigma} of where the trajectory has it"
-
-
-def _side(bias: float) -> str:
-    return "left" if bias > 0.0 else "right"
 
 
 _WISHES: Final = (_wish_length, _wish_side, _wish_turn)  # what is asked for forward, to the side and in yaw, in words

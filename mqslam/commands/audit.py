@@ -21,6 +21,7 @@ from mqslam.config import Config, set_doppler_beta, set_false_alarms
 from mqslam.core import se2
 from mqslam.core.timed_cloud import TimedCloud
 from mqslam.core.trajectory import Trajectory
+from mqslam.core.wording import left_or_right
 from mqslam.detection.stage import detect_all, make_scans, warn_of_unread
 from mqslam.errors import ConfigError, Remedy
 from mqslam.execution.folders import check_free, write_folder_aside
@@ -191,8 +192,8 @@ def _describe_mount(mount: se2.Array) -> str:
     """Returns the pose of a sensor on a vehicle in words."""
     x, y, yaw = mount
     ahead = f"{abs(x):g} m {'behind' if x < 0.0 else 'ahead'}"
-    aside, turned = ("right" if value < 0.0 else "left" for value in (y, yaw))
-    return f"{ahead}, {abs(y):g} m to the {aside}, turned by {abs(np.degrees(yaw)):g} deg to the {turned}"
+    aside = f"{abs(y):g} m to the {left_or_right(y)}"
+    return f"{ahead}, {aside}, turned by {abs(np.degrees(yaw)):g} deg to the {left_or_right(yaw)}"
 
 
 def _read_given(

@@ -1,4 +1,4 @@
-"""Numbers and verbs in messages: singular and plural."""
+"""Words in messages: singular and plural, left and right."""
 
 from __future__ import annotations
 
@@ -11,3 +11,8 @@ def count_of(number: int, noun: str) -> str:
 def is_or_are(number: int) -> str:
     """Returns the verb that goes with a number of things."""
     return "is" if number == 1 else "are"
+
+
+def left_or_right(value: float) -> str:
+    """Returns the side to which a positive value means left."""
+    return "left" if value >= 0.0 else "right"

@@ -9,7 +9,7 @@ import numpy as np
 from mqslam.core.trajectory import Trajectory
 from mqslam.errors import DataError
 from mqslam.execution.files import write_text
-from mqslam.formats.shared.poses import make_trajectory, yaw_of_quaternion
+from mqslam.formats.shared.poses import make_trajectory, read_yaw
 from mqslam.formats.shared.stamps import LATEST_US
 
 
@@ -48,11 +48,8 @@ def read_tum(path: Path) -> Trajectory:
                 raise ValueError
         except (ValueError, OverflowError):
             raise DataError(path, f"line {number} is not 't x y z qx qy qz qw'", "give a TUM trajectory") from None
-        qx, qy, qz, qw = values[4:]
-        if not any(values[4:]):
-            raise DataError(path, f"line {number} has a quaternion of zeros", "give a rotation; 0 0 0 1 turns nothing")
         stamps.append(stamp)
-        poses.append((values[1], values[2], yaw_of_quaternion(qx, qy, qz, qw)))
+        poses.append((values[1], values[2], read_yaw(path, f"line {number}", values[4:])))
     return make_trajectory(path, np.array(stamps, dtype=np.int64), np.array(poses, dtype=np.float64).reshape(-1, 3))
 
 

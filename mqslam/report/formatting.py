@@ -8,6 +8,8 @@ from typing import Any, Final
 
 import numpy as np
 
+from mqslam.core.wording import left_or_right
+
 ABSENT: Final = "–"
 NOT_JUDGED: Final = "not judged"
 _SMALLEST_M, _SMALLEST_RAD = 5e-4, 1e-4  # smaller parts of a motion would be written as zero and are left out
@@ -73,7 +75,7 @@ def describe_motion(motion: Iterable[float]) -> str:
     if abs(x) >= _SMALLEST_M:
         parts.append(f"{format_length(abs(x))} {'ahead' if x > 0 else 'back'}")
     if abs(y) >= _SMALLEST_M:
-        parts.append(f"{format_length(abs(y))} {'left' if y > 0 else 'right'}")
+        parts.append(f"{format_length(abs(y))} {left_or_right(y)}")
     if abs(yaw) >= _SMALLEST_RAD:
-        parts.append(f"turned {np.rad2deg(abs(yaw)):.2g}° {'left' if yaw > 0 else 'right'}")
+        parts.append(f"turned {np.rad2deg(abs(yaw)):.2g}° {left_or_right(yaw)}")
     return ", ".join(parts) or "nowhere"

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Final
 
 from mqslam.auditing.judge import Audit
-from mqslam.auditing.revisits import RevisitAudit, pick_passes
+from mqslam.auditing.revisits import Revisit, pick_passes
 from mqslam.auditing.spans.measured import pick_ends
 from mqslam.auditing.spans.torn import SpanAudit
 from mqslam.auditing.steps import StepAudit, pick_sides
@@ -17,6 +18,11 @@ from mqslam.core import se2
 from mqslam.report.formatting import ABSENT, describe_motion, format_length, format_three_digits
 
 WORST = 10  # places that a page shows
+_TIMES: Final = {
+    "jump": "at {t1:.1f} s",
+    "span": "{t0:.1f} s to {t1:.1f} s",
+    "revisit": "{t0:.1f} s and {t1:.1f} s",
+}  # when a pair of stretches was seen, in words
 _SPREAD_M = 50.0  # path between two places of one kind on a page, so that one bad stretch does not fill it
 
 
@@ -130,75 +136,90 @@ def spots_of_torn_pairs(sweeps: Sweeps, audit: Audit, settings: AuditConfig) -> 
     """
     jumps = [_spot_of_jump(sweeps, jump, settings) for jump in audit.jumps]
     spans = [_spot_of_span(sweeps, span, settings) for span in audit.spans if span.torn]
-    return jumps + spans + [_spot_of_revisit(sweeps, revisit, settings) for revisit in audit.revisits if revisit.torn]
+    return jumps + spans + [_spot_of_revisit(sweeps, r.revisit, settings) for r in audit.revisits if r.torn]
 
 
 def _spot_of_jump(sweeps: Sweeps, jump: StepAudit, settings: AuditConfig) -> Spot:
     """Returns a jump as a spot."""
     laid = jump.laid
     motion, size = describe_motion(laid.offset), format_length(laid.size_m)
-    text = f"What was seen after it fits where it is moved {motion}, which moves its points by {size}"
-    return Spot(
+    return _spot_of_pair(
+        sweeps,
+        (laid.earlier, laid.later),
+        pick_sides(laid.later, settings),
         kind="jump",
-        time=f"at {jump.t:.1f} s",
-        t0=float(sweeps.times[laid.earlier]),
-        t1=jump.t,
-        pose=sweeps.poses[laid.later],
-        sweep=laid.later,
-        stretches=pick_sides(laid.later, settings),
         off_m=laid.size_m,
         correction=laid.offset,
-        inflation=None,
-        torn=True,
-        verdict="torn",
-        text=f"{text}; {_describe_match(laid.matched)}.",
+        text=f"What was seen after it fits where it is moved {motion}, which moves its points by {size}"
+        f"; {_describe_match(laid.matched)}.",
     )
 
 
 def _spot_of_span(sweeps: Sweeps, span: SpanAudit, settings: AuditConfig) -> Spot:
     """Returns a torn span as a spot."""
-    laid = span.laid
+    pair = span.laid.earlier, span.laid.later
     inflation = float(se2.normalise(span.offset[None], span.covariance[None])[0])
-    motion, size = describe_motion(span.offset), format_length(span.distance_m)
-    text = f"The end of the span fits {size} from where the trajectory has it, moved {motion}"
-    return Spot(
+    return _spot_of_pair(
+        sweeps,
+        pair,
+        pick_ends(pair, settings),
         kind="span",
-        time=f"{span.t0:.1f} s to {span.t1:.1f} s",
-        t0=span.t0,
-        t1=span.t1,
-        pose=sweeps.poses[laid.later],
-        sweep=laid.later,
-        stretches=pick_ends((laid.earlier, laid.later), settings),
         off_m=span.distance_m,
         correction=span.offset,
         inflation=inflation,
-        torn=True,
-        verdict="torn",
-        text=f"{text}; {_describe_match(laid.matched)}. Inflation {format_three_digits(inflation)}.",
+        text=_describe_fit("The end of the span", span.distance_m, span.offset, span.laid.matched, inflation),
     )
 
 
-def _spot_of_revisit(sweeps: Sweeps, judged: RevisitAudit, settings: AuditConfig) -> Spot:
+def _spot_of_revisit(sweeps: Sweeps, revisit: Revisit, settings: AuditConfig) -> Spot:
     """Returns a torn revisit as a spot."""
-    revisit = judged.revisit
-    t0, t1 = float(sweeps.times[revisit.earlier]), float(sweeps.times[revisit.later])
-    motion, size = describe_motion(revisit.offset), format_length(revisit.distance_m)
-    text = f"The later pass fits {size} from where the trajectory has it, moved {motion}"
-    return Spot(
+    pair = revisit.earlier, revisit.later
+    return _spot_of_pair(
+        sweeps,
+        pair,
+        pick_passes(sweeps, *pair, settings),
         kind="revisit",
-        time=f"{t0:.1f} s and {t1:.1f} s",
-        t0=t0,
-        t1=t1,
-        pose=sweeps.poses[revisit.later],
-        sweep=revisit.later,
-        stretches=pick_passes(sweeps, revisit.earlier, revisit.later, settings),
         off_m=revisit.distance_m,
         correction=revisit.offset,
         inflation=revisit.inflation,
+        text=_describe_fit("The later pass", revisit.distance_m, revisit.offset, revisit.matched, revisit.inflation),
+    )
+
+
+def _spot_of_pair(
+    sweeps: Sweeps,
+    pair: tuple[int, int],
+    stretches: tuple[Sequence[int], Sequence[int]],
+    *,
+    kind: str,
+    off_m: float,
+    correction: se2.Array,
+    text: str,
+    inflation: float | None = None,
+) -> Spot:
+    """Returns a torn pair of stretches, laid in the frames of a pair of sweeps, as a spot."""
+    t0, t1 = sweeps.times[list(pair)].tolist()
+    return Spot(
+        kind=kind,
+        time=_TIMES[kind].format(t0=t0, t1=t1),
+        t0=t0,
+        t1=t1,
+        pose=sweeps.poses[pair[1]],
+        sweep=pair[1],
+        stretches=stretches,
+        off_m=off_m,
+        correction=correction,
+        inflation=inflation,
         torn=True,
         verdict="torn",
-        text=f"{text}; {_describe_match(revisit.matched)}. Inflation {format_three_digits(revisit.inflation)}.",
+        text=text,
     )
+
+
+def _describe_fit(what: str, off_m: float, correction: se2.Array, matched: float, inflation: float) -> str:
+    """Returns in words where the later stretch fits."""
+    fit = f"{what} fits {format_length(off_m)} from where the trajectory has it, moved {describe_motion(correction)}"
+    return f"{fit}; {_describe_match(matched)}. Inflation {format_three_digits(inflation)}."
 
 
 def _describe_match(matched: float) -> str:

@@ -200,7 +200,7 @@ class _Mender:
     def finds_nothing(self, given: Audit) -> bool:
         """Returns whether an audit shows nothing that could be mended."""
         torn = any(revisit.torn for revisit in given.revisits)
-        return not (self._torn or self._bent or self._jumps or self._is_biased or torn)
+        return not (self._torn or self._bent or given.jumps or self._is_biased or torn)
 
     def solve(self, current: Judged) -> tuple[se2.Array, int, int]:
         """Returns the poses (S, 3) of the sweeps with what an audit has found, and how many ties and loops hold them."""
@@ -215,11 +215,7 @@ class _Mender:
         beside = tie_spans(audit.spans, sweeps, jumps) if self._bent else []
         variances = self._variances
         if self._is_noisy:
-            for pair in lay_successive(sweeps, config.audit, config.estimator, self._engine, self._progress):
-                best = self._pairs.get(pair.earlier)
-                if best is None or pair.psi_best < best.psi_best:
-                    self._pairs[pair.earlier] = pair
-            turns = tie_scans(list(self._pairs.values()), sweeps)
+            turns = self._tie_scans(sweeps)
             found = {tie.a: tie for tie in turns} | {place - 1: across[place] for place in jumps if place in across}
             misses = measure_misses(list(found.values()), self._chain)
             variances = allow_for_turns(variances, self._steps, list(found), misses)
@@ -230,6 +226,15 @@ class _Mender:
         chain = TiedChain(self._steps, variances, ties, sweeps.poses, config.graph, self._loop_settings)
         poses, kept = chain.solve(loops)
         return poses, len(ties), len(kept)
+
+    def _tie_scans(self, sweeps: Sweeps) -> list[Tie]:
+        """Returns how the sensor turns from scans to the next ones, as the round has it in which they fit best."""
+        settings = self._config.audit, self._config.estimator
+        for pair in lay_successive(sweeps, *settings, self._engine, self._progress):
+            best = self._pairs.get(pair.earlier)
+            if best is None or pair.psi_best < best.psi_best:
+                self._pairs[pair.earlier] = pair
+        return tie_scans(list(self._pairs.values()), sweeps)
 
     def _list_variances(self) -> NDArray[np.float64]:
         """Returns the variances (S - 1, 3) of the steps: noise, and more where a step, a window or a span is torn."""

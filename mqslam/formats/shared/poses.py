@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +18,23 @@ def yaw_of_quaternion(qx: float, qy: float, qz: float, qw: float) -> float:
     if not any((qx, qy, qz, qw)):
         return float("nan")
     return float(np.arctan2(2.0 * (qw * qz + qx * qy), qw * qw + qx * qx - qy * qy - qz * qz))
+
+
+def read_yaw(path: Path, place: str, quaternion: Sequence[float]) -> float:
+    """Returns the yaw [rad] of a rotation that a file gives as a quaternion of any length.
+
+    Args:
+        path: the file, for errors.
+        place: where in the file, for errors.
+        quaternion: x, y, z, w.
+
+    Raises:
+        DataError: it is one of zeros.
+    """
+    yaw = yaw_of_quaternion(*quaternion)
+    if np.isnan(yaw):
+        raise DataError(path, f"{place} has a quaternion of zeros", "give a rotation; 0 0 0 1 turns nothing")
+    return yaw
 
 
 def make_trajectory(path: Path, stamps_us: NDArray[np.int64], poses: se2.Array) -> Trajectory:

@@ -9,7 +9,7 @@ import numpy as np
 
 from mqslam.core.trajectory import Trajectory
 from mqslam.errors import DataError
-from mqslam.formats.shared.poses import make_trajectory, yaw_of_quaternion
+from mqslam.formats.shared.poses import make_trajectory, read_yaw
 from mqslam.formats.shared.stamps import time_unit
 from mqslam.formats.trajectories.pose_rows import KNOWN, parse_numbers, parse_times
 
@@ -41,9 +41,6 @@ def read_table(path: Path, rows: list[str]) -> Trajectory:
     words = [row.split(",") for row in rows[header + 1 :] if not row.startswith("#")]
     table = parse_numbers(path, words, [stamp, *(names.index(name) for name in ("x", "y", *turn))])
     stamps = parse_times(path, [row[stamp].strip() for row in words], units[stamp] or "")
-    turnless = ~table[:, 3:].any(axis=1)
-    if turn == list(_QUATERNION) and turnless.any():
-        row = int(np.argmax(turnless)) + 1
-        raise DataError(path, f"pose {row} has a quaternion of zeros", "give a rotation; 0 0 0 1 turns nothing")
-    yaws = [row[3] if len(row) == 4 else yaw_of_quaternion(*row[3:]) for row in table.tolist()]
+    rows_of_numbers = enumerate(table.tolist(), 1)
+    yaws = [row[3] if len(row) == 4 else read_yaw(path, f"pose {k}", row[3:]) for k, row in rows_of_numbers]
     return make_trajectory(path, stamps, np.column_stack([table[:, 1:3], np.array(yaws, dtype=np.float64)]))
