@@ -110,13 +110,13 @@ def evaluate(
         kernel: the score besides its widths.
         moving_references: whether the references depend on the same state as the queries.
     """
-    shares, matched, scores, information, curvature = _evaluate(
-        _arrays(queries), _arrays(references), lists, scale, kernel, moving_references
+    shares, matched, scores, information, curvature = evaluate_arrays(
+        arrays_of(queries), arrays_of(references), lists, scale, kernel, moving_references
     )
     return Evaluation(shares, matched, scores, information, 0.5 * (curvature + curvature.T))
 
 
-class _Points(NamedTuple):
+class PointArrays(NamedTuple):
     """The arrays of a `PointSet`, as kernels take them."""
 
     points: NDArray[np.float64]
@@ -126,14 +126,14 @@ class _Points(NamedTuple):
     rays: NDArray[np.float64]
 
 
-def _arrays(points: PointSet) -> _Points:
+def arrays_of(points: PointSet) -> PointArrays:
     """Returns the arrays of a point set."""
-    return _Points(points.points, points.jacobians, points.covariances, points.times, points.rays)
+    return PointArrays(points.points, points.jacobians, points.covariances, points.times, points.rays)
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
-def _evaluate(
-    queries: _Points, references: _Points, lists: CandidateLists, scale: Scale, kernel: Kernel, moving: bool
+def evaluate_arrays(
+    queries: PointArrays, references: PointArrays, lists: CandidateLists, scale: Scale, kernel: Kernel, moving: bool
 ) -> tuple[NDArray[np.float64], NDArray[np.bool_], NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
     """Returns the fields of an `Evaluation`, its curvature not yet made symmetric.
 
@@ -141,7 +141,7 @@ def _evaluate(
     i its inverse, f = Sigma^-1 e, j the offset's jacobian J, and h = Sigma^-1 (I - 2 S_kappa / beta_s^2).
     """
     cov, jac = queries.covariances, queries.jacobians
-    sums, pulls = _sum_neighbours(queries, references, lists, scale, kernel, moving)
+    sums, pulls = _add_up_neighbours(queries, references, lists, scale, kernel, moving)
     n, size = len(sums), jac.shape[2]
     shares = np.empty(n)
     matched = np.zeros(n, np.bool_)
@@ -197,8 +197,8 @@ def _evaluate(
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
-def _sum_neighbours(
-    queries: _Points, references: _Points, lists: CandidateLists, scale: Scale, kernel: Kernel, moving: bool
+def _add_up_neighbours(
+    queries: PointArrays, references: PointArrays, lists: CandidateLists, scale: Scale, kernel: Kernel, moving: bool
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Sums over the selected neighbours of each query, weighted by their kappa.
 

@@ -10,6 +10,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NamedTuple
 
+import numba as nb
 import numpy as np
 from numpy.typing import NDArray
 
@@ -92,7 +93,14 @@ def score(
         revolution_s: duration of a turn [s]; with zero, points are compared whatever their times are.
         config: settings of the score.
     """
-    kernel = Kernel(
+    return evaluate(
+        queries, references, lists, scale, kernel_of(config, revolution_s), moving_references=queries is references
+    )
+
+
+def kernel_of(config: EstimatorConfig, revolution_s: float) -> Kernel:
+    """Returns what the score is besides its scale, as the settings and the duration of a turn [s] make it."""
+    return Kernel(
         revolution_s,
         config.beta_t,
         config.xi,
@@ -101,7 +109,6 @@ def score(
         config.apart_share,
         config.apart_blur * config.blur_m,
     )
-    return evaluate(queries, references, lists, scale, kernel, moving_references=queries is references)
 
 
 def score_itself(points: PointSet, scale: Scale, revolution_s: float, config: EstimatorConfig) -> Evaluation:
@@ -162,8 +169,21 @@ def _shorten_step(move: NDArray[np.float64], queries: PointSet, reach_m: float) 
     """Shortens a step (Q,) that would move the points, in the root mean square, farther than the score has looked [m]."""
     if len(queries) == 0:
         return np.zeros_like(move)
-    moved = float(np.sqrt(np.mean(np.sum((queries.jacobians @ move) ** 2, axis=1))))
+    moved = _measure_move(queries.jacobians, move)
     return move if moved <= reach_m else move * (reach_m / moved)
+
+
+@nb.njit(cache=True, nogil=True)
+def _measure_move(jacobians: NDArray[np.float64], move: NDArray[np.float64]) -> float:
+    """Returns by how much a step (Q,) moves points with jacobians (N, 2, Q), in the root mean square [m]."""
+    total = 0.0
+    for i in range(len(jacobians)):
+        dx, dy = 0.0, 0.0
+        for p in range(len(move)):
+            dx += jacobians[i, 0, p] * move[p]
+            dy += jacobians[i, 1, p] * move[p]
+        total += dx * dx + dy * dy
+    return float(np.sqrt(total / len(jacobians)))
 
 
 def _scale_matrix(matrix: NDArray[np.float64], units: NDArray[np.float64]) -> NDArray[np.float64]:

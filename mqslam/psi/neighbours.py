@@ -12,37 +12,88 @@ import numba as nb
 import numpy as np
 from numpy.typing import NDArray
 
+_ROOM = 16  # candidates per query that room is made for at first: a matter of speed only
+_LAST = 2**22  # column and row of all points that lie farther out: a matter of memory only
+
 
 class CellGrid(NamedTuple):
-    """Reference points, sorted by square cells.
+    """Reference points, sorted by square cells: column by column, and by row within a column.
 
     Args:
         points: (M, 2) m, in the order of their cells.
         order: (M,) index of each sorted point among the points as they were given.
-        keys: (M,) cell of each sorted point, increasing.
+        rows: (M,) row of each sorted point.
+        begins: (columns + 1,) where each column begins among the sorted points; the last one is where they end.
         corner: (2,) m, lower left corner of the first cell.
         cell: side of a cell [m].
-        rows: number of cells in y.
     """
 
     points: NDArray[np.float64]
     order: NDArray[np.int64]
-    keys: NDArray[np.int64]
+    rows: NDArray[np.int64]
+    begins: NDArray[np.int64]
     corner: NDArray[np.float64]
     cell: float
-    rows: int
 
 
 def sort_into_cells(points: NDArray[np.float64], cell: float) -> CellGrid:
-    """Sorts points (M, 2) m into square cells of side `cell` [m]."""
+    """Sorts points (M, 2) m into square cells of side `cell` [m]; those of one cell keep their order."""
     if len(points) == 0:
-        return CellGrid(points, np.empty(0, np.int64), np.empty(0, np.int64), np.zeros(2), cell, 1)
-    corner = points.min(axis=0) - cell
-    index = np.floor((points - corner) / cell).astype(np.int64)
-    rows = int(index[:, 1].max()) + 2
-    keys = index[:, 0] * rows + index[:, 1]
-    order = np.argsort(keys, kind="stable")
-    return CellGrid(np.ascontiguousarray(points[order]), order, keys[order], corner, cell, rows)
+        return CellGrid(points, np.empty(0, np.int64), np.empty(0, np.int64), np.zeros(1, np.int64), np.zeros(2), cell)
+    found, order, rows, begins, corner = sort_points(points, cell)
+    return CellGrid(found, order, rows, begins, corner, cell)
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def sort_points(
+    points: NDArray[np.float64], cell: float
+) -> tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.int64], NDArray[np.int64], NDArray[np.float64]]:
+    """Sorts points (M, 2) m of which there is one at least; see `sort_into_cells`.
+
+    Returns:
+        The fields of a `CellGrid` but the last one: the points are counted into rows first, and then into columns.
+    """
+    n = len(points)
+    left, low = points[0, 0], points[0, 1]
+    for i in range(1, n):
+        left, low = min(left, points[i, 0]), min(low, points[i, 1])
+    corner = np.array([left - cell, low - cell])
+    column, row = np.empty(n, np.int64), np.empty(n, np.int64)
+    for i in range(n):
+        column[i], row[i] = _find_cell(points[i, 0] - corner[0], cell), _find_cell(points[i, 1] - corner[1], cell)
+    by_row = _order_by(row, np.arange(n))[0]
+    order, begins = _order_by(column, by_row)
+    found, rows = np.empty((n, 2)), np.empty(n, np.int64)
+    for k in range(n):
+        found[k, 0], found[k, 1] = points[order[k], 0], points[order[k], 1]
+        rows[k] = row[order[k]]
+    return found, order, rows, begins, corner
+
+
+@nb.njit(cache=True, inline="always")
+def _find_cell(distance: float, cell: float) -> int:
+    """Returns the column or row that lies a distance [m] from the grid's corner, or the nearest one that there is."""
+    return max(0, min(int(np.floor(distance / cell)), _LAST))
+
+
+@nb.njit(cache=True, nogil=True)
+def _order_by(keys: NDArray[np.int64], order: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Sorts an order of items by their keys, of which none is negative; equal ones keep theirs.
+
+    Returns:
+        The new order (N,), and where the items of each key begin in it (K + 1,).
+    """
+    begins = np.zeros(keys.max() + 2, np.int64)
+    for key in keys:
+        begins[key + 1] += 1
+    for k in range(1, len(begins)):
+        begins[k] += begins[k - 1]
+    free = begins.copy()
+    result = np.empty_like(order)
+    for item in order:
+        result[free[keys[item]]] = item
+        free[keys[item]] += 1
+    return result, begins
 
 
 class CandidateLists(NamedTuple):
@@ -67,59 +118,46 @@ def find_candidates(grid: CellGrid, queries: NDArray[np.float64], radius: float)
         queries: (N, 2) m.
         radius: how near the reference points are [m].
     """
-    offsets = np.zeros(len(queries) + 1, np.int64)
-    _visit(grid, queries, radius, offsets, np.empty(0, np.int64), False)
-    indices = np.empty(offsets[-1], np.int64)
-    _visit(grid, queries, radius, offsets, indices, True)
+    offsets, indices = list_near(grid, queries, radius)
     return CandidateLists(offsets, indices, radius)
 
 
 @nb.njit(cache=True, inline="always")
-def _find_first(keys: NDArray[np.int64], key: int) -> int:
-    """Returns the index of the first of the increasing keys that is not below `key`."""
-    low, high = 0, len(keys)
-    while low < high:
-        middle = (low + high) // 2
-        if keys[middle] < key:
-            low = middle + 1
+def _find_first(rows: NDArray[np.int64], begin: int, end: int, row: int) -> int:
+    """Returns the first index from begin to end whose row, in increasing order, is not below `row`; else the end."""
+    while begin < end:
+        middle = (begin + end) // 2
+        if rows[middle] < row:
+            begin = middle + 1
         else:
-            high = middle
-    return low
+            end = middle
+    return begin
 
 
 @nb.njit(cache=True, nogil=True)
-def _visit(
-    grid: CellGrid,
-    queries: NDArray[np.float64],
-    radius: float,
-    offsets: NDArray[np.int64],
-    indices: NDArray[np.int64],
-    fill: bool,
-) -> None:
-    """Counts the neighbours of every query into the offsets, or fills in their indices once the offsets are known."""
-    points, order, keys, corner, cell, rows = grid
-    if len(keys) == 0:
-        return
+def list_near(grid: CellGrid, queries: NDArray[np.float64], radius: float) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Returns offsets and indices of `CandidateLists`; see `find_candidates`."""
+    points, order, rows, begins, corner, cell = grid
+    offsets = np.zeros(len(queries) + 1, np.int64)
+    indices = np.empty(_ROOM * len(queries), np.int64)
+    slot = 0
     for i in range(len(queries)):
         x, y = queries[i, 0], queries[i, 1]
-        low = max(0, int(np.floor((y - radius - corner[1]) / cell)))
-        high = min(rows - 1, int(np.floor((y + radius - corner[1]) / cell)))
-        left = max(0, int(np.floor((x - radius - corner[0]) / cell)))
-        right = int(np.floor((x + radius - corner[0]) / cell))
-        slot = offsets[i]
-        for column in range(left, right + 1 if low <= high else left):
-            if column * rows > keys[-1]:
-                break
-            for k in range(_find_first(keys, column * rows + low), len(keys)):
-                if keys[k] > column * rows + high:
+        low, high = _find_cell(y - radius - corner[1], cell), _find_cell(y + radius - corner[1], cell)
+        left, right = _find_cell(x - radius - corner[0], cell), _find_cell(x + radius - corner[0], cell)
+        for column in range(left, min(right, len(begins) - 2) + 1):
+            end = begins[column + 1]
+            for k in range(_find_first(rows, begins[column], end, low), end):
+                if rows[k] > high:
                     break
                 dx, dy = points[k, 0] - x, points[k, 1] - y
                 if dx * dx + dy * dy < radius * radius:
-                    if fill:
-                        indices[slot] = order[k]
+                    if slot == len(indices):
+                        indices = np.concatenate((indices, np.empty_like(indices)))
+                    indices[slot] = order[k]
                     slot += 1
-        if not fill:
-            offsets[i + 1] = slot
+        offsets[i + 1] = slot
+    return offsets, indices[:slot].copy()
 
 
 class NeighbourCache:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from mqslam.config import EstimatorConfig
 from mqslam.core import se2
-from mqslam.core.motion import MotionModel, integrate
+from mqslam.core.motion import MotionModel, integrate, raise_to
 from mqslam.core.scans import Returns
 
 
@@ -77,7 +77,7 @@ def place(returns: Returns, t0: float, start: se2.Array, theta: se2.Array, model
         model: motion model, which says what the parameters mean.
         beam: the sensor's errors.
     """
-    points, jacobians, covariances, rays = _place(
+    points, jacobians, covariances, rays = place_arrays(
         returns.ranges,
         returns.azimuths,
         returns.times - t0,
@@ -109,7 +109,7 @@ def compute_beam_covariance(
 
 
 @nb.njit(cache=True, nogil=True)
-def _place(
+def place_arrays(
     ranges: NDArray[np.float64],
     azimuths: NDArray[np.float64],
     times: NDArray[np.float64],
@@ -118,7 +118,20 @@ def _place(
     model: tuple[NDArray[np.int64], NDArray[np.int64]],
     beam: Beam,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Returns the points (N, 2), their jacobians (N, 2, 3 + P), their covariances (N, 3) and their rays (N, 2)."""
+    """Renders returns; see `place`.
+
+    Args:
+        ranges: (N,) m.
+        azimuths: (N,) rad, in the frame of the sensor.
+        times: (N,) s since the start pose; the returns of one azimuth follow each other.
+        start: (3,) pose of the sensor at the start, world frame.
+        theta: (P,) motion parameters.
+        model: components and powers of the motion model.
+        beam: the sensor's errors.
+
+    Returns:
+        The points (N, 2), their jacobians (N, 2, 3 + P), their covariances (N, 3) and their rays (N, 2).
+    """
     n, size = len(ranges), len(theta)
     components, powers = model
     beta = beam.doppler_beta
@@ -128,10 +141,12 @@ def _place(
     covariances = np.empty((n, 3))
     rays = np.empty((n, 2))
     c0, s0 = np.cos(start[2]), np.sin(start[2])
+    ca, sa, c, s = 1.0, 0.0, 1.0, 0.0
     for i in range(n):
-        ca, sa = np.cos(azimuths[i]), np.sin(azimuths[i])
+        if i == 0 or azimuths[i] != azimuths[i - 1] or times[i] != times[i - 1]:  # the returns of one azimuth share both
+            ca, sa = np.cos(azimuths[i]), np.sin(azimuths[i])
+            c, s = np.cos(poses[i, 2]), np.sin(poses[i, 2])
         r = ranges[i] + beta * (twists[i, 0] * ca + twists[i, 1] * sa)
-        c, s = np.cos(poses[i, 2]), np.sin(poses[i, 2])
         ahead, left = c * ca - s * sa, s * ca + c * sa  # the beam, in the frame of the window's start
         x, y = poses[i, 0] + r * ahead, poses[i, 1] + r * left
         dx, dy = c0 * x - s0 * y, s0 * x + c0 * y
@@ -146,7 +161,7 @@ def _place(
         for p in range(size):
             d_range = 0.0
             if beta != 0.0 and components[p] != 2:
-                d_range = beta * times[i] ** powers[p] * (ca if components[p] == 0 else sa)
+                d_range = beta * raise_to(times[i], powers[p]) * (ca if components[p] == 0 else sa)
             jx = d_poses[i, 0, p] - d_poses[i, 2, p] * r * left + d_range * ahead
             jy = d_poses[i, 1, p] + d_poses[i, 2, p] * r * ahead + d_range * left
             jacobians[i, 0, 3 + p] = c0 * jx - s0 * jy

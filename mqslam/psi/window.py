@@ -20,7 +20,8 @@ from mqslam.core.scans import Returns
 from mqslam.psi.covariance import estimate_covariance_by_differences
 from mqslam.psi.estimator import Evaluation
 from mqslam.psi.gaussians import floor_variances, invert
-from mqslam.psi.minimiser import Minimum, Prior, annealed_scale, final_scale, minimise, score_itself
+from mqslam.psi.many_twists import score_twists
+from mqslam.psi.minimiser import Minimum, Prior, annealed_scale, final_scale, kernel_of, minimise, score_itself
 from mqslam.psi.observability import find_weak_directions, spread_along
 from mqslam.psi.place import Beam, PointSet, place
 
@@ -168,11 +169,11 @@ def search_twist(
     Returns:
         The best twist (3,) and the scores (V, W).
     """
+    scale, kernel = annealed_scale(config, 0), kernel_of(config, revolution_s)
     scores = np.empty((len(speeds), len(yaw_rates)))
     for i, v in enumerate(speeds):
-        for k, omega in enumerate(yaw_rates):
-            twist = np.array([v, 0.0, omega])
-            scores[i, k] = score_window(returns, t0, revolution_s, config, beam, twist).psi
+        twists = np.column_stack([np.full(len(yaw_rates), v), np.zeros(len(yaw_rates)), yaw_rates])
+        scores[i] = score_twists(returns, t0, twists, beam, scale, kernel)
     best = np.unravel_index(np.argmin(scores), scores.shape)
     return np.array([speeds[best[0]], 0.0, yaw_rates[best[1]]]), scores
 
