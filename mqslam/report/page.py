@@ -128,11 +128,17 @@ def tabulate_tests(summary: Mapping[str, Any]) -> Section | None:
         if (test := found.get(name)) is not None
     )
     head = ("test", "verdict", "p-value", "what it found", "what it cannot see")
-    note = (
+    notes = [
         "The p-value is the probability that a test shows as much anywhere in a map without a fault, as far as the stated "
         "covariances are right. A small one alone is no fault: what is off must matter, too."
-    )
-    return Section("Tests", (note,), table=Table(head, rows, holds_words=True)) if rows else None
+    ]
+    if alarms := section_of(summary, "false_alarms"):
+        notes.append(
+            f"Steps, spans, pooled corrections and revisits take as chance what has a p-value of "
+            f"{format_p_value(alarms['p_value_below'])} or more, so that chance alone should make them call no more than "
+            f"{format_value(100.0 * alarms['rate'])} % of the good maps bad."
+        )
+    return Section("Tests", tuple(notes), table=Table(head, rows, holds_words=True)) if rows else None
 
 
 def _data_uri(png: bytes) -> Markup:

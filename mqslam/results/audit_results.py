@@ -100,7 +100,7 @@ def summarise(
         }
         if sweeps.track is not None
         else None,
-        **summarise_tests(audit, settings, bounds),
+        **summarise_tests(audit, bounds),
         "extrinsics": None if extrinsics is None else list(extrinsics),
         "warnings": list(warnings),
         "per_window": [list_window(w) for w in audit.windows],
@@ -167,12 +167,11 @@ def _mean(values: Sequence[float]) -> float | None:
     return float(np.mean(values)) if values else None
 
 
-def summarise_tests(audit: Audit, settings: AuditConfig, bounds: VerdictConfig) -> dict[str, Any]:
+def summarise_tests(audit: Audit, bounds: VerdictConfig) -> dict[str, Any]:
     """Returns what each test of a map found, and the numbers of those besides windows and revisits, by name.
 
     Args:
         audit: the map, judged.
-        settings: settings of the audit.
         bounds: settings of the verdict.
     """
     return {
@@ -189,6 +188,7 @@ def summarise_tests(audit: Audit, settings: AuditConfig, bounds: VerdictConfig) 
         },
         "pooled": _list_pooled(audit.pooled),
         "tests": {name: _list_findings(findings) for name, findings in audit.tests.items()},
+        "false_alarms": {"rate": bounds.false_alarms, "p_value_below": bounds.share_of_false_alarms},
     }
 
 

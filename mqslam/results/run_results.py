@@ -90,7 +90,7 @@ def summarise(run: Run, recording: Recording) -> dict[str, Any]:
             "torn_share_at_most": torn.upper_bound(confidence),
             "median": float(np.median([w.bend.inflation for w in run.checks])) if run.checks else None,
         },
-        **(summarise_tests(run.checked, run.config.audit, run.config.verdict) if run.checked else {}),
+        **(summarise_tests(run.checked, run.config.verdict) if run.checked else {}),
         "verdict": {"status": status, "reasons": reasons},
         "factors": {
             "odometry": run.odometry_factors,

@@ -79,6 +79,7 @@ def test_each_test_gives_a_p_value_and_the_rate_of_false_alarms_decides(
     assert "p_value" in (tmp_path / "a" / "audit.csv").read_text().splitlines()[0].split(",")
     strict = audited(street, tmp_path / "b", *words, "--false-alarms", f"{2.0 * p_value:g}")
     assert strict["tests"]["steps"]["status"] == "pass"
+    assert summary["false_alarms"]["p_value_below"] > p_value > strict["false_alarms"]["p_value_below"]
     assert f"false_alarms: {2.0 * p_value:g}"[:18] in (tmp_path / "b" / "config.yaml").read_text()
 
 

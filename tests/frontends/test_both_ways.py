@@ -82,6 +82,14 @@ def test_the_mean_of_two_measurements_of_one_motion_is_marked_as_one() -> None:
         assert motion.on_map
 
 
+def test_two_measurements_that_contradict_each_other_are_less_sure_than_they_say() -> None:
+    forward, apart = drive(LONG), np.array([0.5, 0.0, 0.0])  # 25 standard deviations
+    backward = play_backward([replace(m, pose=STEP + (apart if k == 900 else 0.0)) for k, m in enumerate(forward)])
+    joined = join_motions(LONG, forward, backward)
+    assert joined[900].covariance[0, 0] > 0.25 * 0.5**2
+    assert joined[899].covariance[0, 0] < 2.0 * SURE[0, 0] and joined[901].covariance[0, 0] < 2.0 * SURE[0, 0]
+
+
 def test_the_mean_lies_between_what_both_directions_measure() -> None:
     forward, off = drive(SCANS), np.array([0.01, -0.004, 0.0006])
     backward = play_backward([replace(m, pose=STEP + off) for m in forward])

@@ -132,8 +132,10 @@ def test_the_tests_stand_side_by_side_with_their_p_values(tmp_path: Path) -> Non
         "revisits": {"status": "pass", "p_value": None, "reasons": ["it comes back to no place"]},
     }
     report = a_report()
-    write_audit_report(tmp_path / "report.html", replace(report, summary={**report.summary, "tests": tests}))
+    found = {"tests": tests, "false_alarms": {"rate": 0.02, "p_value_below": 0.0025}}
+    write_audit_report(tmp_path / "report.html", replace(report, summary=report.summary | found))
     text = page_of(tmp_path / "report.html").text
+    assert "a p-value of 0.0025 or more" in text and "no more than 2 % of the good maps" in text
     assert "p-value" in text and "pass\n0.31\n0 of 10" in text and "warn\n< 0.0001\nthe map jumps" in text
     assert "pass\n–\nit comes back" in text
 
