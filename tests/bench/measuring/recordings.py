@@ -56,21 +56,24 @@ def simulate(scene: str, realism: str, seed: int, duration_s: float) -> Path:
     return _make([MQSLAM, "simulate"], [*words, "--quiet"], out)
 
 
-def twin(name: str, world: str, seed: int, frames: int | None = None) -> Path:
-    """Returns the first scans of a run of the city twin, or all.
+def twin(name: str, world: str, seed: int, frames: int | None = None, start: int = 0) -> Path:
+    """Returns some scans of a run of the city twin, or all.
 
     Args:
         name: of the run.
         world: `kind` or `hard`.
         seed: of vehicles, noise and fluctuation.
         frames: number of scans; None takes all.
+        start: the first of them.
 
     Raises:
         MissingData: the twin is not on this machine.
     """
     script = shared(SHARED / "twin" / "make_twin.py")
     words = ["--world", world, "--seed", str(seed), *(["--frames", str(frames)] if frames else [])]
-    return _make([Path(sys.executable), script, name], words, cache() / f"twin-{name}-{world}-{frames or 'all'}-seed{seed}")
+    words += ["--start", str(start)] if start else []
+    scans = f"{frames or 'all'}{f'-from{start}' if start else ''}"
+    return _make([Path(sys.executable), script, name], words, cache() / f"twin-{name}-{world}-{scans}-seed{seed}")
 
 
 def shared(path: Path) -> Path:
