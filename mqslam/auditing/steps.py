@@ -82,8 +82,12 @@ def audit_steps(
         progress("doubtful steps", number, len(doubtful))
 
     far = dict(zip(doubtful, engine.map(_lay_far, shared, doubtful, report_far), strict=True))
-    found = near | {place: step for place, step in far.items() if step is not None}
-    laid = [step for _, step in sorted(found.items()) if step is not None]
+    found = {place: step for place, step in near.items() if step is not None}
+    found |= {place: step for place, step in far.items() if step is not None}
+    beside = [(place, reach) for place, reach in _pick_beside(found, settings) if lies_in_no_gap(place)]
+    placed = zip(beside, engine.map(_lay_beside, shared, beside), strict=True)
+    found |= {place: step for (place, _), step in placed if step is not None}
+    laid = [step for _, step in sorted(found.items())]
     p_values = compute_p_values(laid, settings)
     return [
         StepAudit(step, float(sweeps.times[step.later]), float(p)) for step, p in zip(laid, p_values.tolist(), strict=True)
@@ -145,6 +149,31 @@ def _pick_doubtful(near: Mapping[int, Laid | None], settings: AuditConfig) -> li
     return sorted(place for place in picked if min(near) <= place <= max(near))
 
 
+def _pick_beside(laid: Mapping[int, Laid], settings: AuditConfig) -> list[tuple[int, tuple[float, float]]]:
+    """Returns the places up to the next steps from those that are off by more than chance explains, and where to look there.
+
+    A step whose scans lie on both sides of a jump shows it, too. The place between two steps may be where it is.
+
+    Args:
+        laid: the step of each place that was laid.
+        settings: of the audit.
+
+    Returns:
+        places in order, each with how far off its two sides may be [m], [rad].
+    """
+    places = sorted(laid)
+    reaches: dict[int, tuple[float, float]] = {}
+    p_values = compute_p_values([laid[place] for place in places], settings)
+    for place, p_value in zip(places, p_values.tolist(), strict=True):
+        off_m = float(np.hypot(*laid[place].offset[:2]))
+        if not (p_value < 1.0 - settings.probability and laid[place].size_m > settings.jump_m):
+            continue
+        for other in range(place + 1 - settings.step_every, place + settings.step_every):
+            if other not in laid and places[0] <= other <= places[-1]:
+                reaches[other] = (max(settings.search_m, 2.0 * off_m), settings.search_rad)
+    return sorted(reaches.items())
+
+
 def _lay_near(shared: _Shared, place: int) -> Laid | None:
     """Lays the scans from a place on upon those before it, near where the trajectory has them."""
     settings = shared[1]
@@ -156,6 +185,12 @@ def _lay_far(shared: _Shared, place: int) -> Laid | None:
     sweeps, settings, _ = shared
     laid = _lay_step(shared, place, compute_far_reach(measure_span(sweeps, place - 1), settings))
     return laid if laid is not None and fits_far_better(laid, settings) else None
+
+
+def _lay_beside(shared: _Shared, item: tuple[int, tuple[float, float]]) -> Laid | None:
+    """Lays the same beside a step that is off, as far away as it may be there."""
+    place, reach = item
+    return _lay_step(shared, place, reach)
 
 
 def _lay_step(shared: _Shared, place: int, reach: tuple[float, float]) -> Laid | None:

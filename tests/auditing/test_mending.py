@@ -13,8 +13,10 @@ from scipy.spatial.transform import Rotation
 from support.drives import block_drive
 
 from mqslam.auditing.judge import Audit, audit
-from mqslam.auditing.mending.evidence import allow_for_turns
+from mqslam.auditing.laying import Laid
+from mqslam.auditing.mending.evidence import allow_for_turns, tie_spans
 from mqslam.auditing.mending.rounds import Judged, Mended, carry, mend
+from mqslam.auditing.spans.torn import SpanAudit
 from mqslam.auditing.sweeps import Sweeps, place_sweeps
 from mqslam.auditing.verdict import VerdictStatus
 from mqslam.auditing.windows import share_torn
@@ -114,6 +116,16 @@ def test_what_an_audit_finds_is_mended(distort: Distort, share: float) -> None:
     assert absolute_error(result.result.trajectory) < share * absolute_error(given.trajectory)
     assert result.result.trajectory.stamps_us.tolist() == given.trajectory.stamps_us.tolist()
     assert result.result.trajectory.poses[0] == pytest.approx(given.trajectory.poses[0], abs=2e-3)
+
+
+@pytest.mark.parametrize(("jump_at", "ties"), [(9, 1), (10, 0), (15, 0), (21, 0), (22, 1)])
+def test_a_span_whose_scans_lie_on_both_sides_of_a_jump_ties_nothing(jump_at: int, ties: int) -> None:
+    """The scans at its ends are those around the sweeps 10 and 20."""
+    sweeps = place(block_drive()[0].ground_truth)
+    sure = 1e-4 * np.eye(3)
+    laid = Laid(10, 20, np.array([30.0, 0.0, 0.0]), 30.0, np.zeros(3), sure, 0.1, 0.8, 1.0, 1.0, True, True)
+    span = SpanAudit(laid, 2.5, 5.0, np.zeros(3), sure, 0.5, torn=False)
+    assert len(tie_spans([span], sweeps, {jump_at}, CONFIG.audit)) == ties
 
 
 @pytest.mark.slow

@@ -24,13 +24,13 @@ CONFIG = Config(audit=AuditConfig(step_every=1))
 PLACE = 31  # the scan with whose start the trajectory jumps
 
 
-def lay_street(jump: tuple[float, float, float]) -> Sweeps:
+def lay_street(jump: tuple[float, float, float], place: int = PLACE) -> Sweeps:
     """Returns a street under its true trajectory, which jumps for good in its own frame when a scan begins."""
     recording, scans = street_drive()
     truth = recording.ground_truth
-    poses, after = truth.poses.copy(), truth.stamps_us >= scans.stamps_us[PLACE]
-    moved = se2.compose(truth.at(scans.stamps_us[[PLACE]])[0], np.array(jump))
-    back = se2.inverse(truth.at(scans.stamps_us[[PLACE]])[0])
+    poses, after = truth.poses.copy(), truth.stamps_us >= scans.stamps_us[place]
+    moved = se2.compose(truth.at(scans.stamps_us[[place]])[0], np.array(jump))
+    back = se2.inverse(truth.at(scans.stamps_us[[place]])[0])
     for k in np.flatnonzero(after):
         poses[k] = se2.compose(moved, se2.compose(back, poses[k]))
     return place_sweeps(scans, Trajectory(truth.stamps_us, poses), CONFIG.audit, beam_of(CONFIG.estimator, 0.0))[0]
@@ -68,6 +68,21 @@ def test_a_lasting_jump_is_found_where_it_is(jump: tuple[float, float, float], s
     assert judge_steps(steps, found, CONFIG.audit).status is status
     at = min(steps, key=lambda step: abs(step.laid.later - PLACE))
     np.testing.assert_allclose(at.laid.offset[:2], -np.array(jump[:2]), atol=0.15)
+
+
+@pytest.mark.parametrize("place", [30, 31])
+@pytest.mark.parametrize("jump", [(0.6, 0.8, 0.0), (2.0, 0.0, 0.0)])
+def test_a_jump_between_the_places_that_are_judged_is_placed_where_it_is(
+    place: int, jump: tuple[float, float, float]
+) -> None:
+    """As every second place is judged, one of the two lies between them."""
+    settings = AuditConfig(step_every=2, step_fewest=10)
+    sweeps = lay_street(jump, place)
+    known = np.ones(len(sweeps), bool)
+    steps = audit_steps(sweeps, known, settings, CONFIG.estimator, LocalEngine(2), ignore_progress)
+    assert [step.laid.later for step in find_torn_steps(steps, settings, CONFIG.verdict)] == [place]
+    judged = [step.laid.later for step in steps]
+    assert judged == sorted(set(judged)) and len(judged) < 0.75 * len(sweeps)
 
 
 def test_the_result_does_not_depend_on_the_workers() -> None:

@@ -12,6 +12,7 @@ from scipy.stats import chi2
 from mqslam.auditing.judge import Audit
 from mqslam.auditing.laying import Laid, ask_of_single_scans, lay
 from mqslam.auditing.revisits import RevisitAudit
+from mqslam.auditing.spans.measured import pick_ends
 from mqslam.auditing.spans.torn import SpanAudit
 from mqslam.auditing.speeds import contradicts
 from mqslam.auditing.steps import scale_covariances
@@ -120,19 +121,26 @@ def tie_steps(audit: Audit, sweeps: Sweeps, jumps: Collection[int], settings: Au
     }
 
 
-def tie_spans(spans: Sequence[SpanAudit], sweeps: Sweeps, jumps: Collection[int]) -> list[Tie]:
+def tie_spans(spans: Sequence[SpanAudit], sweeps: Sweeps, jumps: Collection[int], settings: AuditConfig) -> list[Tie]:
     """Returns the motions through spans as psi has them, but for spans that hold a jump, which is put in where it is.
 
     Args:
         spans: of the trajectory.
         sweeps: points under it.
         jumps: sweeps that a jump leads to.
+        settings: of the audit.
     """
     return [
         _tie_step(span.laid, span.covariance, sweeps, 0)
         for span in spans
-        if np.isfinite(span.p_value) and not any(span.laid.earlier < jump <= span.laid.later for jump in jumps)
+        if np.isfinite(span.p_value) and not _holds_any(span.laid, jumps, settings)
     ]
+
+
+def _holds_any(laid: Laid, jumps: Collection[int], settings: AuditConfig) -> bool:
+    """Returns whether any jump lies within a span, the scans around its ends included."""
+    begin, end = pick_ends((laid.earlier, laid.later), settings)
+    return any(begin[0] < jump <= end[-1] for jump in jumps)
 
 
 def lay_successive(

@@ -192,7 +192,7 @@ class _Mender:
         self._pairs: dict[int, Laid] = {}  # successive scans as the round has laid them in which they fit best
         windows = tie_windows(given.audit, given.sweeps, self._jumps)
         self._torn = tie_windows(given.audit, given.sweeps, self._jumps, torn=True)
-        self._bent = tie_spans([span for span in given.audit.spans if span.torn], given.sweeps, self._jumps)
+        self._bent = tie_spans([span for span in given.audit.spans if span.torn], given.sweeps, self._jumps, config.audit)
         self._noise = estimate_variances(windows, measure_misses(windows, self._chain))
         self._variances = self._list_variances()
         self._loop_settings = config.loops.model_copy(update={"least_path_m": config.audit.least_path_m})
@@ -212,7 +212,7 @@ class _Mender:
         if not self._is_noisy:
             torn = {tie.a for tie in self._torn}
             windows = [tie for tie in windows if tie.a in torn]
-        beside = tie_spans(audit.spans, sweeps, jumps) if self._bent else []
+        beside = tie_spans(audit.spans, sweeps, jumps, config.audit) if self._bent else []
         variances = self._variances
         if self._is_noisy:
             turns = self._tie_scans(sweeps)
