@@ -183,6 +183,8 @@ def score_window(
 ) -> Evaluation:
     """Scores a window under a constant twist (3,), at the widest scale.
 
+    It is the readable twin of `mqslam.psi.many_twists.score_twists`, which an exhaustive search calls.
+
     Args:
         returns: of two scans at least.
         t0: start of the window [s].
