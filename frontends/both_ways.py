@@ -2,8 +2,8 @@
 
 Forward, a scan is matched to what was seen before it; backward, to what was seen after it. The two maps hold other views,
 so that the errors of the two matches are nearly independent: how far the two are apart shows how large their errors are,
-and their mean is better than either. Where one direction loses the track or observes nothing, the other often does not. A
-recording played backward is a recording too: the vehicle drives in reverse.
+and their mean is better than either. Where one direction loses the track or observes nothing, the other often does not: it
+then counts alone until both agree again. A recording played backward is a recording too: the vehicle drives in reverse.
 """
 
 from __future__ import annotations
@@ -91,11 +91,13 @@ def join(forward: Sequence[Match], backward: Sequence[Match | None], settings: C
     """
     twice = [_compare(f, b, settings.shared) for f, b in zip(forward, backward, strict=True) if b is not None]
     scale = learn_scale(twice, settings)
-    joined = []
-    for f, b in zip(forward, backward, strict=True):
-        motion = _scale(f, scale)
-        joined.append(motion if b is None else _join_motions(motion, _scale(b, scale), settings.shared))
-    return joined
+    there = [_scale(f, scale) for f in forward]
+    back = [None if b is None else _scale(b, scale) for b in backward]
+    regaining = _find_regaining(there, back, settings.shared)
+    return [
+        f if b is None else _join_motions(f, b, regains, settings.shared)
+        for f, b, regains in zip(there, back, regaining, strict=True)
+    ]
 
 
 def _compare(forward: Match, backward: Match, shared: float) -> Twice:
@@ -137,13 +139,68 @@ def _turn(match: Match) -> Match:
     return Match(replace(motion, pose=se2.inverse(pose), covariance=covariance), unseen)
 
 
-def _join_motions(forward: Measurement, backward: Measurement, shared: float) -> Measurement:
-    """Returns what two measurements of one motion say together; one whose scans were both matched counts alone."""
-    if forward.on_map and backward.on_map:
+def _find_regaining(
+    forward: Sequence[Measurement], backward: Sequence[Measurement | None], shared: float
+) -> list[tuple[bool, bool]]:
+    """Finds the motions over which a direction has not yet found back to the place that it was held away from.
+
+    A scan that psi does not observe is held where it was predicted, and joins the map there. The scans after it, in the
+    order of the track, are matched to a map that is partly wrong, and come back to their places only step by step. These
+    steps make up for motions that do not count, so that they must not count either, until both directions agree.
+
+    Args:
+        forward: the motions as they were measured forward.
+        backward: the same motions as they were measured backward, or None.
+        shared: share of the variance of the errors that both directions have in common.
+
+    Returns:
+        for each motion whether the forward and the backward direction regain their places over it.
+    """
+    agree = [b is not None and _agree(f, b, shared) for f, b in zip(forward, backward, strict=True)]
+    held_there = [not f.on_map for f in forward]
+    held_back = [b is None or not b.on_map for b in backward]
+    there = _spread(held_there, agree)
+    back = _spread(held_back[::-1], agree[::-1])[::-1]
+    return list(zip(there, back, strict=True))
+
+
+def _spread(held: Sequence[bool], agree: Sequence[bool]) -> list[bool]:
+    """Returns which motions come, in the order given, after a held one and before one on which both directions agree."""
+    spread, after = [], False
+    for is_held, both_agree in zip(held, agree, strict=True):
+        spread.append(after and not is_held and not both_agree)
+        after = is_held or spread[-1]
+    return spread
+
+
+def _agree(forward: Measurement, backward: Measurement, shared: float) -> bool:
+    """Returns whether both measurements of one motion are matches, and no farther apart than their covariances explain."""
+    return forward.on_map and backward.on_map and not _contradict(forward, backward, shared)
+
+
+def _contradict(forward: Measurement, backward: Measurement, shared: float) -> bool:
+    """Returns whether two measurements of one motion are farther apart than their covariances explain."""
+    apart, both = se2.subtract(backward.pose, forward.pose), forward.covariance + backward.covariance
+    return bool(apart @ np.linalg.solve((1.0 - shared) * both, apart) > _CHANCE)
+
+
+def _join_motions(forward: Measurement, backward: Measurement, regains: tuple[bool, bool], shared: float) -> Measurement:
+    """Returns what two measurements of one motion say together; one whose scans were both matched counts alone.
+
+    Args:
+        forward: the motion as it was measured forward.
+        backward: the motion as it was measured backward.
+        regains: whether each direction regains its place over this motion, so that the other counts alone if it does not.
+        shared: share of the variance of the errors that both have in common.
+    """
+    there, back = forward.on_map, backward.on_map
+    if there and back and regains[0] != regains[1]:
+        there, back = regains[1], regains[0]
+    if there and back:
         return _average(forward, backward, shared)
-    if forward.on_map:
+    if there:
         return forward
-    if backward.on_map:
+    if back:
         return replace(backward, t0=forward.t0, t1=forward.t1, psi_odometry=forward.psi_odometry)
     return _intersect(forward, backward)
 
@@ -154,9 +211,9 @@ def _average(forward: Measurement, backward: Measurement, shared: float) -> Meas
     Each counts as much as the other, whatever its covariance: weights that change from motion to motion would keep errors
     of successive motions from cancelling. Two measurements that contradict each other are less sure than they say.
     """
-    apart, both = se2.subtract(backward.pose, forward.pose), forward.covariance + backward.covariance
-    covariance = 0.25 * (1.0 + shared) * both
-    if apart @ np.linalg.solve((1.0 - shared) * both, apart) > _CHANCE:
+    apart = se2.subtract(backward.pose, forward.pose)
+    covariance = 0.25 * (1.0 + shared) * (forward.covariance + backward.covariance)
+    if _contradict(forward, backward, shared):
         covariance = covariance + 0.25 * np.outer(apart, apart)
     return replace(forward, pose=forward.pose + 0.5 * apart, covariance=covariance, apart=apart)
 

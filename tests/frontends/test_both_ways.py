@@ -82,14 +82,6 @@ def test_the_mean_of_two_measurements_of_one_motion_is_marked_as_one() -> None:
         assert motion.on_map
 
 
-def test_two_measurements_that_contradict_each_other_are_less_sure_than_they_say() -> None:
-    forward, apart = drive(LONG), np.array([0.5, 0.0, 0.0])  # 25 standard deviations
-    backward = play_backward([replace(m, pose=STEP + (apart if k == 900 else 0.0)) for k, m in enumerate(forward)])
-    joined = join_motions(LONG, forward, backward)
-    assert joined[900].covariance[0, 0] > 0.25 * 0.5**2
-    assert joined[899].covariance[0, 0] < 2.0 * SURE[0, 0] and joined[901].covariance[0, 0] < 2.0 * SURE[0, 0]
-
-
 def test_the_mean_lies_between_what_both_directions_measure() -> None:
     forward, off = drive(SCANS), np.array([0.01, -0.004, 0.0006])
     backward = play_backward([replace(m, pose=STEP + off) for m in forward])
@@ -174,6 +166,30 @@ def test_the_direction_that_kept_the_track_is_taken_alone(
     for motion in join_motions(SCANS, forward, play_backward(backward))[1:]:
         np.testing.assert_allclose(motion.pose, STEP, atol=1e-12)
         assert motion.status is Status.CONVERGED and np.isnan(motion.apart).all()
+
+
+def hold(good: list[Measurement], scan: int, off: dict[int, float]) -> list[Measurement]:
+    """Returns motions with a scan that was not observed, and the turns [rad] by which other motions make up for it."""
+    motions = [replace(m, pose=m.pose + np.array([0.0, 0.0, off.get(k, 0.0)])) for k, m in enumerate(good)]
+    for k in (scan - 1, scan):
+        motions[k] = replace(motions[k], on_map=False, covariance=SURE + np.diag([0.0, 0.0, 1e-2]))
+    motions[scan] = replace(motions[scan], status=Status.DEGENERATE)
+    return motions
+
+
+@pytest.mark.parametrize("held_forward", [True, False])
+def test_a_direction_that_was_held_counts_again_once_both_agree(held_forward: bool) -> None:
+    """What a held scan is off by, the motions after it make up for, in the order in which the direction was tracked."""
+    good = waver(drive(LONG), 1e-2 * SURE, 2)
+    first, second, later = (1001, 1002, 1009) if held_forward else (998, 997, 990)
+    held = hold(good, 1000, {first: -0.02, second: -0.02, later: -0.02})
+    forward, backward = (held, good) if held_forward else (good, held)
+    joined = join_motions(LONG, forward, play_backward(backward))
+    alone = {k for k in range(1, len(LONG) - 1) if np.isnan(joined[k].apart[0])}
+    assert alone == {999, 1000, first, second}
+    errors = np.array([m.pose - g.pose for m, g in zip(joined, good, strict=True)])[:, 2]
+    assert errors[later] == pytest.approx(-0.01)  # both agreed before: the held scan has no part in this contradiction
+    assert np.sum(errors) == pytest.approx(-0.01)
 
 
 def test_where_nothing_is_observed_both_count_by_what_they_know_and_no_surer_than_the_surer_one() -> None:
