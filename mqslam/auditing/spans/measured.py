@@ -2,10 +2,13 @@
 
 Laid on each other, scans seem a little closer together than they are, by an amount that does not depend on the path between
 them. The path is therefore long, but no longer than the range at which the sensor sees most things: from farther apart it
-sees other faces of them, which are wrongly laid on each other.
+sees other faces of them, which are wrongly laid on each other. That happens within a span as well, and by more than the
+curvature of psi tells. Each span is therefore laid several times, by other scans at its ends, and the median counts.
 """
 
 from __future__ import annotations
+
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +17,7 @@ from mqslam.auditing.laying import Laid, lay
 from mqslam.auditing.sweeps import Sweeps
 from mqslam.backend.loops.submap import pick_spaced
 from mqslam.config import AuditConfig, EstimatorConfig
+from mqslam.core import se2
 from mqslam.execution.engine import Engine
 from mqslam.execution.progress import Progress
 
@@ -44,8 +48,8 @@ def lay_spans(
     def report(number: int, laid: Laid | None) -> None:
         progress("spans", number, len(pairs))
 
-    laid = engine.map(_lay_span, (sweeps, settings, estimator), pairs, report)
-    return [span for span in laid if span is not None and span.observed and _leads_away(span, settings)]
+    shared = sweeps, known, settings, estimator
+    return [span for span in engine.map(_lay_span, shared, pairs, report) if span is not None]
 
 
 def _leads_away(span: Laid, settings: AuditConfig) -> bool:
@@ -85,11 +89,35 @@ def find_spans(travelled: NDArray[np.float64], settings: AuditConfig) -> list[tu
     return list(zip(earlier[there].tolist(), later[there].tolist(), strict=True))
 
 
-def _lay_span(shared: tuple[Sweeps, AuditConfig, EstimatorConfig], pair: tuple[int, int]) -> Laid | None:
-    """Lays the scans around the end of a span upon those around its begin."""
-    sweeps, settings, estimator = shared
+def _lay_span(shared: tuple[Sweeps, NDArray[np.bool_], AuditConfig, EstimatorConfig], pair: tuple[int, int]) -> Laid | None:
+    """Lays a span, by the scans at its ends and by those before and after these; None where the first are of no use."""
+    sweeps, known, settings, estimator = shared
     reach = settings.search_m, settings.search_rad
-    return lay(sweeps, pair, pick_ends(pair, settings), reach, settings, estimator)
+    laid = lay(sweeps, pair, pick_ends(pair, settings), reach, settings, estimator)
+    if laid is None or not laid.observed or not _leads_away(laid, settings):
+        return None
+    offsets = [laid.offset]
+    for aside in (-settings.step_scans, settings.step_scans):
+        beside = pair[0] + aside, pair[1] + aside
+        if not all(_is_there(end, known) for end in pick_ends(beside, settings)):
+            continue
+        look = lay(sweeps, beside, pick_ends(beside, settings), reach, settings, estimator)
+        if look is not None and look.observed:
+            offsets.append(_carry_over(look, laid, sweeps))
+    return replace(laid, offset=np.median(offsets, axis=0))
+
+
+def _is_there(stretch: range, known: NDArray[np.bool_]) -> bool:
+    """Returns whether all sweeps of a stretch exist and lie in no gap of the trajectory."""
+    return stretch.start >= 0 and stretch.stop <= len(known) and bool(known[stretch.start : stretch.stop].all())
+
+
+def _carry_over(look: Laid, laid: Laid, sweeps: Sweeps) -> se2.Array:
+    """Returns the offset (3,) that a span has by a look from beside its ends, as the trajectory ties both together."""
+    seen = se2.compose(look.between, look.offset)
+    begin = se2.between(sweeps.poses[laid.earlier], sweeps.poses[look.earlier])
+    end = se2.between(sweeps.poses[look.later], sweeps.poses[laid.later])
+    return se2.wrapped_between(laid.between, se2.compose(se2.compose(begin, seen), end))
 
 
 def pick_ends(pair: tuple[int, int], settings: AuditConfig) -> tuple[range, range]:
