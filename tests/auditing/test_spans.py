@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from support.drives import block_drive
 
 from mqslam.auditing.findings import judge_spans
-from mqslam.auditing.laying import Laid
-from mqslam.auditing.spans.measured import lay_spans
+from mqslam.auditing.laying import Laid, lay
+from mqslam.auditing.spans.measured import find_spans, fit_to_reach, lay_spans, pick_ends
 from mqslam.auditing.spans.torn import SpanAudit, audit_spans
 from mqslam.auditing.sweeps import place_sweeps
 from mqslam.auditing.verdict import VerdictStatus
@@ -53,6 +54,22 @@ def test_a_stretch_that_is_too_long_by_a_hundredth_is_found(stretch: float) -> N
     side = "long" if stretch > 0.0 else "short"
     said = rf"{len(torn)} of {len(spans)} spans of 3\d m of path are off, the worst 0\.[23]\d m too {side} from \d"
     assert re.match(said, finding.reason)
+
+
+def test_scans_at_one_end_that_see_other_things_move_no_span() -> None:
+    """The points of three scans are displaced, so that the span that ends there is off by as much if only they are asked."""
+    recording, scans = block_drive()
+    sweeps = place_sweeps(scans, recording.ground_truth, CONFIG.audit, beam_of(CONFIG.estimator, 0.0))[0]
+    known = np.ones(len(sweeps), bool)
+    middle = find_spans(sweeps.travelled, fit_to_reach(sweeps, CONFIG.audit))[6]
+    points = sweeps.points.copy()
+    points[sweeps.span(middle[1] - 1, middle[1] + 2)] += [0.3, 0.0]
+    moved = replace(sweeps, points=points)
+    sections = CONFIG.audit, CONFIG.estimator
+    asked = lay(moved, middle, pick_ends(middle, CONFIG.audit), (2.0, 0.1), *sections)
+    assert asked is not None and np.hypot(*asked.offset[:2]) == pytest.approx(0.3, abs=0.06)
+    spans = lay_spans(moved, known, *sections, LocalEngine(2), ignore_progress)
+    assert max(np.hypot(*span.offset[:2]) for span in spans if (span.earlier, span.later) == middle) < 0.1
 
 
 def laid(offset: np.ndarray) -> Laid:
