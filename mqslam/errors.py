@@ -21,6 +21,7 @@ class Remedy(StrEnum):
     CHOOSE_OR_REPLACE_OUTPUT = "choose another output, or allow this one to be replaced"
     CHOOSE_OR_RESUME_OUTPUT = "choose another output, or resume the unfinished run in it"
     CHOOSE_OR_WRITE_OUTPUT = "choose another output, or allow this one to be written into"
+    CHANGE_TIME_OFFSET = "change the time between the clocks by"
     FREE_SPACE = "free space or choose another output"
     GIVE_EXTRINSICS = "give extrinsics"
     GIVE_FITTING_TRAJECTORY = "give the trajectory it was made with, or the time between the clocks of the two"

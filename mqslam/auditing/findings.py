@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mqslam.auditing.revisits import RevisitAudit
+from mqslam.auditing.spans.delay import Delay
 from mqslam.auditing.spans.lever import Lever
 from mqslam.auditing.spans.pooled import Pooled
 from mqslam.auditing.spans.torn import SpanAudit
@@ -116,8 +117,8 @@ def judge_pooled(pooled: Pooled | None, limits: VerdictConfig, extrinsics: se2.A
     Args:
         pooled: what all of the map asks for together; None where too few places show it.
         limits: of the verdict.
-        extrinsics: (3,) x, y [m], yaw [rad] of the sensor in the frame of which the trajectory was given; None where they
-            cannot be chosen.
+        extrinsics: (3,) x, y [m], yaw [rad] of the sensor in the frame of which the trajectory was given; None where
+            neither they nor an offset of its stamps can be chosen.
     """
     if pooled is None:
         reason = "too few places that far apart see the same to show whether the scale is right"
@@ -125,11 +126,14 @@ def judge_pooled(pooled: Pooled | None, limits: VerdictConfig, extrinsics: se2.A
     biases = find_biases(pooled, limits)
     wishes = [_WISHES[axis](float(pooled.bias[axis]), float(pooled.sigma[axis])) for axis in biases]
     lever = find_lever(pooled, limits)
-    chances = pooled.p_value if pooled.lever is None else np.append(pooled.p_value, pooled.lever.p_value)
-    p_value = find_smallest(correct_for_places(chances))
+    delay = find_delay(pooled, limits)
+    of_lever = np.empty(0) if pooled.lever is None else pooled.lever.p_value
+    p_value = find_smallest(correct_for_places(np.concatenate([pooled.p_value, [pooled.delay.p_value], of_lever])))
     reasons = [f"all along the drive {' and '.join(wishes)}"] if wishes else []
     if lever is not None:
         reasons.append(_wish_arm(lever))
+    if delay is not None:
+        reasons.append(_wish_stamps(delay))
     if not reasons:
         reason = "scale, direction of travel and yaw rate fit what the sensor sees"
         return Finding(VerdictStatus.PASS, reason, p_value=p_value)
@@ -137,6 +141,8 @@ def judge_pooled(pooled: Pooled | None, limits: VerdictConfig, extrinsics: se2.A
     if (_SIDE in biases or lever is not None) and extrinsics is not None:
         turned = float(-find_bias(pooled, limits)[_SIDE])
         reason += f"; {Remedy.GIVE_EXTRINSICS} {_name_extrinsics(extrinsics, turned, lever)}"
+    if delay is not None and extrinsics is not None:
+        reason += f"; {Remedy.CHANGE_TIME_OFFSET} {-delay.seconds:.3f} s"
     return Finding(VerdictStatus.WARN, reason, p_value=p_value)
 
 
@@ -147,6 +153,13 @@ def find_lever(pooled: Pooled, limits: VerdictConfig) -> Lever | None:
         return None
     found = (np.abs(lever.arm) > limits.lever_warn) & (lever.p_value < limits.share_of_false_alarms)
     return lever if found.any() else None
+
+
+def find_delay(pooled: Pooled, limits: VerdictConfig) -> Delay | None:
+    """Returns how late all of a map asks for the stamps of its trajectory to be, or None if that is tolerated."""
+    delay = pooled.delay
+    found = abs(delay.seconds) > limits.delay_warn and delay.p_value < limits.share_of_false_alarms
+    return delay if found else None
 
 
 def _name_extrinsics(given: se2.Array, turned: float, lever: Lever | None) -> str:
@@ -192,6 +205,11 @@ def _wish_arm(lever: Lever) -> str:
     places = " and ".join(f"{size:.2f} m {side}" for size, side in parts if size > 0.1 * np.hypot(ahead, left))
     sigma = f"(± {np.max(lever.sigma):.2f})"
     return f"in turns the sensor moves as if it sat {places} {sigma} of where the trajectory has it"
+
+
+def _wish_stamps(delay: Delay) -> str:
+    late = "late" if delay.seconds > 0.0 else "early"
+    return f"the stamps of the trajectory are {abs(delay.seconds):.3f} s (± {delay.sigma:.3f}) {late}"
 
 
 _WISHES: Final = (_wish_length, _wish_side, _wish_turn)  # what is asked for forward, to the side and in yaw, in words

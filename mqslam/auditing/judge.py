@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from mqslam.auditing.findings import (
     find_bias,
+    find_delay,
     find_lever,
     find_torn_steps,
     judge_locally,
@@ -24,6 +25,8 @@ from mqslam.auditing.findings import (
 )
 from mqslam.auditing.laying import Laid
 from mqslam.auditing.revisits import RevisitAudit, audit_revisits
+from mqslam.auditing.spans import effects
+from mqslam.auditing.spans.delay import measure_twists
 from mqslam.auditing.spans.measured import lay_spans
 from mqslam.auditing.spans.pooled import Pooled, pool, predict_offsets
 from mqslam.auditing.spans.torn import SpanAudit, audit_spans
@@ -125,8 +128,9 @@ def audit(
         tests["revisits"] = [judge_locally(windows)]
     else:
         laid = lay_spans(sweeps, ~interpolated, settings, estimator, engine, progress)
-        pooled = pool(laid, settings)
-        spans = audit_spans(laid, _expect(laid, pooled, limits), sweeps.times, settings, limits)
+        twists = measure_twists(sweeps, settings.step_scans)
+        pooled = pool(laid, twists, settings)
+        spans = audit_spans(laid, _expect(laid, twists, pooled, limits), sweeps.times, settings, limits)
         revisits = audit_revisits(sweeps, settings, estimator, limits, engine, progress, claims)
         tests |= {
             "spans": [judge_spans(spans, limits)],
@@ -161,11 +165,15 @@ def audit_trajectory(
     return audit(sweeps, *sections, runner.engine, runner.progress, config.audit.sampled_windows, claims)
 
 
-def _expect(spans: Sequence[Laid], pooled: Pooled | None, limits: VerdictConfig) -> NDArray[np.float64]:
+def _expect(
+    spans: Sequence[Laid], twists: NDArray[np.float64], pooled: Pooled | None, limits: VerdictConfig
+) -> NDArray[np.float64]:
     """Returns the offsets (N, 3) of spans that the test of pooled corrections tells of already."""
     if pooled is None:
         return np.zeros((len(spans), 3))
-    return predict_offsets(spans, find_bias(pooled, limits), find_lever(pooled, limits))
+    delay = find_delay(pooled, limits)
+    by_delay = (0.0 if delay is None else delay.seconds) * effects.of_delay(spans, twists)
+    return predict_offsets(spans, find_bias(pooled, limits), find_lever(pooled, limits), by_delay)
 
 
 def _mark_interpolated(sweeps: Sweeps, settings: AuditConfig) -> NDArray[np.bool_]:

@@ -9,8 +9,9 @@ from pydantic import BaseModel, ConfigDict, Field
 from mqslam.config.fields import expert
 from mqslam.config.loop_config import PassConfig, SearchRad, SpacingM
 
-# by definition: tests that share the rate of false alarms: steps, spans, three biases, two of the lever arm, and revisits
-_SHARERS: Final = 8
+# by definition: tests that share the rate of false alarms: steps, spans, three biases, two of the lever arm, the delay, and
+# revisits
+_SHARERS: Final = 9
 
 
 class AuditConfig(PassConfig):
@@ -243,6 +244,9 @@ class VerdictConfig(BaseModel):
         0.05,
         ge=0.0,
         description="A sensor that sits farther from where the trajectory has it than this is worth a look [m].",
+    )
+    delay_warn: float = Field(
+        0.01, ge=0.0, description="A trajectory whose stamps are late or early by more than this is worth a look [s]."
     )
     lost_fail: float = Field(
         0.2,

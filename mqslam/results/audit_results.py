@@ -200,6 +200,7 @@ def _list_pooled(pooled: Pooled | None) -> dict[str, Any]:
     for axis, name in enumerate(("forward_per_m", "left_per_m", "yaw_per_m")):
         values |= {name: float(pooled.bias[axis]), f"{name}_sigma": float(pooled.sigma[axis])}
         values[f"{name}_p_value"] = float(pooled.p_value[axis])
+    values |= {"late_s": pooled.delay.seconds, "late_s_sigma": pooled.delay.sigma, "late_s_p_value": pooled.delay.p_value}
     if pooled.lever is not None:
         values["turns"] = pooled.lever.turns
         for axis, name in enumerate(("ahead_m", "left_m")):

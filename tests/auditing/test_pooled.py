@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
 
@@ -13,6 +15,7 @@ from support.laser_drive import drive_truth, write_laser_bag
 from mqslam.auditing.findings import judge_pooled
 from mqslam.auditing.laying import Laid
 from mqslam.auditing.sources import LIDAR_CONFIG, make_lidar_source, place_source
+from mqslam.auditing.spans.delay import Delay, measure_twists
 from mqslam.auditing.spans.measured import find_spans, lay_spans
 from mqslam.auditing.spans.pooled import Pooled, pool
 from mqslam.auditing.sweeps import place_sweeps
@@ -26,6 +29,8 @@ from mqslam.formats.lidars import read_lidar
 from mqslam.psi.place import beam_of
 
 CONFIG = Config()
+STEADY = np.zeros((16, 3))  # the twist of every sweep
+PUNCTUAL = Delay(0.0, 1e-3, 1.0)
 
 
 @lru_cache
@@ -35,8 +40,9 @@ def pooled(
     mount: float = 0.0,
     extrinsics: tuple[float, ...] = (0.0, 0.0, 0.0),
     base: tuple[float, ...] = (0.0, 0.0, 0.0),
+    late: float = 0.0,
 ) -> Pooled:
-    """Returns what the drive asks for under a trajectory of another scale, yaw rate [rad/m] and mount [rad].
+    """Returns what the drive asks for under a trajectory of another scale, yaw rate [rad/m], mount [rad] and clock [s].
 
     It is that of a base on which the sensor has the pose `base`, with the extrinsics that an audit is given.
     """
@@ -48,11 +54,11 @@ def pooled(
     poses = se2.chain(motions, truth.poses[0])
     poses[:, 2] += mount
     poses = se2.compose(poses, se2.inverse(np.array(base)))
-    track = Trajectory(truth.stamps_us, se2.compose(poses, extrinsics))
+    track = Trajectory(truth.stamps_us + round(1e6 * late), se2.compose(poses, extrinsics))
     sweeps = place_sweeps(scans, track, CONFIG.audit, beam_of(CONFIG.estimator, 0.0))[0]
     known = np.ones(len(sweeps), bool)
     spans = lay_spans(sweeps, known, CONFIG.audit, CONFIG.estimator, LocalEngine(2), ignore_progress)
-    found = pool(spans, CONFIG.audit)
+    found = pool(spans, measure_twists(sweeps, CONFIG.audit.step_scans), CONFIG.audit)
     assert found is not None
     return found
 
@@ -97,7 +103,7 @@ def test_the_extrinsics_that_are_named_mend_a_turned_mount(degrees: float) -> No
 
 
 def test_extrinsics_that_were_given_are_mended_in_their_yaw() -> None:
-    asked = Pooled(np.array([0.0, np.radians(1.0), 0.0]), np.full(3, 1e-4), np.array([1.0, 0.0, 1.0]), 40)
+    asked = Pooled(np.array([0.0, np.radians(1.0), 0.0]), np.full(3, 1e-4), np.array([1.0, 0.0, 1.0]), 40, PUNCTUAL)
     reason = judge_pooled(asked, CONFIG.verdict, np.array([1.5, -0.25, np.radians(90.0)])).reason
     assert reason.endswith("its mount is turned by as much; give extrinsics 1.5,-0.25,89.00")
 
@@ -124,7 +130,7 @@ def test_a_mount_that_is_turned_and_beside_is_mended_at_once() -> None:
 
 def test_without_turns_nothing_is_said_of_where_the_sensor_sits() -> None:
     random = np.random.default_rng(1)
-    found = pool([span(off) for off in random.normal(0.0, [0.02, 0.02, 1e-3], (60, 3))], CONFIG.audit)
+    found = pool([span(off) for off in random.normal(0.0, [0.02, 0.02, 1e-3], (60, 3))], STEADY, CONFIG.audit)
     assert found is not None and found.lever is None
 
 
@@ -133,15 +139,42 @@ def test_a_lever_arm_is_found_as_rarely_as_promised_where_there_is_none() -> Non
     chances = []
     for _ in range(100):
         offsets = random.normal(0.0, [0.02, 0.02, 1e-3], (60, 3))
-        found = pool([span(off, turn=1.5 * (k % 12 in (3, 4))) for k, off in enumerate(offsets)], CONFIG.audit)
+        found = pool([span(off, turn=1.5 * (k % 12 in (3, 4))) for k, off in enumerate(offsets)], STEADY, CONFIG.audit)
         assert found is not None and found.lever is not None and found.lever.turns == 5
         chances.append(found.lever.p_value)
     assert np.mean(np.array(chances) < 0.05) < 0.08
 
 
 def test_where_only_the_scale_is_off_no_extrinsics_are_named() -> None:
-    asked = Pooled(np.array([0.01, 0.0, 0.0]), np.full(3, 1e-4), np.array([0.0, 1.0, 1.0]), 40)
+    asked = Pooled(np.array([0.01, 0.0, 0.0]), np.full(3, 1e-4), np.array([0.0, 1.0, 1.0]), 40, PUNCTUAL)
     assert "extrinsics" not in judge_pooled(asked, CONFIG.verdict, np.zeros(3)).reason
+
+
+@pytest.mark.parametrize("late", [-0.05, 0.02, 0.05, 0.1])
+def test_a_clock_that_is_off_is_measured_and_told(late: float) -> None:
+    found = pooled(late=late)
+    assert found.delay.seconds == pytest.approx(late, rel=0.2, abs=0.003)
+    reason = judge_pooled(found, CONFIG.verdict, np.zeros(3)).reason
+    side = "late" if late > 0.0 else "early"
+    said = re.search(rf"stamps of the trajectory are (0\.\d+) s \(± 0\.00\d\) {side}; change .* by (-?0\.\d+) s$", reason)
+    assert said is not None and float(said[1]) == pytest.approx(abs(late), rel=0.2) and float(said[2]) * late < 0.0, reason
+    assert "change" not in judge_pooled(found, CONFIG.verdict).reason  # the recording's own trajectory
+
+
+def test_neither_a_mount_nor_a_scale_that_is_off_looks_like_a_clock_that_is_off() -> None:
+    for found in (pooled(), pooled(scale=1.01), pooled(mount=np.radians(1.0)), pooled(base=(1.2, -0.4, 0.0))):
+        assert "stamps" not in judge_pooled(found, CONFIG.verdict).reason
+
+
+def test_a_clock_that_is_off_is_found_as_rarely_as_promised_where_it_is_right() -> None:
+    random, chances = np.random.default_rng(1), []
+    for _ in range(100):
+        twists = random.normal([8.0, 0.0, 0.0], [1.0, 0.1, 0.1], (16, 3))
+        offsets = random.normal(0.0, [0.02, 0.02, 1e-3], (60, 3))
+        found = pool([replace(span(off), earlier=k % 16) for k, off in enumerate(offsets)], twists, CONFIG.audit)
+        assert found is not None
+        chances.append(found.delay.p_value)
+    assert np.mean(np.array(chances) < 0.05) < 0.1
 
 
 def span(offset: np.ndarray, heading: float = 0.0, turn: float = 0.0) -> Laid:
@@ -153,7 +186,7 @@ def test_places_that_are_torn_do_not_hide_what_the_others_ask_for() -> None:
     random = np.random.default_rng(1)
     spans = [span(np.array([-0.09, 0.0, 0.0]) + random.normal(0.0, [0.02, 0.02, 1e-3])) for _ in range(100)]
     spans[::9] = [span(np.array([2.0, -1.0, 0.1])) for _ in spans[::9]]
-    found = pool(spans, CONFIG.audit)
+    found = pool(spans, STEADY, CONFIG.audit)
     assert found is not None
     assert found.bias[0] == pytest.approx(-0.003, abs=0.0004)
     assert found.p_value[0] < 1e-4
@@ -162,7 +195,7 @@ def test_places_that_are_torn_do_not_hide_what_the_others_ask_for() -> None:
 @pytest.mark.parametrize("heading", [0.0, np.pi, 1.0])
 def test_forward_is_where_the_trajectory_goes(heading: float) -> None:
     along = np.array([np.cos(heading), np.sin(heading), 0.0])
-    found = pool([span(-0.3 * along, heading)] * 40, CONFIG.audit)
+    found = pool([span(-0.3 * along, heading)] * 40, STEADY, CONFIG.audit)
     assert found is not None
     np.testing.assert_allclose(found.bias, [-0.01, 0.0, 0.0], atol=1e-6)
 
@@ -171,14 +204,14 @@ def test_a_good_map_is_called_bad_as_rarely_as_promised() -> None:
     random = np.random.default_rng(1)
     chances = []
     for _ in range(200):
-        found = pool([span(off) for off in random.normal(0.0, [0.02, 0.02, 1e-3], (60, 3))], CONFIG.audit)
+        found = pool([span(off) for off in random.normal(0.0, [0.02, 0.02, 1e-3], (60, 3))], STEADY, CONFIG.audit)
         assert found is not None
         chances.append(found.p_value)
     assert np.mean(np.array(chances) < 0.05) < 0.08
 
 
 def test_a_short_drive_shows_nothing() -> None:
-    assert pool([span(np.zeros(3))] * 9, CONFIG.audit) is None
+    assert pool([span(np.zeros(3))] * 9, STEADY, CONFIG.audit) is None
     assert find_spans(np.linspace(0.0, 20.0, 40), CONFIG.audit) == []
     assert find_spans(np.zeros(2), CONFIG.audit) == []
     assert not judge_pooled(None, CONFIG.verdict).judged
@@ -197,6 +230,7 @@ def test_a_lidar_that_does_not_see_far_shows_no_scale(tmp_path: Path) -> None:
     source = make_lidar_source(read_lidar(write_laser_bag(tmp_path / "boxes.bag", solid=True), config.reading))
     sweeps, _ = place_source(source, drive_truth(), config.audit, beam_of(config.estimator, 0.0))
     known = np.ones(len(sweeps), bool)
-    found = pool(lay_spans(sweeps, known, config.audit, config.estimator, LocalEngine(2), ignore_progress), config.audit)
+    spans = lay_spans(sweeps, known, config.audit, config.estimator, LocalEngine(2), ignore_progress)
+    found = pool(spans, measure_twists(sweeps, config.audit.step_scans), config.audit)
     assert found is None  # 30 m apart the lidar sees opposite faces, and the scale seems 3 % off; closer by is too close
     assert not judge_pooled(found, config.verdict).judged

@@ -1,4 +1,4 @@
-"""What biases and a lever arm do to the offsets of spans: linear effects, as matrices."""
+"""What biases, a lever arm and a delay do to the offsets of spans: linear effects, as matrices."""
 
 from __future__ import annotations
 
@@ -42,3 +42,16 @@ def of_lever(spans: Sequence[Laid]) -> NDArray[np.float64]:
     yaws = np.array([span.between[2] for span in spans])
     c, s = np.cos(yaws), np.sin(yaws)
     return np.moveaxis(np.array([[1.0 - c, -s], [s, 1.0 - c]]), -1, 0)
+
+
+def of_delay(spans: Sequence[Laid], twists: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Returns the offsets (N, 3) of spans per second by which the stamps of the trajectory are late [m/s, m/s, rad/s].
+
+    The sensor then is, at both ends, where the trajectory has it a little later.
+
+    Args:
+        spans: N of them.
+        twists: (S, 3) of the sensor at every sweep, as the trajectory has them.
+    """
+    begin = [se2.adjoint(se2.inverse(span.between)) @ twists[span.earlier] for span in spans]
+    return np.reshape([twists[span.later] - by for span, by in zip(spans, begin, strict=True)], (-1, 3))

@@ -8,18 +8,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import least_squares
 
 from mqslam.auditing.laying import Laid
 from mqslam.auditing.spans import effects
-from mqslam.auditing.spans.robust import HUBER, judge_by_jackknife, measure_spread
+from mqslam.auditing.spans.robust import fit_effects, judge_by_jackknife
 from mqslam.config import AuditConfig
-
-_FITS: Final = 3  # numerical: after the second one the spread hardly changes
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,6 +35,12 @@ class Lever:
     turns: int
 
 
+def find_turns(spans: Sequence[Laid], settings: AuditConfig) -> list[NDArray[np.int64]]:
+    """Returns the spans of each turn by their indices; spans of one turn share some of its path."""
+    turning = np.flatnonzero(np.abs([span.between[2] for span in spans]) > settings.lever_turn_rad)
+    return np.split(turning, np.flatnonzero(np.diff(turning) > 2) + 1) if len(turning) else []
+
+
 def estimate_lever(spans: Sequence[Laid], offsets: NDArray[np.float64], settings: AuditConfig) -> Lever | None:
     """Returns the lever arm that turns ask for, or None where they are too few.
 
@@ -50,24 +52,10 @@ def estimate_lever(spans: Sequence[Laid], offsets: NDArray[np.float64], settings
         offsets: (N, 2) of their positions [m], without what a bias of the yaw does.
         settings: of the audit.
     """
-    turning = np.flatnonzero(np.abs([span.between[2] for span in spans]) > settings.lever_turn_rad)
-    turns = np.split(turning, np.flatnonzero(np.diff(turning) > 2) + 1)  # spans of one turn share some of its path
+    turns = find_turns(spans, settings)
     if len(turns) < settings.lever_turns:
         return None
     design = np.concatenate([effects.of_lever(spans), effects.of_direction(spans)], axis=2)
-    arm = _fit(design, offsets)
-    without = [_fit(np.delete(design, turn, axis=0), np.delete(offsets, turn, axis=0)) for turn in turns]
+    arm = fit_effects(design, offsets)[:2]
+    without = [fit_effects(np.delete(design, turn, axis=0), np.delete(offsets, turn, axis=0))[:2] for turn in turns]
     return Lever(arm, *judge_by_jackknife(arm, np.array(without)), len(turns))
-
-
-def _fit(design: NDArray[np.float64], offsets: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Returns the lever arm (2,) for offsets (N, 2), by Huber's loss, whose spread is that of what the fit leaves over."""
-    found = np.zeros(design.shape[2])
-    for _ in range(_FITS):
-        spread = measure_spread(offsets - design @ found)
-
-        def miss(x: NDArray[np.float64], spread: float = spread) -> NDArray[np.float64]:
-            return np.asarray((offsets - design @ x).ravel() / spread)
-
-        found = least_squares(miss, found, loss="huber", f_scale=HUBER, x_scale="jac").x
-    return np.asarray(found[:2])

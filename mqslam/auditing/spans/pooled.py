@@ -2,7 +2,7 @@
 
 A trajectory whose scale, direction of travel or yaw rate is off by little is off by little everywhere, which no place alone
 shows to matter. The spans show it, and all along the drive they agree. A trajectory of something beside the sensor is off in
-turns only, and there all of them agree as well.
+turns only, and there all of them agree as well. One whose stamps are late is off where the motion changes.
 """
 
 from __future__ import annotations
@@ -17,11 +17,12 @@ from scipy.optimize import least_squares
 
 from mqslam.auditing.laying import Laid
 from mqslam.auditing.spans import effects
-from mqslam.auditing.spans.lever import Lever, estimate_lever
-from mqslam.auditing.spans.robust import HUBER, judge_by_jackknife, measure_spread
+from mqslam.auditing.spans.delay import Delay, estimate_delay
+from mqslam.auditing.spans.lever import Lever, estimate_lever, find_turns
+from mqslam.auditing.spans.robust import HUBER, judge_by_jackknife, measure_spread, split_into_blocks
 from mqslam.config import AuditConfig
 
-_BLOCKS: Final = 10  # parts of the drive of which each is left out once: errors of places beside each other are alike
+_FEWEST: Final = 10  # a spread of fewer places may be small by chance
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,6 +34,7 @@ class Pooled:
         sigma: (3,) standard deviations.
         p_value: (3,) probability that a bias as large as this shows where there is none.
         spans: number of places that show it.
+        delay: how late the stamps of the trajectory are.
         lever: where the sensor sits as its turns show it; None where too few turns do.
     """
 
@@ -40,19 +42,24 @@ class Pooled:
     sigma: NDArray[np.float64]
     p_value: NDArray[np.float64]
     spans: int
+    delay: Delay
     lever: Lever | None = None
 
 
-def pool(spans: Sequence[Laid], settings: AuditConfig) -> Pooled | None:
+def pool(spans: Sequence[Laid], twists: NDArray[np.float64], settings: AuditConfig) -> Pooled | None:
     """Returns what spans ask for together, or None where they are too few.
 
     Args:
         spans: in the order of time.
+        twists: (S, 3) of the sensor at every sweep, as the trajectory has them [m/s, m/s, rad/s].
         settings: of the audit.
     """
-    if len(spans) < max(settings.span_fewest, _BLOCKS):
+    if len(spans) < max(settings.span_fewest, _FEWEST):
         return None
     offsets = np.array([span.offset for span in spans])
+    with_lever = len(find_turns(spans, settings)) >= settings.lever_turns
+    delay = estimate_delay(spans, offsets, twists, with_lever=with_lever)
+    offsets = offsets - delay.seconds * effects.of_delay(spans, twists)
     path = np.array([span.path_m for span in spans])
     turn = _estimate(path, offsets[:, 2])
     placed = (offsets - turn[0] * effects.of_turn(spans))[:, :2]
@@ -62,12 +69,21 @@ def pool(spans: Sequence[Laid], settings: AuditConfig) -> Pooled | None:
     length = np.hypot(*effects.measure_moves(spans).T)
     forward, left = effects.resolve(spans, placed).T
     bias, sigma, p_value = np.array([_estimate(length, forward), _estimate(length, left), turn]).T
-    return Pooled(bias, sigma, p_value, len(spans), lever)
+    return Pooled(bias, sigma, p_value, len(spans), delay, lever)
 
 
-def predict_offsets(spans: Sequence[Laid], bias: NDArray[np.float64], lever: Lever | None) -> NDArray[np.float64]:
-    """Returns the offsets (N, 3) that spans have by a bias (3,) of the trajectory, and by where the sensor sits."""
-    offsets = bias[2] * effects.of_turn(spans)
+def predict_offsets(
+    spans: Sequence[Laid], bias: NDArray[np.float64], lever: Lever | None, by_delay: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Returns the offsets (N, 3) that spans have by what is wrong everywhere.
+
+    Args:
+        spans: N of them.
+        bias: (3,) of the trajectory.
+        lever: where the sensor sits, if that is elsewhere than the trajectory has it.
+        by_delay: (N, 3) that they have by a delay.
+    """
+    offsets = by_delay + bias[2] * effects.of_turn(spans)
     offsets[:, :2] += effects.of_direction(spans) @ bias[:2]
     if lever is not None:
         offsets[:, :2] += effects.of_lever(spans) @ lever.arm
@@ -81,7 +97,7 @@ def _estimate(lengths: NDArray[np.float64], offsets: NDArray[np.float64]) -> tup
     drive.
     """
     slope = _fit(lengths, offsets)
-    blocks = np.array_split(np.arange(len(lengths)), _BLOCKS)
+    blocks = split_into_blocks(len(lengths))
     without = [_fit(np.delete(lengths, block), np.delete(offsets, block)) for block in blocks]
     sigma, p_value = judge_by_jackknife(np.array([slope]), np.array(without)[:, None])
     return slope, float(sigma[0]), float(p_value[0])

@@ -6,18 +6,48 @@ from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import least_squares
 from scipy.stats import t as student
 
 from mqslam.core.gross import SIGMAS_PER_DEVIATION
 
 HUBER: Final = 1.345
 """By definition: standard deviations beyond which a place pulls no harder, for 95 % efficiency."""
+_BLOCKS: Final = 20  # parts of a long drive: more would hardly know their own spread any better
+_FITS: Final = 3  # numerical: after the second one the spread hardly changes
 _LEAST: Final = 1e-12  # numerical: keeps quotients finite where all places agree to the last digit
 
 
 def measure_spread(misses: NDArray[np.float64]) -> float:
     """Returns the standard deviation of misses about zero, by their median size."""
     return max(float(np.median(np.abs(misses))) * SIGMAS_PER_DEVIATION, _LEAST)
+
+
+def fit_effects(design: NDArray[np.float64], offsets: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Returns the parameters (Q,) whose effects fit offsets best, by Huber's loss, and by the spread of what is left over.
+
+    Args:
+        design: (N, D, Q) effects of the parameters.
+        offsets: (N, D); each of the D directions has a spread of its own.
+    """
+    found = np.zeros(design.shape[2])
+    for _ in range(_FITS):
+        spreads = np.array([measure_spread(column) for column in (offsets - design @ found).T])
+
+        def miss(x: NDArray[np.float64], spreads: NDArray[np.float64] = spreads) -> NDArray[np.float64]:
+            return np.asarray(((offsets - design @ x) / spreads).ravel())
+
+        found = least_squares(miss, found, loss="huber", f_scale=HUBER, x_scale="jac").x
+    return np.asarray(found)
+
+
+def split_into_blocks(count: int) -> list[NDArray[np.int64]]:
+    """Returns the indices of so many spans in blocks, each of which a jackknife leaves out once.
+
+    Errors of places beside each other are alike, and two spans in a row share half of their path. A block therefore holds
+    two of them at least, and more in a long drive.
+    """
+    return np.array_split(np.arange(count), int(np.clip(count // 2, 2, _BLOCKS)))
 
 
 def judge_by_jackknife(

@@ -12,6 +12,7 @@ _WORDS: dict[str, str] = {
     Remedy.CHOOSE_OR_REPLACE_OUTPUT: "choose another --out or give --force to replace it",
     Remedy.CHOOSE_OR_RESUME_OUTPUT: "choose another --out or give --resume to continue the unfinished run in it",
     Remedy.CHOOSE_OR_WRITE_OUTPUT: "choose another --out or give --force to write into it",
+    Remedy.CHANGE_TIME_OFFSET: "change --time-offset by",
     Remedy.FREE_SPACE: "free space or choose another --out",
     Remedy.GIVE_EXTRINSICS: "give --extrinsics",
     Remedy.GIVE_FITTING_TRAJECTORY: "give the --trajectory it was made with, or --time-offset if their clocks differ",
