@@ -17,6 +17,8 @@ from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import solveh_banded
+from scipy.sparse import csr_array
 
 from mqslam.config import GraphConfig, OdometryConfig
 from mqslam.core import se2
@@ -26,6 +28,8 @@ _COMMON: Final = 5  # parameters with one value for the whole run; the bias foll
 _DELAY_S: Final = 0.1  # no clock that serves at all is much later than this: the prior's standard deviation [s]
 _MOUNT_M: Final = 2.0  # a radar is about as far from the point that odometry follows: the prior's standard deviation [m]
 _MOST_KNOTS: Final = 1000  # numerical: the fit's matrices stay small, however long the run
+_UNKNOWN: Final = 1e6  # numerical: variance of a motion that psi did not find, which then shows nothing
+_AT_ONCE: Final = 64  # numerical: parameters that are solved for at once, which bounds the memory of a long run
 _LEAST_SIGMA: Final = 1e-6  # numerical: settings may state errors of zero
 
 
@@ -109,21 +113,41 @@ def make_prior_information(design: Design, stated: OdometryConfig, settings: Gra
 
 
 def fit(
-    design: Design, misses: NDArray[np.float64], variances: NDArray[np.float64], prior: NDArray[np.float64]
+    design: Design,
+    misses: NDArray[np.float64],
+    measured: NDArray[np.float64],
+    noise: NDArray[np.float64],
+    prior: NDArray[np.float64],
 ) -> Calibration:
-    """Fits the parameters by weighted least squares.
+    """Fits the parameters by generalised least squares.
+
+    A scan that psi places too far ahead makes the motion to it too long and the next one too short by as much. Such errors
+    cancel over a stretch, which therefore shows the scale far better than as many independent motions would.
 
     Args:
         design: of all motions.
         misses: (N, 3) what the radar's motion has more than odometry's; NaN where psi did not find it itself.
-        variances: (N, 3) of the misses.
+        measured: (N, 3) variances of psi's motions: of the places of both of their scans.
+        noise: (N, 3) variances of odometry's own noise, which is independent from motion to motion.
         prior: (P, P) information about the parameters.
     """
-    weights = np.where(np.isfinite(misses), 1.0 / variances, 0.0)
     information, right = prior.copy(), np.zeros(len(prior))
-    weighted = design.jacobians * weights[:, :, None]
-    blocks = np.einsum("kij,kil->kjl", weighted, design.jacobians)
-    np.add.at(information, (design.columns[:, :, None], design.columns[:, None, :]), blocks)
-    np.add.at(right, design.columns, np.einsum("kij,ki->kj", weighted, np.nan_to_num(misses)))
-    covariance = np.linalg.inv(information)
+    rows = np.repeat(np.arange(len(misses)), design.columns.shape[1])
+    for axis in range(3):
+        known = np.isfinite(misses[:, axis])
+        band = _correlate(measured[:, axis], np.where(known, noise[:, axis], _UNKNOWN))
+        entries = design.jacobians[:, axis].ravel(), (rows, design.columns.ravel())
+        jacobian = csr_array(entries, shape=(len(misses), len(prior)))
+        right += jacobian.T @ solveh_banded(band, np.nan_to_num(misses[:, axis]), lower=True)
+        for first in range(0, len(prior), _AT_ONCE):
+            some = slice(first, first + _AT_ONCE)
+            information[:, some] += jacobian.T @ solveh_banded(band, jacobian[:, some].toarray(), lower=True)
+    covariance = np.linalg.inv(0.5 * (information + information.T))
     return Calibration(covariance @ right, 0.5 * (covariance + covariance.T))
+
+
+def _correlate(measured: NDArray[np.float64], noise: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Returns the covariance of misses as bands (2, N), its diagonal and the one below: successive ones share a scan."""
+    half = 0.5 * measured
+    shared = np.minimum(half[:-1], half[1:])
+    return np.array([measured + noise, np.append(-shared, 0.0)])

@@ -93,7 +93,7 @@ def _calibrate(
     noise = np.array([np.diag(motion.covariance) for motion in odometry])
     prior = make_prior_information(design, stated, settings)
     for _ in range(_ROUNDS):  # motions that fit no calibration lose their weight
-        calibration = fit(design, misses, variances + noise, prior)
+        calibration = fit(design, misses, variances, noise, prior)
         residuals = misses - calibration.correct(design)
         common = measure_noise(residuals, variances, span)
         disagreement = measure_disagreement(residuals, variances, common, span)
