@@ -52,9 +52,10 @@ def judge_windows(windows: Sequence[WindowAudit], scans: int, size: int, setting
     if blind.is_above(settings.windows_fail, settings):
         reason = f"{blind.count} of {count_of(blind.total, 'window')} {is_or_are(blind.count)} undecided: {Undecided.APART}"
         findings.append(Finding(VerdictStatus.WARN, reason))
-    apart = Share(sum(w.bend.matched < settings.matched for w in windows), len(windows))
+    known = [w for w in windows if w.undecided is not Undecided.GAP]  # where the trajectory has poses of its own
+    apart = Share(sum(w.bend.matched < settings.matched for w in known), len(known))
     if apart.is_above(settings.apart_fail, settings):
-        matched = float(np.median([w.bend.matched for w in windows]))
+        matched = float(np.median([w.bend.matched for w in known]))
         findings.append(Finding(VerdictStatus.FAIL, f"only {matched:.0%} of the points are seen twice: nothing overlaps"))
     return findings
 

@@ -24,7 +24,7 @@ from mqslam.auditing.findings import (
     judge_windows,
 )
 from mqslam.auditing.laying import Laid
-from mqslam.auditing.revisits import RevisitAudit, audit_revisits
+from mqslam.auditing.revisits import RevisitAudit, audit_revisits, doubt_interpolated
 from mqslam.auditing.spans import effects
 from mqslam.auditing.spans.delay import measure_twists
 from mqslam.auditing.spans.measured import lay_spans
@@ -37,6 +37,7 @@ from mqslam.auditing.speeds import (
     contradicts,
     find_capture_range,
     judge_speeds,
+    settle_gaps,
 )
 from mqslam.auditing.steps import StepAudit, audit_steps
 from mqslam.auditing.sweeps import Sweeps, place_sweeps
@@ -108,9 +109,11 @@ def audit(
         claims: how sure the trajectory is of itself, by the numbers of the sweeps; None where it does not say.
     """
     windows = audit_windows(sweeps, settings, estimator, engine, progress, sampled)
-    speeds = check_speeds(sweeps, [(w.begin + w.end) // 2 - 1 for w in windows], settings, estimator, engine, progress)
+    middles = [(w.begin + w.end) // 2 - 1 for w in windows]
+    speeds = check_speeds(sweeps, middles, settings, estimator, engine, progress)
     capture = find_capture_range(sweeps.revolution_s, settings, estimator)
     interpolated = _mark_interpolated(sweeps, settings)
+    speeds = settle_gaps(sweeps, middles, speeds, interpolated, settings, estimator, engine, progress)
     windows = state_p_values(_decide(windows, speeds, interpolated, capture, limits))
     steps = audit_steps(sweeps, ~interpolated, settings, estimator, engine, progress)
     jumps = find_torn_steps(steps, settings, limits)
@@ -132,6 +135,7 @@ def audit(
         pooled = pool(laid, twists, settings)
         spans = audit_spans(laid, _expect(laid, twists, pooled, limits), sweeps.times, settings, limits)
         revisits = audit_revisits(sweeps, settings, estimator, limits, engine, progress, claims)
+        revisits = doubt_interpolated(revisits, interpolated)
         tests |= {
             "spans": [judge_spans(spans, limits)],
             "pooled": [judge_pooled(pooled, limits, track.extrinsics)],

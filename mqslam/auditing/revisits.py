@@ -106,6 +106,21 @@ def audit_revisits(
     return judge_laid(laid, sweeps, settings, estimator, limits, claims)
 
 
+def doubt_interpolated(revisits: Sequence[RevisitAudit], interpolated: NDArray[np.bool_]) -> list[RevisitAudit]:
+    """Returns revisits, of which none is sure that has a pass in a gap of the trajectory: its pose there is interpolated.
+
+    Args:
+        revisits: of a map.
+        interpolated: (S,) which sweeps lie in a gap.
+    """
+    return [
+        replace(one, revisit=replace(one.revisit, sure=False), torn=False, p_value=np.nan, excused=False)
+        if interpolated[[one.revisit.earlier, one.revisit.later]].any()
+        else one
+        for one in revisits
+    ]
+
+
 def judge_laid(
     laid: Sequence[Laid],
     sweeps: Sweeps,

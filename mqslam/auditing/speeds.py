@@ -3,17 +3,22 @@
 A window's correction is looked for near the trajectory. Beyond a certain distance psi has other minima, in which the window
 stays, and its inflation means nothing there. Two successive scans, searched for each other over all plausible speeds, have
 no such limit.
+
+In a gap of the trajectory the speed is interpolated, and says nothing about the trajectory. What it does say there is how
+far the gap's ends are apart, which the motions of all scans between, chained, confirm or contradict.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
-from mqslam.auditing.laying import ask_of_single_scans, compute_far_reach, fits_far_better, lay, measure_span
+from mqslam.auditing.laying import Laid, ask_of_single_scans, compute_far_reach, fits_far_better, lay, measure_span
 from mqslam.auditing.sweeps import Sweeps
+from mqslam.auditing.tracks import Track, find_gaps
 from mqslam.auditing.verdict import Finding, Share, VerdictStatus
 from mqslam.config import AuditConfig, EstimatorConfig, VerdictConfig
 from mqslam.core import se2
@@ -99,8 +104,116 @@ def check_speeds(
     return engine.map(_check_from, (sweeps, settings, estimator), list(middles), report)
 
 
+def settle_gaps(
+    sweeps: Sweeps,
+    begins: Sequence[int],
+    checks: Sequence[SpeedCheck | None],
+    interpolated: NDArray[np.bool_],
+    settings: AuditConfig,
+    estimator: EstimatorConfig,
+    engine: Engine,
+    progress: Progress,
+) -> list[SpeedCheck | None]:
+    """Returns the checks, those that contradict an interpolated speed unsure unless the scans contradict the whole gap, too.
+
+    Args:
+        sweeps: points under the trajectory to judge.
+        begins: the first sweep of each check.
+        checks: what `check_speeds` has found.
+        interpolated: (S,) which sweeps lie in a gap of the trajectory.
+        settings: of the audit.
+        estimator: settings of the score.
+        engine: where the motions in gaps are measured; the result does not depend on it.
+        progress: called as motions are measured.
+    """
+    track = sweeps.track
+    capture = find_capture_range(sweeps.revolution_s, settings, estimator)
+    inside = [k for k, begin in enumerate(begins) if interpolated[begin : begin + 2].any()]
+    off = [begins[k] for k in inside if contradicts(checks[k], capture)]
+    if track is None or not off:
+        return list(checks)
+    held = [begin + int(not interpolated[begin]) for begin in off]  # a sweep within the gap: the other may be its end
+    gaps = {gap: _pick_inside(gap, sweeps.times) for step in held for gap in find_gaps(track, sweeps.times[[step]])}
+    pairs = sorted({begin for inner in gaps.values() for begin in inner})
+    curved = replace(sweeps, poses=se2.smooth(track.times, track.poses, sweeps.times))  # as their points are placed there
+
+    def report(number: int, twist: se2.Array | None) -> None:
+        progress("speeds in gaps", number, len(pairs))
+
+    motions = dict(zip(pairs, engine.map(_measure_twist, (curved, settings, estimator), pairs, report), strict=True))
+    longest_s = settings.window * sweeps.revolution_s
+    wrong = {
+        gap
+        for gap, inner in gaps.items()
+        if (found_m := _chain_across(gap, sweeps.times, {k: motions[k] for k in inner}, longest_s)) is not None
+        and abs(found_m - _measure_claimed(gap, track)) > capture.speed_mps * (gap[1] - gap[0])
+    }
+    settled = list(checks)
+    for k in inside:
+        check = checks[k]
+        begin = begins[k] + int(not interpolated[begins[k]])
+        (gap,) = find_gaps(track, sweeps.times[[begin]])
+        if check is not None and gap in gaps and gap not in wrong:
+            settled[k] = replace(check, sure=False)
+    return settled
+
+
+def _pick_inside(gap: tuple[float, float], times: NDArray[np.float64]) -> range:
+    """Returns the sweeps from each of which to the next one some of a gap [s] passes."""
+    first = int(np.searchsorted(times, gap[0], side="right")) - 1
+    last = int(np.searchsorted(times, gap[1], side="left"))
+    return range(max(first, 0), min(last, len(times) - 1))
+
+
+def _chain_across(
+    gap: tuple[float, float], times: NDArray[np.float64], twists: Mapping[int, se2.Array | None], longest_s: float
+) -> float | None:
+    """Returns how far the scans say that the ends of a gap are apart [m]; None where they do not show it.
+
+    Args:
+        gap: its ends [s].
+        times: (S,) of the sweeps [s].
+        twists: from successive sweeps of the gap to the next ones [m/s, m/s, rad/s], None where they are unknown.
+        longest_s: longest time over which motions may be missing [s]: they are interpolated there, as poses are.
+    """
+    known = [k for k, twist in twists.items() if twist is not None]
+    middles = (times[known] + times[[k + 1 for k in known]]) / 2.0
+    if not known or np.diff(middles, prepend=gap[0], append=gap[1]).max() > longest_s:
+        return None
+    edges = times[min(twists) : max(twists) + 2].copy()
+    edges[[0, -1]] = gap
+    at = (times[list(twists)] + times[[k + 1 for k in twists]]) / 2.0
+    rows = np.array([twists[k] for k in known])
+    steps = np.column_stack([np.interp(at, middles, rows[:, axis]) for axis in range(3)])
+    x, y, _ = se2.integrate_steps(se2.exp(steps, np.diff(edges)))[-1]
+    return float(np.hypot(x, y))
+
+
+def _measure_claimed(gap: tuple[float, float], track: Track) -> float:
+    """Returns how far a trajectory has the ends of one of its gaps apart [m]."""
+    (a, b) = np.searchsorted(track.times, gap)
+    return float(np.hypot(*(track.poses[b] - track.poses[a])[:2]))
+
+
+def _measure_twist(shared: tuple[Sweeps, AuditConfig, EstimatorConfig], begin: int) -> se2.Array | None:
+    """Measures the mean twist from a sweep to the next one [m/s, m/s, rad/s]; returns None where it is not sure."""
+    sweeps = shared[0]
+    measured = _lay_on_next(shared, begin)
+    if measured is None or not measured[1].sure:
+        return None
+    laid = measured[0]
+    duration_s = float(sweeps.times[begin + 1] - sweeps.times[begin])
+    return np.asarray(se2.log(se2.compose(laid.between, laid.offset)) / duration_s)
+
+
 def _check_from(shared: tuple[Sweeps, AuditConfig, EstimatorConfig], begin: int) -> SpeedCheck | None:
     """Compares the motion from a sweep to the next one."""
+    measured = _lay_on_next(shared, begin)
+    return None if measured is None else measured[1]
+
+
+def _lay_on_next(shared: tuple[Sweeps, AuditConfig, EstimatorConfig], begin: int) -> tuple[Laid, SpeedCheck] | None:
+    """Lays the sweep after a given one on it, and compares the motion between the two with the trajectory's."""
     sweeps, settings, estimator = shared
     span_s = measure_span(sweeps, begin)
     reach = compute_far_reach(span_s, settings)
@@ -109,8 +222,8 @@ def _check_from(shared: tuple[Sweeps, AuditConfig, EstimatorConfig], begin: int)
         return None
     check = SpeedCheck(laid.offset / span_s, laid.unrivalled)
     if contradicts(check, find_capture_range(sweeps.revolution_s, settings, estimator)):  # the wide search may lead away
-        return replace(check, sure=fits_far_better(laid, settings))
-    return check
+        return laid, replace(check, sure=fits_far_better(laid, settings))
+    return laid, check
 
 
 def contradicts(check: SpeedCheck | None, capture: CaptureRange) -> bool:

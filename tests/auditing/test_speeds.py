@@ -7,7 +7,7 @@ from functools import lru_cache
 
 import numpy as np
 import pytest
-from support.drives import noise, street_drive
+from support.drives import block_drive, noise, street_drive
 
 from mqslam.auditing.judge import Audit, audit
 from mqslam.auditing.speeds import CaptureRange, SpeedCheck, check_speeds, contradicts, find_capture_range, judge_speeds
@@ -27,9 +27,9 @@ CAPTURE = CaptureRange(window_m=2.5, speed_mps=5.0 / 3.0, searched_mps=50.0)
 
 
 @lru_cache
-def judged(factor: float, poses: int | None = None) -> tuple[Audit, Sweeps]:
-    """Returns ten seconds of street under a trajectory whose speed is wrong by a factor, with so many poses at most."""
-    recording, scans = street_drive()
+def judged(factor: float, poses: int | None = None, around_block: bool = False) -> tuple[Audit, Sweeps]:
+    """Returns ten seconds of street or a block under a trajectory whose speed is wrong by a factor, with so many poses."""
+    recording, scans = block_drive() if around_block else street_drive()
     truth = recording.ground_truth
     kept = np.unique(np.linspace(0, len(truth) - 1, poses or len(truth)).astype(int))
     track = Trajectory(truth.stamps_us[kept], truth.poses[kept] * [factor, factor, 1.0])
@@ -88,6 +88,33 @@ def test_a_sparse_trajectory_that_is_right_is_not_judged() -> None:
     audited, _ = judged(1.0, poses=5)
     assert audited.status is VerdictStatus.NOT_JUDGED, audited.reasons
     assert "too sparse to be judged" in audited.reasons[0]
+
+
+@pytest.mark.parametrize(("factor", "status"), [(1.0, VerdictStatus.NOT_JUDGED), (0.1, VerdictStatus.FAIL)])
+def test_poses_eleven_seconds_apart_around_corners_are_judged_by_how_far_they_are_apart(
+    factor: float, status: VerdictStatus
+) -> None:
+    audited, _ = judged(factor, poses=6, around_block=True)
+    assert audited.status is status, audited.reasons
+    assert any(reason.startswith("the trajectory is too sparse to be judged from 0.0 s on") for reason in audited.reasons)
+    known = [w.speed for w in audited.windows if w.speed is not None and w.speed.sure]
+    assert any(contradicts(speed, audited.capture) for speed in known) is (factor != 1.0)
+    assert not any(revisit.revisit.sure for revisit in audited.revisits)  # where it is back is interpolated, too
+
+
+def test_a_wrong_speed_beside_a_gap_of_right_poses_is_still_contradicted() -> None:
+    recording, scans = street_drive()
+    truth = recording.ground_truth
+    times = truth.seconds(int(truth.stamps_us[0]))
+    poses = truth.poses.copy()
+    poses[times < 6.0, :2] *= 2.0  # twice as fast, until a gap whose ends are apart as they should be
+    poses[times >= 6.0, :2] += poses[times < 6.0, :2][-1] - truth.poses[times < 6.0, :2][-1]
+    kept = (times < 6.0) | (times > 9.0)
+    track = Trajectory(truth.stamps_us[kept], poses[kept])
+    sweeps, _ = place_sweeps(scans, track, CONFIG.audit, beam_of(CONFIG.estimator, 0.0))
+    audited = audit(sweeps, CONFIG.audit, CONFIG.estimator, CONFIG.verdict, HERE, ignore_progress)
+    assert [f.status for f in audited.tests["speeds"]] == [VerdictStatus.FAIL]
+    assert audited.status is VerdictStatus.FAIL
 
 
 def test_speeds_need_evidence() -> None:

@@ -31,6 +31,7 @@ _TITLES = {
     "steps": "judging steps",
     "spans": "judging scale and yaw rate",
     "speeds": "checking the speed",
+    "speeds in gaps": "checking the speed in gaps",
     "revisits": "judging revisits",
 }
 _LINE_EVERY_S = 10.0
