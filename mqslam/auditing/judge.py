@@ -115,7 +115,7 @@ def audit(
     interpolated = _mark_interpolated(sweeps, settings)
     speeds = settle_gaps(sweeps, middles, speeds, interpolated, settings, estimator, engine, progress)
     windows = state_p_values(_decide(windows, speeds, interpolated, capture, limits))
-    steps = audit_steps(sweeps, ~interpolated, settings, estimator, engine, progress)
+    steps = audit_steps(sweeps, ~interpolated, settings, estimator, limits, engine, progress)
     jumps = find_torn_steps(steps, settings, limits)
     track = sweeps.track
     tests = {

@@ -16,7 +16,7 @@ from scipy.stats import chi2
 from mqslam.auditing.laying import Laid, ask_of_scans, compute_far_reach, fits_far_better, lay, measure_span
 from mqslam.auditing.sweeps import Sweeps
 from mqslam.backend.loops.align import TOLERANCES
-from mqslam.config import AuditConfig, EstimatorConfig
+from mqslam.config import AuditConfig, EstimatorConfig, VerdictConfig
 from mqslam.core import se2
 from mqslam.core.chances import correct_for_places, find_usual_scale
 from mqslam.execution.engine import Engine
@@ -51,6 +51,7 @@ def audit_steps(
     known: NDArray[np.bool_],
     settings: AuditConfig,
     estimator: EstimatorConfig,
+    limits: VerdictConfig,
     engine: Engine,
     progress: Progress,
 ) -> list[StepAudit]:
@@ -61,6 +62,7 @@ def audit_steps(
         known: (S,) which sweeps lie in no gap of the trajectory.
         settings: of the audit.
         estimator: settings of the score.
+        limits: of the verdict.
         engine: where the steps are judged; the result does not depend on it.
         progress: called as steps are done.
     """
@@ -84,7 +86,7 @@ def audit_steps(
     far = dict(zip(doubtful, engine.map(_lay_far, shared, doubtful, report_far), strict=True))
     found = {place: step for place, step in near.items() if step is not None}
     found |= {place: step for place, step in far.items() if step is not None}
-    beside = [(place, reach) for place, reach in _pick_beside(found, settings) if lies_in_no_gap(place)]
+    beside = [(place, reach) for place, reach in _pick_beside(found, settings, limits) if lies_in_no_gap(place)]
     placed = zip(beside, engine.map(_lay_beside, shared, beside), strict=True)
     found |= {place: step for (place, _), step in placed if step is not None}
     laid = [step for _, step in sorted(found.items())]
@@ -149,7 +151,9 @@ def _pick_doubtful(near: Mapping[int, Laid | None], settings: AuditConfig) -> li
     return sorted(place for place in picked if min(near) <= place <= max(near))
 
 
-def _pick_beside(laid: Mapping[int, Laid], settings: AuditConfig) -> list[tuple[int, tuple[float, float]]]:
+def _pick_beside(
+    laid: Mapping[int, Laid], settings: AuditConfig, limits: VerdictConfig
+) -> list[tuple[int, tuple[float, float]]]:
     """Returns the places up to the next steps from those that are off by more than chance explains, and where to look there.
 
     A step whose scans lie on both sides of a jump shows it, too. The place between two steps may be where it is.
@@ -157,6 +161,7 @@ def _pick_beside(laid: Mapping[int, Laid], settings: AuditConfig) -> list[tuple[
     Args:
         laid: the step of each place that was laid.
         settings: of the audit.
+        limits: of the verdict, to which the same steps are off.
 
     Returns:
         places in order, each with how far off its two sides may be [m], [rad].
@@ -166,7 +171,7 @@ def _pick_beside(laid: Mapping[int, Laid], settings: AuditConfig) -> list[tuple[
     p_values = compute_p_values([laid[place] for place in places], settings)
     for place, p_value in zip(places, p_values.tolist(), strict=True):
         off_m = float(np.hypot(*laid[place].offset[:2]))
-        if not (p_value < 1.0 - settings.probability and laid[place].size_m > settings.jump_m):
+        if not (p_value < limits.share_of_false_alarms and laid[place].size_m > settings.jump_m):
             continue
         for other in range(place + 1 - settings.step_every, place + settings.step_every):
             if other not in laid and places[0] <= other <= places[-1]:

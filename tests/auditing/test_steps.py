@@ -13,7 +13,7 @@ from mqslam.auditing.laying import Laid
 from mqslam.auditing.steps import StepAudit, audit_steps, compute_p_values
 from mqslam.auditing.sweeps import Sweeps, place_sweeps
 from mqslam.auditing.verdict import VerdictStatus
-from mqslam.config import AuditConfig, Config
+from mqslam.config import AuditConfig, Config, VerdictConfig
 from mqslam.core import se2
 from mqslam.core.trajectory import Trajectory
 from mqslam.execution.engine import LocalEngine
@@ -40,7 +40,13 @@ def lay_street(jump: tuple[float, float, float], place: int = PLACE) -> Sweeps:
 def judged(jump: tuple[float, float, float], jobs: int = 1) -> list[StepAudit]:
     sweeps = lay_street(jump)
     return audit_steps(
-        sweeps, np.ones(len(sweeps), bool), CONFIG.audit, CONFIG.estimator, LocalEngine(jobs), ignore_progress
+        sweeps,
+        np.ones(len(sweeps), bool),
+        CONFIG.audit,
+        CONFIG.estimator,
+        CONFIG.verdict,
+        LocalEngine(jobs),
+        ignore_progress,
     )
 
 
@@ -79,10 +85,23 @@ def test_a_jump_between_the_places_that_are_judged_is_placed_where_it_is(
     settings = AuditConfig(step_every=2, step_fewest=10)
     sweeps = lay_street(jump, place)
     known = np.ones(len(sweeps), bool)
-    steps = audit_steps(sweeps, known, settings, CONFIG.estimator, LocalEngine(2), ignore_progress)
+    steps = audit_steps(sweeps, known, settings, CONFIG.estimator, CONFIG.verdict, LocalEngine(2), ignore_progress)
     assert [step.laid.later for step in find_torn_steps(steps, settings, CONFIG.verdict)] == [place]
     judged = [step.laid.later for step in steps]
     assert judged == sorted(set(judged)) and len(judged) < 0.75 * len(sweeps)
+
+
+def test_what_is_off_beside_a_step_follows_the_rate_of_false_alarms_as_the_verdict_does() -> None:
+    settings = AuditConfig(step_every=2, step_fewest=10, step_doubtful=0.0)
+    sweeps = lay_street((-0.25, 0.0, 0.0), 30)
+    known = np.ones(len(sweeps), bool)
+
+    def lay_beside(limits: VerdictConfig) -> set[int]:
+        steps = audit_steps(sweeps, known, settings, CONFIG.estimator, limits, LocalEngine(2), ignore_progress)
+        return {step.laid.later for step in steps}
+
+    usual, strict = lay_beside(CONFIG.verdict), lay_beside(VerdictConfig(false_alarms=1e-300))
+    assert 30 in usual - strict and strict < usual
 
 
 def test_the_result_does_not_depend_on_the_workers() -> None:
