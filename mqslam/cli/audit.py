@@ -212,14 +212,16 @@ def _format_revisits(revisits: dict[str, Any] | None) -> str:
 
 def _format_lines(summary: dict[str, Any]) -> list[str]:
     """Returns the lines that a person reads first: the verdict, and what is torn worst."""
-    windows, revisits, verdict = summary["windows"], summary["revisits"], summary["verdict"]
+    from mqslam.cli.terminal.console import format_verdict
+
+    windows, revisits = summary["windows"], summary["revisits"]
     inflation = "no windows"
     if windows["count"]:
         median = windows["inflation_median"]
         tolerance = f"{summary['threshold']:.3g} and off by {summary['bend_m']:g} m"
         inflation = f"median {median:.3g} (2.37 where a map is right); torn above {tolerance}"
     rows = [
-        ("verdict", f"{verdict['status']}: {'; '.join(verdict['reasons'])}"),
+        *format_verdict(summary),
         ("windows", f"{windows['torn']} of {windows['count']} torn{_count_undecided(windows['undecided'])}"),
         ("inflation", inflation),
         ("revisits", _format_revisits(revisits)),

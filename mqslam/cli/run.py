@@ -138,6 +138,8 @@ def tabulate_summary(summary: dict[str, Any]) -> Table:
     """Returns the table that a person reads first: psi, and the errors where there is ground truth."""
     from rich.table import Table
 
+    from mqslam.cli.terminal.console import format_verdict
+
     table = Table(title=None, show_edge=False, pad_edge=False)
     table.add_column("")
     table.add_column(summary["before"], justify="right")
@@ -157,12 +159,12 @@ def tabulate_summary(summary: dict[str, Any]) -> Table:
             if after[key] is not None:
                 numbers = (_format(errors[key], "{:.4g}") for errors in (before, after))
                 table.add_row(f"{label} [{unit}]".replace("[", r"\["), *numbers)
-    dataset, runtime, verdict = summary["dataset"], summary["runtime_s"], summary["verdict"]
+    dataset, runtime = summary["dataset"], summary["runtime_s"]
     speed = dataset["duration_s"] / max(runtime["total"], 1e-9)
     table.caption = (
         f"{dataset['revolutions']} scans, {dataset['duration_s']:.1f} s, {dataset['length_m']:.1f} m; "
         f"{runtime['total']:.1f} s of computing, {speed:.1f} times real time\n"
-        f"verdict: {verdict['status']}: {'; '.join(verdict['reasons'])}"
+        + "\n".join(f"{name}: {text}" for name, text in format_verdict(summary))
     )
     table.caption_justify = "left"
     return table

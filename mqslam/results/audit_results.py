@@ -31,6 +31,7 @@ from mqslam.results.audit_rows import (
     list_window,
 )
 from mqslam.results.summary_files import format_csv
+from mqslam.results.unjudged import list_uncovered, list_unjudged
 from mqslam.version import __version__
 
 # what audit.json says once, of the given and of the mended trajectory
@@ -76,6 +77,7 @@ def summarise(
         },
         "trajectory": trajectory,
         "verdict": {"status": audit.status, "reasons": audit.reasons},
+        "not_judged": list_unjudged(audit) + list_uncovered(sweeps, settings.window * sweeps.revolution_s),
         "threshold": torn_threshold(settings),
         "bend_m": settings.bend_m,
         "speeds": _summarise_speeds(audit),

@@ -30,6 +30,7 @@ from mqslam.formats.tum import write_tum
 from mqslam.mapping.occupancy_grid import make_occupancy_grid
 from mqslam.results.audit_results import summarise_tests
 from mqslam.results.run_verdict import judge_run
+from mqslam.results.unjudged import list_unjudged
 from mqslam.solution import Run
 from mqslam.version import __version__
 
@@ -92,6 +93,7 @@ def summarise(run: Run, recording: Recording) -> dict[str, Any]:
         },
         **(summarise_tests(run.checked, run.config.verdict) if run.checked else {}),
         "verdict": {"status": status, "reasons": reasons},
+        "not_judged": list_unjudged(run.checked) if run.checked else [],
         "factors": {
             "odometry": run.odometry_factors,
             "psi": len(run.measurements),

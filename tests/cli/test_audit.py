@@ -83,6 +83,22 @@ def test_each_test_gives_a_p_value_and_the_rate_of_false_alarms_decides(
     assert f"false_alarms: {2.0 * p_value:g}"[:18] in (tmp_path / "b" / "config.yaml").read_text()
 
 
+def test_what_could_not_be_judged_has_a_line_of_its_own(street: Path, tracks: Path, quick: Path, tmp_path: Path) -> None:
+    truth = read_tum(tracks / "true.tum")
+    half = len(truth) // 2
+    write_tum(tmp_path / "half.tum", Trajectory(truth.stamps_us[:half], truth.poses[:half]))
+    words = ("--trajectory", tmp_path / "half.tum", "--config", quick)
+    lines = mqslam("audit", street, "--out", tmp_path / "a", *words).out.splitlines()
+    assert lines[0].startswith("verdict       ") and lines[1].startswith("not judged    ")
+    unseen = "it comes back to no place that would show its drift"
+    assert unseen in lines[1] and unseen not in lines[0]
+    assert "24 of 48 scans: the trajectory has poses from 0.0 s to 5.8 s only" in lines[1]
+    summary = json.loads((tmp_path / "a" / "audit.json").read_text())
+    assert lines[1] == f"not judged    {'; '.join(summary['not_judged'])}"
+    judged = json.loads(mqslam("audit", street, "--out", tmp_path / "b", "-t", tracks / "true.tum", "--json").out)
+    assert not any("scans:" in text for text in judged["not_judged"]) and unseen in judged["not_judged"]
+
+
 def test_the_numbers_are_printed_as_json(street: Path, tracks: Path, quick: Path, tmp_path: Path) -> None:
     result = mqslam("audit", street, "-t", tracks / "true.tum", "--config", quick, "--out", tmp_path / "a", "--json")
     assert json.loads(result.out) == json.loads((tmp_path / "a" / "audit.json").read_text())

@@ -349,6 +349,7 @@ def test_a_run_shows_progress_a_table_and_the_report(
     for title in ("reading and detecting: 48/48", "measuring motion: 48/48", "rendering maps: 2/2"):
         assert title in shown.err
     assert "psi per point" in shown.out and "verdict: " in shown.out and "ATE [m]" in shown.out
+    assert f"\nnot judged: {'; '.join(summary_of(tmp_path / 'out')['not_judged'])}" in shown.out
     assert shown.out.splitlines()[-1] == "report: out/report.html"
     assert "\x1b" not in shown.out + shown.err
 

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
 
@@ -41,6 +41,18 @@ def print_notes(console: Console, notes: Iterable[str]) -> None:
     """Prints what a user should know, one unwrapped line per note, so that programs can read it too."""
     for note in notes:
         console.print(f"note: {note}", highlight=False, soft_wrap=True)
+
+
+def format_verdict(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
+    """Returns a verdict as named lines: its status with the reasons, and apart from these what could not be judged.
+
+    Args:
+        summary: content of audit.json or summary.json.
+    """
+    verdict, unjudged = summary["verdict"], summary["not_judged"]
+    reasons = [reason for reason in verdict["reasons"] if reason not in unjudged]
+    lines = [("verdict", f"{verdict['status']}: {'; '.join(reasons or verdict['reasons'])}")]
+    return [*lines, ("not judged", "; ".join(unjudged))] if unjudged else lines
 
 
 @contextmanager
