@@ -164,10 +164,24 @@ def tabulate_summary(summary: dict[str, Any]) -> Table:
     table.caption = (
         f"{dataset['revolutions']} scans, {dataset['duration_s']:.1f} s, {dataset['length_m']:.1f} m; "
         f"{runtime['total']:.1f} s of computing, {speed:.1f} times real time\n"
-        + "\n".join(f"{name}: {text}" for name, text in format_verdict(summary))
+        + "\n".join(
+            f"{name}: {text}" for name, text in [*format_verdict(summary), ("last pose", _format_last_pose(summary))]
+        )
     )
     table.caption_justify = "left"
     return table
+
+
+def _format_last_pose(summary: dict[str, Any]) -> str:
+    """Returns how sure a run is of its last pose, in words."""
+    last = summary["last_pose"]
+    if last is None:
+        return "how sure it is, is not known"
+    along, across, yaw = last["sigma_along_m"], last["sigma_across_m"], 57.29578 * last["sigma_yaw_rad"]
+    sure = f"± {along:.2g} m along, {across:.2g} m across, {yaw:.2g} deg heading (one sigma, seen from the first pose)"
+    if not last["drift_is_prior"]:
+        return sure
+    return f"{sure}; no loop closes, so the drift that all motions have in common is a prior in it, not measured"
 
 
 def _format(value: float | None, form: str) -> str:

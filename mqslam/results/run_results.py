@@ -94,6 +94,7 @@ def summarise(run: Run, recording: Recording) -> dict[str, Any]:
         **(summarise_tests(run.checked, run.config.verdict) if run.checked else {}),
         "verdict": {"status": status, "reasons": reasons},
         "not_judged": list_unjudged(run.checked) if run.checked else [],
+        "last_pose": _describe_last_pose(run),
         "factors": {
             "odometry": run.odometry_factors,
             "psi": len(run.measurements),
@@ -208,6 +209,20 @@ def _log_text(summary: dict[str, Any], notes: Sequence[str]) -> str:
     lines += [f"{stage}: {seconds:.2f} s" for stage, seconds in summary["runtime_s"].items()]
     lines.append(f"verdict: {summary['verdict']['status']}: {'; '.join(summary['verdict']['reasons'])}")
     return "\n".join(lines) + "\n"
+
+
+def _describe_last_pose(run: Run) -> dict[str, Any] | None:
+    """Returns how sure the run is of its last pose in the frame of the first; None where the covariances are not known.
+
+    What the pieces of the map drift in common is a prior unless a loop measures it.
+    """
+    sure = run.covariances
+    if sure.failure is not None or not len(sure.indices) or sure.indices[-1] != len(run.optimised) - 1:
+        return None
+    along, across, yaw = np.sqrt(np.diag(sure.covariances[-1])).tolist()
+    pieces = run.graph.initial.size() - run.graph.size  # of the running map: two are tied by how far it may drift
+    drift_is_prior = pieces > 1 and not run.loops
+    return {"sigma_along_m": along, "sigma_across_m": across, "sigma_yaw_rad": yaw, "drift_is_prior": drift_is_prior}
 
 
 def _list_errors(trajectory: Trajectory, truth: Trajectory | None) -> dict[str, Any] | None:

@@ -201,6 +201,15 @@ def test_covariances_have_a_row_per_scan_and_grow_with_the_way(result: Path) -> 
     assert np.all(np.diff(sigmas[[0, 1, -1]], axis=0) > 0.0) and np.all(sigmas[-1] < [1.0, 1.0, 0.1])
 
 
+def test_the_summary_says_how_sure_the_last_pose_is_along_and_across(result: Path) -> None:
+    last = summary_of(result)["last_pose"]
+    yaws = read_tum(result / "trajectory.tum").poses[:, 2]
+    given = read_covariances(result / "covariances.csv").covariances[-1]
+    turned = se2.rotate_covariance(given, yaws[0] - yaws[-1])  # nothing is passed twice: its drift is a prior
+    sigmas = dict(zip(("sigma_along_m", "sigma_across_m", "sigma_yaw_rad"), np.sqrt(np.diag(turned)), strict=True))
+    assert last == {**{name: pytest.approx(sigma) for name, sigma in sigmas.items()}, "drift_is_prior": True}
+
+
 def test_measured_motions_are_those_of_the_truth(result: Path, street: Path) -> None:
     truth = read_tum(street / "gt" / "poses_tum.txt").poses
     measured = np.array([[float(row[name]) for name in ("dx", "dy", "dyaw")] for row in rows_of(result)])
@@ -350,6 +359,8 @@ def test_a_run_shows_progress_a_table_and_the_report(
         assert title in shown.err
     assert "psi per point" in shown.out and "verdict: " in shown.out and "ATE [m]" in shown.out
     assert f"\nnot judged: {'; '.join(summary_of(tmp_path / 'out')['not_judged'])}" in shown.out
+    sigma_m = summary_of(tmp_path / "out")["last_pose"]["sigma_along_m"]
+    assert f"\nlast pose: ± {sigma_m:.2g} m along" in shown.out and "is a prior" not in shown.out  # nor is there a map
     assert shown.out.splitlines()[-1] == "report: out/report.html"
     assert "\x1b" not in shown.out + shown.err
 
