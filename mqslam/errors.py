@@ -25,6 +25,7 @@ class Remedy(StrEnum):
     FREE_SPACE = "free space or choose another output"
     GIVE_EXTRINSICS = "give extrinsics"
     GIVE_FITTING_TRAJECTORY = "give the trajectory it was made with, or the time between the clocks of the two"
+    GIVE_OTHER_TRAJECTORY = "give a trajectory with the recording's own stamps, or the time between the clocks of the two"
     GIVE_ODOMETRY = "give odometry or choose another front end"
     GIVE_RANGE_RESOLUTION = "state the length of a range bin"
     GIVE_TRAJECTORY = "give the file of a trajectory"

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +26,8 @@ from mqslam.core import se2
 from mqslam.core.wording import count_of
 from mqslam.execution.engine import Engine
 from mqslam.execution.progress import Progress
+
+_MOST: Final = 0.5  # by definition: most places are more than half of them
 
 
 @dataclass(frozen=True, slots=True)
@@ -255,5 +258,7 @@ def judge_speeds(checks: Sequence[SpeedCheck | None], capture: CaptureRange, lim
         "be measured, and inflation means nothing there"
     )
     if share.is_above(limits.windows_fail, limits):
+        if share.count > _MOST * share.total:
+            reason += "; if neither its scale nor its clock is that wrong, the trajectory may belong to another recording"
         return [Finding(VerdictStatus.FAIL, reason)]
     return [Finding(VerdictStatus.WARN if share.is_above(limits.windows_warn, limits) else VerdictStatus.PASS, reason)]

@@ -13,7 +13,7 @@ from mqslam.config import AuditConfig
 from mqslam.core import se2
 from mqslam.core.scans import Returns, Scans
 from mqslam.core.trajectory import Trajectory
-from mqslam.errors import EstimationError
+from mqslam.errors import EstimationError, Remedy
 from mqslam.mapping.render import place_along
 from mqslam.psi.place import Beam, PointSet, rotate_covariances
 
@@ -128,8 +128,8 @@ def require_covered(scans: Scans, trajectory: Trajectory, settings: AuditConfig)
         spans = ((trajectory.stamps_us[0], trajectory.stamps_us[-1]), _stamp_spans(scans)[[0, -1], [0, 1]])
         track, recording = (f"{1e-6 * first:.2f} to {1e-6 * last:.2f} s" for first, last in spans)
         raise EstimationError(
-            f"the trajectory ({track}) and the recording ({recording}) share no time; "
-            "give a trajectory with the recording's own stamps"
+            f"the trajectory ({track}) and the recording ({recording}) share no time: it may belong to another recording",
+            Remedy.GIVE_OTHER_TRAJECTORY,
         )
     return inside
 

@@ -108,5 +108,5 @@ def test_sweeps_outside_the_trajectory_are_left_out_and_none_is_an_error() -> No
     assert len(sweeps) == len(inside) < len(scans)
     assert 8 <= inside[0] <= 10 and 28 <= inside[-1] <= 31
     later = Trajectory(truth.stamps_us + 10**9, truth.poses)
-    with pytest.raises(EstimationError, match="share no time"):
+    with pytest.raises(EstimationError, match="share no time: it may belong to another recording"):
         place_sweeps(scans, later, CONFIG.audit, BEAM)

@@ -62,6 +62,7 @@ def test_a_speed_far_beyond_the_capture_range_is_measured_and_fails(factor: floa
     assert audited.status is VerdictStatus.FAIL
     reason = next(reason for reason in audited.reasons if "contradict the trajectory's speed" in reason)
     assert "corrections beyond 2.5 m over a window (1.7 m/s) cannot be measured, and inflation means nothing there" in reason
+    assert reason.endswith("the trajectory may belong to another recording")
     assert all(w.torn for w in audited.windows if w.speed is not None and w.speed.sure)
     errors = [w.speed.error_mps for w in audited.windows if w.speed is not None and w.speed.sure]
     truth = street_drive()[0].ground_truth
@@ -128,6 +129,7 @@ def test_speeds_need_evidence() -> None:
     ):
         (finding,) = judge_speeds(checks, CAPTURE, CONFIG.verdict)
         assert finding.status is status, finding.reason
+        assert ("another recording" in finding.reason) is (status is VerdictStatus.FAIL)  # where most places contradict it
 
 
 def test_scans_half_of_which_are_noise_still_tell_a_wrong_speed() -> None:

@@ -17,6 +17,7 @@ _WORDS: dict[str, str] = {
     Remedy.GIVE_EXTRINSICS: "give --extrinsics",
     Remedy.GIVE_FITTING_TRAJECTORY: "give the --trajectory it was made with, or --time-offset if their clocks differ",
     Remedy.GIVE_ODOMETRY: "give --odometry FILE or another --frontend",
+    Remedy.GIVE_OTHER_TRAJECTORY: "give a --trajectory with the stamps of DATA, or --time-offset if their clocks differ",
     Remedy.GIVE_RANGE_RESOLUTION: "give --range-resolution",
     Remedy.GIVE_TRAJECTORY: "give --trajectory FILE",
     Remedy.GIVE_TRAJECTORY_OR_NAME: "give --trajectory FILE, or the name of one that the recording carries in its place",
