@@ -110,10 +110,15 @@ def describe_error(error: Exception) -> str:
     return f"{type(error).__name__}: {str(error).splitlines()[0] if str(error) else ''}".rstrip(": ")
 
 
+def find_near(name: str, known: Collection[str]) -> str | None:
+    """Returns the known name that is nearest to an unknown one; None where none is near."""
+    return next(iter(difflib.get_close_matches(name.lower(), known, 1)), None)
+
+
 def suggest(name: str, known: Collection[str]) -> str:
     """Returns what to write in place of an unknown name: the nearest known one, or all of them where none is near."""
-    near = difflib.get_close_matches(name.lower(), known, 1)
-    return f"did you mean {near[0]}?" if near else f"choose one of {', '.join(known)}"
+    near = find_near(name, known)
+    return f"did you mean {near}?" if near else f"choose one of {', '.join(known)}"
 
 
 def _shorten(message: str) -> str:

@@ -23,7 +23,7 @@ from mqslam.core.timed_cloud import TimedCloud
 from mqslam.core.trajectory import Trajectory
 from mqslam.core.wording import left_or_right
 from mqslam.detection.stage import detect_all, make_scans, warn_of_unread
-from mqslam.errors import ConfigError, Remedy
+from mqslam.errors import ConfigError, DataError, Remedy, find_near
 from mqslam.execution.folders import check_free, write_folder_aside
 from mqslam.execution.runner import Runner
 from mqslam.formats import lidars
@@ -216,6 +216,8 @@ def _read_given(
             problem = "stamps, topics, frames, time offsets and extrinsics belong to a trajectory from a file"
             raise ConfigError(problem, Remedy.GIVE_TRAJECTORY)
         return None
+    if isinstance(trajectory, str) and not Path(trajectory).exists() and (near := find_near(trajectory, CARRIED)):
+        raise DataError(trajectory, "does not exist", f"check the path, or did you mean {near}?")
     given = trajectory if isinstance(trajectory, Trajectory) else read_trajectory(Path(trajectory), times, topic, frame)
     if not abs(time_offset_s) <= _LONGEST_OFFSET_S:
         raise ConfigError(f"a time offset of {time_offset_s:g} s is beyond any clock; give it in seconds")

@@ -181,8 +181,8 @@ KITTI_LINE = "1 0 0 {} 0 1 0 0 0 0 1 0\n"
 @pytest.mark.parametrize(
     ("text", "problem"),
     [
-        (b"", "is no trajectory in a known format"),
-        (b"# nothing, but words\n", "is no trajectory in a known format"),
+        (b"", "is no trajectory in a known format: the file is empty"),
+        (b"# nothing, but words\n", "is no trajectory in a known format: the file holds nothing but comments"),
         (b"1 2 3\n", r"is no trajectory in a known format \(3 words"),
         (b"\xff\xfe\x00\x81", r"is not a readable text file \(not UTF-8\)"),
         (b"1 0 0 0 0 0 0 1\n1 0 0 0 0 0 0 1\n", "stamps do not increase at pose 2"),

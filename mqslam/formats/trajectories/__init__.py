@@ -52,6 +52,9 @@ def read_trajectory(path: Path, times: Path | None = None, topic: str | None = N
         return read_array(path, times)
     rows = read_rows(path)
     first = next((row for row in rows if not row.startswith("#")), "")
+    if not first:
+        holds = "the file holds nothing but comments" if rows else "the file is empty"
+        raise DataError(path, f"is no trajectory in a known format: {holds}", KNOWN)
     columns = len(first.split())
     if "," not in first and columns == 12:
         return read_kitti(path, rows, times)
