@@ -236,7 +236,9 @@ def _show_mended(report: AuditReport) -> Section | None:
         values = (section_of(shown, section).get(key) for shown in (before, after))
         rows.append(Row(label, tuple(format_value(value, unit) for value in values)))
     table = Table(("", "as it was given", "mended"), tuple(rows))
-    return Section("Mended", (str(after["sentence"]),), figures, table=table)
+    verdict = section_of(after, "verdict")
+    why = f"The mended trajectory is judged {verdict['status']}: {'; '.join(verdict['reasons'])}."
+    return Section("Mended", (str(after["sentence"]), why), figures, table=table)
 
 
 def _list_worst(report: AuditReport) -> Section | None:

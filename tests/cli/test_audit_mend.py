@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import html
 import json
 from pathlib import Path
 
@@ -45,6 +46,8 @@ def test_the_audit_stays_and_the_mended_trajectory_stands_beside_it(
     assert mended["windows"]["torn"] < before["windows"]["torn"] and not mended["worse"]
     page = (tmp_path / "mended" / "report.html").read_text(encoding="utf-8")
     assert mended["sentence"] in page and "As it was given" in page
+    assert f"The mended trajectory is judged {mended['verdict']['status']}: " in page
+    assert all(html.escape(reason, quote=False) in page for reason in mended["verdict"]["reasons"])
     again = mqslam(
         "audit",
         street,
