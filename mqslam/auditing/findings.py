@@ -110,7 +110,12 @@ def find_torn_steps(steps: Sequence[StepAudit], settings: AuditConfig, limits: V
     return jumps
 
 
-def judge_pooled(pooled: Pooled | None, limits: VerdictConfig, extrinsics: se2.Array | None = None) -> Finding:
+def judge_pooled(
+    pooled: Pooled | None,
+    limits: VerdictConfig,
+    extrinsics: se2.Array | None = None,
+    time_offset_s: float | None = None,
+) -> Finding:
     """Returns what all of a map says together that no place of it shows alone.
 
     A scale of the trajectory that is off and one of the ranges look alike: the map only shows that the two disagree.
@@ -118,8 +123,9 @@ def judge_pooled(pooled: Pooled | None, limits: VerdictConfig, extrinsics: se2.A
     Args:
         pooled: what all of the map asks for together; None where too few places show it.
         limits: of the verdict.
-        extrinsics: (3,) x, y [m], yaw [rad] of the sensor in the frame of which the trajectory was given; None where
-            neither they nor an offset of its stamps can be chosen.
+        extrinsics: (3,) x, y [m], yaw [rad] of the sensor in the frame of which the trajectory was given; None where they
+            cannot be chosen.
+        time_offset_s: what was added to the trajectory's stamps as it was given; None where it cannot be chosen.
     """
     if pooled is None:
         reason = "too few places that far apart see the same to show whether the scale is right"
@@ -142,8 +148,8 @@ def judge_pooled(pooled: Pooled | None, limits: VerdictConfig, extrinsics: se2.A
     if (_SIDE in biases or lever is not None) and extrinsics is not None:
         turned = float(-find_bias(pooled, limits)[_SIDE])
         reason += f"; {Remedy.GIVE_EXTRINSICS} {_name_extrinsics(extrinsics, turned, lever)}"
-    if delay is not None and extrinsics is not None:
-        reason += f"; {Remedy.CHANGE_TIME_OFFSET} {-delay.seconds:.3f} s"
+    if delay is not None and time_offset_s is not None:
+        reason += f"; {Remedy.GIVE_TIME_OFFSET} {time_offset_s - delay.seconds:.3f}"
     return Finding(VerdictStatus.WARN, reason, p_value=p_value)
 
 

@@ -138,7 +138,7 @@ def audit(
         revisits = doubt_interpolated(revisits, interpolated)
         tests |= {
             "spans": [judge_spans(spans, limits)],
-            "pooled": [judge_pooled(pooled, limits, track.extrinsics)],
+            "pooled": [judge_pooled(pooled, limits, track.extrinsics, track.time_offset_s)],
             "revisits": [judge_revisits(revisits, limits)],
         }
     tests = {name: findings for name, findings in tests.items() if findings}

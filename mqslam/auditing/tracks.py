@@ -34,6 +34,7 @@ class Track:
         uncovered: how many of these the trajectory does not cover.
         extrinsics: (3,) x, y [m], yaw [rad] of the sensor in the frame of which the trajectory was given; None where they
             cannot be chosen.
+        time_offset_s: what was added to the stamps of the trajectory as it was given [s]; None where it cannot be chosen.
     """
 
     times: NDArray[np.float64]
@@ -41,6 +42,7 @@ class Track:
     scans: int
     uncovered: int
     extrinsics: se2.Array | None = None
+    time_offset_s: float | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -127,7 +127,7 @@ def audit(  # noqa: PLR0913 - these are the options of an audit, each with its d
         notes.append(f"the trajectory is carried to the sensor by its extrinsics: {_describe_mount(mount)}")
     if given is not None and sweeps.track is not None and not of_cloud:  # the points of a cloud are placed already
         stated = np.zeros(3) if mount is None else mount
-        sweeps = replace(sweeps, track=replace(sweeps.track, extrinsics=stated))
+        sweeps = replace(sweeps, track=replace(sweeps.track, extrinsics=stated, time_offset_s=time_offset_s))
     claims = None
     if mount is None:
         claims, unclaimed = find_claims(covariances, trajectory, given, round(1e6 * time_offset_s), sweeps)

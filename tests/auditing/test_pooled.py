@@ -154,11 +154,14 @@ def test_where_only_the_scale_is_off_no_extrinsics_are_named() -> None:
 def test_a_clock_that_is_off_is_measured_and_told(late: float) -> None:
     found = pooled(late=late)
     assert found.delay.seconds == pytest.approx(late, rel=0.2, abs=0.003)
-    reason = judge_pooled(found, CONFIG.verdict, np.zeros(3)).reason
+    reason = judge_pooled(found, CONFIG.verdict, np.zeros(3), 0.5).reason
     side = "late" if late > 0.0 else "early"
-    said = re.search(rf"stamps of the trajectory are (0\.\d+) s \(± 0\.00\d\) {side}; change .* by (-?0\.\d+) s$", reason)
-    assert said is not None and float(said[1]) == pytest.approx(abs(late), rel=0.2) and float(said[2]) * late < 0.0, reason
-    assert "change" not in judge_pooled(found, CONFIG.verdict).reason  # the recording's own trajectory
+    said = re.search(
+        rf"stamps of the trajectory are (0\.\d+) s \(± 0\.00\d\) {side}; give a time offset of (0\.\d+)$", reason
+    )
+    assert said is not None and float(said[1]) == pytest.approx(abs(late), rel=0.2)
+    assert float(said[2]) == pytest.approx(0.5 - late, abs=0.2 * abs(late))
+    assert "give" not in judge_pooled(found, CONFIG.verdict).reason  # the recording's own trajectory
 
 
 def test_neither_a_mount_nor_a_scale_that_is_off_looks_like_a_clock_that_is_off() -> None:
