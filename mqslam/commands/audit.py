@@ -28,7 +28,7 @@ from mqslam.execution.folders import check_free, write_folder_aside
 from mqslam.execution.runner import Runner
 from mqslam.formats import lidars
 from mqslam.formats.clouds import read_cloud
-from mqslam.formats.trajectories import read_trajectory
+from mqslam.formats.trajectories import read_with_notes
 from mqslam.formats.tum import write_tum
 from mqslam.psi.doppler import choose_doppler_beta
 from mqslam.psi.place import beam_of
@@ -102,7 +102,7 @@ def audit(  # noqa: PLR0913 - these are the options of an audit, each with its d
     mount = _check_extrinsics(extrinsics)
     if mount is not None and covariances is not None:
         raise ConfigError("covariances are those of the sensor's poses; extrinsics say otherwise; leave out one of the two")
-    given = _read_given(trajectory, times, topic, frame, time_offset_s, mount)
+    given, told = _read_given(trajectory, times, topic, frame, time_offset_s, mount)
     name = trajectory if isinstance(trajectory, str) else "given" if isinstance(trajectory, Trajectory) else str(trajectory)
     of_cloud = is_cloud(data)
     if of_cloud:
@@ -123,6 +123,7 @@ def audit(  # noqa: PLR0913 - these are the options of an audit, each with its d
         source, track, settings = detect_radar(data, given, name, settings, format, range_resolution, work)
         sweeps, notes, kind = *_render_sweeps(source, track, settings), source.format
         place = partial(_place_alone, source, settings)
+    notes += told
     if mount is not None:
         notes.append(f"the trajectory is carried to the sensor by its extrinsics: {_describe_mount(mount)}")
     if given is not None and sweeps.track is not None and not of_cloud:  # the points of a cloud are placed already
@@ -203,8 +204,10 @@ def _read_given(
     frame: str | None,
     time_offset_s: float,
     mount: se2.Array | None,
-) -> Trajectory | None:
+) -> tuple[Trajectory | None, list[str]]:
     """Returns the sensor's trajectory that was given or that a file holds, or None if it is one that the recording carries.
+
+    Besides, it returns what a user should know about how the file was understood.
 
     Raises:
         ConfigError: stamps, a topic, a frame, an offset or extrinsics are given without a file, or the offset is beyond any
@@ -215,14 +218,17 @@ def _read_given(
         if any(option is not None for option in (times, topic, frame, mount)) or time_offset_s != 0.0:
             problem = "stamps, topics, frames, time offsets and extrinsics belong to a trajectory from a file"
             raise ConfigError(problem, Remedy.GIVE_TRAJECTORY)
-        return None
+        return None, []
     if isinstance(trajectory, str) and not Path(trajectory).exists() and (near := find_near(trajectory, CARRIED)):
         raise DataError(trajectory, "does not exist", f"check the path, or did you mean {near}?")
-    given = trajectory if isinstance(trajectory, Trajectory) else read_trajectory(Path(trajectory), times, topic, frame)
+    if isinstance(trajectory, Trajectory):
+        given, notes = trajectory, list[str]()
+    else:
+        given, notes = read_with_notes(Path(trajectory), times, topic, frame)
     if not abs(time_offset_s) <= _LONGEST_OFFSET_S:
         raise ConfigError(f"a time offset of {time_offset_s:g} s is beyond any clock; give it in seconds")
     poses = given.poses if mount is None else se2.compose(given.poses, mount)
-    return Trajectory(given.stamps_us + round(1e6 * time_offset_s), poses)
+    return Trajectory(given.stamps_us + round(1e6 * time_offset_s), poses), notes
 
 
 def _give_back(trajectory: Trajectory, time_offset_s: float, mount: se2.Array | None) -> Trajectory:

@@ -30,7 +30,7 @@ from mqslam.errors import ConfigError, EstimationError
 from mqslam.execution.checkpoint import hash_run, keep_checkpoint
 from mqslam.execution.folders import check_free, write_folder_aside
 from mqslam.execution.runner import Runner
-from mqslam.formats.trajectories import read_trajectory
+from mqslam.formats.trajectories import read_with_notes
 from mqslam.psi.doppler import choose_doppler_beta
 from mqslam.psi.place import beam_of
 from mqslam.report.compare_page import write_compare_pages
@@ -91,10 +91,11 @@ def compare(  # noqa: PLR0913 - these are the options of a comparison, each with
         frontends = [name.strip() for name in frontends.split(",") if name.strip()]
     settings = _set_kiss_config(choose_settings(config), kiss_config)
     _check_names(frontends)
-    given = _make_given_rows(trajectories or {}, frontends)
+    given, told = _make_given_rows(trajectories or {}, frontends)
     check_free(out, force=force, resume=resume, recording=data)
     recording = open_data(data, format, range_resolution, settings)
     track, notes = choose_odometry(recording, odometry, settings.reading)
+    notes += told
     for note in recording.notes:
         work.tell(note)
     revolution_s, start_us = recording.revolution_s, recording.start_us
@@ -181,14 +182,14 @@ def _check_names(frontends: Sequence[str]) -> None:
 
 def _make_given_rows(
     trajectories: Mapping[str, Trajectory | Path | str | tuple[Path, Path]], frontends: Sequence[str]
-) -> list[Row]:
-    """Returns the rows of trajectories that other programs made.
+) -> tuple[list[Row], list[str]]:
+    """Returns the rows of trajectories that other programs made, and what a user should know about how these were read.
 
     Raises:
         ConfigError: a name cannot be that of a folder, or is that of a front end.
         DataError: a file is not a trajectory.
     """
-    rows = []
+    rows, told = [], []
     for name, given in trajectories.items():
         if not re.fullmatch(r"[\w.-]*\w", name):
             raise ConfigError(f"trajectory '{name}': give it a name in letters and digits")
@@ -196,9 +197,8 @@ def _make_given_rows(
             raise ConfigError(f"trajectory '{name}': there is a row {name} already; choose another name")
         if isinstance(given, Trajectory):
             track = given
-        elif isinstance(given, tuple):
-            track = read_trajectory(*given)
         else:
-            track = read_trajectory(Path(given))
+            track, notes = read_with_notes(*given) if isinstance(given, tuple) else read_with_notes(Path(given))
+            told += [f"{name}: {note}" for note in notes]
         rows.append(make_given_row(name, track))
-    return rows
+    return rows, told

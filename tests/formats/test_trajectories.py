@@ -10,7 +10,7 @@ from support.recordings import KINDS, START_US, bag_path, bag_writer
 from mqslam.core import se2
 from mqslam.core.trajectory import Trajectory
 from mqslam.errors import DataError
-from mqslam.formats.trajectories import read_trajectory, write_kitti
+from mqslam.formats.trajectories import read_trajectory, read_with_notes, write_kitti
 from mqslam.formats.tum import write_tum
 
 ODOMETRY = "nav_msgs/msg/Odometry"
@@ -160,6 +160,21 @@ def test_one_of_several_topics_has_to_be_named(arc: Trajectory, tmp_path: Path) 
         read_trajectory(path)
     with pytest.raises(DataError, match=r"drive\.bag: has no poses on /log \(topics of poses: /odom, /slam\)"):
         read_trajectory(path, topic="/log")
+
+
+def test_poses_of_a_bag_without_a_rotation_are_left_out_and_counted(arc: Trajectory, tmp_path: Path) -> None:
+    path = tmp_path / "drive.bag"
+    with bag_writer(path, "ros1") as bag:
+        topic = bag.topic("/slam", POSE)
+        for k, (stamp, pose) in enumerate(zip(arc.stamps_us.tolist(), arc.poses, strict=True)):
+            message = bag.pose_stamped(stamp, pose)
+            if k in (1, 3):
+                turn = message.pose.orientation
+                turn.x = turn.y = turn.z = turn.w = 0.0
+            bag.write(topic, stamp, message)
+    track, notes = read_with_notes(path)
+    assert len(track) == len(arc) - 2
+    assert notes == [f"2 of {len(arc)} poses on /slam are left out: a quaternion of zeros, or no finite number"]
 
 
 def test_a_bag_without_two_poses_is_refused(tmp_path: Path) -> None:

@@ -91,6 +91,7 @@ def read_lidar(path: Path, settings: ReadingConfig = USUAL_READING) -> LidarReco
     carried = {}
     for what, name in (("odometry", odometry_topic), ("trajectory", pose_topic)):
         poses = bags.trajectory_of(index.poses.get(name or "", ()))
+        notes += bags.note_left_out(index.poses.get(name or "", ()), name)
         if poses is not None:
             how = "carried to the lidar by /tf_static" if mount else "taken as that of the lidar itself"
             notes.append(f"{what} from {name}, {how}")

@@ -135,6 +135,8 @@ def open_recording(path: Path, sensing: Sensing, settings: ReadingConfig) -> Ros
     if sensing.range_resolution is None:
         notes.append(note_resolution(RANGE_RESOLUTION_M))
     odometry, truth = (bags.trajectory_of(index.poses.get(name or "", ())) for name in (odometry_topic, truth_topic))
+    for name in (odometry_topic, truth_topic):
+        faults += bags.note_left_out(index.poses.get(name or "", ()), name)
     if odometry is not None:
         notes.append(f"odometry from {odometry_topic} is taken as the motion of the radar itself")
     if truth is not None:

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import contextlib
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from mqslam.core.trajectory import Trajectory
+from mqslam.core.wording import count_of, is_or_are
 from mqslam.errors import DataError, MqslamError
 from mqslam.formats.shared.poses import yaw_of_quaternion
 
@@ -113,3 +114,12 @@ def trajectory_of(rows: Iterable[PoseRow]) -> Trajectory | None:
     if len(kept) < 2:
         return None
     return Trajectory(np.array([row[0] for row in kept], dtype=np.int64), np.array([row[1:] for row in kept]))
+
+
+def note_left_out(rows: Sequence[PoseRow], topic: str | None) -> list[str]:
+    """Returns what to tell of poses that `trajectory_of` leaves out: one line, or none."""
+    left_out = sum(not np.isfinite(row[1:]).all() for row in rows)
+    if not left_out:
+        return []
+    poses = f"{left_out} of {count_of(len(rows), 'pose')} on {topic}"
+    return [f"{poses} {is_or_are(left_out)} left out: a quaternion of zeros, or no finite number"]

@@ -14,7 +14,7 @@ from mqslam.formats.trajectories.pose_table import read_table
 from mqslam.formats.trajectories.slam_folders import find_result
 from mqslam.formats.tum import read_tum
 
-__all__ = ["read_trajectory", "write_kitti"]
+__all__ = ["read_trajectory", "read_with_notes", "write_kitti"]
 
 
 def read_trajectory(path: Path, times: Path | None = None, topic: str | None = None, frame: str | None = None) -> Trajectory:
@@ -41,11 +41,23 @@ def read_trajectory(path: Path, times: Path | None = None, topic: str | None = N
     Raises:
         DataError: the file is none of these, holds a value that is not a number, or its stamps do not increase.
     """
+    return read_with_notes(path, times, topic, frame)[0]
+
+
+def read_with_notes(
+    path: Path, times: Path | None = None, topic: str | None = None, frame: str | None = None
+) -> tuple[Trajectory, list[str]]:
+    """Reads a trajectory as `read_trajectory` does, and what a user should know about how it was understood."""
     if bags.recognises(path):
         _refuse_times(path, times)
         return read_bag(path, topic, frame)
     if topic is not None or frame is not None:
         raise DataError(path, "is no bag, and holds neither topics nor frames", "leave the topic and the frame out")
+    return _read_file(path, times), []
+
+
+def _read_file(path: Path, times: Path | None) -> Trajectory:
+    """Reads a trajectory that is in no bag."""
     if path.is_dir():
         path, times = find_result(path, times)
     if path.suffix == ".npy":

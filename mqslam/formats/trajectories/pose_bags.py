@@ -19,8 +19,8 @@ _TRANSFORM_TYPES = ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")
 _STATIC = "tf_static"
 
 
-def read_bag(path: Path, topic: str | None, frame: str | None) -> Trajectory:
-    """Reads the trajectory in a bag.
+def read_bag(path: Path, topic: str | None, frame: str | None) -> tuple[Trajectory, list[str]]:
+    """Reads the trajectory in a bag, and what a user should know about how it was understood.
 
     Args:
         path: the bag.
@@ -55,8 +55,8 @@ def _is_static(connection: Connection) -> bool:
     return connection.topic.rsplit("/", 1)[-1] == _STATIC
 
 
-def _read_poses(path: Path, reader: AnyReader, topic: str) -> Trajectory:
-    """Reads the poses on a topic."""
+def _read_poses(path: Path, reader: AnyReader, topic: str) -> tuple[Trajectory, list[str]]:
+    """Reads the poses on a topic, and says how many of them are left out."""
     poses: list[bags.PoseRow] = []
     for connection, _, raw in reader.messages([c for c in reader.connections if c.topic == topic]):
         message: Any = reader.deserialize(raw, connection.msgtype)
@@ -67,16 +67,18 @@ def _read_poses(path: Path, reader: AnyReader, topic: str) -> Trajectory:
     trajectory = bags.trajectory_of(poses)
     if trajectory is None:
         raise DataError(path, f"holds no two poses at different times on {topic}", "name another topic")
-    return trajectory
+    return trajectory, bags.note_left_out(poses, topic)
 
 
-def _read_transforms(path: Path, reader: AnyReader, connections: list[Connection], frame: str | None) -> Trajectory:
-    """Reads the pose of a frame from the transforms on some topics."""
+def _read_transforms(
+    path: Path, reader: AnyReader, connections: list[Connection], frame: str | None
+) -> tuple[Trajectory, list[str]]:
+    """Reads the pose of a frame from the transforms on some topics, and says how many of them are left out."""
     transforms = Transforms()
     for connection, _, raw in reader.messages(connections):
         message: Any = reader.deserialize(raw, connection.msgtype)
         transforms.add(message)
     try:
-        return transforms.trace(transforms.choose(frame))
+        return transforms.trace(transforms.choose(frame)), transforms.notes
     except ValueError as error:
         raise DataError(path, str(error), "name another frame, or a topic of poses") from error

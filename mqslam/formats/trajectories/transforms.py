@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from mqslam.core import se2
 from mqslam.core.trajectory import Trajectory
+from mqslam.core.wording import count_of
 from mqslam.formats.shared.bags import name_frame, stamp_of
 
 _BODIES = ("base_link", "base_footprint")
@@ -36,22 +37,36 @@ class _Link:
 
 @dataclass(slots=True)
 class Transforms:
-    """Transforms between frames over time, by the frame that they place."""
+    """Transforms between frames over time, by the frame that they place.
+
+    Args:
+        links: them.
+        left_out: number of those that hold a quaternion of zeros, or a number that is not finite.
+    """
 
     links: dict[str, _Link] = field(default_factory=dict)
+    left_out: int = 0
 
     def add(self, message: Any) -> None:
-        """Adds the transforms of a `tf2_msgs/TFMessage`; those that are not finite are left out."""
+        """Adds the transforms of a `tf2_msgs/TFMessage`; those that are no motion are left out, and counted."""
         for stamped in message.transforms:
             move, turn = stamped.transform.translation, stamped.transform.rotation
             row = (move.x, move.y, move.z, turn.x, turn.y, turn.z, turn.w)
             if not np.isfinite(row).all() or not any(row[3:]):
+                self.left_out += 1
                 continue
             parent = name_frame(stamped.header.frame_id)
             link = self.links.setdefault(name_frame(stamped.child_frame_id), _Link([parent]))
             if parent not in link.parents:
                 link.parents.append(parent)
             link.rows[stamp_of(stamped)] = row
+
+    @property
+    def notes(self) -> list[str]:
+        """What to tell of the transforms that were left out: one line, or none."""
+        if not self.left_out:
+            return []
+        return [f"{count_of(self.left_out, 'transform')} left out: a quaternion of zeros, or no finite number"]
 
     def choose(self, frame: str | None) -> str:
         """Chooses the frame whose path is wanted.
