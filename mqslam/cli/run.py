@@ -145,7 +145,13 @@ def tabulate_summary(summary: dict[str, Any]) -> Table:
     table.add_column(summary["before"], justify="right")
     table.add_column("optimised", justify="right")
     psi = summary["psi"]
-    for key, label, form in (("per_point", "psi per point", "{:.4f}"), ("matched", "matched points", "{:.1%}")):
+    for key, label, form in (
+        ("across_passes", "psi per point across passes", "{:.4f}"),
+        ("per_point", "psi per point", "{:.4f}"),
+        ("matched", "matched points", "{:.1%}"),
+    ):
+        if key == "across_passes" and psi[f"{key}_optimised"] is None:
+            continue  # no place is passed twice
         table.add_row(label, _format(psi[f"{key}_odometry"], form), _format(psi[f"{key}_optimised"], form))
     before, after = summary["evaluation_odometry"], summary["evaluation"]
     if before and after:

@@ -114,7 +114,10 @@ def _judge_whole_map(run: Run) -> list[Finding]:
     if not _can_compare(run):
         return []
     before, after = run.map_odometry.psi_per_point, run.map_optimised.psi_per_point
-    return _compare_psi("psi per point", before, after, run.config.verdict)
+    findings = _compare_psi("psi per point", before, after, run.config.verdict)
+    return [
+        replace(finding, reason=f"{finding.reason}: {_explain_psi(finding, run.config.verdict)}") for finding in findings
+    ]
 
 
 def _can_compare(run: Run) -> bool:
@@ -138,6 +141,15 @@ def _compare_psi(what: str, before: float | None, after: float | None, settings:
     ratio = after / before
     status = VerdictStatus.FAIL if ratio > settings.worse else VerdictStatus.PASS
     return [Finding(status, f"{what} is {ratio:.2f} times that of the map before optimisation")]
+
+
+def _explain_psi(finding: Finding, settings: VerdictConfig) -> str:
+    """Returns what psi per point over neighbours in time, which hardly sees drift, says about a map, in words."""
+    if finding.status is VerdictStatus.PASS:
+        return (
+            f"it did not blur the map, which takes more than {settings.worse:g} times, but drift hardly shows in this number"
+        )
+    return f"it blurred the map, which takes more than {settings.worse:g} times"
 
 
 def _count_status(measurements: Sequence[Measurement], status: Status) -> Share:

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import io
 import os
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
+from rich.console import Console
 from support.commands import mqslam
+
+from mqslam.cli.run import tabulate_summary
 
 COMMAND = Path(sys.executable).with_name("mqslam")
 
@@ -22,6 +26,26 @@ def test_verbose_says_what_each_stage_found_and_took(street: Path, tmp_path: Pat
     assert "mqslam.detection.stage: " in shown.err and "returns in 48 polar scans, 0 of them unread" in shown.err
     assert "mqslam.execution.runner: render took " in shown.err
     assert silent.err == "" and silent.out == ""
+
+
+@pytest.mark.parametrize(("across", "shown"), [(0.25, True), (None, False)])
+def test_a_run_shows_psi_across_passes_where_places_are_passed_twice(across: float | None, shown: bool) -> None:
+    psi = {f"{name}_{which}": 0.5 for name in ("per_point", "matched") for which in ("odometry", "optimised")}
+    summary = {
+        "before": "odometry",
+        "psi": {**psi, "across_passes_odometry": across and 2.0 * across, "across_passes_optimised": across},
+        "evaluation": None,
+        "evaluation_odometry": None,
+        "dataset": {"revolutions": 9, "duration_s": 2.0, "length_m": 8.0},
+        "runtime_s": {"total": 1.0},
+        "verdict": {"status": "pass", "reasons": ["fine"]},
+        "not_judged": [],
+        "last_pose": None,
+    }
+    lines = io.StringIO()
+    Console(file=lines, width=120).print(tabulate_summary(summary))
+    rows = [line.split("│") for line in lines.getvalue().splitlines() if "across passes" in line]
+    assert [[cell.strip() for cell in row] for row in rows] == [["psi per point across passes", "0.5000", "0.2500"]] * shown
 
 
 @pytest.mark.parametrize("command", ["info", "score"])

@@ -108,6 +108,15 @@ def test_psi_across_passes_leads_the_reasons_where_places_were_passed_twice() ->
     assert not any("across" in reason for reason in judge_run(run(240))[1])
 
 
+def test_psi_per_point_says_that_it_hardly_sees_drift() -> None:
+    def say(after: float) -> str:
+        return next(reason for reason in judge_run(run(240, after=after))[1] if reason.startswith("psi per point is"))
+
+    assert say(0.505).startswith("psi per point is 1.01 times that of the map before optimisation: it did not blur the map")
+    assert say(0.505).endswith("takes more than 1.1 times, but drift hardly shows in this number")
+    assert say(0.6).endswith("it blurred the map, which takes more than 1.1 times")
+
+
 def test_of_many_gaps_the_first_are_named_and_the_others_counted() -> None:
     named = _warn_of_gaps([(k, 0.25) for k in range(12)], 60.0)
     assert len(named) == 6
