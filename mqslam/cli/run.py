@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -183,7 +184,7 @@ def _format_last_pose(summary: dict[str, Any]) -> str:
     last = summary["last_pose"]
     if last is None:
         return "how sure it is, is not known"
-    along, across, yaw = last["sigma_along_m"], last["sigma_across_m"], 57.29578 * last["sigma_yaw_rad"]
+    along, across, yaw = last["sigma_along_m"], last["sigma_across_m"], math.degrees(last["sigma_yaw_rad"])
     sure = f"± {along:.2g} m along, {across:.2g} m across, {yaw:.2g} deg heading (one sigma, seen from the first pose)"
     if not last["drift_is_prior"]:
         return sure
