@@ -77,10 +77,11 @@ def test_each_test_gives_a_p_value_and_the_rate_of_false_alarms_decides(
     windows = [row["p_value"] for row in summary["per_window"] if row["torn"] is not None]
     assert summary["tests"]["windows"]["p_value"] == min(windows) and summary["tests"]["revisits"]["p_value"] is None
     assert "p_value" in (tmp_path / "a" / "audit.csv").read_text().splitlines()[0].split(",")
-    strict = audited(street, tmp_path / "b", *words, "--false-alarms", f"{2.0 * p_value:g}")
+    strict = audited(street, tmp_path / "b", *words, "--false-alarms", "1e-250")
     assert strict["tests"]["steps"]["status"] == "pass"
-    assert summary["false_alarms"]["p_value_below"] > p_value > strict["false_alarms"]["p_value_below"]
-    assert f"false_alarms: {2.0 * p_value:g}"[:18] in (tmp_path / "b" / "config.yaml").read_text()
+    assert strict["tests"]["steps"]["p_value"] > strict["false_alarms"]["p_value_below"]
+    assert p_value < summary["false_alarms"]["p_value_below"]
+    assert "false_alarms: 1.0e-250" in (tmp_path / "b" / "config.yaml").read_text()
 
 
 def test_what_could_not_be_judged_has_a_line_of_its_own(street: Path, tracks: Path, quick: Path, tmp_path: Path) -> None:
