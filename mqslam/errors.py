@@ -25,6 +25,7 @@ class Remedy(StrEnum):
     GIVE_EXTRINSICS = "give extrinsics"
     GIVE_FITTING_TRAJECTORY = "give the trajectory it was made with, or the time between the clocks of the two"
     GIVE_OTHER_TRAJECTORY = "give a trajectory with the recording's own stamps, or the time between the clocks of the two"
+    GIVE_MORE_POSES = "give the trajectory with a pose for every scan"
     GIVE_ODOMETRY = "give odometry or choose another front end"
     GIVE_RANGE_RESOLUTION = "state the length of a range bin"
     GIVE_TIME_OFFSET = "give a time offset of"

@@ -16,6 +16,7 @@ from mqslam.auditing.verdict import Finding, VerdictStatus
 from mqslam.config import AuditConfig, VerdictConfig
 from mqslam.core import se2
 from mqslam.core.wording import count_of
+from mqslam.errors import Remedy
 
 _LISTED: Final = 3  # stretches or jumps that a sentence names one by one, so that it stays readable
 _MOST: Final = 0.5  # by definition: most scans are more than half of them
@@ -81,7 +82,8 @@ def judge_track(
         where = _list_spans(find_gaps(track, times[inside]), float(times[-1]))
         why = f"its poses are farther apart than a window is long ({span_s:.2g} s), so that its motion there is interpolated"
         if share > _MOST:
-            reason = f"the trajectory is too sparse to be judged {where} ({share:.0%} of the scans): {why}"
+            sparse = f"the trajectory is too sparse to be judged {where} ({share:.0%} of the scans)"
+            reason = f"{sparse}: {why}; {Remedy.GIVE_MORE_POSES}"
             findings.append(Finding(VerdictStatus.NOT_JUDGED, reason))
         else:
             reason = f"the trajectory has a gap {where}: {why}, and windows there are left undecided"

@@ -219,7 +219,7 @@ def _format_lines(summary: dict[str, Any]) -> list[str]:
     if windows["count"]:
         median = windows["inflation_median"]
         tolerance = f"{summary['threshold']:.3g} and off by {summary['bend_m']:g} m"
-        inflation = f"median {median:.3g} (2.37 where a map is right); torn above {tolerance}"
+        inflation = f"median {median:.3g} (2.37 by chance alone); torn above {tolerance}"
     rows = [
         *format_verdict(summary),
         ("windows", f"{windows['torn']} of {windows['count']} torn{_count_undecided(windows['undecided'])}"),

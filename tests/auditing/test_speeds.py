@@ -89,6 +89,7 @@ def test_a_sparse_trajectory_that_is_right_is_not_judged() -> None:
     audited, _ = judged(1.0, poses=5)
     assert audited.status is VerdictStatus.NOT_JUDGED, audited.reasons
     assert "too sparse to be judged" in audited.reasons[0]
+    assert audited.reasons[0].endswith("; give the trajectory with a pose for every scan")
 
 
 @pytest.mark.parametrize(("factor", "status"), [(1.0, VerdictStatus.NOT_JUDGED), (0.1, VerdictStatus.FAIL)])

@@ -15,6 +15,7 @@ _WORDS: dict[str, str] = {
     Remedy.FREE_SPACE: "free space or choose another --out",
     Remedy.GIVE_EXTRINSICS: "give --extrinsics",
     Remedy.GIVE_FITTING_TRAJECTORY: "give the --trajectory it was made with, or --time-offset if their clocks differ",
+    Remedy.GIVE_MORE_POSES: "give a --trajectory with a pose for every scan",
     Remedy.GIVE_ODOMETRY: "give --odometry FILE or another --frontend",
     Remedy.GIVE_OTHER_TRAJECTORY: "give a --trajectory with the stamps of DATA, or --time-offset if their clocks differ",
     Remedy.GIVE_RANGE_RESOLUTION: "give --range-resolution",
