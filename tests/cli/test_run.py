@@ -210,14 +210,6 @@ def test_the_summary_says_how_sure_the_last_pose_is_along_and_across(result: Pat
     assert last == {**{name: pytest.approx(sigma) for name, sigma in sigmas.items()}, "drift_is_prior": True}
 
 
-def test_a_run_that_takes_no_prior_for_drift_speaks_of_none(street: Path, tmp_path: Path) -> None:
-    settings = tmp_path / "no_prior.yaml"
-    settings.write_text("sensor: {doppler_beta: 0.0}\ngraph: {common_drift_m: 0.0, common_drift_rad: 0.0}\n")
-    printed = mqslam("run", street, "--config", settings, "--out", tmp_path / "out").out
-    assert summary_of(tmp_path / "out")["last_pose"]["drift_is_prior"] is False
-    assert "last pose: ±" in printed and "is a prior" not in printed
-
-
 def test_measured_motions_are_those_of_the_truth(result: Path, street: Path) -> None:
     truth = read_tum(street / "gt" / "poses_tum.txt").poses
     measured = np.array([[float(row[name]) for name in ("dx", "dy", "dyaw")] for row in rows_of(result)])
