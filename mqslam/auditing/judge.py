@@ -25,7 +25,6 @@ from mqslam.auditing.findings import (
 )
 from mqslam.auditing.laying import Laid
 from mqslam.auditing.revisits import RevisitAudit, audit_revisits, doubt_interpolated
-from mqslam.auditing.spans import effects
 from mqslam.auditing.spans.delay import measure_twists
 from mqslam.auditing.spans.measured import lay_spans
 from mqslam.auditing.spans.pooled import Pooled, pool, predict_offsets
@@ -37,7 +36,6 @@ from mqslam.auditing.speeds import (
     contradicts,
     find_capture_range,
     judge_speeds,
-    settle_gaps,
 )
 from mqslam.auditing.steps import StepAudit, audit_steps
 from mqslam.auditing.sweeps import Sweeps, place_sweeps
@@ -109,11 +107,10 @@ def audit(
         claims: how sure the trajectory is of itself, by the numbers of the sweeps; None where it does not say.
     """
     windows = audit_windows(sweeps, settings, estimator, engine, progress, sampled)
-    middles = [(w.begin + w.end) // 2 - 1 for w in windows]
-    speeds = check_speeds(sweeps, middles, settings, estimator, engine, progress)
-    capture = find_capture_range(sweeps.revolution_s, settings, estimator)
     interpolated = _mark_interpolated(sweeps, settings)
-    speeds = settle_gaps(sweeps, middles, speeds, interpolated, settings, estimator, engine, progress)
+    middles = [(w.begin + w.end) // 2 - 1 for w in windows]
+    speeds = check_speeds(sweeps, middles, ~interpolated, settings, estimator, engine, progress)
+    capture = find_capture_range(sweeps.revolution_s, settings, estimator)
     windows = state_p_values(_decide(windows, speeds, interpolated, capture, limits))
     steps = audit_steps(sweeps, ~interpolated, settings, estimator, limits, engine, progress)
     jumps = find_torn_steps(steps, settings, limits)
@@ -175,9 +172,7 @@ def _expect(
     """Returns the offsets (N, 3) of spans that the test of pooled corrections tells of already."""
     if pooled is None:
         return np.zeros((len(spans), 3))
-    delay = find_delay(pooled, limits)
-    by_delay = (0.0 if delay is None else delay.seconds) * effects.of_delay(spans, twists)
-    return predict_offsets(spans, find_bias(pooled, limits), find_lever(pooled, limits), by_delay)
+    return predict_offsets(spans, twists, find_bias(pooled, limits), find_lever(pooled, limits), find_delay(pooled, limits))
 
 
 def _mark_interpolated(sweeps: Sweeps, settings: AuditConfig) -> NDArray[np.bool_]:

@@ -12,7 +12,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,7 +26,7 @@ from mqslam.core.wording import count_of
 from mqslam.execution.engine import Engine
 from mqslam.execution.progress import Progress
 
-_MOST: Final = 0.5  # by definition: most places are more than half of them
+_Shared = tuple[Sweeps, AuditConfig, EstimatorConfig]  # what every motion is compared with
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,9 +78,16 @@ def find_capture_range(revolution_s: float, settings: AuditConfig, estimator: Es
     return CaptureRange(reach_m, reach_m / (settings.window * revolution_s), settings.speed_error_mps)
 
 
+def _find_capture(shared: _Shared) -> CaptureRange:
+    """Returns the capture range of the windows of a map."""
+    sweeps, settings, estimator = shared
+    return find_capture_range(sweeps.revolution_s, settings, estimator)
+
+
 def check_speeds(
     sweeps: Sweeps,
     middles: Sequence[int],
+    known: NDArray[np.bool_],
     settings: AuditConfig,
     estimator: EstimatorConfig,
     engine: Engine,
@@ -89,9 +95,12 @@ def check_speeds(
 ) -> list[SpeedCheck | None]:
     """Compares the motions from given sweeps to the next ones with the trajectory's.
 
+    Where these contradict a speed that is interpolated, the check is sure only if the scans contradict the whole gap, too.
+
     Args:
         sweeps: points under the trajectory to judge.
         middles: sweeps, each of which has one after it.
+        known: (S,) which sweeps lie in no gap of the trajectory.
         settings: of the audit.
         estimator: settings of the score.
         engine: where the motions are compared; the result does not depend on it.
@@ -100,65 +109,45 @@ def check_speeds(
     Returns:
         one check per sweep; None where either scan holds too few points.
     """
+    shared = sweeps, settings, estimator
 
     def report(number: int, check: SpeedCheck | None) -> None:
         progress("speeds", number, len(middles))
 
-    return engine.map(_check_from, (sweeps, settings, estimator), list(middles), report)
+    checks = engine.map(_check_from, shared, list(middles), report)
+    inside = {k: begin + int(known[begin]) for k, begin in enumerate(middles) if not known[begin : begin + 2].all()}
+    off = [k for k in inside if contradicts(checks[k], _find_capture(shared))]
+    if sweeps.track is None or not off:
+        return checks
+    steps = {k: find_gaps(sweeps.track, sweeps.times[[within]])[0] for k, within in inside.items()}
+    doubtful = sorted({steps[k] for k in off})
+    right = set(doubtful) - _find_wrong(doubtful, sweeps.track, shared, engine, progress)
+    return [
+        replace(check, sure=False) if check is not None and steps.get(k) in right else check
+        for k, check in enumerate(checks)
+    ]
 
 
-def settle_gaps(
-    sweeps: Sweeps,
-    begins: Sequence[int],
-    checks: Sequence[SpeedCheck | None],
-    interpolated: NDArray[np.bool_],
-    settings: AuditConfig,
-    estimator: EstimatorConfig,
-    engine: Engine,
-    progress: Progress,
-) -> list[SpeedCheck | None]:
-    """Returns the checks, those that contradict an interpolated speed unsure unless the scans contradict the whole gap, too.
-
-    Args:
-        sweeps: points under the trajectory to judge.
-        begins: the first sweep of each check.
-        checks: what `check_speeds` has found.
-        interpolated: (S,) which sweeps lie in a gap of the trajectory.
-        settings: of the audit.
-        estimator: settings of the score.
-        engine: where the motions in gaps are measured; the result does not depend on it.
-        progress: called as motions are measured.
-    """
-    track = sweeps.track
-    capture = find_capture_range(sweeps.revolution_s, settings, estimator)
-    inside = [k for k, begin in enumerate(begins) if interpolated[begin : begin + 2].any()]
-    off = [begins[k] for k in inside if contradicts(checks[k], capture)]
-    if track is None or not off:
-        return list(checks)
-    held = [begin + int(not interpolated[begin]) for begin in off]  # a sweep within the gap: the other may be its end
-    gaps = {gap: _pick_inside(gap, sweeps.times) for step in held for gap in find_gaps(track, sweeps.times[[step]])}
-    pairs = sorted({begin for inner in gaps.values() for begin in inner})
+def _find_wrong(
+    gaps: Sequence[tuple[float, float]], track: Track, shared: _Shared, engine: Engine, progress: Progress
+) -> set[tuple[float, float]]:
+    """Returns the gaps [s] of a trajectory whose ends the scans between them have farther apart or nearer."""
+    sweeps, settings, estimator = shared
+    inner = {gap: _pick_inside(gap, sweeps.times) for gap in gaps}
+    pairs = sorted({begin for begins in inner.values() for begin in begins})
     curved = replace(sweeps, poses=se2.smooth(track.times, track.poses, sweeps.times))  # as their points are placed there
 
     def report(number: int, twist: se2.Array | None) -> None:
         progress("speeds in gaps", number, len(pairs))
 
     motions = dict(zip(pairs, engine.map(_measure_twist, (curved, settings, estimator), pairs, report), strict=True))
-    longest_s = settings.window * sweeps.revolution_s
-    wrong = {
-        gap
-        for gap, inner in gaps.items()
-        if (found_m := _chain_across(gap, sweeps.times, {k: motions[k] for k in inner}, longest_s)) is not None
-        and abs(found_m - _measure_claimed(gap, track)) > capture.speed_mps * (gap[1] - gap[0])
-    }
-    settled = list(checks)
-    for k in inside:
-        check = checks[k]
-        begin = begins[k] + int(not interpolated[begins[k]])
-        (gap,) = find_gaps(track, sweeps.times[[begin]])
-        if check is not None and gap in gaps and gap not in wrong:
-            settled[k] = replace(check, sure=False)
-    return settled
+    longest_s, speed_mps = settings.window * sweeps.revolution_s, _find_capture(shared).speed_mps
+    wrong = set()
+    for gap, begins in inner.items():
+        found_m = _chain_across(gap, sweeps.times, {k: motions[k] for k in begins}, longest_s)
+        if found_m is not None and abs(found_m - _measure_claimed(gap, track)) > speed_mps * (gap[1] - gap[0]):
+            wrong.add(gap)
+    return wrong
 
 
 def _pick_inside(gap: tuple[float, float], times: NDArray[np.float64]) -> range:
@@ -198,7 +187,7 @@ def _measure_claimed(gap: tuple[float, float], track: Track) -> float:
     return float(np.hypot(*(track.poses[b] - track.poses[a])[:2]))
 
 
-def _measure_twist(shared: tuple[Sweeps, AuditConfig, EstimatorConfig], begin: int) -> se2.Array | None:
+def _measure_twist(shared: _Shared, begin: int) -> se2.Array | None:
     """Measures the mean twist from a sweep to the next one [m/s, m/s, rad/s]; returns None where it is not sure."""
     sweeps = shared[0]
     measured = _lay_on_next(shared, begin)
@@ -209,13 +198,13 @@ def _measure_twist(shared: tuple[Sweeps, AuditConfig, EstimatorConfig], begin: i
     return np.asarray(se2.log(se2.compose(laid.between, laid.offset)) / duration_s)
 
 
-def _check_from(shared: tuple[Sweeps, AuditConfig, EstimatorConfig], begin: int) -> SpeedCheck | None:
+def _check_from(shared: _Shared, begin: int) -> SpeedCheck | None:
     """Compares the motion from a sweep to the next one."""
     measured = _lay_on_next(shared, begin)
     return None if measured is None else measured[1]
 
 
-def _lay_on_next(shared: tuple[Sweeps, AuditConfig, EstimatorConfig], begin: int) -> tuple[Laid, SpeedCheck] | None:
+def _lay_on_next(shared: _Shared, begin: int) -> tuple[Laid, SpeedCheck] | None:
     """Lays the sweep after a given one on it, and compares the motion between the two with the trajectory's."""
     sweeps, settings, estimator = shared
     span_s = measure_span(sweeps, begin)
@@ -224,7 +213,7 @@ def _lay_on_next(shared: tuple[Sweeps, AuditConfig, EstimatorConfig], begin: int
     if laid is None:
         return None
     check = SpeedCheck(laid.offset / span_s, laid.unrivalled)
-    if contradicts(check, find_capture_range(sweeps.revolution_s, settings, estimator)):  # the wide search may lead away
+    if contradicts(check, _find_capture(shared)):  # the wide search may lead away
         return laid, replace(check, sure=fits_far_better(laid, settings))
     return laid, check
 
@@ -258,7 +247,7 @@ def judge_speeds(checks: Sequence[SpeedCheck | None], capture: CaptureRange, lim
         "be measured, and inflation means nothing there"
     )
     if share.is_above(limits.windows_fail, limits):
-        if share.count > _MOST * share.total:
+        if 2 * share.count > share.total:
             reason += "; if neither its scale nor its clock is that wrong, the trajectory may belong to another recording"
         return [Finding(VerdictStatus.FAIL, reason)]
     return [Finding(VerdictStatus.WARN if share.is_above(limits.windows_warn, limits) else VerdictStatus.PASS, reason)]

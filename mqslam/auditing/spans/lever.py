@@ -36,13 +36,14 @@ class Lever:
 
 
 def find_turns(spans: Sequence[Laid], settings: AuditConfig) -> list[NDArray[np.int64]]:
-    """Returns the spans of each turn by their indices; spans of one turn share some of its path."""
+    """Returns the spans of each turn by their indices; none where turns are too few to show where the sensor sits."""
     turning = np.flatnonzero(np.abs([span.between[2] for span in spans]) > settings.lever_turn_rad)
-    return np.split(turning, np.flatnonzero(np.diff(turning) > 2) + 1) if len(turning) else []
+    turns = np.split(turning, np.flatnonzero(np.diff(turning) > 2) + 1)  # spans of one turn share some of its path
+    return turns if len(turns) >= settings.lever_turns else []
 
 
-def estimate_lever(spans: Sequence[Laid], offsets: NDArray[np.float64], settings: AuditConfig) -> Lever | None:
-    """Returns the lever arm that turns ask for, or None where they are too few.
+def estimate_lever(spans: Sequence[Laid], offsets: NDArray[np.float64], turns: Sequence[NDArray[np.int64]]) -> Lever | None:
+    """Returns the lever arm that turns ask for, or None without any.
 
     It is found together with the biases of direction, which the straight spans show. It is robust against places that are
     torn, and its standard deviation is that of a jackknife over turns.
@@ -50,10 +51,9 @@ def estimate_lever(spans: Sequence[Laid], offsets: NDArray[np.float64], settings
     Args:
         spans: in the order of time.
         offsets: (N, 2) of their positions [m], without what a bias of the yaw does.
-        settings: of the audit.
+        turns: the spans of each turn by their indices.
     """
-    turns = find_turns(spans, settings)
-    if len(turns) < settings.lever_turns:
+    if not turns:
         return None
     design = np.concatenate([effects.of_lever(spans), effects.of_direction(spans)], axis=2)
     arm = fit_effects(design, offsets)[:2]

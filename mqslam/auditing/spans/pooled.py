@@ -57,13 +57,13 @@ def pool(spans: Sequence[Laid], twists: NDArray[np.float64], settings: AuditConf
     if len(spans) < max(settings.span_fewest, _FEWEST):
         return None
     offsets = np.array([span.offset for span in spans])
-    with_lever = len(find_turns(spans, settings)) >= settings.lever_turns
-    delay = estimate_delay(spans, offsets, twists, with_lever=with_lever)
+    turns = find_turns(spans, settings)
+    delay = estimate_delay(spans, offsets, twists, with_lever=bool(turns))
     offsets = offsets - delay.seconds * effects.of_delay(spans, twists)
     path = np.array([span.path_m for span in spans])
     turn = _estimate(path, offsets[:, 2])
     placed = (offsets - turn[0] * effects.of_turn(spans))[:, :2]
-    lever = estimate_lever(spans, placed, settings)
+    lever = estimate_lever(spans, placed, turns)
     if lever is not None:
         placed = placed - effects.of_lever(spans) @ lever.arm
     length = np.hypot(*effects.measure_moves(spans).T)
@@ -73,20 +73,27 @@ def pool(spans: Sequence[Laid], twists: NDArray[np.float64], settings: AuditConf
 
 
 def predict_offsets(
-    spans: Sequence[Laid], bias: NDArray[np.float64], lever: Lever | None, by_delay: NDArray[np.float64]
+    spans: Sequence[Laid],
+    twists: NDArray[np.float64],
+    bias: NDArray[np.float64],
+    lever: Lever | None,
+    delay: Delay | None,
 ) -> NDArray[np.float64]:
     """Returns the offsets (N, 3) that spans have by what is wrong everywhere.
 
     Args:
         spans: N of them.
+        twists: (S, 3) of the sensor at every sweep, as the trajectory has them [m/s, m/s, rad/s].
         bias: (3,) of the trajectory.
         lever: where the sensor sits, if that is elsewhere than the trajectory has it.
-        by_delay: (N, 3) that they have by a delay.
+        delay: how late its stamps are, if they are.
     """
-    offsets = by_delay + bias[2] * effects.of_turn(spans)
+    offsets = bias[2] * effects.of_turn(spans)
     offsets[:, :2] += effects.of_direction(spans) @ bias[:2]
     if lever is not None:
         offsets[:, :2] += effects.of_lever(spans) @ lever.arm
+    if delay is not None:
+        offsets += delay.seconds * effects.of_delay(spans, twists)
     return np.asarray(offsets)
 
 

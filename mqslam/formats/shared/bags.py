@@ -119,7 +119,9 @@ def trajectory_of(rows: Iterable[PoseRow]) -> Trajectory | None:
 def note_left_out(rows: Sequence[PoseRow], topic: str | None) -> list[str]:
     """Returns what to tell of poses that `trajectory_of` leaves out: one line, or none."""
     left_out = sum(not np.isfinite(row[1:]).all() for row in rows)
-    if not left_out:
-        return []
-    poses = f"{left_out} of {count_of(len(rows), 'pose')} on {topic}"
-    return [f"{poses} {is_or_are(left_out)} left out: a quaternion of zeros, or no finite number"]
+    return describe_left_out(left_out, f"{left_out} of {count_of(len(rows), 'pose')} on {topic}")
+
+
+def describe_left_out(count: int, which: str) -> list[str]:
+    """Returns what to tell of poses or transforms that are no motion, by their number and in words: one line, or none."""
+    return [f"{which} {is_or_are(count)} left out: a quaternion of zeros, or no finite number"] if count else []

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from mqslam.core import se2
 from mqslam.core.trajectory import Trajectory
 from mqslam.core.wording import count_of
-from mqslam.formats.shared.bags import name_frame, stamp_of
+from mqslam.formats.shared.bags import describe_left_out, name_frame, stamp_of
 
 _BODIES = ("base_link", "base_footprint")
 _LISTED = 12
@@ -64,9 +64,7 @@ class Transforms:
     @property
     def notes(self) -> list[str]:
         """What to tell of the transforms that were left out: one line, or none."""
-        if not self.left_out:
-            return []
-        return [f"{count_of(self.left_out, 'transform')} left out: a quaternion of zeros, or no finite number"]
+        return describe_left_out(self.left_out, count_of(self.left_out, "transform"))
 
     def choose(self, frame: str | None) -> str:
         """Chooses the frame whose path is wanted.
