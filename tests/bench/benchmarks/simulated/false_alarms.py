@@ -10,7 +10,7 @@ from bench.measuring.commands import audit, read_json, run
 from bench.measuring.recordings import simulate_short_city
 from bench.measuring.verdicts import count_bad
 
-_SEEDS = tuple(range(11, 21))
+_SEEDS = tuple(range(11, 61))
 _WORLDS = ("kind", "hard")
 _TRACKS = ("true", "optimised")
 
