@@ -35,8 +35,8 @@ def audit(
         typer.Option(
             "--trajectory",
             "-t",
-            help="A file (TUM, CSV, KITTI with --times, a bag), the folder of a result of KISS-SLAM, CFEAR or TBV, or one "
-            "that DATA has: odometry, ground_truth or recording.",
+            help="A file (TUM, CSV, KITTI with --times, a bag), the folder of a result of mqslam, KISS-SLAM, CFEAR or "
+            "TBV, or one that DATA has: odometry, ground_truth or recording, which is a lidar log's own and the default.",
         ),
     ] = None,
     times: Annotated[Path | None, typer.Option(help="File with the stamps of a KITTI trajectory, one per line.")] = None,

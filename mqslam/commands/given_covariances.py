@@ -40,9 +40,13 @@ def find_claims(
         if given is None:
             raise ConfigError("covariances belong to a trajectory from a file", Remedy.GIVE_TRAJECTORY)
         return _read_claims(Path(covariances), given, offset_us, sweeps), []
-    if given is None or isinstance(origin, Trajectory) or Path(origin).name != _TRAJECTORY:
+    if given is None or isinstance(origin, Trajectory):
         return None, []
-    beside = Path(origin).with_name(_COVARIANCES)
+    path = Path(origin)
+    poses = path / _TRAJECTORY if path.is_dir() else path
+    if poses.name != _TRAJECTORY:
+        return None, []
+    beside = poses.with_name(_COVARIANCES)
     if not beside.is_file():
         return None, []
     try:

@@ -157,7 +157,7 @@ def test_a_clock_that_is_off_is_measured_and_told(late: float) -> None:
     reason = judge_pooled(found, CONFIG.verdict, np.zeros(3), 0.5).reason
     side = "late" if late > 0.0 else "early"
     said = re.search(
-        rf"stamps of the trajectory are (0\.\d+) s \(± 0\.00\d\) {side}; give a time offset of (0\.\d+)$", reason
+        rf"stamps of the trajectory are (0\.\d+) s \(± 0\.00\d\) {side}; give a time offset in seconds of (0\.\d+)$", reason
     )
     assert said is not None and float(said[1]) == pytest.approx(abs(late), rel=0.2)
     assert float(said[2]) == pytest.approx(0.5 - late, abs=0.2 * abs(late))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import html
 import json
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ from support.commands import mqslam, read_contents
 from mqslam.core import se2
 from mqslam.core.trajectory import Trajectory
 from mqslam.formats.tum import read_tum, write_tum
+from mqslam.results.audit_results import describe_mended
 
 ACES = Path(__file__).parents[3] / "shared" / "data" / "carmen" / "aces-corrected.log.gz"
 
@@ -47,7 +49,7 @@ def test_the_audit_stays_and_the_mended_trajectory_stands_beside_it(
     page = (tmp_path / "mended" / "report.html").read_text(encoding="utf-8")
     assert mended["sentence"] in page and "As it was given" in page
     assert f"The mended trajectory is judged {mended['verdict']['status']}: " in page
-    assert all(html.escape(reason, quote=False) in page for reason in mended["verdict"]["reasons"])
+    assert all(reason in html.unescape(page) for reason in mended["verdict"]["reasons"])
     again = mqslam(
         "audit",
         street,
@@ -70,6 +72,12 @@ def test_a_trajectory_without_a_fault_is_written_as_it_is(street: Path, quick: P
     assert result.code == 0 and "nothing to mend" in result.out
     truth, track = read_tum(street / "gt" / "poses_tum.txt"), read_tum(tmp_path / "a" / "mended.tum")
     assert np.abs(track.poses - truth.poses)[:, :2].max() < 1e-5
+
+
+def test_a_map_that_was_not_judged_is_not_said_to_need_no_mending() -> None:
+    untouched = SimpleNamespace(rounds=0)
+    assert "nothing to mend" in describe_mended(untouched, {"verdict": {"status": "pass"}})
+    assert "could not judge enough to mend" in describe_mended(untouched, {"verdict": {"status": "not judged"}})
 
 
 def test_the_trajectory_of_a_cloud_is_mended_and_a_cloud_alone_cannot_be(street: Path, quick: Path, tmp_path: Path) -> None:

@@ -13,3 +13,4 @@ def test_a_run_that_takes_no_prior_for_drift_speaks_of_none(street: Path, tmp_pa
     printed = mqslam("run", street, "--config", settings, "--out", tmp_path / "out").out
     assert parse_strict_json((tmp_path / "out" / "summary.json").read_text())["last_pose"]["drift_is_prior"] is False
     assert "last pose: ±" in printed and "is a prior" not in printed
+    assert "a prior stands for it" not in (tmp_path / "out" / "report.html").read_text()

@@ -208,6 +208,7 @@ def test_the_summary_says_how_sure_the_last_pose_is_along_and_across(result: Pat
     turned = se2.rotate_covariance(given, yaws[0] - yaws[-1])  # nothing is passed twice: its drift is a prior
     sigmas = dict(zip(("sigma_along_m", "sigma_across_m", "sigma_yaw_rad"), np.sqrt(np.diag(turned)), strict=True))
     assert last == {**{name: pytest.approx(sigma) for name, sigma in sigmas.items()}, "drift_is_prior": True}
+    assert "a prior stands for it" in (result / "report.html").read_text()
 
 
 def test_measured_motions_are_those_of_the_truth(result: Path, street: Path) -> None:

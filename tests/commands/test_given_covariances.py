@@ -47,13 +47,13 @@ def test_covariances_are_those_of_the_poses_own_frames(tmp_path: Path) -> None:
     np.testing.assert_allclose(claims.relate([PAIR])[0], own + lever @ own @ lever.T, rtol=1e-9)
 
 
-@pytest.mark.parametrize(("name", "found"), [("trajectory.tum", True), ("other.tum", False)])
+@pytest.mark.parametrize(("name", "found"), [("trajectory.tum", True), (".", True), ("other.tum", False)])
 def test_those_beside_a_runs_own_trajectory_are_found(tmp_path: Path, name: str, found: bool) -> None:
     sweeps, given = turned_walls()
     written(tmp_path, given.stamps_us, given.poses)
     claims, notes = find_claims(None, tmp_path / name, given, 0, sweeps)
     assert (claims is not None) is found and notes == []
-    assert find_claims(None, tmp_path / "away" / name, given, 0, sweeps) == (None, [])
+    assert find_claims(None, tmp_path / "away" / "trajectory.tum", given, 0, sweeps) == (None, [])
     assert find_claims(None, given, given, 0, sweeps) == (None, [])
 
 

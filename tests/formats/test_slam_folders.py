@@ -14,6 +14,7 @@ from mqslam.core import se2
 from mqslam.core.trajectory import Trajectory
 from mqslam.errors import DataError
 from mqslam.formats.trajectories import read_trajectory
+from mqslam.formats.tum import read_tum, write_tum
 
 
 @pytest.fixture
@@ -128,8 +129,21 @@ def test_tbvs_graph_is_read_with_its_own_stamps(drive: Trajectory, tmp_path: Pat
         read_trajectory(folder / "est" / "00.txt")
 
 
+def test_a_run_of_ones_own_is_read_from_its_folder(drive: Trajectory, tmp_path: Path) -> None:
+    write_tum(tmp_path / "trajectory.tum", drive)
+    assert_same(read_trajectory(tmp_path), read_tum(tmp_path / "trajectory.tum"), atol=0.0)
+
+
+def test_a_file_that_is_missing_is_sought_beside_its_path(drive: Trajectory, tmp_path: Path) -> None:
+    write_tum(tmp_path / "trajectory.tum", drive)
+    with pytest.raises(DataError, match=r"trajektory\.tum: does not exist; did you mean trajectory\.tum\?"):
+        read_trajectory(tmp_path / "trajektory.tum")
+    with pytest.raises(DataError, match="does not exist; check the path"):
+        read_trajectory(tmp_path / "away" / "trajectory.tum")
+
+
 def test_a_folder_without_or_with_several_trajectories_is_named(drive: Trajectory, tmp_path: Path) -> None:
-    with pytest.raises(DataError, match=r"is a folder, but neither a ROS 2 bag nor a result of KISS-ICP, KISS-SLAM, CFEAR"):
+    with pytest.raises(DataError, match=r"is a folder, but neither a ROS 2 bag nor a result of mqslam, KISS-ICP, KISS-SLAM"):
         read_trajectory(tmp_path)
     folder = write_cfear(tmp_path, drive)
     for kind in ("", "tum_"):

@@ -30,7 +30,7 @@ def read_trajectory(path: Path, times: Path | None = None, topic: str | None = N
       [rad], counter-clockwise from x, or qx, qy, qz, qw.
     - A ROS bag: the only topic of odometry, poses or paths, or the named one; of paths the last message. Where there is
       none, or a topic of transforms or a frame is named, the pose of a frame in the root of its transforms.
-    - The folder of a result of KISS-ICP, KISS-SLAM, CFEAR or TBV SLAM; `times` replaces the stamps that lie in it.
+    - The folder of a result of mqslam, KISS-ICP, KISS-SLAM, CFEAR or TBV SLAM; `times` replaces the stamps that lie in it.
 
     Args:
         path: file, or folder of a ROS 2 bag or of a result.

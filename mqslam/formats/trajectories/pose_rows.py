@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from mqslam.errors import DataError
+from mqslam.errors import DataError, find_near
 from mqslam.formats.shared.stamps import parse_stamps
 
 KNOWN = "give TUM, KITTI with a file of times, a CSV whose header names t, x, y and yaw or qx, qy, qz, qw, or a bag"
@@ -23,7 +23,9 @@ def read_rows(path: Path) -> list[str]:
     try:
         return [line.strip() for line in path.read_text(encoding="utf-8-sig").splitlines() if line.strip()]
     except FileNotFoundError as error:
-        raise DataError(path, "does not exist", "check the path") from error
+        beside = [other.name for other in path.parent.iterdir()] if path.parent.is_dir() else []
+        near = find_near(path.name, beside)
+        raise DataError(path, "does not exist", f"did you mean {near}?" if near else "check the path") from error
     except (OSError, UnicodeDecodeError) as error:
         reason = error.strerror if isinstance(error, OSError) else "not UTF-8"
         raise DataError(path, f"is not a readable text file ({reason})", KNOWN) from error

@@ -1,4 +1,4 @@
-"""The folders that other SLAMs leave: where in them the poses lie, and where their stamps."""
+"""The folders that SLAMs leave: where in them the poses lie, and where their stamps."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from mqslam.formats.trajectories.pose_rows import parse_times, read_rows
 
 _KISS_POSES, _KISS_STAMPS = "_poses_kitti.txt", "_poses_tum.txt"
 _CFEAR_STAMPS = "tum_"
+_OWN_POSES = "trajectory.tum"
 
 
 def find_result(folder: Path, times: Path | None = None) -> tuple[Path, Path | None]:
@@ -20,6 +21,7 @@ def find_result(folder: Path, times: Path | None = None) -> tuple[Path, Path | N
       numbers into `NAME_poses_tum.txt`. Their newest result is in the folder `latest`.
     - CFEAR writes `est/NN.txt` as KITTI, and the stamps into `est/tum_NN.txt`.
     - TBV SLAM writes poses with their stamps into `graph.txt`; its `est/00.txt` holds a part of them, without stamps.
+    - A run of mqslam writes `trajectory.tum`.
 
     Args:
         folder: the folder of the result, or the one that holds it as `latest` or `est`.
@@ -41,14 +43,15 @@ def find_result(folder: Path, times: Path | None = None) -> tuple[Path, Path | N
             if times is None and stamps is not None:
                 _refuse_counts(stamps)
             return poses, times or stamps
-    known = "KISS-ICP, KISS-SLAM, CFEAR or TBV SLAM"
+    known = "mqslam, KISS-ICP, KISS-SLAM, CFEAR or TBV SLAM"
     raise DataError(folder, f"is a folder, but neither a ROS 2 bag nor a result of {known}", "name the trajectory's file")
 
 
 def _list_results(place: Path) -> list[tuple[Path, Path | None]]:
     """Lists the files of poses in a folder, each with that of its stamps."""
-    if (place / "graph.txt").is_file():
-        return [(place / "graph.txt", None)]
+    for whole in (_OWN_POSES, "graph.txt"):
+        if (place / whole).is_file():
+            return [(place / whole, None)]
     found: list[tuple[Path, Path | None]] = []
     for poses in sorted(place.glob(f"*{_KISS_POSES}")):
         stamps = poses.with_name(poses.name.removesuffix(_KISS_POSES) + _KISS_STAMPS)

@@ -91,9 +91,12 @@ def _draw_ellipses(report: Report) -> tuple[Lines, str]:
     if shapes:
         explained = (
             f"The largest 3σ ellipse reaches {format_length(largest)} from its middle, with the first pose held fixed. "
-            "Drift that both directions of time have in common cannot be measured in one pass; a prior stands for it "
-            "(graph.common_drift_m and graph.common_drift_rad). "
         )
+        if (report.summary.get("last_pose") or {}).get("drift_is_prior"):
+            explained += (
+                "Drift that both directions of time have in common cannot be measured in one pass; a prior stands for it "
+                "(graph.common_drift_m and graph.common_drift_rad). "
+            )
     shown = len(shapes) > 0 and largest <= max(_COVERING * side, 1.0)
     return Lines(name, _ELLIPSE_COLOUR, drawn, 1.2, shown), explained
 
