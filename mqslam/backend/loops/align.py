@@ -81,7 +81,8 @@ def align(
     free = Prior(guess, np.zeros((3, 3)))
     minima = []
     peaks = find_correlation_peaks(reference.points, query.points, guess, reach_m, reach_rad, config)
-    for start in [guess, *peaks]:  # the trajectory's own pose is a hypothesis, too
+    others = [peak for peak in peaks if not np.array_equal(peak, guess)]  # a search from the same pose finds the same
+    for start in [guess, *others]:  # the trajectory's own pose is a hypothesis, too
         minimum = minimise(
             start,
             lambda pose: move_rigidly(query, pose),
