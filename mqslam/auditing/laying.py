@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mqslam.auditing.sweeps import Sweeps
-from mqslam.backend.loops.align import align, move_rigidly, score_at_pose
+from mqslam.backend.loops.align import align, score_at_pose
 from mqslam.backend.loops.passes import is_unrivalled
+from mqslam.backend.loops.rigid import move_rigidly
 from mqslam.config import AuditConfig, EstimatorConfig
 from mqslam.core import se2
 

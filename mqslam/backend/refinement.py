@@ -21,7 +21,8 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from mqslam.backend.crossings import Crossing, find_crossings, measure_psi_across, render_earlier, render_scans
-from mqslam.backend.loops.align import ANY_TIME, TOLERANCES, move_rigidly, observes_all
+from mqslam.backend.loops.align import TOLERANCES, observes_all
+from mqslam.backend.loops.rigid import minimise_rigidly, move_rigidly
 from mqslam.backend.loops.submap import Drive
 from mqslam.backend.problem import Problem
 from mqslam.config import Config
@@ -31,8 +32,8 @@ from mqslam.core.scans import Scans
 from mqslam.core.trajectory import Trajectory
 from mqslam.execution.runner import Runner
 from mqslam.psi.covariance import estimate_covariance
-from mqslam.psi.minimiser import Prior, References, minimise
-from mqslam.psi.place import Beam, PointSet
+from mqslam.psi.minimiser import References
+from mqslam.psi.place import Beam
 
 EVERY_SCAN_M: Final = 1e-3
 """Path between the scans that are measured [m]: every scan is, but those of a radar that stands still."""
@@ -160,16 +161,12 @@ def _measure_scan(setting: _Setting, references: References, anchor: int, later:
     if len(scan) == 0:
         return None
 
-    def place(pose: se2.Array) -> PointSet:
-        return move_rigidly(scan, pose)
-
-    free = Prior(guess, np.zeros((3, 3)))
-    minimum = minimise(guess, place, references, free, estimator, ANY_TIME, TOLERANCES, _FIRST_STEP)
+    minimum = minimise_rigidly(guess, scan, references, estimator, TOLERANCES, _FIRST_STEP)
     moved, matched = se2.between(guess, minimum.state), float(minimum.evaluation.matched.mean())
     is_near = np.hypot(moved[0], moved[1]) <= config.refinement.aside_m
     if not (minimum.converged and is_near and matched >= config.loops.matched):
         return None
-    points = place(minimum.state)
+    points = move_rigidly(scan, minimum.state)
     if not observes_all(references, points, estimator):
         return None
     covariance = _SHARED * estimate_covariance(minimum.evaluation, points.points, estimator.cluster_m)

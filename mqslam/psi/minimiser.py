@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import numba as nb
 import numpy as np
@@ -117,6 +117,33 @@ def score_itself(points: PointSet, scale: Scale, revolution_s: float, config: Es
     return score(points, points, lists, scale, revolution_s, config)
 
 
+class Expansion(NamedTuple):
+    """The score around a state, up to second order.
+
+    Args:
+        gradient: (Q,) half the gradient of psi.
+        information: (Q, Q) Gauss-Newton's curvature.
+        curvature: (Q, Q) curvature with re-selection, symmetric.
+    """
+
+    gradient: NDArray[np.float64]
+    information: NDArray[np.float64]
+    curvature: NDArray[np.float64]
+
+
+class Objective(Protocol):
+    """Points that move with a state and are scored."""
+
+    def expand(self, state: NDArray[np.float64], scale: Scale) -> Expansion:
+        """Returns the score around a state (Q,)."""
+
+    def measure_move(self, move: NDArray[np.float64]) -> float:
+        """Returns how far a step (Q,) from the last state moves the points [m], root mean square; without any, inf."""
+
+    def evaluate(self, state: NDArray[np.float64], scale: Scale) -> Evaluation:
+        """Returns the score at a state (Q,), point by point."""
+
+
 def minimise(
     start: NDArray[np.float64],
     render: Callable[[NDArray[np.float64]], PointSet],
@@ -139,38 +166,79 @@ def minimise(
         tolerances: (Q,) steps that end the search, once the widths are final and a step is smaller.
         first_step: step of the annealing that the search begins with; a good start needs no wide widths.
     """
+    return descend(start, _Rendered(render, references, config, revolution_s), prior, config, tolerances, first_step)
+
+
+def descend(
+    start: NDArray[np.float64],
+    objective: Objective,
+    prior: Prior,
+    config: EstimatorConfig,
+    tolerances: NDArray[np.float64],
+    first_step: int = 0,
+) -> Minimum:
+    """Minimises an objective's psi plus the prior over the state; see `minimise`."""
     state = np.array(start, dtype=np.float64)
-    cache = NeighbourCache()
     converged = False
-
-    def evaluate_at(scale: Scale) -> tuple[PointSet, Evaluation]:
-        queries = render(state)
-        others, grid = (queries, None) if references is None else references
-        lists = cache.lists(queries.points, others.points, scale.s, grid)
-        return queries, score(queries, others, lists, scale, revolution_s, config)
-
     for step in range(first_step, first_step + config.steps):
         scale = annealed_scale(config, step)
-        queries, here = evaluate_at(scale)
+        here = objective.expand(state, scale)
         curvature = (here.curvature + config.stabiliser * here.information) / config.correlation + prior.information
         gradient = here.gradient / config.correlation + prior.information @ (state - prior.mean)
         values, vectors = np.linalg.eigh(_scale_matrix(curvature, tolerances))
         values = np.maximum(np.abs(values), _FLATTEST)
         move = -tolerances * (vectors @ ((vectors.T @ (tolerances * gradient)) / values))
-        move = _shorten_step(move, queries, scale.s)
+        move = _shorten_step(move, objective.measure_move(move), scale.s)
         state = state + move
         if scale == final_scale(config) and np.all(np.abs(move) < tolerances):
             converged = True
             break
-    return Minimum(state, evaluate_at(final_scale(config))[1], converged)
+    return Minimum(state, objective.evaluate(state, final_scale(config)), converged)
 
 
-def _shorten_step(move: NDArray[np.float64], queries: PointSet, reach_m: float) -> NDArray[np.float64]:
-    """Shortens a step (Q,) that would move the points, in the root mean square, farther than the score has looked [m]."""
-    if len(queries) == 0:
-        return np.zeros_like(move)
-    moved = _measure_move(queries.jacobians, move)
-    return move if moved <= reach_m else move * (reach_m / moved)
+class _Rendered:
+    """Points that are rendered anew for each state.
+
+    Args:
+        render: as for `minimise`.
+        references: as for `minimise`.
+        config: settings of the score.
+        revolution_s: duration of a turn [s].
+    """
+
+    def __init__(
+        self,
+        render: Callable[[NDArray[np.float64]], PointSet],
+        references: References | None,
+        config: EstimatorConfig,
+        revolution_s: float,
+    ) -> None:
+        self._render, self._references = render, references
+        self._config, self._revolution_s = config, revolution_s
+        self._cache = NeighbourCache()
+        self._jacobians = np.empty((0, 2, 0))
+
+    def expand(self, state: NDArray[np.float64], scale: Scale) -> Expansion:
+        """Returns the score around a state, as `Objective` says."""
+        here = self.evaluate(state, scale)
+        return Expansion(here.gradient, here.information, here.curvature)
+
+    def measure_move(self, move: NDArray[np.float64]) -> float:
+        """Returns how far a step moves the points, as `Objective` says."""
+        return _measure_move(self._jacobians, move) if len(self._jacobians) else np.inf
+
+    def evaluate(self, state: NDArray[np.float64], scale: Scale) -> Evaluation:
+        """Returns the score at a state, as `Objective` says."""
+        queries = self._render(state)
+        self._jacobians = queries.jacobians
+        others, grid = (queries, None) if self._references is None else self._references
+        lists = self._cache.lists(queries.points, others.points, scale.s, grid)
+        return score(queries, others, lists, scale, self._revolution_s, self._config)
+
+
+def _shorten_step(move: NDArray[np.float64], moved_m: float, reach_m: float) -> NDArray[np.float64]:
+    """Shortens a step (Q,) that would move the points farther [m] than the score has looked [m]; without points, to zero."""
+    return move if moved_m <= reach_m else move * (reach_m / moved_m)
 
 
 @nb.njit(cache=True, nogil=True)

@@ -14,18 +14,17 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from mqslam.backend.loops.rigid import ANY_TIME, minimise_rigidly, move_rigidly
 from mqslam.config import EstimatorConfig, PassConfig
 from mqslam.core import se2
 from mqslam.psi.correlate import find_correlation_peaks
 from mqslam.psi.covariance import estimate_covariance, sum_by_object
 from mqslam.psi.estimator import Evaluation, Scale
-from mqslam.psi.minimiser import Minimum, Prior, References, annealed_scale, final_scale, minimise, score
+from mqslam.psi.minimiser import Minimum, References, annealed_scale, final_scale, score
 from mqslam.psi.neighbours import find_candidates, sort_into_cells
 from mqslam.psi.observability import find_weak_directions
-from mqslam.psi.place import PointSet, rotate_covariances
+from mqslam.psi.place import PointSet
 
-ANY_TIME: Final = 0.0
-"""Turns between neighbours that psi requires: by definition none, as submaps are compared whatever their times."""
 TOLERANCES: Final = np.array([1e-3, 1e-3, 2e-5])
 """A step [m, m, rad] smaller than this ends the minimiser: a numerical tolerance."""
 _CELL_M: Final = 1.0  # side of the cells that points are sorted into to find neighbours: a matter of speed only
@@ -78,20 +77,11 @@ def align(
     """
     reach_m, reach_rad = reach
     references = as_references(reference)
-    free = Prior(guess, np.zeros((3, 3)))
     minima = []
     peaks = find_correlation_peaks(reference.points, query.points, guess, reach_m, reach_rad, config)
     others = [peak for peak in peaks if not np.array_equal(peak, guess)]  # a search from the same pose finds the same
     for start in [guess, *others]:  # the trajectory's own pose is a hypothesis, too
-        minimum = minimise(
-            start,
-            lambda pose: move_rigidly(query, pose),
-            references,
-            free,
-            config,
-            ANY_TIME,
-            TOLERANCES,
-        )
+        minimum = minimise_rigidly(start, query, references, config, TOLERANCES)
         off = se2.between(guess, minimum.state)
         if np.hypot(off[0], off[1]) <= reach_m + settings.beyond_m and abs(off[2]) <= reach_rad + settings.beyond_rad:
             minima.append(minimum)
@@ -167,18 +157,6 @@ def observes_all(references: References, points: PointSet, config: EstimatorConf
     """Returns whether references hold every direction in which points can move, at the annealing's first widths."""
     wide = _score(references, points, annealed_scale(config, 0), config)
     return len(find_weak_directions(wide, 3, config.observed_share)) == 0
-
-
-def move_rigidly(points: PointSet, pose: se2.Array) -> PointSet:
-    """Returns a rigid submap at a pose (3,), with derivatives by that pose."""
-    c, s = np.cos(pose[2]), np.sin(pose[2])
-    x, y = points.points.T
-    dx, dy = c * x - s * y, s * x + c * y
-    jacobians = np.zeros((len(points), 2, 3))
-    jacobians[:, 0, 0] = jacobians[:, 1, 1] = 1.0
-    jacobians[:, 0, 2], jacobians[:, 1, 2] = -dy, dx
-    covariances = rotate_covariances(points.covariances, float(pose[2]))
-    return PointSet(np.column_stack([pose[0] + dx, pose[1] + dy]), jacobians, covariances, points.times)
 
 
 def _score(references: References, points: PointSet, scale: Scale, config: EstimatorConfig) -> Evaluation:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from support.passes import BEAM, CONFIG, LANE_Y, MIDDLE, OTHER_LANE_Y, corridor_pass, street_pass
 
-from mqslam.backend.loops.align import Alignment, align, move_rigidly, score_at_pose
+from mqslam.backend.loops.align import Alignment, align, score_at_pose
 from mqslam.backend.loops.submap import Drive, render_submap
 from mqslam.core import se2
 from mqslam.psi.place import PointSet
@@ -95,32 +95,3 @@ def test_the_joint_score_is_least_where_the_passes_belong() -> None:
     assert result.psi == pytest.approx(score_at_pose(*maps, result.pose, CONFIG.estimator), rel=1e-6)
     for offset in ([0.3, 0.0, 0.0], [0.0, -0.3, 0.0], [0.0, 0.0, 0.02]):
         assert score_at_pose(*maps, truth + offset, CONFIG.estimator) > 1.3 * right
-
-
-def scattered(seed: int = 1, count: int = 40) -> PointSet:
-    rng = np.random.default_rng(seed)
-    roots = rng.normal(size=(count, 2, 2))
-    full = roots @ roots.transpose(0, 2, 1)
-    covariances = np.column_stack([full[:, 0, 0], full[:, 0, 1], full[:, 1, 1]])
-    return PointSet(rng.uniform(-30.0, 30.0, (count, 2)), np.empty((count, 2, 0)), covariances, np.arange(float(count)))
-
-
-@pytest.mark.parametrize("pose", [(0.0, 0.0, 0.0), (3.0, -1.0, 0.7), (-2.0, 5.0, -2.9)])
-def test_jacobians_of_a_moved_submap_are_its_differences(pose: tuple[float, float, float]) -> None:
-    points, at, step = scattered(), np.array(pose), 1e-6
-    result = move_rigidly(points, at)
-    np.testing.assert_allclose(result.points, se2.transform(at, points.points), atol=1e-12)
-    for axis in range(3):
-        nudge = step * np.eye(3)[axis]
-        numeric = (move_rigidly(points, at + nudge).points - move_rigidly(points, at - nudge).points) / (2.0 * step)
-        np.testing.assert_allclose(result.jacobians[:, :, axis], numeric, atol=1e-7)
-
-
-def test_covariances_of_a_moved_submap_turn_with_it() -> None:
-    points, yaw = scattered(), 0.7
-    turn = np.array([[np.cos(yaw), -np.sin(yaw)], [np.sin(yaw), np.cos(yaw)]])
-    result = move_rigidly(points, np.array([3.0, -1.0, yaw]))
-    for before, after in zip(points.covariances, result.covariances, strict=True):
-        expected = turn @ before[[[0, 1], [1, 2]]] @ turn.T
-        np.testing.assert_allclose(after[[[0, 1], [1, 2]]], expected, atol=1e-12)
-    np.testing.assert_array_equal(result.times, points.times)

@@ -1,0 +1,244 @@
+"""psi of a rigid submap among points that stay where they are, whatever their times: two compiled calls per pose.
+
+Submaps are laid on each other over and over: to close loops, to refine a trajectory and to judge a map. A rigid motion's
+jacobians and the turned covariances follow from a few numbers, so that no array of either is made.
+"""
+
+from __future__ import annotations
+
+from typing import Final, NamedTuple
+
+import numba as nb
+import numpy as np
+from numpy.typing import NDArray
+
+from mqslam.config import EstimatorConfig
+from mqslam.core import se2
+from mqslam.psi.estimator import Evaluation, Scale, evaluate
+from mqslam.psi.minimiser import Expansion, Minimum, Prior, References, descend, kernel_of
+from mqslam.psi.neighbours import CandidateLists, NeighbourCache
+from mqslam.psi.place import PointSet, rotate_covariances
+
+ANY_TIME: Final = 0.0
+"""Turns between neighbours that psi requires: by definition none, as submaps are compared whatever their times."""
+
+
+def move_rigidly(points: PointSet, pose: se2.Array) -> PointSet:
+    """Returns a rigid submap at a pose (3,), with derivatives by that pose."""
+    c, s = np.cos(pose[2]), np.sin(pose[2])
+    x, y = points.points.T
+    dx, dy = c * x - s * y, s * x + c * y
+    jacobians = np.zeros((len(points), 2, 3))
+    jacobians[:, 0, 0] = jacobians[:, 1, 1] = 1.0
+    jacobians[:, 0, 2], jacobians[:, 1, 2] = -dy, dx
+    covariances = rotate_covariances(points.covariances, float(pose[2]))
+    return PointSet(np.column_stack([pose[0] + dx, pose[1] + dy]), jacobians, covariances, points.times)
+
+
+def minimise_rigidly(
+    start: se2.Array,
+    points: PointSet,
+    references: References,
+    config: EstimatorConfig,
+    tolerances: NDArray[np.float64],
+    first_step: int = 0,
+) -> Minimum:
+    """Minimises psi over the pose of a rigid submap; `minimise` with `move_rigidly` is its readable twin.
+
+    Args:
+        start: (3,) pose at which the search begins.
+        points: the submap in its own frame.
+        references: points that stay where they are.
+        config: settings of the score and of its minimiser.
+        tolerances: as for `minimise`.
+        first_step: as for `minimise`.
+    """
+    free = Prior(np.asarray(start, dtype=np.float64), np.zeros((3, 3)))
+    return descend(start, RigidObjective(points, references, config), free, config, tolerances, first_step)
+
+
+class RigidObjective:
+    """A rigid submap as an objective.
+
+    Args:
+        points: as for `minimise_rigidly`.
+        references: as for `minimise_rigidly`.
+        config: settings of the score.
+    """
+
+    def __init__(self, points: PointSet, references: References, config: EstimatorConfig) -> None:
+        self._points, self._references, self._config = points, references, config
+        self._kernel = kernel_of(config, ANY_TIME)
+        self._limits = _Limits(-np.log(config.xi), config.blur_m * config.blur_m)
+        self._cache = NeighbourCache()
+        self._turn = 1.0, 0.0
+
+    def expand(self, state: NDArray[np.float64], scale: Scale) -> Expansion:
+        """Returns the score around a pose, as `Objective` says."""
+        points, (others, grid) = self._points, self._references
+        c, s = self._turn = float(np.cos(state[2])), float(np.sin(state[2]))
+        placed = place_rigidly(points.points, state[0], state[1], c, s)
+        lists = self._cache.lists(placed, others.points, scale.s, grid)
+        submap = RigidArrays(placed, points.points, points.covariances, c, s)
+        gradient, information, curvature = expand_rigidly(
+            submap, others.points, others.covariances, lists, scale, self._limits
+        )
+        return Expansion(gradient, information, 0.5 * (curvature + curvature.T))
+
+    def measure_move(self, move: NDArray[np.float64]) -> float:
+        """Returns how far a step moves the points, as `Objective` says."""
+        return measure_rigid_move(self._points.points, *self._turn, move) if len(self._points) else np.inf
+
+    def evaluate(self, state: NDArray[np.float64], scale: Scale) -> Evaluation:
+        """Returns the score at a pose, as `Objective` says."""
+        placed, (others, grid) = move_rigidly(self._points, state), self._references
+        lists = self._cache.lists(placed.points, others.points, scale.s, grid)
+        return evaluate(placed, others, lists, scale, self._kernel, moving_references=False)
+
+
+class _Limits(NamedTuple):
+    """What the score of a submap is besides its scale.
+
+    Args:
+        least: exponent of the least kappa of a selected neighbour.
+        blur: variance that is added to every offset [m^2].
+    """
+
+    least: float
+    blur: float
+
+
+class RigidArrays(NamedTuple):
+    """A submap at a pose.
+
+    Args:
+        placed: (N, 2) m, where its points are.
+        own: (N, 2) m, its points in its own frame.
+        covariances: (N, 3) xx, xy, yy [m^2] in its own frame.
+        c, s: cosine and sine of the pose's yaw.
+    """
+
+    placed: NDArray[np.float64]
+    own: NDArray[np.float64]
+    covariances: NDArray[np.float64]
+    c: float
+    s: float
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def place_rigidly(points: NDArray[np.float64], x: float, y: float, c: float, s: float) -> NDArray[np.float64]:
+    """Returns points (N, 2) m turned by a yaw of cosine c and sine s, and moved by x and y [m]."""
+    placed = np.empty_like(points)
+    for i in range(len(points)):
+        placed[i, 0] = x + (c * points[i, 0] - s * points[i, 1])
+        placed[i, 1] = y + (s * points[i, 0] + c * points[i, 1])
+    return placed
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def measure_rigid_move(points: NDArray[np.float64], c: float, s: float, move: NDArray[np.float64]) -> float:
+    """Returns by how much a step (3,) of the pose moves points (N, 2) m that are turned, in the root mean square [m]."""
+    total = 0.0
+    for i in range(len(points)):
+        dx = move[0] - (s * points[i, 0] + c * points[i, 1]) * move[2]
+        dy = move[1] + (c * points[i, 0] - s * points[i, 1]) * move[2]
+        total += dx * dx + dy * dy
+    return float(np.sqrt(total / len(points)))
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def expand_rigidly(
+    submap: RigidArrays,
+    others: NDArray[np.float64],
+    other_covariances: NDArray[np.float64],
+    lists: CandidateLists,
+    scale: Scale,
+    limits: _Limits,
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Returns gradient (3,), information (3, 3) and curvature (3, 3), not yet symmetric; see `estimator.evaluate_arrays`.
+
+    Its letters are those of that function, and its terms are in the same order, so that both give the same digits.
+
+    Args:
+        submap: the points at their pose.
+        others: (M, 2) m, points that stay where they are.
+        other_covariances: (M, 3) xx, xy, yy [m^2].
+        lists: candidates among them for every point.
+        scale: widths of selection and weights.
+        limits: the score besides its widths.
+    """
+    x, own, cov = submap.placed, submap.own, submap.covariances
+    offsets, indices = lists.offsets, lists.indices
+    least, blur, wide = limits.least, limits.blur, scale.c * scale.c
+    within, spread = scale.s * scale.s, scale.beta_s * scale.beta_s
+    b = 2.0 / spread
+    turn_c, turn_s = submap.c, submap.s
+    cc, cs, ss = turn_c * turn_c, turn_c * turn_s, turn_s * turn_s
+    cs2 = 2.0 * turn_c * turn_s
+    gradient, information, curvature = np.zeros(3), np.zeros((3, 3)), np.zeros((3, 3))
+    for i in range(len(x)):
+        sum_k, mx, my, sxx, sxy, syy = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+        cxx, cxy, cyy, blurs = 0.0, 0.0, 0.0, 0.0
+        for k in range(offsets[i], offsets[i + 1]):
+            m = indices[k]
+            dx, dy = others[m, 0] - x[i, 0], others[m, 1] - x[i, 1]
+            d2 = dx * dx + dy * dy
+            if d2 >= within:
+                continue
+            q = d2 / spread
+            if q > least:
+                continue
+            kappa = np.exp(-q)
+            blurs += kappa * blur
+            sum_k += kappa
+            mx += kappa * dx
+            my += kappa * dy
+            sxx += kappa * dx * dx
+            sxy += kappa * dx * dy
+            syy += kappa * dy * dy
+            cxx += kappa * other_covariances[m, 0]
+            cxy += kappa * other_covariances[m, 1]
+            cyy += kappa * other_covariances[m, 2]
+        if sum_k == 0.0:
+            continue
+        xx, xy, yy = cov[i, 0], cov[i, 1], cov[i, 2]
+        mx, my = mx / sum_k, my / sum_k
+        sxx, sxy, syy = sxx / sum_k - mx * mx, sxy / sum_k - mx * my, syy / sum_k - my * my
+        cxx = cxx / sum_k + (cc * xx - cs2 * xy + ss * yy) + blurs / sum_k
+        cxy = cxy / sum_k + (cs * (xx - yy) + (cc - ss) * xy)
+        cyy = cyy / sum_k + (ss * xx + cs2 * xy + cc * yy) + blurs / sum_k
+        det = cxx * cyy - cxy * cxy
+        ixx, ixy, iyy = cyy / det, -cxy / det, cxx / det
+        fx, fy = ixx * -mx + ixy * -my, ixy * -mx + iyy * -my
+        lorentz = 1.0 / (1.0 + (-mx * fx + -my * fy) / wide)
+        weight = lorentz * lorentz
+        hxx, hxy = ixx * (1.0 - b * sxx) - ixy * b * sxy, -ixx * b * sxy + ixy * (1.0 - b * syy)
+        hyx, hyy = ixy * (1.0 - b * sxx) - iyy * b * sxy, -ixy * b * sxy + iyy * (1.0 - b * syy)
+        # the jacobian J of the offset is (1, 0, jx), (0, 1, jy)
+        jx = -(turn_s * own[i, 0] + turn_c * own[i, 1])
+        jy = turn_c * own[i, 0] - turn_s * own[i, 1]
+        gradient[0] += weight * fx
+        gradient[1] += weight * fy
+        gradient[2] += weight * (jx * fx + jy * fy)
+        _add_products(information, jx, jy, weight, ixx, ixy, ixy, iyy)
+        _add_products(curvature, jx, jy, weight, hxx, hxy, hyx, hyy)
+    return gradient, information, curvature
+
+
+@nb.njit(cache=True, inline="always")
+def _add_products(
+    total: NDArray[np.float64], jx: float, jy: float, weight: float, xx: float, xy: float, yx: float, yy: float
+) -> None:
+    """Adds weight J^T A^T J to a total (3, 3), for a jacobian J of columns (1, 0), (0, 1), (jx, jy) and a matrix A."""
+    ax, ay = weight * xx, weight * xy
+    bx, by = weight * yx, weight * yy
+    cx, cy = weight * (xx * jx + yx * jy), weight * (xy * jx + yy * jy)
+    total[0, 0] += ax
+    total[0, 1] += ay
+    total[0, 2] += ax * jx + ay * jy
+    total[1, 0] += bx
+    total[1, 1] += by
+    total[1, 2] += bx * jx + by * jy
+    total[2, 0] += cx
+    total[2, 1] += cy
+    total[2, 2] += cx * jx + cy * jy
