@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 _ROOM = 16  # candidates per query that room is made for at first: a matter of speed only
+_DENSE = 2**17  # cells of a grid up to which the first points of all cells are listed: a matter of speed only
 _LAST = 2**22  # column and row of all points that lie farther out: a matter of memory only
 
 
@@ -96,6 +97,20 @@ def _order_by(keys: NDArray[np.int64], order: NDArray[np.int64]) -> tuple[NDArra
     return result, begins
 
 
+@nb.njit(cache=True, nogil=True)
+def _list_firsts(rows: NDArray[np.int64], begins: NDArray[np.int64], height: int) -> NDArray[np.int32]:
+    """Returns for every column and row (columns, height + 1) the first point of the column that is not below the row."""
+    firsts = np.empty((len(begins) - 1, height + 1), np.int32)
+    for column in range(len(begins) - 1):
+        row = 0
+        for k in range(begins[column], begins[column + 1]):
+            while row <= rows[k] and row <= height:
+                firsts[column, row] = k
+                row += 1
+        firsts[column, row:] = begins[column + 1]
+    return firsts
+
+
 class CandidateLists(NamedTuple):
     """For every query point the reference points that are near it.
 
@@ -138,6 +153,9 @@ def _find_first(rows: NDArray[np.int64], begin: int, end: int, row: int) -> int:
 def list_near(grid: CellGrid, queries: NDArray[np.float64], radius: float) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Returns offsets and indices of `CandidateLists`; see `find_candidates`."""
     points, order, rows, begins, corner, cell = grid
+    height = rows.max() + 1 if len(rows) else 0
+    is_dense = (len(begins) - 1) * height <= _DENSE + len(queries)
+    firsts = _list_firsts(rows, begins, height if is_dense else 0)
     offsets = np.zeros(len(queries) + 1, np.int64)
     indices = np.empty(_ROOM * len(queries), np.int64)
     slot = 0
@@ -146,10 +164,13 @@ def list_near(grid: CellGrid, queries: NDArray[np.float64], radius: float) -> tu
         low, high = _find_cell(y - radius - corner[1], cell), _find_cell(y + radius - corner[1], cell)
         left, right = _find_cell(x - radius - corner[0], cell), _find_cell(x + radius - corner[0], cell)
         for column in range(left, min(right, len(begins) - 2) + 1):
-            end = begins[column + 1]
-            for k in range(_find_first(rows, begins[column], end, low), end):
-                if rows[k] > high:
-                    break
+            begin, end = begins[column], begins[column + 1]
+            if is_dense:
+                begin, end = firsts[column, min(low, height)], firsts[column, min(high + 1, height)]
+            else:
+                begin = _find_first(rows, begin, end, low)
+                end = _find_first(rows, begin, end, high + 1)
+            for k in range(begin, end):
                 dx, dy = points[k, 0] - x, points[k, 1] - y
                 if dx * dx + dy * dy < radius * radius:
                     if slot == len(indices):
