@@ -1,4 +1,4 @@
-"""The marginal covariances of all poses at once, by the elimination of one variable of the graph after the other.
+"""Covariances of the variables of a graph, by the elimination of one of them after the other.
 
 The linearised graph says J x = z with noise of unit variance. An orthogonal transformation of the rows that involve a
 variable x_k leaves
@@ -20,18 +20,17 @@ from collections.abc import Iterable, Sequence
 from typing import Final, NamedTuple
 
 import gtsam
+import numba as nb
 import numpy as np
-from gtsam.symbol_shorthand import X
 from numpy.typing import NDArray
 
-from mqslam.backend.marginals import TOO_UNEQUAL, UNDETERMINED, PoseCovariances
-from mqslam.backend.pose_graph import PoseGraph
-from mqslam.errors import EstimationError, describe_error
+from mqslam.errors import EstimationError
 
 _Array = NDArray[np.float64]
-# numerical tolerances, which change no result that is exact
+Derivative = tuple[tuple[int, _Array], ...]  # of three numbers by variables: their keys, with (3, d) each
+UNDETERMINED: Final = "the graph leaves a direction undetermined"  # why covariances are not known
+# numerical tolerance, which changes no result that is exact
 _LAST_DIGITS: Final = 8.0 * float(np.finfo(np.float64).eps)  # relative change of numbers that shows their rounding errors
-_DISAGREEMENT: Final = 1e-4  # largest difference between two computations, per product of standard deviations
 
 
 class _Rows(NamedTuple):
@@ -72,56 +71,94 @@ class _Root(NamedTuple):
     factor: _Array
 
 
-def compute_all_marginals(graph: PoseGraph, values: gtsam.Values) -> PoseCovariances:
-    """Computes the covariances of all poses in their own frames, given all factors.
-
-    They are computed a second time from the other end of the trajectory, with the last digits of all numbers changed at
-    random. They are known only where both agree, so that rounding errors cannot go unnoticed.
-
-    Args:
-        graph: the graph, whose factors may involve other variables than the poses, too.
-        values: where it is linearised.
-    """
-    keys = [X(k) for k in range(graph.size)]
-    try:
-        with np.errstate(over="ignore", invalid="ignore", divide="ignore"):  # what is not finite is refused
-            linear = graph.factors.linearize(values)
-            marginals = _solve(linear, values, keys)
-            again = _solve(linear, values, keys[::-1], np.random.default_rng(0))[::-1]
-    except Exception as error:  # a singular system, or one that does not fit into memory
-        return PoseCovariances.unknown(describe_error(error))
-    sigmas = np.sqrt(np.einsum("kii->ki", marginals))
-    if not np.isfinite(marginals).all() or not np.all(sigmas > 0.0):
-        return PoseCovariances.unknown(UNDETERMINED)
-    apart = np.abs(marginals - again) / (sigmas[:, :, None] * sigmas[:, None, :])
-    if not apart.max(initial=0.0) <= _DISAGREEMENT:  # nor where one of them is not finite
-        return PoseCovariances.unknown(TOO_UNEQUAL)
-    return PoseCovariances(np.arange(graph.size), marginals)
-
-
-def _solve(
-    linear: gtsam.GaussianFactorGraph,
-    values: gtsam.Values,
-    poses: Sequence[int],
-    noise: np.random.Generator | None = None,
-) -> _Array:
-    """Returns the covariances (K, 3, 3) of poses.
+class Elimination:
+    """A linearised graph of any variables, which are eliminated one after the other.
 
     Args:
         linear: the linearised graph.
         values: where it was linearised.
-        poses: keys of the poses, of which the first is eliminated last.
+        last: key of the variable that is eliminated last.
         noise: changes the last digits of all numbers; None leaves them as they are.
+
+    Raises:
+        EstimationError: the graph does not determine all its variables.
     """
-    if not set(linear.keyVector()) >= set(poses):
-        raise EstimationError(UNDETERMINED)
-    order = gtsam.Ordering.ColamdConstrainedLastGaussianFactorGraph(linear, [poses[0]])
-    keys = [order.at(k) for k in range(order.size())]
-    numbers = {key: number for number, key in enumerate(keys)}
-    zeros = values.zeroVectors()
-    recursion = _Recursion([len(zeros.at(key)) for key in keys], noise)
-    covariances = recursion.substitute(recursion.eliminate(_list_rows(linear, numbers)))
-    return np.array([covariances[numbers[pose]] for pose in poses])
+
+    def __init__(
+        self,
+        linear: gtsam.GaussianFactorGraph,
+        values: gtsam.Values,
+        last: int,
+        noise: np.random.Generator | None = None,
+    ) -> None:
+        order = gtsam.Ordering.ColamdConstrainedLastGaussianFactorGraph(linear, [last])
+        keys = [order.at(k) for k in range(order.size())]
+        zeros = values.zeroVectors()
+        self._numbers = {key: number for number, key in enumerate(keys)}
+        self._widths = [len(zeros.at(key)) for key in keys]
+        self._recursion = _Recursion(self._widths, noise)
+        self._conditionals = self._recursion.eliminate(_list_rows(linear, self._numbers))
+
+    def compute_marginals(self, poses: Sequence[int]) -> _Array:
+        """Returns the covariances (K, 3, 3) of poses, given their keys."""
+        covariances = self._recursion.substitute(self._conditionals)
+        return np.array([covariances[self._numbers[pose]] for pose in poses])
+
+    def project(self, derivatives: Sequence[Derivative]) -> _Array:
+        """Returns the covariances (K, 3, 3) of K functions of the variables, given their derivatives.
+
+        The eliminated system says R x = noise of unit variance, so that the covariance of D x is that of D R^-1 noise. Only
+        the variables on the ways from those of D to the last one take part.
+        """
+        begins = np.concatenate([[0], np.cumsum(self._widths)])
+        triangle = self._list_triangle(begins)
+        covariances = np.empty((len(derivatives), 3, 3))
+        for k, derivative in enumerate(derivatives):
+            spread = np.zeros((begins[-1], 3))
+            for key, block in derivative:
+                begin = begins[self._numbers[key]]
+                spread[begin : begin + block.shape[1]] += block.T
+            solve_transposed(*triangle, spread)
+            covariances[k] = spread.T @ spread
+        return covariances
+
+    def _list_triangle(self, begins: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64], _Array]:
+        """Returns R row by row: where each row begins, and the columns and entries of all, the diagonal one first.
+
+        Args:
+            begins: first column of every variable.
+        """
+        columns, entries, counts = [], [], [0]
+        for variable, conditional in enumerate(self._conditionals):
+            tied = (variable, *conditional.given)
+            places = np.concatenate([np.arange(begins[one], begins[one + 1]) for one in tied])
+            rows = np.hstack([conditional.own, conditional.others])
+            for i, row in enumerate(rows):
+                columns.append(places[i:])
+                entries.append(row[i:])
+                counts.append(len(row) - i)
+        return np.cumsum(counts), np.concatenate(columns), np.concatenate(entries)
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def solve_transposed(
+    begins: NDArray[np.int64], columns: NDArray[np.int64], entries: NDArray[np.float64], right: NDArray[np.float64]
+) -> None:
+    """Replaces the right-hand sides (n, q) of R^T y = right by the solutions y; what is zero costs nothing.
+
+    Args:
+        begins: (n + 1,) where each row of the upper triangular R begins, and where the last one ends.
+        columns: (m,) columns of the entries.
+        entries: (m,) entries row by row, that of the diagonal first.
+        right: (n, q).
+    """
+    for i in range(len(right)):
+        if not right[i].any():
+            continue
+        right[i] /= entries[begins[i]]
+        for k in range(begins[i] + 1, begins[i + 1]):
+            for p in range(right.shape[1]):
+                right[columns[k], p] -= entries[k] * right[i, p]
 
 
 def _list_rows(linear: gtsam.GaussianFactorGraph, numbers: dict[int, int]) -> Iterable[_Rows]:

@@ -7,7 +7,8 @@ from gtsam.symbol_shorthand import M, X
 from support.exact_marginals import find_largest_error
 from support.graphs import COVARIANCE, FLAT, TURNS, graph_of, unequal
 
-from mqslam.backend.marginal_recursion import compute_all_marginals
+from mqslam.backend.marginal_recursion import solve_transposed
+from mqslam.backend.marginals import compute_all_marginals
 from mqslam.backend.pose_graph import PoseGraph, build_pose_graph, optimise
 from mqslam.config import GraphConfig
 from mqslam.core import se2
@@ -144,3 +145,16 @@ def test_the_marginal_of_the_first_edge_is_its_covariance_in_the_frame_it_ends_i
     c, s = np.cos(0.3), np.sin(0.3)
     to_end = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
     np.testing.assert_allclose(result, to_end @ COVARIANCE @ to_end.T, atol=2e-6)
+
+
+def test_transposed_triangles_are_solved_as_dense_ones_are() -> None:
+    rng, count = np.random.default_rng(5), 12
+    sparse = rng.normal(size=(count, count)) * (rng.random((count, count)) < 0.4)
+    triangle = np.triu(sparse, 1) + np.diag(rng.uniform(1.0, 2.0, count))
+    rows = [np.r_[i, i + 1 + np.flatnonzero(triangle[i, i + 1 :])] for i in range(count)]
+    begins, columns = np.cumsum([0, *map(len, rows)]), np.concatenate(rows)
+    right = np.zeros((count, 3))
+    right[4:7] = rng.normal(size=(3, 3))
+    solved = right.copy()
+    solve_transposed(begins, columns, np.concatenate([triangle[i, row] for i, row in enumerate(rows)]), solved)
+    np.testing.assert_allclose(solved, np.linalg.solve(triangle.T, right), atol=1e-12)
