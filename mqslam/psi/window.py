@@ -27,6 +27,7 @@ from mqslam.psi.place import Beam, PointSet, place
 
 TOLERANCES = {0: 5e-3, 1: 5e-3, 2: 1e-4}
 """Step that ends the search, by twist component [m/s, m/s, rad/s]: a numerical tolerance, far below psi's own noise."""
+_LINE = 3  # every how many steps a search over a grid of twists has a line at first; with 4 it missed the best one at times
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,7 +121,7 @@ def find_window_motion(
         model: motion model of the window.
     """
     two = returns.take(returns.times < t0 + 2.0 * revolution_s)
-    _, scores = search_twist(two, t0, revolution_s, config, beam, speeds, yaw_rates)
+    scores = score_all_twists(two, t0, revolution_s, config, beam, speeds, yaw_rates)
     starts = [np.array([speeds[i], 0.0, yaw_rates[k]]) for i, k in _find_basins(scores)[: config.basins]]
     motions = [estimate_window(returns, t0, revolution_s, config, beam, start, model) for start in starts]
     motions.sort(key=lambda motion: motion.minimum.evaluation.psi)
@@ -154,8 +155,11 @@ def search_twist(
     beam: Beam,
     speeds: NDArray[np.float64],
     yaw_rates: NDArray[np.float64],
-) -> tuple[se2.Array, NDArray[np.float64]]:
-    """Searches (v, omega) exhaustively with the widest score, which charges unmatched returns.
+) -> se2.Array:
+    """Finds the best (v, omega) of a grid by the widest score, as `score_all_twists` does, but scores few of them.
+
+    The score is so wide that its lowest place shows on every third line of the grid. What lies between these lines is scored
+    around the best few of their crossings only.
 
     Args:
         returns: of two scans at least.
@@ -167,15 +171,65 @@ def search_twist(
         yaw_rates: (W,) rad/s to try.
 
     Returns:
-        The best twist (3,) and the scores (V, W).
+        The best twist (3,).
+    """
+    scale, kernel = annealed_scale(config, 0), kernel_of(config, revolution_s)
+    scores = np.full((len(speeds), len(yaw_rates)), np.inf)
+
+    def score_at(cells: NDArray[np.intp]) -> None:
+        v, w = cells.T
+        twists = np.column_stack([speeds[v], np.zeros(len(cells)), yaw_rates[w]])
+        scores[v, w] = score_twists(returns, t0, twists, beam, scale, kernel)
+
+    crossings = np.argwhere(_mark_crossings(scores.shape))
+    score_at(crossings)
+    best = crossings[np.argsort(scores[tuple(crossings.T)], kind="stable")[: config.basins]]
+    score_at(np.argwhere(_mark_around(best, scores.shape) & ~np.isfinite(scores)))
+    v, w = np.unravel_index(np.argmin(scores), scores.shape)
+    return np.array([speeds[v], 0.0, yaw_rates[w]])
+
+
+def _mark_crossings(shape: tuple[int, int]) -> NDArray[np.bool_]:
+    """Marks where every third line of a grid crosses another one."""
+    marked = np.zeros(shape, dtype=np.bool_)
+    marked[_LINE // 2 :: _LINE, _LINE // 2 :: _LINE] = True
+    return marked
+
+
+def _mark_around(cells: NDArray[np.intp], shape: tuple[int, int]) -> NDArray[np.bool_]:
+    """Marks the cells (C, 2) of a grid and all up to the next lines around them."""
+    marked = np.zeros(shape, dtype=np.bool_)
+    for v, w in cells:
+        marked[max(v - _LINE + 1, 0) : v + _LINE, max(w - _LINE + 1, 0) : w + _LINE] = True
+    return marked
+
+
+def score_all_twists(
+    returns: Returns,
+    t0: float,
+    revolution_s: float,
+    config: EstimatorConfig,
+    beam: Beam,
+    speeds: NDArray[np.float64],
+    yaw_rates: NDArray[np.float64],
+) -> NDArray[np.float64]:
+    """Returns the widest score (V, W), which charges unmatched returns, of every (v, omega) of a grid.
+
+    Args:
+        returns: of two scans at least.
+        t0: start of the window [s].
+        revolution_s: duration of a turn [s].
+        config: settings of the estimator.
+        beam: the sensor's errors.
+        speeds: (V,) m/s.
+        yaw_rates: (W,) rad/s.
     """
     scale, kernel = annealed_scale(config, 0), kernel_of(config, revolution_s)
     scores = np.empty((len(speeds), len(yaw_rates)))
     for i, v in enumerate(speeds):
         twists = np.column_stack([np.full(len(yaw_rates), v), np.zeros(len(yaw_rates)), yaw_rates])
         scores[i] = score_twists(returns, t0, twists, beam, scale, kernel)
-    best = np.unravel_index(np.argmin(scores), scores.shape)
-    return np.array([speeds[best[0]], 0.0, yaw_rates[best[1]]]), scores
+    return scores
 
 
 def score_window(

@@ -9,7 +9,7 @@ from mqslam.core.measurement import Status
 from mqslam.core.motion import ACCELERATED_TWIST, CONSTANT_VELOCITY
 from mqslam.core.scans import Returns
 from mqslam.psi.place import beam_of
-from mqslam.psi.window import WindowMotion, estimate_window, find_window_motion, score_window, search_twist
+from mqslam.psi.window import WindowMotion, estimate_window, find_window_motion, score_all_twists, score_window, search_twist
 from mqslam.simulator import ConstantDrive, Drive, Scene, make_corridor_scene, make_street_scene, make_yard_scene
 
 ESTIMATOR = Config().estimator
@@ -64,7 +64,8 @@ def test_the_search_lands_in_the_basin_of_the_truth() -> None:
         scene, motion = place(seed)
         returns = window(scene, motion, seed, scans=2)
         beam = beam_of(ESTIMATOR, 0.0)
-        twist, scores = search_twist(returns, 0.0, TURN_S, ESTIMATOR, beam, SPEEDS, YAW_RATES)
+        twist = search_twist(returns, 0.0, TURN_S, ESTIMATOR, beam, SPEEDS, YAW_RATES)
+        scores = score_all_twists(returns, 0.0, TURN_S, ESTIMATOR, beam, SPEEDS, YAW_RATES)
         assert scores.shape == (41, 13)
         assert abs(twist[0] - motion.v) <= 0.8
         assert twist[1] == 0.0
@@ -73,6 +74,18 @@ def test_the_search_lands_in_the_basin_of_the_truth() -> None:
         assert scores[at] == scores.min() == score_window(returns, 0.0, TURN_S, ESTIMATOR, beam, twist).psi
         truth = np.array([motion.v, 0.0, motion.omega])
         np.testing.assert_array_less(np.abs(estimated(returns, twist).theta - truth), [0.2, 0.15, 0.01])
+
+
+@pytest.mark.parametrize("shape", [(1, 1), (2, 5), (41, 13), (40, 12), (42, 14)])
+def test_the_search_finds_the_best_of_a_grid_of_any_size(shape: tuple[int, int]) -> None:
+    _, motion = on_street(1)
+    returns, beam = window(*on_street(1), 1, scans=2), beam_of(ESTIMATOR, 0.0)
+    speeds = motion.v + 0.8 * (np.arange(shape[0]) - shape[0] // 3)
+    yaw_rates = motion.omega + 0.1 * (np.arange(shape[1]) - shape[1] // 2)
+    found = search_twist(returns, 0.0, TURN_S, ESTIMATOR, beam, speeds, yaw_rates)
+    scores = score_all_twists(returns, 0.0, TURN_S, ESTIMATOR, beam, speeds, yaw_rates)
+    best = np.unravel_index(np.argmin(scores), scores.shape)
+    assert found.tolist() == [speeds[best[0]], 0.0, yaw_rates[best[1]]]
 
 
 @pytest.mark.parametrize("beta", [0.05, -0.05])

@@ -108,5 +108,4 @@ def _search_twist(scans: Sequence[Scan], setup: Setup) -> se2.Array:
     limit = min(settings.omega_max, _MOST_TURN / revolution_s)
     count = int(np.ceil(limit / (settings.start_yaw_step / revolution_s)))
     yaw_rates = np.linspace(-limit, limit, 2 * count + 1)
-    twist, _ = search_twist(strong, scans[0].t0, revolution_s, setup.estimator, setup.beam, speeds, yaw_rates)
-    return twist
+    return search_twist(strong, scans[0].t0, revolution_s, setup.estimator, setup.beam, speeds, yaw_rates)
