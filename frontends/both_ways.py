@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -71,11 +72,8 @@ def turn_back(scans: Sequence[Scan], backward: Sequence[Match]) -> list[Match | 
         scans: the N scans.
         backward: the N - 1 motions between them in the order of `reverse_time`.
     """
-    count = len(backward)
-    return [
-        _turn(backward[count - k]) if k and _follows(scans[k - 1], scans[k]) and _follows(scans[k], scans[k + 1]) else None
-        for k in range(count)
-    ]
+    count, at_once = len(backward), [follows_at_once(a, b) for a, b in pairwise(scans)]
+    return [_turn(backward[count - k]) if k and at_once[k - 1] and at_once[k] else None for k in range(count)]
 
 
 def join(forward: Sequence[Match], backward: Sequence[Match | None], settings: CalibrationConfig) -> list[Measurement]:
@@ -100,6 +98,11 @@ def join(forward: Sequence[Match], backward: Sequence[Match | None], settings: C
     ]
 
 
+def follows_at_once(scan: Scan, after: Scan) -> bool:
+    """Returns whether a scan follows another one at once, so that the end of one is the start of the other."""
+    return abs(after.t0 - scan.t1) <= _PAUSE * (scan.t1 - scan.t0)
+
+
 def _compare(forward: Match, backward: Match, shared: float) -> Twice:
     """Returns how far two measurements of one motion are apart along the axes of which psi's curvature tells both."""
     f, b = forward.motion, backward.motion
@@ -119,12 +122,7 @@ def _scale(match: Match, scale: NDArray[np.float64]) -> Measurement:
 
 def _end(scan: Scan, after: Scan | None) -> float:
     """Returns when a scan ends [s]: at the start of the next one, if that follows at once."""
-    return after.t0 if after is not None and _follows(scan, after) else scan.t1
-
-
-def _follows(scan: Scan, after: Scan) -> bool:
-    """Returns whether a scan follows another one at once."""
-    return abs(after.t0 - scan.t1) <= _PAUSE * (scan.t1 - scan.t0)
+    return after.t0 if after is not None and follows_at_once(scan, after) else scan.t1
 
 
 def _reverse_returns(returns: Returns, end: float) -> Returns:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from mqslam.config import CalibrationConfig
 from mqslam.core import se2
-from mqslam.core.gross import cut_gross
+from mqslam.core.statistics.gross import cut_gross
 
 
 class Twice(NamedTuple):

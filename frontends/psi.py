@@ -5,28 +5,26 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
-from itertools import chain, takewhile
+from itertools import takewhile
 from threading import Event
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mqslam.config import TrackerConfig
-from mqslam.core import se2
-from mqslam.core.frontend import Context
-from mqslam.core.measurement import Measurement, Status
+from mqslam.core.frontend import Context, ignore_motion
+from mqslam.core.measurement import Measurement
 from mqslam.core.scans import Scan
-from mqslam.frontends.both_ways import Match, join, reverse_settings, reverse_time, turn_back
-from mqslam.psi.place import beam_of
-from mqslam.psi.tracking.state import State
-from mqslam.psi.tracking.track import Followed, OdometryTwist, follow_scans
-from mqslam.psi.tracking.tracked import Tracked
-from mqslam.psi.tracking.tracker import Tracker
+from mqslam.execution.local_engine import HERE
+from mqslam.frontends.both_ways import Match, join, turn_back
+from mqslam.frontends.psi_track import track_backward, track_forward
+from mqslam.frontends.segments import Segment, extend, split_into_segments
 from mqslam.psi.unsteadiness import estimate_unsteadiness
+
+_DIRECTIONS = (False, True)  # of time: whether a recording is tracked backward
 
 
 class PsiFrontEnd:
-    """Odometry by psi over a running map, tracked in both directions of time.
+    """Odometry by psi over a running map, tracked in segments and in both directions of time.
 
     Another odometry serves where psi finds nothing, and never as information.
     """
@@ -40,117 +38,60 @@ class PsiFrontEnd:
         Raises:
             EstimationError: there are fewer than two scans, or hardly any returns in all of them.
         """
-        scans = list(scans)
-        forward, stopped = [], Event()
+        scans, config = list(scans), self._context.config
+        segments = split_into_segments(scans, config.tracker)
+        is_whole = len(segments) == len(_DIRECTIONS)
+        forward, backward = self._track_at_once(scans) if is_whole else self._track_segments(scans, segments)
+        joined = join(forward, backward, config.calibration)
+        yield from _widen(joined, config.tracker, self._context.revolution_s)
+
+    def _track_at_once(self, scans: Sequence[Scan]) -> tuple[list[Match], list[Match | None]]:
+        """Tracks a recording as a whole, forward and backward beside each other, and shows each motion as it is measured."""
+        context, forward, stopped = self._context, list[Match](), Event()
         with ThreadPoolExecutor(1) as beside:  # most of a match is compiled code, which lets the other direction go on
-            back = beside.submit(lambda: list(takewhile(lambda _: not stopped.is_set(), self._track_backward(scans))))
+            back = beside.submit(lambda: list(takewhile(lambda _: not stopped.is_set(), track_backward(scans, context))))
             try:
-                for match in self._track_forward(scans):
+                for match in track_forward(scans, context):
                     forward.append(match)
-                    self._context.preview(match.motion)
+                    context.preview(match.motion)
             except BaseException:
                 stopped.set()
                 raise
-        config = self._context.config
-        joined = join(forward, turn_back(scans, back.result()), config.calibration)
-        yield from _widen(joined, config.tracker, self._context.revolution_s)
+        return forward, turn_back(scans, back.result())
 
-    def _track_forward(self, scans: Sequence[Scan]) -> Iterator[Match]:
+    def _track_segments(self, scans: Sequence[Scan], segments: Sequence[Segment]) -> tuple[list[Match], list[Match | None]]:
+        """Tracks the segments of a recording wherever the engine has them tracked, and shows those that are done."""
         context = self._context
-        return self._track(scans, context.config.tracker, context.doppler_beta, context.odometry_twist)
+        tracks: dict[bool, list[Match | None]] = {is_backward: [] for is_backward in _DIRECTIONS}
 
-    def _track_backward(self, scans: Sequence[Scan]) -> Iterator[Match]:
-        """Yields the motions between the scans as `reverse_time` gives them."""
-        context, end = self._context, scans[-1].t1
+        def collect(number: int, matches: Sequence[Match | None]) -> None:
+            segment = segments[number - 1]
+            before = tracks[segment.is_backward]
+            after = tracks[segment.is_backward] = extend(before, segment.begin, matches)
+            if not segment.is_backward:
+                for match in _list_measured(after[len(before) :]):
+                    context.preview(match.motion)
 
-        def twist_back(t0: float, t1: float) -> se2.Array | None:
-            twist = context.odometry_twist(end - t1, end - t0)
-            return None if twist is None else -twist
-
-        settings = reverse_settings(context.config.tracker)
-        return self._track(reverse_time(scans), settings, -context.doppler_beta, twist_back)
-
-    def _track(
-        self, scans: Sequence[Scan], settings: TrackerConfig, doppler_beta: float, odometry: OdometryTwist
-    ) -> Iterator[Match]:
-        """Yields the motions of a track in one direction of time."""
-        estimator, revolution_s = self._context.config.estimator, self._context.revolution_s
-        tracker = Tracker(settings, estimator, beam_of(estimator, doppler_beta), revolution_s)
-        return chain.from_iterable(_steps(follow_scans(scans, tracker, odometry)))
+        shared = replace(context, preview=ignore_motion, engine=None), scans
+        (context.engine or HERE).map(_track_segment, shared, segments, collect, processes=True)
+        return _list_measured(tracks[False]), tracks[True]
 
 
-def _steps(scans: Iterator[Followed]) -> Iterator[list[Match]]:
-    """Yields the motions from each matched scan to the next matched one."""
-    matched = next(scans)
-    lost: list[Followed] = []  # scans since the last matched one
-    for scan in scans:
-        lost.append(scan)
-        if scan.tracked.status is Status.LOST and not scan.tracked.begins_map:
-            continue
-        yield _bridge(matched.tracked, lost)
-        matched, lost = scan, []
-    yield _bridge(matched.tracked, lost)
+def _list_measured(matches: Sequence[Match | None]) -> list[Match]:
+    """Returns the motions of a forward track, which measures all of them."""
+    return [match for match in matches if match is not None]
 
 
-def _bridge(begin: Tracked, then: list[Followed]) -> list[Match]:
-    """Returns the motions from one scan through those after it.
-
-    Where the track was lost on the way to the last of them, the motion to that one is shared over the time, as a constant
-    twist: the prediction it replaces was followed blindly.
-    """
-    steps = [begin, *(f.tracked for f in then)]
-    if then and (steps[-1].status is not Status.LOST or steps[-1].begins_map):
-        times, poses = [begin.t0, steps[-1].t0], np.array([begin.pose, steps[-1].pose])
-        between = [_move(t, se2.interpolate(times, poses, [t.t0])[0]) for t in steps[1:-1]]
-        steps = [begin, *between, steps[-1]]
-    return [_relate(a, b, f.psi_odometry) for a, b, f in zip(steps, steps[1:], then, strict=False)]
-
-
-def _move(tracked: Tracked, pose: se2.Array) -> Tracked:
-    """Returns a tracked scan at another start pose (3,)."""
-    return replace(tracked, state=State.of(pose, tracked.state.motion))
-
-
-def _relate(a: Tracked, b: Tracked, psi_odometry: float) -> Match:
-    """Returns the motion between two tracked scans; their errors given the map are taken as independent."""
-    pose = se2.between(a.pose, b.pose)
-    c, s = np.cos(a.state.yaw), np.sin(a.state.yaw)
-    by_end = np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
-    by_start = -by_end.copy()
-    by_start[0, 2], by_start[1, 2] = pose[1], -pose[0]
-
-    def add_up(at_start: NDArray[np.float64], at_end: NDArray[np.float64]) -> NDArray[np.float64]:
-        sum_of_both: NDArray[np.float64] = by_start @ at_start @ by_start.T + by_end @ at_end @ by_end.T
-        return 0.5 * (sum_of_both + sum_of_both.T)
-
-    arrival = np.zeros((3, 3)) if b.arrival is None else b.arrival
-    unseen = add_up(a.unseen, b.unseen + arrival) + _compare_measurements(a, b, pose)
-    evaluation = b.evaluation
-    status = Status.LOST if b.begins_map else b.status
-    motion = Measurement(
-        t0=a.t0,
-        t1=b.t0,
-        pose=pose,
-        covariance=add_up(a.covariance, b.covariance) + unseen,
-        status=status,
-        psi=evaluation.psi,
-        psi_odometry=psi_odometry,
-        points=len(evaluation.matched),
-        matched=float(evaluation.matched.mean()) if len(evaluation.matched) else 0.0,
-        on_map=a.status is Status.CONVERGED and status is Status.CONVERGED and b.arrival is None,
-    )
-    return Match(motion, unseen)
-
-
-def _compare_measurements(a: Tracked, b: Tracked, pose: se2.Array) -> NDArray[np.float64]:
-    """Returns the covariance (3, 3) that two measurements of one motion show; it is zero where there is only one.
-
-    Two measurements with independent errors differ by twice the variance of one.
-    """
-    if a.earlier is None and b.earlier is None:
-        return np.zeros((3, 3))
-    earlier = se2.between(a.pose if a.earlier is None else a.earlier, b.pose if b.earlier is None else b.earlier)
-    return np.diag(0.5 * se2.subtract(earlier, pose) ** 2)
+def _track_segment(shared: tuple[Context, Sequence[Scan]], segment: Segment) -> Sequence[Match | None]:
+    """Returns the motions of a segment, of which those that only led up to it are left out."""
+    context, scans = shared
+    tracked = scans[segment.first : segment.last + 1]
+    matches: Sequence[Match | None]
+    if segment.is_backward:
+        matches = turn_back(tracked, list(track_backward(tracked, context)))
+    else:
+        matches = list(track_forward(tracked, context))
+    return matches[segment.begin - segment.first : segment.end - segment.first]
 
 
 def _widen(motions: Sequence[Measurement], settings: TrackerConfig, revolution_s: float) -> Iterator[Measurement]:

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from mqslam.core.measurement import Measurement
     from mqslam.core.trajectory import Trajectory
     from mqslam.errors import MqslamError
-    from mqslam.execution.engine import LocalEngine
+    from mqslam.execution.local_engine import LocalEngine
     from mqslam.execution.runner import Runner
     from mqslam.formats.recordings import open_recording
     from mqslam.slam import Slam
@@ -54,7 +54,7 @@ __all__ = [
 
 _MODULES = {
     "Config": "config",
-    "LocalEngine": "execution.engine",
+    "LocalEngine": "execution.local_engine",
     "Measurement": "core.measurement",
     "MqslamError": "errors",
     "Runner": "execution.runner",

@@ -149,9 +149,10 @@ class Slam:
         """Returns the front end's measurements, or those that an earlier run has kept, and shows them as they come."""
         runner, kept = self._runner, self._runner.find(MEASURED)
         live = LiveMap(scans, beam, runner)
+        context = replace(context, preview=live.show, engine=runner.engine)
         if kept is not None:
             return list(live.follow(kept.measurements))
-        measurements = list(live.follow(measure_motions(self._name, replace(context, preview=live.show), scans)))
+        measurements = list(live.follow(measure_motions(self._name, context, scans)))
         runner.keep(MEASURED, Measured(measurements, context.doppler_beta))
         return measurements
 

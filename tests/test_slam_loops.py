@@ -12,7 +12,7 @@ from mqslam.config import Config, LoopConfig, RefinementConfig, SensorConfig
 from mqslam.core import se2
 from mqslam.evaluation import evaluate
 from mqslam.execution.checkpoint import FOLDER, Checkpoint
-from mqslam.execution.engine import LocalEngine
+from mqslam.execution.local_engine import LocalEngine
 from mqslam.execution.runner import Runner
 from mqslam.formats.g2o import format_g2o
 from mqslam.results.run_results import summarise

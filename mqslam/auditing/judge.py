@@ -45,9 +45,9 @@ from mqslam.auditing.windows import Undecided, WindowAudit, audit_windows, state
 from mqslam.backend.claims import Claims, GraphClaims
 from mqslam.backend.pose_graph import PoseGraph
 from mqslam.config import AuditConfig, Config, EstimatorConfig, VerdictConfig
+from mqslam.core.engine import Engine
 from mqslam.core.scans import Scans
 from mqslam.core.trajectory import Trajectory
-from mqslam.execution.engine import Engine
 from mqslam.execution.progress import Progress
 from mqslam.execution.runner import Runner
 from mqslam.psi.place import Beam

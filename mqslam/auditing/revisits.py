@@ -19,8 +19,8 @@ from mqslam.backend.loops.passes import find_passes
 from mqslam.backend.loops.submap import pick_around
 from mqslam.config import AuditConfig, EstimatorConfig, VerdictConfig
 from mqslam.core import se2
-from mqslam.core.chances import MEDIAN_EFFICIENCY, compute_p_values, correct_for_places, find_usual_scale
-from mqslam.execution.engine import Engine
+from mqslam.core.engine import Engine
+from mqslam.core.statistics.chances import MEDIAN_EFFICIENCY, compute_p_values, correct_for_places, find_usual_scale
 from mqslam.execution.progress import Progress
 
 

@@ -22,8 +22,8 @@ from mqslam.auditing.tracks import Track, find_gaps
 from mqslam.auditing.verdict import Finding, Share, VerdictStatus
 from mqslam.config import AuditConfig, EstimatorConfig, VerdictConfig
 from mqslam.core import se2
+from mqslam.core.engine import Engine
 from mqslam.core.wording import count_of
-from mqslam.execution.engine import Engine
 from mqslam.execution.progress import Progress
 
 _Shared = tuple[Sweeps, AuditConfig, EstimatorConfig]  # what every motion is compared with

@@ -18,8 +18,8 @@ from mqslam.auditing.sweeps import Sweeps
 from mqslam.backend.loops.align import TOLERANCES
 from mqslam.config import AuditConfig, EstimatorConfig, VerdictConfig
 from mqslam.core import se2
-from mqslam.core.chances import correct_for_places, find_usual_scale
-from mqslam.execution.engine import Engine
+from mqslam.core.engine import Engine
+from mqslam.core.statistics.chances import correct_for_places, find_usual_scale
 from mqslam.execution.progress import Progress
 
 _Shared = tuple[Sweeps, AuditConfig, EstimatorConfig]  # what every step is laid with

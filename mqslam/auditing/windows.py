@@ -15,9 +15,9 @@ from mqslam.auditing.sweeps import Sweeps
 from mqslam.auditing.verdict import Share
 from mqslam.config import AuditConfig, EstimatorConfig
 from mqslam.core import se2
-from mqslam.core.chances import correct_for_places
-from mqslam.core.evenly import pick_evenly
-from mqslam.execution.engine import Engine
+from mqslam.core.engine import Engine
+from mqslam.core.statistics.chances import correct_for_places
+from mqslam.core.statistics.evenly import pick_evenly
 from mqslam.execution.progress import Progress
 from mqslam.mapping.measures import Measures, compute_measures, locate_sensors
 

@@ -16,8 +16,8 @@ from scipy.spatial import cKDTree
 from mqslam.backend.loops.align import as_references, score_among
 from mqslam.backend.loops.submap import Drive, pick_spaced
 from mqslam.config import EstimatorConfig, RefinementConfig
+from mqslam.core.engine import Engine
 from mqslam.core.scans import Returns
-from mqslam.execution.engine import Engine
 from mqslam.mapping.render import place_along
 from mqslam.psi.minimiser import References
 from mqslam.psi.place import Beam, PointSet

@@ -17,8 +17,8 @@ from scipy.optimize import minimize
 from mqslam.backend.submaps import Submaps
 from mqslam.config import GraphConfig
 from mqslam.core import se2
-from mqslam.core.gross import cut_gross
 from mqslam.core.measurement import Measurement
+from mqslam.core.statistics.gross import cut_gross
 
 _PER_M = 100.0  # path [m] that the settings of common drift are for
 

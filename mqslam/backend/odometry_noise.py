@@ -13,7 +13,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from mqslam.core.gross import MEDIAN_OF_CHI2
+from mqslam.core.statistics.gross import MEDIAN_OF_CHI2
 
 _MEDIAN_SPREAD: Final = 2.33  # standard deviation of such a variance, times the root of the number of squares: by definition
 _FEWEST: Final = 5  # a median of fewer independent spans may be small by chance

@@ -8,9 +8,10 @@ from pathlib import Path
 
 from mqslam.commands.run import Job, execute, find_finished, open_job
 from mqslam.commands.work import Work
+from mqslam.core.engine import Engine
 from mqslam.errors import MqslamError, describe_error
-from mqslam.execution.engine import DIED, Engine, LocalEngine
 from mqslam.execution.folders import check_free
+from mqslam.execution.local_engine import DIED, LocalEngine
 from mqslam.execution.progress import Progress
 from mqslam.results.batch_results import Order, Outcome
 

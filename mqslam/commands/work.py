@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from mqslam.execution.engine import HERE, Engine
+from mqslam.core.engine import Engine
+from mqslam.execution.local_engine import HERE
 from mqslam.execution.progress import Progress, ignore_progress
 from mqslam.execution.runner import Watch
 

@@ -15,14 +15,14 @@ from mqslam.auditing.sweeps import Sweeps, find_covered, place_sweeps
 from mqslam.comparison.rows import Row
 from mqslam.config import AuditConfig, CompareConfig, EstimatorConfig, MapConfig, VerdictConfig
 from mqslam.core import se2
-from mqslam.core.evenly import pick_evenly
+from mqslam.core.engine import Engine
 from mqslam.core.point_map import PointMap, pick_thinned
 from mqslam.core.scans import Scans
+from mqslam.core.statistics.evenly import pick_evenly
 from mqslam.core.trajectory import Trajectory
 from mqslam.core.wording import count_of, is_or_are
 from mqslam.errors import EstimationError, tolerate
 from mqslam.evaluation import SLACK_US, Evaluation, evaluate, measure_nees
-from mqslam.execution.engine import Engine
 from mqslam.execution.progress import Progress
 from mqslam.mapping.render import render
 from mqslam.psi.place import Beam

@@ -11,8 +11,8 @@ from mqslam.comparison.best import Best
 from mqslam.comparison.judgement import Judged
 from mqslam.config import Config
 from mqslam.core import se2
+from mqslam.core.engine import Engine
 from mqslam.core.scans import Scans
-from mqslam.execution.engine import Engine
 from mqslam.psi.place import Beam
 
 

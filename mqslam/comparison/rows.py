@@ -10,12 +10,13 @@ from dataclasses import dataclass
 from mqslam.backend.marginals import PoseCovariances
 from mqslam.core import frontend as frontends
 from mqslam.core import se2
+from mqslam.core.engine import Engine
 from mqslam.core.frontend import Context
 from mqslam.core.measurement import Measurement
 from mqslam.core.scans import Scans
 from mqslam.core.trajectory import Trajectory
 from mqslam.errors import describe_error
-from mqslam.execution.engine import DIED, Engine, LocalEngine
+from mqslam.execution.local_engine import DIED, LocalEngine
 from mqslam.execution.progress import Progress
 from mqslam.execution.runner import Runner
 from mqslam.slam import Slam

@@ -195,6 +195,26 @@ class TrackerConfig(BaseModel):
         8, ge=1, description="Number of lost scans in a row after which the map is given up and a new one is tried."
     )
 
+    segment_scans: int = Field(
+        0,
+        ge=0,
+        description="Number of scans of a segment: segments are tracked on their own, so that several workers can do so at "
+        "a time. 300 is a good one for long recordings. With 0 a recording is one segment. Of two drives of a thousand "
+        "scans, one drifted by 3 % less in segments and one by 30 % more, in a bend in which either track errs.",
+    )
+    warm_up_scans: int = expert(
+        36,
+        ge=2,
+        description="Number of scans before a segment that its track begins with, so that its own scans meet a map that has "
+        "grown. Where there are not as many in a row that hold enough returns, no segment begins.",
+    )
+    shared_scans: int = expert(
+        16,
+        ge=0,
+        description="Number of the last of these scans over which the motions pass from the track of one segment to that of "
+        "the next.",
+    )
+
     unsteady_scans: int = expert(
         40,
         ge=1,
@@ -210,6 +230,15 @@ class TrackerConfig(BaseModel):
     def _check_speeds(self) -> TrackerConfig:
         if self.speed_max <= self.speed_min:
             raise ValueError(f"speed_max ({self.speed_max}) must be larger than speed_min ({self.speed_min})")
+        return self
+
+    @model_validator(mode="after")
+    def _check_segments(self) -> TrackerConfig:
+        warm_up = self.warm_up_scans
+        if self.shared_scans > warm_up:
+            raise ValueError(f"shared_scans ({self.shared_scans}) must not be larger than warm_up_scans ({warm_up})")
+        if 0 < self.segment_scans < 2 * warm_up:
+            raise ValueError(f"segment_scans ({self.segment_scans}) must be at least twice warm_up_scans ({warm_up})")
         return self
 
     @model_validator(mode="after")

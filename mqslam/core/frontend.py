@@ -13,6 +13,7 @@ import numpy as np
 
 from mqslam.config import Config
 from mqslam.core import se2
+from mqslam.core.engine import Engine
 from mqslam.core.measurement import Measurement
 from mqslam.core.scans import Scan, Scans
 from mqslam.core.trajectory import Trajectory
@@ -38,6 +39,7 @@ class Context:
         doppler_beta: range shift per closing speed [s], as the settings name it or as it was measured.
         preview: takes each motion, in order, as soon as a front end has a first estimate of it, to show it. A front end that
             yields its motions as it measures them need not call it.
+        engine: where a front end may have stretches of a recording tracked beside each other; None tracks them here.
     """
 
     config: Config
@@ -46,6 +48,7 @@ class Context:
     odometry: Trajectory | None
     doppler_beta: float = 0.0
     preview: Callable[[Measurement], None] = ignore_motion
+    engine: Engine | None = None
 
     def odometry_twist(self, t0: float, t1: float) -> se2.Array | None:
         """Returns the mean twist (3,) of the odometry between two times [s], or None where there is none."""

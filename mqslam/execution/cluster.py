@@ -16,8 +16,8 @@ from contextlib import contextmanager
 from functools import partial
 from typing import Any, TypeVar
 
+from mqslam.core.engine import ignore_result
 from mqslam.errors import ClusterError, ConfigError
-from mqslam.execution.engine import ignore_result
 from mqslam.execution.interrupts import shield_from_interrupts
 from mqslam.version import __version__
 
@@ -121,7 +121,7 @@ def _version() -> str:  # machines with another version of mqslam look it up by 
 
 
 class DaskEngine:
-    """The workers of a Dask cluster as an engine (`mqslam.execution.engine.Engine`).
+    """The workers of a Dask cluster as an engine (`mqslam.execution.local_engine.Engine`).
 
     If a worker dies, another one does its tasks again.
 

@@ -12,11 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mqslam.core import se2
+from mqslam.core.engine import Engine
 from mqslam.core.scans import Scan
 from mqslam.errors import tolerate
 from mqslam.execution.checkpoint import Checkpoint
-from mqslam.execution.engine import HERE, Engine
 from mqslam.execution.kept import Kept
+from mqslam.execution.local_engine import HERE
 from mqslam.execution.progress import Progress, ignore_progress
 
 S = TypeVar("S")

@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from mqslam.execution.engine import Engine
+    from mqslam.core.engine import Engine
 
 
 @contextmanager
@@ -22,7 +22,7 @@ def choose_engine(cluster: str | None, jobs: int) -> Iterator[Engine]:
         ClusterError: the cluster cannot be used.
     """
     if cluster is None:
-        from mqslam.execution.engine import LocalEngine
+        from mqslam.execution.local_engine import LocalEngine
 
         yield LocalEngine(jobs)
     else:

@@ -7,10 +7,11 @@ from numpy.typing import NDArray
 
 from mqslam.config import EstimatorConfig, MapConfig
 from mqslam.core import se2
+from mqslam.core.engine import Engine
 from mqslam.core.point_map import PointMap
 from mqslam.core.scans import Returns, Scans
 from mqslam.errors import EstimationError
-from mqslam.execution.engine import HERE, Engine
+from mqslam.execution.local_engine import HERE
 from mqslam.psi.minimiser import final_scale, score
 from mqslam.psi.neighbours import CellGrid, find_candidates, sort_into_cells
 from mqslam.psi.place import Beam, PointSet, compute_beam_covariance

@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mqslam.config import TrackerConfig
-from mqslam.core.gross import MEDIAN_OF_CHI2
 from mqslam.core.measurement import Measurement, Status
+from mqslam.core.statistics.gross import MEDIAN_OF_CHI2
 
 _GAIN = 10.0  # variance of a third difference of poses over that of a first one, for poses that err independently: 20 / 2
 

@@ -17,7 +17,7 @@ from mqslam.auditing.sweeps import Sweeps
 from mqslam.auditing.verdict import Finding, VerdictStatus, verdict_of
 from mqslam.auditing.windows import share_torn, torn_threshold
 from mqslam.config import AuditConfig, Config, VerdictConfig, dump_yaml
-from mqslam.core.chances import find_smallest
+from mqslam.core.statistics.chances import find_smallest
 from mqslam.core.wording import count_of
 from mqslam.execution.files import write_json, write_text
 from mqslam.results.audit_rows import (

@@ -16,7 +16,7 @@ from mqslam.config import Config
 from mqslam.core import se2
 from mqslam.core.scans import Returns, Scan, Scans
 from mqslam.core.trajectory import Trajectory
-from mqslam.execution.engine import HERE, LocalEngine
+from mqslam.execution.local_engine import HERE, LocalEngine
 from mqslam.execution.progress import ignore_progress
 from mqslam.psi.place import beam_of
 

@@ -23,7 +23,7 @@ from mqslam.auditing.windows import share_torn
 from mqslam.config import Config
 from mqslam.core import se2
 from mqslam.core.trajectory import Trajectory
-from mqslam.execution.engine import LocalEngine
+from mqslam.execution.local_engine import LocalEngine
 from mqslam.execution.progress import ignore_progress
 from mqslam.psi.place import beam_of
 

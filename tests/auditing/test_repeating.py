@@ -16,7 +16,7 @@ from mqslam.backend.loops.submap import Drive
 from mqslam.core.scans import Scans
 from mqslam.core.trajectory import Trajectory
 from mqslam.detection.stage import detect_all
-from mqslam.execution.engine import HERE
+from mqslam.execution.local_engine import HERE
 from mqslam.execution.progress import ignore_progress
 from mqslam.simulator import ConstantDrive, Scene, SensorModel, simulate_recording
 

@@ -16,7 +16,7 @@ from mqslam.core import se2
 from mqslam.core.timed_cloud import TimedCloud
 from mqslam.core.trajectory import Trajectory
 from mqslam.errors import DataError
-from mqslam.execution.engine import LocalEngine
+from mqslam.execution.local_engine import LocalEngine
 from mqslam.execution.progress import ignore_progress
 from mqslam.formats.lidars import carmen
 from mqslam.psi.place import beam_of

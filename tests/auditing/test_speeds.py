@@ -17,7 +17,7 @@ from mqslam.auditing.windows import Undecided
 from mqslam.config import Config
 from mqslam.core.scans import Returns
 from mqslam.core.trajectory import Trajectory
-from mqslam.execution.engine import HERE
+from mqslam.execution.local_engine import HERE
 from mqslam.execution.progress import ignore_progress
 from mqslam.psi.place import beam_of
 from mqslam.results.audit_results import summarise

@@ -18,7 +18,7 @@ from mqslam.config import Config, LoopConfig, RefinementConfig
 from mqslam.core import se2
 from mqslam.core.measurement import Loop, Measurement, Refined
 from mqslam.core.scans import Scans
-from mqslam.execution.engine import HERE, LocalEngine
+from mqslam.execution.local_engine import HERE, LocalEngine
 from mqslam.execution.runner import Runner
 
 APART_M = 35.0  # a pass of the tests is 40 m long

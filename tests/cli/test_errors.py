@@ -14,7 +14,7 @@ from support.recordings import KINDS, START_US, TURN_US, bag_path, bag_writer, w
 
 from mqslam.detection import stage as detection
 from mqslam.errors import OutputError
-from mqslam.execution import engine
+from mqslam.execution import local_engine
 from mqslam.execution.checkpoint import FOLDER
 
 Arguments = list[str | Path]
@@ -141,7 +141,7 @@ def test_the_installed_command_ends_the_same_way(tmp_path: Path, case: str) -> N
 
 
 def test_an_error_in_a_worker_is_the_same_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(engine, "_WORTH_PROCESSES", 1)
+    monkeypatch.setattr(local_engine, "_WORTH_PROCESSES", 1)
     arguments = truncated_image(tmp_path)
     shown = mqslam("run", *arguments, "--out", tmp_path / "out", "--jobs", "2", "--quiet")
     assert shown.code == 2 and shown.err.count("\n") == 1

@@ -18,7 +18,7 @@ from mqslam.config import Config, LoopConfig, RefinementConfig
 from mqslam.core.point_map import PointMap
 from mqslam.core.scans import Scans
 from mqslam.core.trajectory import Trajectory
-from mqslam.execution.engine import HERE
+from mqslam.execution.local_engine import HERE
 
 EARLIER = street_pass(-25.0, LANE_Y, 0.0, 1)
 LATER = street_pass(-22.0, LANE_Y, 0.0, 2)

@@ -16,7 +16,7 @@ from mqslam.core import se2
 from mqslam.core.frontend import Context
 from mqslam.core.trajectory import Trajectory
 from mqslam.errors import EstimationError
-from mqslam.execution.engine import HERE
+from mqslam.execution.local_engine import HERE
 from mqslam.psi.place import beam_of
 
 CONFIG = Config(sensor=SensorConfig(doppler_beta=0.0))

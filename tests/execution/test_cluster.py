@@ -15,7 +15,7 @@ from mqslam.errors import ClusterError
 from mqslam.execution import cluster as cluster_module
 from mqslam.execution.checkpoint import FOLDER
 from mqslam.execution.cluster import connect
-from mqslam.execution.engine import HERE, LocalEngine
+from mqslam.execution.local_engine import HERE, LocalEngine
 from mqslam.simulator import SensorModel, simulate
 
 SAME = (

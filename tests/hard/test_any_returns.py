@@ -16,7 +16,7 @@ from mqslam.core import se2
 from mqslam.core.scans import Returns, Scan
 from mqslam.core.trajectory import Trajectory
 from mqslam.errors import EstimationError
-from mqslam.execution.engine import HERE
+from mqslam.execution.local_engine import HERE
 from mqslam.execution.progress import ignore_progress
 from mqslam.mapping.render import place_along, render
 from mqslam.psi.place import beam_of

@@ -31,7 +31,7 @@ from mqslam.core.point_map import PointMap
 from mqslam.core.scans import Scan
 from mqslam.core.trajectory import Trajectory
 from mqslam.errors import EstimationError
-from mqslam.execution.engine import HERE
+from mqslam.execution.local_engine import HERE
 from mqslam.execution.progress import ignore_progress
 from mqslam.execution.runner import Runner
 from mqslam.mapping.render import render

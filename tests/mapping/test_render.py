@@ -8,11 +8,12 @@ from support.drives import constant, drive, joined, noise
 
 from mqslam.config import Config
 from mqslam.core import se2
+from mqslam.core.engine import Engine
 from mqslam.core.motion import CONSTANT_TWIST
 from mqslam.core.point_map import PointMap
 from mqslam.core.scans import Returns, Scan, Scans
 from mqslam.errors import EstimationError
-from mqslam.execution.engine import HERE, Engine, LocalEngine
+from mqslam.execution.local_engine import HERE, LocalEngine
 from mqslam.mapping import render as rendering
 from mqslam.mapping.render import place_along, render, select_moving
 from mqslam.psi.place import beam_of, place

@@ -14,7 +14,7 @@ from typing import Any
 from unittest import mock
 
 from mqslam.cli import main
-from mqslam.execution import engine
+from mqslam.execution import local_engine
 
 INSTALLED = Path(sys.executable).with_name("mqslam")
 
@@ -53,7 +53,7 @@ def parse_strict_json(text: str) -> dict[str, Any]:
 @contextlib.contextmanager
 def run_in_this_process() -> Iterator[None]:
     """Calls functions in this process instead of a process of their own, which would import everything again."""
-    with mock.patch.object(engine, "_call_apart", lambda function, shared, item: function(shared, item)):
+    with mock.patch.object(local_engine, "_call_apart", lambda function, shared, item: function(shared, item)):
         yield
 
 

@@ -21,9 +21,9 @@ from mqslam.auditing.windows import WindowAudit
 from mqslam.backend.tied_chain import Tie
 from mqslam.config import AuditConfig, EstimatorConfig
 from mqslam.core import se2
-from mqslam.core.gross import MEDIAN_OF_CHI2
+from mqslam.core.engine import Engine
 from mqslam.core.measurement import Loop
-from mqslam.execution.engine import Engine
+from mqslam.core.statistics.gross import MEDIAN_OF_CHI2
 from mqslam.execution.progress import Progress
 
 _LINE_MISS: Final = 0.2  # by definition: variance by which the ends of a line through a random walk miss the walk's ends

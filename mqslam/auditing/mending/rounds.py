@@ -38,8 +38,8 @@ from mqslam.auditing.windows import share_torn
 from mqslam.backend.tied_chain import Tie, TiedChain
 from mqslam.config import Config
 from mqslam.core import se2
+from mqslam.core.engine import Engine
 from mqslam.core.trajectory import Trajectory
-from mqslam.execution.engine import Engine
 from mqslam.execution.progress import Progress
 
 

@@ -18,7 +18,7 @@ from mqslam.auditing.sweeps import Sweeps
 from mqslam.backend.loops.submap import pick_spaced
 from mqslam.config import AuditConfig, EstimatorConfig
 from mqslam.core import se2
-from mqslam.execution.engine import Engine
+from mqslam.core.engine import Engine
 from mqslam.execution.progress import Progress
 
 

@@ -17,7 +17,7 @@ from mqslam.auditing.spans import effects
 from mqslam.backend.loops.align import TOLERANCES
 from mqslam.config import AuditConfig, VerdictConfig
 from mqslam.core import se2
-from mqslam.core.chances import compute_p_values, correct_for_places, find_trimmed_scale
+from mqslam.core.statistics.chances import compute_p_values, correct_for_places, find_trimmed_scale
 
 _EFFICIENCY: Final = 0.6  # by definition: of the trimmed mean square of successive differences (2/3 without trimming)
 

@@ -14,8 +14,8 @@ from mqslam.backend.loops.passes import does_match, is_unrivalled
 from mqslam.backend.loops.submap import Drive, render_submap
 from mqslam.config import EstimatorConfig, LoopConfig
 from mqslam.core import se2
+from mqslam.core.engine import Engine
 from mqslam.core.measurement import Loop
-from mqslam.execution.engine import Engine
 from mqslam.execution.progress import Progress
 from mqslam.psi.place import Beam, PointSet
 

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mqslam.config.reading_config import ReadingConfig
-from mqslam.core.gross import SIGMAS_PER_DEVIATION
+from mqslam.core.statistics.gross import SIGMAS_PER_DEVIATION
 from mqslam.formats.shared.turns import find_usual_turns
 
 _IGNORED = 1e-4  # weight of a stamp that tells nothing; above zero, so that a whole stretch of them can be solved

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mqslam.config.reading_config import ReadingConfig
-from mqslam.core.evenly import pick_evenly
 from mqslam.core.recording import FASTEST_TURN_US, SLOWEST_TURN_US
+from mqslam.core.statistics.evenly import pick_evenly
 from mqslam.formats.shared.sensing import Stamp
 
 _COST_MISSING = 1.0  # cost of assuming that a polar scan is missing: the unit of the costs in the settings

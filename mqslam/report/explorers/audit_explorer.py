@@ -8,7 +8,7 @@ from mqslam.auditing.judge import Audit
 from mqslam.auditing.sweeps import Sweeps
 from mqslam.auditing.windows import torn_threshold
 from mqslam.config import AuditConfig
-from mqslam.core.evenly import pick_evenly
+from mqslam.core.statistics.evenly import pick_evenly
 from mqslam.report.explorers.explorer import Chart, Curve, Explorer, Layer, Lines, Place, View, join_lines, mix_shades
 from mqslam.report.explorers.run_explorer import chart_inflation, explain_torn
 from mqslam.report.figures.canvas import BLUE, RED

@@ -8,8 +8,8 @@ from scipy.spatial import cKDTree
 from mqslam.auditing.windows import WindowAudit, torn_threshold
 from mqslam.config import AuditConfig
 from mqslam.core import se2
-from mqslam.core.evenly import pick_evenly
 from mqslam.core.point_map import PointMap
+from mqslam.core.statistics.evenly import pick_evenly
 from mqslam.core.trajectory import Trajectory
 from mqslam.report.explorers.explorer import Chart, Curve, Explorer, Layer, Lines, Place, View, join_lines
 from mqslam.report.figures.audit_figures import EXPECTED

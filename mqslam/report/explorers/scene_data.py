@@ -12,8 +12,8 @@ from jinja2.utils import htmlsafe_json_dumps
 from markupsafe import Markup
 from numpy.typing import ArrayLike, NDArray
 
-from mqslam.core.evenly import pick_evenly
 from mqslam.core.point_map import pick_thinned
+from mqslam.core.statistics.evenly import pick_evenly
 from mqslam.report.explorers.explorer import Curve, Explorer, Layer, Place, Points, Values
 from mqslam.report.figures.canvas import BLUE, MAP_SHAPE, OUTERMOST, RED, find_common_view
 

@@ -15,7 +15,7 @@ from mqslam.config import LoopConfig
 from mqslam.core import se2
 from mqslam.core.measurement import Loop, LoopSearch, Measurement
 from mqslam.core.scans import Scans
-from mqslam.execution.engine import LocalEngine
+from mqslam.execution.local_engine import LocalEngine
 from mqslam.execution.runner import Runner
 
 CLOSE = LoopConfig(least_path_m=50.0)  # a pass is 58 m long

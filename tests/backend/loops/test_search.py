@@ -14,7 +14,7 @@ from mqslam.backend.loops.submap import Drive, render_submap
 from mqslam.config import LoopConfig
 from mqslam.core import se2
 from mqslam.core.measurement import Loop
-from mqslam.execution.engine import HERE, LocalEngine
+from mqslam.execution.local_engine import HERE, LocalEngine
 from mqslam.execution.progress import ignore_progress
 
 

@@ -72,7 +72,7 @@ def _write_returns(data: Path, path: Path) -> np.ndarray:
     from mqslam.config import Config
     from mqslam.core.scans import Returns
     from mqslam.detection.stage import detect_all
-    from mqslam.execution.engine import LocalEngine
+    from mqslam.execution.local_engine import LocalEngine
     from mqslam.execution.runner import Runner
     from mqslam.formats.recordings import open_recording
 

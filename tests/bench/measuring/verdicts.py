@@ -17,7 +17,7 @@ from mqslam.commands.opening import choose_settings
 from mqslam.commands.work import Work
 from mqslam.core import se2
 from mqslam.core.trajectory import Trajectory
-from mqslam.execution.engine import LocalEngine
+from mqslam.execution.local_engine import LocalEngine
 from mqslam.psi.place import beam_of
 
 

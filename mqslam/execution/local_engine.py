@@ -1,4 +1,4 @@
-"""Engines: they call pure functions on threads, in processes or on a cluster, to the same result."""
+"""The engine of one machine: it calls pure functions on threads or in processes, to the same result."""
 
 from __future__ import annotations
 
@@ -6,8 +6,9 @@ from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from multiprocessing import get_context
-from typing import Any, Final, Protocol, TypeVar
+from typing import Any, Final, TypeVar
 
+from mqslam.core.engine import ignore_result
 from mqslam.execution.interrupts import raise_interrupts, shield_from_interrupts
 
 S = TypeVar("S")
@@ -16,57 +17,6 @@ R = TypeVar("R")
 
 DIED = "its process died: memory ran out, a library crashed, or the program that started it has no __main__ guard"
 _WORTH_PROCESSES = 5  # for fewer items, starting processes takes longer than it saves
-
-
-def ignore_result(number: int, result: object) -> None:
-    """Does nothing with a result: nobody watches."""
-
-
-class Engine(Protocol):
-    """A place where function(shared, item) is called for many items.
-
-    The function must be at the top level of a module and depend on its arguments alone; the function, its arguments and its
-    results must pickle. It may be called more than once for one item, so that whatever it writes must be the same each time.
-    """
-
-    @property
-    def jobs(self) -> int:
-        """Number of processes or threads that a call of `map_apart` may use itself."""
-        ...
-
-    def map(
-        self,
-        function: Callable[[S, T], R],
-        shared: S,
-        items: Sequence[T],
-        done: Callable[[int, R], None] = ignore_result,
-        *,
-        processes: bool = False,
-    ) -> list[R]:
-        """Returns function(shared, item) for each item, in the order of the items.
-
-        Args:
-            function: the function to call.
-            shared: its first argument, which a worker gets once.
-            items: its second arguments.
-            done: called in this process, in the order of the items, with the number of items done and the last result.
-            processes: whether the function spends its time in Python, so that threads would wait for each other.
-
-        Raises:
-            Exception: the function fails for an item, or `done` fails; the first such error is raised.
-            ClusterError: the cluster is lost.
-        """
-        ...
-
-    def map_apart(
-        self,
-        function: Callable[[S, T], R],
-        shared: S,
-        items: Sequence[T],
-        done: Callable[[int, R | None], None] = ignore_result,
-    ) -> list[R | None]:
-        """Returns the same for long calls that may crash their process; the result of a call that did is None."""
-        ...
 
 
 class LocalEngine:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.stats import chi2
 from scipy.stats import f as f_distribution
 
-from mqslam.core.gross import MEDIAN_OF_CHI2
+from mqslam.core.statistics.gross import MEDIAN_OF_CHI2
 
 MEDIAN_EFFICIENCY: Final = 0.37
 """By definition: efficiency of a median absolute deviation of normal noise, against the standard deviation."""

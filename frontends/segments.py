@@ -1,0 +1,117 @@
+"""Segments: the stretches of a recording that are tracked on their own, each in one direction of time.
+
+A recording is tracked scan by scan, which one processor must do alone; segments of it are tracked beside each other. The
+track of a segment warms up on scans that belong to the one before it, so that its own scans meet a map that has grown. Over
+the last of these scans the motions pass from one track to the other by and by: a passage at one scan would add that scan's
+error in both maps, the passage over many adds their mean. One direction passes from segment to segment in the middle between
+two places where the other does: nowhere do both begin anew.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mqslam.config import TrackerConfig
+from mqslam.core import se2
+from mqslam.core.scans import Scan
+from mqslam.frontends.both_ways import Match, follows_at_once
+from mqslam.psi.tracking.plausibility import is_usable
+
+
+@dataclass(frozen=True, slots=True)
+class Segment:
+    """Motions between successive scans, and the scans that are tracked to measure them.
+
+    Args:
+        begin, end: numbers of the first motion and of the one after the last; motion k leads from scan k to scan k + 1. The
+            motions of successive segments overlap.
+        first, last: numbers of the first and the last scan that are tracked, in the order of the recording.
+        is_backward: whether they are tracked from the last to the first.
+    """
+
+    begin: int
+    end: int
+    first: int
+    last: int
+    is_backward: bool
+
+
+def split_into_segments(scans: Sequence[Scan], settings: TrackerConfig) -> list[Segment]:
+    """Splits a recording into the segments of both directions, in the order in which they end.
+
+    A segment begins where its track can warm up on scans that hold enough returns and follow each other at once. Where
+    there are none, as in a long tunnel without returns, the one before it goes on.
+
+    Args:
+        scans: of the recording.
+        settings: how many scans a segment and its warm-up take; the result depends on nothing else.
+    """
+    count, size = max(len(scans) - 1, 0), settings.segment_scans or len(scans)
+    before, shared = settings.warm_up_scans, settings.shared_scans
+    sound = _mark_sound(scans, settings)
+    forward = _choose_borders(count, size, [k for k in range(before, count) if sound[k - before : k + 1].all()], size)
+    backward = _choose_borders(
+        count, size + size // 2, [k for k in range(count - before) if sound[k : k + before + 1].all()], size
+    )
+    segments = [
+        *(Segment(max(a - shared, 0), b, max(a - before, 0), b, is_backward=False) for a, b in forward),
+        # the scan before the first one shows where the motion begins that leads to it backward
+        *(Segment(a, min(b + shared, count), max(a - 1, 0), min(b + before, count), is_backward=True) for a, b in backward),
+    ]
+    return sorted(segments, key=lambda s: (s.end, s.is_backward))
+
+
+def _mark_sound(scans: Sequence[Scan], settings: TrackerConfig) -> NDArray[np.bool_]:
+    """Marks the scans (N,) that can be matched and that follow the one before at once."""
+    usable = np.array([is_usable(scan, settings) for scan in scans], dtype=np.bool_)
+    follows = [k == 0 or follows_at_once(scans[k - 1], scans[k]) for k in range(len(scans))]
+    return usable & np.array(follows, dtype=np.bool_)
+
+
+def _choose_borders(count: int, first: int, able: Sequence[int], size: int) -> list[tuple[int, int]]:
+    """Returns the first motion of each segment and the one after its last.
+
+    Args:
+        count: number of motions.
+        first: where the second segment may begin at the earliest.
+        able: in increasing order, where segments can begin.
+        size: fewest motions of a segment but the last, which has half as many at least.
+    """
+    borders = [0]
+    for k in able:
+        if k >= max(first, borders[-1] + size) and k <= count - size // 2:
+            borders.append(k)
+    return list(zip(borders, [*borders[1:], count], strict=True))
+
+
+def extend(matches: Sequence[Match | None], begin: int, more: Sequence[Match | None]) -> list[Match | None]:
+    """Extends the motions of a track by those of the next one, and passes from one to the other by and by.
+
+    Args:
+        matches: motions from the recording's first scan on; None where there is no measurement.
+        begin: number of the first motion of the next track; it may be measured already.
+        more: motions of that track.
+    """
+    shared = len(matches) - begin
+    passed = [
+        _blend(earlier, later, (k + 1.0) / (shared + 1.0))
+        for k, (earlier, later) in enumerate(zip(matches[begin:], more[:shared], strict=True))
+    ]
+    return [*matches[:begin], *passed, *more[shared:]]
+
+
+def _blend(earlier: Match | None, later: Match | None, share: float) -> Match | None:
+    """Returns a motion of two tracks in which the later one has a share; one whose scans were both matched counts alone."""
+    if earlier is None or later is None:
+        return earlier or later
+    a, b = earlier.motion, later.motion
+    if a.on_map != b.on_map or not a.on_map:
+        return later if b.on_map else earlier
+    pose = a.pose + share * se2.subtract(b.pose, a.pose)
+    covariance = (1.0 - share) * a.covariance + share * b.covariance
+    unseen = (1.0 - share) * earlier.unseen + share * later.unseen
+    return Match(replace(a, pose=pose, covariance=covariance), unseen)
