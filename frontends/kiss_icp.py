@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -69,13 +70,11 @@ class _KissIcpMatcher:
     ) -> Match | None:
         """Matches a scan, and adds it to the map, as `scan_track.Matcher` has it."""
         kiss, settings = self._kiss, self._settings
-        kiss.last_pose, kiss.last_delta = to_matrix(before), to_matrix(motion)
         # KISS-ICP takes the first and the last time of a scan for its ends: points too far to be kept mark those
         frame = lift(np.vstack([points, [[_FAR_M, 0.0], [_FAR_M, 0.0]]]))
-        times = np.r_[fractions, 0.0, 1.0]
-        source, joining = kiss.voxelize(kiss.preprocessor.preprocess(frame, times, kiss.last_delta))
-        scan = source[:, :2]
-        predicted = se2.compose(before, motion)
+        deskewed = kiss.preprocessor.preprocess(frame, np.r_[fractions, 0.0, 1.0], to_matrix(motion))
+        source, joining = kiss.voxelize(deskewed)
+        scan, predicted = source[:, :2], se2.compose(before, motion)
         kernel = kiss.adaptive_threshold.get_threshold()
         reach = _REACH * kernel
         surface = None if kiss.local_map.empty() else Surface(kiss.local_map.point_cloud()[:, :2], settings)
@@ -83,12 +82,16 @@ class _KissIcpMatcher:
         if surface is None or surface.count_matched(scan, predicted, reach) < settings.fewest_matched:
             kiss.local_map.update(joining, to_matrix(predicted))
             return None
-        kiss.register_frame(frame, times)
-        pose = from_matrix(kiss.last_pose)
+        # from here on these are the steps of its register_frame, which would deskew and thin the scan again
+        guess = to_matrix(predicted)
+        placed = kiss.registration.align_points_to_map(source, kiss.local_map, guess, reach, kernel)
+        kiss.adaptive_threshold.update_model_deviation(np.linalg.inv(guess) @ placed)
+        kiss.local_map.update(joining, placed)
+        pose = from_matrix(placed)
         if surface.count_matched(scan, pose, reach) < settings.fewest_matched:
             return None
         near = surface.count_matched(scan, pose, kiss.config.mapping.voxel_size) / len(scan)
-        return Match(pose, surface.compute_covariance(scan, pose, reach, kernel), near)
+        return Match(pose, partial(surface.compute_covariance, scan, pose, reach, kernel), near)
 
 
 def _make_config(settings: KissIcpConfig) -> Any:

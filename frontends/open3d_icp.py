@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Iterable, Iterator
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -86,7 +87,7 @@ class _Open3dMatcher:
         matched = surface.count_matched(scan, pose, reach)
         if matched < self._settings.fewest_matched:
             return None
-        return Match(pose, surface.compute_covariance(scan, pose, reach, reach**2), matched / len(scan))
+        return Match(pose, partial(surface.compute_covariance, scan, pose, reach, reach**2), matched / len(scan))
 
     def _run_icp(self, source: Any, target: Any, distance: float, begin: se2.Array) -> NDArray[np.float64]:
         """Returns where Open3D puts a scan that begins at a pose (3,), as a (4, 4) matrix."""

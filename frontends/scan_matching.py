@@ -105,7 +105,7 @@ def _follow_backwards(scans: Sequence[Scan], track: ScanTrack) -> list[se2.Array
 
     None stands in the place of those between scans that were not matched, or whose starts the track does not reach.
     """
-    steps = [track.follow(scan, backwards=True) for scan in reversed(scans)][::-1]
+    steps = [track.follow(scan, backwards=True, with_covariance=False) for scan in reversed(scans)][::-1]
     times = np.array([step.time for step in steps])
     starts = np.array([scan.t0 for scan in scans])
     reached = (times[0] <= starts) & (starts <= times[-1]) & np.array([not step.coasted_s for step in steps])
@@ -153,7 +153,7 @@ def _run_back_and_forth(head: Sequence[Scan], new_track: NewTrack, begin: se2.Ar
     """
     forwards = new_track(head[0].t0, begin)
     for scan in head:
-        forwards.follow(scan)
+        forwards.follow(scan, with_covariance=False)
     backwards = new_track(head[-1].t1, forwards.twist)
-    steps = [backwards.follow(scan, backwards=True) for scan in reversed(head)]
+    steps = [backwards.follow(scan, backwards=True, with_covariance=scan is head[0]) for scan in reversed(head)]
     return sum(step.matched for step in steps), backwards.twist, steps[-1]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -19,12 +20,13 @@ class Match:
 
     Args:
         pose: (3,) in the map's frame.
-        covariance: (3, 3) of it, in its own frame [m, m, rad].
+        compute_covariance: returns the covariance (3, 3) of it, in its own frame [m, m, rad]; it takes about as long as the
+            match, and not every track needs it.
         matched: share of the scan's points with a map point near them.
     """
 
     pose: se2.Array
-    covariance: NDArray[np.float64]
+    compute_covariance: Callable[[], NDArray[np.float64]]
     matched: float
 
 
@@ -58,7 +60,7 @@ class Step:
     Args:
         time: of the pose [s].
         pose: (3,) in the map's frame.
-        covariance: (3, 3) in the pose's own frame; zero where the scan did not match.
+        covariance: (3, 3) in the pose's own frame; zero where the scan did not match or nobody asked for it.
         matched: share of the scan's points with a map point near them.
         coasted_s: time since the last scan that matched [s].
     """
@@ -90,8 +92,14 @@ class ScanTrack:
         self.twist = twist
         self.last = Step(time, np.zeros(3), np.zeros((3, 3)), 0.0, 0.0)
 
-    def follow(self, scan: Scan, backwards: bool = False) -> Step:
-        """Matches a scan; where hardly anything matches, the track goes on at the last twist."""
+    def follow(self, scan: Scan, backwards: bool = False, with_covariance: bool = True) -> Step:
+        """Matches a scan; where hardly anything matches, the track goes on at the last twist.
+
+        Args:
+            scan: the next one in the track's direction of time.
+            backwards: whether the track runs backwards in time.
+            with_covariance: whether the step's covariance is computed.
+        """
         first, last = (scan.t1, scan.t0) if backwards else (scan.t0, scan.t1)
         time = first + self._matcher.reference * (last - first)
         elapsed, duration = time - self.last.time, last - first
@@ -106,10 +114,12 @@ class ScanTrack:
             self.last = Step(time, predicted, np.zeros((3, 3)), 0.0, self.last.coasted_s + abs(elapsed))
             return self.last
         self.twist = se2.log(se2.wrapped_between(self.last.pose, match.pose)) / elapsed
-        # deskewed by the predicted motion, the scan's middle lies where it fits, and its end is off by half of what the
-        # motion has changed
-        off = 0.5 * se2.wrapped_between(predicted, match.pose)
-        covariance = match.covariance + np.diag(off**2)
+        covariance = np.zeros((3, 3))
+        if with_covariance:
+            # deskewed by the predicted motion, the scan's middle lies where it fits, and its end is off by half of what the
+            # motion has changed
+            off = 0.5 * se2.wrapped_between(predicted, match.pose)
+            covariance = match.compute_covariance() + np.diag(off**2)
         self.last = Step(time, match.pose, covariance, match.matched, 0.0)
         return self.last
 
