@@ -2,7 +2,7 @@
 # make test      check style, types and layers, and run all tests but the slow ones
 # make test-all  run the slow tests, which make test leaves out: whole commands of the README, notebooks, clusters, browsers
 # make lint      check style, types and layers only
-# make bench     make the measurements of BENCHMARKS.md and compare them with the committed ones, which takes about 40 minutes
+# make bench     make the measurements of BENCHMARKS.md and compare them with the committed ones, which takes six hours: tests/bench/run.py NAME makes one
 # make clean     remove .venv and everything that is built or generated
 
 PYTHON ?= python3
