@@ -87,7 +87,8 @@ def find_torn_steps(steps: Sequence[StepAudit], settings: AuditConfig, limits: V
     """Returns the steps at which a map jumps, one for each jump: that whose two sides fit best once they are moved.
 
     The two sides of a step must fit there better than where the trajectory has them, and nowhere else as well: scans that
-    share little, such as those of a lidar that turns on the spot, fit many places by chance.
+    share little, such as those of a lidar that turns on the spot, fit many places by chance. A jump that is too small to
+    tear the map must last: a few scans that are off alone are a bump, of which windows tell.
 
     Args:
         steps: those that were judged, in the order of time.
@@ -98,7 +99,8 @@ def find_torn_steps(steps: Sequence[StepAudit], settings: AuditConfig, limits: V
 
     def is_off(step: StepAudit) -> bool:
         laid = step.laid
-        return step.judged and bool(step.p_value < chance and laid.size_m > settings.jump_m and laid.psi_best < laid.psi)
+        is_large = laid.size_m > (settings.jump_m if step.lasts else settings.torn_m)
+        return step.judged and bool(step.p_value < chance and is_large and laid.psi_best < laid.psi)
 
     off = [step for step in steps if is_off(step)]
     jumps: list[StepAudit] = []

@@ -15,7 +15,7 @@ from scipy.stats import chi2
 
 from mqslam.auditing.laying import Laid, ask_of_scans, compute_far_reach, fits_far_better, lay, measure_span
 from mqslam.auditing.sweeps import Sweeps
-from mqslam.backend.loops.align import TOLERANCES
+from mqslam.backend.loops.align import TOLERANCES, score_at_pose
 from mqslam.config import AuditConfig, EstimatorConfig, VerdictConfig
 from mqslam.core import se2
 from mqslam.core.engine import Engine
@@ -34,11 +34,14 @@ class StepAudit:
         t: when it is [s] since the recording's start.
         p_value: probability that a step as far off as this shows somewhere in a map without a jump; NaN where its scans do
             not hold every direction or too few steps show what is usual.
+        lasts: whether the scans farther from it, too, fit better once they are moved as its own are; if they fit worse, a
+            few scans are off and the map does not jump.
     """
 
     laid: Laid
     t: float
     p_value: float
+    lasts: bool = True
 
     @property
     def judged(self) -> bool:
@@ -90,10 +93,32 @@ def audit_steps(
     placed = zip(beside, engine.map(_lay_beside, shared, beside), strict=True)
     found |= {place: step for (place, _), step in placed if step is not None}
     laid = [step for _, step in sorted(found.items())]
-    p_values = compute_p_values(laid, settings)
-    return [
-        StepAudit(step, float(sweeps.times[step.later]), float(p)) for step, p in zip(laid, p_values.tolist(), strict=True)
-    ]
+    steps = zip(laid, compute_p_values(laid, settings).tolist(), strict=True)
+    return [StepAudit(step, float(sweeps.times[step.later]), p, _lasts(step, p, shared, limits)) for step, p in steps]
+
+
+def _lasts(step: Laid, p_value: float, shared: _Shared, limits: VerdictConfig) -> bool:
+    """Returns whether what a step is off by, if that is more than chance explains, shows between the scans around it, too.
+
+    Args:
+        step: the step.
+        p_value: of the step.
+        shared: what steps are laid with.
+        limits: of the verdict.
+    """
+    sweeps, settings, estimator = shared
+    if not (p_value < limits.share_of_false_alarms and step.size_m > settings.jump_m):
+        return True
+    size, place = settings.step_scans, step.later
+    before = range(max(place - 2 * size, 0), max(place - size, size))
+    after = range(min(place + size, len(sweeps) - size), min(place + 2 * size, len(sweeps)))
+    reference = sweeps.local(before, sweeps.poses[step.earlier])
+    query = sweeps.local(after, sweeps.poses[step.later])
+    if min(len(reference), len(query)) < settings.fewest:
+        return True
+    moved = se2.compose(step.between, step.offset)
+    kept_psi, moved_psi = (score_at_pose(reference, query, pose, estimator) for pose in (step.between, moved))
+    return moved_psi < kept_psi
 
 
 def compute_p_values(steps: Sequence[Laid], settings: AuditConfig) -> NDArray[np.float64]:
