@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import gtsam
 
 from mqslam.auditing.judge import Audit
-from mqslam.auditing.windows import WindowAudit
+from mqslam.auditing.windows.windows import WindowAudit
 from mqslam.backend.marginals import PoseCovariances
 from mqslam.backend.odometry_edges import ODOMETRY
 from mqslam.backend.pose_graph import PoseGraph

@@ -16,7 +16,7 @@ from mqslam.auditing.spans.pooled import Pooled
 from mqslam.auditing.spans.torn import SpanAudit
 from mqslam.auditing.steps import StepAudit
 from mqslam.auditing.verdict import Finding, Share, VerdictStatus
-from mqslam.auditing.windows import Undecided, WindowAudit, share_torn
+from mqslam.auditing.windows.windows import Undecided, WindowAudit, share_torn
 from mqslam.config import AuditConfig, VerdictConfig
 from mqslam.core import se2
 from mqslam.core.statistics.chances import correct_for_places, find_smallest

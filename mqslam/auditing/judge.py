@@ -41,7 +41,8 @@ from mqslam.auditing.steps import StepAudit, audit_steps
 from mqslam.auditing.sweeps import Sweeps, place_sweeps
 from mqslam.auditing.tracks import judge_track, mark_interpolated
 from mqslam.auditing.verdict import Finding, VerdictStatus, verdict_of
-from mqslam.auditing.windows import Undecided, WindowAudit, audit_windows, state_p_values
+from mqslam.auditing.windows.shaking import judge_shaking
+from mqslam.auditing.windows.windows import Undecided, WindowAudit, audit_windows, state_p_values
 from mqslam.backend.claims import Claims, GraphClaims
 from mqslam.backend.pose_graph import PoseGraph
 from mqslam.config import AuditConfig, Config, EstimatorConfig, VerdictConfig
@@ -136,6 +137,7 @@ def audit(
         tests |= {
             "spans": [judge_spans(spans, limits)],
             "pooled": [judge_pooled(pooled, limits, track.extrinsics, track.time_offset_s)],
+            "shaking": [judge_shaking(sweeps, windows, settings, estimator, limits, engine)],
             "revisits": [judge_revisits(revisits, limits)],
         }
     tests = {name: findings for name, findings in tests.items() if findings}

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from mqslam.auditing.laying import Laid, lay
 from mqslam.auditing.sweeps import Sweeps
 from mqslam.auditing.verdict import Share
-from mqslam.auditing.windows import torn_threshold
+from mqslam.auditing.windows.windows import torn_threshold
 from mqslam.backend.claims import Claims
 from mqslam.backend.loops.agreement import Offsets, compare_neighbours, find_agreeing
 from mqslam.backend.loops.align import TOLERANCES

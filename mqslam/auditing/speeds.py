@@ -238,7 +238,7 @@ def judge_speeds(checks: Sequence[SpeedCheck | None], capture: CaptureRange, lim
     share = Share(len(off), len(sure))
     if not off:
         most = f"{capture.speed_mps:.2g} m/s, the most that windows measure"
-        reason = f"the scans confirm the trajectory's speed at {count_of(share.total, 'place')}, to within {most}"
+        reason = f"the scans confirm the speed at {count_of(share.total, 'place')}, to within {most}"
         return [Finding(VerdictStatus.PASS, reason)]
     median = float(np.median([check.error_mps for check in off]))
     reason = (

@@ -88,10 +88,6 @@ def judge_track(
         else:
             reason = f"the trajectory has a gap {where}: {why}, and windows there are left undecided"
             findings.append(Finding(VerdictStatus.WARN, reason))
-    shaking_m = measure_shaking(track, span_s, settings)
-    if shaking_m:
-        shakes = f"from pose to pose the trajectory jumps by {shaking_m:.2f} m to and fro, in the median of all its steps"
-        findings.append(Finding(VerdictStatus.WARN, f"{shakes}: no vehicle moves like that"))
     jumps = find_jumps(track, span_s, settings)
     if jumps:
         named = [f"at {jump.t0:.1f} s {_describe_jump(jump)}" for jump in jumps]
@@ -146,50 +142,6 @@ def find_jumps(track: Track, longest_s: float, settings: AuditConfig) -> list[Ju
         longest_s: steps that take longer than this [s] are gaps; they are no jumps, and nothing is compared with them.
         settings: of the audit.
     """
-    times, durations, off = _compare_steps(track, longest_s)
-    if not len(times):
-        return []
-    distances, angles = np.hypot(off[:, 0], off[:, 1]), np.abs(off[:, 2])
-    jumping = (distances * durations > settings.torn_m) & (distances / durations > settings.jump_mps2)
-    jumping &= _stand_out(distances, settings)
-    turning = (angles * durations > settings.torn_rad) & (angles / durations > settings.jump_radps2)
-    jumping |= turning & _stand_out(angles, settings)
-    return [
-        Jump(float(t), float(t + lasts), float(distance * lasts), float(angle * lasts))
-        for t, lasts, distance, angle in np.column_stack([times, durations, distances, angles])[jumping]
-    ]
-
-
-def measure_shaking(track: Track, longest_s: float, settings: AuditConfig) -> float | None:
-    """Returns by how much [m] the poses of a trajectory jump to and fro, or None where a vehicle may have moved like that.
-
-    Scans average over poses that shake faster than they turn, so that no comparison of scans may show it.
-
-    Args:
-        track: the trajectory.
-        longest_s: as for `find_jumps`.
-        settings: of the audit.
-    """
-    _, durations, off = _compare_steps(track, longest_s)
-    if not len(durations):
-        return None
-    speeds = np.hypot(off[:, 0], off[:, 1])
-    median_m = float(np.median(speeds * durations))
-    is_shaking = median_m > settings.jump_m and np.median(speeds / durations) > settings.jump_mps2
-    return median_m if is_shaking else None
-
-
-def _compare_steps(track: Track, longest_s: float) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Compares each step of a trajectory with the median motion of the two steps before it and the two after it.
-
-    Args:
-        track: the trajectory.
-        longest_s: steps that take longer than this [s] are gaps, and left out.
-
-    Returns:
-        beginning (N,) [s], duration (N,) [s] and difference (N, 3) [m/s, m/s, rad/s] of the steps that enough others are
-        beside.
-    """
     knots = se2.select_apart(track.times)
     times, poses = track.times[knots], track.poses[knots]
     durations = np.diff(times)
@@ -199,9 +151,18 @@ def _compare_steps(track: Track, longest_s: float) -> tuple[NDArray[np.float64],
     beside = np.stack([padded[shift : shift + len(twists)] for shift in range(2 * _SIDE + 1) if shift != _SIDE])
     usable &= np.count_nonzero(np.isfinite(beside[..., 0]), axis=0) > _SIDE  # else one wrong step could be the median
     if not usable.any():
-        return np.empty(0), np.empty(0), np.empty((0, 3))
+        return []
+    times, durations = times[:-1][usable], durations[usable]
     off = twists[usable] - np.nanmedian(beside[:, usable], axis=0)
-    return times[:-1][usable], durations[usable], off
+    distances, angles = np.hypot(off[:, 0], off[:, 1]), np.abs(off[:, 2])
+    jumping = (distances * durations > settings.torn_m) & (distances / durations > settings.jump_mps2)
+    jumping &= _stand_out(distances, settings)
+    turning = (angles * durations > settings.torn_rad) & (angles / durations > settings.jump_radps2)
+    jumping |= turning & _stand_out(angles, settings)
+    return [
+        Jump(float(t), float(t + lasts), float(distance * lasts), float(angle * lasts))
+        for t, lasts, distance, angle in np.column_stack([times, durations, distances, angles])[jumping]
+    ]
 
 
 def _stand_out(sizes: NDArray[np.float64], settings: AuditConfig) -> NDArray[np.bool_]:

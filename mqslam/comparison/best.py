@@ -12,7 +12,7 @@ from typing import Final, NamedTuple
 
 from mqslam.auditing.revisits import share_torn_revisits
 from mqslam.auditing.verdict import Share
-from mqslam.auditing.windows import share_torn
+from mqslam.auditing.windows.windows import share_torn
 from mqslam.comparison.judgement import Judged
 
 _FIGURES: Final = ".3f"  # errors that read the same in the table are taken to be the same

@@ -9,9 +9,9 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mqslam.auditing.inflation import centre_window
 from mqslam.auditing.judge import Audit, audit
 from mqslam.auditing.sweeps import Sweeps, find_covered, place_sweeps
+from mqslam.auditing.windows.inflation import centre_window
 from mqslam.comparison.rows import Row
 from mqslam.config import AuditConfig, CompareConfig, EstimatorConfig, MapConfig, VerdictConfig
 from mqslam.core import se2

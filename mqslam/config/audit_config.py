@@ -9,9 +9,9 @@ from pydantic import BaseModel, ConfigDict, Field
 from mqslam.config.fields import expert
 from mqslam.config.loop_config import PassConfig, SearchRad, SpacingM
 
-# by definition: tests that share the rate of false alarms: steps, spans, three biases, two of the lever arm, the delay, and
-# revisits
-_SHARERS: Final = 9
+# by definition: tests that share the rate of false alarms: steps, spans, three biases, two of the lever arm, the delay,
+# shaking, and revisits
+_SHARERS: Final = 10
 
 
 class AuditConfig(PassConfig):

@@ -13,7 +13,7 @@ from mqslam.auditing.judge import Audit
 from mqslam.auditing.mending.rounds import Judged
 from mqslam.auditing.revisits import share_torn_revisits
 from mqslam.auditing.sweeps import Sweeps
-from mqslam.auditing.windows import share_torn, torn_threshold
+from mqslam.auditing.windows.windows import share_torn, torn_threshold
 from mqslam.config import Config, dump_yaml
 from mqslam.errors import tolerate
 from mqslam.execution.files import write_bytes

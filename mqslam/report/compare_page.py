@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from mqslam.auditing.windows import torn_threshold
+from mqslam.auditing.windows.windows import torn_threshold
 from mqslam.config import AuditConfig
 from mqslam.errors import tolerate
 from mqslam.execution.files import write_bytes

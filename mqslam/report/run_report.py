@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mqslam.auditing.windows import WindowAudit
+from mqslam.auditing.windows.windows import WindowAudit
 from mqslam.backend.marginals import PoseCovariances
 from mqslam.config import AuditConfig, dump_yaml, set_doppler_beta
 from mqslam.core.measurement import Measurement

@@ -12,7 +12,7 @@ from mqslam.auditing.spans.measured import pick_ends
 from mqslam.auditing.spans.torn import SpanAudit
 from mqslam.auditing.steps import StepAudit, pick_sides
 from mqslam.auditing.sweeps import Sweeps
-from mqslam.auditing.windows import WindowAudit
+from mqslam.auditing.windows.windows import WindowAudit
 from mqslam.config import AuditConfig
 from mqslam.core import se2
 from mqslam.report.formatting import ABSENT, describe_motion, format_length, format_three_digits

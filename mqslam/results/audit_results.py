@@ -15,7 +15,7 @@ from mqslam.auditing.spans.pooled import Pooled
 from mqslam.auditing.speeds import contradicts
 from mqslam.auditing.sweeps import Sweeps
 from mqslam.auditing.verdict import Finding, VerdictStatus, verdict_of
-from mqslam.auditing.windows import share_torn, torn_threshold
+from mqslam.auditing.windows.windows import share_torn, torn_threshold
 from mqslam.config import AuditConfig, Config, VerdictConfig, dump_yaml
 from mqslam.core.statistics.chances import find_smallest
 from mqslam.core.wording import count_of

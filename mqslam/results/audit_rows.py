@@ -10,7 +10,7 @@ from mqslam.auditing.revisits import RevisitAudit
 from mqslam.auditing.spans.torn import SpanAudit
 from mqslam.auditing.steps import StepAudit
 from mqslam.auditing.sweeps import Sweeps
-from mqslam.auditing.windows import WindowAudit
+from mqslam.auditing.windows.windows import WindowAudit
 
 
 class WindowRow(TypedDict):

@@ -11,7 +11,7 @@ import numpy as np
 from mqslam.auditing.judge import Audit
 from mqslam.auditing.speeds import contradicts
 from mqslam.auditing.verdict import VerdictStatus
-from mqslam.auditing.windows import WindowAudit, torn_threshold
+from mqslam.auditing.windows.windows import WindowAudit, torn_threshold
 from mqslam.comparison.best import Standing
 from mqslam.comparison.comparison import Comparison
 from mqslam.comparison.judgement import Judged

@@ -9,8 +9,8 @@ import pytest
 from scipy.stats import chi2
 from support.drives import ON_THE_STREET, street_drive
 
-from mqslam.auditing.inflation import Bend, centre_window, fit_bend, twist_points
 from mqslam.auditing.sweeps import Sweeps, place_sweeps
+from mqslam.auditing.windows.inflation import Bend, centre_window, fit_bend, twist_points
 from mqslam.config import Config
 from mqslam.core import se2
 from mqslam.core.trajectory import Trajectory

@@ -19,7 +19,7 @@ from mqslam.auditing.mending.rounds import Judged, Mended, carry, mend
 from mqslam.auditing.spans.torn import SpanAudit
 from mqslam.auditing.sweeps import Sweeps, place_sweeps
 from mqslam.auditing.verdict import VerdictStatus
-from mqslam.auditing.windows import share_torn
+from mqslam.auditing.windows.windows import share_torn
 from mqslam.config import Config
 from mqslam.core import se2
 from mqslam.core.trajectory import Trajectory

@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mqslam.auditing.inflation import fit_bend
 from mqslam.auditing.judge import Audit, audit
 from mqslam.auditing.sources import LIDAR_CONFIG, divide_cloud, is_cloud, make_lidar_source, place_source
 from mqslam.auditing.verdict import VerdictStatus
+from mqslam.auditing.windows.inflation import fit_bend
 from mqslam.config import load_config
 from mqslam.core import se2
 from mqslam.core.timed_cloud import TimedCloud

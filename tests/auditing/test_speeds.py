@@ -13,7 +13,7 @@ from mqslam.auditing.judge import Audit, audit
 from mqslam.auditing.speeds import CaptureRange, SpeedCheck, check_speeds, contradicts, find_capture_range, judge_speeds
 from mqslam.auditing.sweeps import Sweeps, place_sweeps
 from mqslam.auditing.verdict import VerdictStatus
-from mqslam.auditing.windows import Undecided
+from mqslam.auditing.windows.windows import Undecided
 from mqslam.config import Config
 from mqslam.core.scans import Returns
 from mqslam.core.trajectory import Trajectory

@@ -39,16 +39,6 @@ def test_nothing_is_said_of_a_dense_trajectory(noise_m: float) -> None:
     assert judged(track(noise_m=noise_m)) == []
 
 
-@pytest.mark.parametrize(("noise_m", "shakes"), [(0.0, False), (0.02, False), (0.15, True)])
-def test_poses_that_shake_as_no_vehicle_does_are_a_warning(noise_m: float, shakes: bool) -> None:
-    times = 0.05 * np.arange(800)
-    poses = driven(times)
-    poses[::2, 1] += noise_m
-    findings = judged(Track(times, poses, len(TIMES), 0))
-    assert [f.status for f in findings] == ([VerdictStatus.WARN] if shakes else [])
-    assert all("jumps by 0.15 m to and fro" in f.reason for f in findings)
-
-
 def test_a_gap_is_a_warning_that_says_from_when_to_when() -> None:
     (finding,) = judged(track((TIMES <= 10.0) | (TIMES >= 15.0)))
     assert finding.status is VerdictStatus.WARN

@@ -11,7 +11,7 @@ from support.reported import judge_map, judged_revisit, judged_window, swept_wal
 
 from mqslam.auditing.revisits import RevisitAudit
 from mqslam.auditing.verdict import Finding, Share, VerdictStatus, verdict_of
-from mqslam.auditing.windows import Undecided, WindowAudit
+from mqslam.auditing.windows.windows import Undecided, WindowAudit
 from mqslam.config import VerdictConfig
 
 PASS, WARN, FAIL, NOT_JUDGED = VerdictStatus

@@ -28,7 +28,7 @@ from mqslam.auditing.laying import Laid
 from mqslam.auditing.spans.torn import SpanAudit
 from mqslam.auditing.steps import StepAudit
 from mqslam.auditing.verdict import VerdictStatus
-from mqslam.auditing.windows import Undecided
+from mqslam.auditing.windows.windows import Undecided
 from mqslam.config import Config
 from mqslam.core import se2
 from mqslam.report.audit_page import write_audit_report

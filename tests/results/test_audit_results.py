@@ -16,7 +16,7 @@ from support.reported import judged_walls, swept_walls
 from mqslam.auditing.findings import judge_windows
 from mqslam.auditing.judge import Audit
 from mqslam.auditing.sweeps import Sweeps
-from mqslam.auditing.windows import Undecided, state_p_values
+from mqslam.auditing.windows.windows import Undecided, state_p_values
 from mqslam.config import Config
 from mqslam.results.audit_results import summarise, write_audit
 

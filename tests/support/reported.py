@@ -21,14 +21,14 @@ from selenium.webdriver.common.actions.action_builder import ActionBuilder
 from selenium.webdriver.support.ui import WebDriverWait
 
 from mqslam.auditing.findings import judge_locally, judge_revisits, judge_windows
-from mqslam.auditing.inflation import Bend
 from mqslam.auditing.judge import Audit
 from mqslam.auditing.revisits import Revisit, RevisitAudit
 from mqslam.auditing.speeds import find_capture_range
 from mqslam.auditing.sweeps import Sweeps
 from mqslam.auditing.tracks import Track
 from mqslam.auditing.verdict import Finding, VerdictStatus, verdict_of
-from mqslam.auditing.windows import WindowAudit
+from mqslam.auditing.windows.inflation import Bend
+from mqslam.auditing.windows.windows import WindowAudit
 from mqslam.config import AuditConfig, EstimatorConfig, VerdictConfig
 from mqslam.core import se2
 from mqslam.mapping.measures import Measures

@@ -17,7 +17,7 @@ from mqslam.auditing.spans.torn import SpanAudit
 from mqslam.auditing.speeds import contradicts
 from mqslam.auditing.steps import scale_covariances
 from mqslam.auditing.sweeps import Sweeps
-from mqslam.auditing.windows import WindowAudit
+from mqslam.auditing.windows.windows import WindowAudit
 from mqslam.backend.tied_chain import Tie
 from mqslam.config import AuditConfig, EstimatorConfig
 from mqslam.core import se2

@@ -34,7 +34,7 @@ from mqslam.auditing.mending.evidence import (
 )
 from mqslam.auditing.sweeps import Sweeps
 from mqslam.auditing.verdict import GRAVEST_FIRST, VerdictStatus
-from mqslam.auditing.windows import share_torn
+from mqslam.auditing.windows.windows import share_torn
 from mqslam.backend.tied_chain import Tie, TiedChain
 from mqslam.config import Config
 from mqslam.core import se2

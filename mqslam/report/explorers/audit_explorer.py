@@ -6,7 +6,7 @@ import numpy as np
 
 from mqslam.auditing.judge import Audit
 from mqslam.auditing.sweeps import Sweeps
-from mqslam.auditing.windows import torn_threshold
+from mqslam.auditing.windows.windows import torn_threshold
 from mqslam.config import AuditConfig
 from mqslam.core.statistics.evenly import pick_evenly
 from mqslam.report.explorers.explorer import Chart, Curve, Explorer, Layer, Lines, Place, View, join_lines, mix_shades

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial import cKDTree
 
-from mqslam.auditing.windows import WindowAudit, torn_threshold
+from mqslam.auditing.windows.windows import WindowAudit, torn_threshold
 from mqslam.config import AuditConfig
 from mqslam.core import se2
 from mqslam.core.point_map import PointMap

@@ -11,7 +11,7 @@ from scipy.stats import chi2
 from mqslam.auditing.judge import Audit
 from mqslam.auditing.revisits import RevisitAudit
 from mqslam.auditing.sweeps import Sweeps
-from mqslam.auditing.windows import WindowAudit, torn_threshold
+from mqslam.auditing.windows.windows import WindowAudit, torn_threshold
 from mqslam.config import AuditConfig
 from mqslam.report.figures.canvas import (
     BLUE,

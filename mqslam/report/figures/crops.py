@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter
 from scipy.spatial import cKDTree
 
-from mqslam.auditing.inflation import centre_window, twist_points
 from mqslam.auditing.judge import Audit
 from mqslam.auditing.sweeps import Sweeps
+from mqslam.auditing.windows.inflation import centre_window, twist_points
 from mqslam.config import AuditConfig
 from mqslam.core import se2
 from mqslam.report.figures.canvas import BLUE, ORANGE, View, encode_png, find_common_view, make_square

@@ -9,10 +9,10 @@ from enum import StrEnum
 import numpy as np
 from scipy.stats import chi2
 
-from mqslam.auditing.inflation import Bend, fit_bend
 from mqslam.auditing.speeds import SpeedCheck
 from mqslam.auditing.sweeps import Sweeps
 from mqslam.auditing.verdict import Share
+from mqslam.auditing.windows.inflation import Bend, fit_bend
 from mqslam.config import AuditConfig, EstimatorConfig
 from mqslam.core import se2
 from mqslam.core.engine import Engine

@@ -23,7 +23,7 @@ from mqslam.psi.minimiser import Minimum, Prior, annealed_scale, final_scale, mi
 from mqslam.psi.observability import find_weak_directions, spread_along
 from mqslam.psi.place import PointSet
 
-_SWEEP: Final = 1.0  # by definition: times are counted in sweeps, so that one direction is seen again after 1
+SWEEP: Final = 1.0  # by definition: times are counted in sweeps, so that one direction is seen again after 1
 _LEAST_LEVER_M: Final = 1.0  # numerical: keeps the step in yaw finite where all points lie at the sensor
 
 
@@ -79,12 +79,12 @@ class _Window:
 
     def score(self, twist: NDArray[np.float64], scale: Scale) -> Evaluation:
         """Returns the score of the map under a twist."""
-        return score_itself(self.render(twist), scale, _SWEEP, self.estimator)
+        return score_itself(self.render(twist), scale, SWEEP, self.estimator)
 
     def minimise(self, widths: EstimatorConfig) -> Minimum:
         """Finds the twist that makes the map its best, with the annealing of the given widths."""
         free = Prior(np.zeros(3), np.zeros((3, 3)))
-        return minimise(np.zeros(3), self.render, None, free, widths, _SWEEP, self.settings.step * self.units)
+        return minimise(np.zeros(3), self.render, None, free, widths, SWEEP, self.settings.step * self.units)
 
     def bend_at(self, minimum: Minimum, own: Evaluation, weak: NDArray[np.float64]) -> Bend:
         """Returns the correction that a minimum stands for.

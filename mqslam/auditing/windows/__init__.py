@@ -1,0 +1,1 @@
+"""Windows: a few scans in a row, held against their own best map and against the map of smoother poses."""

@@ -1,0 +1,103 @@
+"""Poses that jump to and fro from scan to scan, so that the map gets crisper once they are smoothed.
+
+The correction of a window is one twist, which undoes no shaking, and scans that are laid on each other average over it. But
+where a trajectory is right, the sensor moved as its poses say: to smooth them takes true motion away and blurs the map. Only
+where every pose errs on its own does it make the map crisper.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import wilcoxon
+
+from mqslam.auditing.sweeps import Sweeps
+from mqslam.auditing.verdict import Finding, VerdictStatus
+from mqslam.auditing.windows.inflation import SWEEP, count_in_sweeps
+from mqslam.auditing.windows.windows import WindowAudit
+from mqslam.config import AuditConfig, EstimatorConfig, VerdictConfig
+from mqslam.core import se2
+from mqslam.core.engine import Engine
+from mqslam.psi.minimiser import final_scale, score_itself
+from mqslam.psi.place import PointSet
+
+_SIDE: Final = 3  # poses before one and as many after it through which a parabola is laid: 1.5 s at four scans per second
+
+_Shared = tuple[Sweeps, se2.Array, EstimatorConfig]  # a map, its poses smoothed, and the settings of the score
+
+
+def judge_shaking(
+    sweeps: Sweeps,
+    windows: Sequence[WindowAudit],
+    settings: AuditConfig,
+    estimator: EstimatorConfig,
+    limits: VerdictConfig,
+    engine: Engine,
+) -> Finding:
+    """Returns whether the poses of a map jump to and fro.
+
+    Args:
+        sweeps: points under the trajectory to judge, which has a track.
+        windows: in which the map is compared with the one under smoothed poses; undecided ones are left out.
+        settings: of the audit.
+        estimator: settings of the score.
+        limits: of the verdict.
+        engine: where the windows are scored; the result does not depend on it.
+    """
+    smoothed = smooth_poses(sweeps)
+    spans = [(w.begin, w.end) for w in windows if w.undecided is None and w.end < len(sweeps)]
+    spans = [(begin, end) for begin, end in spans if np.isfinite(smoothed[begin : end + 1]).all()]
+    if 0.5 ** len(spans) >= limits.share_of_false_alarms:  # not even all of them would show anything
+        return Finding(VerdictStatus.PASS, "too few windows show whether poses jump to and fro", judged=False)
+    shared = sweeps, smoothed, count_in_sweeps(estimator, sweeps.revolution_s)
+    rises = np.array(engine.map(_measure_rise, shared, spans))
+    p_value = float(wilcoxon(rises, alternative="greater").pvalue) if rises.any() else 1.0
+    off = se2.between(sweeps.poses, smoothed)
+    off_m = float(np.nanmedian(np.hypot(off[:, 0], off[:, 1])))
+    if p_value >= limits.share_of_false_alarms or off_m <= settings.bend_m:
+        return Finding(VerdictStatus.PASS, "smoother poses make the map no crisper", p_value=p_value)
+    where = f"in {np.count_nonzero(rises > 0.0)} of {len(rises)} windows the map is crisper once the poses are smoothed"
+    return Finding(VerdictStatus.WARN, f"{where}: they jump to and fro by {off_m:.2f} m in the median", p_value=p_value)
+
+
+def smooth_poses(sweeps: Sweeps) -> se2.Array:
+    """Returns the poses (S, 3) of sweeps on parabolas through the poses around them; NaN beside gaps and at either end."""
+    poses = sweeps.poses.copy()
+    poses[:, 2] = np.unwrap(poses[:, 2])
+    smoothed = np.full_like(poses, np.nan)
+    for k in range(_SIDE, len(poses) - _SIDE):
+        around = slice(k - _SIDE, k + _SIDE + 1)
+        turns = sweeps.numbers[around] - sweeps.numbers[k]
+        if turns[-1] - turns[0] < 2.0 * _SIDE + 0.5:  # else a sweep is missing
+            times = sweeps.times[around] - sweeps.times[k]
+            smoothed[k] = np.linalg.lstsq(np.vander(times, 3), poses[around], rcond=None)[0][2]
+    return smoothed
+
+
+def _measure_rise(shared: _Shared, window: tuple[int, int]) -> float:
+    """Returns by how much psi per point of a window, from one sweep to the one after its last, falls with smoothed poses."""
+    sweeps, smoothed, estimator = shared
+    begin, end = window
+    points = sweeps.local(range(begin, end), np.zeros(3))
+    if len(points) == 0:
+        return 0.0
+    moved = replace(points, points=_move(sweeps, smoothed, begin, end, points))
+    scale = final_scale(estimator)
+    given, smoother = (score_itself(one, scale, SWEEP, estimator).psi for one in (points, moved))
+    return (given - smoother) / len(points)
+
+
+def _move(sweeps: Sweeps, smoothed: se2.Array, begin: int, end: int, points: PointSet) -> NDArray[np.float64]:
+    """Returns where smoothed poses put the points (N, 2) [m] of a window, whose times are counted in sweeps."""
+    track = sweeps.track
+    assert track is not None  # a cloud without one has no poses to judge
+    sweep = np.searchsorted(sweeps.numbers, points.times, side="right") - 1
+    seconds = sweeps.times[sweep] + (points.times - sweeps.numbers[sweep]) * sweeps.revolution_s
+    seen_from = se2.interpolate(track.times, track.poses, seconds)
+    seen = se2.between(seen_from, np.column_stack([points.points, np.zeros(len(points))]))
+    knots = slice(begin, end + 1)
+    return np.asarray(se2.compose(se2.interpolate(sweeps.times[knots], smoothed[knots], seconds), seen)[:, :2])
