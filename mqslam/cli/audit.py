@@ -74,8 +74,8 @@ def audit(
         float | None,
         typer.Option(
             metavar="RATE",
-            help="Probability, below 0.5, with which steps, spans, pooled corrections and revisits held against covariances "
-            "may together call a good recording's map bad; 0.01 by default.",
+            help="Probability, below 0.5, with which steps, spans, pooled corrections, shaking and revisits held against "
+            "covariances may together call a good recording's map bad; 0.01 by default.",
         ),
     ] = None,
     fail_on: Annotated[

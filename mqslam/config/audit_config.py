@@ -231,8 +231,8 @@ class VerdictConfig(BaseModel):
         0.01,
         gt=0.0,
         lt=0.5,
-        description="Probability with which the tests of steps, spans, pooled corrections and revisits against what the "
-        "trajectory claims to know together call a good map bad.",
+        description="Probability with which the tests of steps, spans, pooled corrections, shaking and revisits against "
+        "what the trajectory claims to know together call a good map bad.",
     )
     scale_warn: float = Field(
         0.002, ge=0.0, description="Distances or directions that are off by a larger share than this are worth a look [m/m]."
