@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 from pathlib import Path
 
 import nbformat
@@ -46,6 +47,14 @@ def test_a_notebook_runs_top_to_bottom_and_finds_what_it_says(path: Path) -> Non
     said = [output.text for output in outputs if output.output_type == "stream" and output.name == "stderr"]
     lines = [line for text in said for line in text.splitlines()]
     assert not [line for line in lines if "findfont" not in line and "font cache" not in line]  # the machine's fonts
+
+
+@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
+def test_what_a_notebook_imports_exists(path: Path) -> None:
+    cells = [cell.source for cell in nbformat.read(path, as_version=4).cells if cell.cell_type == "code"]
+    imports = [node for node in ast.parse("\n".join(cells)).body if isinstance(node, ast.Import | ast.ImportFrom)]
+    assert imports
+    exec(compile(ast.Module(imports, []), path.name, "exec"), {})
 
 
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
