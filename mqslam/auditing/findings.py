@@ -88,7 +88,8 @@ def find_torn_steps(steps: Sequence[StepAudit], settings: AuditConfig, limits: V
 
     The two sides of a step must fit there better than where the trajectory has them, and nowhere else as well: scans that
     share little, such as those of a lidar that turns on the spot, fit many places by chance. A jump that is too small to
-    tear the map must last: a few scans that are off alone are a bump, of which windows tell.
+    tear the map must last: a few scans that are off alone are a bump, of which windows tell. So must any between poses that
+    are too sparse for a turn.
 
     Args:
         steps: those that were judged, in the order of time.
@@ -99,7 +100,10 @@ def find_torn_steps(steps: Sequence[StepAudit], settings: AuditConfig, limits: V
 
     def is_off(step: StepAudit) -> bool:
         laid = step.laid
-        is_large = laid.size_m > (settings.jump_m if step.lasts else settings.torn_m)
+        if laid.doubt_m > settings.jump_m:  # what interpolation is off by is gone at the next pose
+            is_large = step.lasts and laid.size_m > laid.doubt_m
+        else:
+            is_large = laid.size_m > (settings.jump_m if step.lasts else settings.torn_m)
         return step.judged and bool(step.p_value < chance and is_large and laid.psi_best < laid.psi)
 
     off = [step for step in steps if is_off(step)]

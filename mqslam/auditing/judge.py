@@ -39,7 +39,7 @@ from mqslam.auditing.speeds import (
 )
 from mqslam.auditing.steps import StepAudit, audit_steps
 from mqslam.auditing.sweeps import Sweeps, place_sweeps
-from mqslam.auditing.tracks import judge_track, mark_interpolated
+from mqslam.auditing.tracks import judge_doubt, judge_track, mark_interpolated
 from mqslam.auditing.verdict import Finding, VerdictStatus, verdict_of
 from mqslam.auditing.windows.shaking import judge_shaking
 from mqslam.auditing.windows.windows import Undecided, WindowAudit, audit_windows, state_p_values
@@ -117,7 +117,7 @@ def audit(
     jumps = find_torn_steps(steps, settings, limits)
     track = sweeps.track
     tests = {
-        "trajectory": [] if track is None else judge_track(track, sweeps.times, sweeps.revolution_s, settings, limits),
+        "trajectory": _judge_trajectory(sweeps, settings, limits),
         "speeds": judge_speeds(speeds, capture, limits),
         "windows": judge_windows(windows, len(sweeps), settings.window, limits),
         "steps": [judge_steps(steps, jumps, settings)],
@@ -177,6 +177,14 @@ def _expect(
     return predict_offsets(spans, twists, find_bias(pooled, limits), find_lever(pooled, limits), find_delay(pooled, limits))
 
 
+def _judge_trajectory(sweeps: Sweeps, settings: AuditConfig, limits: VerdictConfig) -> list[Finding]:
+    """Returns what is wrong with the trajectory itself, and where it is too sparse to be judged."""
+    if sweeps.track is None:
+        return []
+    own = judge_track(sweeps.track, sweeps.times, sweeps.revolution_s, settings, limits)
+    return [*own, *judge_doubt(sweeps.doubt_m, settings)]
+
+
 def _mark_interpolated(sweeps: Sweeps, settings: AuditConfig) -> NDArray[np.bool_]:
     """Marks the sweeps (S,) that lie in a gap of the trajectory."""
     if sweeps.track is None:
@@ -199,7 +207,7 @@ def _decide(
     decided = []
     for window, speed in zip(windows, speeds, strict=True):
         is_off = contradicts(speed, capture)
-        undecided = None
+        undecided = None if is_off else window.undecided
         if np.mean(interpolated[window.begin : window.end]) > 0.5:
             undecided = Undecided.GAP
         elif window.bend.matched_best < limits.matched and not is_off:

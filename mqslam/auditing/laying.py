@@ -32,6 +32,7 @@ class Laid:
         psi, psi_best: score per point as the trajectory has it and with the offset corrected.
         observed: whether the two stretches hold every direction.
         unrivalled: whether they do, lie on each other well enough, and fit nowhere else as well.
+        doubt_m: how far the two may be off each other, since poses are interpolated [m].
         rivals: (R, 3) other offsets at which they fit about as well; none where these were not asked for.
     """
 
@@ -47,6 +48,7 @@ class Laid:
     psi_best: float
     observed: bool
     unrivalled: bool
+    doubt_m: float = 0.0
     rivals: se2.Array = field(default_factory=lambda: np.empty((0, 3)))
 
 
@@ -119,5 +121,6 @@ def lay(
         psi_best=alignment.psi,
         observed=alignment.observed,
         unrivalled=is_unrivalled(alignment, settings),
+        doubt_m=sweeps.doubt(stretches),
         rivals=se2.wrapped_between(between, alignment.rivals),
     )

@@ -141,6 +141,7 @@ def divide_cloud(
         times=(begin_us - stamps[0]) * 1e-6,
         poses=poses,
         travelled=se2.path_lengths(poses),
+        doubt_m=np.zeros(len(present)),  # whoever made the cloud has put its points where they are
         revolution_s=revolution_s,
         track=track,
     )

@@ -248,6 +248,9 @@ def judge_speeds(checks: Sequence[SpeedCheck | None], capture: CaptureRange, lim
     )
     if share.is_above(limits.windows_fail, limits):
         if 2 * share.count >= share.total:
-            reason += "; if neither its scale nor its clock is that wrong, the trajectory may belong to another recording"
+            reason += (
+                "; if its scale, its clock and the frame of its poses (the mount of the sensor, the order of quaternions) "
+                "are right, the trajectory may belong to another recording"
+            )
         return [Finding(VerdictStatus.FAIL, reason)]
     return [Finding(VerdictStatus.WARN if share.is_above(limits.windows_warn, limits) else VerdictStatus.PASS, reason)]

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mqslam.auditing.tracks import Track
+from mqslam.auditing.tracks import Track, measure_doubt
 from mqslam.config import AuditConfig
 from mqslam.core import se2
 from mqslam.core.scans import Returns, Scans
@@ -31,6 +31,7 @@ class Sweeps:
         times: (S,) start of each sweep [s] since the recording's start.
         poses: (S, 3) pose of the sensor then.
         travelled: (S,) length of the path so far [m].
+        doubt_m: (S,) how far off the points may be, since poses are interpolated where there is none for every sweep [m].
         revolution_s: usual duration of a sweep [s].
         track: the trajectory as it was given; None for a cloud without one, of which the poses and the path are only those
             of the middles of its points.
@@ -44,6 +45,7 @@ class Sweeps:
     times: NDArray[np.float64]
     poses: se2.Array
     travelled: NDArray[np.float64]
+    doubt_m: NDArray[np.float64]
     revolution_s: float
     track: Track | None
 
@@ -53,6 +55,10 @@ class Sweeps:
     def span(self, begin: int, end: int) -> slice:
         """Returns the slice of the points of the sweeps begin <= k < end."""
         return slice(int(self.begins[begin]), int(self.begins[end]))
+
+    def doubt(self, stretches: Iterable[Sequence[int]]) -> float:
+        """Returns how far stretches of sweeps may be off each other, since poses are interpolated [m]."""
+        return float(sum(self.doubt_m[list(stretch)].max() for stretch in stretches))
 
     def local(self, chosen: Sequence[int], frame: se2.Array) -> PointSet:
         """Returns the points of some sweeps in a frame (3,), with their turns as times."""
@@ -101,6 +107,7 @@ def place_sweeps(scans: Scans, trajectory: Trajectory, settings: AuditConfig, be
         times=times,
         poses=poses,
         travelled=se2.path_lengths(poses),
+        doubt_m=measure_doubt(track, times, scans.revolution_s, float(np.sqrt(np.mean(returns.ranges**2)))),
         revolution_s=scans.revolution_s,
         track=track,
     )

@@ -21,6 +21,8 @@ from mqslam.errors import Remedy
 _LISTED: Final = 3  # stretches or jumps that a sentence names one by one, so that it stays readable
 _MOST: Final = 0.5  # by definition: most scans are more than half of them
 _CLOSE_TURNS: Final = 0.5  # by definition: the pose that is nearest to a scan is its own within half a turn
+_LONGEST_TURNS: Final = 1.5  # by definition: poses for every scan lie a turn apart, and every second one is missing at two
+_INSIDE: Final = np.array([0.25, 0.5, 0.75])  # numerical: where between two poses curve and chord are compared
 _SIDE: Final = 2  # steps before and as many after one that it is compared with: their median survives one wrong step
 
 
@@ -116,6 +118,45 @@ def mark_interpolated(
     close_s = _CLOSE_TURNS * revolution_s
     is_wide = since + until > settings.window * revolution_s
     return np.asarray(is_wide & (since > close_s) & (until > close_s))
+
+
+def measure_doubt(track: Track, times: NDArray[np.float64], revolution_s: float, range_m: float) -> NDArray[np.float64]:
+    """Returns how far off (S,) points may be that scans put on the map, since poses are interpolated [m].
+
+    Between two poses the sensor is taken to move on a smooth curve (`se2.smooth`). How far the curve leaves the straight
+    way at a steady rate of turn says how much of the motion is a guess. Nothing is, where every scan has a pose.
+
+    Args:
+        track: the trajectory.
+        times: (S,) starts of the scans [s] since the recording's start.
+        revolution_s: usual duration of a scan [s].
+        range_m: root mean square of the distances of points [m], at which a yaw that is off moves them.
+    """
+    if len(track.times) < 3:
+        return np.zeros(len(times))
+    durations = np.diff(track.times)
+    at = (track.times[:-1, None] + durations[:, None] * _INSIDE).ravel()
+    curve, chord = (fit(track.times, track.poses, at) for fit in (se2.smooth, se2.interpolate))
+    off = se2.wrapped_between(chord, curve)
+    off_m = (np.hypot(off[:, 0], off[:, 1]) + range_m * np.abs(off[:, 2])).reshape(-1, len(_INSIDE)).max(axis=1)
+    off_m[durations <= _LONGEST_TURNS * revolution_s] = 0.0
+    first, last = _find_steps(track, times) - 1, _find_steps(track, times + revolution_s) + 1  # the curve needs those beside
+    return np.array([off_m[max(a, 0) : b + 1].max() for a, b in zip(first.tolist(), last.tolist(), strict=True)])
+
+
+def judge_doubt(doubt_m: NDArray[np.float64], settings: AuditConfig) -> list[Finding]:
+    """Returns what cannot be judged since poses are too sparse for the turns of a trajectory; nothing where they are not.
+
+    Args:
+        doubt_m: (S,) how far off points may be, since poses are interpolated [m].
+        settings: of the audit.
+    """
+    unsure = int(np.count_nonzero(doubt_m > settings.jump_m))
+    if not unsure:
+        return []
+    where = f"its poses are too sparse for its turns: in {count_of(unsure, 'scan')} interpolation may be off by up to"
+    reason = f"{where} {doubt_m.max():.2f} m, and nothing smaller is held against it there; {Remedy.GIVE_MORE_POSES}"
+    return [Finding(VerdictStatus.PASS, reason, judged=False)]
 
 
 def find_gaps(track: Track, times: NDArray[np.float64]) -> list[tuple[float, float]]:

@@ -47,6 +47,19 @@ def test_the_true_map_passes() -> None:
     assert not any(r.torn for r in judgement.revisits)
 
 
+@pytest.mark.parametrize(("jump_m", "status"), [(0.0, "pass"), (2.0, "fail")])
+def test_poses_of_every_fourth_scan_pass_and_still_show_a_jump(jump_m: float, status: str) -> None:
+    recording, scans = block_drive()
+    truth = recording.ground_truth
+    poses = truth.poses.copy()
+    poses[len(poses) // 2 :, 0] += jump_m
+    sparse = Trajectory(truth.stamps_us[::4], poses[::4])
+    sweeps, _ = place_sweeps(scans, sparse, CONFIG.audit, BEAM)
+    judgement = audit(sweeps, *SETTINGS, LocalEngine(2), ignore_progress)
+    assert judgement.status == status, judgement.reasons
+    assert any("too sparse for its turns" in finding.reason for finding in judgement.tests["trajectory"])
+
+
 def test_a_torn_loop_fails_and_its_offset_is_measured() -> None:
     judgement = judged(3.0)
     assert judgement.status == "fail"

@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mqslam.auditing.tracks import Track, find_jumps, judge_track, mark_interpolated
+from mqslam.auditing.tracks import Track, find_jumps, judge_doubt, judge_track, mark_interpolated, measure_doubt
 from mqslam.auditing.verdict import Finding, VerdictStatus
 from mqslam.config import Config
+from mqslam.core import se2
 
 CONFIG = Config()
 REVOLUTION_S = 0.25
@@ -117,3 +118,22 @@ def test_a_trajectory_of_few_scans_is_a_warning_about_its_stamps() -> None:
     assert finding.status is VerdictStatus.WARN
     assert finding.reason.startswith("the trajectory covers only 60 of 160 scans, from 0.0 s to 14.8 s")
     assert judge_track(Track(TIMES, driven(TIMES), 160, 60), TIMES, REVOLUTION_S, CONFIG.audit, CONFIG.verdict) == []
+
+
+@pytest.mark.parametrize("every", [2, 4, 6])
+def test_the_doubt_of_sparse_poses_covers_what_interpolation_is_off_by(every: int) -> None:
+    sparse = track(np.arange(160) % every == 0)
+    times = TIMES[: 160 - every]
+    doubt_m = measure_doubt(sparse, times, REVOLUTION_S, 30.0)
+    off = se2.wrapped_between(driven(TIMES)[: len(times)], se2.smooth(sparse.times, sparse.poses, times))
+    off_m = np.hypot(off[:, 0], off[:, 1]) + 30.0 * np.abs(off[:, 2])
+    assert np.all(off_m <= doubt_m) and doubt_m.max() < 0.2 * every
+    (finding,) = judge_doubt(doubt_m, CONFIG.audit)
+    assert not finding.judged and f"by up to {doubt_m.max():.2f} m" in finding.reason
+
+
+def test_no_doubt_is_cast_on_poses_of_every_scan_nor_on_a_straight_drive() -> None:
+    assert not measure_doubt(track(noise_m=0.3), TIMES, REVOLUTION_S, 30.0).any()
+    straight = np.column_stack([8.0 * TIMES[::8], 0.0 * TIMES[::8], 0.0 * TIMES[::8]])
+    assert np.allclose(measure_doubt(Track(TIMES[::8], straight, 160, 0), TIMES, REVOLUTION_S, 30.0), 0.0)
+    assert judge_doubt(np.zeros(160), CONFIG.audit) == []

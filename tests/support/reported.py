@@ -155,6 +155,7 @@ def swept_walls(count: int = 60, per_sweep: int = 40) -> Sweeps:
         times=0.25 * np.arange(count),
         poses=poses,
         travelled=se2.path_lengths(poses),
+        doubt_m=np.zeros(count),
         revolution_s=0.25,
         track=Track(0.25 * np.arange(count), poses, count, 0),
     )

@@ -84,7 +84,8 @@ def audit_spans(
         squares = np.diff(offsets, axis=0) ** 2 / (variances[1:] + variances[:-1])
         covariances = se2.scale_covariance(covariances, find_trimmed_scale(squares))
         p_values = _compute_p_values(spans, offsets, covariances)
-    torn = (p_values < limits.share_of_false_alarms) & (np.hypot(*offsets[:, :2].T) > settings.span_torn_m)
+    tolerated = np.maximum(settings.span_torn_m, [span.doubt_m for span in spans])
+    torn = (p_values < limits.share_of_false_alarms) & (np.hypot(*offsets[:, :2].T) > tolerated)
     return [
         SpanAudit(
             laid=span,

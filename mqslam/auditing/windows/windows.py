@@ -26,6 +26,7 @@ class Undecided(StrEnum):
     """Why nothing was decided about a window."""
 
     GAP = "its motion is interpolated across a gap of the trajectory"
+    SPARSE = "it is off by no more than its motion may be where poses are too sparse for a turn"
     APART = "nothing is seen twice, even at its best"
 
 
@@ -116,6 +117,7 @@ def audit_window(sweeps: Sweeps, begin: int, end: int, settings: AuditConfig, es
         locate_sensors(turns, sweeps.numbers, sweeps.poses),
         settings,
     )
+    explained = bend.size_m <= sweeps.doubt([range(begin, end)])
     is_bent = bend.inflation > torn_threshold(settings) and bend.size_m > settings.bend_m
     return WindowAudit(
         begin=begin,
@@ -125,7 +127,8 @@ def audit_window(sweeps: Sweeps, begin: int, end: int, settings: AuditConfig, es
         pose=sweeps.poses[(begin + end) // 2],
         bend=bend,
         measures=measures,
-        torn=bool(is_bent),
+        torn=bool(is_bent) and not explained,
+        undecided=Undecided.SPARSE if is_bent and explained else None,
     )
 
 
