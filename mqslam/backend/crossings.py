@@ -19,8 +19,8 @@ from mqslam.config import EstimatorConfig, RefinementConfig
 from mqslam.core.engine import Engine
 from mqslam.core.scans import Returns
 from mqslam.mapping.render import place_along
-from mqslam.psi.minimiser import References
 from mqslam.psi.place import Beam, PointSet
+from mqslam.psi.scoring.references import References
 
 
 @dataclass(frozen=True, slots=True)

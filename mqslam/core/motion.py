@@ -4,7 +4,8 @@ Every model states the body twist as a polynomial in time, linear in its paramet
 
     yaw(t) = int_0^t omega,    (x, y)(t) = int_0^t R(yaw(u)) (vx, vy)(u) du
 
-by Gauss-Legendre quadrature, which is exact to rounding for turns below a radian per window.
+by Gauss-Legendre quadrature from one time to the next, which is exact to rounding: with six nodes for turns below a radian,
+with two for the small turns between azimuths.
 """
 
 from __future__ import annotations
@@ -18,9 +19,17 @@ from numpy.typing import NDArray
 from mqslam.core import se2
 
 VX, VY, OMEGA = 0, 1, 2
-_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(6)  # exact to rounding for turns below a radian
-_NODES = 0.5 * (_NODES + 1.0)  # between 0 and 1
-_WEIGHTS = 0.5 * _WEIGHTS
+
+
+def _spread_nodes(count: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Returns as many nodes between 0 and 1, and their weights."""
+    nodes, weights = np.polynomial.legendre.leggauss(count)
+    return 0.5 * (nodes + 1.0), 0.5 * weights
+
+
+_NODES, _WEIGHTS = _spread_nodes(6)
+_FEW_NODES, _FEW_WEIGHTS = _spread_nodes(2)
+_SHORT_TURN = 0.005  # turn [rad] below which few nodes are exact to rounding: the error falls with its fifth power
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,15 +113,29 @@ def integrate(
     jacobians = np.zeros((n, 3, size))
     twists = np.zeros((n, 3))
     d_yaw, bases = np.zeros(size), np.zeros(size)
+    nodes, weights = _NODES, _WEIGHTS
+    before, turned = 0.0, 0.0  # the time up to which all before is integrated, and the yaw there
     for i in range(n):
         t = times[i]
-        if i > 0 and t == times[i - 1]:  # the returns of one azimuth share their time
-            poses[i], jacobians[i], twists[i] = poses[i - 1], jacobians[i - 1], twists[i - 1]
+        if i > 0:
+            poses[i], jacobians[i] = poses[i - 1], jacobians[i - 1]
+        if i > 0 and t == before:  # the returns of one azimuth share their time
+            twists[i] = twists[i - 1]
             continue
-        for node in range(len(_NODES)):
-            u = t * _NODES[node]
-            weight = t * _WEIGHTS[node]
-            yaw = 0.0
+        yaw = 0.0
+        for p in range(size):
+            base = raise_to(t, powers[p])
+            twists[i, components[p]] += theta[p] * base
+            if components[p] == OMEGA:
+                yaw += theta[p] * base * t / (powers[p] + 1)
+                jacobians[i, 2, p] = base * t / (powers[p] + 1)
+        poses[i, 2] = yaw
+        is_short = abs(yaw - turned) < _SHORT_TURN
+        nodes, weights = (_FEW_NODES, _FEW_WEIGHTS) if is_short else (_NODES, _WEIGHTS)
+        for node in range(len(nodes)):
+            u = before + (t - before) * nodes[node]
+            weight = (t - before) * weights[node]
+            yaw_there = 0.0
             vx = 0.0
             vy = 0.0
             for p in range(size):
@@ -121,12 +144,12 @@ def integrate(
                 d_yaw[p] = 0.0
                 if components[p] == OMEGA:
                     d_yaw[p] = base * u / (powers[p] + 1)
-                    yaw += theta[p] * d_yaw[p]
+                    yaw_there += theta[p] * d_yaw[p]
                 elif components[p] == VX:
                     vx += theta[p] * base
                 else:
                     vy += theta[p] * base
-            c, s = np.cos(yaw), np.sin(yaw)
+            c, s = np.cos(yaw_there), np.sin(yaw_there)
             ahead = c * vx - s * vy
             left = s * vx + c * vy
             poses[i, 0] += weight * ahead
@@ -142,10 +165,5 @@ def integrate(
                 else:
                     jacobians[i, 0, p] -= weight * s * base
                     jacobians[i, 1, p] += weight * c * base
-        for p in range(size):
-            base = raise_to(t, powers[p])
-            twists[i, components[p]] += theta[p] * base
-            if components[p] == OMEGA:
-                poses[i, 2] += theta[p] * base * t / (powers[p] + 1)
-                jacobians[i, 2, p] = base * t / (powers[p] + 1)
+        before, turned = t, yaw
     return poses, jacobians, twists

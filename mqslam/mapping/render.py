@@ -12,9 +12,9 @@ from mqslam.core.point_map import PointMap
 from mqslam.core.scans import Returns, Scans
 from mqslam.errors import EstimationError
 from mqslam.execution.local_engine import HERE
-from mqslam.psi.minimiser import final_scale, score
-from mqslam.psi.neighbours import CellGrid, find_candidates, sort_into_cells
+from mqslam.psi.minimiser import final_scale, score_against
 from mqslam.psi.place import Beam, PointSet, compute_beam_covariance
+from mqslam.psi.scoring.references import References, make_references
 
 _CHUNK = 50_000  # points that are scored at a time, which bounds the memory of neighbour lists; the result is the same
 
@@ -110,18 +110,18 @@ def score_points(
         Each point's share of psi (N,), charges included, and whether it was matched (N,): whether it has a neighbour that
         was seen at least about one turn earlier or later, be it in another pass.
     """
-    shared = points, sort_into_cells(points.points, estimator.s), revolution_s, estimator
+    shared = make_references(points, estimator.s), revolution_s, estimator
     parts = engine.map(_score_chunk, shared, range(0, len(points), _CHUNK))
     return np.concatenate([p[0] for p in parts]), np.concatenate([p[1] for p in parts])
 
 
 def _score_chunk(
-    shared: tuple[PointSet, CellGrid, float, EstimatorConfig], begin: int
+    shared: tuple[References, float, EstimatorConfig], begin: int
 ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
     """Scores the points of the chunk that begins at an index against all points."""
-    points, grid, revolution_s, estimator = shared
+    references, revolution_s, estimator = shared
+    points = references.points
     span = slice(begin, begin + _CHUNK)
     some = PointSet(points.points[span], points.jacobians[span], points.covariances[span], points.times[span])
-    lists = find_candidates(grid, some.points, estimator.s)
-    evaluation = score(some, points, lists, final_scale(estimator), revolution_s, estimator)
+    evaluation = score_against(some, references, final_scale(estimator), revolution_s, estimator)
     return evaluation.shares, evaluation.matched

@@ -17,7 +17,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from mqslam.psi.estimator import Evaluation
+from mqslam.psi.scoring.estimator import Evaluation
 
 # Neither number tunes anything: the first stands for "unknown", the second keeps the inverse of the curvature finite.
 _UNKNOWN = 1e6  # variance, over that of the curvature alone, where there are no more objects than variables

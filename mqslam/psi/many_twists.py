@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 from mqslam.core import se2
 from mqslam.core.motion import CONSTANT_TWIST
 from mqslam.core.scans import Returns
-from mqslam.psi.estimator import Kernel, PointArrays, Scale, evaluate_arrays
-from mqslam.psi.neighbours import CandidateLists, CellGrid, list_near, sort_points
 from mqslam.psi.place import Beam, place_arrays
+from mqslam.psi.scoring.estimator import Kernel, PointArrays, Scale, evaluate_arrays
+from mqslam.psi.scoring.neighbours import CandidateLists, CellGrid, list_near, sort_points
 
 
 def score_twists(

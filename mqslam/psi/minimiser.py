@@ -15,9 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mqslam.config import EstimatorConfig
-from mqslam.psi.estimator import Evaluation, Kernel, Scale, evaluate
-from mqslam.psi.neighbours import CandidateLists, CellGrid, NeighbourCache, find_candidates, sort_into_cells
 from mqslam.psi.place import PointSet
+from mqslam.psi.scoring.estimator import Evaluation, Kernel, Scale, evaluate
+from mqslam.psi.scoring.neighbours import CandidateLists, NeighbourCache, find_candidates, sort_into_cells
+from mqslam.psi.scoring.references import References, evaluate_against
 
 _FLATTEST = 1e-9  # least curvature that a step is divided by [1/tolerance^2], which keeps the step finite
 
@@ -48,18 +49,6 @@ class Prior:
     information: NDArray[np.float64]
 
 
-class References(NamedTuple):
-    """Points that stay where they are while others are compared with them.
-
-    Args:
-        points: the points.
-        grid: the same points, sorted into cells.
-    """
-
-    points: PointSet
-    grid: CellGrid
-
-
 @dataclass(frozen=True, slots=True)
 class Minimum:
     """Where the minimiser ended.
@@ -75,27 +64,19 @@ class Minimum:
     converged: bool
 
 
-def score(
-    queries: PointSet,
-    references: PointSet,
-    lists: CandidateLists,
-    scale: Scale,
-    revolution_s: float,
-    config: EstimatorConfig,
+def score_against(
+    queries: PointSet, references: References, scale: Scale, revolution_s: float, config: EstimatorConfig
 ) -> Evaluation:
-    """Scores points against references, or against themselves where both are the same object, as the settings say.
+    """Scores points against references, as the settings say.
 
     Args:
         queries: points whose offsets are scored.
         references: points that they are compared with.
-        lists: candidates for every query within the scale's s.
         scale: widths of selection and weights.
         revolution_s: duration of a turn [s]; with zero, points are compared whatever their times are.
         config: settings of the score.
     """
-    return evaluate(
-        queries, references, lists, scale, kernel_of(config, revolution_s), moving_references=queries is references
-    )
+    return evaluate_against(queries, references, scale, kernel_of(config, revolution_s))
 
 
 def kernel_of(config: EstimatorConfig, revolution_s: float) -> Kernel:
@@ -114,7 +95,14 @@ def kernel_of(config: EstimatorConfig, revolution_s: float) -> Kernel:
 def score_itself(points: PointSet, scale: Scale, revolution_s: float, config: EstimatorConfig) -> Evaluation:
     """Scores points against each other, with candidates looked up anew."""
     lists = find_candidates(sort_into_cells(points.points, scale.s), points.points, scale.s)
-    return score(points, points, lists, scale, revolution_s, config)
+    return _score_moving(points, lists, scale, revolution_s, config)
+
+
+def _score_moving(
+    points: PointSet, lists: CandidateLists, scale: Scale, revolution_s: float, config: EstimatorConfig
+) -> Evaluation:
+    """Scores points that all move with the state against each other."""
+    return evaluate(points, points, lists, scale, kernel_of(config, revolution_s), moving_references=True)
 
 
 class Expansion(NamedTuple):
@@ -231,9 +219,10 @@ class _Rendered:
         """Returns the score at a state, as `Objective` says."""
         queries = self._render(state)
         self._jacobians = queries.jacobians
-        others, grid = (queries, None) if self._references is None else self._references
-        lists = self._cache.lists(queries.points, others.points, scale.s, grid)
-        return score(queries, others, lists, scale, self._revolution_s, self._config)
+        if self._references is not None:
+            return score_against(queries, self._references, scale, self._revolution_s, self._config)
+        lists = self._cache.lists(queries.points, queries.points, scale.s)
+        return _score_moving(queries, lists, scale, self._revolution_s, self._config)
 
 
 def _shorten_step(move: NDArray[np.float64], moved_m: float, reach_m: float) -> NDArray[np.float64]:

@@ -12,7 +12,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from mqslam.psi.estimator import Evaluation
+from mqslam.psi.scoring.estimator import Evaluation
 
 _SHOWN = 1e-9  # correlated eigenvalues below this share of the largest one are rounding
 

@@ -18,12 +18,12 @@ from mqslam.core.measurement import Status
 from mqslam.core.motion import CONSTANT_TWIST, OMEGA, MotionModel
 from mqslam.core.scans import Returns
 from mqslam.psi.covariance import estimate_covariance_by_differences
-from mqslam.psi.estimator import Evaluation
 from mqslam.psi.gaussians import floor_variances, invert
 from mqslam.psi.many_twists import score_twists
 from mqslam.psi.minimiser import Minimum, Prior, annealed_scale, final_scale, kernel_of, minimise, score_itself
 from mqslam.psi.observability import find_weak_directions, spread_along
 from mqslam.psi.place import Beam, PointSet, place
+from mqslam.psi.scoring.estimator import Evaluation
 
 TOLERANCES = {0: 5e-3, 1: 5e-3, 2: 1e-4}
 """Step that ends the search, by twist component [m/s, m/s, rad/s]: a numerical tolerance, far below psi's own noise."""

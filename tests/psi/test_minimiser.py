@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 from support.clouds import TURN_S, point_set
 
 from mqslam.config import EstimatorConfig
-from mqslam.psi.minimiser import Minimum, Prior, References, minimise
-from mqslam.psi.neighbours import sort_into_cells
+from mqslam.psi.minimiser import Minimum, Prior, minimise
 from mqslam.psi.place import PointSet
+from mqslam.psi.scoring.references import make_references
 
 CONFIG = EstimatorConfig()
 TOLERANCES = np.full(2, 1e-3)
@@ -27,7 +27,7 @@ def find_shift(start: NDArray[np.float64], first_step: int, config: EstimatorCon
     def render(shift: NDArray[np.float64]) -> PointSet:
         return replace(moving, points=moving.points + shift)
 
-    references = References(fixed, sort_into_cells(fixed.points, 1.0))
+    references = make_references(fixed)
     free = Prior(np.zeros(2), np.zeros((2, 2)))
     return minimise(start, render, references, free, config, TURN_S, TOLERANCES, first_step)
 

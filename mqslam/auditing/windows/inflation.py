@@ -17,11 +17,11 @@ from mqslam.auditing.sweeps import Sweeps
 from mqslam.config import AuditConfig, EstimatorConfig
 from mqslam.core import se2
 from mqslam.psi.covariance import estimate_covariance_by_differences
-from mqslam.psi.estimator import Evaluation, Scale
 from mqslam.psi.gaussians import floor_variances
 from mqslam.psi.minimiser import Minimum, Prior, annealed_scale, final_scale, minimise, score_itself
 from mqslam.psi.observability import find_weak_directions, spread_along
 from mqslam.psi.place import PointSet
+from mqslam.psi.scoring.estimator import Evaluation, Scale
 
 SWEEP: Final = 1.0  # by definition: times are counted in sweeps, so that one direction is seen again after 1
 _LEAST_LEVER_M: Final = 1.0  # numerical: keeps the step in yaw finite where all points lie at the sensor

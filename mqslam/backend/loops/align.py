@@ -19,15 +19,14 @@ from mqslam.config import EstimatorConfig, PassConfig
 from mqslam.core import se2
 from mqslam.psi.correlate import find_correlation_peaks
 from mqslam.psi.covariance import estimate_covariance, sum_by_object
-from mqslam.psi.estimator import Evaluation, Scale
-from mqslam.psi.minimiser import Minimum, References, annealed_scale, final_scale, score
-from mqslam.psi.neighbours import find_candidates, sort_into_cells
+from mqslam.psi.minimiser import Minimum, annealed_scale, final_scale, score_against
 from mqslam.psi.observability import find_weak_directions
 from mqslam.psi.place import PointSet
+from mqslam.psi.scoring.estimator import Evaluation, Scale
+from mqslam.psi.scoring.references import References, make_references
 
 TOLERANCES: Final = np.array([1e-3, 1e-3, 2e-5])
 """A step [m, m, rad] smaller than this ends the minimiser: a numerical tolerance."""
-_CELL_M: Final = 1.0  # side of the cells that points are sorted into to find neighbours: a matter of speed only
 
 
 @dataclass(frozen=True, slots=True)
@@ -145,7 +144,7 @@ def score_at_pose(reference: PointSet, query: PointSet, pose: se2.Array, config:
 
 def as_references(points: PointSet) -> References:
     """Returns points as references that others are compared with."""
-    return References(points, sort_into_cells(points.points, _CELL_M))
+    return make_references(points)
 
 
 def score_among(references: References, points: PointSet, config: EstimatorConfig) -> Evaluation:
@@ -161,5 +160,4 @@ def observes_all(references: References, points: PointSet, config: EstimatorConf
 
 def _score(references: References, points: PointSet, scale: Scale, config: EstimatorConfig) -> Evaluation:
     """Returns the score of points among references whatever their times."""
-    lists = find_candidates(references.grid, points.points, scale.s)
-    return score(points, references.points, lists, scale, ANY_TIME, config)
+    return score_against(points, references, scale, ANY_TIME, config)

@@ -14,11 +14,13 @@ from numpy.typing import NDArray
 
 from mqslam.config import EstimatorConfig
 from mqslam.core import se2
-from mqslam.psi.estimator import Evaluation, Scale, evaluate
-from mqslam.psi.minimiser import Expansion, Minimum, Prior, References, descend, kernel_of
-from mqslam.psi.neighbours import CandidateLists, NeighbourCache
+from mqslam.psi.minimiser import Expansion, Minimum, Prior, descend, kernel_of
 from mqslam.psi.place import PointSet, rotate_covariances
+from mqslam.psi.scoring.estimator import Evaluation, PointArrays, Scale
+from mqslam.psi.scoring.references import References, add_up_neighbours, evaluate_against
 
+_NO_JACOBIANS: Final = np.empty((0, 2, 0))
+_NO_RAYS: Final = np.empty((0, 2))
 ANY_TIME: Final = 0.0
 """Turns between neighbours that psi requires: by definition none, as submaps are compared whatever their times."""
 
@@ -69,20 +71,16 @@ class RigidObjective:
     def __init__(self, points: PointSet, references: References, config: EstimatorConfig) -> None:
         self._points, self._references, self._config = points, references, config
         self._kernel = kernel_of(config, ANY_TIME)
-        self._limits = _Limits(-np.log(config.xi), config.blur_m * config.blur_m)
-        self._cache = NeighbourCache()
         self._turn = 1.0, 0.0
 
     def expand(self, state: NDArray[np.float64], scale: Scale) -> Expansion:
         """Returns the score around a pose, as `Objective` says."""
-        points, (others, grid) = self._points, self._references
+        points, (_, *arranged) = self._points, self._references
         c, s = self._turn = float(np.cos(state[2])), float(np.sin(state[2]))
         placed = place_rigidly(points.points, state[0], state[1], c, s)
-        lists = self._cache.lists(placed, others.points, scale.s, grid)
-        submap = RigidArrays(placed, points.points, points.covariances, c, s)
-        gradient, information, curvature = expand_rigidly(
-            submap, others.points, others.covariances, lists, scale, self._limits
-        )
+        queries = PointArrays(placed, _NO_JACOBIANS, points.covariances, points.times, _NO_RAYS)
+        sums = add_up_neighbours(queries, *arranged, scale, self._kernel, False)
+        gradient, information, curvature = expand_rigidly(RigidArrays(points.points, points.covariances, c, s), sums, scale)
         return Expansion(gradient, information, 0.5 * (curvature + curvature.T))
 
     def measure_move(self, move: NDArray[np.float64]) -> float:
@@ -91,34 +89,18 @@ class RigidObjective:
 
     def evaluate(self, state: NDArray[np.float64], scale: Scale) -> Evaluation:
         """Returns the score at a pose, as `Objective` says."""
-        placed, (others, grid) = move_rigidly(self._points, state), self._references
-        lists = self._cache.lists(placed.points, others.points, scale.s, grid)
-        return evaluate(placed, others, lists, scale, self._kernel, moving_references=False)
-
-
-class _Limits(NamedTuple):
-    """What the score of a submap is besides its scale.
-
-    Args:
-        least: exponent of the least kappa of a selected neighbour.
-        blur: variance that is added to every offset [m^2].
-    """
-
-    least: float
-    blur: float
+        return evaluate_against(move_rigidly(self._points, state), self._references, scale, self._kernel)
 
 
 class RigidArrays(NamedTuple):
     """A submap at a pose.
 
     Args:
-        placed: (N, 2) m, where its points are.
         own: (N, 2) m, its points in its own frame.
         covariances: (N, 3) xx, xy, yy [m^2] in its own frame.
         c, s: cosine and sine of the pose's yaw.
     """
 
-    placed: NDArray[np.float64]
     own: NDArray[np.float64]
     covariances: NDArray[np.float64]
     c: float
@@ -148,57 +130,26 @@ def measure_rigid_move(points: NDArray[np.float64], c: float, s: float, move: ND
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
 def expand_rigidly(
-    submap: RigidArrays,
-    others: NDArray[np.float64],
-    other_covariances: NDArray[np.float64],
-    lists: CandidateLists,
-    scale: Scale,
-    limits: _Limits,
+    submap: RigidArrays, sums: NDArray[np.float64], scale: Scale
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Returns gradient (3,), information (3, 3) and curvature (3, 3), not yet symmetric; see `estimator.evaluate_arrays`.
+    """Returns gradient (3,), information (3, 3) and curvature (3, 3), not yet symmetric; see `estimator.weigh_offsets`.
 
-    Its letters are those of that function, and its terms are in the same order, so that both give the same digits.
+    Its letters are those of that function.
 
     Args:
         submap: the points at their pose.
-        others: (M, 2) m, points that stay where they are.
-        other_covariances: (M, 3) xx, xy, yy [m^2].
-        lists: candidates among them for every point.
+        sums: (N, 10) over the neighbours of each, as that function takes them.
         scale: widths of selection and weights.
-        limits: the score besides its widths.
     """
-    x, own, cov = submap.placed, submap.own, submap.covariances
-    offsets, indices = lists.offsets, lists.indices
-    least, blur, wide = limits.least, limits.blur, scale.c * scale.c
-    within, spread = scale.s * scale.s, scale.beta_s * scale.beta_s
-    b = 2.0 / spread
+    own, cov = submap.own, submap.covariances
+    wide, b = scale.c * scale.c, 2.0 / (scale.beta_s * scale.beta_s)
     turn_c, turn_s = submap.c, submap.s
     cc, cs, ss = turn_c * turn_c, turn_c * turn_s, turn_s * turn_s
     cs2 = 2.0 * turn_c * turn_s
     gradient, information, curvature = np.zeros(3), np.zeros((3, 3)), np.zeros((3, 3))
-    for i in range(len(x)):
-        sum_k, mx, my, sxx, sxy, syy = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
-        cxx, cxy, cyy, blurs = 0.0, 0.0, 0.0, 0.0
-        for k in range(offsets[i], offsets[i + 1]):
-            m = indices[k]
-            dx, dy = others[m, 0] - x[i, 0], others[m, 1] - x[i, 1]
-            d2 = dx * dx + dy * dy
-            if d2 >= within:
-                continue
-            q = d2 / spread
-            if q > least:
-                continue
-            kappa = np.exp(-q)
-            blurs += kappa * blur
-            sum_k += kappa
-            mx += kappa * dx
-            my += kappa * dy
-            sxx += kappa * dx * dx
-            sxy += kappa * dx * dy
-            syy += kappa * dy * dy
-            cxx += kappa * other_covariances[m, 0]
-            cxy += kappa * other_covariances[m, 1]
-            cyy += kappa * other_covariances[m, 2]
+    for i in range(len(own)):
+        sum_k, mx, my, sxx, sxy = sums[i, 0], sums[i, 1], sums[i, 2], sums[i, 3], sums[i, 4]
+        syy, cxx, cxy, cyy, blurs = sums[i, 5], sums[i, 6], sums[i, 7], sums[i, 8], sums[i, 9]
         if sum_k == 0.0:
             continue
         xx, xy, yy = cov[i, 0], cov[i, 1], cov[i, 2]

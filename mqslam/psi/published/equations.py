@@ -26,7 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mqslam.config import PsiConfig
-from mqslam.psi.neighbours import CandidateLists, find_candidates, sort_into_cells
+from mqslam.psi.scoring.neighbours import CandidateLists, find_candidates, sort_into_cells
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,4 +1,4 @@
-"""Readable twins of `mqslam.psi.published.equations` and `mqslam.psi.estimator`, which the tests hold these to.
+"""Readable twins of `mqslam.psi.published.equations` and `mqslam.psi.scoring.estimator`, which the tests hold these to.
 
 They compute the equations as they stand, and are slow.
 """
@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from mqslam.config import PsiConfig
-from mqslam.psi.estimator import Evaluation, Kernel, Scale
 from mqslam.psi.place import PointSet
 from mqslam.psi.published.equations import PsiScore, check_points
+from mqslam.psi.scoring.estimator import Evaluation, Kernel, Scale
 
 
 def score_reference(
@@ -77,7 +77,7 @@ def evaluate_reference(
     kernel: Kernel,
     moving_references: bool,
 ) -> Evaluation:
-    """Scores the query points against the reference points; arguments and result as `mqslam.psi.estimator.evaluate`."""
+    """Scores the query points against the reference points; arguments and result as of `scoring.estimator.evaluate`."""
     revolution_s, beta_t, xi = kernel.revolution_s, kernel.beta_t, kernel.xi
     knows_aspects = len(queries.rays) == len(queries) and len(references.rays) == len(references)
     n, size = len(queries), queries.jacobians.shape[2]

@@ -9,10 +9,8 @@ from numpy.typing import NDArray
 
 from mqslam.config import TrackerConfig
 from mqslam.core import se2
-from mqslam.psi.neighbours import CellGrid, sort_into_cells
 from mqslam.psi.place import PointSet
-
-_CELL_M = 1.0  # side of the cells in which neighbours are looked up [m]: it changes how long that takes, not what is found
+from mqslam.psi.scoring.references import make_references
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,8 +32,7 @@ class LocalMap:
     def __init__(self, settings: TrackerConfig) -> None:
         self._settings = settings
         self._keyframes: list[_Keyframe] = []
-        self.points = _join([])
-        self.grid: CellGrid = sort_into_cells(self.points.points, _CELL_M)
+        self.references = make_references(_join([]))
 
     def __len__(self) -> int:
         """Number of keyframes that it holds."""
@@ -62,8 +59,7 @@ class LocalMap:
         """
         kept = sorted([*self._keyframes, _Keyframe(t0, pose.copy(), placed)], key=lambda keyframe: keyframe.t0)
         self._keyframes = kept[-self._settings.keyframes :]
-        self.points = _join([keyframe.placed for keyframe in self._keyframes])
-        self.grid = sort_into_cells(self.points.points, _CELL_M)
+        self.references = make_references(_join([keyframe.placed for keyframe in self._keyframes]))
 
     def _is_far(self, t0: float, pose: se2.Array) -> bool:
         """Returns whether a scan is far from the keyframe nearest in time."""

@@ -11,11 +11,10 @@ from numpy.typing import NDArray
 from mqslam.core.scans import Scan
 from mqslam.psi.correlate import find_correlation_peaks
 from mqslam.psi.covariance import sum_by_object
-from mqslam.psi.estimator import Evaluation, Scale
-from mqslam.psi.minimiser import Minimum, Prior, References, annealed_scale, final_scale, minimise, score
-from mqslam.psi.neighbours import find_candidates
+from mqslam.psi.minimiser import Minimum, Prior, annealed_scale, final_scale, minimise, score_against
 from mqslam.psi.observability import find_weak_directions
 from mqslam.psi.place import PointSet, place
+from mqslam.psi.scoring.estimator import Evaluation, Scale
 from mqslam.psi.tracking.local_map import LocalMap
 from mqslam.psi.tracking.setup import Setup
 from mqslam.psi.tracking.state import MODEL, POSE, TOLERANCES, Belief, State
@@ -71,7 +70,7 @@ class Matcher:
         return minimise(
             start.vector,
             lambda vector: self.place(scan, State(vector)),
-            References(into.points, into.grid),
+            into.references,
             prior,
             self.setup.matching,
             self.setup.revolution_s,
@@ -158,8 +157,7 @@ class Matcher:
         return PointSet(placed.points, placed.jacobians, placed.covariances, placed.times)
 
     def _score(self, placed: PointSet, scale: Scale, into: LocalMap) -> Evaluation:
-        lists = find_candidates(into.grid, placed.points, scale.s)
-        return score(placed, into.points, lists, scale, self.setup.revolution_s, self.setup.matching)
+        return score_against(placed, into.references, scale, self.setup.revolution_s, self.setup.matching)
 
     def _refine_peaks(self, scan: Scan, predicted: Belief, into: LocalMap) -> list[Minimum]:
         """Returns the minima that start from the peaks of a correlation around the prediction."""
@@ -170,7 +168,9 @@ class Matcher:
         own = self.place(scan, State.of(np.zeros(3), predicted.mean.motion)).points
         information = predicted.information
         minima = []
-        peaks = find_correlation_peaks(into.points.points, own, predicted.pose, reach_m, reach_rad, self.setup.matching)
+        peaks = find_correlation_peaks(
+            into.references.points.points, own, predicted.pose, reach_m, reach_rad, self.setup.matching
+        )
         for pose in peaks:
             start = State.of(pose, predicted.mean.motion)
             minima.append(self.minimise(scan, start, Prior(start.vector, information), into))

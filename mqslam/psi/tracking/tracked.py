@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from mqslam.core import se2
 from mqslam.core.measurement import Status
-from mqslam.psi.estimator import Evaluation
+from mqslam.psi.scoring.estimator import Evaluation
 from mqslam.psi.tracking.state import SIZE, State
 
 

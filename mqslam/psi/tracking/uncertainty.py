@@ -6,9 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mqslam.psi.covariance import estimate_covariance
-from mqslam.psi.estimator import Evaluation
 from mqslam.psi.gaussians import fuse, invert_information
 from mqslam.psi.place import PointSet
+from mqslam.psi.scoring.estimator import Evaluation
 from mqslam.psi.tracking.dynamics import drop_directions
 from mqslam.psi.tracking.local_map import LocalMap
 from mqslam.psi.tracking.setup import Setup

@@ -8,10 +8,11 @@ import pytest
 from mqslam.backend.loops.rigid import ANY_TIME, RigidObjective, minimise_rigidly, move_rigidly
 from mqslam.config import EstimatorConfig
 from mqslam.core import se2
-from mqslam.psi.estimator import Scale
-from mqslam.psi.minimiser import Minimum, Prior, References, annealed_scale, final_scale, minimise, score
-from mqslam.psi.neighbours import find_candidates, sort_into_cells
+from mqslam.psi.minimiser import Minimum, Prior, annealed_scale, final_scale, kernel_of, minimise
 from mqslam.psi.place import PointSet
+from mqslam.psi.scoring.estimator import Scale, evaluate
+from mqslam.psi.scoring.neighbours import find_candidates
+from mqslam.psi.scoring.references import References, make_references
 
 CONFIG = EstimatorConfig()
 TOLERANCES = np.array([1e-3, 1e-3, 2e-5])
@@ -52,7 +53,7 @@ def scans(seed: int, count: int) -> tuple[PointSet, References]:
     rng, query = np.random.default_rng(seed), scattered(seed, count)
     reference = scattered(seed + 100, count)
     reference.points[: count // 2] = query.points[: count // 2] + rng.normal(0.0, 0.1, (count // 2, 2))
-    return query, References(reference, sort_into_cells(reference.points, 1.0))
+    return query, make_references(reference)
 
 
 def minimise_slowly(start: se2.Array, query: PointSet, references: References) -> Minimum:
@@ -67,7 +68,7 @@ def test_the_compiled_score_is_that_of_points_rendered_one_by_one(scale: Scale, 
     state = np.array(pose)
     placed = move_rigidly(query, state)
     lists = find_candidates(references.grid, placed.points, scale.s)
-    expected = score(placed, references.points, lists, scale, ANY_TIME, CONFIG)
+    expected = evaluate(placed, references.points, lists, scale, kernel_of(CONFIG, ANY_TIME), moving_references=False)
     expansion = RigidObjective(query, references, CONFIG).expand(state, scale)
     for name in ("gradient", "information", "curvature"):
         np.testing.assert_allclose(getattr(expansion, name), getattr(expected, name), rtol=1e-12, atol=1e-12)

@@ -8,8 +8,7 @@ from numpy.typing import NDArray
 
 from mqslam.config import Config
 from mqslam.core.scans import Returns, Scan
-from mqslam.psi.minimiser import Minimum, Prior, annealed_scale, score
-from mqslam.psi.neighbours import find_candidates
+from mqslam.psi.minimiser import Minimum, Prior, annealed_scale, score_against
 from mqslam.psi.observability import find_weak_directions
 from mqslam.psi.place import Beam
 from mqslam.psi.tracking.local_map import LocalMap
@@ -61,8 +60,7 @@ def drive_between_walls(objects: int, seed: int, apart_m: float = 4.0) -> tuple[
 def seem_weak(scan: Scan, into: LocalMap) -> NDArray[np.float64]:
     """Returns the directions that the widest scale takes for not observed."""
     points, scale = MATCHER.place(scan, at_rest(0.0)), annealed_scale(CONFIG.estimator, 0)
-    lists = find_candidates(into.grid, points.points, scale.s)
-    wide = score(points, into.points, lists, scale, TURN_S, CONFIG.estimator)
+    wide = score_against(points, into.references, scale, TURN_S, CONFIG.estimator)
     return find_weak_directions(wide, 3, CONFIG.estimator.observed_share)
 
 

@@ -7,8 +7,8 @@ import pytest
 
 from mqslam.config import TrackerConfig
 from mqslam.core.scans import Returns, Scan
-from mqslam.psi.estimator import Evaluation
 from mqslam.psi.minimiser import Minimum
+from mqslam.psi.scoring.estimator import Evaluation
 from mqslam.psi.tracking.plausibility import Usual, is_usable, measure_overlap, overlaps
 
 SETTINGS = TrackerConfig()

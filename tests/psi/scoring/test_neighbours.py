@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from mqslam.psi.neighbours import CandidateLists, NeighbourCache, find_candidates, sort_into_cells
+from mqslam.psi.scoring.neighbours import CandidateLists, NeighbourCache, find_candidates, sort_into_cells
 
 Points = NDArray[np.float64]
 

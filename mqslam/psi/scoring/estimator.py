@@ -23,8 +23,8 @@ import numba as nb
 import numpy as np
 from numpy.typing import NDArray
 
-from mqslam.psi.neighbours import CandidateLists
 from mqslam.psi.place import PointSet
+from mqslam.psi.scoring.neighbours import CandidateLists
 
 
 class Scale(NamedTuple):
@@ -110,10 +110,8 @@ def evaluate(
         kernel: the score besides its widths.
         moving_references: whether the references depend on the same state as the queries.
     """
-    shares, matched, scores, information, curvature = evaluate_arrays(
-        arrays_of(queries), arrays_of(references), lists, scale, kernel, moving_references
-    )
-    return Evaluation(shares, matched, scores, information, 0.5 * (curvature + curvature.T))
+    fields = evaluate_arrays(arrays_of(queries), arrays_of(references), lists, scale, kernel, moving_references)
+    return Evaluation(*fields)
 
 
 class PointArrays(NamedTuple):
@@ -135,14 +133,34 @@ def arrays_of(points: PointSet) -> PointArrays:
 def evaluate_arrays(
     queries: PointArrays, references: PointArrays, lists: CandidateLists, scale: Scale, kernel: Kernel, moving: bool
 ) -> tuple[NDArray[np.float64], NDArray[np.bool_], NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Returns the fields of an `Evaluation`, its curvature not yet made symmetric.
+    """Returns the fields of an `Evaluation`."""
+    sums, pulls = _add_up_neighbours(queries, references, lists, scale, kernel, moving)
+    return weigh_offsets(queries.covariances, queries.jacobians, sums, pulls, scale)
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def weigh_offsets(
+    covariances: NDArray[np.float64],
+    jacobians: NDArray[np.float64],
+    sums: NDArray[np.float64],
+    pulls: NDArray[np.float64],
+    scale: Scale,
+) -> tuple[NDArray[np.float64], NDArray[np.bool_], NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Returns the fields of an `Evaluation` from sums over the neighbours of each query.
 
     Of each query m is the neighbours' centroid, s their scatter S_kappa, c the covariance Sigma of the offset e = -m and
-    i its inverse, f = Sigma^-1 e, j the offset's jacobian J, and h = Sigma^-1 (I - 2 S_kappa / beta_s^2).
+    i its inverse, f = Sigma^-1 e, j the offset's jacobian J, and h = Sigma^-1 (I - 2 S_kappa / beta_s^2), made symmetric.
+
+    Args:
+        covariances: (N, 3) xx, xy, yy of the queries [m^2].
+        jacobians: (N, 2, Q) of the queries.
+        sums: (N, 10) over the neighbours, weighted by kappa: of 1, of the offset's x, y and its products xx, xy, yy, of the
+            covariance's xx, xy, yy, and of the squared blur.
+        pulls: (N, 2, Q) negative sums of the neighbours' jacobians, or without rows where the references do not move.
+        scale: widths of selection and weights.
     """
-    cov, jac = queries.covariances, queries.jacobians
-    sums, pulls = _add_up_neighbours(queries, references, lists, scale, kernel, moving)
-    n, size = len(sums), jac.shape[2]
+    moving = len(pulls) > 0
+    n, size = len(sums), jacobians.shape[2]
     shares = np.empty(n)
     matched = np.zeros(n, np.bool_)
     scores = np.zeros((n, size))
@@ -162,12 +180,12 @@ def evaluate_arrays(
         sxx = sums[i, 3] / sum_k - mx * mx
         sxy = sums[i, 4] / sum_k - mx * my
         syy = sums[i, 5] / sum_k - my * my
-        cxx = sums[i, 6] / sum_k + cov[i, 0] + sums[i, 9] / sum_k
-        cxy = sums[i, 7] / sum_k + cov[i, 1]
-        cyy = sums[i, 8] / sum_k + cov[i, 2] + sums[i, 9] / sum_k
+        cxx = sums[i, 6] / sum_k + covariances[i, 0] + sums[i, 9] / sum_k
+        cxy = sums[i, 7] / sum_k + covariances[i, 1]
+        cyy = sums[i, 8] / sum_k + covariances[i, 2] + sums[i, 9] / sum_k
         for p in range(size):
-            j[0, p] = jac[i, 0, p] + (pulls[i, 0, p] / sum_k if moving else 0.0)
-            j[1, p] = jac[i, 1, p] + (pulls[i, 1, p] / sum_k if moving else 0.0)
+            j[0, p] = jacobians[i, 0, p] + (pulls[i, 0, p] / sum_k if moving else 0.0)
+            j[1, p] = jacobians[i, 1, p] + (pulls[i, 1, p] / sum_k if moving else 0.0)
         det = cxx * cyy - cxy * cxy
         ixx = cyy / det
         ixy = -cxy / det
@@ -181,18 +199,21 @@ def evaluate_arrays(
         weight = lorentz * lorentz
         shares[i] = lorentz * d2
         hxx = ixx * (1.0 - b * sxx) - ixy * b * sxy
-        hxy = -ixx * b * sxy + ixy * (1.0 - b * syy)
-        hyx = ixy * (1.0 - b * sxx) - iyy * b * sxy
+        hxy = ixy * (1.0 - 0.5 * b * (sxx + syy)) - 0.5 * b * (ixx + iyy) * sxy
         hyy = -ixy * b * sxy + iyy * (1.0 - b * syy)
         for p in range(size):
             scores[i, p] = weight * (j[0, p] * fx + j[1, p] * fy)
             ax = weight * (ixx * j[0, p] + ixy * j[1, p])
             ay = weight * (ixy * j[0, p] + iyy * j[1, p])
-            bx = weight * (hxx * j[0, p] + hyx * j[1, p])
+            bx = weight * (hxx * j[0, p] + hxy * j[1, p])
             by = weight * (hxy * j[0, p] + hyy * j[1, p])
-            for r in range(size):
+            for r in range(p + 1):
                 information[p, r] += ax * j[0, r] + ay * j[1, r]
                 curvature[p, r] += bx * j[0, r] + by * j[1, r]
+    for p in range(size):
+        for r in range(p):
+            information[r, p] = information[p, r]
+            curvature[r, p] = curvature[p, r]
     return shares, matched, scores, information, curvature
 
 
@@ -205,9 +226,7 @@ def _add_up_neighbours(
     All queries are summed in one call: taking arrays out of their tuples anew for each query would cost a tenth of the time.
 
     Returns:
-        Sums (N, 10) of 1, of the offset's x, y and its products xx, xy, yy, of the covariance's xx, xy, yy, and of the
-        squared blur.
-        Negative sums (N, 2, Q) of the neighbours' jacobians, where the references move; else an array without rows.
+        The sums and the pulls that `weigh_offsets` takes.
     """
     x, t = queries.points, queries.times
     ref_x, ref_t, ref_cov, ref_jac = references.points, references.times, references.covariances, references.jacobians

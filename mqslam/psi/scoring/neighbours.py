@@ -61,7 +61,7 @@ def sort_points(
     corner = np.array([left - cell, low - cell])
     column, row = np.empty(n, np.int64), np.empty(n, np.int64)
     for i in range(n):
-        column[i], row[i] = _find_cell(points[i, 0] - corner[0], cell), _find_cell(points[i, 1] - corner[1], cell)
+        column[i], row[i] = find_cell(points[i, 0] - corner[0], cell), find_cell(points[i, 1] - corner[1], cell)
     by_row = _order_by(row, np.arange(n))[0]
     order, begins = _order_by(column, by_row)
     found, rows = np.empty((n, 2)), np.empty(n, np.int64)
@@ -72,7 +72,7 @@ def sort_points(
 
 
 @nb.njit(cache=True, inline="always")
-def _find_cell(distance: float, cell: float) -> int:
+def find_cell(distance: float, cell: float) -> int:
     """Returns the column or row that lies a distance [m] from the grid's corner, or the nearest one that there is."""
     return max(0, min(int(np.floor(distance / cell)), _LAST))
 
@@ -98,8 +98,15 @@ def _order_by(keys: NDArray[np.int64], order: NDArray[np.int64]) -> tuple[NDArra
 
 
 @nb.njit(cache=True, nogil=True)
-def _list_firsts(rows: NDArray[np.int64], begins: NDArray[np.int64], height: int) -> NDArray[np.int32]:
-    """Returns for every column and row (columns, height + 1) the first point of the column that is not below the row."""
+def list_firsts(grid: CellGrid) -> NDArray[np.int32]:
+    """Returns for every column and row (columns, rows + 1) the first point of the column that is not below the row.
+
+    The result has no rows where the cells are so many that it would not pay.
+    """
+    rows, begins = grid.rows, grid.begins
+    height = rows.max() + 1 if len(rows) else 0
+    if (len(begins) - 1) * height > _DENSE:
+        return np.empty((0, 0), np.int32)
     firsts = np.empty((len(begins) - 1, height + 1), np.int32)
     for column in range(len(begins) - 1):
         row = 0
@@ -109,6 +116,18 @@ def _list_firsts(rows: NDArray[np.int64], begins: NDArray[np.int64], height: int
                 row += 1
         firsts[column, row:] = begins[column + 1]
     return firsts
+
+
+@nb.njit(cache=True, inline="always")
+def find_first(rows: NDArray[np.int64], begin: int, end: int, row: int) -> int:
+    """Returns the first index from begin to end whose row, in increasing order, is not below `row`; else the end."""
+    while begin < end:
+        middle = (begin + end) // 2
+        if rows[middle] < row:
+            begin = middle + 1
+        else:
+            end = middle
+    return begin
 
 
 class CandidateLists(NamedTuple):
@@ -137,39 +156,25 @@ def find_candidates(grid: CellGrid, queries: NDArray[np.float64], radius: float)
     return CandidateLists(offsets, indices, radius)
 
 
-@nb.njit(cache=True, inline="always")
-def _find_first(rows: NDArray[np.int64], begin: int, end: int, row: int) -> int:
-    """Returns the first index from begin to end whose row, in increasing order, is not below `row`; else the end."""
-    while begin < end:
-        middle = (begin + end) // 2
-        if rows[middle] < row:
-            begin = middle + 1
-        else:
-            end = middle
-    return begin
-
-
 @nb.njit(cache=True, nogil=True)
 def list_near(grid: CellGrid, queries: NDArray[np.float64], radius: float) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Returns offsets and indices of `CandidateLists`; see `find_candidates`."""
     points, order, rows, begins, corner, cell = grid
-    height = rows.max() + 1 if len(rows) else 0
-    is_dense = (len(begins) - 1) * height <= _DENSE + len(queries)
-    firsts = _list_firsts(rows, begins, height if is_dense else 0)
+    firsts = list_firsts(grid)
+    height = firsts.shape[1] - 1
     offsets = np.zeros(len(queries) + 1, np.int64)
     indices = np.empty(_ROOM * len(queries), np.int64)
     slot = 0
     for i in range(len(queries)):
         x, y = queries[i, 0], queries[i, 1]
-        low, high = _find_cell(y - radius - corner[1], cell), _find_cell(y + radius - corner[1], cell)
-        left, right = _find_cell(x - radius - corner[0], cell), _find_cell(x + radius - corner[0], cell)
+        low, high = find_cell(y - radius - corner[1], cell), find_cell(y + radius - corner[1], cell)
+        left, right = find_cell(x - radius - corner[0], cell), find_cell(x + radius - corner[0], cell)
         for column in range(left, min(right, len(begins) - 2) + 1):
-            begin, end = begins[column], begins[column + 1]
-            if is_dense:
+            if height >= 0:
                 begin, end = firsts[column, min(low, height)], firsts[column, min(high + 1, height)]
             else:
-                begin = _find_first(rows, begin, end, low)
-                end = _find_first(rows, begin, end, high + 1)
+                begin = find_first(rows, begins[column], begins[column + 1], low)
+                end = find_first(rows, begin, begins[column + 1], high + 1)
             for k in range(begin, end):
                 dx, dy = points[k, 0] - x, points[k, 1] - y
                 if dx * dx + dy * dy < radius * radius:

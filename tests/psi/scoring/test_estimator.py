@@ -8,10 +8,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from support.clouds import TURN_S, point_set
 
-from mqslam.psi.estimator import Evaluation, Kernel, Scale, evaluate
-from mqslam.psi.neighbours import find_candidates, sort_into_cells
 from mqslam.psi.place import PointSet
 from mqslam.psi.published.reference import evaluate_reference
+from mqslam.psi.scoring.estimator import Evaluation, Kernel, Scale, evaluate
+from mqslam.psi.scoring.neighbours import find_candidates, sort_into_cells
+from mqslam.psi.scoring.references import evaluate_against, make_references
 
 SCALE = Scale(s=1.5, beta_s=0.6, c=2.0)
 KERNEL = Kernel(revolution_s=TURN_S, beta_t=0.06, xi=0.02, blur=0.15, aspect=0.05, apart_share=0.3, apart_blur=0.3)
@@ -65,6 +66,28 @@ def test_the_kernel_equals_the_reference(
         references = replace(references, jacobians=np.zeros((0, 2, 0)))
     reference = evaluate_reference(queries, references, scale, KERNEL, moving_references=moving)
     assert_equal(evaluated(queries, references, scale), reference)
+    if not moving:
+        for cell_m in (0.6, 2.0):
+            assert_equal(evaluate_against(queries, make_references(references, cell_m), scale, KERNEL), reference)
+
+
+def test_references_in_more_cells_than_are_listed_give_the_same_score() -> None:
+    """Two crowds far apart from each other leave so many empty cells that their points are searched for."""
+    queries, near = look(point_set(1, 300), 1), look(point_set(2, 2000), 2)
+    far = replace(near, points=near.points + 3000.0)
+    both = replace(
+        near,
+        points=np.concatenate([near.points, far.points]),
+        times=np.tile(near.times, 2),
+        covariances=np.tile(near.covariances, (2, 1)),
+        rays=np.tile(near.rays, (2, 1)),
+        jacobians=np.zeros((0, 2, 0)),
+    )
+    references = make_references(both)
+    assert len(references.firsts) == 0 and len(make_references(near).firsts) > 0
+    expected = evaluate_against(queries, make_references(near), SCALE, KERNEL)
+    assert expected.matched.sum() > 200
+    assert_equal(evaluate_against(queries, references, SCALE, KERNEL), expected, rtol=1e-12)
 
 
 def test_the_comparison_is_of_crowded_neighbourhoods_too() -> None:
