@@ -120,7 +120,7 @@ def add_up_neighbours(
     apart, alike = kernel.apart_share, 1.0 - kernel.apart_share
     blur = kernel.blur * kernel.blur
     apart_blur = kernel.apart_blur * kernel.apart_blur
-    _, _, rows, begins, corner, cell = grid
+    points, _, rows, begins, corner, cell = grid
     left_m, low_m, reach = corner[0], corner[1], scale.s
     room = len(known) + LANES  # what is not needed is not touched either
     is_dense, height = len(firsts) > 0, firsts.shape[1] - 1
@@ -146,7 +146,7 @@ def add_up_neighbours(
                 begin = find_first(rows, begins[column], begins[column + 1], low)
                 end = find_first(rows, begin, begins[column + 1], high + 1)
             for m in range(begin, end):
-                dx, dy = known[m, 0] - x0, known[m, 1] - y0
+                dx, dy = points[m, 0] - x0, points[m, 1] - y0
                 d2 = dx * dx + dy * dy
                 found[count], ahead[count], left[count], near[count] = m, dx, dy, d2
                 count += d2 < reach2
