@@ -20,6 +20,7 @@ from mqslam.psi.scoring.estimator import Evaluation, Kernel, Scale, evaluate
 from mqslam.psi.scoring.neighbours import CandidateLists, NeighbourCache, find_candidates, sort_into_cells
 from mqslam.psi.scoring.references import References, evaluate_against
 
+_LARGEST_PART = 0.9  # of a step that the next one is taken to be [1]: it keeps the extrapolation finite
 _FLATTEST = 1e-9  # least curvature that a step is divided by [1/tolerance^2], which keeps the step finite
 
 
@@ -56,7 +57,7 @@ class Minimum:
     Args:
         state: (Q,).
         evaluation: the score there, at the final widths.
-        converged: whether the last step was below the tolerances.
+        converged: whether the last step was below the tolerances, or short against the uncertainty.
     """
 
     state: NDArray[np.float64]
@@ -167,21 +168,22 @@ def descend(
 ) -> Minimum:
     """Minimises an objective's psi plus the prior over the state; see `minimise`."""
     state = np.array(start, dtype=np.float64)
-    converged = False
+    last, converged = final_scale(config), False
+    before: tuple[NDArray[np.float64], NDArray[np.float64]] | None = None
     for step in range(first_step, first_step + config.steps):
         scale = annealed_scale(config, step)
         here = objective.expand(state, scale)
-        curvature = (here.curvature + config.stabiliser * here.information) / config.correlation + prior.information
-        gradient = here.gradient / config.correlation + prior.information @ (state - prior.mean)
-        values, vectors = np.linalg.eigh(_scale_matrix(curvature, tolerances))
-        values = np.maximum(np.abs(values), _FLATTEST)
-        move = -tolerances * (vectors @ ((vectors.T @ (tolerances * gradient)) / values))
-        move = _shorten_step(move, objective.measure_move(move), scale.s)
-        state = state + move
-        if scale == final_scale(config) and np.all(np.abs(move) < tolerances):
-            converged = True
+        beside = state - prior.mean
+        move, length = _choose_move(here, beside, prior.information, config.stabiliser, config.correlation, tolerances)
+        if scale == last:
+            converged = length < config.settled or bool(np.all(np.abs(move) < tolerances))
+            longer = move if before is None else _extrapolate(move, move - before[1], state - before[0], tolerances)
+            before = state, move
+            move = longer
+        state = state + _shorten_step(move, objective.measure_move(move), scale.s)
+        if converged:
             break
-    return Minimum(state, objective.evaluate(state, final_scale(config)), converged)
+    return Minimum(state, objective.evaluate(state, last), converged)
 
 
 class _Rendered:
@@ -243,6 +245,74 @@ def _measure_move(jacobians: NDArray[np.float64], move: NDArray[np.float64]) -> 
     return float(np.sqrt(total / len(jacobians)))
 
 
-def _scale_matrix(matrix: NDArray[np.float64], units: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Returns a curvature (Q, Q) by variables in units (Q,), so that metres and radians have comparable eigenvalues."""
-    return np.asarray(matrix * units[:, None] * units[None, :])
+@nb.njit(cache=True, nogil=True)
+def _choose_move(
+    here: Expansion,
+    beside: NDArray[np.float64],
+    information: NDArray[np.float64],
+    stabiliser: float,
+    correlation: float,
+    tolerances: NDArray[np.float64],
+) -> tuple[NDArray[np.float64], float]:
+    """Returns Newton's step (Q,), downhill along every eigenvector whatever the curvature's sign, and its length.
+
+    The length is in standard deviations, as the curvature states them. The variables are in units of their tolerances, so
+    that metres and radians have comparable eigenvalues.
+
+    Args:
+        here: the score around the state.
+        beside: (Q,) the state without the prior's mean.
+        information: (Q, Q) of the prior.
+        stabiliser: share of Gauss-Newton's curvature that is added to the score's.
+        correlation: by what the score is divided before the prior is added.
+        tolerances: (Q,) units.
+    """
+    size = len(beside)
+    gradient = np.empty(size)
+    curvature = np.empty((size, size))
+    for p in range(size):
+        total = here.gradient[p] / correlation
+        for r in range(size):
+            total += information[p, r] * beside[r]
+            bent = (here.curvature[p, r] + stabiliser * here.information[p, r]) / correlation + information[p, r]
+            curvature[p, r] = bent * tolerances[p] * tolerances[r]
+        gradient[p] = tolerances[p] * total
+    values, vectors = np.linalg.eigh(curvature)
+    move = np.zeros(size)
+    squared = 0.0
+    for k in range(size):
+        along = 0.0
+        for p in range(size):
+            along += vectors[p, k] * gradient[p]
+        steep = along
+        along /= max(abs(values[k]), _FLATTEST)
+        squared += steep * along
+        for p in range(size):
+            move[p] -= tolerances[p] * vectors[p, k] * along
+    return move, float(np.sqrt(squared))
+
+
+@nb.njit(cache=True, nogil=True)
+def _extrapolate(
+    move: NDArray[np.float64], changed: NDArray[np.float64], went: NDArray[np.float64], tolerances: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Returns a step that leads to where this one and those after it would end if each were the same part of the last.
+
+    What keeps Newton's steps safe makes them too short by a share that hardly changes from one to the next. This is
+    Anderson's mixing of two steps (J. ACM 12, 1965), which asks for no further score.
+
+    Args:
+        move: (Q,) Newton's step.
+        changed: (Q,) by how much it differs from the one before.
+        went: (Q,) how far the state has gone in between.
+        tolerances: (Q,) units.
+    """
+    above, below = 0.0, 0.0
+    for p in range(len(move)):
+        above += move[p] * changed[p] / tolerances[p] ** 2
+        below += changed[p] ** 2 / tolerances[p] ** 2
+    if below == 0.0:
+        return move
+    least, most = _LARGEST_PART / (_LARGEST_PART - 1.0), 0.5  # for parts from the largest one down to -1
+    share = min(max(above / below, least), most)
+    return move - share * (went + changed)

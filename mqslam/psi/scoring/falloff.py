@@ -31,11 +31,15 @@ def fall_off(exponents: NDArray[np.float64], count: int, powers: NDArray[np.int6
 
     Args:
         exponents: (N,) numbers x, not negative.
-        count: how many of them are taken; fastest if it is a multiple of `LANES`.
+        count: how many of them are taken, which leave room for `LANES` more: those up to the next multiple of that are
+            overwritten, here and in the results.
         powers: (N,) takes the bits of the powers of 2.
         values: (N,) takes the factors.
     """
-    for i in range(count):
+    full = (count + LANES - 1) // LANES * LANES
+    for i in range(count, full):
+        exponents[i] = 0.0
+    for i in range(full):
         x = min(exponents[i], _LARGEST)
         k = np.floor(0.5 - x * _LOG2_E)
         r = -x - k * _LOG_2[0] - k * _LOG_2[1]

@@ -118,8 +118,7 @@ def add_up_neighbours(
     reach2, limit = scale.s * scale.s, -np.log(kernel.xi)
     per_square, per_aspect = 1.0 / (scale.beta_s * scale.beta_s), 2.0 / (kernel.aspect * kernel.aspect)
     apart, alike = kernel.apart_share, 1.0 - kernel.apart_share
-    blur = kernel.blur * kernel.blur
-    apart_blur = kernel.apart_blur * kernel.apart_blur
+    blur, apart_blur = kernel.blur * kernel.blur, kernel.apart_blur * kernel.apart_blur
     points, _, rows, begins, corner, cell = grid
     left_m, low_m, reach = corner[0], corner[1], scale.s
     room = len(known) + LANES  # what is not needed is not touched either
@@ -132,11 +131,8 @@ def add_up_neighbours(
     sums = np.empty((len(x), 10))
     for i in range(len(x)):
         x0, y0 = x[i, 0], x[i, 1]
-        low, high = find_cell(y0 - scale.s - grid.corner[1], grid.cell), find_cell(y0 + scale.s - grid.corner[1], grid.cell)
-        first, last = (
-            find_cell(x0 - scale.s - grid.corner[0], grid.cell),
-            find_cell(x0 + scale.s - grid.corner[0], grid.cell),
-        )
+        low, high = find_cell(y0 - reach - low_m, cell), find_cell(y0 + reach - low_m, cell)
+        first, last = find_cell(x0 - reach - left_m, cell), find_cell(x0 + reach - left_m, cell)
         lowest, highest = min(low, height), min(high + 1, height)
         count = 0
         for column in range(first, min(last, len(begins) - 2) + 1):
@@ -153,17 +149,12 @@ def add_up_neighbours(
         for k in range(count):
             late = min((abs(t[i] - known[found[k], 2]) - turn) / beta_t, 0.0)
             near[k] = near[k] * per_square + late * late
-        full = (count + LANES - 1) // LANES * LANES
-        for k in range(count, full):
-            near[k] = 0.0
-        fall_off(near, full, kappa_bits, kappas)
+        fall_off(near, count, kappa_bits, kappas)
         if knows_aspects:
             for k in range(count):
                 m = found[k]
                 aside[k] = per_aspect * (1.0 - (rays[i, 0] * known[m, 3] + rays[i, 1] * known[m, 4]))
-            for k in range(count, full):
-                aside[k] = 0.0
-            fall_off(aside, full, likeness_bits, likenesses)
+            fall_off(aside, count, likeness_bits, likenesses)
         sum_k, mx, my, sxx, sxy, syy, cxx, cxy, cyy, blurs = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
         for k in range(count):
             m, dx, dy = found[k], ahead[k], left[k]

@@ -10,9 +10,10 @@ from mqslam.psi.scoring.falloff import LANES, fall_off
 
 
 def computed(exponents: NDArray[np.float64]) -> NDArray[np.float64]:
-    bits, values = np.zeros(len(exponents), np.int64), np.zeros(len(exponents))
-    fall_off(exponents, len(exponents), bits, values)
-    return np.asarray(values * bits.view(np.float64))
+    count = len(exponents)
+    given, bits, values = np.pad(exponents, (0, LANES)), np.zeros(count + LANES, np.int64), np.zeros(count + LANES)
+    fall_off(given, count, bits, values)
+    return np.asarray(values * bits.view(np.float64))[:count]
 
 
 @pytest.mark.parametrize("largest", [1e-3, 1.0, 50.0, 700.0])
@@ -26,7 +27,8 @@ def test_of_zero_it_is_one_and_far_out_it_is_as_good_as_zero() -> None:
     assert np.all(computed(np.array([701.0, 1e6, 1e300])) < 1e-300)
 
 
-def test_only_as_many_numbers_as_asked_for_are_taken() -> None:
-    exponents, bits, values = np.ones(2 * LANES), np.zeros(2 * LANES, np.int64), np.zeros(2 * LANES)
-    fall_off(exponents, LANES, bits, values)
-    assert np.all(values[:LANES] > 0.0) and not values[LANES:].any() and not bits[LANES:].any()
+def test_no_more_than_the_next_multiple_is_touched() -> None:
+    exponents, bits, values = np.ones(3 * LANES), np.zeros(3 * LANES, np.int64), np.zeros(3 * LANES)
+    fall_off(exponents, LANES + 1, bits, values)
+    assert np.all(values[: LANES + 1] > 0.0)
+    assert not values[2 * LANES :].any() and not bits[2 * LANES :].any() and np.all(exponents[2 * LANES :] == 1.0)
