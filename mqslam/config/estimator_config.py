@@ -31,7 +31,7 @@ class EstimatorConfig(BaseModel):
         "[standard deviations].",
     )
     shrink: float = Field(0.6, gt=0.0, lt=1.0, description="Factor by which the widths shrink from step to step.")
-    steps: int = Field(24, ge=1, description="Largest number of Newton steps.")
+    steps: int = Field(12, ge=1, description="Largest number of Newton steps.")
     beta_t: float = Field(0.06, gt=0.0, description="Width of the fade of pairs that are less than one turn apart [s].")
     xi: float = Field(0.02, gt=0.0, lt=1.0, description="Least kappa of a selected neighbour.")
     blur_m: float = Field(
@@ -66,11 +66,6 @@ class EstimatorConfig(BaseModel):
         ge=0.0,
         description="Share of Gauss-Newton's curvature that is added to the curvature that knows of re-selected "
         "neighbours, so that steps are safe.",
-    )
-    settled: float = Field(
-        0.05,
-        ge=0.0,
-        description="The search ends with a step shorter than this many standard deviations, as the curvature states them.",
     )
     correlation: float = Field(
         5.0,

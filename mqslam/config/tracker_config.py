@@ -64,6 +64,16 @@ class TrackerConfig(BaseModel):
         description="The same as sigma_alpha, for the first scans of a track [rad/s^2]. It is also the standard deviation "
         "of a yaw acceleration of which nothing is known.",
     )
+    matching_steps: int = expert(
+        24,
+        ge=1,
+        description="Largest number of Newton steps when a scan is matched; with a good prediction a few are enough.",
+    )
+    settled: float = expert(
+        0.05,
+        ge=0.0,
+        description="The search ends with a step shorter than this many standard deviations, which psi's curvature states.",
+    )
     first_step: int = expert(
         1,
         ge=0,

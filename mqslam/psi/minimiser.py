@@ -50,6 +50,23 @@ class Prior:
     information: NDArray[np.float64]
 
 
+class Search(NamedTuple):
+    """How a minimum is searched for.
+
+    Args:
+        steps: largest number of Newton steps.
+        first: step of the annealing that it begins with; a good start needs no wide widths.
+        settled: length [standard deviations] of a step that ends it; with zero, only the tolerances do.
+        foresees: whether each step at the final widths leads to where it and those after it would end together. A prior
+            holds such a search where psi is flat; without one it wanders farther.
+    """
+
+    steps: int
+    first: int = 0
+    settled: float = 0.0
+    foresees: bool = False
+
+
 @dataclass(frozen=True, slots=True)
 class Minimum:
     """Where the minimiser ended.
@@ -141,7 +158,7 @@ def minimise(
     config: EstimatorConfig,
     revolution_s: float,
     tolerances: NDArray[np.float64],
-    first_step: int = 0,
+    search: Search | None = None,
 ) -> Minimum:
     """Minimises psi plus the prior over the state.
 
@@ -153,9 +170,9 @@ def minimise(
         config: settings of the score and of its minimiser.
         revolution_s: duration of a turn [s].
         tolerances: (Q,) steps that end the search, once the widths are final and a step is smaller.
-        first_step: step of the annealing that the search begins with; a good start needs no wide widths.
+        search: how it is searched for; None takes the number of steps from the settings.
     """
-    return descend(start, _Rendered(render, references, config, revolution_s), prior, config, tolerances, first_step)
+    return descend(start, _Rendered(render, references, config, revolution_s), prior, config, tolerances, search)
 
 
 def descend(
@@ -164,22 +181,24 @@ def descend(
     prior: Prior,
     config: EstimatorConfig,
     tolerances: NDArray[np.float64],
-    first_step: int = 0,
+    search: Search | None = None,
 ) -> Minimum:
     """Minimises an objective's psi plus the prior over the state; see `minimise`."""
+    search = search or Search(config.steps)
     state = np.array(start, dtype=np.float64)
     last, converged = final_scale(config), False
     before: tuple[NDArray[np.float64], NDArray[np.float64]] | None = None
-    for step in range(first_step, first_step + config.steps):
+    for step in range(search.first, search.first + search.steps):
         scale = annealed_scale(config, step)
         here = objective.expand(state, scale)
         beside = state - prior.mean
         move, length = _choose_move(here, beside, prior.information, config.stabiliser, config.correlation, tolerances)
         if scale == last:
-            converged = length < config.settled or bool(np.all(np.abs(move) < tolerances))
-            longer = move if before is None else _extrapolate(move, move - before[1], state - before[0], tolerances)
-            before = state, move
-            move = longer
+            converged = length < search.settled or bool(np.all(np.abs(move) < tolerances))
+            if search.foresees:
+                earlier, before = before, (state, move)
+                if earlier is not None:
+                    move = _extrapolate(move, move - earlier[1], state - earlier[0], tolerances)
         state = state + _shorten_step(move, objective.measure_move(move), scale.s)
         if converged:
             break

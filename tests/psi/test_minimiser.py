@@ -10,40 +10,68 @@ from numpy.typing import NDArray
 from support.clouds import TURN_S, point_set
 
 from mqslam.config import EstimatorConfig
-from mqslam.psi.minimiser import Minimum, Prior, minimise
+from mqslam.psi.minimiser import Minimum, Prior, Search, minimise
 from mqslam.psi.place import PointSet
 from mqslam.psi.scoring.references import make_references
 
 CONFIG = EstimatorConfig()
-TOLERANCES = np.full(2, 1e-3)
 
 
-def find_shift(start: NDArray[np.float64], first_step: int, config: EstimatorConfig = CONFIG) -> Minimum:
-    """Finds the shift (2,) that lays scattered points on themselves; the true one is zero."""
-    fixed = point_set(3, 60, side=100.0, parameters=2)
-    jacobians = np.tile(np.eye(2), (60, 1, 1))
-    moving = replace(fixed, jacobians=jacobians, times=fixed.times + 10.0)
+def find_shift(
+    start: NDArray[np.float64], search: Search, count: int = 60, noise_m: float = 0.0, tolerance_m: float = 1e-3
+) -> Minimum:
+    """Finds the shift (2,) that lays scattered points on themselves, seen again with noise; the true one is about zero."""
+    fixed = point_set(3, count, side=100.0, parameters=2)
+    seen = fixed.points + noise_m * np.random.default_rng(4).normal(size=(count, 2))
+    moving = replace(fixed, points=seen, jacobians=np.tile(np.eye(2), (count, 1, 1)), times=fixed.times + 10.0)
 
     def render(shift: NDArray[np.float64]) -> PointSet:
         return replace(moving, points=moving.points + shift)
 
     references = make_references(fixed)
     free = Prior(np.zeros(2), np.zeros((2, 2)))
-    return minimise(start, render, references, free, config, TURN_S, TOLERANCES, first_step)
+    return minimise(start, render, references, free, CONFIG, TURN_S, np.full(2, tolerance_m), search)
 
 
 def test_wide_widths_find_what_is_far_away_and_narrow_ones_only_what_is_near() -> None:
     far, near = np.array([1.5, 0.5]), np.array([0.1, -0.2])
     for start, first_step in ((far, 0), (near, 0), (near, 8)):
-        minimum = find_shift(start, first_step)
+        minimum = find_shift(start, Search(CONFIG.steps, first_step))
         assert minimum.converged
         np.testing.assert_allclose(minimum.state, 0.0, atol=0.02)
         assert minimum.evaluation.matched.all()
-    assert np.abs(find_shift(far, 8).state).max() > 0.5
+    assert np.abs(find_shift(far, Search(CONFIG.steps, 8)).state).max() > 0.5
 
 
 @pytest.mark.parametrize("first_step", [0, 1, 20])
 def test_a_search_takes_its_steps_wherever_its_annealing_begins(first_step: int) -> None:
     start = np.array([0.2, 0.0])
-    single = find_shift(start, first_step, CONFIG.model_copy(update={"steps": 1}))
+    single = find_shift(start, Search(1, first_step))
     assert np.abs(single.state).max() < 0.1
+
+
+def find_crowd(start: NDArray[np.float64], search: Search) -> Minimum:
+    """Finds the shift of a crowd of points, each of which has many neighbours: steps are short there."""
+    return find_shift(start, search, count=12_000, noise_m=0.3, tolerance_m=1e-5)
+
+
+def count_steps(start: NDArray[np.float64], search: Search) -> int:
+    """Returns the fewest steps with which a search converges."""
+    return next(n for n in range(1, 100) if find_crowd(start, search._replace(steps=n)).converged)
+
+
+def test_a_search_that_foresees_its_steps_ends_sooner_at_the_same_minimum() -> None:
+    start, plain = np.array([0.2, -0.1]), Search(60, first=8)
+    foreseeing = plain._replace(foresees=True)
+    assert count_steps(start, foreseeing) <= 0.5 * count_steps(start, plain)
+    ends = [find_crowd(start, search).state for search in (plain, foreseeing)]
+    np.testing.assert_allclose(ends[1], ends[0], atol=1e-4)
+
+
+def test_a_search_ends_once_its_steps_are_short_against_the_uncertainty() -> None:
+    start, exact = np.array([0.2, -0.1]), Search(60, first=8, foresees=True)
+    settled = exact._replace(settled=0.05)
+    assert count_steps(start, settled) < count_steps(start, exact)
+    minimum = find_crowd(start, exact)
+    sigma = np.sqrt(np.diag(np.linalg.inv(minimum.evaluation.curvature / CONFIG.correlation)))
+    assert np.all(np.abs(find_crowd(start, settled).state - minimum.state) < 0.05 * sigma)

@@ -43,7 +43,6 @@ def minimise_rigidly(
     references: References,
     config: EstimatorConfig,
     tolerances: NDArray[np.float64],
-    first_step: int = 0,
 ) -> Minimum:
     """Minimises psi over the pose of a rigid submap; `minimise` with `move_rigidly` is its readable twin.
 
@@ -53,10 +52,9 @@ def minimise_rigidly(
         references: points that stay where they are.
         config: settings of the score and of its minimiser.
         tolerances: as for `minimise`.
-        first_step: as for `minimise`.
     """
     free = Prior(np.asarray(start, dtype=np.float64), np.zeros((3, 3)))
-    return descend(start, RigidObjective(points, references, config), free, config, tolerances, first_step)
+    return descend(start, RigidObjective(points, references, config), free, config, tolerances)
 
 
 class RigidObjective:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from mqslam.core.scans import Scan
 from mqslam.psi.correlate import find_correlation_peaks
 from mqslam.psi.covariance import sum_by_object
-from mqslam.psi.minimiser import Minimum, Prior, annealed_scale, final_scale, minimise, score_against
+from mqslam.psi.minimiser import Minimum, Prior, Search, annealed_scale, final_scale, minimise, score_against
 from mqslam.psi.observability import find_weak_directions
 from mqslam.psi.place import PointSet, place
 from mqslam.psi.scoring.estimator import Evaluation, Scale
@@ -67,6 +67,7 @@ class Matcher:
 
     def minimise(self, scan: Scan, start: State, prior: Prior, into: LocalMap, first_step: int = 0) -> Minimum:
         """Finds the state near a start that minimises psi plus the prior; see `mqslam.psi.minimiser.minimise`."""
+        settings = self.setup.settings
         return minimise(
             start.vector,
             lambda vector: self.place(scan, State(vector)),
@@ -75,7 +76,7 @@ class Matcher:
             self.setup.matching,
             self.setup.revolution_s,
             TOLERANCES,
-            first_step,
+            Search(settings.matching_steps, first_step, settings.settled, foresees=True),
         )
 
     def search(self, scan: Scan, predicted: Belief, into: LocalMap, known: Sequence[Minimum]) -> Match:
@@ -117,7 +118,7 @@ class Matcher:
         # how far a scan's own start has turned depends on when the turn began: before the scan or within it
         beside += [here.turned(share * angle, angle / turn_s) for angle in (*-turns, *turns) for share in (0.5, 1.0)]
         best = min(beside, key=lambda state: self._score(self.place(scan, state), scale, into).psi)
-        other = self.minimise(scan, best, Prior(best.vector, information), into, config.steps)
+        other = self.minimise(scan, best, Prior(best.vector, information), into, settings.matching_steps)
         rise = minimum.evaluation.shares - other.evaluation.shares
         return other if self._is_distinct(rise, self.place(scan, State(other.state))) else None
 

@@ -114,7 +114,7 @@ def set_off(speed: float) -> State:
 
 
 def minimise_narrowly(scan: Scan, start: State, into: LocalMap) -> Minimum:
-    return MATCHER.minimise(scan, start, Prior(start.vector, INFORMATION), into, CONFIG.estimator.steps)
+    return MATCHER.minimise(scan, start, Prior(start.vector, INFORMATION), into, CONFIG.tracker.matching_steps)
 
 
 @pytest.mark.parametrize("seed", range(3))
