@@ -65,7 +65,7 @@ def test_a_search_that_foresees_its_steps_ends_sooner_at_the_same_minimum() -> N
     foreseeing = plain._replace(foresees=True)
     assert count_steps(start, foreseeing) <= 0.5 * count_steps(start, plain)
     ends = [find_crowd(start, search).state for search in (plain, foreseeing)]
-    np.testing.assert_allclose(ends[1], ends[0], atol=1e-4)
+    np.testing.assert_allclose(ends[1], ends[0], atol=1e-3)  # a tenth of what psi knows here
 
 
 def test_a_search_ends_once_its_steps_are_short_against_the_uncertainty() -> None:
