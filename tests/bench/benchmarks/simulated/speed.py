@@ -1,4 +1,4 @@
-"""Detection and front ends in processor time, on the same returns and one core."""
+"""Detection and front ends in processor time, on the same returns, against KISS-ICP's own registration of them."""
 
 from __future__ import annotations
 
@@ -13,11 +13,13 @@ from bench.measuring.recordings import simulate_short_city
 
 from mqslam.config import Config
 from mqslam.core.frontend import Context, measure_motions
+from mqslam.core.scans import Scans
 from mqslam.detection.stage import detect_stretch, make_scans
 from mqslam.formats.recordings import open_recording
 
 _SEED = 11  # of a drive that `heading` measures too
 _ROUNDS = 3
+_REGISTRATION = "KISS-ICP's register_frame"
 
 
 def _measure(out: Path) -> list[Row]:
@@ -34,6 +36,7 @@ def _measure_world(world: str) -> list[Row]:
         return lambda: list(measure_motions(name, context, scans))
 
     parts: dict[str, Callable[[], object]] = {shown: run_front_end(name) for name, shown in FRONT_ENDS.items()}
+    parts[_REGISTRATION] = lambda: _register(scans)
     parts["reading and detection"] = lambda: detect_stretch(recording, config.detector, 0, len(recording))
     for name in FRONT_ENDS:
         list(measure_motions(name, context, scans[:8]))  # loads what is compiled
@@ -46,13 +49,29 @@ def _measure_world(world: str) -> list[Row]:
                 "world": world,
                 "part": part,
                 "ms": 1e3 * seconds / turns,
-                "of_rival": seconds / spent[RIVAL],
+                "of_rival": seconds / spent[_REGISTRATION],
                 "real_time": turns * recording.revolution_s / seconds,
             },
             judged=part == OURS,
         )
         for part, seconds in spent.items()
     ]
+
+
+def _register(scans: Scans) -> None:
+    """Follows the scans by KISS-ICP alone, with a voxel size and a range as its front end has them, and one thread."""
+    from kiss_icp.config import KISSConfig
+    from kiss_icp.kiss_icp import KissICP
+
+    settings, config = Config().kiss_icp, KISSConfig()
+    config.mapping.voxel_size, config.data.max_range = settings.voxel_size_m, settings.max_range_m
+    config.data.min_range = 0.0
+    config.registration.max_num_threads = 1
+    kiss = KissICP(config)
+    for scan in scans:
+        ranges, azimuths = scan.returns.ranges, scan.returns.azimuths
+        points = np.column_stack([ranges * np.cos(azimuths), ranges * np.sin(azimuths), np.zeros(len(ranges))])
+        kiss.register_frame(points, (scan.returns.times - scan.t0) / (scan.t1 - scan.t0))
 
 
 def _spend(call: Callable[[], object]) -> float:
@@ -69,9 +88,12 @@ BENCHMARK = Benchmark(
         label("world", "world"),
         label("part", "part"),
         Column("ms", "[ms] per scan", "{:.1f}"),
-        Column("of_rival", "of KISS-ICP's time", "{:.2f}", Goal.FAST),
+        Column("of_rival", "of register_frame's time", "{:.2f}", Goal.FAST),
         Column("real_time", "times real time", "{:.0f}"),
     ),
     measure=_measure,
-    bounds=(Bound("real_time", {"part": OURS}, least=8.0),),
+    bounds=(
+        Bound("real_time", {"part": OURS}, least=8.0),
+        Bound("of_rival", {"part": OURS}, most=1.5),
+    ),
 )
