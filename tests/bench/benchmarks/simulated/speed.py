@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 from bench.benchmark import Benchmark, Bound, Column, Goal, Row, label
-from bench.measuring.commands import FRONT_ENDS, OURS, RIVAL
+from bench.measuring.commands import FRONT_ENDS, OURS
 from bench.measuring.recordings import simulate_short_city
 
 from mqslam.config import Config
