@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from mqslam.config import EstimatorConfig
 from mqslam.core import se2
-from mqslam.psi.minimiser import Expansion, Minimum, Prior, descend, kernel_of
+from mqslam.psi.minimiser import Expansion, Minimum, Prior, Search, descend, kernel_of
 from mqslam.psi.place import PointSet, rotate_covariances
 from mqslam.psi.scoring.estimator import Evaluation, PointArrays, Scale
 from mqslam.psi.scoring.references import References, add_up_neighbours, evaluate_against
@@ -43,6 +43,7 @@ def minimise_rigidly(
     references: References,
     config: EstimatorConfig,
     tolerances: NDArray[np.float64],
+    search: Search | None = None,
 ) -> Minimum:
     """Minimises psi over the pose of a rigid submap; `minimise` with `move_rigidly` is its readable twin.
 
@@ -52,9 +53,10 @@ def minimise_rigidly(
         references: points that stay where they are.
         config: settings of the score and of its minimiser.
         tolerances: as for `minimise`.
+        search: as for `minimise`.
     """
     free = Prior(np.asarray(start, dtype=np.float64), np.zeros((3, 3)))
-    return descend(start, RigidObjective(points, references, config), free, config, tolerances)
+    return descend(start, RigidObjective(points, references, config), free, config, tolerances, search)
 
 
 class RigidObjective:

@@ -17,7 +17,7 @@ directions are apart: likeness = exp(-(difference / aspect)^2).
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import NamedTuple, TypeAlias
 
 import numba as nb
 import numpy as np
@@ -25,6 +25,10 @@ from numpy.typing import NDArray
 
 from mqslam.psi.place import PointSet
 from mqslam.psi.scoring.neighbours import CandidateLists
+
+Fields: TypeAlias = tuple[
+    NDArray[np.float64], NDArray[np.bool_], NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]
+]  # of an `Evaluation`
 
 
 class Scale(NamedTuple):
@@ -132,10 +136,11 @@ def arrays_of(points: PointSet) -> PointArrays:
 @nb.njit(cache=True, nogil=True, error_model="numpy")
 def evaluate_arrays(
     queries: PointArrays, references: PointArrays, lists: CandidateLists, scale: Scale, kernel: Kernel, moving: bool
-) -> tuple[NDArray[np.float64], NDArray[np.bool_], NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+) -> Fields:
     """Returns the fields of an `Evaluation`."""
     sums, pulls = _add_up_neighbours(queries, references, lists, scale, kernel, moving)
-    return weigh_offsets(queries.covariances, queries.jacobians, sums, pulls, scale)
+    fields: Fields = weigh_offsets(queries.covariances, queries.jacobians, sums, pulls, scale)
+    return fields
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
@@ -145,7 +150,7 @@ def weigh_offsets(
     sums: NDArray[np.float64],
     pulls: NDArray[np.float64],
     scale: Scale,
-) -> tuple[NDArray[np.float64], NDArray[np.bool_], NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+) -> Fields:
     """Returns the fields of an `Evaluation` from sums over the neighbours of each query.
 
     Of each query m is the neighbours' centroid, s their scatter S_kappa, c the covariance Sigma of the offset e = -m and

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mqslam.psi.place import PointSet
-from mqslam.psi.scoring.estimator import Evaluation, Kernel, PointArrays, Scale, arrays_of, weigh_offsets
+from mqslam.psi.scoring.estimator import Evaluation, Fields, Kernel, PointArrays, Scale, arrays_of, weigh_offsets
 from mqslam.psi.scoring.falloff import LANES, fall_off
 from mqslam.psi.scoring.neighbours import CellGrid, find_cell, find_first, list_firsts, sort_into_cells
 
@@ -91,11 +91,12 @@ def _evaluate(
     scale: Scale,
     kernel: Kernel,
     knows_aspects: bool,
-) -> tuple[NDArray[np.float64], NDArray[np.bool_], NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+) -> Fields:
     """Returns the fields of an `Evaluation`."""
     sums = add_up_neighbours(queries, grid, known, firsts, scale, kernel, knows_aspects)
     no_pulls = np.empty((0, 2, queries.jacobians.shape[2]))
-    return weigh_offsets(queries.covariances, queries.jacobians, sums, no_pulls, scale)
+    fields: Fields = weigh_offsets(queries.covariances, queries.jacobians, sums, no_pulls, scale)
+    return fields
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
