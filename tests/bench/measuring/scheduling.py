@@ -1,0 +1,70 @@
+"""A run as its engine sees it: which calls could be made beside each other, how long each took, and what came between."""
+
+from __future__ import annotations
+
+import heapq
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import TypeVar
+
+from mqslam.core.engine import ignore_result
+
+S = TypeVar("S")
+T = TypeVar("T")
+R = TypeVar("R")
+
+
+@dataclass
+class StopwatchEngine:
+    """An engine that makes one call after the other in this process, and notes how long each takes.
+
+    Attributes:
+        batches: the seconds of the calls of each `map`, in the order of the run.
+    """
+
+    jobs: int = 1
+    batches: list[list[float]] = field(default_factory=list)
+
+    def map(
+        self,
+        function: Callable[[S, T], R],
+        shared: S,
+        items: Sequence[T],
+        done: Callable[[int, R], None] = ignore_result,
+        *,
+        processes: bool = False,
+    ) -> list[R]:
+        """Calls the function as `Engine.map` does."""
+        results, seconds = [], list[float]()
+        self.batches.append(seconds)
+        for number, item in enumerate(items, 1):
+            begin = time.perf_counter()
+            results.append(function(shared, item))
+            seconds.append(time.perf_counter() - begin)
+            done(number, results[-1])
+        return results
+
+    def map_apart(
+        self,
+        function: Callable[[S, T], R],
+        shared: S,
+        items: Sequence[T],
+        done: Callable[[int, R | None], None] = ignore_result,
+    ) -> list[R | None]:
+        """Calls the function as `Engine.map_apart` does."""
+        return [*self.map(function, shared, items, done)]
+
+
+def simulate_batch(seconds: Sequence[float], workers: int, dispatch_s: float) -> float:
+    """Returns how long calls take on workers that each take the next one as soon as they are free [s].
+
+    Args:
+        seconds: of each call, in the order in which they are handed out.
+        workers: how many there are.
+        dispatch_s: what handing out one call takes, one after the other [s].
+    """
+    free = [0.0] * min(workers, max(len(seconds), 1))
+    for number, lasts in enumerate(seconds, 1):
+        heapq.heappush(free, max(heapq.heappop(free), number * dispatch_s) + lasts)
+    return max(free)
