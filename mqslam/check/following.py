@@ -87,9 +87,12 @@ def follow(
         if len(stretch.scans) < tracker.start_scans:
             continue
         try:
-            there = track_scans(stretch.scans, spread, estimator, beam)
+            of_sensor = estimator, beam, stretch.scans.revolution_s
+            tracker_there = Tracker(spread, *of_sensor)
+            there = track_scans(stretch.scans, tracker_there)
             backward_scans = replace(stretch.scans, scans=tuple(map(_reverse, stretch.scans)))
-            back = track_scans(backward_scans, spread, estimator, beam)
+            # a scan's psi depends on how full the map is: both maps take the same scans
+            back = track_scans(backward_scans, Tracker(spread, *of_sensor, tracker_there.keyframes))
         except EstimationError:
             continue
         for a, b in itertools.pairwise(there):
@@ -109,21 +112,18 @@ def follow(
     )
 
 
-def track_scans(scans: Scans, tracker: TrackerConfig, estimator: EstimatorConfig, beam: Beam) -> list[Tracked]:
+def track_scans(scans: Scans, tracker: Tracker) -> list[Tracked]:
     """Returns successive scans as psi tracks them, in the frame of the first.
 
     Args:
         scans: at least as many as a track starts with.
-        tracker: settings of the tracker.
-        estimator: settings of the score.
-        beam: the sensor's errors.
+        tracker: a new one.
 
     Raises:
         EstimationError: a start that holds too few returns.
     """
-    tracking = Tracker(tracker, estimator, beam, scans.revolution_s)
-    first = tracking.start(scans[: tracker.start_scans])
-    return [first, *(tracking.follow(scan) for scan in scans[1:])]
+    first = tracker.start(scans[: tracker.settings.start_scans])
+    return [first, *(tracker.follow(scan) for scan in scans[1:])]
 
 
 def _explain_shortage(stretches: Sequence[Stretch], needed: int) -> str:

@@ -27,6 +27,7 @@ from mqslam.errors import EstimationError
 from mqslam.mapping.render import place_along
 from mqslam.psi.place import Beam
 from mqslam.psi.tracking.tracked import Tracked
+from mqslam.psi.tracking.tracker import Tracker
 
 QUANTILES = (0.5, 0.9, 0.99, 0.999)
 LEVELS = (40, 60, 80)  # readings of power, of 255, above which shares of bins are counted
@@ -240,7 +241,8 @@ def _follow(scans: Scans, tracker: TrackerConfig, estimator: EstimatorConfig, be
     if len(scans) <= tracker.start_scans or not all(len(scan.returns) for scan in scans):
         return []
     try:
-        return track_scans(scans, tracker.model_copy(update=_MAP | _TURNING), estimator.model_copy(update=_WIDTHS), beam)
+        settings = tracker.model_copy(update=_MAP | _TURNING), estimator.model_copy(update=_WIDTHS)
+        return track_scans(scans, Tracker(*settings, beam, scans.revolution_s))
     except EstimationError:
         return []
 

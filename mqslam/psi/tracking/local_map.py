@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass
 
 import numpy as np
@@ -27,10 +28,12 @@ class LocalMap:
 
     Args:
         settings: how many keyframes it holds, and how far they are apart.
+        chosen: starts [s] of the scans that it keeps of those that are offered; None keeps those that are far apart.
     """
 
-    def __init__(self, settings: TrackerConfig) -> None:
+    def __init__(self, settings: TrackerConfig, chosen: Collection[float] | None = None) -> None:
         self._settings = settings
+        self._chosen = chosen
         self._keyframes: list[_Keyframe] = []
         self.references = make_references(_join([]))
 
@@ -38,15 +41,20 @@ class LocalMap:
         """Number of keyframes that it holds."""
         return len(self._keyframes)
 
+    @property
+    def times(self) -> list[float]:
+        """Starts of its keyframes [s], in order."""
+        return [keyframe.t0 for keyframe in self._keyframes]
+
     def offer(self, t0: float, pose: se2.Array, placed: PointSet) -> None:
-        """Keeps a rendered scan if it is far from the keyframe nearest in time.
+        """Keeps a rendered scan if it is far from the keyframe nearest in time, or was chosen to be kept.
 
         Args:
             t0: start of the scan [s], earlier or later than all keyframes.
             pose: (3,) its start pose.
             placed: its points.
         """
-        if self._is_far(t0, pose):
+        if self._is_far(t0, pose) if self._chosen is None or not self._keyframes else t0 in self._chosen:
             self.add(t0, pose, placed)
 
     def add(self, t0: float, pose: se2.Array, placed: PointSet) -> None:

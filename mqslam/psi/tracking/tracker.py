@@ -6,7 +6,7 @@ The start pose must be free: were it fixed where the last scan ended, errors of 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -55,12 +55,21 @@ class Tracker:
         estimator: settings of the score.
         beam: the sensor's errors.
         revolution_s: duration of a turn [s].
+        keyframes: starts [s] of the scans that join the map; None takes those that are far from the one before.
     """
 
-    def __init__(self, settings: TrackerConfig, estimator: EstimatorConfig, beam: Beam, revolution_s: float) -> None:
+    def __init__(
+        self,
+        settings: TrackerConfig,
+        estimator: EstimatorConfig,
+        beam: Beam,
+        revolution_s: float,
+        keyframes: Collection[float] | None = None,
+    ) -> None:
+        self._chosen = keyframes
         self._setup = Setup(settings, estimator, beam, revolution_s)
         self._matcher = Matcher(self._setup)
-        self._map = LocalMap(settings)
+        self._map = LocalMap(settings, keyframes)
         self._last = LastMatch(0.0, revolution_s, ORIGIN, blind=Blindness.full(settings))
         self._usual = Usual()
         self._foresight = Foresight(settings, self._setup.matching)
@@ -69,6 +78,11 @@ class Tracker:
     def settings(self) -> TrackerConfig:
         """The tracker's settings."""
         return self._setup.settings
+
+    @property
+    def keyframes(self) -> list[float]:
+        """Starts of the scans that its map holds [s], in order."""
+        return self._map.times
 
     def start(self, scans: Sequence[Scan], begin: se2.Array | None = None, odometry: se2.Array | None = None) -> Tracked:
         """Finds the motion of the first scans from psi alone and begins the map with the first of them.
@@ -187,7 +201,7 @@ class Tracker:
         known = belief.in_its_own_frame()
         self._last = LastMatch(scan.t0, scan.t1 - scan.t0, known, blind=self._last.blind)
         self._foresight.forget()
-        self._map = LocalMap(self.settings)
+        self._map = LocalMap(self.settings, self._chosen)
         self._map.offer(scan.t0, known.pose, self._matcher.place(scan, known.mean))
         middle_s = 0.5 * (scan.t1 - scan.t0)  # an error of its twist turns the scan about its start, and so the map
         covariance, skew = known.covariance[POSE, POSE], known.covariance[TWIST, TWIST] * middle_s**2
