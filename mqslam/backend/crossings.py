@@ -13,14 +13,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from mqslam.backend.loops.align import as_references, score_among
+from mqslam.backend.loops.align import score_among
 from mqslam.backend.loops.submap import Drive, pick_spaced
 from mqslam.config import EstimatorConfig, RefinementConfig
 from mqslam.core.engine import Engine
 from mqslam.core.scans import Returns
 from mqslam.mapping.render import place_along
 from mqslam.psi.place import Beam, PointSet
-from mqslam.psi.scoring.references import References
+from mqslam.psi.scoring.references import References, make_references
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,7 +82,7 @@ def measure_psi_across(
 
 def render_earlier(drive: Drive, crossing: Crossing, beam: Beam) -> References:
     """Renders the returns of a crossing's earlier passes in the world frame."""
-    return as_references(render_scans(drive, crossing.earlier, beam))
+    return make_references(render_scans(drive, crossing.earlier, beam))
 
 
 def render_scans(drive: Drive, scans: Sequence[int] | NDArray[np.int64], beam: Beam) -> PointSet:

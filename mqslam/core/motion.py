@@ -113,7 +113,6 @@ def integrate(
     jacobians = np.zeros((n, 3, size))
     twists = np.zeros((n, 3))
     d_yaw, bases = np.zeros(size), np.zeros(size)
-    nodes, weights = _NODES, _WEIGHTS
     before, turned = 0.0, 0.0  # the time up to which all before is integrated, and the yaw there
     for i in range(n):
         t = times[i]

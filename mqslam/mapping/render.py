@@ -16,7 +16,7 @@ from mqslam.psi.minimiser import final_scale, score_against
 from mqslam.psi.place import Beam, PointSet, compute_beam_covariance
 from mqslam.psi.scoring.references import References, make_references
 
-_CHUNK = 50_000  # points that are scored at a time, which bounds the memory of neighbour lists; the result is the same
+_CHUNK = 50_000  # points that are scored at a time, so that workers share them; the result is the same
 
 
 def render(

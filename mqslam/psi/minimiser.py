@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from mqslam.config import EstimatorConfig
 from mqslam.psi.place import PointSet
 from mqslam.psi.scoring.estimator import Evaluation, Kernel, Scale, evaluate
-from mqslam.psi.scoring.neighbours import CandidateLists, NeighbourCache, find_candidates, sort_into_cells
+from mqslam.psi.scoring.neighbours import NeighbourCache, find_candidates, sort_into_cells
 from mqslam.psi.scoring.references import References, evaluate_against
 
 _LARGEST_PART = 0.9  # of a step that the next one is taken to be [1]: it keeps the extrapolation finite
@@ -113,13 +113,6 @@ def kernel_of(config: EstimatorConfig, revolution_s: float) -> Kernel:
 def score_itself(points: PointSet, scale: Scale, revolution_s: float, config: EstimatorConfig) -> Evaluation:
     """Scores points against each other, with candidates looked up anew."""
     lists = find_candidates(sort_into_cells(points.points, scale.s), points.points, scale.s)
-    return _score_moving(points, lists, scale, revolution_s, config)
-
-
-def _score_moving(
-    points: PointSet, lists: CandidateLists, scale: Scale, revolution_s: float, config: EstimatorConfig
-) -> Evaluation:
-    """Scores points that all move with the state against each other."""
     return evaluate(points, points, lists, scale, kernel_of(config, revolution_s), moving_references=True)
 
 
@@ -223,7 +216,7 @@ class _Rendered:
         revolution_s: float,
     ) -> None:
         self._render, self._references = render, references
-        self._config, self._revolution_s = config, revolution_s
+        self._kernel = kernel_of(config, revolution_s)
         self._cache = NeighbourCache()
         self._jacobians = np.empty((0, 2, 0))
 
@@ -241,9 +234,9 @@ class _Rendered:
         queries = self._render(state)
         self._jacobians = queries.jacobians
         if self._references is not None:
-            return score_against(queries, self._references, scale, self._revolution_s, self._config)
+            return evaluate_against(queries, self._references, scale, self._kernel)
         lists = self._cache.lists(queries.points, queries.points, scale.s)
-        return _score_moving(queries, lists, scale, self._revolution_s, self._config)
+        return evaluate(queries, queries, lists, scale, self._kernel, moving_references=True)
 
 
 def _shorten_step(move: NDArray[np.float64], moved_m: float, reach_m: float) -> NDArray[np.float64]:

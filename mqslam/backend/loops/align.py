@@ -75,7 +75,7 @@ def align(
             None where rivals need not be known.
     """
     reach_m, reach_rad = reach
-    references = as_references(reference)
+    references = make_references(reference)
     minima = []
     peaks = find_correlation_peaks(reference.points, query.points, guess, reach_m, reach_rad, config)
     others = [peak for peak in peaks if not np.array_equal(peak, guess)]  # a search from the same pose finds the same
@@ -139,12 +139,7 @@ def _pick_rivals(
 
 def score_at_pose(reference: PointSet, query: PointSet, pose: se2.Array, config: EstimatorConfig) -> float:
     """Returns psi per point of the query laid into the reference at a pose (3,)."""
-    return score_among(as_references(reference), move_rigidly(query, pose), config).psi / len(query)
-
-
-def as_references(points: PointSet) -> References:
-    """Returns points as references that others are compared with."""
-    return make_references(points)
+    return score_among(make_references(reference), move_rigidly(query, pose), config).psi / len(query)
 
 
 def score_among(references: References, points: PointSet, config: EstimatorConfig) -> Evaluation:

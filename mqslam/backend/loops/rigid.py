@@ -16,11 +16,10 @@ from mqslam.config import EstimatorConfig
 from mqslam.core import se2
 from mqslam.psi.minimiser import Expansion, Minimum, Prior, Search, descend, kernel_of
 from mqslam.psi.place import PointSet, rotate_covariances
-from mqslam.psi.scoring.estimator import Evaluation, PointArrays, Scale
+from mqslam.psi.scoring.estimator import Evaluation, Scale, arrays_of
 from mqslam.psi.scoring.references import References, add_up_neighbours, evaluate_against
 
 _NO_JACOBIANS: Final = np.empty((0, 2, 0))
-_NO_RAYS: Final = np.empty((0, 2))
 ANY_TIME: Final = 0.0
 """Turns between neighbours that psi requires: by definition none, as submaps are compared whatever their times."""
 
@@ -78,7 +77,7 @@ class RigidObjective:
         points, (_, *arranged) = self._points, self._references
         c, s = self._turn = float(np.cos(state[2])), float(np.sin(state[2]))
         placed = place_rigidly(points.points, state[0], state[1], c, s)
-        queries = PointArrays(placed, _NO_JACOBIANS, points.covariances, points.times, _NO_RAYS)
+        queries = arrays_of(PointSet(placed, _NO_JACOBIANS, points.covariances, points.times))
         sums = add_up_neighbours(queries, *arranged, scale, self._kernel, False)
         gradient, information, curvature = expand_rigidly(RigidArrays(points.points, points.covariances, c, s), sums, scale)
         return Expansion(gradient, information, 0.5 * (curvature + curvature.T))

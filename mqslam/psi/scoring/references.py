@@ -137,7 +137,7 @@ def add_up_neighbours(
         lowest, highest = min(low, height), min(high + 1, height)
         count = 0
         for column in range(first, min(last, len(begins) - 2) + 1):
-            if is_dense:
+            if is_dense:  # as in `neighbours.list_near`; one function for both would make this kernel slower by a twentieth
                 begin, end = firsts[column, lowest], firsts[column, highest]
             else:
                 begin = find_first(rows, begins[column], begins[column + 1], low)
