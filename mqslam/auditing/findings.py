@@ -68,19 +68,18 @@ def judge_steps(steps: Sequence[StepAudit], jumps: Sequence[StepAudit], settings
         jumps: those of them at which it jumps.
         settings: of the audit, which say how large a jump matters.
     """
-    p_value = find_smallest(step.p_value for step in steps if step.judged)
     if not jumps:
-        judged = sum(step.judged for step in steps)
-        if judged < settings.step_fewest:
+        shown = [step for step in steps if step.judged and step.laid.doubt_m <= settings.jump_m]
+        if len(shown) < settings.step_fewest:
             reason = "too few steps could be measured to see a jump of the trajectory"
             return Finding(VerdictStatus.PASS, reason, judged=False)
-        reason = f"no jump of up to {settings.search_m:g} m at any of {count_of(judged, 'step')}"
-        return Finding(VerdictStatus.PASS, reason, p_value=p_value)
+        reason = f"no jump of up to {settings.search_m:g} m at any of {count_of(len(shown), 'step')}"
+        return Finding(VerdictStatus.PASS, reason, p_value=find_smallest(step.p_value for step in shown))
     worst = max(jumps, key=lambda step: step.laid.size_m)
     others = f" and at {count_of(len(jumps) - 1, 'other place')}" if len(jumps) > 1 else ""
     reason = f"the map jumps by {worst.laid.size_m:.2f} m at {worst.t:.1f} s{others}"
     status = VerdictStatus.FAIL if worst.laid.size_m > settings.torn_m else VerdictStatus.WARN
-    return Finding(status, reason, p_value=p_value)
+    return Finding(status, reason, p_value=find_smallest(step.p_value for step in steps if step.judged))
 
 
 def find_torn_steps(steps: Sequence[StepAudit], settings: AuditConfig, limits: VerdictConfig) -> list[StepAudit]:

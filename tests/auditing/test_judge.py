@@ -58,6 +58,10 @@ def test_poses_of_every_fourth_scan_pass_and_still_show_a_jump(jump_m: float, st
     judgement = audit(sweeps, *SETTINGS, LocalEngine(2), ignore_progress)
     assert judgement.status == status, judgement.reasons
     assert any("too sparse for its turns" in finding.reason for finding in judgement.tests["trajectory"])
+    if status == "pass":  # nothing is claimed of steps in turns, where a jump may be interpolation's
+        shown = [step for step in judgement.steps if step.judged and step.laid.doubt_m <= CONFIG.audit.jump_m]
+        assert len(shown) < CONFIG.audit.step_fewest <= sum(step.judged for step in judgement.steps)
+        assert not judgement.tests["steps"][0].judged
 
 
 def test_a_torn_loop_fails_and_its_offset_is_measured() -> None:
