@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
-from itertools import takewhile
-from threading import Event
+from itertools import islice
 
 import numpy as np
 
@@ -47,17 +45,15 @@ class PsiFrontEnd:
 
     def _track_at_once(self, scans: Sequence[Scan]) -> tuple[list[Match], list[Match | None]]:
         """Tracks a recording as a whole, forward and backward beside each other, and shows each motion as it is measured."""
-        context, forward, stopped = self._context, list[Match](), Event()
-        with ThreadPoolExecutor(1) as beside:  # most of a match is compiled code, which lets the other direction go on
-            back = beside.submit(lambda: list(takewhile(lambda _: not stopped.is_set(), track_backward(scans, context))))
-            try:
-                for match in track_forward(scans, context):
-                    forward.append(match)
-                    context.preview(match.motion)
-            except BaseException:
-                stopped.set()
-                raise
-        return forward, turn_back(scans, back.result())
+        context, forward, back = self._context, list[Match](), list[Match]()
+        alone = replace(context, preview=ignore_motion, engine=None)
+        wait = (context.engine or HERE).start(_track_back, alone, scans)
+        here = iter(()) if wait else track_backward(scans, context)
+        for match in track_forward(scans, context):
+            forward.append(match)
+            back += islice(here, 1)  # step by step with the other direction, so that progress is even
+            context.preview(match.motion)
+        return forward, turn_back(scans, wait() if wait else back)
 
     def _track_segments(self, scans: Sequence[Scan], segments: Sequence[Segment]) -> tuple[list[Match], list[Match | None]]:
         """Tracks the segments of a recording wherever the engine has them tracked, and shows those that are done."""
@@ -73,13 +69,18 @@ class PsiFrontEnd:
                     context.preview(match.motion)
 
         shared = replace(context, preview=ignore_motion, engine=None), scans
-        (context.engine or HERE).map(_track_segment, shared, segments, collect, processes=True)
+        (context.engine or HERE).map(_track_segment, shared, segments, collect)
         return _list_measured(tracks[False]), tracks[True]
 
 
 def _list_measured(matches: Sequence[Match | None]) -> list[Match]:
     """Returns the motions of a forward track, which measures all of them."""
     return [match for match in matches if match is not None]
+
+
+def _track_back(context: Context, scans: Sequence[Scan]) -> list[Match]:
+    """Returns the motions of a recording that is tracked backward as a whole."""
+    return list(track_backward(scans, context))
 
 
 def _track_segment(shared: tuple[Context, Sequence[Scan]], segment: Segment) -> Sequence[Match | None]:

@@ -88,6 +88,10 @@ class ClusterError(MqslamError):
     """A cluster that cannot be reached or cannot do the work any more."""
 
 
+class WorkerError(MqslamError):
+    """A process that died of the work it was given."""
+
+
 class EstimationError(MqslamError):
     """Data from which no motion can be estimated, such as a recording without returns."""
 

@@ -47,7 +47,7 @@ def run_all(orders: Sequence[Order], out: Path, engine: Engine, progress: Progre
         ClusterError: the cluster is lost.
     """
     terms = Terms(out, engine.jobs, force)
-    before = engine.map(_find_kept, terms, orders)
+    before = [_find_kept(terms, order) for order in orders]
     missing = [order for order, kept in zip(orders, before, strict=True) if kept is None]
 
     def done(number: int, outcome: Outcome | None) -> None:

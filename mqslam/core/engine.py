@@ -18,12 +18,13 @@ class Engine(Protocol):
     """A place where function(shared, item) is called for many items.
 
     The function must be at the top level of a module and depend on its arguments alone; the function, its arguments and its
-    results must pickle. It may be called more than once for one item, so that whatever it writes must be the same each time.
+    results must pickle, and what calls share must not change. It may be called more than once for one item, so that whatever
+    it writes must be the same each time.
     """
 
     @property
     def jobs(self) -> int:
-        """Number of processes or threads that a call of `map_apart` may use itself."""
+        """Number of processes that a call of `map_apart` may use itself."""
         ...
 
     def map(
@@ -32,8 +33,6 @@ class Engine(Protocol):
         shared: S,
         items: Sequence[T],
         done: Callable[[int, R], None] = ignore_result,
-        *,
-        processes: bool = False,
     ) -> list[R]:
         """Returns function(shared, item) for each item, in the order of the items.
 
@@ -42,11 +41,18 @@ class Engine(Protocol):
             shared: its first argument, which a worker gets once.
             items: its second arguments.
             done: called in this process, in the order of the items, with the number of items done and the last result.
-            processes: whether the function spends its time in Python, so that threads would wait for each other.
 
         Raises:
             Exception: the function fails for an item, or `done` fails; the first such error is raised.
             ClusterError: the cluster is lost.
+        """
+        ...
+
+    def start(self, function: Callable[[S, T], R], shared: S, item: T) -> Callable[[], R] | None:
+        """Starts a call of function(shared, item) beside what this process does.
+
+        Returns:
+            What waits for its result and returns or raises it; None where there is nobody to call it but this process.
         """
         ...
 

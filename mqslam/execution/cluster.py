@@ -145,10 +145,8 @@ class DaskEngine:
         shared: S,
         items: Sequence[T],
         done: Callable[[int, R], None] = ignore_result,
-        *,
-        processes: bool = False,
     ) -> list[R]:
-        """Calls the function as `Engine.map` does; every worker is a process."""
+        """Calls the function as `Engine.map` does."""
 
         def take(future: Future) -> R:
             try:
@@ -158,6 +156,19 @@ class DaskEngine:
             return result
 
         return self._collect(function, shared, items, take, done)
+
+    def start(self, function: Callable[[S, T], R], shared: S, item: T) -> Callable[[], R]:
+        """Starts a call as `Engine.start` does."""
+        (future,) = self._send(function, shared, [item])
+
+        def wait() -> R:
+            try:
+                result: R = self._wait_for(future)
+            except (FutureCancelledError, KilledWorker):  # the worker is gone; `map` knows what to do about it
+                result = self.map(function, shared, [item])[0]
+            return result
+
+        return wait
 
     def map_apart(
         self,

@@ -1,15 +1,18 @@
-"""The engine of one machine: it calls pure functions on threads or in processes, to the same result."""
+"""The engine of one machine: it calls pure functions in this process or in several, to the same result."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
-from concurrent.futures import Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
 from multiprocessing import get_context
-from typing import Any, Final, TypeVar
+from typing import Final, TypeVar
 
 from mqslam.core.engine import ignore_result
+from mqslam.errors import Remedy, WorkerError
 from mqslam.execution.interrupts import raise_interrupts, shield_from_interrupts
+from mqslam.execution.worker_processes import WorkerProcesses
 
 S = TypeVar("S")
 T = TypeVar("T")
@@ -20,14 +23,15 @@ _WORTH_PROCESSES = 5  # for fewer items, starting processes takes longer than it
 
 
 class LocalEngine:
-    """The threads and processes of this machine as an engine.
+    """The processes of this machine as an engine; they start when they are first needed, and end with the engine.
 
     Args:
-        jobs: how many of them work at a time.
+        jobs: how many of them work at a time; one is this process itself.
     """
 
     def __init__(self, jobs: int) -> None:
         self._jobs = jobs
+        self._workers: WorkerProcesses | None = None
 
     @property
     def jobs(self) -> int:
@@ -40,20 +44,44 @@ class LocalEngine:
         shared: S,
         items: Sequence[T],
         done: Callable[[int, R], None] = ignore_result,
-        *,
-        processes: bool = False,
     ) -> list[R]:
-        """Calls the function as `Engine.map` does; a few items that need processes are done in this thread."""
-        if self._jobs == 1 or (processes and len(items) < _WORTH_PROCESSES):
+        """Calls the function as `Engine.map` does; this process does a few items itself if there are no others yet."""
+        if self._jobs == 1 or (self._workers is None and len(items) < _WORTH_PROCESSES):
             return _collect((function(shared, item) for item in items), done)
-        if not processes:
-            with ThreadPoolExecutor(self._jobs) as pool:
-                return _collect_from(pool, [pool.submit(function, shared, item) for item in items], done)
-        start: dict[str, Any] = {"initializer": _prepare, "initargs": (function, shared)}
-        with ProcessPoolExecutor(self._jobs, mp_context=get_context("spawn"), **start) as workers:
-            with shield_from_interrupts():
-                pending: list[Future[R]] = [workers.submit(_call_prepared, item) for item in items]
-            return _collect_from(workers, pending, done)
+        with self._end_workers_on_error():
+            pending = self._start_workers().submit(function, shared, items)
+            return _collect((future.result() for future in pending), done)
+
+    def start(self, function: Callable[[S, T], R], shared: S, item: T) -> Callable[[], R] | None:
+        """Starts a call as `Engine.start` does."""
+        if self._jobs == 1:
+            return None
+        (future,) = self._start_workers().submit(function, shared, [item])
+
+        def wait() -> R:
+            with self._end_workers_on_error():
+                return future.result()
+
+        return wait
+
+    def _start_workers(self) -> WorkerProcesses:
+        """Returns the processes, which are started if there are none."""
+        if self._workers is None:
+            self._workers = WorkerProcesses(self._jobs)
+        return self._workers
+
+    @contextmanager
+    def _end_workers_on_error(self) -> Iterator[None]:
+        """Ends the processes after an error of the block, so that nothing further is begun."""
+        try:
+            yield
+        except BaseException as error:
+            if self._workers is not None:
+                self._workers.close()
+                self._workers = None
+            if isinstance(error, BrokenProcessPool):
+                raise WorkerError(f"a worker is lost: {DIED}", Remedy.RESUME) from error
+            raise
 
     def map_apart(
         self,
@@ -78,15 +106,6 @@ def _collect(results: Iterable[R], done: Callable[[int, R], None]) -> list[R]:
     return collected
 
 
-def _collect_from(pool: Executor, pending: list[Future[R]], done: Callable[[int, R], None]) -> list[R]:
-    """Returns the results of a pool; after an error no further item is begun."""
-    try:
-        return _collect((future.result() for future in pending), done)
-    except BaseException:
-        pool.shutdown(cancel_futures=True)
-        raise
-
-
 def _call_apart(function: Callable[[S, T], R], shared: S, item: T) -> R | None:
     """Returns function(shared, item) from a process of its own, or None if that process dies."""
     try:
@@ -102,18 +121,3 @@ def _call_interruptibly(function: Callable[[S, T], R], shared: S, item: T) -> R:
     """Returns function(shared, item); processes that the function starts end with this one."""
     with raise_interrupts():
         return function(shared, item)
-
-
-_work: tuple[Callable[[Any, Any], Any], Any]  # a worker process gets it once: an index has megabytes
-
-
-def _prepare(function: Callable[[S, T], R], shared: S) -> None:
-    """Sets what a worker process calls for all items."""
-    global _work
-    _work = function, shared
-
-
-def _call_prepared(item: Any) -> Any:
-    """Returns the result of the prepared function for an item."""
-    function, shared = _work
-    return function(shared, item)

@@ -113,7 +113,7 @@ class Runner:
 
         Args:
             stage: name of the stage, for progress.
-            function: the function to call; it spends its time in Python, so that each worker is a process.
+            function: the function to call.
             shared: its first argument.
             items: its second arguments.
             kept: returns how the result for an item is kept.
@@ -136,5 +136,5 @@ class Runner:
             self.keep(kept(items[k]), result)
             self.progress(stage, reached, total)
 
-        self.engine.map(function, shared, [items[k] for k in missing], done, processes=True)
+        self.engine.map(function, shared, [items[k] for k in missing], done)
         return [results[k] for k in range(len(items))]

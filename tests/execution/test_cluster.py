@@ -119,10 +119,9 @@ def test_a_call_that_kills_its_process_again_and_again_is_its_own_failure_alone(
 
 
 @pytest.mark.parametrize("engine", [HERE, LocalEngine(3)])
-@pytest.mark.parametrize("processes", [False, True])
-def test_results_come_in_the_order_of_the_items(engine: LocalEngine, processes: bool) -> None:
+def test_results_come_in_the_order_of_the_items(engine: LocalEngine) -> None:
     done: list[tuple[int, int]] = []
-    results = engine.map(slow_sum, [1, 2], range(6), lambda *said: done.append(said), processes=processes)
+    results = engine.map(slow_sum, [1, 2], range(6), lambda *said: done.append(said))
     assert results == [3, 4, 5, 6, 7, 8] and done == list(zip(range(1, 7), results, strict=True))
 
 

@@ -10,7 +10,9 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 BELOW = Path(__file__).parents[1]  # where workers find this file
 
@@ -93,6 +95,13 @@ def slow_sum(shared: list[int], item: int) -> int:
     """Returns the sum of all numbers, a tenth of a second later."""
     time.sleep(0.1)
     return sum(shared) + item
+
+
+def add_to(shared: tuple[NDArray[np.float64], float], item: int) -> tuple[int, float]:
+    """Writes to its process's copy of a shared array, and returns the number of the process and the sum of that copy."""
+    array, offset = shared
+    array[item] += offset
+    return os.getpid(), float(array.sum())
 
 
 def full_disk(shared: list[int], item: int) -> int:

@@ -1,0 +1,158 @@
+"""Processes that stay for many calls, and read what the calls share from files that all of them map into memory."""
+
+from __future__ import annotations
+
+import mmap
+import os
+import pickle
+from collections.abc import Callable, Sequence
+from concurrent.futures import Future, ProcessPoolExecutor
+from multiprocessing import get_context, parent_process
+from pathlib import Path
+from shutil import rmtree
+from tempfile import mkdtemp
+from threading import Thread
+from typing import Any, NamedTuple, TypeVar
+from weakref import finalize, ref
+
+from mqslam.execution.interrupts import shield_from_interrupts
+
+S = TypeVar("S")
+T = TypeVar("T")
+R = TypeVar("R")
+
+_LARGE = 1_000_000  # bytes; a smaller array is copied with what holds it
+
+
+class WorkerProcesses:
+    """Processes that call functions. They start with the first call, which takes a second or two, and end with this object.
+
+    A large array is written to a file once and mapped by every process, so that many processes hold it in memory once.
+    Arrays that calls share must therefore never change.
+
+    Args:
+        count: number of processes.
+    """
+
+    def __init__(self, count: int) -> None:
+        self._folder = Path(mkdtemp(prefix="mqslam-"))
+        with_parent: dict[str, Any] = {"initializer": _end_with_parent, "initargs": (self._folder,)}
+        self._executor = ProcessPoolExecutor(count, mp_context=get_context("spawn"), **with_parent)
+        self._remove = finalize(self, rmtree, self._folder, ignore_errors=True)
+        self._written: dict[int, tuple[ref[Any], Path]] = {}  # by the array's id, as long as that array lives
+        self._files = 0
+
+    def submit(self, function: Callable[[S, T], R], shared: S, items: Sequence[T]) -> list[Future[R]]:
+        """Has function(shared, item) called for each item, the first ones first.
+
+        Raises:
+            OSError: what they share cannot be written.
+        """
+        call, arrays = self._write((function, shared))
+        with shield_from_interrupts():  # the processes start now
+            futures = [self._executor.submit(_call, call, item) for item in items]
+        waiting = set(futures)
+
+        def release(future: Future[R]) -> None:
+            waiting.discard(future)
+            if not waiting:
+                call.unlink(missing_ok=True)
+                arrays.clear()
+
+        for future in futures:
+            future.add_done_callback(release)
+        return futures
+
+    def close(self) -> None:
+        """Ends the processes as soon as they have done what they are at; what is not begun is not done."""
+        self._executor.shutdown(cancel_futures=True)
+        self._remove()
+
+    def _write(self, what: Any) -> tuple[Path, list[Any]]:
+        """Writes an object to a file, and its large arrays to files of their own, which last as long as the arrays do.
+
+        Returns:
+            The file, and the arrays.
+        """
+        arrays: list[Any] = []
+        paths: list[Path] = []
+
+        def keep(buffer: pickle.PickleBuffer) -> bool:
+            """Returns whether the bytes of an array are copied with the rest, for which a disk without room is a reason."""
+            with buffer.raw() as raw:
+                if raw.nbytes < _LARGE:
+                    return True
+                try:
+                    paths.append(self._write_once(raw))
+                except OSError:
+                    return True
+                arrays.append(raw.obj)
+            return False
+
+        content = pickle.dumps(what, protocol=5, buffer_callback=keep)
+        path = self._make_path()
+        path.write_bytes(pickle.dumps((paths, content)))
+        return path, arrays
+
+    def _write_once(self, raw: memoryview) -> Path:
+        """Writes the bytes of an array to a file, unless they are in one."""
+        for key, (array, path) in list(self._written.items()):
+            if array() is None:
+                del self._written[key]
+                path.unlink(missing_ok=True)
+        known = self._written.get(id(raw.obj))
+        if known is None:
+            path = self._make_path()
+            path.write_bytes(raw)
+            known = self._written[id(raw.obj)] = ref(raw.obj), path
+        return known[1]
+
+    def _make_path(self) -> Path:
+        self._files += 1
+        return self._folder / str(self._files)
+
+
+class _Held(NamedTuple):
+    """What a process calls for item after item.
+
+    Args:
+        path: the file that it was read from.
+        function: the function.
+        shared: its first argument.
+    """
+
+    path: Path
+    function: Callable[[Any, Any], Any]
+    shared: Any
+
+
+_held: _Held | None = None
+
+
+def _call(path: Path, item: Any) -> Any:
+    """Returns the result of the function in a file for an item, in a process of `WorkerProcesses`."""
+    global _held
+    if _held is None or _held.path != path:
+        _held = None  # it is released before the next one takes memory
+        paths, content = pickle.loads(path.read_bytes())
+        _held = _Held(path, *pickle.loads(content, buffers=[_map_into_memory(array) for array in paths]))
+    return _held.function(_held.shared, item)
+
+
+def _map_into_memory(path: Path) -> mmap.mmap:
+    """Returns the bytes of a file; a process that wrote to them would change its own copy alone."""
+    with path.open("rb") as file:
+        return mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_COPY)
+
+
+def _end_with_parent(folder: Path) -> None:
+    """Has this process end when the one that started it does, be it killed, and remove a folder that is left of it."""
+    parent = parent_process()
+
+    def end() -> None:
+        if parent is not None:
+            parent.join()
+        rmtree(folder, ignore_errors=True)
+        os._exit(1)
+
+    Thread(target=end, daemon=True).start()
