@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Final
 
+import numba as nb
 import numpy as np
 from numpy.typing import NDArray
 
@@ -66,17 +67,41 @@ def pick_thinned(points: NDArray[np.float64], most: int) -> NDArray[np.int64]:
     if len(points) <= most:
         return np.arange(len(points))
     order = np.random.default_rng(0).permutation(len(points))  # any point of a cell may stay, whatever its time
-
-    def pick(cell: float) -> NDArray[np.int64]:
-        column, row = np.floor((points[order] - points.min(axis=0)) / cell).astype(np.int64).T
-        _, first = np.unique(column * (int(row.max()) + 1) + row, return_index=True)
-        return np.sort(order[first])
-
+    shuffled = (points - points.min(axis=0))[order]
     low, high = _SMALLEST_CELL_M, float(np.ptp(points, axis=0).max()) + _SMALLEST_CELL_M
     while high > _CELL_RATIO * low:
         middle = float(np.sqrt(low * high))
-        low, high = (middle, high) if len(pick(middle)) > most else (low, middle)
-    return pick(high)
+        low, high = (middle, high) if len(find_first_of_cells(shuffled, middle, most)) > most else (low, middle)
+    return np.sort(order[find_first_of_cells(shuffled, high, most)])
+
+
+@nb.njit(cache=True, nogil=True)
+def find_first_of_cells(points: NDArray[np.float64], cell: float, most: int) -> NDArray[np.int64]:
+    """Returns the indices of the first point in each cell of a raster; it ends when there are more than `most` cells.
+
+    Args:
+        points: (N, 2) m, of which none is negative.
+        cell: side of a cell [m].
+        most: largest number of cells that matters.
+    """
+    room = 4
+    while room < 4 * most:
+        room *= 2
+    taken = np.full((room, 2), -1, np.int64)  # the cells that were met, each at the first free place from its own one on
+    first = np.empty(most + 1, np.int64)
+    count = 0
+    for k in range(len(points)):
+        column, row = int(points[k, 0] / cell), int(points[k, 1] / cell)
+        place = (column * 73_856_093 ^ row * 19_349_663) & (room - 1)
+        while taken[place, 0] >= 0 and (taken[place, 0] != column or taken[place, 1] != row):
+            place = (place + 1) & (room - 1)
+        if taken[place, 0] < 0:
+            taken[place, 0], taken[place, 1] = column, row
+            first[count] = k
+            count += 1
+            if count > most:
+                break
+    return first[:count]
 
 
 @dataclass(frozen=True, slots=True)

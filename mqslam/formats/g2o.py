@@ -26,6 +26,7 @@ def format_g2o(factors: gtsam.NonlinearFactorGraph, values: gtsam.Values, size: 
     import gtsam
 
     lines = []
+    above = np.triu_indices(3)
     keys = [gtsam.symbol("x", k) for k in range(size)] + [gtsam.symbol("m", j) for j in range(values.size() - size)]
     number = {key: k for k, key in enumerate(keys)}
     for key, k in number.items():
@@ -41,7 +42,7 @@ def format_g2o(factors: gtsam.NonlinearFactorGraph, values: gtsam.Values, size: 
         assert isinstance(robust, gtsam.noiseModel.Robust)
         gaussian = robust.noise()
         assert isinstance(gaussian, gtsam.noiseModel.Gaussian)
-        upper = " ".join(f"{v:.9g}" for v in gaussian.information()[np.triu_indices(3)])
+        upper = " ".join(f"{v:.9g}" for v in gaussian.information()[above])
         lines.append(f"EDGE_SE2 {a} {b} {z.x():.9g} {z.y():.9g} {z.theta():.9g} {upper}")
     return "\n".join(lines) + "\n"
 

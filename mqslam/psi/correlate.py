@@ -2,22 +2,25 @@
 
 It is the widest and cheapest form of the score. Its peaks are starts for psi, which has the last word.
 
-The images of scans are empty but for a few thousand pixels, and only shifts within the reach count. Adding up the other
-image around each of these pixels takes less work than Fourier transforms of both images do.
+The images of scans are empty but for a few thousand pixels, and only shifts within the reach count. Where the reach is
+short, adding up the other image around each of these pixels takes less work than Fourier transforms do.
 """
 
 from __future__ import annotations
 
+from functools import cached_property
+
 import numba as nb
 import numpy as np
 from numpy.typing import NDArray
-from scipy.fft import next_fast_len
+from scipy.fft import irfft2, next_fast_len, rfft2
 from scipy.ndimage import gaussian_filter, maximum_filter
 
 from mqslam.config import EstimatorConfig
 from mqslam.core import se2
 
 _NEIGHBOURS = 5  # a peak is the largest of so many pixels in a square: the definition of a local maximum
+_SUMS_PER_PIXEL = 45  # pixels that are added up in the time in which Fourier transforms take one pixel, as measured
 
 
 def find_correlation_peaks(
@@ -52,13 +55,13 @@ def find_correlation_peaks(
     side = next_fast_len(int(np.ceil(2.0 * (extent + reach_m) / pixel_m)) + 1, real=True)
     cells = int(np.ceil(reach_m / pixel_m))
     blurred = gaussian_filter(draw(reference, lowest, side, pixel_m), config.search_blur)
-    padded = np.pad(blurred, cells, mode="wrap")  # what is shifted beyond one edge enters at the opposite one
+    image = Image(blurred, cells)
     span = np.arange(-cells, cells + 1)
     inside = np.hypot(*np.meshgrid(span, span, indexing="ij")) <= cells + 0.5
     peaks: list[tuple[float, se2.Array]] = []
     for yaw in guess[2] + np.linspace(-count, count, 2 * count + 1) * step:
         rotated = se2.transform(np.array([guess[0], guess[1], yaw]), query)
-        correlation = add_up_around(padded, find_pixels(rotated, lowest, side, pixel_m), cells)
+        correlation = image.correlate(find_pixels(rotated, lowest, side, pixel_m))
         local = np.where(inside, correlation, -np.inf)
         tops = np.argwhere((maximum_filter(local, size=_NEIGHBOURS) == local) & inside)
         for i, k in tops[np.argsort(-local[tops[:, 0], tops[:, 1]], kind="stable")][: config.search_peaks]:
@@ -66,6 +69,36 @@ def find_correlation_peaks(
             peaks.append((float(local[i, k]), np.array([at[0], at[1], yaw])))
     peaks.sort(key=lambda peak: -peak[0])
     return _choose_different([pose for _, pose in peaks], 2.0 * config.search_same_m, config.search_peaks)
+
+
+class Image:
+    """An image that others are correlated with. What is shifted beyond one edge of it enters at the opposite one.
+
+    Args:
+        image: (K, K).
+        cells: how far it is shifted each way at the most [pixels].
+    """
+
+    def __init__(self, image: NDArray[np.float64], cells: int) -> None:
+        self._image, self._cells = image, cells
+        self._shifts = np.arange(-cells, cells + 1)
+
+    def correlate(self, pixels: NDArray[np.int64]) -> NDArray[np.float64]:
+        """Returns the correlation (2 C + 1, 2 C + 1) with an image of which pixels (P, 2) are one and all others zero."""
+        if len(pixels) * len(self._shifts) ** 2 < _SUMS_PER_PIXEL * self._image.size:
+            return add_up_around(self._padded, pixels, self._cells)
+        other = np.zeros(self._image.shape, np.float32)
+        other[pixels[:, 0], pixels[:, 1]] = 1.0
+        correlation = irfft2(self._spectrum * np.conj(rfft2(other)), s=self._image.shape)
+        return np.asarray(correlation[np.ix_(self._shifts, self._shifts)], dtype=np.float64)
+
+    @cached_property
+    def _padded(self) -> NDArray[np.float64]:
+        return np.pad(self._image, self._cells, mode="wrap")
+
+    @cached_property
+    def _spectrum(self) -> NDArray[np.complex64]:
+        return np.asarray(rfft2(self._image.astype(np.float32)))
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")

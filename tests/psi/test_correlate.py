@@ -9,6 +9,7 @@ from scipy.fft import irfft2, rfft2
 
 from mqslam.config import EstimatorConfig
 from mqslam.core import se2
+from mqslam.psi import correlate
 from mqslam.psi.correlate import add_up_around, draw, find_correlation_peaks, find_pixels
 
 CONFIG = EstimatorConfig()
@@ -59,3 +60,11 @@ def test_sums_around_pixels_are_the_correlation_of_two_images(count: int, cells:
     expected = irfft2(spectrum, s=(side, side))[np.ix_(shifts, shifts)]
     padded = np.pad(reference, cells, mode="wrap")
     np.testing.assert_allclose(add_up_around(padded, pixels, cells), expected, rtol=1e-10, atol=1e-10)
+
+
+def test_a_wide_search_adds_up_what_a_narrow_one_does() -> None:
+    rng, side, cells = np.random.default_rng(5), 120, 30
+    image, pixels = rng.random((side, side)), np.unique(rng.integers(0, side, (900, 2)), axis=0)
+    assert len(pixels) * (2 * cells + 1) ** 2 > correlate._SUMS_PER_PIXEL * side * side
+    expected = add_up_around(np.pad(image, cells, mode="wrap"), pixels, cells)
+    np.testing.assert_allclose(correlate.Image(image, cells).correlate(pixels), expected, rtol=1e-5)

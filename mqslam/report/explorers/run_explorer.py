@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
-from scipy.spatial import cKDTree
+from numpy.typing import NDArray
 
 from mqslam.auditing.windows.windows import WindowAudit, torn_threshold
 from mqslam.config import AuditConfig
@@ -169,21 +171,52 @@ def _show_windows(report: Report) -> tuple[Place, ...]:
     if not report.checks:
         return ()
     maps = [
-        (report.before, report.map_odometry, report.odometry, cKDTree(report.map_odometry.points)),
-        ("optimised", report.map_optimised, report.optimised, cKDTree(report.map_optimised.points)),
+        _Map.of(report.before, report.map_odometry, report.odometry),
+        _Map.of("optimised", report.map_optimised, report.optimised),
     ]
     places = []
     for window in report.checks:
-        views = tuple(_view_window(name, pointmap, track, tree, window) for name, pointmap, track, tree in maps)
+        views = tuple(_view_window(one, window) for one in maps)
         places.append(Place(window.t0, window.t1, *_describe_window(window), window.torn, views))
     return tuple(places)
 
 
-def _view_window(name: str, pointmap: PointMap, track: Trajectory, tree: cKDTree, window: WindowAudit) -> View:
+class _Map(NamedTuple):
+    """A map of which the surroundings of places are shown.
+
+    Args:
+        name: of the map.
+        points: its points.
+        track: the trajectory under which it was made.
+        order: (N,) indices of the points in the order of x.
+        x: (N,) x of the points in that order [m].
+    """
+
+    name: str
+    points: PointMap
+    track: Trajectory
+    order: NDArray[np.int64]
+    x: NDArray[np.float64]
+
+    @classmethod
+    def of(cls, name: str, points: PointMap, track: Trajectory) -> _Map:
+        """Returns a map with its points in the order of x."""
+        order = np.argsort(points.points[:, 0])
+        return cls(name, points, track, order, points.points[order, 0])
+
+    def find_near(self, pose: se2.Array) -> NDArray[np.int64]:
+        """Returns the indices, in increasing order, of the points within `_REACH_M` along x and along y of a pose (3,)."""
+        begin, end = np.searchsorted(self.x, pose[0] + np.array([-_REACH_M, _REACH_M]))
+        near = self.order[begin:end]
+        return np.sort(near[np.abs(self.points.points[near, 1] - pose[1]) <= _REACH_M])
+
+
+def _view_window(shown: _Map, window: WindowAudit) -> View:
     """Returns the map around a window, seen from the sensor at its middle: this pass and the others."""
+    pointmap, track = shown.points, shown.track
     pose = track.poses[min((window.begin + window.end) // 2, len(track) - 1)]
-    near = np.array(tree.query_ball_point(pose[:2], _REACH_M, return_sorted=True), dtype=np.int64)
+    near = shown.find_near(pose)
     seen = se2.transform(se2.inverse(pose), pointmap.points[near])
     inside = np.abs(seen).max(axis=1) <= _HALF_SIDE_M
     own = np.abs(pointmap.times[near] - 0.5 * (window.t0 + window.t1)) <= _SAME_PASS_S
-    return View(name, (seen[inside & own], seen[inside & ~own]), (BLUE, ORANGE))
+    return View(shown.name, (seen[inside & own], seen[inside & ~own]), (BLUE, ORANGE))
