@@ -10,7 +10,7 @@ import gtsam
 import numpy as np
 from numpy.typing import NDArray
 
-from mqslam.backend.marginals import compute_relative_covariances
+from mqslam.backend.marginals import Uncertainty
 from mqslam.backend.pose_graph import PoseGraph
 from mqslam.core import se2
 from mqslam.errors import EstimationError
@@ -50,7 +50,7 @@ class GraphClaims:
         """Returns how sure the graph is of pairs of poses, as `Claims` says."""
         inside = [(self.numbers[a], self.numbers[b]) for a, b in pairs]
         try:
-            covariances = compute_relative_covariances(self.graph, self.values, inside)
+            covariances = Uncertainty(self.graph, self.values).relate(inside)
         except EstimationError:
             return None
         yaws = [float(self.poses[a, 2] - self.poses[b, 2]) for a, b in pairs]

@@ -17,6 +17,7 @@ where every pose takes the solution of a linear system of its own.
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from functools import cached_property
 from typing import Final, NamedTuple
 
 import gtsam
@@ -111,23 +112,16 @@ class Elimination:
         the variables on the ways from those of D to the last one take part.
         """
         begins = np.concatenate([[0], np.cumsum(self._widths)])
-        triangle = self._list_triangle(begins)
-        covariances = np.empty((len(derivatives), 3, 3))
-        for k, derivative in enumerate(derivatives):
-            spread = np.zeros((begins[-1], 3))
-            for key, block in derivative:
-                begin = begins[self._numbers[key]]
-                spread[begin : begin + block.shape[1]] += block.T
-            solve_transposed(*triangle, spread)
-            covariances[k] = spread.T @ spread
-        return covariances
+        blocks = [(begins[self._numbers[key]], block) for derivative in derivatives for key, block in derivative]
+        columns = np.concatenate([np.arange(begin, begin + block.shape[1]) for begin, block in blocks])
+        sizes = [sum(block.shape[1] for _, block in derivative) for derivative in derivatives]
+        ends = np.concatenate([[0], np.cumsum(sizes)])
+        return project_all(*self._triangle, ends, columns, np.concatenate([block.T for _, block in blocks]))
 
-    def _list_triangle(self, begins: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64], _Array]:
-        """Returns R row by row: where each row begins, and the columns and entries of all, the diagonal one first.
-
-        Args:
-            begins: first column of every variable.
-        """
+    @cached_property
+    def _triangle(self) -> tuple[NDArray[np.int64], NDArray[np.int64], _Array]:
+        """R row by row: where each row begins, and the columns and entries of all, the diagonal one first."""
+        begins = np.concatenate([[0], np.cumsum(self._widths)])
         columns, entries, counts = [], [], [0]
         for variable, conditional in enumerate(self._conditionals):
             tied = (variable, *conditional.given)
@@ -141,24 +135,46 @@ class Elimination:
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
-def solve_transposed(
-    begins: NDArray[np.int64], columns: NDArray[np.int64], entries: NDArray[np.float64], right: NDArray[np.float64]
-) -> None:
-    """Replaces the right-hand sides (n, q) of R^T y = right by the solutions y; what is zero costs nothing.
+def project_all(
+    begins: NDArray[np.int64],
+    columns: NDArray[np.int64],
+    entries: NDArray[np.float64],
+    ends: NDArray[np.int64],
+    places: NDArray[np.int64],
+    blocks: NDArray[np.float64],
+) -> NDArray[np.float64]:
+    """Returns the covariances (K, 3, 3) of K functions D x of the solution of R x = noise of unit variance.
+
+    That of each is Y^T Y, where R^T Y = D^T. A row of Y is complete once those above it are, and zero rows cost nothing.
 
     Args:
         begins: (n + 1,) where each row of the upper triangular R begins, and where the last one ends.
-        columns: (m,) columns of the entries.
+        columns: (m,) columns of the entries of R.
         entries: (m,) entries row by row, that of the diagonal first.
-        right: (n, q).
+        ends: (K + 1,) where the rows of each function's D^T begin among the blocks, and where the last ones end.
+        places: (r,) rows of D^T that are not zero.
+        blocks: (r, 3) their entries.
     """
-    for i in range(len(right)):
-        if not right[i].any():
-            continue
-        right[i] /= entries[begins[i]]
-        for k in range(begins[i] + 1, begins[i + 1]):
-            for p in range(right.shape[1]):
-                right[columns[k], p] -= entries[k] * right[i, p]
+    covariances = np.zeros((len(ends) - 1, 3, 3))
+    right = np.zeros((len(begins) - 1, 3))
+    for k in range(len(ends) - 1):
+        first = len(right)
+        for j in range(ends[k], ends[k + 1]):
+            right[places[j]] += blocks[j]
+            first = min(first, places[j])
+        for i in range(first, len(right)):
+            if right[i, 0] == 0.0 and right[i, 1] == 0.0 and right[i, 2] == 0.0:
+                continue
+            own = entries[begins[i]]
+            y = right[i, 0] / own, right[i, 1] / own, right[i, 2] / own
+            for e in range(begins[i] + 1, begins[i + 1]):
+                for p in range(3):
+                    right[columns[e], p] -= entries[e] * y[p]
+            for p in range(3):
+                right[i, p] = 0.0
+                for q in range(3):
+                    covariances[k, p, q] += y[p] * y[q]
+    return covariances
 
 
 def _list_rows(linear: gtsam.GaussianFactorGraph, numbers: dict[int, int]) -> Iterable[_Rows]:

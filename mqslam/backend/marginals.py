@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Final
 
 import gtsam
@@ -58,71 +59,77 @@ def compute_all_marginals(graph: PoseGraph, values: gtsam.Values) -> PoseCovaria
     """
     keys = [X(k) for k in range(graph.size)]
     try:
-        marginals = _compute_twice(graph, values, keys, lambda eliminated: eliminated.compute_marginals(keys))
+        marginals = Uncertainty(graph, values).compute_twice(lambda eliminated: eliminated.compute_marginals(keys))
     except Exception as error:  # a singular system, or one that does not fit into memory
         return PoseCovariances.unknown(describe_error(error))
     return PoseCovariances(np.arange(graph.size), marginals)
 
 
-def compute_relative_covariances(
-    graph: PoseGraph, values: gtsam.Values, pairs: Sequence[tuple[int, int]]
-) -> NDArray[np.float64]:
-    """Computes the covariances (K, 3, 3) of poses in the frames of other poses, given all factors [m, m, rad].
-
-    What both poses of a pair have in common takes no part: the covariance is that of the motion from one to the other.
+class Uncertainty:
+    """How sure a graph is of its poses. The graph is eliminated once, when that is first asked for.
 
     Args:
-        graph: the graph.
+        graph: the graph, whose factors may involve other variables than the poses, too.
         values: where it is linearised.
-        pairs: numbers (a, b) of K pairs of poses; a covariance is that of pose b, x, y and yaw, in the frame of pose a.
-
-    Raises:
-        EstimationError: the graph does not determine a pose, or its edges are too unequal for floating-point precision.
     """
-    covariances = np.zeros((len(pairs), 3, 3))
-    apart = [k for k, (a, b) in enumerate(pairs) if a != b]  # a pose in its own frame is known
-    if not apart:
+
+    def __init__(self, graph: PoseGraph, values: gtsam.Values) -> None:
+        self._graph, self._values = graph, values
+
+    def relate(self, pairs: Sequence[tuple[int, int]]) -> NDArray[np.float64]:
+        """Computes the covariances (K, 3, 3) of poses in the frames of other poses, given all factors [m, m, rad].
+
+        What both poses of a pair have in common takes no part: the covariance is that of the motion from one to the other.
+
+        Args:
+            pairs: numbers (a, b) of K pairs of poses; a covariance is that of pose b, x, y and yaw, in the frame of pose a.
+
+        Raises:
+            EstimationError: the graph does not determine a pose, or its edges are too unequal for floating-point precision.
+        """
+        covariances = np.zeros((len(pairs), 3, 3))
+        apart = [k for k, (a, b) in enumerate(pairs) if a != b]  # a pose in its own frame is known
+        if not apart:
+            return covariances
+        if max(max(pair) for pair in pairs) >= self._graph.size:
+            raise EstimationError(UNDETERMINED)
+        poses = {k: _pose_at(self._values, k) for k in {k for pair in pairs for k in pair}}
+        motions = [_differentiate_motion(X(a), X(b), se2.between(poses[a], poses[b])) for a, b in (pairs[k] for k in apart)]
+        try:
+            covariances[apart] = self.compute_twice(lambda eliminated: eliminated.project(motions))
+        except MemoryError as error:
+            raise EstimationError("the graph does not fit into memory") from error
         return covariances
-    numbers = sorted({k for pair in pairs for k in pair})
-    poses = {k: _pose_at(values, k) for k in numbers}
-    motions = [_differentiate_motion(X(a), X(b), se2.between(poses[a], poses[b])) for a, b in (pairs[k] for k in apart)]
-    keys = [X(k) for k in numbers]
-    try:
-        covariances[apart] = _compute_twice(graph, values, keys, lambda eliminated: eliminated.project(motions))
-    except MemoryError as error:
-        raise EstimationError("the graph does not fit into memory") from error
-    return covariances
 
+    def compute_twice(self, compute: Callable[[Elimination], NDArray[np.float64]]) -> NDArray[np.float64]:
+        """Returns covariances (K, 3, 3) that are computed a second time from the other end of the trajectory.
 
-def _compute_twice(
-    graph: PoseGraph, values: gtsam.Values, poses: Sequence[int], compute: Callable[[Elimination], NDArray[np.float64]]
-) -> NDArray[np.float64]:
-    """Returns covariances (K, 3, 3) that are computed a second time from the other end of the trajectory.
+        Then the last digits of all numbers are changed at random, so that rounding errors cannot go unnoticed.
 
-    Then the last digits of all numbers are changed at random, so that rounding errors cannot go unnoticed.
+        Args:
+            compute: returns the covariances from the eliminated graph.
 
-    Args:
-        graph: the graph.
-        values: where it is linearised.
-        poses: keys of the poses that the covariances are about, in order.
-        compute: returns the covariances from the eliminated graph.
+        Raises:
+            EstimationError: the graph leaves a covariance undetermined, or both computations disagree.
+        """
+        with np.errstate(over="ignore", invalid="ignore", divide="ignore"):  # what is not finite is refused
+            covariances, again = (compute(elimination) for elimination in self._eliminations)
+            sigmas = np.sqrt(np.einsum("kii->ki", covariances))
+        if not np.isfinite(covariances).all() or not np.all(sigmas > 0.0):
+            raise EstimationError(UNDETERMINED)
+        apart = np.abs(covariances - again) / (sigmas[:, :, None] * sigmas[:, None, :])
+        if not apart.max(initial=0.0) <= _DISAGREEMENT:  # nor where one of them is not finite
+            raise EstimationError(TOO_UNEQUAL)
+        return covariances
 
-    Raises:
-        EstimationError: the graph leaves a covariance undetermined, or both computations disagree.
-    """
-    linear = graph.factors.linearize(values)
-    if not set(linear.keyVector()) >= set(poses):
-        raise EstimationError(UNDETERMINED)
-    with np.errstate(over="ignore", invalid="ignore", divide="ignore"):  # what is not finite is refused
-        covariances = compute(Elimination(linear, values, poses[0]))
-        again = compute(Elimination(linear, values, poses[-1], np.random.default_rng(0)))
-        sigmas = np.sqrt(np.einsum("kii->ki", covariances))
-    if not np.isfinite(covariances).all() or not np.all(sigmas > 0.0):
-        raise EstimationError(UNDETERMINED)
-    apart = np.abs(covariances - again) / (sigmas[:, :, None] * sigmas[:, None, :])
-    if not apart.max(initial=0.0) <= _DISAGREEMENT:  # nor where one of them is not finite
-        raise EstimationError(TOO_UNEQUAL)
-    return covariances
+    @cached_property
+    def _eliminations(self) -> tuple[Elimination, Elimination]:
+        """The graph eliminated towards its first pose, and with other last digits towards its last one."""
+        linear, last = self._graph.factors.linearize(self._values), self._graph.size - 1
+        if not set(linear.keyVector()) >= {X(k) for k in range(self._graph.size)}:
+            raise EstimationError(UNDETERMINED)
+        there = Elimination(linear, self._values, X(0))
+        return there, Elimination(linear, self._values, X(last), np.random.default_rng(0))
 
 
 def _differentiate_motion(a: int, b: int, motion: se2.Array) -> Derivative:

@@ -7,7 +7,7 @@ from gtsam.symbol_shorthand import M, X
 from support.exact_marginals import find_largest_error
 from support.graphs import COVARIANCE, FLAT, TURNS, graph_of, unequal
 
-from mqslam.backend.marginal_recursion import solve_transposed
+from mqslam.backend.marginal_recursion import project_all
 from mqslam.backend.marginals import compute_all_marginals
 from mqslam.backend.pose_graph import PoseGraph, build_pose_graph, optimise
 from mqslam.config import GraphConfig
@@ -147,14 +147,17 @@ def test_the_marginal_of_the_first_edge_is_its_covariance_in_the_frame_it_ends_i
     np.testing.assert_allclose(result, to_end @ COVARIANCE @ to_end.T, atol=2e-6)
 
 
-def test_transposed_triangles_are_solved_as_dense_ones_are() -> None:
+def test_functions_of_a_triangular_system_have_the_covariances_that_dense_algebra_gives_them() -> None:
     rng, count = np.random.default_rng(5), 12
     sparse = rng.normal(size=(count, count)) * (rng.random((count, count)) < 0.4)
     triangle = np.triu(sparse, 1) + np.diag(rng.uniform(1.0, 2.0, count))
     rows = [np.r_[i, i + 1 + np.flatnonzero(triangle[i, i + 1 :])] for i in range(count)]
     begins, columns = np.cumsum([0, *map(len, rows)]), np.concatenate(rows)
-    right = np.zeros((count, 3))
-    right[4:7] = rng.normal(size=(3, 3))
-    solved = right.copy()
-    solve_transposed(begins, columns, np.concatenate([triangle[i, row] for i, row in enumerate(rows)]), solved)
-    np.testing.assert_allclose(solved, np.linalg.solve(triangle.T, right), atol=1e-12)
+    entries = np.concatenate([triangle[i, row] for i, row in enumerate(rows)])
+    places, blocks = np.array([4, 5, 6, 0, 4, 0]), rng.normal(size=(6, 3))  # the second function meets row 0 twice
+    projected = project_all(begins, columns, entries, np.array([0, 3, 6]), places, blocks)
+    for part, covariance in zip((slice(0, 3), slice(3, 6)), projected, strict=True):
+        right = np.zeros((count, 3))
+        np.add.at(right, places[part], blocks[part])
+        solved = np.linalg.solve(triangle.T, right)
+        np.testing.assert_allclose(covariance, solved.T @ solved, atol=1e-12)

@@ -8,7 +8,7 @@ import pytest
 from gtsam.symbol_shorthand import M, X
 from support.graphs import COVARIANCE, TURNS, graph_of, unequal
 
-from mqslam.backend.marginals import compute_relative_covariances
+from mqslam.backend.marginals import Uncertainty
 from mqslam.backend.pose_graph import PoseGraph
 from mqslam.core import se2
 from mqslam.errors import EstimationError
@@ -35,13 +35,13 @@ PAIRS = [(3, 9), (0, 20), (12, 5), (19, 20)]
 @pytest.mark.parametrize("loops", [0, 4])
 def test_relative_covariances_are_those_of_a_dense_computation(loops: int) -> None:
     graph = unequal(20, -4.0, -2.0, loops)
-    for pair, result in zip(PAIRS, compute_relative_covariances(graph, graph.initial, PAIRS), strict=True):
+    for pair, result in zip(PAIRS, Uncertainty(graph, graph.initial).relate(PAIRS), strict=True):
         np.testing.assert_allclose(result, dense_relative(graph, *pair), rtol=1e-5, atol=1e-9)
 
 
 def test_the_relative_covariance_over_one_edge_is_that_of_the_edge() -> None:
     graph = graph_of(TURNS, se2.chain(TURNS))
-    (result,) = compute_relative_covariances(graph, graph.initial, [(25, 26)])
+    (result,) = Uncertainty(graph, graph.initial).relate([(25, 26)])
     np.testing.assert_allclose(result, COVARIANCE, atol=1e-9)
 
 
@@ -60,16 +60,16 @@ def with_submaps(graph: PoseGraph) -> PoseGraph:
 
 def test_variables_besides_the_poses_may_be_in_the_graph() -> None:
     graph = with_submaps(unequal(20, -4.0, -2.0, 2))
-    for pair, result in zip(PAIRS, compute_relative_covariances(graph, graph.initial, PAIRS), strict=True):
+    for pair, result in zip(PAIRS, Uncertainty(graph, graph.initial).relate(PAIRS), strict=True):
         np.testing.assert_allclose(result, dense_relative(graph, *pair), rtol=1e-5, atol=1e-9)
 
 
 def test_relative_covariances_beyond_all_precision_are_an_error() -> None:
     graph = unequal(30, -300.0, 300.0)
     with pytest.raises(EstimationError):
-        compute_relative_covariances(graph, graph.initial, [(0, 30)])
+        Uncertainty(graph, graph.initial).relate([(0, 30)])
 
 
 def test_no_pairs_have_no_covariances() -> None:
     graph = graph_of(TURNS, se2.chain(TURNS))
-    assert compute_relative_covariances(graph, graph.initial, []).shape == (0, 3, 3)
+    assert Uncertainty(graph, graph.initial).relate([]).shape == (0, 3, 3)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from collections.abc import Set as AbstractSet
 from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 import gtsam
@@ -14,7 +15,7 @@ from scipy.spatial import cKDTree
 
 from mqslam.backend.loops.passes import find_passes
 from mqslam.backend.loops.submap import Drive
-from mqslam.backend.marginals import compute_relative_covariances
+from mqslam.backend.marginals import Uncertainty
 from mqslam.backend.pose_graph import PoseGraph
 from mqslam.config import LoopConfig
 from mqslam.core import se2
@@ -69,9 +70,13 @@ class Chain:
         Raises:
             EstimationError: the covariances cannot be computed.
         """
-        covariances = compute_relative_covariances(self.graph, self.values, pairs)
+        covariances = self._uncertainty.relate(pairs)
         poses = self.drive.poses
         return [Relative(se2.between(poses[a], poses[b]), c) for (a, b), c in zip(pairs, covariances, strict=True)]
+
+    @cached_property
+    def _uncertainty(self) -> Uncertainty:
+        return Uncertainty(self.graph, self.values)
 
 
 def find_candidates(

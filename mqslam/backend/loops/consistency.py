@@ -61,10 +61,11 @@ def _find_disagreements(loops: Sequence[Loop], chain: Chain, settings: LoopConfi
     ends = sorted({pair for i, k in neighbours for pair in _ends(loops[i], loops[k])})
     along = dict(zip(ends, chain.relate(ends), strict=True))
     disagree = np.zeros((len(loops), len(loops)), dtype=bool)
+    limit = compute_limit(settings)
     for i, k in neighbours:
         earlier, later = (along[pair] for pair in _ends(loops[i], loops[k]))
         expected = _compose(_compose(_invert(earlier), as_relative(loops[i], settings)), later)
-        if compute_chi_square(expected, as_relative(loops[k], settings)) > compute_limit(settings):
+        if compute_chi_square(expected, as_relative(loops[k], settings)) > limit:
             disagree[i, k] = disagree[k, i] = True
     return disagree
 
