@@ -110,18 +110,22 @@ def score_points(
         Each point's share of psi (N,), charges included, and whether it was matched (N,): whether it has a neighbour that
         was seen at least about one turn earlier or later, be it in another pass.
     """
-    shared = make_references(points, estimator.s), revolution_s, estimator
-    parts = engine.map(_score_chunk, shared, range(0, len(points), _CHUNK))
-    return np.concatenate([p[0] for p in parts]), np.concatenate([p[1] for p in parts])
+    references = make_references(points, estimator.s)
+    order = references.grid.order  # points of one cell have the same neighbours, which a processor then has at hand
+    parts = engine.map(_score_chunk, (references, revolution_s, estimator), range(0, len(points), _CHUNK))
+    shares, matched = np.empty(len(points)), np.empty(len(points), dtype=np.bool_)
+    shares[order] = np.concatenate([p[0] for p in parts])
+    matched[order] = np.concatenate([p[1] for p in parts])
+    return shares, matched
 
 
 def _score_chunk(
     shared: tuple[References, float, EstimatorConfig], begin: int
 ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-    """Scores the points of the chunk that begins at an index against all points."""
+    """Scores the points of the chunk that begins at an index, in the order of the cells, against all points."""
     references, revolution_s, estimator = shared
     points = references.points
-    span = slice(begin, begin + _CHUNK)
+    span = references.grid.order[begin : begin + _CHUNK]
     some = PointSet(points.points[span], points.jacobians[span], points.covariances[span], points.times[span])
     evaluation = score_against(some, references, final_scale(estimator), revolution_s, estimator)
     return evaluation.shares, evaluation.matched
