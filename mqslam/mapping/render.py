@@ -112,7 +112,8 @@ def score_points(
     """
     references = make_references(points, estimator.s)
     order = references.grid.order  # points of one cell have the same neighbours, which a processor then has at hand
-    parts = engine.map(_score_chunk, (references, revolution_s, estimator), range(0, len(points), _CHUNK))
+    spans = [(begin, begin + _CHUNK) for begin in range(0, len(points), _CHUNK)]
+    parts = engine.map(_score_chunk, (references, revolution_s, estimator), spans)
     shares, matched = np.empty(len(points)), np.empty(len(points), dtype=np.bool_)
     shares[order] = np.concatenate([p[0] for p in parts])
     matched[order] = np.concatenate([p[1] for p in parts])
@@ -120,12 +121,11 @@ def score_points(
 
 
 def _score_chunk(
-    shared: tuple[References, float, EstimatorConfig], begin: int
+    shared: tuple[References, float, EstimatorConfig], span: tuple[int, int]
 ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-    """Scores the points of the chunk that begins at an index, in the order of the cells, against all points."""
+    """Scores a span of the points, in the order of the cells, against all points."""
     references, revolution_s, estimator = shared
-    points = references.points
-    span = references.grid.order[begin : begin + _CHUNK]
-    some = PointSet(points.points[span], points.jacobians[span], points.covariances[span], points.times[span])
+    points, chosen = references.points, references.grid.order[slice(*span)]
+    some = PointSet(points.points[chosen], points.jacobians[chosen], points.covariances[chosen], points.times[chosen])
     evaluation = score_against(some, references, final_scale(estimator), revolution_s, estimator)
     return evaluation.shares, evaluation.matched
