@@ -142,8 +142,8 @@ class Slam:
     def _measure_doppler(self, scans: Scans) -> float:
         """Returns the Doppler shift [s] of kept measurements, or of the settings, or else as psi measures it."""
         with self._runner.time_stage("windows"):
-            kept, config = self._runner.find(MEASURED), self._config
-            return kept.doppler_beta if kept else choose_doppler_beta(scans, config.sensor, config.tracker, config.estimator)
+            kept = self._runner.find(MEASURED)
+            return kept.doppler_beta if kept else choose_doppler_beta(scans, self._config, self._runner.engine)
 
     def _measure(self, scans: Scans, context: Context, beam: Beam) -> list[Measurement]:
         """Returns the front end's measurements, or those that an earlier run has kept, and shows them as they come."""

@@ -116,7 +116,8 @@ class Elimination:
         columns = np.concatenate([np.arange(begin, begin + block.shape[1]) for begin, block in blocks])
         sizes = [sum(block.shape[1] for _, block in derivative) for derivative in derivatives]
         ends = np.concatenate([[0], np.cumsum(sizes)])
-        return project_all(*self._triangle, ends, columns, np.concatenate([block.T for _, block in blocks]))
+        covariances: _Array = project_all(*self._triangle, ends, columns, np.concatenate([block.T for _, block in blocks]))
+        return covariances
 
     @cached_property
     def _triangle(self) -> tuple[NDArray[np.int64], NDArray[np.int64], _Array]:

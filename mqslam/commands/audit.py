@@ -304,5 +304,5 @@ def detect_radar(
     scans, detected = detect_all(recording, settings.detector, Runner(work.engine, work.progress))
     notes = (*recording.notes, *recording.faults, *warn_of_unread(detected.unread))
     source = Source(recording.path, recording.format, scans, tracks, notes)
-    beta = choose_doppler_beta(scans, settings.sensor, settings.tracker, settings.estimator)
+    beta = choose_doppler_beta(scans, settings, work.engine)
     return source, track, set_doppler_beta(settings, beta)

@@ -107,7 +107,7 @@ def compare(  # noqa: PLR0913 - these are the options of a comparison, each with
         runner = Runner(work.engine, work.progress, checkpoint)
         scans, detected = detect_all(recording, settings.detector, runner)
         notes += [*recording.faults, *warn_of_unread(detected.unread)]
-        beta = choose_doppler_beta(scans, settings.sensor, settings.tracker, settings.estimator)
+        beta = choose_doppler_beta(scans, settings, work.engine)
         settings = set_doppler_beta(settings, beta)
         beam = beam_of(settings.estimator, beta)
         contexts = {

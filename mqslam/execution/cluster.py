@@ -35,6 +35,7 @@ R = TypeVar("R")
 _ANSWER_S = 10.0  # how long a scheduler and its first worker may take to answer
 _LOOK_S = 15.0  # time between two checks for workers; a cluster without workers at two checks in a row has none
 _LOSSES = 3  # how many times in a row the data that tasks share is sent again after all of its copies are lost
+_TASKS = 8  # tasks for each worker that many items are grouped into
 _SMALL = 10_000  # bytes; smaller data travels with each task and cannot be lost with a worker
 _HERE = {  # settings for workers on this machine; the scheduler shares a process with the front end and must wake rarely
     "distributed.worker.multiprocessing-method": "spawn",
@@ -148,14 +149,24 @@ class DaskEngine:
     ) -> list[R]:
         """Calls the function as `Engine.map` does."""
 
-        def take(future: Future) -> R:
+        def take(future: Future) -> list[R]:
             try:
-                result: R = self._wait_for(future)
+                result: list[R] = self._wait_for(future)
             except KilledWorker as error:
                 raise ClusterError(f"{self._address}: workers died of a task; give each worker more memory") from error
             return result
 
-        return self._collect(function, shared, items, take, done)
+        size = choose_group_size(len(items), self._count_workers())
+        groups = [items[begin : begin + size] for begin in range(0, len(items), size)]
+        results: list[R] = []
+
+        def take_apart(number: int, group: list[R]) -> None:
+            for result in group:
+                results.append(result)
+                done(len(results), result)
+
+        self._collect(partial(_call_each, function), shared, groups, take, take_apart)
+        return results
 
     def start(self, function: Callable[[S, T], R], shared: S, item: T) -> Callable[[], R]:
         """Starts a call as `Engine.start` does."""
@@ -240,7 +251,7 @@ class DaskEngine:
             try:
                 result, error = future.result(timeout=_LOOK_S)
             except TimeoutError:
-                unmanned = 0 if self._has_workers() else unmanned + 1
+                unmanned = 0 if self._count_workers() else unmanned + 1
                 continue
             except OSError as lost:
                 raise self._describe_loss(lost) from lost
@@ -253,14 +264,14 @@ class DaskEngine:
             return result
         raise self._describe_loss(None)
 
-    def _has_workers(self) -> bool:
-        """Returns whether the cluster has any workers.
+    def _count_workers(self) -> int:
+        """Returns how many workers the cluster has.
 
         Raises:
             ClusterError: the connection to the scheduler is lost.
         """
         try:
-            return bool(self._client.nthreads())
+            return len(self._client.nthreads())
         except OSError as error:
             raise self._describe_loss(error) from error
 
@@ -274,6 +285,16 @@ class DaskEngine:
         unmanned = error is None or isinstance(error, TimeoutError)
         what = "has no workers left" if unmanned and not self._lost else "the connection to the scheduler is lost"
         return ClusterError(f"{self._address}: {what}")
+
+
+def choose_group_size(items: int, workers: int) -> int:
+    """Returns how many items a task takes: handing out one takes milliseconds, and no worker should wait for another's."""
+    return max(1, items // (_TASKS * max(workers, 1)))
+
+
+def _call_each(function: Callable[[S, T], R], shared: S, items: Sequence[T]) -> list[R]:
+    """Returns function(shared, item) for each item."""
+    return [function(shared, item) for item in items]
 
 
 def _attempt(function: Callable[[S, T], R], shared: S, item: T) -> tuple[R | None, Exception | None]:

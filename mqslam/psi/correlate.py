@@ -86,7 +86,7 @@ class Image:
     def correlate(self, pixels: NDArray[np.int64]) -> NDArray[np.float64]:
         """Returns the correlation (2 C + 1, 2 C + 1) with an image of which pixels (P, 2) are one and all others zero."""
         if len(pixels) * len(self._shifts) ** 2 < _SUMS_PER_PIXEL * self._image.size:
-            return add_up_around(self._padded, pixels, self._cells)
+            return np.asarray(add_up_around(self._padded, pixels, self._cells))
         other = np.zeros(self._image.shape, np.float32)
         other[pixels[:, 0], pixels[:, 1]] = 1.0
         correlation = irfft2(self._spectrum * np.conj(rfft2(other)), s=self._image.shape)

@@ -7,17 +7,22 @@ The beta that makes short stretches of the recording crispest is the radar's own
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
-from mqslam.config import EstimatorConfig, SensorConfig, TrackerConfig
+from mqslam.config import Config, EstimatorConfig, SensorConfig, TrackerConfig
+from mqslam.core.engine import Engine
 from mqslam.core.scans import Scans
 from mqslam.psi.place import beam_of
 from mqslam.psi.tracking.plausibility import is_usable
 from mqslam.psi.tracking.tracker import Tracker
 
 
-def measure_doppler(scans: Scans, sensor: SensorConfig, tracker: TrackerConfig, estimator: EstimatorConfig) -> float:
+def measure_doppler(
+    scans: Scans, sensor: SensorConfig, tracker: TrackerConfig, estimator: EstimatorConfig, engine: Engine
+) -> float:
     """Measures the range shift per closing speed [s] that makes the recording's map crispest; zero where none does.
 
     Args:
@@ -25,44 +30,44 @@ def measure_doppler(scans: Scans, sensor: SensorConfig, tracker: TrackerConfig, 
         sensor: settings of the search.
         tracker: settings of the tracker.
         estimator: settings of the score.
+        engine: where stretches of the recording are tracked; the result does not depend on it.
     """
     stretches = _choose_stretches(scans, sensor, tracker)
     if not stretches:
         return 0.0
-
-    def tracker_with(beta: float) -> Tracker:
-        return Tracker(tracker, estimator, beam_of(estimator, beta), scans.revolution_s)
-
-    twists = [tracker_with(0.0).find_first_twist(s[: tracker.start_scans]) for s in stretches]
-
-    def measure_all(beta: float) -> NDArray[np.float64]:
-        return np.array([_measure_psi(s, t, tracker_with(beta)) for s, t in zip(stretches, twists, strict=True)])
-
-    without = measure_all(0.0)
-
-    def compare(beta: float) -> float:
-        """Returns psi over that without a shift, in the median stretch: on some a track may go wrong, so most must agree."""
-        return float(np.quantile(measure_all(beta) / without, 0.5, method="higher")) if beta else 1.0
-
     grid: NDArray[np.float64] = sensor.doppler_step * np.arange(-sensor.doppler_steps, sensor.doppler_steps + 1.0)
-    beta = _find_vertex(grid, np.array([compare(beta) for beta in grid]))
-    if abs(beta) < sensor.doppler_least or compare(beta) > 1.0 - sensor.doppler_gain:
+    shared = tracker, estimator
+    twists = engine.map(_find_first_twist, shared, stretches)
+
+    def measure_all(betas: Sequence[float]) -> NDArray[np.float64]:
+        """Returns psi (B, S) of the stretches with each shift."""
+        cases = [(stretch, twist, beta) for beta in betas for stretch, twist in zip(stretches, twists, strict=True)]
+        return np.array(engine.map(_measure_psi, shared, cases)).reshape(len(betas), len(stretches))
+
+    psi = measure_all(grid.tolist())
+    without = psi[sensor.doppler_steps]
+
+    def compare(psi: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Returns psi over that without a shift, in the median stretch: on some a track may go wrong, so most must agree."""
+        return np.asarray(np.quantile(psi / without, 0.5, axis=-1, method="higher"))
+
+    beta = _find_vertex(grid, compare(psi))
+    if abs(beta) < sensor.doppler_least or compare(measure_all([beta]))[0] > 1.0 - sensor.doppler_gain:
         return 0.0
     return beta
 
 
-def choose_doppler_beta(scans: Scans, sensor: SensorConfig, tracker: TrackerConfig, estimator: EstimatorConfig) -> float:
+def choose_doppler_beta(scans: Scans, config: Config, engine: Engine) -> float:
     """Returns the Doppler shift [s] that the settings name, or else the one that is measured.
 
     Args:
         scans: of the recording.
-        sensor: settings, of which `doppler_beta` may name the shift.
-        tracker: settings of the tracker.
-        estimator: settings of the score.
+        config: all settings, of which `sensor.doppler_beta` may name the shift.
+        engine: where it is measured.
     """
-    if sensor.doppler_beta is not None:
-        return sensor.doppler_beta
-    return round(measure_doppler(scans, sensor, tracker, estimator), 4)
+    if config.sensor.doppler_beta is not None:
+        return config.sensor.doppler_beta
+    return round(measure_doppler(scans, config.sensor, config.tracker, config.estimator, engine), 4)
 
 
 def _choose_stretches(scans: Scans, sensor: SensorConfig, tracker: TrackerConfig) -> list[Scans]:
@@ -84,8 +89,18 @@ def _find_vertex(grid: NDArray[np.float64], scores: NDArray[np.float64]) -> floa
     return float(np.clip(grid[k] + 0.5 * step * (below - above) / bend, grid[0], grid[-1]))
 
 
-def _measure_psi(scans: Scans, twist: NDArray[np.float64], tracker: Tracker) -> float:
-    """Returns psi per point of a stretch that a tracker follows from a first twist (3,)."""
-    tracker.start(scans[: tracker.settings.start_scans], twist)
+def _find_first_twist(shared: tuple[TrackerConfig, EstimatorConfig], scans: Scans) -> NDArray[np.float64]:
+    """Returns the twist (3,) at the start of a stretch."""
+    tracker, estimator = shared
+    return Tracker(tracker, estimator, beam_of(estimator, 0.0), scans.revolution_s).find_first_twist(
+        scans[: tracker.start_scans]
+    )
+
+
+def _measure_psi(shared: tuple[TrackerConfig, EstimatorConfig], case: tuple[Scans, NDArray[np.float64], float]) -> float:
+    """Returns psi per point of a stretch that is followed from a first twist (3,) with a Doppler shift [s]."""
+    (settings, estimator), (scans, twist, beta) = shared, case
+    tracker = Tracker(settings, estimator, beam_of(estimator, beta), scans.revolution_s)
+    tracker.start(scans[: settings.start_scans], twist)
     shares = [tracker.follow(scan).evaluation.shares for scan in scans[1:]]
     return float(np.concatenate(shares).mean())

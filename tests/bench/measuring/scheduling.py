@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 from typing import TypeVar
 
 from mqslam.core.engine import ignore_result
+from mqslam.execution.cluster import choose_group_size
 
 S = TypeVar("S")
 T = TypeVar("T")
@@ -61,11 +62,13 @@ def simulate_batch(seconds: Sequence[float], workers: int, dispatch_s: float) ->
     """Returns how long calls take on workers that each take the next one as soon as they are free [s].
 
     Args:
-        seconds: of each call, in the order in which they are handed out.
+        seconds: of each call, in the order in which they are handed out, in groups as a cluster takes them.
         workers: how many there are.
-        dispatch_s: what handing out one call takes, one after the other [s].
+        dispatch_s: what handing out one group takes, one after the other [s].
     """
-    free = [0.0] * min(workers, max(len(seconds), 1))
-    for number, lasts in enumerate(seconds, 1):
+    size = choose_group_size(len(seconds), workers)
+    groups = [sum(seconds[begin : begin + size]) for begin in range(0, len(seconds), size)]
+    free = [0.0] * min(workers, max(len(groups), 1))
+    for number, lasts in enumerate(groups, 1):
         heapq.heappush(free, max(heapq.heappop(free), number * dispatch_s) + lasts)
     return max(free)

@@ -22,6 +22,11 @@ def test_many_workers_wait_for_their_calls_to_be_handed_out() -> None:
     assert simulate_batch([0.1] * 1000, 1000, 0.01) == pytest.approx(10.1)
 
 
+def test_calls_that_are_many_more_than_the_workers_are_handed_out_in_groups() -> None:
+    assert simulate_batch([0.001] * 800, 10, 0.01) == pytest.approx(80 * 0.01 + 0.01)
+    assert simulate_batch([0.001] * 8000, 10, 0.0) == pytest.approx(0.8)
+
+
 def test_the_stopwatch_gives_the_results_in_order_and_the_times_of_each_call() -> None:
     engine, seen = StopwatchEngine(), list[tuple[int, int]]()
     assert engine.map(_double, 2, range(3), lambda number, result: seen.append((number, result))) == [0, 2, 4]
