@@ -8,8 +8,8 @@ from __future__ import annotations
 from dataclasses import replace
 
 from mqslam.auditing.judge import Audit, audit_trajectory
+from mqslam.backend.linear.marginals import compute_all_marginals
 from mqslam.backend.loops.closing import close_loops
-from mqslam.backend.marginals import compute_all_marginals
 from mqslam.backend.odometry_edges import make_odometry_edges, read_odometry_motions, reckon
 from mqslam.backend.pose_graph import poses_of
 from mqslam.backend.problem import Problem

@@ -8,7 +8,7 @@ import gtsam
 
 from mqslam.auditing.judge import Audit
 from mqslam.auditing.windows.windows import WindowAudit
-from mqslam.backend.marginals import PoseCovariances
+from mqslam.backend.linear.marginals import PoseCovariances
 from mqslam.backend.odometry_edges import ODOMETRY
 from mqslam.backend.pose_graph import PoseGraph
 from mqslam.config import Config

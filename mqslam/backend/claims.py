@@ -10,7 +10,7 @@ import gtsam
 import numpy as np
 from numpy.typing import NDArray
 
-from mqslam.backend.marginals import Uncertainty
+from mqslam.backend.linear.marginals import Uncertainty
 from mqslam.backend.pose_graph import PoseGraph
 from mqslam.core import se2
 from mqslam.errors import EstimationError

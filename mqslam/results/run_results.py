@@ -13,7 +13,7 @@ from typing import Any, Final
 import numpy as np
 
 from mqslam.auditing.windows.windows import share_torn
-from mqslam.backend.marginals import PoseCovariances
+from mqslam.backend.linear.marginals import PoseCovariances
 from mqslam.config import dump_yaml, set_doppler_beta
 from mqslam.core import se2
 from mqslam.core.measurement import Measurement

@@ -9,7 +9,7 @@ from support.chains import chain_of
 from support.passes import path
 
 from mqslam.backend.claims import GraphClaims, MarginalClaims
-from mqslam.backend.marginals import compute_all_marginals
+from mqslam.backend.linear.marginals import compute_all_marginals
 from mqslam.core import se2
 
 SIGMAS = (0.05, 0.02, 0.004)

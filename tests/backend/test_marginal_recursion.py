@@ -7,8 +7,9 @@ from gtsam.symbol_shorthand import M, X
 from support.exact_marginals import find_largest_error
 from support.graphs import COVARIANCE, FLAT, TURNS, graph_of, unequal
 
-from mqslam.backend.marginal_recursion import project_all
-from mqslam.backend.marginals import compute_all_marginals
+from mqslam.backend.linear.elimination_kernel import Blocks, eliminate, triangulate
+from mqslam.backend.linear.marginal_recursion import project_all
+from mqslam.backend.linear.marginals import compute_all_marginals
 from mqslam.backend.pose_graph import PoseGraph, build_pose_graph, optimise
 from mqslam.config import GraphConfig
 from mqslam.core import se2
@@ -161,3 +162,45 @@ def test_functions_of_a_triangular_system_have_the_covariances_that_dense_algebr
         np.add.at(right, places[part], blocks[part])
         solved = np.linalg.solve(triangle.T, right)
         np.testing.assert_allclose(covariance, solved.T @ solved, atol=1e-12)
+
+
+@pytest.mark.parametrize("shape", [(1, 1), (7, 4), (4, 7), (0, 3), (30, 30)])
+def test_a_triangle_has_the_square_that_lapacks_has(shape: tuple[int, int]) -> None:
+    rng = np.random.default_rng(3)
+    entries = rng.normal(size=shape) * 10.0 ** rng.integers(-4, 4, (shape[0], 1)) * (rng.random(shape) < 0.7)
+    triangle = triangulate(entries)
+    expected = np.linalg.qr(entries, mode="r")
+    assert triangle.shape == expected.shape and not np.tril(triangle, -1).any()
+    largest = 1.0 + np.abs(entries).sum()
+    np.testing.assert_allclose(
+        triangle.T @ triangle, expected.T @ expected, atol=1e-14 * largest.max(initial=0.0) ** 2 + 1e-300
+    )
+
+
+def test_variables_of_any_width_are_eliminated_to_the_system_that_dense_algebra_has() -> None:
+    rng, widths = np.random.default_rng(4), np.array([3, 1, 2, 3])
+    tied = [[0, 2], [2, 1], [3], [1, 3, 0], [2], [0]]  # in any order of columns
+    begins, dense = np.cumsum([0, *widths]), np.zeros((24, 9))
+    entries = [rng.normal(size=(4, int(widths[some].sum()))) for some in tied]
+    for k, (some, block) in enumerate(zip(tied, entries, strict=True)):
+        dense[4 * k : 4 * k + 4, np.concatenate([np.arange(begins[one], begins[one + 1]) for one in some])] = block
+    system = Blocks(
+        np.concatenate(tied),
+        np.cumsum([0, *map(len, tied)]),
+        np.full(len(tied), 4),
+        np.concatenate([block.ravel() for block in entries]),
+        np.cumsum([0, *(block.size for block in entries)]),
+    )
+    determined, done = eliminate(widths, system, rng, 0.0)
+    assert determined == 4
+    triangle = np.zeros((9, 9))
+    for k, width in enumerate(widths):
+        given = done.variables[done.variable_begins[k] : done.variable_begins[k + 1]]
+        columns = np.concatenate([np.arange(begins[one], begins[one + 1]) for one in given])
+        rows = done.entries[done.entry_begins[k] : done.entry_begins[k + 1]].reshape(width, -1)
+        triangle[begins[k] : begins[k] + width, columns] = rows
+    np.testing.assert_allclose(triangle.T @ triangle, dense.T @ dense, atol=1e-12)
+    loose = Blocks(*(part.copy() for part in system))
+    loose.entries[loose.entry_begins[2] : loose.entry_begins[3]] = 0.0
+    loose.entries[loose.entry_begins[3] : loose.entry_begins[4]] = 0.0
+    assert eliminate(widths, loose, rng, 0.0)[0] == 3  # nothing is known of the last variable

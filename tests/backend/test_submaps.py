@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from mqslam.backend.marginals import compute_all_marginals
+from mqslam.backend.linear.marginals import compute_all_marginals
 from mqslam.backend.problem import Problem
 from mqslam.backend.submaps import split_into_submaps
 from mqslam.config import GraphConfig, LoopConfig

@@ -17,7 +17,7 @@ from PIL import Image
 from selenium.webdriver.support.ui import Select, WebDriverWait
 from support.reported import PATIENCE_S, assert_alone, chromium, click_curve, judged_walls, opened, page_of, swept_walls
 
-from mqslam.backend.marginals import PoseCovariances
+from mqslam.backend.linear.marginals import PoseCovariances
 from mqslam.config import AuditConfig
 from mqslam.core import se2
 from mqslam.core.point_map import PointMap

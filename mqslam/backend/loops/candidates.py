@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from mqslam.backend.linear.marginals import Uncertainty
 from mqslam.backend.loops.passes import find_passes
 from mqslam.backend.loops.submap import Drive
-from mqslam.backend.marginals import Uncertainty
 from mqslam.backend.pose_graph import PoseGraph
 from mqslam.config import LoopConfig
 from mqslam.core import se2

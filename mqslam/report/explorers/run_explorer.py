@@ -189,7 +189,7 @@ class _Map(NamedTuple):
         points: its points.
         track: the trajectory under which it was made.
         order: (N,) indices of the points in the order of x.
-        x: (N,) x of the points in that order [m].
+        x, y: (N,) of the points in that order [m].
     """
 
     name: str
@@ -197,18 +197,19 @@ class _Map(NamedTuple):
     track: Trajectory
     order: NDArray[np.int64]
     x: NDArray[np.float64]
+    y: NDArray[np.float64]
 
     @classmethod
     def of(cls, name: str, points: PointMap, track: Trajectory) -> _Map:
         """Returns a map with its points in the order of x."""
         order = np.argsort(points.points[:, 0])
-        return cls(name, points, track, order, points.points[order, 0])
+        return cls(name, points, track, order, *points.points[order].T.copy())
 
     def find_near(self, pose: se2.Array) -> NDArray[np.int64]:
-        """Returns the indices, in increasing order, of the points within `_REACH_M` along x and along y of a pose (3,)."""
+        """Returns the indices of the points within `_REACH_M` along x and along y of a pose (3,)."""
         begin, end = np.searchsorted(self.x, pose[0] + np.array([-_REACH_M, _REACH_M]))
         near = self.order[begin:end]
-        return np.sort(near[np.abs(self.points.points[near, 1] - pose[1]) <= _REACH_M])
+        return near[np.abs(self.y[begin:end] - pose[1]) <= _REACH_M]
 
 
 def _view_window(shown: _Map, window: WindowAudit) -> View:
@@ -217,6 +218,6 @@ def _view_window(shown: _Map, window: WindowAudit) -> View:
     pose = track.poses[min((window.begin + window.end) // 2, len(track) - 1)]
     near = shown.find_near(pose)
     seen = se2.transform(se2.inverse(pose), pointmap.points[near])
-    inside = np.abs(seen).max(axis=1) <= _HALF_SIDE_M
+    inside = (np.abs(seen[:, 0]) <= _HALF_SIDE_M) & (np.abs(seen[:, 1]) <= _HALF_SIDE_M)
     own = np.abs(pointmap.times[near] - 0.5 * (window.t0 + window.t1)) <= _SAME_PASS_S
     return View(shown.name, (seen[inside & own], seen[inside & ~own]), (BLUE, ORANGE))

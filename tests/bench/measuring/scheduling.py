@@ -18,7 +18,7 @@ R = TypeVar("R")
 
 @dataclass
 class StopwatchEngine:
-    """An engine that makes one call after the other in this process, and notes how long each takes.
+    """An engine that makes one call after the other in this process, and notes the processor time that each takes.
 
     Attributes:
         batches: the seconds of the calls of each `map`, in the order of the run.
@@ -38,9 +38,9 @@ class StopwatchEngine:
         results, seconds = [], list[float]()
         self.batches.append(seconds)
         for number, item in enumerate(items, 1):
-            begin = time.perf_counter()
+            begin = time.process_time()
             results.append(function(shared, item))
-            seconds.append(time.perf_counter() - begin)
+            seconds.append(time.process_time() - begin)
             done(number, results[-1])
         return results
 

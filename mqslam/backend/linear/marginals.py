@@ -12,7 +12,7 @@ import numpy as np
 from gtsam.symbol_shorthand import X
 from numpy.typing import NDArray
 
-from mqslam.backend.marginal_recursion import UNDETERMINED, Derivative, Elimination
+from mqslam.backend.linear.marginal_recursion import UNDETERMINED, Derivative, Elimination
 from mqslam.backend.pose_graph import PoseGraph
 from mqslam.core import se2
 from mqslam.errors import EstimationError, describe_error

@@ -25,6 +25,7 @@ import numba as nb
 import numpy as np
 from numpy.typing import NDArray
 
+from mqslam.backend.linear.elimination_kernel import Blocks, eliminate, triangulate
 from mqslam.errors import EstimationError
 
 _Array = NDArray[np.float64]
@@ -32,18 +33,6 @@ Derivative = tuple[tuple[int, _Array], ...]  # of three numbers by variables: th
 UNDETERMINED: Final = "the graph leaves a direction undetermined"  # why covariances are not known
 # numerical tolerance, which changes no result that is exact
 _LAST_DIGITS: Final = 8.0 * float(np.finfo(np.float64).eps)  # relative change of numbers that shows their rounding errors
-
-
-class _Rows(NamedTuple):
-    """Rows of a linear system.
-
-    Args:
-        variables: numbers of the variables that they involve, in the order of their columns.
-        entries: (m, k) coefficients.
-    """
-
-    variables: tuple[int, ...]
-    entries: _Array
 
 
 class _Conditional(NamedTuple):
@@ -97,12 +86,17 @@ class Elimination:
         zeros = values.zeroVectors()
         self._numbers = {key: number for number, key in enumerate(keys)}
         self._widths = [len(zeros.at(key)) for key in keys]
-        self._recursion = _Recursion(self._widths, noise)
-        self._conditionals = self._recursion.eliminate(_list_rows(linear, self._numbers))
+        self._noise = noise
+        digits = 0.0 if noise is None else _LAST_DIGITS
+        system = _list_blocks(linear, self._numbers)
+        determined, done = eliminate(np.array(self._widths), system, noise or np.random.default_rng(0), digits)
+        if determined < len(keys):
+            raise EstimationError(UNDETERMINED)
+        self._conditionals = list(_list_conditionals(done))
 
     def compute_marginals(self, poses: Sequence[int]) -> _Array:
         """Returns the covariances (K, 3, 3) of poses, given their keys."""
-        covariances = self._recursion.substitute(self._conditionals)
+        covariances = _Substitution(self._widths, self._noise).substitute(self._conditionals)
         return np.array([covariances[self._numbers[pose]] for pose in poses])
 
     def project(self, derivatives: Sequence[Derivative]) -> _Array:
@@ -178,17 +172,34 @@ def project_all(
     return covariances
 
 
-def _list_rows(linear: gtsam.GaussianFactorGraph, numbers: dict[int, int]) -> Iterable[_Rows]:
-    """Yields the rows of every factor."""
+def _list_blocks(linear: gtsam.GaussianFactorGraph, numbers: dict[int, int]) -> Blocks:
+    """Returns the rows of all factors."""
+    variables, rows, entries = list[list[int]](), list[int](), list[_Array]()
     for k in range(linear.size()):
         factor = linear.at(k)
-        keys = list(factor.keys())
-        entries, _ = factor.jacobian()
-        yield _Rows(tuple(numbers[key] for key in keys), entries)
+        jacobian, _ = factor.jacobian()
+        variables.append([numbers[key] for key in factor.keys()])
+        rows.append(len(jacobian))
+        entries.append(jacobian.ravel())
+    return Blocks(
+        np.concatenate([np.array(some) for some in variables]),
+        np.cumsum([0, *map(len, variables)]),
+        np.array(rows),
+        np.concatenate(entries),
+        np.cumsum([0, *map(len, entries)]),
+    )
 
 
-class _Recursion:
-    """The elimination of variables, which are numbered in its order.
+def _list_conditionals(done: Blocks) -> Iterable[_Conditional]:
+    """Yields every variable given some that are eliminated later."""
+    for k, width in enumerate(done.rows.tolist()):
+        tied = done.variables[done.variable_begins[k] : done.variable_begins[k + 1]].tolist()
+        rows = done.entries[done.entry_begins[k] : done.entry_begins[k + 1]].reshape(width, -1)
+        yield _Conditional(tuple(tied[1:]), rows[:, :width], rows[:, width:])
+
+
+class _Substitution:
+    """The way back from the last variable to the first.
 
     Args:
         widths: number of components of every variable.
@@ -198,28 +209,6 @@ class _Recursion:
     def __init__(self, widths: Sequence[int], noise: np.random.Generator | None) -> None:
         self._widths = widths
         self._noise = noise
-
-    def eliminate(self, rows: Iterable[_Rows]) -> list[_Conditional]:
-        """Returns every variable given some that are eliminated later.
-
-        Args:
-            rows: all rows of the system, divided by the standard deviation of their noise.
-        """
-        waiting: list[list[_Rows]] = [[] for _ in self._widths]
-        for some in rows:
-            waiting[min(some.variables)].append(some)
-        conditionals = []
-        for variable, width in enumerate(self._widths):
-            tied, entries = self._stack(waiting[variable])
-            waiting[variable] = []
-            triangle = self._triangulate(entries)
-            own, others, rest = triangle[:width, :width], triangle[:width, width:], triangle[width:, width:]
-            if len(own) < width or not own.diagonal().all():
-                raise EstimationError(UNDETERMINED)
-            conditionals.append(_Conditional(tied[1:], own, others))
-            if len(tied) > 1:  # even without rows, since the next variable has to be known together with the others
-                waiting[tied[1]].append(_Rows(tied[1:], rest))
-        return conditionals
 
     def substitute(self, conditionals: Sequence[_Conditional]) -> list[_Array]:
         """Returns the covariance (d, d) of every variable.
@@ -258,18 +247,6 @@ class _Recursion:
         factor[width:, width:] = given
         return _Root((variable, *conditional.given), factor)
 
-    def _stack(self, parts: Sequence[_Rows]) -> _Rows:
-        """Returns rows of different variables as rows of all of these, in the order of their numbers."""
-        variables = tuple(sorted({variable for part in parts for variable in part.variables}))
-        places = self._find_places(variables)
-        stacked = np.zeros((sum(len(part.entries) for part in parts), sum(map(len, places.values()))))
-        row = 0
-        for part in parts:
-            columns = [column for variable in part.variables for column in places[variable]]
-            stacked[row : row + len(part.entries), columns] = part.entries
-            row += len(part.entries)
-        return _Rows(variables, stacked)
-
     def _find_places(self, variables: Sequence[int]) -> dict[int, range]:
         """Returns the places of every variable's components where they follow each other."""
         places, end = {}, 0
@@ -282,5 +259,5 @@ class _Recursion:
         """Returns an upper triangular matrix with the same square R^T R; small rows lose no digits to large ones."""
         if self._noise is not None:
             entries = entries * (1.0 + _LAST_DIGITS * self._noise.standard_normal(entries.shape))
-        largest_first = np.argsort(-np.abs(entries).max(axis=1, initial=0.0), kind="stable")
-        return np.asarray(np.linalg.qr(entries[largest_first], mode="r"))
+        triangle: _Array = triangulate(np.ascontiguousarray(entries))
+        return triangle
