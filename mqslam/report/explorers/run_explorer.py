@@ -208,8 +208,8 @@ class _Map(NamedTuple):
     def find_near(self, pose: se2.Array) -> NDArray[np.int64]:
         """Returns the indices of the points within `_REACH_M` along x and along y of a pose (3,)."""
         begin, end = np.searchsorted(self.x, pose[0] + np.array([-_REACH_M, _REACH_M]))
-        near = self.order[begin:end]
-        return near[np.abs(self.y[begin:end] - pose[1]) <= _REACH_M]
+        near: NDArray[np.int64] = self.order[begin:end][np.abs(self.y[begin:end] - pose[1]) <= _REACH_M]
+        return near
 
 
 def _view_window(shown: _Map, window: WindowAudit) -> View:
