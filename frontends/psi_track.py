@@ -46,7 +46,7 @@ def track_backward(scans: Sequence[Scan], context: Context) -> Iterator[Match]:
         return None if twist is None else -twist
 
     settings = reverse_settings(context.config.tracker)
-    return _track(reverse_time(scans), context, settings, -context.doppler_beta, twist_back)
+    yield from _track(reverse_time(scans), context, settings, -context.doppler_beta, twist_back)
 
 
 def _track(

@@ -22,7 +22,7 @@ from support.reported import assert_alone
 from mqslam.config import Config, load_config
 from mqslam.core import se2
 from mqslam.core.trajectory import Trajectory
-from mqslam.execution import local_engine
+from mqslam.execution import local_engine, worker_processes
 from mqslam.formats.covariances import read_covariances
 from mqslam.formats.recordings import open_recording
 from mqslam.formats.tum import read_tum
@@ -336,7 +336,7 @@ def test_the_number_of_jobs_changes_no_byte(
             super().__init__(count, **options)
 
     monkeypatch.setattr(local_engine, "_WORTH_PROCESSES", 1)
-    monkeypatch.setattr(local_engine, "ProcessPoolExecutor", Pool)
+    monkeypatch.setattr(worker_processes, "ProcessPoolExecutor", Pool)
     out = tmp_path / "out"
     assert mqslam("run", street, "--out", out, "--jobs", "2", "--config", result / "config.yaml", "--quiet").code == 0
     assert workers == [2]
