@@ -46,14 +46,14 @@ class PsiFrontEnd:
     def _track_at_once(self, scans: Sequence[Scan]) -> tuple[list[Match], list[Match | None]]:
         """Tracks a recording as a whole, forward and backward beside each other, and shows each motion as it is measured."""
         context, forward, back = self._context, list[Match](), list[Match]()
-        alone = replace(context, preview=ignore_motion, engine=None)
-        wait = (context.engine or HERE).start(_track_back, alone, scans)
-        here = iter(()) if wait else track_backward(scans, context)
-        for match in track_forward(scans, context):
-            forward.append(match)
-            back += islice(here, 1)  # step by step with the other direction, so that progress is even
-            context.preview(match.motion)
-        return forward, turn_back(scans, wait() if wait else back)
+        shared = replace(context, preview=ignore_motion, engine=None), scans
+        with (context.engine or HERE).start(_track_back, shared, None) as wait:
+            here = iter(()) if wait else track_backward(scans, context)
+            for match in track_forward(scans, context):
+                forward.append(match)
+                back += islice(here, 1)  # step by step with the other direction, so that progress is even
+                context.preview(match.motion)
+            return forward, turn_back(scans, wait() if wait else back)
 
     def _track_segments(self, scans: Sequence[Scan], segments: Sequence[Segment]) -> tuple[list[Match], list[Match | None]]:
         """Tracks the segments of a recording wherever the engine has them tracked, and shows those that are done."""
@@ -78,8 +78,9 @@ def _list_measured(matches: Sequence[Match | None]) -> list[Match]:
     return [match for match in matches if match is not None]
 
 
-def _track_back(context: Context, scans: Sequence[Scan]) -> list[Match]:
+def _track_back(shared: tuple[Context, Sequence[Scan]], item: None) -> list[Match]:
     """Returns the motions of a recording that is tracked backward as a whole."""
+    context, scans = shared
     return list(track_backward(scans, context))
 
 

@@ -89,7 +89,7 @@ class ClusterError(MqslamError):
 
 
 class WorkerError(MqslamError):
-    """A process that died of the work it was given."""
+    """A worker process that died during a call."""
 
 
 class EstimationError(MqslamError):

@@ -24,7 +24,7 @@ class Terms:
 
     Args:
         out: folder of the batch.
-        jobs: processes or threads that a run may use.
+        jobs: processes that a run may use.
         force: whether results that are there are replaced.
     """
 
@@ -69,7 +69,8 @@ def run_one(terms: Terms, order: Order) -> Outcome:
             return kept
         check_free(out, force=terms.force, resume=True, recording=order.data)
         job = _open_order(order)
-        summary = execute(job, out, Work(LocalEngine(terms.jobs)), resume=not terms.force, how=AGAIN)
+        with LocalEngine(terms.jobs) as engine:
+            summary = execute(job, out, Work(engine), resume=not terms.force, how=AGAIN)
         return Outcome(summary)
     except Exception as error:  # a front end may be anyone's code, and the others are to go on
         return Outcome(failure=describe_error(error))

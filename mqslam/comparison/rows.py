@@ -60,7 +60,7 @@ class FrontEndTask:
     Args:
         scans: of the recording.
         back_end: whether graph and loops follow.
-        jobs: number of threads of the back end.
+        jobs: number of processes that it may use.
     """
 
     scans: Scans
@@ -112,8 +112,9 @@ def run_front_end(task: FrontEndTask, named: tuple[str, Context]) -> Row:
                 back_end_s=0.0,
                 peak_rss_mb=_peak_mb(),
             )
-        runner = Runner(LocalEngine(task.jobs))
-        solution = Slam(context.config, name, runner).solve(task.scans, context)
+        with LocalEngine(task.jobs) as engine:
+            runner = Runner(engine)
+            solution = Slam(context.config, name, runner).solve(task.scans, context)
         spent = runner.runtime_s
         return Row(
             name,

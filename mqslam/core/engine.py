@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager
 from typing import Protocol, TypeVar
 
 S = TypeVar("S")
@@ -44,15 +45,25 @@ class Engine(Protocol):
 
         Raises:
             Exception: the function fails for an item, or `done` fails; the first such error is raised.
+            WorkerError: a process died.
+            OSError: there is no room for what the calls share.
             ClusterError: the cluster is lost.
         """
         ...
 
-    def start(self, function: Callable[[S, T], R], shared: S, item: T) -> Callable[[], R] | None:
-        """Starts a call of function(shared, item) beside what this process does.
+    def start(self, function: Callable[[S, T], R], shared: S, item: T) -> AbstractContextManager[Callable[[], R] | None]:
+        """Starts a call of function(shared, item) while this process goes on with the block, with which the call ends.
+
+        Args:
+            function: the function to call.
+            shared: its first argument.
+            item: its second argument.
 
         Returns:
-            What waits for its result and returns or raises it; None where there is nobody to call it but this process.
+            A context of a function that waits for the result and returns it; None where there is no other process.
+
+        Raises:
+            WorkerError: the process that it was called in has died.
         """
         ...
 

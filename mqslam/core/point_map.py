@@ -87,7 +87,7 @@ def find_first_of_cells(points: NDArray[np.float64], cell: float, most: int) -> 
     room = 4
     while room < 4 * most:
         room *= 2
-    taken = np.full((room, 2), -1, np.int64)  # the cells that were met, each at the first free place from its own one on
+    taken = np.full((room, 2), -1, np.int64)  # a hash table: each cell is kept in the first free place after its hash
     first = np.empty(most + 1, np.int64)
     count = 0
     for k in range(len(points)):

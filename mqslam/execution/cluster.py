@@ -14,7 +14,7 @@ import tempfile
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from functools import partial
-from typing import Any, TypeVar
+from typing import Any, TypeVar, cast
 
 from mqslam.core.engine import ignore_result
 from mqslam.errors import ClusterError, ConfigError
@@ -149,9 +149,9 @@ class DaskEngine:
     ) -> list[R]:
         """Calls the function as `Engine.map` does."""
 
-        def take(future: Future) -> list[R]:
+        def take(future: Future) -> tuple[list[R], Exception | None]:
             try:
-                result: list[R] = self._wait_for(future)
+                result: tuple[list[R], Exception | None] = self._wait_for(future)
             except KilledWorker as error:
                 raise ClusterError(f"{self._address}: workers died of a task; give each worker more memory") from error
             return result
@@ -160,15 +160,18 @@ class DaskEngine:
         groups = [items[begin : begin + size] for begin in range(0, len(items), size)]
         results: list[R] = []
 
-        def take_apart(number: int, group: list[R]) -> None:
-            for result in group:
+        def take_apart(number: int, group: tuple[list[R], Exception | None]) -> None:
+            for result in group[0]:
                 results.append(result)
                 done(len(results), result)
+            if group[1] is not None:
+                raise group[1]
 
         self._collect(partial(_call_each, function), shared, groups, take, take_apart)
         return results
 
-    def start(self, function: Callable[[S, T], R], shared: S, item: T) -> Callable[[], R]:
+    @contextmanager
+    def start(self, function: Callable[[S, T], R], shared: S, item: T) -> Iterator[Callable[[], R]]:
         """Starts a call as `Engine.start` does."""
         (future,) = self._send(function, shared, [item])
 
@@ -179,7 +182,11 @@ class DaskEngine:
                 result = self.map(function, shared, [item])[0]
             return result
 
-        return wait
+        try:
+            yield wait
+        finally:
+            if not self._lost:
+                self._client.cancel([future])
 
     def map_apart(
         self,
@@ -292,9 +299,15 @@ def choose_group_size(items: int, workers: int) -> int:
     return max(1, items // (_TASKS * max(workers, 1)))
 
 
-def _call_each(function: Callable[[S, T], R], shared: S, items: Sequence[T]) -> list[R]:
-    """Returns function(shared, item) for each item."""
-    return [function(shared, item) for item in items]
+def _call_each(function: Callable[[S, T], R], shared: S, items: Sequence[T]) -> tuple[list[R], Exception | None]:
+    """Returns function(shared, item) for each item up to the first that fails, and that one's error."""
+    results: list[R] = []
+    for item in items:
+        result, error = _attempt(function, shared, item)
+        if error is not None:
+            return results, error
+        results.append(cast(R, result))
+    return results, None
 
 
 def _attempt(function: Callable[[S, T], R], shared: S, item: T) -> tuple[R | None, Exception | None]:

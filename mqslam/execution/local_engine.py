@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from multiprocessing import get_context
 from typing import Final, TypeVar
 
 from mqslam.core.engine import ignore_result
-from mqslam.errors import Remedy, WorkerError
+from mqslam.errors import WorkerError
 from mqslam.execution.interrupts import raise_interrupts, shield_from_interrupts
-from mqslam.execution.worker_processes import WorkerProcesses
+from mqslam.execution.worker_processes import WorkerProcesses, end_with_parent
 
 S = TypeVar("S")
 T = TypeVar("T")
@@ -25,6 +25,8 @@ _WORTH_PROCESSES = 5  # for fewer items, starting processes takes longer than it
 class LocalEngine:
     """The processes of this machine as an engine; they start when they are first needed, and end with the engine.
 
+    A process that another one has started must close its engine, or leave its `with` block, before it ends.
+
     Args:
         jobs: how many of them work at a time; one is this process itself.
     """
@@ -33,10 +35,22 @@ class LocalEngine:
         self._jobs = jobs
         self._workers: WorkerProcesses | None = None
 
+    def __enter__(self) -> LocalEngine:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self.close()
+
     @property
     def jobs(self) -> int:
         """Number of processes that a call of `map_apart` may use: all, since these calls come one after the other."""
         return self._jobs
+
+    def close(self) -> None:
+        """Ends the processes, if there are any."""
+        if self._workers is not None:
+            self._workers.close()
+            self._workers = None
 
     def map(
         self,
@@ -48,39 +62,39 @@ class LocalEngine:
         """Calls the function as `Engine.map` does; this process does a few items itself if there are no others yet."""
         if self._jobs == 1 or (self._workers is None and len(items) < _WORTH_PROCESSES):
             return _collect((function(shared, item) for item in items), done)
-        with self._end_workers_on_error():
-            pending = self._start_workers().submit(function, shared, items)
-            return _collect((future.result() for future in pending), done)
-
-    def start(self, function: Callable[[S, T], R], shared: S, item: T) -> Callable[[], R] | None:
-        """Starts a call as `Engine.start` does."""
-        if self._jobs == 1:
-            return None
-        (future,) = self._start_workers().submit(function, shared, [item])
-
-        def wait() -> R:
-            with self._end_workers_on_error():
-                return future.result()
-
-        return wait
-
-    def _start_workers(self) -> WorkerProcesses:
-        """Returns the processes, which are started if there are none."""
-        if self._workers is None:
-            self._workers = WorkerProcesses(self._jobs)
-        return self._workers
+        with self._close_on_error():
+            return _collect((future.result() for future in self._submit(function, shared, items)), done)
 
     @contextmanager
-    def _end_workers_on_error(self) -> Iterator[None]:
-        """Ends the processes after an error of the block, so that nothing further is begun."""
+    def start(self, function: Callable[[S, T], R], shared: S, item: T) -> Iterator[Callable[[], R] | None]:
+        """Starts a call as `Engine.start` does."""
+        if self._jobs == 1:
+            yield None
+            return
+        with self._close_on_error():
+            (future,) = self._submit(function, shared, [item])
+            yield future.result
+
+    def _submit(self, function: Callable[[S, T], R], shared: S, items: Sequence[T]) -> list[Future[R]]:
+        """Hands calls to the processes, which are started if there are none, or if one has died since the last call."""
+        if self._workers is None:
+            self._workers = WorkerProcesses(self._jobs)
+        try:
+            return self._workers.submit(function, shared, items)
+        except BrokenProcessPool:
+            self.close()
+            self._workers = WorkerProcesses(self._jobs)
+            return self._workers.submit(function, shared, items)
+
+    @contextmanager
+    def _close_on_error(self) -> Iterator[None]:
+        """Ends the processes after an error of the block, so that nothing further is done."""
         try:
             yield
         except BaseException as error:
-            if self._workers is not None:
-                self._workers.close()
-                self._workers = None
+            self.close()
             if isinstance(error, BrokenProcessPool):
-                raise WorkerError(f"a worker is lost: {DIED}", Remedy.RESUME) from error
+                raise WorkerError(f"a worker is lost: {DIED}", "fewer jobs take less memory") from error
             raise
 
     def map_apart(
@@ -109,7 +123,7 @@ def _collect(results: Iterable[R], done: Callable[[int, R], None]) -> list[R]:
 def _call_apart(function: Callable[[S, T], R], shared: S, item: T) -> R | None:
     """Returns function(shared, item) from a process of its own, or None if that process dies."""
     try:
-        with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
+        with ProcessPoolExecutor(1, mp_context=get_context("spawn"), initializer=end_with_parent) as pool:
             with shield_from_interrupts():
                 result = pool.submit(_call_interruptibly, function, shared, item)
             return result.result()

@@ -36,8 +36,8 @@ class WorkerProcesses:
 
     def __init__(self, count: int) -> None:
         self._folder = Path(mkdtemp(prefix="mqslam-"))
-        with_parent: dict[str, Any] = {"initializer": _end_with_parent, "initargs": (self._folder,)}
-        self._executor = ProcessPoolExecutor(count, mp_context=get_context("spawn"), **with_parent)
+        end: dict[str, Any] = {"initializer": end_with_parent, "initargs": (self._folder,)}
+        self._executor = ProcessPoolExecutor(count, mp_context=get_context("spawn"), **end)
         self._remove = finalize(self, rmtree, self._folder, ignore_errors=True)
         self._written: dict[int, tuple[ref[Any], Path]] = {}  # by the array's id, as long as that array lives
         self._files = 0
@@ -46,8 +46,11 @@ class WorkerProcesses:
         """Has function(shared, item) called for each item, the first ones first.
 
         Raises:
-            OSError: what they share cannot be written.
+            OSError: what they share cannot be written, for example because the disk is full.
+            BrokenProcessPool: a process has died.
         """
+        if not items:
+            return []
         call, arrays = self._write((function, shared))
         with shield_from_interrupts():  # the processes start now
             futures = [self._executor.submit(_call, call, item) for item in items]
@@ -64,7 +67,9 @@ class WorkerProcesses:
         return futures
 
     def close(self) -> None:
-        """Ends the processes as soon as they have done what they are at; what is not begun is not done."""
+        """Ends the processes at once, with whatever they are calling."""
+        for process in list((self._executor._processes or {}).values()):  # Python 3.14 has a method for it
+            process.terminate()
         self._executor.shutdown(cancel_futures=True)
         self._remove()
 
@@ -78,21 +83,16 @@ class WorkerProcesses:
         paths: list[Path] = []
 
         def keep(buffer: pickle.PickleBuffer) -> bool:
-            """Returns whether the bytes of an array are copied with the rest, for which a disk without room is a reason."""
+            """Returns whether an array is so small that it is copied with what holds it."""
             with buffer.raw() as raw:
                 if raw.nbytes < _LARGE:
                     return True
-                try:
-                    paths.append(self._write_once(raw))
-                except OSError:
-                    return True
+                paths.append(self._write_once(raw))
                 arrays.append(raw.obj)
             return False
 
         content = pickle.dumps(what, protocol=5, buffer_callback=keep)
-        path = self._make_path()
-        path.write_bytes(pickle.dumps((paths, content)))
-        return path, arrays
+        return self._write_bytes(pickle.dumps((paths, content))), arrays
 
     def _write_once(self, raw: memoryview) -> Path:
         """Writes the bytes of an array to a file, unless they are in one."""
@@ -102,14 +102,19 @@ class WorkerProcesses:
                 path.unlink(missing_ok=True)
         known = self._written.get(id(raw.obj))
         if known is None:
-            path = self._make_path()
-            path.write_bytes(raw)
-            known = self._written[id(raw.obj)] = ref(raw.obj), path
+            known = self._written[id(raw.obj)] = ref(raw.obj), self._write_bytes(raw)
         return known[1]
 
-    def _make_path(self) -> Path:
+    def _write_bytes(self, content: bytes | memoryview) -> Path:
+        """Writes a new file; where there is no room for all of it, none of it stays."""
         self._files += 1
-        return self._folder / str(self._files)
+        path = self._folder / str(self._files)
+        try:
+            path.write_bytes(content)
+        except OSError:
+            path.unlink(missing_ok=True)
+            raise
+        return path
 
 
 class _Held(NamedTuple):
@@ -145,14 +150,15 @@ def _map_into_memory(path: Path) -> mmap.mmap:
         return mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_COPY)
 
 
-def _end_with_parent(folder: Path) -> None:
-    """Has this process end when the one that started it does, be it killed, and remove a folder that is left of it."""
+def end_with_parent(folder: Path | None = None) -> None:
+    """Ends this process when its parent ends, even if that is killed, and removes a folder of the parent's."""
     parent = parent_process()
 
     def end() -> None:
         if parent is not None:
             parent.join()
-        rmtree(folder, ignore_errors=True)
+        if folder is not None:
+            rmtree(folder, ignore_errors=True)
         os._exit(1)
 
     Thread(target=end, daemon=True).start()

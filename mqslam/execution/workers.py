@@ -24,7 +24,8 @@ def choose_engine(cluster: str | None, jobs: int) -> Iterator[Engine]:
     if cluster is None:
         from mqslam.execution.local_engine import LocalEngine
 
-        yield LocalEngine(jobs)
+        with LocalEngine(jobs) as here:
+            yield here
     else:
         from mqslam.execution.cluster import connect
 

@@ -93,7 +93,7 @@ def test_a_trajectory_that_has_nothing_to_do_with_the_recording_fails(wrong: str
     assert judgement.status == "fail", judgement.reasons
 
 
-def test_the_verdict_does_not_depend_on_the_number_of_threads() -> None:
+def test_the_verdict_does_not_depend_on_the_number_of_processes() -> None:
     one, three = judged(0.0), judged(0.0, 3)
     assert [w.bend.inflation for w in one.windows] == [w.bend.inflation for w in three.windows]
     assert [r.revisit.inflation for r in one.revisits] == [r.revisit.inflation for r in three.revisits]

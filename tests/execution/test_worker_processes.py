@@ -6,12 +6,13 @@ import os
 import subprocess
 import sys
 import time
+from multiprocessing import active_children
 from pathlib import Path
 from weakref import ref
 
 import numpy as np
 import pytest
-from support.clusters import add_to, fatal, full_disk, slow_sum
+from support.clusters import add_to, fatal, full_disk, sleep_for, slow_sum, sum_apart
 from support.commands import list_processes
 
 from mqslam.errors import WorkerError
@@ -58,12 +59,18 @@ def test_a_large_array_is_written_once_and_kept_as_long_as_it_lives(tmp_path: Pa
     assert not tmp_path.exists()
 
 
-def test_what_a_full_disk_has_no_room_for_is_copied(monkeypatch: pytest.MonkeyPatch) -> None:
-    def fill(workers: WorkerProcesses, raw: memoryview) -> Path:
+def test_a_disk_without_room_is_an_error_that_leaves_no_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(worker_processes, "mkdtemp", lambda prefix: str(tmp_path))
+    workers, write = WorkerProcesses(2), Path.write_bytes
+
+    def fill(path: Path, content: memoryview) -> int:
+        write(path, bytes(content)[:1000])
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(WorkerProcesses, "_write_once", fill)
-    assert {total for _, total in LocalEngine(2).map(add_to, (LARGE, 0.0), range(5))} == {LARGE.sum()}
+    with monkeypatch.context() as full, pytest.raises(OSError, match="No space left"):
+        full.setattr(Path, "write_bytes", fill)
+        workers.submit(add_to, (LARGE, 0.0), range(5))
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_a_lost_worker_is_an_error_that_says_so_and_others_take_its_place() -> None:
@@ -76,10 +83,34 @@ def test_a_lost_worker_is_an_error_that_says_so_and_others_take_its_place() -> N
     assert engine.map(slow_sum, [1, 2], range(5)) == [3, 4, 5, 6, 7]
 
 
-def test_a_call_is_started_beside_where_there_is_another_process() -> None:
-    wait = LocalEngine(2).start(add_to, (LARGE, 0.0), 0)
-    assert wait is not None and wait()[0] != os.getpid()
-    assert HERE.start(add_to, (LARGE, 0.0), 0) is None
+def test_a_worker_that_died_between_two_calls_is_replaced() -> None:
+    with LocalEngine(2) as engine:
+        engine.map(slow_sum, [1, 2], range(5))
+        for worker in active_children():
+            worker.kill()
+        time.sleep(0.5)
+        assert engine.map(slow_sum, [1, 2], range(5)) == [3, 4, 5, 6, 7]
+
+
+def test_a_call_is_started_beside_where_there_is_another_process_and_ends_with_the_block() -> None:
+    with LocalEngine(2) as engine, engine.start(add_to, (LARGE, 0.0), 0) as wait:
+        assert wait is not None and wait()[0] != os.getpid()
+    with HERE.start(add_to, (LARGE, 0.0), 0) as wait:
+        assert wait is None
+    before = set(active_children())
+    with pytest.raises(KeyboardInterrupt), LocalEngine(2).start(sleep_for, 3600.0, None):
+        raise KeyboardInterrupt
+    assert set(active_children()) <= before
+
+
+def test_no_items_leave_no_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(worker_processes, "mkdtemp", lambda prefix: str(tmp_path))
+    assert WorkerProcesses(2).submit(add_to, (LARGE, 0.0), []) == [] and list(tmp_path.iterdir()) == []
+
+
+def test_an_engine_in_a_process_of_its_own_ends_with_it() -> None:
+    """A process that waits for workers nobody has told to stop would never end."""
+    assert HERE.map_apart(sum_apart, 2, [5, 6]) == [25, 30]
 
 
 PROGRAM = """

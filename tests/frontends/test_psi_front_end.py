@@ -1,9 +1,9 @@
 from __future__ import annotations
 
-import threading
 from collections.abc import Sequence
 from dataclasses import replace
 from itertools import pairwise
+from multiprocessing import active_children
 
 import numpy as np
 import pytest
@@ -16,6 +16,7 @@ from mqslam.core.measurement import Measurement, Status
 from mqslam.core.scans import Scan
 from mqslam.core.trajectory import Trajectory
 from mqslam.errors import EstimationError, FewReturnsError
+from mqslam.execution.local_engine import LocalEngine
 from mqslam.frontends.psi import PsiFrontEnd
 from mqslam.simulator import ConstantDrive, SimulatedRecording, make_corridor_scene
 
@@ -168,8 +169,8 @@ def test_what_stops_one_direction_stops_both() -> None:
     def stop(motion: Measurement) -> None:
         raise KeyboardInterrupt
 
-    context = Context(Config(), recording.revolution_s, recording.start_us, None, preview=stop)
-    begin = threading.active_count()
+    before = set(active_children())
+    context = Context(Config(), recording.revolution_s, recording.start_us, None, preview=stop, engine=LocalEngine(2))
     with pytest.raises(KeyboardInterrupt):
         next(PsiFrontEnd(context).measure(scans))
-    assert threading.active_count() == begin
+    assert set(active_children()) <= before

@@ -14,6 +14,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from mqslam.execution.local_engine import LocalEngine
+
 BELOW = Path(__file__).parents[1]  # where workers find this file
 
 
@@ -102,6 +104,21 @@ def add_to(shared: tuple[NDArray[np.float64], float], item: int) -> tuple[int, f
     array, offset = shared
     array[item] += offset
     return os.getpid(), float(array.sum())
+
+
+def sleep_for(shared: float, item: None) -> None:
+    """Takes so many seconds."""
+    time.sleep(shared)
+
+
+_engines: list[LocalEngine] = []  # which outlive the calls that made them
+
+
+def sum_apart(shared: int, item: int) -> int:
+    """Returns a sum that processes of its own have made."""
+    with LocalEngine(shared) as engine:
+        _engines.append(engine)
+        return sum(engine.map(slow_sum, [1, 2], range(item))) - sum(range(item)) + 2 * item
 
 
 def full_disk(shared: list[int], item: int) -> int:

@@ -202,7 +202,7 @@ class _Map(NamedTuple):
     @classmethod
     def of(cls, name: str, points: PointMap, track: Trajectory) -> _Map:
         """Returns a map with its points in the order of x."""
-        order = np.argsort(points.points[:, 0])
+        order = np.argsort(points.points[:, 0], kind="stable")
         return cls(name, points, track, order, *points.points[order].T.copy())
 
     def find_near(self, pose: se2.Array) -> NDArray[np.int64]:
