@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from mqslam.config import Config, dump_yaml
 from mqslam.core.recording import Recording
 from mqslam.core.trajectory import Trajectory
-from mqslam.errors import ClusterError, FrontEndError, MqslamError, OutputError, Remedy
+from mqslam.errors import ClusterError, FrontEndError, MqslamError, OutputError, Remedy, WorkerError
 from mqslam.execution.files import write_aside, write_text
 from mqslam.execution.kept import Kept
 from mqslam.version import __version__
@@ -49,8 +49,8 @@ def hash_run(recording: Recording, config: Config, frontend: str, odometry: Traj
 def keep_checkpoint(out: Path, key: str, *, resume: bool, how: str = Remedy.RESUME) -> Iterator[Checkpoint]:
     """Yields the checkpoint of a run, and keeps it after an error if the run can be resumed.
 
-    A full disk, a lost cluster, an interrupt or an unforeseen error leaves the checkpoint behind, and the error says how to
-    go on. After any other error of mqslam resuming would fail in the same way, so that nothing is left behind.
+    A full disk, a lost cluster or worker, an interrupt or an unforeseen error leaves the checkpoint behind, and the error
+    says how to go on. After any other error of mqslam resuming would fail in the same way, so that nothing is left behind.
 
     Args:
         out: the run's result folder.
@@ -61,7 +61,7 @@ def keep_checkpoint(out: Path, key: str, *, resume: bool, how: str = Remedy.RESU
     checkpoint = Checkpoint(out, key, resume=resume)
     try:
         yield checkpoint
-    except (OutputError, ClusterError, FrontEndError) as error:
+    except (OutputError, ClusterError, WorkerError, FrontEndError) as error:
         if checkpoint.holds_anything:
             told = type(error)(error.message, *error.remedies, how)
             told.add_note(how)  # for an interrupt that code of others has turned into this error

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import multiprocessing
 import os
 import re
 import shutil
@@ -107,6 +108,23 @@ def test_a_run_of_a_batch_that_fails(drive: Path, tmp_path: Path) -> None:
     assert second.startswith("gone failed: ") and "does not exist" in second
     names = {"drive", "batch.json", "batch.csv", "report.html"}
     assert {path.name for path in (tmp_path / "out").iterdir()} == names
+
+
+def test_a_worker_process_of_this_machine_that_dies(drive: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def kill_workers() -> None:
+        for worker in multiprocessing.active_children():
+            worker.kill()
+
+    assert run_quickly(drive, tmp_path / "alone").code == 0
+    with monkeypatch.context() as patch:
+        left = at(patch, "windows", kill_workers)
+        shown = run_quickly(drive, tmp_path / "out", "--jobs", "2")
+    assert left and left[0] > 0
+    assert_refused(shown, "a worker is lost: its process died", "fewer jobs take less memory; continue with --resume")
+    assert {path.name for path in (tmp_path / "out").iterdir()} == {FOLDER}
+    assert run_quickly(drive, tmp_path / "out", "--resume").code == 0
+    for name in ("trajectory.tum", "map.ply"):
+        assert (tmp_path / "out" / name).read_bytes() == (tmp_path / "alone" / name).read_bytes(), name
 
 
 @pytest.mark.slow

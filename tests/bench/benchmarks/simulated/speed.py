@@ -10,10 +10,10 @@ import numpy as np
 from bench.benchmark import Benchmark, Bound, Column, Goal, Row, label
 from bench.measuring.commands import FRONT_ENDS, OURS
 from bench.measuring.recordings import simulate_short_city
+from bench.measuring.registration import register
 
 from mqslam.config import Config
 from mqslam.core.frontend import Context, measure_motions
-from mqslam.core.scans import Scans
 from mqslam.detection.stage import detect_stretch, make_scans
 from mqslam.formats.recordings import open_recording
 
@@ -36,7 +36,7 @@ def _measure_world(world: str) -> list[Row]:
         return lambda: list(measure_motions(name, context, scans))
 
     parts: dict[str, Callable[[], object]] = {shown: run_front_end(name) for name, shown in FRONT_ENDS.items()}
-    parts[_REGISTRATION] = lambda: _register(scans)
+    parts[_REGISTRATION] = lambda: register(scans)
     parts["reading and detection"] = lambda: detect_stretch(recording, config.detector, 0, len(recording))
     for name in FRONT_ENDS:
         list(measure_motions(name, context, scans[:8]))  # loads what is compiled
@@ -56,22 +56,6 @@ def _measure_world(world: str) -> list[Row]:
         )
         for part, seconds in spent.items()
     ]
-
-
-def _register(scans: Scans) -> None:
-    """Follows the scans by KISS-ICP alone, with a voxel size and a range as its front end has them, and one thread."""
-    from kiss_icp.config import KISSConfig
-    from kiss_icp.kiss_icp import KissICP
-
-    settings, config = Config().kiss_icp, KISSConfig()
-    config.mapping.voxel_size, config.data.max_range = settings.voxel_size_m, settings.max_range_m
-    config.data.min_range = 0.0
-    config.registration.max_num_threads = 1
-    kiss = KissICP(config)
-    for scan in scans:
-        ranges, azimuths = scan.returns.ranges, scan.returns.azimuths
-        points = np.column_stack([ranges * np.cos(azimuths), ranges * np.sin(azimuths), np.zeros(len(ranges))])
-        kiss.register_frame(points, (scan.returns.times - scan.t0) / (scan.t1 - scan.t0))
 
 
 def _spend(call: Callable[[], object]) -> float:
