@@ -190,10 +190,10 @@ class TrackerConfig(BaseModel):
         8, ge=1, description="A map with fewer keyframes than this takes new ones at shorter distances, because it is thin."
     )
     held_scans: int = expert(
-        8,
+        32,
         ge=1,
-        description="Number of matched scans whose mean motion is followed along directions that psi does not observe. "
-        "With fewer the motion is less sure, with more an earlier one is followed.",
+        description="Number of matched scans whose smoothed motion is followed along directions that psi does not observe: "
+        "their mean where it is steady, the last one where it changes.",
     )
     young_scans: int = expert(
         16, ge=2, description="Number of scans of a new track that are measured again together, once they make a map."

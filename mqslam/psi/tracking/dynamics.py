@@ -31,6 +31,7 @@ from mqslam.psi.tracking.state import (
 
 _DEPENDENT = 1e-6  # singular values of unit vectors below this are rounding
 _HALF = 0.5**0.5  # half of a variance: a motion between two scans has the variances of both of their poses
+_WALKS = np.logspace(-3.0, 3.0, 13)  # variances of a walk's step over that of noise: from all noise to none
 _NOISE_PERIOD_S = 0.25  # the settings state process noise and persistence per this time: a definition
 
 
@@ -111,14 +112,14 @@ class LastMatch:
         return coast(belief, min(dt, longest), self.turn_s, settings)
 
     def predict_steadily(self, scan: Scan) -> State | None:
-        """Predicts the state of a later scan at the mean twist of the last ones, or returns None where there were none.
+        """Predicts the state of a later scan at the smoothed twist of the last ones, or returns None where there were none.
 
         The twist of a single match errs by a few tenths of a metre per second. That is little for the next scan, which is
         matched in turn, and too much where scans are not matched along a direction for some time.
         """
         if not self.twists:
             return None
-        twist = np.mean(self.twists, axis=0)
+        twist = np.array([smooth_last(values) for values in np.transpose(self.twists)])
         return State.at_constant_twist(se2.compose(self.pose, se2.exp(twist, scan.t0 - self.t0)), twist)
 
 
@@ -144,6 +145,29 @@ def predict(belief: Belief, dt: float, settings: TrackerConfig) -> Belief:
     pose_noise = [settings.sigma_position_m, settings.sigma_position_m, settings.sigma_yaw]
     noise = np.square(np.r_[pose_noise, list_motion_noise(settings)]) * (abs(dt) / _NOISE_PERIOD_S)
     return Belief(State.of(pose, motion), symmetric(transition @ belief.covariance @ transition.T + np.diag(noise)))
+
+
+def smooth_last(values: NDArray[np.float64]) -> float:
+    """Returns where a value is at the last of successive measurements of it.
+
+    The value is taken to walk at random, and to be measured with noise. How the variances of the two compare is not known:
+    Kalman filters for several ratios are averaged, each by how likely the measurements are under it. Where all is noise, the
+    mean remains, and without noise the last measurement.
+
+    Source: the local level model of Harvey, "Forecasting, Structural Time Series Models and the Kalman Filter" (1989).
+
+    Args:
+        values: (N,) one or more, in the order of time.
+    """
+    levels, variances = np.full(len(_WALKS), values[0]), np.ones(len(_WALKS))  # in units of the noise's variance
+    squares, logs = np.full(len(_WALKS), np.finfo(float).tiny), np.zeros(len(_WALKS))
+    for value in values[1:]:
+        spread = variances + _WALKS + 1.0
+        surprise, gains = value - levels, 1.0 - 1.0 / spread
+        squares, logs = squares + surprise**2 / spread, logs + np.log(spread)
+        levels, variances = levels + gains * surprise, gains
+    logs += (len(values) - 1) * np.log(squares)
+    return float(np.average(levels, weights=np.exp(-0.5 * (logs - logs.min()))))
 
 
 def coast(belief: Belief, dt: float, turn_s: float, settings: TrackerConfig) -> Belief:

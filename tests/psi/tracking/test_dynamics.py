@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from mqslam.config import TrackerConfig
@@ -19,6 +21,7 @@ from mqslam.psi.tracking.dynamics import (
     hold_directions,
     predict,
     replace_motion,
+    smooth_last,
 )
 from mqslam.psi.tracking.state import (
     ACCELERATION,
@@ -69,13 +72,36 @@ def test_a_state_that_turned_farther_turns_faster() -> None:
     np.testing.assert_allclose(change, [0.0, 0.0, 0.02, 0.0, 0.0, 0.16, 0.0, 0.0], atol=1e-12)
 
 
-def test_unobserved_directions_follow_the_mean_twist_of_the_last_matches() -> None:
-    twists = (np.array([8.2, 0.1, 0.1]), np.array([7.8, -0.1, 0.3]))
+def test_unobserved_directions_follow_the_smoothed_twist_of_the_last_matches() -> None:
+    noise = np.random.default_rng(2).normal(0.0, 0.1, 32)
+    twists = tuple(np.array([8.0 + noise[k], 0.1, 0.05 * k]) for k in range(32))  # noise, nothing, a turn that goes on
     last = LastMatch(1.0, 0.25, Belief(State(VECTOR), np.eye(SIZE)), blind=Blindness.none(), twists=twists)
     steady = last.predict_steadily(Scan(1.5, 1.75, EMPTY))
     assert steady is not None
-    np.testing.assert_allclose(steady.twist, [8.0, 0.0, 0.2])
+    np.testing.assert_allclose(steady.twist, [8.0, 0.1, 1.55], atol=0.03)
     np.testing.assert_allclose(steady.pose, se2.compose(VECTOR[POSE], se2.exp(steady.twist, 0.5)))
+
+
+@given(st.integers(1, 32), st.floats(-10.0, 10.0), st.integers(0, 2**32 - 1))
+def test_a_smoothed_value_lies_among_the_measurements(count: int, offset: float, seed: int) -> None:
+    values = np.random.default_rng(seed).normal(offset, 1.0, count)
+    assert values.min() - 1e-9 <= smooth_last(values) <= values.max() + 1e-9
+
+
+@pytest.mark.parametrize(("walk", "noise"), [(1.0, 0.0), (0.3, 1.0), (0.02, 1.0), (0.0, 1.0)])
+def test_smoothing_errs_nearly_as_little_as_a_filter_that_knows_the_noise(walk: float, noise: float) -> None:
+    rng, known, smoothed = np.random.default_rng(3), [], []
+    for _ in range(1000):
+        true = np.cumsum(rng.normal(0.0, walk, 32))
+        values = true + rng.normal(0.0, noise, 32)
+        level, variance = values[0], noise**2
+        for value in values[1:]:
+            variance += walk**2
+            gain = variance / (variance + noise**2)
+            level, variance = level + gain * (value - level), (1.0 - gain) * variance
+        known.append(level - true[-1])
+        smoothed.append(smooth_last(values) - true[-1])
+    assert np.std(smoothed) < np.std(known) + 0.15 * max(walk, noise)
 
 
 def test_without_a_match_no_steady_motion_is_known() -> None:
