@@ -19,6 +19,7 @@ from __future__ import annotations
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
+from mqslam.execution.kernel_cache import choose_cache
 from mqslam.version import __version__
 
 if TYPE_CHECKING:
@@ -51,6 +52,8 @@ __all__ = [
     "open_recording",
     "run",
 ]
+
+choose_cache()  # before any kernel is imported
 
 _MODULES = {
     "Config": "config",

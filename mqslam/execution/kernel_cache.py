@@ -1,0 +1,44 @@
+"""Where numba keeps the compiled kernels: beside the code, else in the user's cache, else in a folder of its own.
+
+The first two are numba's own choice. Where it can write to neither, as in a container that may only read, it would refuse
+to compile at all.
+"""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from pathlib import Path
+
+_CODE = Path(__file__).parents[1]
+
+
+def choose_cache() -> None:
+    """Names a folder for compiled kernels if numba would find none; the processes that this one starts use it, too."""
+    if "NUMBA_CACHE_DIR" not in os.environ and not any(map(_is_writable, (_CODE, _find_user_cache()))):
+        os.environ["NUMBA_CACHE_DIR"] = str(_make_folder())
+
+
+def _find_user_cache() -> Path:
+    """Returns the folder that numba takes for a user's cache."""
+    if os.name == "nt":
+        return Path(os.environ.get("LOCALAPPDATA", Path.home()))
+    return Path(os.environ.get("XDG_CACHE_HOME") or Path("~/.cache").expanduser())
+
+
+def _is_writable(folder: Path) -> bool:
+    """Returns whether files can be made in a folder, which may have to be made first."""
+    there = next((parent for parent in (folder, *folder.parents) if parent.exists()), None)
+    return there is not None and os.access(there, os.W_OK)
+
+
+def _make_folder() -> Path:
+    """Returns a folder for temporary files that nobody else can write to: what lies in it is executed."""
+    own = Path(tempfile.gettempdir()) / f"mqslam-kernels-{os.getuid() if hasattr(os, 'getuid') else 'user'}"
+    try:
+        own.mkdir(mode=0o700, exist_ok=True)
+        found = own.lstat()
+        is_private = not hasattr(os, "getuid") or (found.st_uid == os.getuid() and not found.st_mode & 0o077)
+    except OSError:
+        is_private = False
+    return own if is_private and own.is_dir() and not own.is_symlink() else Path(tempfile.mkdtemp(prefix="mqslam-kernels-"))
