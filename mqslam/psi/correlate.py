@@ -9,18 +9,19 @@ short, adding up the other image around each of these pixels takes less work tha
 from __future__ import annotations
 
 from functools import cached_property
+from typing import Final
 
 import numba as nb
 import numpy as np
 from numpy.typing import NDArray
-from scipy.fft import irfft2, next_fast_len, rfft2
-from scipy.ndimage import gaussian_filter, maximum_filter
+from scipy.fft import fft, ifft, irfft, next_fast_len, rfft, rfft2
 
 from mqslam.config import EstimatorConfig
 from mqslam.core import se2
 
-_NEIGHBOURS = 5  # a peak is the largest of so many pixels in a square: the definition of a local maximum
-_SUMS_PER_PIXEL = 45  # pixels that are added up in the time in which Fourier transforms take one pixel, as measured
+_NEIGHBOURS: Final = 2  # a peak is the largest of the pixels within so many rows and columns: it defines a local maximum
+_BLUR_REACH: Final = 4.0  # standard deviations beyond which a blur is cut off: numerical
+_SUMS_PER_PIXEL: Final = 90  # pixels that are added up in the time in which Fourier transforms take one, as measured
 
 
 def find_correlation_peaks(
@@ -54,19 +55,15 @@ def find_correlation_peaks(
     lowest = guess[:2] - extent - reach_m
     side = next_fast_len(int(np.ceil(2.0 * (extent + reach_m) / pixel_m)) + 1, real=True)
     cells = int(np.ceil(reach_m / pixel_m))
-    blurred = gaussian_filter(draw(reference, lowest, side, pixel_m), config.search_blur)
-    image = Image(blurred, cells)
-    span = np.arange(-cells, cells + 1)
-    inside = np.hypot(*np.meshgrid(span, span, indexing="ij")) <= cells + 0.5
+    pixels = find_pixels(reference, lowest, side, pixel_m)
+    image = Image(draw_blurred(*pixels, compute_blur(config.search_blur)), cells)
     peaks: list[tuple[float, se2.Array]] = []
     for yaw in guess[2] + np.linspace(-count, count, 2 * count + 1) * step:
         rotated = se2.transform(np.array([guess[0], guess[1], yaw]), query)
-        correlation = image.correlate(find_pixels(rotated, lowest, side, pixel_m))
-        local = np.where(inside, correlation, -np.inf)
-        tops = np.argwhere((maximum_filter(local, size=_NEIGHBOURS) == local) & inside)
-        for i, k in tops[np.argsort(-local[tops[:, 0], tops[:, 1]], kind="stable")][: config.search_peaks]:
-            at = guess[:2] + np.array([span[i], span[k]]) * pixel_m
-            peaks.append((float(local[i, k]), np.array([at[0], at[1], yaw])))
+        correlation = image.correlate(*find_pixels(rotated, lowest, side, pixel_m))
+        for top, i, k in find_tops(correlation, config.search_peaks):
+            at = guess[:2] + np.array([i - cells, k - cells]) * pixel_m
+            peaks.append((top, np.array([at[0], at[1], yaw])))
     peaks.sort(key=lambda peak: -peak[0])
     return _choose_different([pose for _, pose in peaks], 2.0 * config.search_same_m, config.search_peaks)
 
@@ -76,76 +73,187 @@ class Image:
 
     Args:
         image: (K, K).
-        cells: how far it is shifted each way at the most [pixels].
+        cells: C, how far it is shifted each way at the most [pixels].
     """
 
-    def __init__(self, image: NDArray[np.float64], cells: int) -> None:
+    def __init__(self, image: NDArray[np.float32], cells: int) -> None:
         self._image, self._cells = image, cells
         self._shifts = np.arange(-cells, cells + 1)
 
-    def correlate(self, pixels: NDArray[np.int64]) -> NDArray[np.float64]:
-        """Returns the correlation (2 C + 1, 2 C + 1) with an image of which pixels (P, 2) are one and all others zero."""
-        if len(pixels) * len(self._shifts) ** 2 < _SUMS_PER_PIXEL * self._image.size:
-            return np.asarray(add_up_around(self._padded, pixels, self._cells))
-        other = np.zeros(self._image.shape, np.float32)
-        other[pixels[:, 0], pixels[:, 1]] = 1.0
-        correlation = irfft2(self._spectrum * np.conj(rfft2(other)), s=self._image.shape)
-        return np.asarray(correlation[np.ix_(self._shifts, self._shifts)], dtype=np.float64)
+    def correlate(self, rows: NDArray[np.int64], begins: NDArray[np.int64]) -> NDArray[np.float32]:
+        """Returns the correlation (2 C + 1, 2 C + 1) with an image of which some pixels are one and all others zero.
+
+        Args:
+            rows, begins: these pixels, as `find_pixels` returns them.
+        """
+        if len(rows) * len(self._shifts) ** 2 < _SUMS_PER_PIXEL * self._image.size:
+            return np.asarray(add_up_around(self._padded, rows, begins, self._cells))
+        taken, shape = np.flatnonzero(np.diff(begins)), self._image.shape
+        other = np.zeros((taken[-1] - taken[0] + 1, shape[1]), np.float32)  # no more of it than there is something in
+        other[np.repeat(np.arange(len(begins) - 1), np.diff(begins)) - taken[0], rows] = 1.0
+        product = fft(rfft(other, axis=1), n=shape[0], axis=0, overwrite_x=True)
+        np.multiply(self._spectrum, np.conj(product, out=product), out=product)
+        lines = ifft(product, axis=0, overwrite_x=True)[(self._shifts + taken[0]) % shape[0]]
+        return np.asarray(irfft(lines, n=shape[1], axis=1)[:, self._shifts])
 
     @cached_property
-    def _padded(self) -> NDArray[np.float64]:
+    def _padded(self) -> NDArray[np.float32]:
         return np.pad(self._image, self._cells, mode="wrap")
 
     @cached_property
     def _spectrum(self) -> NDArray[np.complex64]:
-        return np.asarray(rfft2(self._image.astype(np.float32)))
+        return np.asarray(rfft2(self._image))
+
+
+def compute_blur(sigma: float) -> NDArray[np.float32]:
+    """Returns the weights (2 R + 1,) of a Gaussian blur of so many pixels along one axis; their sum is one."""
+    reach = int(_BLUR_REACH * sigma + 0.5)
+    weights = np.exp(-0.5 * (np.arange(-reach, reach + 1) / max(sigma, np.finfo(np.float64).tiny)) ** 2)
+    return np.asarray(weights / weights.sum(), dtype=np.float32)
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
-def find_pixels(points: NDArray[np.float64], lowest: NDArray[np.float64], side: int, pixel_m: float) -> NDArray[np.int64]:
-    """Returns the pixels (P, 2) of a square image that hold a point, each once; `draw` is its readable twin."""
+def draw_blurred(rows: NDArray[np.int64], begins: NDArray[np.int64], blur: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Draws a square image (K, K), blurred along both axes, of which some pixels are one and all others zero.
+
+    Args:
+        rows, begins: these pixels, as `find_pixels` returns them.
+        blur: (2 R + 1,) weights of the blur along one axis.
+    """
+    side, reach = len(begins) - 1, len(blur) // 2
+    image = np.zeros((side, side), np.float32)
+    line = np.empty(side, np.float32)
+    for column in range(side):
+        if begins[column] == begins[column + 1]:
+            continue
+        line[:] = 0.0
+        for n in range(begins[column], begins[column + 1]):
+            for k in range(max(rows[n] - reach, 0), min(rows[n] + reach + 1, side)):
+                line[k] += blur[k - rows[n] + reach]
+        for i in range(max(column - reach, 0), min(column + reach + 1, side)):
+            into, weight = image[i], blur[i - column + reach]
+            for k in range(side):
+                into[k] += weight * line[k]
+    return image
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def find_pixels(
+    points: NDArray[np.float64], lowest: NDArray[np.float64], side: int, pixel_m: float
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Returns the pixels of a square image that hold a point, each once, column by column.
+
+    Args:
+        points: (N, 2) m.
+        lowest: (2,) m, corner of the image's first pixel.
+        side: K, number of pixels along each side.
+        pixel_m: side of a pixel [m].
+
+    Returns:
+        The rows (P,) of the pixels, and where those of each column begin among them (K + 1,).
+    """
     taken = np.zeros((side, side), np.bool_)
-    pixels = np.empty((len(points), 2), np.int64)
+    columns, rows = np.empty(len(points), np.int64), np.empty(len(points), np.int64)
+    begins = np.zeros(side + 1, np.int64)
     count = 0
     for n in range(len(points)):
         column = int(np.floor((points[n, 0] - lowest[0]) / pixel_m))
         row = int(np.floor((points[n, 1] - lowest[1]) / pixel_m))
         if 0 <= column < side and 0 <= row < side and not taken[column, row]:
             taken[column, row] = True
-            pixels[count, 0], pixels[count, 1] = column, row
+            columns[count], rows[count] = column, row
+            begins[column + 1] += 1
             count += 1
-    return pixels[:count]
+    for column in range(side):
+        begins[column + 1] += begins[column]
+    free, ordered = begins.copy(), np.empty(count, np.int64)
+    for n in range(count):
+        ordered[free[columns[n]]] = rows[n]
+        free[columns[n]] += 1
+    return ordered, begins
 
 
 @nb.njit(cache=True, nogil=True)
-def add_up_around(padded: NDArray[np.float64], pixels: NDArray[np.int64], cells: int) -> NDArray[np.float64]:
+def add_up_around(
+    padded: NDArray[np.float32], rows: NDArray[np.int64], begins: NDArray[np.int64], cells: int
+) -> NDArray[np.float32]:
     """Adds up the parts (2 C + 1, 2 C + 1) of an image around pixels: its correlation with the image of these pixels.
 
-    Four parts are added at a time, row by row, which a compiler makes vector instructions of.
+    All that one column of the image is part of is added while that column is at hand. Four parts are added at a time,
+    which a compiler makes vector instructions of.
 
     Args:
         padded: (K + 2 C, K + 2 C) the image with C pixels around it.
-        pixels: (P, 2) indices in the image itself.
+        rows, begins: the pixels in the image itself, as `find_pixels` returns them.
         cells: C.
     """
-    width, side = 2 * cells + 1, padded.shape[1]
-    total = np.zeros((width, width))
-    flat = padded.ravel()
-    begins = pixels[:, 0] * side + pixels[:, 1]
-    whole = len(begins) - len(begins) % 4
-    for n in range(0, whole, 4):
-        for i in range(width):
-            sums, down = total[i], i * side
-            a, b = begins[n] + down, begins[n + 1] + down
-            c, d = begins[n + 2] + down, begins[n + 3] + down
-            of_a, of_b, of_c, of_d = flat[a : a + width], flat[b : b + width], flat[c : c + width], flat[d : d + width]
-            for k in range(width):
-                sums[k] += (of_a[k] + of_b[k]) + (of_c[k] + of_d[k])
-    for n in range(whole, len(begins)):
-        for i in range(width):
-            for k in range(width):
-                total[i, k] += flat[begins[n] + i * side + k]
+    width = 2 * cells + 1
+    total = np.zeros((width, width), np.float32)
+    for place in range(len(padded)):
+        line = padded[place]
+        for i in range(max(place - len(begins) + 2, 0), min(place + 1, width)):
+            sums, begin, end = total[i], begins[place - i], begins[place - i + 1]
+            whole = end - (end - begin) % 4
+            for n in range(begin, whole, 4):
+                a, b = line[rows[n] : rows[n] + width], line[rows[n + 1] : rows[n + 1] + width]
+                c, d = line[rows[n + 2] : rows[n + 2] + width], line[rows[n + 3] : rows[n + 3] + width]
+                for k in range(width):
+                    sums[k] += (a[k] + b[k]) + (c[k] + d[k])
+            for n in range(whole, end):
+                a = line[rows[n] : rows[n] + width]
+                for k in range(width):
+                    sums[k] += a[k]
     return total
+
+
+@nb.njit(cache=True, nogil=True)
+def find_tops(correlation: NDArray[np.float32], most: int) -> list[tuple[float, int, int]]:
+    """Returns the highest local maxima of a correlation (2 C + 1, 2 C + 1) within a circle: value and indices, best first.
+
+    Args:
+        correlation: of all shifts by at most C pixels each way.
+        most: largest number of maxima.
+    """
+    width = len(correlation)
+    cells = width // 2
+    tops = [(np.float64(0.0), 0, 0) for _ in range(0)]
+    least = -np.inf
+    for i in range(width):
+        for k in range(width):
+            value = correlation[i, k]
+            if value <= least or not _is_within(i - cells, k - cells, cells):
+                continue
+            if _is_top(correlation, i, k):
+                place = len(tops)
+                while place > 0 and tops[place - 1][0] < value:
+                    place -= 1
+                tops.insert(place, (np.float64(value), i, k))
+                if len(tops) > most:
+                    tops.pop()
+                if len(tops) == most:
+                    least = tops[-1][0]
+    return tops
+
+
+@nb.njit(cache=True, nogil=True)
+def _is_top(correlation: NDArray[np.float32], i: int, k: int) -> bool:
+    """Returns whether no shift beside one, within the circle, has a larger correlation.
+
+    It begins with the last of them, which is the larger one wherever the correlation rises in the order of the search.
+    """
+    width = len(correlation)
+    cells = width // 2
+    for row in range(min(i + _NEIGHBOURS, width - 1), max(i - _NEIGHBOURS, 0) - 1, -1):
+        for column in range(min(k + _NEIGHBOURS, width - 1), max(k - _NEIGHBOURS, 0) - 1, -1):
+            if correlation[row, column] > correlation[i, k] and _is_within(row - cells, column - cells, cells):
+                return False
+    return True
+
+
+@nb.njit(cache=True, inline="always")
+def _is_within(along: int, across: int, cells: int) -> bool:
+    """Returns whether a shift lies in the circle of so many pixels."""
+    return along * along + across * across <= (cells + 0.5) ** 2
 
 
 def _choose_different(poses: list[se2.Array], least_m: float, most: int) -> list[se2.Array]:
@@ -157,12 +265,3 @@ def _choose_different(poses: list[se2.Array], least_m: float, most: int) -> list
         if len(chosen) == most:
             break
     return chosen
-
-
-def draw(points: NDArray[np.float64], lowest: NDArray[np.float64], side: int, pixel_m: float) -> NDArray[np.float64]:
-    """Draws points as a square image; a pixel counts once however many points it holds."""
-    cells = np.floor((points - lowest) / pixel_m).astype(np.int64)
-    cells = cells[((cells >= 0) & (cells < side)).all(axis=1)]
-    image = np.zeros((side, side))
-    image[cells[:, 0], cells[:, 1]] = 1.0
-    return image

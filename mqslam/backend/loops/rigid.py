@@ -16,10 +16,11 @@ from mqslam.config import EstimatorConfig
 from mqslam.core import se2
 from mqslam.psi.minimiser import Expansion, Minimum, Prior, Search, descend, kernel_of
 from mqslam.psi.place import PointSet, rotate_covariances
-from mqslam.psi.scoring.estimator import Evaluation, Scale, arrays_of
-from mqslam.psi.scoring.references import References, add_up_neighbours, evaluate_against
+from mqslam.psi.scoring.estimator import Evaluation, Scale, weigh_offsets
+from mqslam.psi.scoring.pairs import PairSums
+from mqslam.psi.scoring.references import References
 
-_NO_JACOBIANS: Final = np.empty((0, 2, 0))
+_NO_PULLS: Final = np.empty((0, 2, 3))
 ANY_TIME: Final = 0.0
 """Turns between neighbours that psi requires: by definition none, as submaps are compared whatever their times."""
 
@@ -68,17 +69,15 @@ class RigidObjective:
     """
 
     def __init__(self, points: PointSet, references: References, config: EstimatorConfig) -> None:
-        self._points, self._references, self._config = points, references, config
-        self._kernel = kernel_of(config, ANY_TIME)
+        self._points = points
+        self._sums = PairSums(references, kernel_of(config, ANY_TIME))
         self._turn = 1.0, 0.0
 
     def expand(self, state: NDArray[np.float64], scale: Scale) -> Expansion:
         """Returns the score around a pose, as `Objective` says."""
-        points, (_, *arranged) = self._points, self._references
+        points = self._points
         c, s = self._turn = float(np.cos(state[2])), float(np.sin(state[2]))
-        placed = place_rigidly(points.points, state[0], state[1], c, s)
-        queries = arrays_of(PointSet(placed, _NO_JACOBIANS, points.covariances, points.times))
-        sums = add_up_neighbours(queries, *arranged, scale, self._kernel, False)
+        sums = self._sums.add_up(place_rigidly(points.points, state[0], state[1], c, s), scale)
         gradient, information, curvature = expand_rigidly(RigidArrays(points.points, points.covariances, c, s), sums, scale)
         return Expansion(gradient, information, 0.5 * (curvature + curvature.T))
 
@@ -88,7 +87,9 @@ class RigidObjective:
 
     def evaluate(self, state: NDArray[np.float64], scale: Scale) -> Evaluation:
         """Returns the score at a pose, as `Objective` says."""
-        return evaluate_against(move_rigidly(self._points, state), self._references, scale, self._kernel)
+        placed = move_rigidly(self._points, state)
+        sums = self._sums.add_up(placed.points, scale)
+        return Evaluation(*weigh_offsets(placed.covariances, placed.jacobians, sums, _NO_PULLS, scale))
 
 
 class RigidArrays(NamedTuple):
@@ -147,18 +148,17 @@ def expand_rigidly(
     cs2 = 2.0 * turn_c * turn_s
     gradient, information, curvature = np.zeros(3), np.zeros((3, 3)), np.zeros((3, 3))
     for i in range(len(own)):
-        sum_k, mx, my, sxx, sxy = sums[i, 0], sums[i, 1], sums[i, 2], sums[i, 3], sums[i, 4]
-        syy, cxx, cxy, cyy, blurs = sums[i, 5], sums[i, 6], sums[i, 7], sums[i, 8], sums[i, 9]
-        if sum_k == 0.0:
+        if sums[i, 0] == 0.0:
             continue
+        share = 1.0 / sums[i, 0]
+        mx, my, blurs = sums[i, 1] * share, sums[i, 2] * share, sums[i, 9] * share
+        sxx, sxy, syy = sums[i, 3] * share - mx * mx, sums[i, 4] * share - mx * my, sums[i, 5] * share - my * my
         xx, xy, yy = cov[i, 0], cov[i, 1], cov[i, 2]
-        mx, my = mx / sum_k, my / sum_k
-        sxx, sxy, syy = sxx / sum_k - mx * mx, sxy / sum_k - mx * my, syy / sum_k - my * my
-        cxx = cxx / sum_k + (cc * xx - cs2 * xy + ss * yy) + blurs / sum_k
-        cxy = cxy / sum_k + (cs * (xx - yy) + (cc - ss) * xy)
-        cyy = cyy / sum_k + (ss * xx + cs2 * xy + cc * yy) + blurs / sum_k
-        det = cxx * cyy - cxy * cxy
-        ixx, ixy, iyy = cyy / det, -cxy / det, cxx / det
+        cxx = sums[i, 6] * share + (cc * xx - cs2 * xy + ss * yy) + blurs
+        cxy = sums[i, 7] * share + (cs * (xx - yy) + (cc - ss) * xy)
+        cyy = sums[i, 8] * share + (ss * xx + cs2 * xy + cc * yy) + blurs
+        per_det = 1.0 / (cxx * cyy - cxy * cxy)
+        ixx, ixy, iyy = cyy * per_det, -cxy * per_det, cxx * per_det
         fx, fy = ixx * -mx + ixy * -my, ixy * -mx + iyy * -my
         lorentz = 1.0 / (1.0 + (-mx * fx + -my * fy) / wide)
         weight = lorentz * lorentz

@@ -218,9 +218,9 @@ class NeighbourCache:
             grid: the references, sorted into cells, where they do not move between calls.
         """
         if self._lists is not None and len(queries) == len(self._queries) and len(references) == len(self._references):
-            moved = _largest_move(queries, self._queries)
+            moved = measure_largest_move(queries, self._queries)
             if grid is None:
-                moved += moved if queries is references else _largest_move(references, self._references)
+                moved += moved if queries is references else measure_largest_move(references, self._references)
             need = s + moved
             same = grid is None or grid is self._grid
             if same and need <= self._lists.radius <= self.waste * (s + self.skin):
@@ -234,7 +234,7 @@ class NeighbourCache:
 
 
 @nb.njit(cache=True, nogil=True)
-def _largest_move(a: NDArray[np.float64], b: NDArray[np.float64]) -> float:
+def measure_largest_move(a: NDArray[np.float64], b: NDArray[np.float64]) -> float:
     """Returns the largest distance between points (N, 2) m of the same index [m]."""
     largest = 0.0
     for i in range(len(a)):

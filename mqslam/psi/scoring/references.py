@@ -11,6 +11,7 @@ from typing import Final, NamedTuple
 
 import numba as nb
 import numpy as np
+from numba.extending import register_jitable
 from numpy.typing import NDArray
 
 from mqslam.psi.place import PointSet
@@ -18,6 +19,7 @@ from mqslam.psi.scoring.estimator import Evaluation, Fields, Kernel, PointArrays
 from mqslam.psi.scoring.falloff import LANES, fall_off
 from mqslam.psi.scoring.neighbours import CellGrid, find_cell, find_first, list_firsts, sort_into_cells
 
+_BEYOND: Final = 1.0 + 1e-9  # numerical: rounding must not lose a neighbour at the limit
 _CELL_M: Final = 1.0  # side of the cells in which neighbours are looked up [m]: a matter of speed only
 
 
@@ -99,6 +101,12 @@ def _evaluate(
     return fields
 
 
+@register_jitable
+def find_reach(scale: Scale, kernel: Kernel) -> float:
+    """Returns how far out neighbours are selected [m]: beyond that, kappa is below the least one if s allows them at all."""
+    return min(scale.s, _BEYOND * scale.beta_s * np.sqrt(-np.log(kernel.xi)))
+
+
 @nb.njit(cache=True, nogil=True, error_model="numpy")
 def add_up_neighbours(
     queries: PointArrays,
@@ -116,12 +124,13 @@ def add_up_neighbours(
     """
     x, t, rays = queries.points, queries.times, queries.rays
     turn, beta_t = kernel.revolution_s, kernel.beta_t
-    reach2, limit = scale.s * scale.s, -np.log(kernel.xi)
+    limit, reach = -np.log(kernel.xi), find_reach(scale, kernel)
+    reach2 = reach * reach
     per_square, per_aspect = 1.0 / (scale.beta_s * scale.beta_s), 2.0 / (kernel.aspect * kernel.aspect)
     apart, alike = kernel.apart_share, 1.0 - kernel.apart_share
     blur, apart_blur = kernel.blur * kernel.blur, kernel.apart_blur * kernel.apart_blur
     points, _, rows, begins, corner, cell = grid
-    left_m, low_m, reach = corner[0], corner[1], scale.s
+    left_m, low_m = corner[0], corner[1]
     room = len(known) + LANES  # what is not needed is not touched either
     is_dense, height = len(firsts) > 0, firsts.shape[1] - 1
     found = np.empty(room, np.int64)
