@@ -11,9 +11,10 @@ from numpy.typing import NDArray
 from mqslam.auditing.sweeps import Sweeps
 from mqslam.backend.loops.align import align, score_at_pose
 from mqslam.backend.loops.passes import is_unrivalled
-from mqslam.backend.loops.rigid import move_rigidly
+from mqslam.backend.loops.rigid import place_rigidly
 from mqslam.config import AuditConfig, EstimatorConfig
 from mqslam.core import se2
+from mqslam.psi.scoring.references import make_references
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,8 +107,9 @@ def lay(
     if min(len(reference), len(query)) < settings.fewest:
         return None
     between = se2.between(sweeps.poses[a], sweeps.poses[b])
-    alignment = align(reference, query, between, reach, settings, estimator, rival_sigmas)
-    moved = move_rigidly(query, alignment.pose).points - move_rigidly(query, between).points
+    references = make_references(reference)
+    alignment = align(references, query, between, reach, settings, estimator, rival_sigmas)
+    moved = place_rigidly(query.points, alignment.pose) - place_rigidly(query.points, between)
     return Laid(
         earlier=a,
         later=b,
@@ -117,7 +119,7 @@ def lay(
         covariance=se2.rotate_covariance(alignment.covariance, -between[2]),
         size_m=float(np.sqrt(np.mean(np.sum(moved**2, axis=1)))),
         matched=alignment.matched,
-        psi=score_at_pose(reference, query, between, estimator),
+        psi=score_at_pose(references, query, between, estimator),
         psi_best=alignment.psi,
         observed=alignment.observed,
         unrivalled=is_unrivalled(alignment, settings),

@@ -21,6 +21,7 @@ from mqslam.core import se2
 from mqslam.core.engine import Engine
 from mqslam.core.statistics.chances import correct_for_places, find_usual_scale
 from mqslam.execution.progress import Progress
+from mqslam.psi.scoring.references import make_references
 
 _Shared = tuple[Sweeps, AuditConfig, EstimatorConfig]  # what every step is laid with
 
@@ -117,7 +118,8 @@ def _lasts(step: Laid, p_value: float, shared: _Shared, limits: VerdictConfig) -
     if min(len(reference), len(query)) < settings.fewest:
         return True
     moved = se2.compose(step.between, step.offset)
-    kept_psi, moved_psi = (score_at_pose(reference, query, pose, estimator) for pose in (step.between, moved))
+    references = make_references(reference)
+    kept_psi, moved_psi = (score_at_pose(references, query, pose, estimator) for pose in (step.between, moved))
     return moved_psi < kept_psi
 
 

@@ -32,7 +32,6 @@ from mqslam.core.scans import Scans
 from mqslam.core.trajectory import Trajectory
 from mqslam.execution.runner import Runner
 from mqslam.psi.covariance import estimate_covariance
-from mqslam.psi.minimiser import Search
 from mqslam.psi.place import Beam
 from mqslam.psi.scoring.references import References
 
@@ -162,7 +161,7 @@ def _measure_scan(setting: _Setting, references: References, anchor: int, later:
     if len(scan) == 0:
         return None
 
-    minimum = minimise_rigidly(guess, scan, references, estimator, TOLERANCES, Search(estimator.steps, _FIRST_STEP))
+    minimum = minimise_rigidly(guess, scan, references, estimator, TOLERANCES, _FIRST_STEP)
     moved, matched = se2.between(guess, minimum.state), float(minimum.evaluation.matched.mean())
     is_near = np.hypot(moved[0], moved[1]) <= config.refinement.aside_m
     if not (minimum.converged and is_near and matched >= config.loops.matched):

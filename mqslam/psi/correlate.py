@@ -46,7 +46,8 @@ def find_correlation_peaks(
         poses (3,), the best first.
     """
     pixel_m = config.search_pixel_m
-    query = query[np.abs(query).max(axis=1, initial=0.0) < config.search_extent * pixel_m]
+    x, y = np.abs(query.T)
+    query = query[np.maximum(x, y) < config.search_extent * pixel_m]
     if len(reference) == 0 or len(query) == 0:
         return []
     extent = float(np.abs(query).max()) + 1.5 * pixel_m
@@ -84,7 +85,8 @@ class Image:
         """Returns the correlation (2 C + 1, 2 C + 1) with an image of which some pixels are one and all others zero.
 
         Args:
-            rows, begins: these pixels, as `find_pixels` returns them.
+            rows: (P,) of these pixels, column by column.
+            begins: (K + 1,) where each column begins among them, as `find_pixels` returns both.
         """
         if len(rows) * len(self._shifts) ** 2 < _SUMS_PER_PIXEL * self._image.size:
             return np.asarray(add_up_around(self._padded, rows, begins, self._cells))
@@ -117,7 +119,8 @@ def draw_blurred(rows: NDArray[np.int64], begins: NDArray[np.int64], blur: NDArr
     """Draws a square image (K, K), blurred along both axes, of which some pixels are one and all others zero.
 
     Args:
-        rows, begins: these pixels, as `find_pixels` returns them.
+        rows: (P,) of these pixels, column by column.
+        begins: (K + 1,) where each column begins among them, as `find_pixels` returns both.
         blur: (2 R + 1,) weights of the blur along one axis.
     """
     side, reach = len(begins) - 1, len(blur) // 2
@@ -184,7 +187,8 @@ def add_up_around(
 
     Args:
         padded: (K + 2 C, K + 2 C) the image with C pixels around it.
-        rows, begins: the pixels in the image itself, as `find_pixels` returns them.
+        rows: (P,) of the pixels in the image itself, column by column.
+        begins: (K + 1,) where each column begins among them, as `find_pixels` returns both.
         cells: C.
     """
     width = 2 * cells + 1

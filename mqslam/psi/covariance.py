@@ -103,6 +103,4 @@ def sum_by_object(scores: NDArray[np.float64], points: NDArray[np.float64], clus
         return np.zeros((0, scores.shape[1]))
     cells = np.floor((points - points.min(axis=0)) / cluster_m).astype(np.int64)
     _, members = np.unique(cells[:, 0] * (int(cells[:, 1].max()) + 1) + cells[:, 1], return_inverse=True)
-    sums = np.zeros((int(members.max()) + 1, scores.shape[1]))
-    np.add.at(sums, members, scores)
-    return sums
+    return np.column_stack([np.bincount(members, weights=column) for column in scores.T])

@@ -12,6 +12,7 @@ from typing import NamedTuple, Protocol
 
 import numba as nb
 import numpy as np
+from numba.extending import register_jitable
 from numpy.typing import NDArray
 
 from mqslam.config import EstimatorConfig
@@ -185,14 +186,14 @@ def descend(
         scale = annealed_scale(config, step)
         here = objective.expand(state, scale)
         beside = state - prior.mean
-        move, length = _choose_move(here, beside, prior.information, config.stabiliser, config.correlation, tolerances)
+        move, length = choose_move(here, beside, prior.information, config.stabiliser, config.correlation, tolerances)
         if scale == last:
             converged = length < search.settled or bool(np.all(np.abs(move) < tolerances))
             if search.foresees:
                 earlier, before = before, (state, move)
                 if earlier is not None:
                     move = _extrapolate(move, move - earlier[1], state - earlier[0], tolerances)
-        state = state + _shorten_step(move, objective.measure_move(move), scale.s)
+        state = state + shorten_step(move, objective.measure_move(move), scale.s)
         if converged:
             break
     return Minimum(state, objective.evaluate(state, last), converged)
@@ -239,7 +240,8 @@ class _Rendered:
         return evaluate(queries, queries, lists, scale, self._kernel, moving_references=True)
 
 
-def _shorten_step(move: NDArray[np.float64], moved_m: float, reach_m: float) -> NDArray[np.float64]:
+@register_jitable
+def shorten_step(move: NDArray[np.float64], moved_m: float, reach_m: float) -> NDArray[np.float64]:
     """Shortens a step (Q,) that would move the points farther [m] than the score has looked [m]; without points, to zero."""
     return move if moved_m <= reach_m else move * (reach_m / moved_m)
 
@@ -258,7 +260,7 @@ def _measure_move(jacobians: NDArray[np.float64], move: NDArray[np.float64]) -> 
 
 
 @nb.njit(cache=True, nogil=True)
-def _choose_move(
+def choose_move(
     here: Expansion,
     beside: NDArray[np.float64],
     information: NDArray[np.float64],

@@ -20,6 +20,7 @@ from mqslam.execution.local_engine import HERE
 from mqslam.execution.progress import ignore_progress
 from mqslam.mapping.render import place_along, render
 from mqslam.psi.place import beam_of
+from mqslam.psi.scoring.references import make_references
 
 TURN_S = 0.25
 CONFIG = Config()
@@ -108,7 +109,7 @@ def test_any_two_submaps_are_aligned(reference: Scan, query: Scan) -> None:
     if not len(reference.returns) or not len(query.returns):
         return
     one, other = (place_along(w.returns, np.zeros(1), np.zeros((1, 3)), BEAM) for w in (reference, query))
-    result = align(one, other, np.zeros(3), (3.0, 0.05), CONFIG.loops, CONFIG.estimator)
+    result = align(make_references(one), other, np.zeros(3), (3.0, 0.05), CONFIG.loops, CONFIG.estimator)
     assert np.isfinite(result.pose).all()
     assert np.isfinite(result.covariance).all()
     assert result.observed in (True, False)

@@ -12,9 +12,8 @@ from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
-from mqslam.backend.loops.rigid import ANY_TIME, minimise_rigidly, move_rigidly
+from mqslam.backend.loops.rigid import ANY_TIME, minimise_rigidly, move_rigidly, place_rigidly
 from mqslam.config import EstimatorConfig, PassConfig
 from mqslam.core import se2
 from mqslam.psi.correlate import find_correlation_peaks
@@ -23,7 +22,8 @@ from mqslam.psi.minimiser import Minimum, annealed_scale, final_scale, score_aga
 from mqslam.psi.observability import find_weak_directions
 from mqslam.psi.place import PointSet
 from mqslam.psi.scoring.estimator import Evaluation, Scale
-from mqslam.psi.scoring.references import References, make_references
+from mqslam.psi.scoring.neighbours import mark_near
+from mqslam.psi.scoring.references import References
 
 TOLERANCES: Final = np.array([1e-3, 1e-3, 2e-5])
 """A step [m, m, rad] smaller than this ends the minimiser: a numerical tolerance."""
@@ -54,7 +54,7 @@ class Alignment:
 
 
 def align(
-    reference: PointSet,
+    references: References,
     query: PointSet,
     guess: se2.Array,
     reach: tuple[float, float],
@@ -65,7 +65,7 @@ def align(
     """Finds the pose of a submap in another's frame.
 
     Args:
-        reference: a submap in its own frame.
+        references: a submap in its own frame.
         query: another submap in its own frame.
         guess: (3,) pose of the query's frame in the reference's.
         reach: how far the guess may be off in position [m] and in yaw [rad].
@@ -75,9 +75,8 @@ def align(
             None where rivals need not be known.
     """
     reach_m, reach_rad = reach
-    references = make_references(reference)
     minima = []
-    peaks = find_correlation_peaks(reference.points, query.points, guess, reach_m, reach_rad, config)
+    peaks = find_correlation_peaks(references.points.points, query.points, guess, reach_m, reach_rad, config)
     others = [peak for peak in peaks if not np.array_equal(peak, guess)]  # a search from the same pose finds the same
     for start in [guess, *others]:  # the trajectory's own pose is a hypothesis, too
         minimum = minimise_rigidly(start, query, references, config, TOLERANCES)
@@ -92,7 +91,7 @@ def align(
     points = move_rigidly(query, best.state)
     picked = np.empty((0, 3))
     if rivals and rival_sigmas is not None:
-        picked = _pick_rivals(best, rivals, (reference, query), rival_sigmas, settings.rival, config)
+        picked = _pick_rivals(best, rivals, (references, query), rival_sigmas, settings.rival, config)
     return Alignment(
         pose=best.state,
         covariance=estimate_covariance(best.evaluation, points.points, config.cluster_m),
@@ -107,7 +106,7 @@ def align(
 def _pick_rivals(
     best: Minimum,
     others: Sequence[Minimum],
-    submaps: tuple[PointSet, PointSet],
+    submaps: tuple[References, PointSet],
     sigmas: float,
     factor: float,
     config: EstimatorConfig,
@@ -118,12 +117,10 @@ def _pick_rivals(
     poses fit equally well, the sum of all is about zero in units of its standard deviation (Vuong, 1989). Points for which
     either pose has nothing in reach, as beyond the end of a pass, say nothing about which is right.
     """
-    reference, query = submaps
-    tree = cKDTree(reference.points)
+    references, query = submaps
 
     def reaches(pose: se2.Array) -> NDArray[np.bool_]:
-        apart, _ = tree.query(move_rigidly(query, pose).points, distance_upper_bound=config.s_start)
-        return np.asarray(np.isfinite(apart))
+        return np.asarray(mark_near(references.grid, place_rigidly(query.points, pose), config.s_start))
 
     near = reaches(best.state)
     picked = []
@@ -137,9 +134,9 @@ def _pick_rivals(
     return np.array(picked).reshape(-1, 3)
 
 
-def score_at_pose(reference: PointSet, query: PointSet, pose: se2.Array, config: EstimatorConfig) -> float:
-    """Returns psi per point of the query laid into the reference at a pose (3,)."""
-    return score_among(make_references(reference), move_rigidly(query, pose), config).psi / len(query)
+def score_at_pose(references: References, query: PointSet, pose: se2.Array, config: EstimatorConfig) -> float:
+    """Returns psi per point of the query laid into another submap at a pose (3,)."""
+    return score_among(references, move_rigidly(query, pose), config).psi / len(query)
 
 
 def score_among(references: References, points: PointSet, config: EstimatorConfig) -> Evaluation:

@@ -1,4 +1,4 @@
-"""psi of a rigid submap among points that stay where they are, whatever their times: two compiled calls per pose.
+"""psi of a rigid submap among points that stay where they are, whatever their times, minimised in one compiled call.
 
 Submaps are laid on each other over and over: to close loops, to refine a trajectory and to judge a map. A rigid motion's
 jacobians and the turned covariances follow from a few numbers, so that no array of either is made.
@@ -6,7 +6,7 @@ jacobians and the turned covariances follow from a few numbers, so that no array
 
 from __future__ import annotations
 
-from typing import Final, NamedTuple
+from typing import Final
 
 import numba as nb
 import numpy as np
@@ -14,11 +14,19 @@ from numpy.typing import NDArray
 
 from mqslam.config import EstimatorConfig
 from mqslam.core import se2
-from mqslam.psi.minimiser import Expansion, Minimum, Prior, Search, descend, kernel_of
+from mqslam.psi.minimiser import (
+    Expansion,
+    Minimum,
+    annealed_scale,
+    choose_move,
+    final_scale,
+    kernel_of,
+    shorten_step,
+)
 from mqslam.psi.place import PointSet, rotate_covariances
-from mqslam.psi.scoring.estimator import Evaluation, Scale, weigh_offsets
-from mqslam.psi.scoring.pairs import PairSums
-from mqslam.psi.scoring.references import References
+from mqslam.psi.scoring.estimator import Evaluation, Kernel, Scale, weigh_offsets
+from mqslam.psi.scoring.pairs import Surroundings, add_up_pairs, do_serve, list_pairs
+from mqslam.psi.scoring.references import References, find_reach
 
 _NO_PULLS: Final = np.empty((0, 2, 3))
 ANY_TIME: Final = 0.0
@@ -43,7 +51,7 @@ def minimise_rigidly(
     references: References,
     config: EstimatorConfig,
     tolerances: NDArray[np.float64],
-    search: Search | None = None,
+    first: int = 0,
 ) -> Minimum:
     """Minimises psi over the pose of a rigid submap; `minimise` with `move_rigidly` is its readable twin.
 
@@ -53,97 +61,108 @@ def minimise_rigidly(
         references: points that stay where they are.
         config: settings of the score and of its minimiser.
         tolerances: as for `minimise`.
-        search: as for `minimise`.
+        first: step of the annealing that it begins with.
     """
-    free = Prior(np.asarray(start, dtype=np.float64), np.zeros((3, 3)))
-    return descend(start, RigidObjective(points, references, config), free, config, tolerances, search)
-
-
-class RigidObjective:
-    """A rigid submap as an objective.
-
-    Args:
-        points: as for `minimise_rigidly`.
-        references: as for `minimise_rigidly`.
-        config: settings of the score.
-    """
-
-    def __init__(self, points: PointSet, references: References, config: EstimatorConfig) -> None:
-        self._points = points
-        self._sums = PairSums(references, kernel_of(config, ANY_TIME))
-        self._turn = 1.0, 0.0
-
-    def expand(self, state: NDArray[np.float64], scale: Scale) -> Expansion:
-        """Returns the score around a pose, as `Objective` says."""
-        points = self._points
-        c, s = self._turn = float(np.cos(state[2])), float(np.sin(state[2]))
-        sums = self._sums.add_up(place_rigidly(points.points, state[0], state[1], c, s), scale)
-        gradient, information, curvature = expand_rigidly(RigidArrays(points.points, points.covariances, c, s), sums, scale)
-        return Expansion(gradient, information, 0.5 * (curvature + curvature.T))
-
-    def measure_move(self, move: NDArray[np.float64]) -> float:
-        """Returns how far a step moves the points, as `Objective` says."""
-        return measure_rigid_move(self._points.points, *self._turn, move) if len(self._points) else np.inf
-
-    def evaluate(self, state: NDArray[np.float64], scale: Scale) -> Evaluation:
-        """Returns the score at a pose, as `Objective` says."""
-        placed = move_rigidly(self._points, state)
-        sums = self._sums.add_up(placed.points, scale)
-        return Evaluation(*weigh_offsets(placed.covariances, placed.jacobians, sums, _NO_PULLS, scale))
-
-
-class RigidArrays(NamedTuple):
-    """A submap at a pose.
-
-    Args:
-        own: (N, 2) m, its points in its own frame.
-        covariances: (N, 3) xx, xy, yy [m^2] in its own frame.
-        c, s: cosine and sine of the pose's yaw.
-    """
-
-    own: NDArray[np.float64]
-    covariances: NDArray[np.float64]
-    c: float
-    s: float
+    around = Surroundings(references.grid, references.known, references.firsts)
+    scales = [annealed_scale(config, step) for step in range(first, first + config.steps)]
+    kernel, last = kernel_of(config, ANY_TIME), final_scale(config)
+    start, submap = np.asarray(start, dtype=np.float64), (points.points, points.covariances)
+    damping = config.stabiliser, config.correlation
+    state, converged, sums = _descend(start, submap, around, np.array(scales), last, kernel, damping, tolerances)
+    placed = move_rigidly(points, state)
+    evaluation = Evaluation(*weigh_offsets(placed.covariances, placed.jacobians, sums, _NO_PULLS, last))
+    return Minimum(state, evaluation, converged)
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
-def place_rigidly(points: NDArray[np.float64], x: float, y: float, c: float, s: float) -> NDArray[np.float64]:
-    """Returns points (N, 2) m turned by a yaw of cosine c and sine s, and moved by x and y [m]."""
+def _descend(
+    start: NDArray[np.float64],
+    submap: tuple[NDArray[np.float64], NDArray[np.float64]],
+    around: Surroundings,
+    scales: NDArray[np.float64],
+    last: Scale,
+    kernel: Kernel,
+    damping: tuple[float, float],
+    tolerances: NDArray[np.float64],
+) -> tuple[NDArray[np.float64], bool, NDArray[np.float64]]:
+    """Does what `minimiser.descend` does, without a prior.
+
+    Args:
+        start: (3,) pose at which it begins.
+        submap: points (N, 2) m and their covariances (N, 3) [m^2] in the submap's frame.
+        around: the references.
+        scales: (K, 3) widths of each step.
+        last: the final widths.
+        kernel: the score besides its widths.
+        damping: the settings `stabiliser` and `correlation`.
+        tolerances: (3,) steps that end it.
+
+    Returns:
+        The last pose (3,), whether it converged, and the sums (N, 10) over the neighbours there.
+    """
+    own, covariances = submap
+    state, nothing, free, converged = start.copy(), np.zeros(3), np.zeros((3, 3)), False
+    sums = np.empty((len(own), 10))
+    reach = find_reach(Scale(scales[0, 0], scales[0, 1], scales[0, 2]), kernel)
+    pairs = list_pairs(place_rigidly(own, state), around, reach)
+    for step in range(len(scales) + 1):
+        ends = converged or step == len(scales)
+        k = min(step, len(scales) - 1)
+        scale = last if ends else Scale(scales[k, 0], scales[k, 1], scales[k, 2])
+        placed, reach = place_rigidly(own, state), find_reach(scale, kernel)
+        if not do_serve(pairs, placed, reach):
+            pairs = list_pairs(placed, around, reach)
+        add_up_pairs(placed, pairs, around.known, scale, kernel, sums)
+        if ends:
+            break
+        expansion = expand_rigidly(own, covariances, state[2], sums, scale)
+        move, _ = choose_move(expansion, nothing, free, damping[0], damping[1], tolerances)
+        if scale == last:
+            converged = bool(np.all(np.abs(move) < tolerances))
+        state += shorten_step(move, measure_rigid_move(own, state[2], move), scale.s)
+    return state, converged, sums
+
+
+@nb.njit(cache=True, nogil=True, error_model="numpy")
+def place_rigidly(points: NDArray[np.float64], pose: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Returns points (N, 2) m of a submap at a pose (3,)."""
+    c, s = np.cos(pose[2]), np.sin(pose[2])
     placed = np.empty_like(points)
     for i in range(len(points)):
-        placed[i, 0] = x + (c * points[i, 0] - s * points[i, 1])
-        placed[i, 1] = y + (s * points[i, 0] + c * points[i, 1])
+        placed[i, 0] = pose[0] + (c * points[i, 0] - s * points[i, 1])
+        placed[i, 1] = pose[1] + (s * points[i, 0] + c * points[i, 1])
     return placed
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
-def measure_rigid_move(points: NDArray[np.float64], c: float, s: float, move: NDArray[np.float64]) -> float:
-    """Returns by how much a step (3,) of the pose moves points (N, 2) m that are turned, in the root mean square [m]."""
+def measure_rigid_move(points: NDArray[np.float64], yaw: float, move: NDArray[np.float64]) -> float:
+    """Returns by how much a step (3,) of the pose moves points (N, 2) m that are turned by a yaw, root mean square [m]."""
+    c, s = np.cos(yaw), np.sin(yaw)
     total = 0.0
     for i in range(len(points)):
         dx = move[0] - (s * points[i, 0] + c * points[i, 1]) * move[2]
         dy = move[1] + (c * points[i, 0] - s * points[i, 1]) * move[2]
         total += dx * dx + dy * dy
-    return float(np.sqrt(total / len(points)))
+    return float(np.sqrt(total / len(points))) if len(points) else np.inf
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
 def expand_rigidly(
-    submap: RigidArrays, sums: NDArray[np.float64], scale: Scale
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Returns gradient (3,), information (3, 3) and curvature (3, 3), not yet symmetric; see `estimator.weigh_offsets`.
+    own: NDArray[np.float64], cov: NDArray[np.float64], yaw: float, sums: NDArray[np.float64], scale: Scale
+) -> Expansion:
+    """Returns the score of a submap around a pose, up to second order; see `estimator.weigh_offsets`.
 
     Its letters are those of that function.
 
     Args:
-        submap: the points at their pose.
+        own: (N, 2) m, the submap's points in its own frame.
+        cov: (N, 3) xx, xy, yy [m^2] in its own frame.
+        yaw: of the pose [rad].
         sums: (N, 10) over the neighbours of each, as that function takes them.
         scale: widths of selection and weights.
     """
-    own, cov = submap.own, submap.covariances
     wide, b = scale.c * scale.c, 2.0 / (scale.beta_s * scale.beta_s)
-    turn_c, turn_s = submap.c, submap.s
+    turn_c, turn_s = np.cos(yaw), np.sin(yaw)
     cc, cs, ss = turn_c * turn_c, turn_c * turn_s, turn_s * turn_s
     cs2 = 2.0 * turn_c * turn_s
     gradient, information, curvature = np.zeros(3), np.zeros((3, 3)), np.zeros((3, 3))
@@ -172,7 +191,7 @@ def expand_rigidly(
         gradient[2] += weight * (jx * fx + jy * fy)
         _add_products(information, jx, jy, weight, ixx, ixy, ixy, iyy)
         _add_products(curvature, jx, jy, weight, hxx, hxy, hyx, hyy)
-    return gradient, information, curvature
+    return Expansion(gradient, information, 0.5 * (curvature + curvature.T))
 
 
 @nb.njit(cache=True, inline="always")

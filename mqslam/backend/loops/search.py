@@ -18,6 +18,7 @@ from mqslam.core.engine import Engine
 from mqslam.core.measurement import Loop
 from mqslam.execution.progress import Progress
 from mqslam.psi.place import Beam, PointSet
+from mqslam.psi.scoring.references import make_references
 
 
 class Comparison(NamedTuple):
@@ -68,7 +69,7 @@ def _compare(shared: tuple[Drive, LoopConfig, EstimatorConfig, Beam], candidate:
     if len(reference) < settings.fewest or len(query) < settings.fewest:
         return Comparison()
     reach = candidate.reach_m, candidate.reach_rad
-    alignment = align(reference, query, candidate.chain.motion, reach, settings, estimator)
+    alignment = align(make_references(reference), query, candidate.chain.motion, reach, settings, estimator)
     sigmas = np.sqrt(np.diag(alignment.covariance))
     if not does_match(alignment, settings) or max(sigmas[0], sigmas[1]) > settings.sure_m:
         return Comparison()
@@ -108,8 +109,9 @@ def _improves(shared: tuple[Drive, se2.Array, LoopConfig, EstimatorConfig, Beam]
     """Returns whether psi of the two passes is lower than before, or hardly above both that and the loop's own psi."""
     drive, after, settings, estimator, beam = shared
     reference, query = _render_submaps(drive, loop.earlier, loop.later, settings, beam)
+    references = make_references(reference)
     before_psi, after_psi = (
-        score_at_pose(reference, query, se2.between(poses[loop.earlier], poses[loop.later]), estimator)
+        score_at_pose(references, query, se2.between(poses[loop.earlier], poses[loop.later]), estimator)
         for poses in (drive.poses, after)
     )
     return after_psi < before_psi or after_psi <= settings.kept * min(before_psi, loop.psi)

@@ -11,12 +11,13 @@ from typing import Final, NamedTuple
 
 import numba as nb
 import numpy as np
+from numba.extending import register_jitable
 from numpy.typing import NDArray
 
 from mqslam.psi.scoring.estimator import Kernel, Scale
 from mqslam.psi.scoring.falloff import LANES, fall_off
 from mqslam.psi.scoring.neighbours import CellGrid, find_cell, find_first, measure_largest_move
-from mqslam.psi.scoring.references import References, find_reach
+from mqslam.psi.scoring.references import find_reach
 
 _SKIN_M: Final = 0.2  # by how much lists reach farther than the score [m]: a matter of speed only
 _WASTE: Final = 2.0  # a list that reaches farther than so many times a new one is renewed: a matter of speed only
@@ -30,52 +31,44 @@ class Pairs(NamedTuple):
     Args:
         begins: (N + 1,) where the references of each point begin among the indices; the last one is where they end.
         indices: (K,) of references in the order of their grid.
+        points: (N, 2) m, where the points were when they were listed.
+        radius: how near the references are [m].
     """
 
     begins: NDArray[np.int64]
     indices: NDArray[np.int32]
+    points: NDArray[np.float64]
+    radius: float
 
 
-class PairSums:
-    """Sums over the neighbours of points that move between references.
+class Surroundings(NamedTuple):
+    """What `References` hold besides their points, as kernels take it."""
 
-    Args:
-        references: points that stay where they are.
-        kernel: the score besides its widths; its turn is zero, as times do not count.
-    """
-
-    def __init__(self, references: References, kernel: Kernel) -> None:
-        self._references, self._kernel = references, kernel
-        self._pairs = Pairs(np.zeros(1, np.int64), np.empty(0, np.int32))
-        self._listed, self._radius = np.empty((0, 2)), 0.0
-        self._sums = np.empty((0, 10))
-
-    def add_up(self, points: NDArray[np.float64], scale: Scale) -> NDArray[np.float64]:
-        """Returns sums (N, 10) over the selected neighbours of points (N, 2) m, as `estimator.weigh_offsets` takes them.
-
-        The next call overwrites them: an array of this size costs more to make than to fill.
-        """
-        reach = find_reach(scale, self._kernel)
-        moved = measure_largest_move(points, self._listed) if len(points) == len(self._listed) else np.inf
-        if reach + moved > self._radius or self._radius > _WASTE * (reach + _SKIN_M):
-            self._listed, self._radius = points, reach + _SKIN_M
-            self._pairs = list_pairs(points, self._references, self._radius)
-        if len(self._sums) != len(points):
-            self._sums = np.empty((len(points), 10))
-        add_up_pairs(points, self._pairs, self._references.known, scale, self._kernel, self._sums)
-        return self._sums
+    grid: CellGrid
+    known: NDArray[np.float64]
+    firsts: NDArray[np.int32]
 
 
-def list_pairs(points: NDArray[np.float64], references: References, radius: float) -> Pairs:
-    """Returns the references that are nearer than a radius [m] to each of some points (N, 2) m."""
-    return Pairs(*_list_pairs(points, references.grid, references.firsts, radius))
+@register_jitable
+def list_pairs(x: NDArray[np.float64], around: Surroundings, reach: float) -> Pairs:
+    """Returns the references of points (N, 2) m for a score that reaches so far [m], and for nearby ones."""
+    radius = reach + _SKIN_M
+    begins, indices = _list_near(x, around.grid, around.firsts, radius)
+    return Pairs(begins, indices, x, radius)
+
+
+@register_jitable
+def do_serve(pairs: Pairs, x: NDArray[np.float64], reach: float) -> bool:
+    """Returns whether pairs hold all neighbours of points (N, 2) m within a reach [m], and not far too many."""
+    need = reach + measure_largest_move(x, pairs.points)
+    return need <= pairs.radius and pairs.radius <= _WASTE * (reach + _SKIN_M)
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
-def _list_pairs(
+def _list_near(
     x: NDArray[np.float64], grid: CellGrid, firsts: NDArray[np.int32], radius: float
 ) -> tuple[NDArray[np.int64], NDArray[np.int32]]:
-    """Returns the fields of `Pairs`; each candidate is written down, and overwritten by the next one if it is too far."""
+    """Returns the first fields of `Pairs`: each candidate is written down, and overwritten by the next one if it is too far."""
     points, _, rows, begins, corner, cell = grid
     left_m, low_m = corner[0], corner[1]
     is_dense, height = len(firsts) > 0, firsts.shape[1] - 1
@@ -122,10 +115,13 @@ def add_up_pairs(
         kernel: the score besides its widths.
         sums: (N, 10) takes the sums.
     """
-    starts, indices = pairs
+    starts, indices = pairs.begins, pairs.indices
     limit, reach = -np.log(kernel.xi), find_reach(scale, kernel)
     reach2, per_square, blur = reach * reach, 1.0 / (scale.beta_s * scale.beta_s), kernel.blur * kernel.blur
-    room = _BLOCK + LANES + (np.max(np.diff(starts)) if len(x) else 0)
+    most = 0
+    for i in range(len(x)):
+        most = max(most, starts[i + 1] - starts[i])
+    room = _BLOCK + most + LANES
     found, begins = np.empty(room, np.int64), np.empty(_BLOCK + 1, np.int64)
     ahead, left, near, kappas = np.empty(room), np.empty(room), np.empty(room), np.empty(room)
     bits = np.empty(room, np.int64)
@@ -150,7 +146,7 @@ def add_up_pairs(
             if begins[j] == begins[j + 1]:
                 sums[i] = 0.0
                 continue
-            sum_k, mx, my, sxx, sxy, syy, cxx, cxy, cyy, blurs = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+            sum_k, mx, my, sxx, sxy, syy, cxx, cxy, cyy = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
             for k in range(begins[j], begins[j + 1]):
                 m, dx, dy = found[k], ahead[k], left[k]
                 kappa = kappas[k] * powers[k] if near[k] <= limit else 0.0
@@ -164,8 +160,7 @@ def add_up_pairs(
                 cxx += kappa * known[m, 5]
                 cxy += kappa * known[m, 6]
                 cyy += kappa * known[m, 7]
-                blurs += kappa * blur
             sums[i, 0], sums[i, 1], sums[i, 2] = sum_k, mx, my
             sums[i, 3], sums[i, 4], sums[i, 5] = sxx, sxy, syy
-            sums[i, 6], sums[i, 7], sums[i, 8], sums[i, 9] = cxx, cxy, cyy, blurs
+            sums[i, 6], sums[i, 7], sums[i, 8], sums[i, 9] = cxx, cxy, cyy, blur * sum_k
         first += taken

@@ -125,7 +125,6 @@ def add_up_neighbours(
     x, t, rays = queries.points, queries.times, queries.rays
     turn, beta_t = kernel.revolution_s, kernel.beta_t
     limit, reach = -np.log(kernel.xi), find_reach(scale, kernel)
-    reach2 = reach * reach
     per_square, per_aspect = 1.0 / (scale.beta_s * scale.beta_s), 2.0 / (kernel.aspect * kernel.aspect)
     apart, alike = kernel.apart_share, 1.0 - kernel.apart_share
     blur, apart_blur = kernel.blur * kernel.blur, kernel.apart_blur * kernel.apart_blur
@@ -155,7 +154,7 @@ def add_up_neighbours(
                 dx, dy = points[m, 0] - x0, points[m, 1] - y0
                 d2 = dx * dx + dy * dy
                 found[count], ahead[count], left[count], near[count] = m, dx, dy, d2
-                count += d2 < reach2
+                count += d2 < reach * reach
         for k in range(count):
             late = min((abs(t[i] - known[found[k], 2]) - turn) / beta_t, 0.0)
             near[k] = near[k] * per_square + late * late

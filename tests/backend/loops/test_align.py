@@ -10,15 +10,16 @@ from mqslam.backend.loops.align import Alignment, align, score_at_pose
 from mqslam.backend.loops.submap import Drive, render_submap
 from mqslam.core import se2
 from mqslam.psi.place import PointSet
+from mqslam.psi.scoring.references import References, make_references
 
 REACH = REACH_M, REACH_RAD = 4.0, 0.06
 WRONG_GUESSES = [(2.5, -1.5, 0.05), (-1.0, 3.0, -0.05), (0.0, 0.0, 0.0)]
 
 
-def submaps(reference: Drive, query: Drive, a: int = MIDDLE, b: int = MIDDLE) -> tuple[PointSet, PointSet]:
+def submaps(reference: Drive, query: Drive, a: int = MIDDLE, b: int = MIDDLE) -> tuple[References, PointSet]:
     settings = CONFIG.loops
     return (
-        render_submap(reference, a, settings.submap_m, settings.spacing_m, BEAM),
+        make_references(render_submap(reference, a, settings.submap_m, settings.spacing_m, BEAM)),
         render_submap(query, b, 0.5 * settings.submap_m, settings.spacing_m, BEAM),
     )
 

@@ -5,13 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mqslam.backend.loops.rigid import ANY_TIME, RigidObjective, minimise_rigidly, move_rigidly
+from mqslam.backend.loops.rigid import ANY_TIME, expand_rigidly, measure_rigid_move, minimise_rigidly, move_rigidly
 from mqslam.config import EstimatorConfig
 from mqslam.core import se2
 from mqslam.psi.minimiser import Minimum, Prior, annealed_scale, final_scale, kernel_of, minimise
 from mqslam.psi.place import PointSet
 from mqslam.psi.scoring.estimator import Scale, evaluate
 from mqslam.psi.scoring.neighbours import find_candidates
+from mqslam.psi.scoring.pairs import Surroundings, add_up_pairs, list_pairs
 from mqslam.psi.scoring.references import References, make_references
 
 CONFIG = EstimatorConfig()
@@ -69,21 +70,20 @@ def test_the_compiled_score_is_that_of_points_rendered_one_by_one(scale: Scale, 
     placed = move_rigidly(query, state)
     lists = find_candidates(references.grid, placed.points, scale.s)
     expected = evaluate(placed, references.points, lists, scale, kernel_of(CONFIG, ANY_TIME), moving_references=False)
-    expansion = RigidObjective(query, references, CONFIG).expand(state, scale)
+    around = Surroundings(references.grid, references.known, references.firsts)
+    pairs, sums = list_pairs(placed.points, around, scale.s), np.empty((len(query), 10))
+    add_up_pairs(placed.points, pairs, references.known, scale, kernel_of(CONFIG, ANY_TIME), sums)
+    expansion = expand_rigidly(query.points, query.covariances, pose[2], sums, scale)
     for name in ("gradient", "information", "curvature"):
         np.testing.assert_allclose(getattr(expansion, name), getattr(expected, name), rtol=1e-12, atol=1e-12)
 
 
 def test_a_step_moves_a_submap_as_far_as_its_points_are_apart_then() -> None:
-    query, references = scans(2, 50)
-    objective, pose, move = (
-        RigidObjective(query, references, CONFIG),
-        np.array([1.0, 2.0, 0.5]),
-        np.array([1e-4, 2e-4, 1e-5]),
+    points, pose, move = scattered(2, 50), np.array([1.0, 2.0, 0.5]), np.array([1e-4, 2e-4, 1e-5])
+    apart = move_rigidly(points, pose + move).points - move_rigidly(points, pose).points
+    assert measure_rigid_move(points.points, pose[2], move) == pytest.approx(
+        np.sqrt(np.mean(np.sum(apart**2, axis=1))), rel=1e-4
     )
-    objective.expand(pose, final_scale(CONFIG))
-    apart = move_rigidly(query, pose + move).points - move_rigidly(query, pose).points
-    assert objective.measure_move(move) == pytest.approx(np.sqrt(np.mean(np.sum(apart**2, axis=1))), rel=1e-4)
 
 
 @pytest.mark.parametrize("count", [0, 1, 300])

@@ -16,6 +16,7 @@ from mqslam.core import se2
 from mqslam.core.measurement import Loop
 from mqslam.execution.local_engine import HERE, LocalEngine
 from mqslam.execution.progress import ignore_progress
+from mqslam.psi.scoring.references import make_references
 
 
 def two_passes(later: tuple[float, float, float], wrong: tuple[float, float, float]) -> tuple[Drive, se2.Array]:
@@ -101,7 +102,7 @@ def loop_at(drive: Drive, earlier: int, later: int, pose: se2.Array) -> Loop:
     settings = CONFIG.loops
     reference = render_submap(drive, earlier, settings.submap_m, settings.spacing_m, BEAM)
     query = render_submap(drive, later, 0.5 * settings.submap_m, settings.spacing_m, BEAM)
-    psi = score_at_pose(reference, query, pose, CONFIG.estimator)
+    psi = score_at_pose(make_references(reference), query, pose, CONFIG.estimator)
     return Loop(earlier, later, pose, 1e-4 * np.eye(3), 0.8, psi)
 
 
@@ -144,7 +145,7 @@ def test_a_loop_that_only_confirms_a_good_map_stays() -> None:
     reference = render_submap(drive, a, settings.submap_m, settings.spacing_m, BEAM)
     query = render_submap(drive, b, 0.5 * settings.submap_m, settings.spacing_m, BEAM)
     pose = se2.between(truth[a], truth[b])
-    result = align(reference, query, pose, (3.0, 0.03), CONFIG.loops, CONFIG.estimator)
+    result = align(make_references(reference), query, pose, (3.0, 0.03), CONFIG.loops, CONFIG.estimator)
     loop = Loop(a, b, result.pose, result.covariance, result.matched, result.psi)
     nudged = truth.copy()
     nudged[len(truth) // 2 :, 0] += 0.02  # within what the graph may weigh it against

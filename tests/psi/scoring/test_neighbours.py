@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from mqslam.psi.scoring.neighbours import CandidateLists, NeighbourCache, find_candidates, sort_into_cells
+from mqslam.psi.scoring.neighbours import CandidateLists, NeighbourCache, find_candidates, mark_near, sort_into_cells
 
 Points = NDArray[np.float64]
 
@@ -47,6 +47,14 @@ def test_candidates_are_those_of_a_tree(
     lists = find_candidates(sort_into_cells(references, cell), queries, radius)
     assert lists.radius == radius
     assert sets(lists) == by_tree(references, queries, radius)
+
+
+@pytest.mark.parametrize("count", [0, 1, 60])
+def test_queries_with_a_candidate_are_marked(count: int) -> None:
+    references, queries = square(1, count), square(2, 50, side=20.0)
+    for radius in (0.3, 1.0, 4.0):
+        expected = [len(near) > 0 for near in by_tree(references, queries, radius)]
+        assert mark_near(sort_into_cells(references, 1.0), queries, radius).tolist() == expected
 
 
 def test_points_in_one_place_are_all_listed_and_a_query_finds_itself() -> None:

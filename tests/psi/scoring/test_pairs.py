@@ -9,10 +9,9 @@ from numpy.typing import NDArray
 from mqslam.config import EstimatorConfig
 from mqslam.psi.minimiser import annealed_scale, final_scale, kernel_of
 from mqslam.psi.place import PointSet
-from mqslam.psi.scoring import pairs
 from mqslam.psi.scoring.estimator import Scale, arrays_of
-from mqslam.psi.scoring.pairs import PairSums, list_pairs
-from mqslam.psi.scoring.references import References, add_up_neighbours, make_references
+from mqslam.psi.scoring.pairs import Pairs, Surroundings, add_up_pairs, do_serve, list_pairs
+from mqslam.psi.scoring.references import References, add_up_neighbours, find_reach, make_references
 
 CONFIG = EstimatorConfig()
 KERNEL = kernel_of(CONFIG, 0.0)
@@ -32,34 +31,49 @@ def add_up_anew(points: NDArray[np.float64], references: References, scale: Scal
     return np.asarray(add_up_neighbours(arrays_of(queries), *arranged, scale, KERNEL, False))
 
 
+def add_up_listed(points: NDArray[np.float64], listed: Pairs, references: References, scale: Scale) -> NDArray[np.float64]:
+    sums = np.full((len(points), 10), np.nan)
+    add_up_pairs(points, listed, references.known, scale, KERNEL, sums)
+    return sums
+
+
+def around(references: References) -> Surroundings:
+    return Surroundings(references.grid, references.known, references.firsts)
+
+
 @pytest.mark.parametrize("half_m", [3.0, 20.0, 400.0])
 def test_sums_of_a_search_are_those_of_neighbours_looked_up_anew(half_m: float) -> None:
     rng, references = np.random.default_rng(1), make_references(scattered(2, 3000, half_m))
-    points, sums = references.points.points[:1500] + 0.1, PairSums(references, KERNEL)
+    points, lists = references.points.points[:1500] + 0.1, 0
+    listed = list_pairs(points, around(references), 0.0)
     for step in range(12):
         points = points + rng.normal(0.0, 0.3 * 0.6**step, 2)
         scale = annealed_scale(CONFIG, step)
-        np.testing.assert_array_equal(sums.add_up(points, scale), add_up_anew(points, references, scale))
+        if not do_serve(listed, points, find_reach(scale, KERNEL)):
+            listed, lists = list_pairs(points, around(references), find_reach(scale, KERNEL)), lists + 1
+        expected = add_up_anew(points, references, scale)
+        np.testing.assert_allclose(add_up_listed(points, listed, references, scale), expected, rtol=1e-12, atol=0.0)
+    assert 2 <= lists <= 6
 
 
-def test_a_list_serves_small_moves_and_no_large_ones(monkeypatch: pytest.MonkeyPatch) -> None:
-    made = []
-    monkeypatch.setattr(pairs, "list_pairs", lambda *given: made.append(given) or list_pairs(*given))
-    references, scale = make_references(scattered(3, 500)), final_scale(CONFIG)
-    sums, points = PairSums(references, KERNEL), scattered(4, 300).points
-    for move, lists in [(0.0, 1), (0.1, 1), (-0.1, 1), (5.0, 2), (5.1, 2)]:
-        moved = points + np.array([move, 0.0])
-        np.testing.assert_array_equal(sums.add_up(moved, scale), add_up_anew(moved, references, scale))
-        assert len(made) == lists
+def test_a_list_serves_small_moves_and_no_large_ones() -> None:
+    references, reach = make_references(scattered(3, 500)), 0.5
+    points = scattered(4, 300).points
+    listed = list_pairs(points, around(references), reach)
+    assert do_serve(listed, points + np.array([0.1, 0.0]), reach)
+    assert not do_serve(listed, points + np.array([0.3, 0.0]), reach)
+    assert not do_serve(listed, points, 1.0)
+    assert not do_serve(list_pairs(points, around(references), 4.0 * reach), points, reach)
 
 
-def test_points_without_any_reference_have_no_sums() -> None:
-    points = scattered(5, 7).points
-    for references in (make_references(scattered(6, 0)), make_references(scattered(6, 1, 0.1))):
-        np.testing.assert_array_equal(
-            PairSums(references, KERNEL).add_up(points + 50.0, final_scale(CONFIG)), np.zeros((7, 10))
-        )
+@pytest.mark.parametrize("count", [0, 1])
+def test_points_without_any_reference_have_no_sums(count: int) -> None:
+    points, references = scattered(5, 7).points + 50.0, make_references(scattered(6, count, 0.1))
+    listed = list_pairs(points, around(references), 1.0)
+    np.testing.assert_array_equal(add_up_listed(points, listed, references, final_scale(CONFIG)), np.zeros((7, 10)))
 
 
 def test_no_points_have_no_sums() -> None:
-    assert PairSums(make_references(scattered(7, 20)), KERNEL).add_up(np.empty((0, 2)), final_scale(CONFIG)).shape == (0, 10)
+    points, references = np.empty((0, 2)), make_references(scattered(7, 20))
+    listed = list_pairs(points, around(references), 1.0)
+    assert add_up_listed(points, listed, references, final_scale(CONFIG)).shape == (0, 10)
