@@ -19,7 +19,7 @@ from mqslam.config import EstimatorConfig
 from mqslam.psi.place import PointSet
 from mqslam.psi.scoring.estimator import Evaluation, Kernel, Scale, evaluate
 from mqslam.psi.scoring.neighbours import NeighbourCache, find_candidates, sort_into_cells
-from mqslam.psi.scoring.references import References, evaluate_against
+from mqslam.psi.scoring.references import References, evaluate_against, find_reach
 
 _LARGEST_PART = 0.9  # of a step that the next one is taken to be [1]: it keeps the extrapolation finite
 _FLATTEST = 1e-9  # least curvature that a step is divided by [1/tolerance^2], which keeps the step finite
@@ -113,8 +113,10 @@ def kernel_of(config: EstimatorConfig, revolution_s: float) -> Kernel:
 
 def score_itself(points: PointSet, scale: Scale, revolution_s: float, config: EstimatorConfig) -> Evaluation:
     """Scores points against each other, with candidates looked up anew."""
-    lists = find_candidates(sort_into_cells(points.points, scale.s), points.points, scale.s)
-    return evaluate(points, points, lists, scale, kernel_of(config, revolution_s), moving_references=True)
+    kernel = kernel_of(config, revolution_s)
+    reach = find_reach(scale, kernel)
+    lists = find_candidates(sort_into_cells(points.points, reach), points.points, reach)
+    return evaluate(points, points, lists, scale, kernel, moving_references=True)
 
 
 class Expansion(NamedTuple):
@@ -166,7 +168,7 @@ def minimise(
         tolerances: (Q,) steps that end the search, once the widths are final and a step is smaller.
         search: how it is searched for; None takes the number of steps from the settings.
     """
-    return descend(start, _Rendered(render, references, config, revolution_s), prior, config, tolerances, search)
+    return descend(start, Rendered(render, references, config, revolution_s), prior, config, tolerances, search)
 
 
 def descend(
@@ -199,7 +201,7 @@ def descend(
     return Minimum(state, objective.evaluate(state, last), converged)
 
 
-class _Rendered:
+class Rendered:
     """Points that are rendered anew for each state.
 
     Args:
@@ -236,7 +238,7 @@ class _Rendered:
         self._jacobians = queries.jacobians
         if self._references is not None:
             return evaluate_against(queries, self._references, scale, self._kernel)
-        lists = self._cache.lists(queries.points, queries.points, scale.s)
+        lists = self._cache.lists(queries.points, queries.points, find_reach(scale, self._kernel))
         return evaluate(queries, queries, lists, scale, self._kernel, moving_references=True)
 
 

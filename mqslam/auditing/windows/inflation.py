@@ -18,7 +18,7 @@ from mqslam.config import AuditConfig, EstimatorConfig
 from mqslam.core import se2
 from mqslam.psi.covariance import estimate_covariance_by_differences
 from mqslam.psi.gaussians import floor_variances
-from mqslam.psi.minimiser import Minimum, Prior, annealed_scale, final_scale, minimise, score_itself
+from mqslam.psi.minimiser import Minimum, Prior, Rendered, annealed_scale, final_scale, minimise, score_itself
 from mqslam.psi.observability import find_weak_directions, spread_along
 from mqslam.psi.place import PointSet
 from mqslam.psi.scoring.estimator import Evaluation, Scale
@@ -96,11 +96,12 @@ class _Window:
         """
         settings, units, final = self.settings, self.units, final_scale(self.estimator)
         placed = self.render(minimum.state)
+        rendered = Rendered(self.render, None, self.estimator, SWEEP)  # keeps the neighbours between small differences
         covariance = estimate_covariance_by_differences(
             minimum.evaluation,
             placed.points,
             self.estimator.cluster_m,
-            lambda twist: self.score(twist, final).gradient,
+            lambda twist: rendered.evaluate(twist, final).gradient,
             minimum.state,
             settings.difference_step * units,
         )

@@ -68,7 +68,7 @@ def do_serve(pairs: Pairs, x: NDArray[np.float64], reach: float) -> bool:
 def _list_near(
     x: NDArray[np.float64], grid: CellGrid, firsts: NDArray[np.int32], radius: float
 ) -> tuple[NDArray[np.int64], NDArray[np.int32]]:
-    """Returns the first fields of `Pairs`: each candidate is written down, and overwritten by the next one if it is too far."""
+    """Returns the first fields of `Pairs`; every candidate is written down, and the next one overwrites one too far away."""
     points, _, rows, begins, corner, cell = grid
     left_m, low_m = corner[0], corner[1]
     is_dense, height = len(firsts) > 0, firsts.shape[1] - 1
