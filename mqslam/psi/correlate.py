@@ -118,6 +118,8 @@ def compute_blur(sigma: float) -> NDArray[np.float32]:
 def draw_blurred(rows: NDArray[np.int64], begins: NDArray[np.int64], blur: NDArray[np.float32]) -> NDArray[np.float32]:
     """Draws a square image (K, K), blurred along both axes, of which some pixels are one and all others zero.
 
+    What is blurred across an edge is mirrored at it.
+
     Args:
         rows: (P,) of these pixels, column by column.
         begins: (K + 1,) where each column begins among them, as `find_pixels` returns both.
@@ -131,13 +133,20 @@ def draw_blurred(rows: NDArray[np.int64], begins: NDArray[np.int64], blur: NDArr
             continue
         line[:] = 0.0
         for n in range(begins[column], begins[column + 1]):
-            for k in range(max(rows[n] - reach, 0), min(rows[n] + reach + 1, side)):
-                line[k] += blur[k - rows[n] + reach]
-        for i in range(max(column - reach, 0), min(column + reach + 1, side)):
-            into, weight = image[i], blur[i - column + reach]
+            for m in range(len(blur)):
+                line[_mirror(rows[n] + m - reach, side)] += blur[m]
+        for m in range(len(blur)):
+            into, weight = image[_mirror(column + m - reach, side)], blur[m]
             for k in range(side):
                 into[k] += weight * line[k]
     return image
+
+
+@nb.njit(cache=True, inline="always")
+def _mirror(place: int, side: int) -> int:
+    """Returns the pixel of a line of so many that one beyond its ends is mirrored to."""
+    place %= 2 * side
+    return min(place, 2 * side - 1 - place)
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
