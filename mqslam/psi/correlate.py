@@ -229,7 +229,7 @@ def find_tops(correlation: NDArray[np.float32], most: int) -> list[tuple[float, 
     """
     width = len(correlation)
     cells = width // 2
-    tops = [(np.float64(0.0), 0, 0) for _ in range(0)]
+    tops: list[tuple[float, int, int]] = [(0.0, 0, 0) for _ in range(0)]
     least = -np.inf
     for i in range(width):
         for k in range(width):

@@ -104,7 +104,7 @@ def _evaluate(
 @register_jitable
 def find_reach(scale: Scale, kernel: Kernel) -> float:
     """Returns how far out neighbours are selected [m]: beyond that, kappa is below the least one if s allows them at all."""
-    return min(scale.s, _BEYOND * scale.beta_s * np.sqrt(-np.log(kernel.xi)))
+    return float(min(scale.s, _BEYOND * scale.beta_s * np.sqrt(-np.log(kernel.xi))))
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
