@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import numba as nb
 import numpy as np
@@ -133,19 +133,6 @@ class Expansion(NamedTuple):
     curvature: NDArray[np.float64]
 
 
-class Objective(Protocol):
-    """Points that move with a state and are scored."""
-
-    def expand(self, state: NDArray[np.float64], scale: Scale) -> Expansion:
-        """Returns the score around a state (Q,)."""
-
-    def measure_move(self, move: NDArray[np.float64]) -> float:
-        """Returns how far a step (Q,) from the last state moves the points [m], root mean square; without any, inf."""
-
-    def evaluate(self, state: NDArray[np.float64], scale: Scale) -> Evaluation:
-        """Returns the score at a state (Q,), point by point."""
-
-
 def minimise(
     start: NDArray[np.float64],
     render: Callable[[NDArray[np.float64]], PointSet],
@@ -168,37 +155,28 @@ def minimise(
         tolerances: (Q,) steps that end the search, once the widths are final and a step is smaller.
         search: how it is searched for; None takes the number of steps from the settings.
     """
-    return descend(start, Rendered(render, references, config, revolution_s), prior, config, tolerances, search)
-
-
-def descend(
-    start: NDArray[np.float64],
-    objective: Objective,
-    prior: Prior,
-    config: EstimatorConfig,
-    tolerances: NDArray[np.float64],
-    search: Search | None = None,
-) -> Minimum:
-    """Minimises an objective's psi plus the prior over the state; see `minimise`."""
     search = search or Search(config.steps)
-    state = np.array(start, dtype=np.float64)
-    last, converged = final_scale(config), False
+    state, rendered = np.array(start, dtype=np.float64), Rendered(render, references, config, revolution_s)
+    last, settled, converged = final_scale(config), False, False
     before: tuple[NDArray[np.float64], NDArray[np.float64]] | None = None
     for step in range(search.first, search.first + search.steps):
         scale = annealed_scale(config, step)
-        here = objective.expand(state, scale)
-        beside = state - prior.mean
-        move, length = choose_move(here, beside, prior.information, config.stabiliser, config.correlation, tolerances)
+        here = rendered.evaluate(state, scale)
+        around, beside = Expansion(here.gradient, here.information, here.curvature), state - prior.mean
+        move, length = choose_move(around, beside, prior.information, config.stabiliser, config.correlation, tolerances)
         if scale == last:
-            converged = length < search.settled or bool(np.all(np.abs(move) < tolerances))
+            settled = length < search.settled
+            converged = settled or bool(np.all(np.abs(move) < tolerances))
             if search.foresees:
                 earlier, before = before, (state, move)
                 if earlier is not None:
                     move = _extrapolate(move, move - earlier[1], state - earlier[0], tolerances)
-        state = state + shorten_step(move, objective.measure_move(move), scale.s)
+        state = state + shorten_step(move, rendered.measure_move(move), scale.s)
+        if settled:
+            return Minimum(state, here, True)  # against the uncertainty, so short a step leaves the score as it is
         if converged:
             break
-    return Minimum(state, objective.evaluate(state, last), converged)
+    return Minimum(state, rendered.evaluate(state, last), converged)
 
 
 class Rendered:
@@ -223,17 +201,12 @@ class Rendered:
         self._cache = NeighbourCache()
         self._jacobians = np.empty((0, 2, 0))
 
-    def expand(self, state: NDArray[np.float64], scale: Scale) -> Expansion:
-        """Returns the score around a state, as `Objective` says."""
-        here = self.evaluate(state, scale)
-        return Expansion(here.gradient, here.information, here.curvature)
-
     def measure_move(self, move: NDArray[np.float64]) -> float:
-        """Returns how far a step moves the points, as `Objective` says."""
+        """Returns how far a step (Q,) from the last state moves the points [m], root mean square; without any, inf."""
         return _measure_move(self._jacobians, move) if len(self._jacobians) else np.inf
 
     def evaluate(self, state: NDArray[np.float64], scale: Scale) -> Evaluation:
-        """Returns the score at a state, as `Objective` says."""
+        """Returns the score at a state (Q,), point by point."""
         queries = self._render(state)
         self._jacobians = queries.jacobians
         if self._references is not None:

@@ -85,7 +85,7 @@ def _descend(
     damping: tuple[float, float],
     tolerances: NDArray[np.float64],
 ) -> tuple[NDArray[np.float64], bool, NDArray[np.float64]]:
-    """Does what `minimiser.descend` does, without a prior.
+    """Does what `minimiser.minimise` does, without a prior.
 
     Args:
         start: (3,) pose at which it begins.
