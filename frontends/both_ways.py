@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from itertools import pairwise
-from typing import NamedTuple
+from typing import NamedTuple, overload
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,7 +41,7 @@ class Match(NamedTuple):
     unseen: NDArray[np.float64]
 
 
-def reverse_time(scans: Sequence[Scan]) -> list[Scan]:
+def reverse_time(scans: Sequence[Scan]) -> Sequence[Scan]:
     """Returns the scans as if the recording were played backward, the last one first.
 
     A scan that the next one follows at once begins, in the new time, where that one ends, so that both directions measure
@@ -50,11 +50,31 @@ def reverse_time(scans: Sequence[Scan]) -> list[Scan]:
     Args:
         scans: two or more.
     """
-    end = scans[-1].t1
-    return [
-        Scan(end - _end(scan, after), end - scan.t0, _reverse_returns(scan.returns, end))
-        for scan, after in zip(reversed(scans), [None, *reversed(scans[1:])], strict=True)
-    ]
+    return _Reversed(scans)
+
+
+class _Reversed(Sequence[Scan]):
+    """Scans played backward, each made when it is asked for."""
+
+    def __init__(self, scans: Sequence[Scan]) -> None:
+        self._scans, self._end = scans, scans[-1].t1
+
+    def __len__(self) -> int:
+        return len(self._scans)
+
+    @overload
+    def __getitem__(self, k: int) -> Scan: ...
+
+    @overload
+    def __getitem__(self, k: slice) -> list[Scan]: ...
+
+    def __getitem__(self, k: int | slice) -> Scan | list[Scan]:
+        if isinstance(k, slice):
+            return [self[n] for n in range(*k.indices(len(self)))]
+        n = len(self) - 1 - range(len(self))[k]
+        scan, after = self._scans[n], self._scans[n + 1] if n + 1 < len(self) else None
+        returns = _reverse_returns(scan.returns, self._end)
+        return Scan(self._end - _find_end(scan, after), self._end - scan.t0, returns)
 
 
 def reverse_settings(settings: TrackerConfig) -> TrackerConfig:
@@ -120,7 +140,7 @@ def _scale(match: Match, scale: NDArray[np.float64]) -> Measurement:
     return replace(match.motion, covariance=se2.scale_covariance(seen, scale) + match.unseen)
 
 
-def _end(scan: Scan, after: Scan | None) -> float:
+def _find_end(scan: Scan, after: Scan | None) -> float:
     """Returns when a scan ends [s]: at the start of the next one, if that follows at once."""
     return after.t0 if after is not None and follows_at_once(scan, after) else scan.t1
 

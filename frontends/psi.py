@@ -36,7 +36,8 @@ class PsiFrontEnd:
         Raises:
             EstimationError: there are fewer than two scans, or hardly any returns in all of them.
         """
-        scans, config = list(scans), self._context.config
+        scans = scans if isinstance(scans, Sequence) else list(scans)
+        config = self._context.config
         segments = split_into_segments(scans, config.tracker)
         is_whole = len(segments) == len(_DIRECTIONS)
         forward, backward = self._track_at_once(scans) if is_whole else self._track_segments(scans, segments)

@@ -67,9 +67,11 @@ def split_into_segments(scans: Sequence[Scan], settings: TrackerConfig) -> list[
 
 def _mark_sound(scans: Sequence[Scan], settings: TrackerConfig) -> NDArray[np.bool_]:
     """Marks the scans (N,) that can be matched and that follow the one before at once."""
-    usable = np.array([is_usable(scan, settings) for scan in scans], dtype=np.bool_)
-    follows = [k == 0 or follows_at_once(scans[k - 1], scans[k]) for k in range(len(scans))]
-    return usable & np.array(follows, dtype=np.bool_)
+    sound, before = list[bool](), None
+    for scan in scans:
+        sound.append(is_usable(scan, settings) and (before is None or follows_at_once(before, scan)))
+        before = scan
+    return np.array(sound, dtype=np.bool_)
 
 
 def _choose_borders(count: int, first: int, able: Sequence[int], size: int) -> list[tuple[int, int]]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,10 +12,11 @@ from numpy.typing import NDArray
 from mqslam.auditing.tracks import Track, measure_doubt
 from mqslam.config import AuditConfig
 from mqslam.core import se2
-from mqslam.core.scans import Returns, Scans
+from mqslam.core.scans import Scans
+from mqslam.core.stored import release
 from mqslam.core.trajectory import Trajectory
 from mqslam.errors import EstimationError, Remedy
-from mqslam.mapping.render import place_along
+from mqslam.mapping.render import place_scans
 from mqslam.psi.place import Beam, PointSet, rotate_covariances
 
 
@@ -66,7 +68,9 @@ class Sweeps:
         picked = np.concatenate(parts) if parts else np.empty(0, dtype=np.int64)
         covariances = rotate_covariances(self.covariances[picked], -frame[2])
         points = se2.transform(se2.inverse(frame), self.points[picked])
-        return PointSet(points, np.empty((len(picked), 2, 0)), covariances, self.turns[picked])
+        turns = self.turns[picked]
+        release(self.points, self.covariances, self.turns)
+        return PointSet(points, np.empty((len(picked), 2, 0)), covariances, turns)
 
 
 def place_sweeps(scans: Scans, trajectory: Trajectory, settings: AuditConfig, beam: Beam) -> tuple[Sweeps, list[int]]:
@@ -86,28 +90,29 @@ def place_sweeps(scans: Scans, trajectory: Trajectory, settings: AuditConfig, be
     """
     inside = require_covered(scans, trajectory, settings)
     kept = scans.take(inside)
-    returns = Returns.concatenate([scan.returns for scan in kept])
-    if not len(returns):
+    counts = kept.counts
+    if not counts.any():
         raise EstimationError(f"no returns in {len(kept)} scans; lower detector.threshold")
     track = Track(trajectory.seconds(scans.start_us), trajectory.poses, len(scans), len(scans) - len(inside))
-    placed = place_along(returns, track.times, track.poses, beam)
-    counts = np.array([len(scan.returns) for scan in kept])
-    sweep = np.repeat(np.arange(len(kept)), counts)
+    placed = place_scans(kept, track.times, track.poses, beam)
     times = kept.start_times
     numbers = np.array(inside, dtype=np.float64)
-    turns = numbers[sweep] + (returns.times - times[sweep]) / scans.revolution_s
-    poses = trajectory.at(kept.stamps_us)
+    turns = placed.points.times  # seconds become turns in their place
     begins = np.concatenate([[0], np.cumsum(counts)])
+    for k, (begin, end) in enumerate(pairwise(begins.tolist())):
+        turns[begin:end] = numbers[k] + (turns[begin:end] - times[k]) / scans.revolution_s
+    release(turns)
+    poses = trajectory.at(kept.stamps_us)
     sweeps = Sweeps(
-        points=placed.points,
-        covariances=placed.covariances,
+        points=placed.points.points,
+        covariances=placed.points.covariances,
         turns=turns,
         begins=begins,
         numbers=numbers,
         times=times,
         poses=poses,
         travelled=se2.path_lengths(poses),
-        doubt_m=measure_doubt(track, times, scans.revolution_s, float(np.sqrt(np.mean(returns.ranges**2)))),
+        doubt_m=measure_doubt(track, times, scans.revolution_s, float(np.sqrt(placed.ranges_m2 / counts.sum()))),
         revolution_s=scans.revolution_s,
         track=track,
     )
@@ -150,4 +155,4 @@ def find_covered(scans: Scans, trajectory: Trajectory, settings: AuditConfig) ->
 
 def _stamp_spans(scans: Scans) -> NDArray[np.int64]:
     """Returns the stamps (N, 2) [us] of the beginnings and ends of scans."""
-    return scans.start_us + np.round(np.array([(scan.t0, scan.t1) for scan in scans]) * 1e6).astype(np.int64)
+    return scans.start_us + np.round(scans.spans * 1e6).astype(np.int64)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Final
 
@@ -9,6 +10,11 @@ import numba as nb
 import numpy as np
 from numpy.typing import NDArray
 
+from mqslam.core.statistics.evenly import pick_evenly
+from mqslam.core.stored import release
+
+_BLOCK: Final = 200_000  # points of a map that are in memory at a time: a matter of memory only
+_LOOKED_AT: Final = 1_000_000  # points of a map, evenly spread over its time, that are looked at to thin it
 # numerical limits of the search for a raster, which is only for looking at a map
 _SMALLEST_CELL_M: Final = 1e-3
 _CELL_RATIO: Final = 1.05
@@ -16,7 +22,7 @@ _CELL_RATIO: Final = 1.05
 
 @dataclass(frozen=True, slots=True)
 class PointMap:
-    """Returns in the world frame, each with its part of the score.
+    """Returns in the world frame, each with its part of the score; the arrays of a large map may lie in mapped files.
 
     Args:
         points: (N, 2) [m], world frame.
@@ -38,12 +44,24 @@ class PointMap:
     @property
     def psi_per_point(self) -> float | None:
         """Score per point with the charges for unmatched points; None without points."""
-        return float(self.psi.mean()) if len(self) else None
+        return self.psi_total / len(self) if len(self) else None
+
+    @property
+    def psi_total(self) -> float:
+        """Score of the map."""
+        return sum((float(block.psi.sum()) for block in self.blocks()), 0.0)
 
     @property
     def matched_share(self) -> float | None:
         """Share of points with a neighbour from another scan; None without points."""
-        return float(self.matched.mean()) if len(self) else None
+        return sum(int(block.matched.sum()) for block in self.blocks()) / len(self) if len(self) else None
+
+    def blocks(self) -> Iterator[PointMap]:
+        """Yields the map in blocks of successive points, and releases each from memory after it."""
+        for begin in range(0, len(self), _BLOCK):
+            part = slice(begin, begin + _BLOCK)
+            yield PointMap(self.points[part], self.times[part], self.intensities[part], self.psi[part], self.matched[part])
+            release(self.points, self.times, self.intensities, self.psi, self.matched)
 
     @classmethod
     def empty(cls) -> PointMap:
@@ -66,6 +84,14 @@ def pick_thinned(points: NDArray[np.float64], most: int) -> NDArray[np.int64]:
     """
     if len(points) <= most:
         return np.arange(len(points))
+    looked_at = pick_evenly(len(points), _LOOKED_AT)
+    picked = looked_at[_pick_one_per_cell(points[looked_at], most)]
+    release(points)
+    return picked
+
+
+def _pick_one_per_cell(points: NDArray[np.float64], most: int) -> NDArray[np.int64]:
+    """Returns the index of one point per cell of the finest raster with at most `most` cells."""
     order = np.random.default_rng(0).permutation(len(points))  # any point of a cell may stay, whatever its time
     shuffled = (points - points.min(axis=0))[order]
     low, high = _SMALLEST_CELL_M, float(np.ptp(points, axis=0).max()) + _SMALLEST_CELL_M

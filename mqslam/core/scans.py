@@ -9,6 +9,7 @@ from typing import overload
 import numpy as np
 from numpy.typing import NDArray
 
+from mqslam.core.stored import StoredRows, release
 from mqslam.errors import DataError
 
 
@@ -60,6 +61,59 @@ class Scan:
     returns: Returns
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class StoredScans(Sequence[Scan]):
+    """Scans whose returns lie in one table, usually in a mapped file: each is a copy of its part of it.
+
+    Args:
+        spans: (N, 2) t0 and t1 of each scan [s since the recording's start].
+        rows: (N, 2) its first row in the table, and the one after its last.
+        table: (M, 4) range [m], azimuth [rad], time [s] and intensity of each return.
+    """
+
+    spans: NDArray[np.float64]
+    rows: NDArray[np.int64]
+    table: NDArray[np.float64]
+
+    def __len__(self) -> int:
+        return len(self.spans)
+
+    @overload
+    def __getitem__(self, k: int) -> Scan: ...
+
+    @overload
+    def __getitem__(self, k: slice | list[int]) -> StoredScans: ...
+
+    def __getitem__(self, k: int | slice | list[int]) -> Scan | StoredScans:
+        if isinstance(k, slice | list):
+            return StoredScans(self.spans[k], self.rows[k], self.table)
+        (t0, t1), (begin, end) = self.spans[k].tolist(), self.rows[k].tolist()
+        columns = self.table[begin:end].T.copy()
+        release(self.table)
+        return Scan(t0, t1, Returns(*columns))
+
+
+class ScanStore:
+    """Takes the returns of one scan after the other into a temporary file."""
+
+    def __init__(self) -> None:
+        self._table, self._ends = StoredRows(4), [0]
+
+    def append(self, returns: Returns) -> None:
+        """Appends the returns of the next scan.
+
+        Raises:
+            OutputError: there is no room for them.
+        """
+        rows = np.column_stack([returns.ranges, returns.azimuths, returns.times, returns.intensities])
+        self._table.append(rows)
+        self._ends.append(len(self._table))
+
+    def close(self, spans: NDArray[np.float64]) -> StoredScans:
+        """Returns the scans, whose beginnings and ends (N, 2) [s] are given; none can be appended any more."""
+        return StoredScans(spans, np.column_stack([self._ends[:-1], self._ends[1:]]), self._table.close())
+
+
 @dataclass(frozen=True, slots=True)
 class Scans(Sequence[Scan]):
     """The scans of a recording, or some of them in their order: what every stage takes.
@@ -70,7 +124,7 @@ class Scans(Sequence[Scan]):
         revolution_s: usual duration of a turn [s].
     """
 
-    scans: tuple[Scan, ...]
+    scans: tuple[Scan, ...] | StoredScans
     start_us: int
     revolution_s: float
 
@@ -90,12 +144,28 @@ class Scans(Sequence[Scan]):
 
     def take(self, chosen: Iterable[int]) -> Scans:
         """Returns the scans of some indices."""
-        return Scans(tuple(self.scans[k] for k in chosen), self.start_us, self.revolution_s)
+        listed = list(chosen)
+        scans = self.scans[listed] if isinstance(self.scans, StoredScans) else tuple(self.scans[k] for k in listed)
+        return Scans(scans, self.start_us, self.revolution_s)
+
+    @property
+    def spans(self) -> NDArray[np.float64]:
+        """Start and end (N, 2) of each scan [s] since the recording's start."""
+        if isinstance(self.scans, StoredScans):
+            return self.scans.spans
+        return np.array([(scan.t0, scan.t1) for scan in self.scans], dtype=np.float64).reshape(-1, 2)
+
+    @property
+    def counts(self) -> NDArray[np.int64]:
+        """Number (N,) of returns of each scan."""
+        if isinstance(self.scans, StoredScans):
+            return np.diff(self.scans.rows, axis=1)[:, 0]
+        return np.array([len(scan.returns) for scan in self.scans], dtype=np.int64)
 
     @property
     def start_times(self) -> NDArray[np.float64]:
         """Start (N,) of each scan [s] since the recording's start."""
-        return np.array([scan.t0 for scan in self.scans], dtype=np.float64)
+        return np.ascontiguousarray(self.spans[:, 0])
 
     @property
     def stamps_us(self) -> NDArray[np.int64]:
@@ -143,7 +213,7 @@ class Detected:
     """The returns of a stretch of polar scans, and what it cost to detect them.
 
     Args:
-        returns: of each polar scan; none of one that could not be read.
+        returns: of each polar scan, none of one that could not be read; nothing at all where scans hold them.
         unread: why a polar scan could not be read, by its number in the recording.
         read_s, detect_s: seconds spent.
         counts: what the detector kept and dropped.

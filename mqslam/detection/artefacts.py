@@ -6,7 +6,7 @@ sensor hardly moved, where everything repeats; then nothing is dropped.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,18 +25,40 @@ def drop_fixed(scans: Sequence[Returns], config: DetectorConfig) -> list[Returns
     Returns:
         the returns of each scan that are left.
     """
-    if len(scans) < config.fixed_scans:
-        return list(scans)
-    cells = [_find_cells(returns, config) for returns in scans]
-    size = 1 + max((int(c.max()) for c in cells if len(c)), default=0)
-    counts = np.zeros(size, dtype=np.int64)
-    for c in cells:
-        counts[np.unique(c)] += 1
-    fixed = counts > config.fixed_share * sum(len(c) > 0 for c in cells)
-    total = sum(len(c) for c in cells)
-    if total == 0 or sum(int(fixed[c].sum()) for c in cells) > config.fixed_most * total:
-        return list(scans)
-    return [returns.take(~fixed[c]) for returns, c in zip(scans, cells, strict=True)]
+    fixed = find_fixed(scans, config)
+    return list(scans) if fixed is None else [drop_cells(returns, fixed, config) for returns in scans]
+
+
+def find_fixed(scans: Iterable[Returns], config: DetectorConfig) -> NDArray[np.bool_] | None:
+    """Finds the polar cells whose returns repeat in the sensor's own frame.
+
+    Args:
+        scans: the returns of each scan; one scan is held at a time.
+        config: settings.
+
+    Returns:
+        Whether each cell is one of them, for those up to the last that returned; None if nothing is to be dropped.
+    """
+    scans_in, returns_in = np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64)  # of each cell
+    count, filled = 0, 0
+    for returns in scans:
+        cells = _find_cells(returns, config)
+        count, filled = count + 1, filled + (len(cells) > 0)
+        here = np.bincount(cells)
+        if len(here) > len(scans_in):
+            scans_in, returns_in = (np.pad(sums, (0, len(here) - len(scans_in))) for sums in (scans_in, returns_in))
+        scans_in[: len(here)] += here > 0
+        returns_in[: len(here)] += here
+    fixed = scans_in > config.fixed_share * filled
+    to_drop, total = int(returns_in[fixed].sum()), int(returns_in.sum())
+    if count < config.fixed_scans or to_drop == 0 or to_drop > config.fixed_most * total:
+        return None
+    return fixed
+
+
+def drop_cells(returns: Returns, fixed: NDArray[np.bool_], config: DetectorConfig) -> Returns:
+    """Returns those returns of a scan that are in no fixed cell, as `find_fixed` has found them."""
+    return returns.take(~fixed[_find_cells(returns, config)])
 
 
 def _find_cells(returns: Returns, config: DetectorConfig) -> NDArray[np.int64]:

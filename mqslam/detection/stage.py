@@ -7,10 +7,13 @@ import time
 from collections.abc import Iterator
 from socket import gethostname
 
+import numpy as np
+from numpy.typing import NDArray
+
 from mqslam.config import DetectorConfig
 from mqslam.core.recording import PolarScan, Recording
-from mqslam.core.scans import Detected, PeakCounts, Returns, Scan, Scans
-from mqslam.detection.artefacts import drop_fixed
+from mqslam.core.scans import Detected, PeakCounts, Returns, Scan, Scans, ScanStore, StoredScans
+from mqslam.detection.artefacts import drop_cells, find_fixed
 from mqslam.detection.detector import detect_and_count
 from mqslam.errors import DataError
 from mqslam.execution.kept import describe_kept_stretch
@@ -96,15 +99,36 @@ def detect_all(
         accept=lambda part: not (strict and part.unread),
         steps=lambda span: span[1] - span[0],
     )
-    returns = drop_fixed([r for part in parts for r in part.returns], config)
-    unread = {k: error for part in parts for k, error in part.unread.items()}
+    store, unread, counts = ScanStore(), dict[int, DataError](), PeakCounts()
+    read_s, detect_s = 0.0, 0.0
+
+    def take_in() -> Iterator[Returns]:
+        """Stores and yields the returns of one scan after the other."""
+        nonlocal counts, read_s, detect_s
+        for part in parts:
+            unread.update(part.unread)
+            counts, read_s, detect_s = counts + part.counts, read_s + part.read_s, detect_s + part.detect_s
+            for returns in part.returns:
+                store.append(returns)
+                yield returns
+
+    fixed = find_fixed(take_in(), config)
     if len(unread) > config.most_unread * total:
         first = next(iter(unread.values()))
         raise DataError(first.path, f"{first.problem}, like {len(unread)} of {total} polar scans", first.remedy)
-    _log.info("%d returns in %d polar scans, %d of them unread", sum(map(len, returns)), total, len(unread))
-    read_s, detect_s = sum(part.read_s for part in parts), sum(part.detect_s for part in parts)
-    counts = sum((part.counts for part in parts), PeakCounts())
-    return make_scans(recording, returns), Detected(returns, unread, read_s, detect_s, counts)
+    scans = store.close(np.column_stack([recording.start_times, recording.end_times]))
+    if fixed is not None:
+        scans = _drop_cells(scans, fixed, config)
+    _log.info("%d returns in %d polar scans, %d of them unread", len(scans.table), total, len(unread))
+    return Scans(scans, recording.start_us, recording.revolution_s), Detected([], unread, read_s, detect_s, counts)
+
+
+def _drop_cells(scans: StoredScans, fixed: NDArray[np.bool_], config: DetectorConfig) -> StoredScans:
+    """Returns scans without the returns in fixed cells."""
+    store = ScanStore()
+    for scan in scans:
+        store.append(drop_cells(scan.returns, fixed, config))
+    return store.close(scans.spans)
 
 
 def _detect_span(shared: tuple[Recording, DetectorConfig, bool], span: tuple[int, int]) -> Detected:

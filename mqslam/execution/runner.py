@@ -18,12 +18,15 @@ from mqslam.errors import tolerate
 from mqslam.execution.checkpoint import Checkpoint
 from mqslam.execution.kept import Kept
 from mqslam.execution.local_engine import HERE
+from mqslam.execution.memory import return_free_memory
 from mqslam.execution.progress import Progress, ignore_progress
 
 S = TypeVar("S")
 T = TypeVar("T")
 R = TypeVar("R")
 Watch = Callable[[Scan, se2.Array, NDArray[np.float64]], None]  # a scan, its pose (3,) and points (N, 2) [m]
+
+_BATCH = 32  # results of a stage that are in memory at a time: no result depends on it
 
 _log = logging.getLogger(__name__)
 
@@ -58,11 +61,12 @@ class Runner:
 
     @contextmanager
     def time_stage(self, stage: str) -> Iterator[None]:
-        """Adds the time that the block takes to the runtime of a stage, unless the block raises."""
+        """Adds the time that the block takes to the runtime of a stage, unless the block raises, and frees its memory."""
         begin = time.perf_counter()
         yield
         spent = time.perf_counter() - begin
         self.runtime_s[stage] = self.runtime_s.get(stage, 0.0) + spent
+        return_free_memory()
         _log.info("%s took %.2f s", stage, spent)
 
     def tolerate(self, what: str) -> AbstractContextManager[None]:
@@ -108,8 +112,10 @@ class Runner:
         kept: Callable[[T], Kept[R]],
         accept: Callable[[R], bool],
         steps: Callable[[T], int],
-    ) -> list[R]:
-        """Returns function(shared, item) for each item, in order; each result is one that was kept, or is made and kept now.
+    ) -> Iterator[R]:
+        """Yields function(shared, item) for each item, in order; each result is one that was kept, or is made and kept now.
+
+        Results are made a batch at a time, so that those of a long recording are never all in memory.
 
         Args:
             stage: name of the stage, for progress.
@@ -120,21 +126,21 @@ class Runner:
             accept: returns whether a result that was kept is good enough.
             steps: returns the number of steps that an item counts for in the progress.
         """
-        results: dict[int, R] = {}
-        for k, item in enumerate(items):
-            result = self.find(kept(item))
-            if result is not None and accept(result):
-                results[k] = result
-        missing = [k for k in range(len(items)) if k not in results]
-        total, reached = sum(map(steps, items)), sum(steps(items[k]) for k in results)
+        total, reached = sum(map(steps, items)), 0
+        for begin in range(0, len(items), _BATCH):
+            batch = items[begin : begin + _BATCH]
+            found = [self.find(kept(item)) for item in batch]
+            results = {k: result for k, result in enumerate(found) if result is not None and accept(result)}
+            missing = [k for k in range(len(batch)) if k not in results]
+            reached += sum(steps(batch[k]) for k in results)
 
-        def done(number: int, result: R) -> None:
-            nonlocal reached
-            k = missing[number - 1]
-            results[k] = result
-            reached += steps(items[k])
-            self.keep(kept(items[k]), result)
-            self.progress(stage, reached, total)
+            def done(number: int, result: R, batch: Sequence[T] = batch, missing: Sequence[int] = missing) -> None:
+                nonlocal reached
+                item = batch[missing[number - 1]]
+                reached += steps(item)
+                self.keep(kept(item), result)
+                self.progress(stage, reached, total)
 
-        self.engine.map(function, shared, [items[k] for k in missing], done)
-        return [results[k] for k in range(len(items))]
+            made = self.engine.map(function, shared, [batch[k] for k in missing], done)
+            results |= dict(zip(missing, made, strict=True))
+            yield from (results.pop(k) for k in range(len(batch)))

@@ -15,13 +15,16 @@ from threading import Thread
 from typing import Any, NamedTuple, TypeVar
 from weakref import finalize, ref
 
+from mqslam.core.stored import release
 from mqslam.execution.interrupts import shield_from_interrupts
+from mqslam.execution.memory import return_free_memory
 
 S = TypeVar("S")
 T = TypeVar("T")
 R = TypeVar("R")
 
 _LARGE = 1_000_000  # bytes; a smaller array is copied with what holds it
+_PIECE = 1 << 24  # bytes of an array in a file that are in memory at a time while it is copied: a matter of memory only
 
 
 class WorkerProcesses:
@@ -109,8 +112,12 @@ class WorkerProcesses:
         """Writes a new file; where there is no room for all of it, none of it stays."""
         self._files += 1
         path = self._folder / str(self._files)
+        view = memoryview(content)
         try:
-            path.write_bytes(content)
+            with path.open("wb") as file:
+                for begin in range(0, len(view), _PIECE):
+                    file.write(view[begin : begin + _PIECE])
+                    release(view)
         except OSError:
             path.unlink(missing_ok=True)
             raise
@@ -124,11 +131,13 @@ class _Held(NamedTuple):
         path: the file that it was read from.
         function: the function.
         shared: its first argument.
+        maps: what of it lies in files.
     """
 
     path: Path
     function: Callable[[Any, Any], Any]
     shared: Any
+    maps: list[mmap.mmap]
 
 
 _held: _Held | None = None
@@ -139,13 +148,18 @@ def _call(path: Path, item: Any) -> Any:
     global _held
     if _held is None or _held.path != path:
         _held = None  # it is released before the next one takes memory
+        return_free_memory()
         paths, content = pickle.loads(path.read_bytes())
-        _held = _Held(path, *pickle.loads(content, buffers=[_map_into_memory(array) for array in paths]))
-    return _held.function(_held.shared, item)
+        maps = [_map_into_memory(array) for array in paths]
+        _held = _Held(path, *pickle.loads(content, buffers=maps), maps)
+    try:
+        return _held.function(_held.shared, item)
+    finally:
+        release(*_held.maps)
 
 
 def _map_into_memory(path: Path) -> mmap.mmap:
-    """Returns the bytes of a file; a process that wrote to them would change its own copy alone."""
+    """Returns the bytes of a file; what a call wrote to them would be its own, and gone after it."""
     with path.open("rb") as file:
         return mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_COPY)
 

@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 import yaml
 from numpy.typing import NDArray
-from PIL import Image
 
 from mqslam.core import se2
 from mqslam.core.point_map import OccupancyGrid
+from mqslam.core.stored import release
 from mqslam.errors import DataError
 from mqslam.execution.files import write_aside, write_text
 
@@ -19,6 +19,7 @@ _OCCUPIED = 0
 _UNKNOWN = 205
 """Pixels of cells. map_server reads a pixel p as the occupancy (255 - p) / 255: 205 gives 0.19608, just above the threshold
 of free cells."""
+_ROWS = 500  # rows of the image that are in memory at a time: a matter of memory only
 _OCCUPIED_ABOVE, _FREE_BELOW = 0.65, 0.196  # map_server's usual thresholds
 _MESSAGE_OCCUPIED, _MESSAGE_FREE, _MESSAGE_UNKNOWN = 100, 0, -1  # as nav_msgs/OccupancyGrid defines them
 
@@ -51,9 +52,13 @@ def write_nav2_map(folder: Path, grid: OccupancyGrid) -> None:
     Raises:
         OutputError: a file cannot be written.
     """
-    image = Image.fromarray(np.where(grid.occupied[::-1], np.uint8(_OCCUPIED), np.uint8(_UNKNOWN)))
-    with write_aside(folder / "map.pgm") as aside:
-        image.save(aside, format="PPM")  # Pillow's name for PGM too
+    rows, columns = grid.occupied.shape
+    with write_aside(folder / "map.pgm") as aside, aside.open("wb") as file:
+        file.write(f"P5\n{columns} {rows}\n255\n".encode("ascii"))
+        for end in range(rows, 0, -_ROWS):
+            part = grid.occupied[max(end - _ROWS, 0) : end][::-1]
+            file.write(np.where(part, np.uint8(_OCCUPIED), np.uint8(_UNKNOWN)).data)
+            release(grid.occupied)
     settings = {
         "image": "map.pgm",
         "mode": "trinary",

@@ -46,18 +46,25 @@ def write_ply(path: Path, pointmap: PointMap, clock: Clock | None = None) -> Non
     Raises:
         OutputError: the file cannot be written.
     """
-    from plyfile import PlyData, PlyElement
+    with write_aside(path) as aside, aside.open("wb") as file:
+        file.write(_format_header(len(pointmap), clock).encode("ascii"))
+        for block in pointmap.blocks():
+            vertices = np.zeros(len(block), dtype=_VERTEX)
+            vertices["x"], vertices["y"] = block.points.T
+            vertices["intensity"] = block.intensities
+            vertices["time"] = block.times
+            vertices["psi"] = block.psi
+            file.write(vertices.data)
 
-    vertices = np.zeros(len(pointmap), dtype=_VERTEX)
-    vertices["x"], vertices["y"] = pointmap.points.T
-    vertices["intensity"] = pointmap.intensities
-    vertices["time"] = pointmap.times
-    vertices["psi"] = pointmap.psi
-    comments = []
+
+def _format_header(count: int, clock: Clock | None) -> str:
+    """Returns the header of a file with so many points."""
+    lines = ["ply", "format binary_little_endian 1.0"]
     if clock is not None:
-        comments = [f"mqslam clock: times are seconds since {clock.start_us} us, a scan takes {clock.scan_us} us"]
-    with write_aside(path) as aside:
-        PlyData([PlyElement.describe(vertices, "vertex")], byte_order="<", comments=comments).write(str(aside))
+        lines.append(f"comment mqslam clock: times are seconds since {clock.start_us} us, a scan takes {clock.scan_us} us")
+    lines.append(f"element vertex {count}")
+    lines += [f"property {'double' if kind == '<f8' else 'float'} {name}" for name, kind in _VERTEX]
+    return "\n".join([*lines, "end_header", ""])
 
 
 def read_clock(path: Path) -> Clock | None:

@@ -7,9 +7,11 @@ from numpy.typing import NDArray
 
 from mqslam.config import MapConfig
 from mqslam.core.point_map import OccupancyGrid
+from mqslam.core.stored import make_stored, release
 
 MAX_SIDE = 20_000
 """Longest side of a grid [cells]: a limit on memory, which single returns far away would otherwise break."""
+_BLOCK = 200_000  # points that are looked at at a time, and cells that are filled: a matter of memory only
 
 
 def make_occupancy_grid(points: NDArray[np.float64], settings: MapConfig) -> OccupancyGrid:
@@ -28,13 +30,23 @@ def make_occupancy_grid(points: NDArray[np.float64], settings: MapConfig) -> Occ
     resolution = settings.cell_m
     if len(points) == 0:
         return OccupancyGrid(np.zeros((1, 1), dtype=np.bool_), resolution, (0.0, 0.0))
-    lowest, highest = points.min(axis=0), points.max(axis=0)
+    parts = [slice(begin, begin + _BLOCK) for begin in range(0, len(points), _BLOCK)]
+    extremes = np.array([(points[part].min(axis=0), points[part].max(axis=0)) for part in parts])
+    lowest, highest = extremes[:, 0].min(axis=0), extremes[:, 1].max(axis=0)
     resolution = max(resolution, float((highest - lowest).max()) / (MAX_SIDE - 2))
     first = np.floor(lowest / resolution)
     columns, rows = (np.floor(highest / resolution) - first).astype(np.int64) + 1
-    column, row = (np.floor(points / resolution) - first).astype(np.int64).T
-    cells, counts = np.unique(row * columns + column, return_counts=True)
-    occupied = np.zeros(int(rows * columns), dtype=np.bool_)
-    occupied[cells[counts >= np.sqrt(np.percentile(counts, settings.well_seen))]] = True
+    cells, counts = np.empty(0, dtype=np.int64), np.empty(0, dtype=np.int64)
+    for part in parts:
+        column, row = (np.floor(points[part] / resolution) - first).astype(np.int64).T
+        here, seen = np.unique(row * columns + column, return_counts=True)
+        cells, where = np.unique(np.concatenate([cells, here]), return_inverse=True)
+        counts = np.bincount(where, np.concatenate([counts, seen])).astype(np.int64)
+        release(points)
+    occupied = make_stored((int(rows * columns),), np.bool_)
+    filled = cells[counts >= np.sqrt(np.percentile(counts, settings.well_seen))]
+    for begin in range(0, len(filled), _BLOCK):
+        occupied[filled[begin : begin + _BLOCK]] = True
+        release(occupied)
     x, y = (first * resolution).tolist()
     return OccupancyGrid(occupied.reshape(rows, columns), resolution, (x, y))

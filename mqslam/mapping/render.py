@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import math
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -10,13 +13,19 @@ from mqslam.core import se2
 from mqslam.core.engine import Engine
 from mqslam.core.point_map import PointMap
 from mqslam.core.scans import Returns, Scans
+from mqslam.core.stored import make_stored, release
 from mqslam.errors import EstimationError
 from mqslam.execution.local_engine import HERE
 from mqslam.psi.minimiser import final_scale, score_against
 from mqslam.psi.place import Beam, PointSet, compute_beam_covariance
-from mqslam.psi.scoring.references import References, make_references
+from mqslam.psi.scoring.neighbours import find_corner
+from mqslam.psi.scoring.references import make_references
 
-_CHUNK = 50_000  # points that are scored at a time, so that workers share them; the result is the same
+# points that are in memory at a time: matters of memory and speed only
+_PLACED = 100_000  # while they are placed, and while those of a strip are looked for
+_SCORED = 50_000  # while they are scored, besides those around them
+_STRIPS = 64  # strips whose scores are in memory at a time
+_LAST_COLUMN = 2**22  # of all points that lie farther out
 
 
 def render(
@@ -40,14 +49,52 @@ def render(
     Raises:
         EstimationError: the scans hold no returns.
     """
-    seen = [k for k, scan in enumerate(scans) if len(scan.returns)]
-    if not seen:
+    seen = np.flatnonzero(scans.counts)
+    if not len(seen):
         raise EstimationError(f"no returns in {len(scans)} scans to render; lower detector.threshold")
-    keep = select_moving(poses[seen], settings)
-    returns = Returns.concatenate([scans[k].returns for k, kept in zip(seen, keep, strict=True) if kept])
-    points = place_along(returns, scans.start_times, poses, beam)
-    shares, matched = score_points(points, scans.revolution_s, estimator, engine)
-    return PointMap(points.points, returns.times, returns.intensities, shares, matched)
+    placed = place_scans(scans.take(seen[select_moving(poses[seen], settings)].tolist()), scans.start_times, poses, beam)
+    shares, matched = score_points(placed.points, scans.revolution_s, estimator, engine)
+    return PointMap(placed.points.points, placed.points.times, placed.intensities, shares, matched)
+
+
+class Placed(NamedTuple):
+    """The returns of scans, placed along a trajectory; where they are many, they lie in temporary files.
+
+    Args:
+        points: the points, in the order of the scans.
+        intensities: (N,) received power of each.
+        ranges_m2: sum of the squares of their ranges [m^2].
+    """
+
+    points: PointSet
+    intensities: NDArray[np.float64]
+    ranges_m2: float
+
+
+def place_scans(scans: Scans, times: NDArray[np.float64], poses: se2.Array, beam: Beam) -> Placed:
+    """Places the returns of scans along a trajectory, some scans at a time.
+
+    Args:
+        scans: to place.
+        times: (K,) of the poses [s].
+        poses: (K, 3) of the sensor, world frame.
+        beam: the sensor's errors.
+    """
+    ends = np.cumsum([0, *scans.counts])
+    count = int(ends[-1])
+    points, covariances = make_stored((count, 2)), make_stored((count, 3))
+    seen, intensities, ranges_m2 = make_stored((count,)), make_stored((count,)), 0.0
+    first = 0
+    while first < len(scans):
+        last = max(int(np.searchsorted(ends, ends[first] + _PLACED, side="right")) - 1, first + 1)
+        returns = Returns.concatenate([scan.returns for scan in scans[first:last]])
+        placed, part = place_along(returns, times, poses, beam), slice(ends[first], ends[last])
+        points[part], covariances[part] = placed.points, placed.covariances
+        seen[part], intensities[part] = returns.times, returns.intensities
+        ranges_m2 += float(np.sum(returns.ranges**2))
+        release(points, covariances, seen, intensities)
+        first = last
+    return Placed(PointSet(points, np.empty((count, 2, 0)), covariances, seen), intensities, ranges_m2)
 
 
 def select_moving(poses: se2.Array, settings: MapConfig) -> NDArray[np.bool_]:
@@ -110,22 +157,94 @@ def score_points(
         Each point's share of psi (N,), charges included, and whether it was matched (N,): whether it has a neighbour that
         was seen at least about one turn earlier or later, be it in another pass.
     """
-    references = make_references(points, estimator.s)
-    order = references.grid.order  # points of one cell have the same neighbours, which a processor then has at hand
-    spans = [(begin, begin + _CHUNK) for begin in range(0, len(points), _CHUNK)]
-    parts = engine.map(_score_chunk, (references, revolution_s, estimator), spans)
-    shares, matched = np.empty(len(points)), np.empty(len(points), dtype=np.bool_)
-    shares[order] = np.concatenate([p[0] for p in parts])
-    matched[order] = np.concatenate([p[1] for p in parts])
+    columns = make_stored((len(points),), np.int32)
+    corner, parts = _find_corner(points.points), _split(len(points), _PLACED)
+    counts = np.zeros(0, dtype=np.int64)
+    for part in parts:
+        columns[part] = np.clip((points.points[part, 0] - corner[0]) / estimator.s, 0, _LAST_COLUMN)
+        here = np.bincount(columns[part], minlength=len(counts))
+        counts = here + np.pad(counts, (0, len(here) - len(counts)))
+        release(points.points, columns)
+    shares, matched = make_stored((len(points),)), make_stored((len(points),), np.bool_)
+
+    def take_in(number: int, scored: _Scored) -> None:
+        shares[scored.chosen], matched[scored.chosen] = scored.shares, scored.matched
+        release(shares, matched)
+
+    strips = _split_into_strips(counts)
+    shared = points, columns, corner, revolution_s, estimator
+    for begin in range(0, len(strips), _STRIPS):
+        engine.map(_score_strip, shared, strips[begin : begin + _STRIPS], take_in)
     return shares, matched
 
 
-def _score_chunk(
-    shared: tuple[References, float, EstimatorConfig], span: tuple[int, int]
-) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-    """Scores a span of the points, in the order of the cells, against all points."""
-    references, revolution_s, estimator = shared
-    points, chosen = references.points, references.grid.order[slice(*span)]
-    some = PointSet(points.points[chosen], points.jacobians[chosen], points.covariances[chosen], points.times[chosen])
-    evaluation = score_against(some, references, final_scale(estimator), revolution_s, estimator)
-    return evaluation.shares, evaluation.matched
+class _Scored(NamedTuple):
+    """The score of some points.
+
+    Args:
+        chosen: (M,) which ones they are.
+        shares: (M,) share of psi of each.
+        matched: (M,) whether each was matched.
+    """
+
+    chosen: NDArray[np.int64]
+    shares: NDArray[np.float64]
+    matched: NDArray[np.bool_]
+
+
+def _find_corner(points: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Returns the smallest x and y (2,) [m] of points (N, 2), of which there is one at least."""
+    corners = [find_corner(points[part]) for part in _split(len(points), _PLACED)]
+    release(points)
+    return np.asarray(np.min(corners, axis=0))
+
+
+def _split(count: int, size: int) -> list[slice]:
+    """Returns slices of a size that cover so many items; the last one may be shorter."""
+    return [slice(begin, min(begin + size, count)) for begin in range(0, count, size)]
+
+
+def _split_into_strips(counts: NDArray[np.int64]) -> list[tuple[int, int]]:
+    """Returns the first column of each strip and the one after its last, of about `_SCORED` points each.
+
+    Args:
+        counts: points in each column.
+    """
+    ends = np.cumsum(counts)
+    strips, begin = list[tuple[int, int]](), 0
+    while begin < len(counts):
+        before = int(ends[begin] - counts[begin])
+        end = max(int(np.searchsorted(ends, before + _SCORED, side="right")), begin + 1)
+        strips.append((begin, end))
+        begin = end
+    return strips
+
+
+def _score_strip(
+    shared: tuple[PointSet, NDArray[np.int32], NDArray[np.float64], float, EstimatorConfig], strip: tuple[int, int]
+) -> _Scored:
+    """Scores the points of a strip of columns against those that lie in it and beside it."""
+    (points, columns, corner, revolution_s, estimator), (begin, end) = shared, strip
+    scale = final_scale(estimator)
+    beside = math.ceil(scale.s / estimator.s)
+    near = []
+    for part in _split(len(columns), _PLACED):
+        here = columns[part]
+        near.append(part.start + np.flatnonzero((here >= begin - beside) & (here < end + beside)))
+    chosen = np.concatenate(near)
+    around = _take_points(points, chosen)
+    first = corner + estimator.s * np.array([begin - beside - 1, -1])
+    references = make_references(around, estimator.s, first)
+    order = references.grid.order  # points of one cell have the same neighbours, which a processor then has at hand
+    own = columns[chosen[order]]
+    inside = order[(own >= begin) & (own < end)]
+    release(columns)
+    evaluation = score_against(_take_points(around, inside), references, scale, revolution_s, estimator)
+    return _Scored(chosen[inside], evaluation.shares, evaluation.matched)
+
+
+def _take_points(points: PointSet, chosen: NDArray[np.int64]) -> PointSet:
+    """Returns some points, without rays."""
+    taken = PointSet(points.points[chosen], np.empty((len(chosen), 2, 0)), points.covariances[chosen], points.times[chosen])
+    release(points.points, points.covariances, points.times)
+    return taken

@@ -74,7 +74,8 @@ def _choose_stretches(scans: Scans, sensor: SensorConfig, tracker: TrackerConfig
     """Chooses short stretches, spread over the recording, whose scans can all be tracked."""
     length, count = sensor.doppler_scans, sensor.doppler_stretches
     begins = np.unique(np.linspace(0, max(len(scans) - length, 0), count + 2).astype(int)[1:-1])
-    stretches = [scans[int(k) : int(k) + length] for k in begins]
+    loaded = [tuple(scans[int(k) : int(k) + length]) for k in begins]
+    stretches = [Scans(stretch, scans.start_us, scans.revolution_s) for stretch in loaded]
     return [s for s in stretches if len(s) > tracker.start_scans and all(is_usable(scan, tracker) for scan in s)]
 
 

@@ -11,7 +11,7 @@ from mqslam.core.motion import CONSTANT_TWIST
 from mqslam.core.scans import Returns
 from mqslam.psi.place import Beam, place_arrays
 from mqslam.psi.scoring.estimator import Kernel, PointArrays, Scale, evaluate_arrays
-from mqslam.psi.scoring.neighbours import CandidateLists, CellGrid, list_near, sort_points
+from mqslam.psi.scoring.neighbours import CandidateLists, CellGrid, find_corner, list_near, sort_points
 
 
 def score_twists(
@@ -49,7 +49,8 @@ def _list_shares(
     no_jacobians, no_rays = np.empty((len(ranges), 2, 0)), np.empty((0, 2))
     for k in range(len(twists)):
         points, _, covariances, _ = place_arrays(ranges, azimuths, times, np.zeros(3), twists[k], model, beam)
-        sorted_points, order, rows, begins, corner = sort_points(points, scale.s)
+        corner = find_corner(points) - scale.s
+        sorted_points, order, rows, begins = sort_points(points, scale.s, corner)
         offsets, indices = list_near(CellGrid(sorted_points, order, rows, begins, corner, scale.s), points, scale.s)
         arrays = PointArrays(points, no_jacobians, covariances, times, no_rays)
         lists = CandidateLists(offsets, indices, scale.s)

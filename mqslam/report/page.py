@@ -16,6 +16,7 @@ from markupsafe import Markup
 from mqslam.auditing.verdict import VerdictStatus
 from mqslam.errors import tolerate
 from mqslam.execution.files import write_text
+from mqslam.execution.memory import return_free_memory
 from mqslam.report.content import Content, Frame, Part, Row, Section, Table, Values, Verdict
 from mqslam.report.formatting import ABSENT, format_p_value, format_value
 
@@ -51,6 +52,7 @@ def collect(name: str, make: Callable[[], Content | None], failures: list[str]) 
     tried: list[str] = []
     with tolerate(name, tried):
         content = make()
+    return_free_memory()
     failures += tried
     return Part(content, *tried)
 

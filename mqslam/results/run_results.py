@@ -75,8 +75,8 @@ def summarise(run: Run, recording: Recording) -> dict[str, Any]:
             "length_m": run.optimised.length_m,
         },
         "psi": {
-            "odometry": float(before.psi.sum()),
-            "optimised": float(after.psi.sum()),
+            "odometry": before.psi_total,
+            "optimised": after.psi_total,
             "per_point_odometry": before.psi_per_point,
             "per_point_optimised": after.psi_per_point,
             "across_passes_odometry": run.refined.psi_before,

@@ -107,8 +107,7 @@ def _judge_whole_map(run: Run) -> list[Finding]:
     if run.unoptimised is not None:
         reason = f"the pose graph could not be optimised: the trajectory is {run.frontend}'s motions, chained"
         return [Finding(VerdictStatus.FAIL, reason)]
-    matched = run.map_optimised.matched
-    if run.checks and len(matched) and not matched.any():
+    if run.checks and run.map_optimised.matched_share == 0.0:
         reason = "no point of the map was seen by two of its scans, so that nothing shows how good it is"
         return [Finding(VerdictStatus.NOT_JUDGED, reason)]
     if not _can_compare(run):
@@ -124,7 +123,7 @@ def _can_compare(run: Run) -> bool:
     """Returns whether optimisation had something to do, and psi can tell what it made of the map."""
     if run.unoptimised is not None or not (run.odometry_factors or run.loops):
         return False
-    return bool(run.checks) and bool(run.map_optimised.matched.any())
+    return bool(run.checks) and bool(run.map_optimised.matched_share)
 
 
 def _compare_psi(what: str, before: float | None, after: float | None, settings: VerdictConfig) -> list[Finding]:

@@ -74,7 +74,8 @@ def test_the_map_is_the_same_for_any_number_of_jobs_and_any_chunk(
 ) -> None:
     scans, poses = still_street
     once = rendered(scans, poses)
-    monkeypatch.setattr(rendering, "_CHUNK", chunk)
+    monkeypatch.setattr(rendering, "_SCORED", chunk)
+    monkeypatch.setattr(rendering, "_PLACED", chunk)
     for jobs in (1, 3):
         again = rendered(scans, poses, LocalEngine(jobs))
         for name in ("points", "times", "psi", "matched"):

@@ -8,7 +8,9 @@ curvature of psi tells. Each span is therefore laid several times, by other scan
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +21,12 @@ from mqslam.backend.loops.submap import pick_spaced
 from mqslam.config import AuditConfig, EstimatorConfig
 from mqslam.core import se2
 from mqslam.core.engine import Engine
+from mqslam.core.statistics.median import find_median
+from mqslam.core.stored import release
 from mqslam.execution.progress import Progress
+
+_SWEEPS: Final = 500  # sweeps whose ranges are in memory at a time: a matter of memory only
+_RANGE_STEP_M: Final = 1e-2  # step in which ranges are counted [m]: a matter of memory only
 
 
 def lay_spans(
@@ -64,13 +71,21 @@ def fit_to_reach(sweeps: Sweeps, settings: AuditConfig) -> AuditConfig:
         sweeps: points under the trajectory to judge.
         settings: of the audit.
     """
-    of_sweep = np.repeat(np.arange(len(sweeps)), np.diff(sweeps.begins))
-    if len(of_sweep) == 0:
+    usual_m = find_median(lambda: _list_ranges(sweeps), _RANGE_STEP_M)
+    if np.isnan(usual_m):
         return settings
-    usual_m = float(np.median(np.hypot(*(sweeps.points - sweeps.poses[of_sweep, :2]).T)))
     shorter = min(1.0, usual_m / settings.span_m)
     lengths = {"span_m": shorter * settings.span_m, "span_every_m": shorter * settings.span_every_m}
     return settings.model_copy(update=lengths)
+
+
+def _list_ranges(sweeps: Sweeps) -> Iterator[NDArray[np.float64]]:
+    """Yields the distances [m] of points from where their sweeps began, those of some sweeps at a time."""
+    for begin in range(0, len(sweeps), _SWEEPS):
+        end = min(begin + _SWEEPS, len(sweeps))
+        of_sweep = np.repeat(np.arange(begin, end), np.diff(sweeps.begins[begin : end + 1]))
+        yield np.hypot(*(sweeps.points[sweeps.span(begin, end)] - sweeps.poses[of_sweep, :2]).T)
+        release(sweeps.points)
 
 
 def find_spans(travelled: NDArray[np.float64], settings: AuditConfig) -> list[tuple[int, int]]:

@@ -109,10 +109,10 @@ def audit_window(sweeps: Sweeps, begin: int, end: int, settings: AuditConfig, es
         estimator: settings of the score.
     """
     span = sweeps.span(begin, end)
-    turns = sweeps.turns[span]
+    points, turns = sweeps.points[span].copy(), sweeps.turns[span].copy()
     bend = fit_bend(sweeps, begin, end, settings, estimator)
     measures = compute_measures(
-        sweeps.points[span],
+        points,
         np.searchsorted(sweeps.numbers[begin:end], turns, side="right"),
         locate_sensors(turns, sweeps.numbers, sweeps.poses),
         settings,

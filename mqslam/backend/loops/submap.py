@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mqslam.core import se2
-from mqslam.core.scans import Returns, Scan
+from mqslam.core.scans import Returns, Scan, Scans
 from mqslam.mapping.render import place_along
 from mqslam.psi.place import Beam, PointSet
 
@@ -33,7 +33,8 @@ class Drive:
     @classmethod
     def of(cls, scans: Sequence[Scan], poses: se2.Array) -> Drive:
         """Returns the drive of N scans under poses (N, 3)."""
-        return cls(scans, np.array([scan.t0 for scan in scans]), poses, se2.path_lengths(poses))
+        times = scans.start_times if isinstance(scans, Scans) else np.array([scan.t0 for scan in scans])
+        return cls(scans, times, poses, se2.path_lengths(poses))
 
 
 def pick_spaced(travelled: NDArray[np.float64], spacing_m: float) -> NDArray[np.int64]:

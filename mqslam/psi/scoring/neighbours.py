@@ -37,28 +37,40 @@ class CellGrid(NamedTuple):
     cell: float
 
 
-def sort_into_cells(points: NDArray[np.float64], cell: float) -> CellGrid:
-    """Sorts points (M, 2) m into square cells of side `cell` [m]; those of one cell keep their order."""
+def sort_into_cells(points: NDArray[np.float64], cell: float, corner: NDArray[np.float64] | None = None) -> CellGrid:
+    """Sorts points into square cells; those of one cell keep their order.
+
+    Args:
+        points: (M, 2) m.
+        cell: side of a cell [m].
+        corner: (2,) m, lower left corner of the first cell, left of and below all points; None finds it.
+    """
     if len(points) == 0:
         return CellGrid(points, np.empty(0, np.int64), np.empty(0, np.int64), np.zeros(1, np.int64), np.zeros(2), cell)
-    found, order, rows, begins, corner = sort_points(points, cell)
+    corner = find_corner(points) - cell if corner is None else corner
+    found, order, rows, begins = sort_points(points, cell, corner)
     return CellGrid(found, order, rows, begins, corner, cell)
+
+
+@nb.njit(cache=True, nogil=True)
+def find_corner(points: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Returns the smallest x and y (2,) of points (M, 2), of which there is one at least."""
+    left, low = points[0, 0], points[0, 1]
+    for i in range(1, len(points)):
+        left, low = min(left, points[i, 0]), min(low, points[i, 1])
+    return np.array([left, low])
 
 
 @nb.njit(cache=True, nogil=True, error_model="numpy")
 def sort_points(
-    points: NDArray[np.float64], cell: float
-) -> tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.int64], NDArray[np.int64], NDArray[np.float64]]:
+    points: NDArray[np.float64], cell: float, corner: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
     """Sorts points (M, 2) m of which there is one at least; see `sort_into_cells`.
 
     Returns:
-        The fields of a `CellGrid` but the last one: the points are counted into rows first, and then into columns.
+        The fields of a `CellGrid` but the last two: the points are counted into rows first, and then into columns.
     """
     n = len(points)
-    left, low = points[0, 0], points[0, 1]
-    for i in range(1, n):
-        left, low = min(left, points[i, 0]), min(low, points[i, 1])
-    corner = np.array([left - cell, low - cell])
     column, row = np.empty(n, np.int64), np.empty(n, np.int64)
     for i in range(n):
         column[i], row[i] = find_cell(points[i, 0] - corner[0], cell), find_cell(points[i, 1] - corner[1], cell)
@@ -68,7 +80,7 @@ def sort_points(
     for k in range(n):
         found[k, 0], found[k, 1] = points[order[k], 0], points[order[k], 1]
         rows[k] = row[order[k]]
-    return found, order, rows, begins, corner
+    return found, order, rows, begins
 
 
 @nb.njit(cache=True, inline="always")

@@ -39,14 +39,15 @@ class References(NamedTuple):
     firsts: NDArray[np.int32]
 
 
-def make_references(points: PointSet, cell_m: float = _CELL_M) -> References:
+def make_references(points: PointSet, cell_m: float = _CELL_M, corner: NDArray[np.float64] | None = None) -> References:
     """Returns points as references.
 
     Args:
         points: the points.
         cell_m: side of the cells that they are sorted into [m], on which only speed depends.
+        corner: (2,) m, lower left corner of the first cell; with the same one, some points are scored as among all of them.
     """
-    grid = sort_into_cells(points.points, cell_m)
+    grid = sort_into_cells(points.points, cell_m, corner)
     rays = points.rays if len(points.rays) == len(points) else np.zeros((len(points), 2))
     known = _arrange(grid.order, points.points, points.times, rays, points.covariances)
     return References(points, grid, known, list_firsts(grid))

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mqslam.auditing.windows.windows import WindowAudit, torn_threshold
 from mqslam.config import AuditConfig
@@ -13,7 +12,7 @@ from mqslam.core import se2
 from mqslam.core.point_map import PointMap
 from mqslam.core.statistics.evenly import pick_evenly
 from mqslam.core.trajectory import Trajectory
-from mqslam.report.explorers.explorer import Chart, Curve, Explorer, Layer, Lines, Place, View, join_lines
+from mqslam.report.explorers.explorer import Chart, Curve, Explorer, Layer, Lines, Place, Points, View, join_lines
 from mqslam.report.figures.audit_figures import EXPECTED
 from mqslam.report.figures.canvas import BLUE, GREEN, INK, ORANGE, RED
 from mqslam.report.formatting import describe_motion, format_length, format_three_digits
@@ -170,54 +169,31 @@ def _show_windows(report: Report) -> tuple[Place, ...]:
     """Returns what is shown of every window when it is clicked."""
     if not report.checks:
         return ()
-    maps = [
-        _Map.of(report.before, report.map_odometry, report.odometry),
-        _Map.of("optimised", report.map_optimised, report.optimised),
+    shown = [
+        (report.before, report.map_odometry, report.odometry),
+        ("optimised", report.map_optimised, report.optimised),
     ]
-    places = []
-    for window in report.checks:
-        views = tuple(_view_window(one, window) for one in maps)
-        places.append(Place(window.t0, window.t1, *_describe_window(window), window.torn, views))
-    return tuple(places)
+    views = [_view_windows(name, pointmap, track, report.checks) for name, pointmap, track in shown]
+    return tuple(
+        Place(window.t0, window.t1, *_describe_window(window), window.torn, both)
+        for window, both in zip(report.checks, zip(*views, strict=True), strict=True)
+    )
 
 
-class _Map(NamedTuple):
-    """A map of which the surroundings of places are shown.
-
-    Args:
-        name: of the map.
-        points: its points.
-        track: the trajectory under which it was made.
-        order: (N,) indices of the points in the order of x.
-        x, y: (N,) of the points in that order [m].
-    """
-
-    name: str
-    points: PointMap
-    track: Trajectory
-    order: NDArray[np.int64]
-    x: NDArray[np.float64]
-    y: NDArray[np.float64]
-
-    @classmethod
-    def of(cls, name: str, points: PointMap, track: Trajectory) -> _Map:
-        """Returns a map with its points in the order of x."""
-        order = np.argsort(points.points[:, 0], kind="stable")
-        return cls(name, points, track, order, *points.points[order].T.copy())
-
-    def find_near(self, pose: se2.Array) -> NDArray[np.int64]:
-        """Returns the indices of the points within `_REACH_M` along x and along y of a pose (3,)."""
-        begin, end = np.searchsorted(self.x, pose[0] + np.array([-_REACH_M, _REACH_M]))
-        near: NDArray[np.int64] = self.order[begin:end][np.abs(self.y[begin:end] - pose[1]) <= _REACH_M]
-        return near
-
-
-def _view_window(shown: _Map, window: WindowAudit) -> View:
-    """Returns the map around a window, seen from the sensor at its middle: this pass and the others."""
-    pointmap, track = shown.points, shown.track
-    pose = track.poses[min((window.begin + window.end) // 2, len(track) - 1)]
-    near = shown.find_near(pose)
-    seen = se2.transform(se2.inverse(pose), pointmap.points[near])
-    inside = (np.abs(seen[:, 0]) <= _HALF_SIDE_M) & (np.abs(seen[:, 1]) <= _HALF_SIDE_M)
-    own = np.abs(pointmap.times[near] - 0.5 * (window.t0 + window.t1)) <= _SAME_PASS_S
-    return View(shown.name, (seen[inside & own], seen[inside & ~own]), (BLUE, ORANGE))
+def _view_windows(name: str, pointmap: PointMap, track: Trajectory, windows: Sequence[WindowAudit]) -> list[View]:
+    """Returns the map around windows, each seen from the sensor at its middle: this pass and the others."""
+    poses = [track.poses[min((window.begin + window.end) // 2, len(track) - 1)] for window in windows]
+    parts: list[list[tuple[Points, Points]]] = [[] for _ in windows]
+    for block in pointmap.blocks():
+        order = np.argsort(block.points[:, 0], kind="stable")
+        x, y = block.points[order].T.copy()
+        for window, pose, part in zip(windows, poses, parts, strict=True):
+            begin, end = np.searchsorted(x, pose[0] + np.array([-_REACH_M, _REACH_M]))
+            near = order[begin:end][np.abs(y[begin:end] - pose[1]) <= _REACH_M]
+            seen = se2.transform(se2.inverse(pose), block.points[near])
+            inside = (np.abs(seen[:, 0]) <= _HALF_SIDE_M) & (np.abs(seen[:, 1]) <= _HALF_SIDE_M)
+            own = np.abs(block.times[near] - 0.5 * (window.t0 + window.t1)) <= _SAME_PASS_S
+            part.append((seen[inside & own], seen[inside & ~own]))
+    nothing = (np.empty((0, 2)), np.empty((0, 2)))
+    joined = [tuple(np.concatenate(group) for group in zip(nothing, *part, strict=True)) for part in parts]
+    return [View(name, (own, others), (BLUE, ORANGE)) for own, others in joined]

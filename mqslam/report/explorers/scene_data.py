@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from mqslam.core.point_map import pick_thinned
 from mqslam.core.statistics.evenly import pick_evenly
+from mqslam.core.stored import release
 from mqslam.report.explorers.explorer import Curve, Explorer, Layer, Place, Points, Values
 from mqslam.report.figures.canvas import BLUE, MAP_SHAPE, OUTERMOST, RED, find_common_view
 
@@ -22,6 +23,7 @@ MOST_POINTS: Final = 200_000  # points of all layers together
 MOST_CROPPED: Final = 500_000  # points of all places together
 _CROP_STEP_M = 0.01  # resolution of the points of a place, which take 16 bits each way
 _TITLES: Final = {"time": "time [s]", "psi": "ψ of the point", "intensity": "intensity"}
+_ENOUGH: Final = 300_000  # values that a colour scale is fitted to
 _UPPERMOST = 0.99  # share of the values within the colour scale
 
 
@@ -96,7 +98,7 @@ def _encode(explorer: Explorer, kept: Sequence[NDArray[np.int64]], names: Sequen
 
 
 def _encode_layer(layer: Layer, chosen: NDArray[np.int64], spans: dict[str, tuple[float, float]]) -> dict[str, Any]:
-    return {
+    encoded = {
         "name": layer.name,
         "colour": layer.colour,
         "ink": layer.ink,
@@ -107,6 +109,8 @@ def _encode_layer(layer: Layer, chosen: NDArray[np.int64], spans: dict[str, tupl
         **_encode_xy(layer.points[chosen]),
         "values": {name: _encode_shares(layer.values[name][chosen], span) for name, span in spans.items()},
     }
+    release(layer.points, *layer.values.values())
+    return encoded
 
 
 def _encode_curve(curve: Curve) -> dict[str, Any]:
@@ -138,7 +142,9 @@ def _encode_places(places: Sequence[Place]) -> tuple[list[dict[str, Any]], dict[
 
 def _find_span(values: Sequence[Values]) -> tuple[float, float]:
     """Returns the ends of the colour scale of some values."""
-    known = np.concatenate([v[np.isfinite(v)] for v in values])
+    some = [v[pick_evenly(len(v), _ENOUGH)] for v in values]
+    release(*values)
+    known = np.concatenate([v[np.isfinite(v)] for v in some])
     if not len(known):
         return 0.0, 1.0
     low, high = float(known.min()), float(np.quantile(known, _UPPERMOST))

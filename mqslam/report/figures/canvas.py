@@ -9,6 +9,9 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from mqslam.core.statistics.evenly import pick_evenly
+from mqslam.core.stored import release
+
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
@@ -24,6 +27,7 @@ DPI = 200  # pixels per inch
 _SOFT = "#8a94a3"
 _WIDTH_IN = 6.4  # width of a figure
 _LEFT_IN, _RIGHT_IN, _BOTTOM_IN, _TOP_IN = 0.78, 0.12, 0.48, 0.12  # margins around the axes
+_ENOUGH = 300_000  # points that are looked at at a time, and of which the edges of a view are taken
 _FAINTEST = 0.35  # opacity of a pixel with a single point
 
 
@@ -45,7 +49,8 @@ def find_common_view(positions: list[NDArray[np.float64]], shape: tuple[float, f
         shape: least and greatest height of the rectangle per width; it is enlarged to meet them.
         left_out: share of the positions that may lie beyond each side, so that a few stray ones do not shrink the rest.
     """
-    filled = [p for p in positions if len(p)]
+    filled = [p[pick_evenly(len(p), _ENOUGH)] for p in positions if len(p)]
+    release(*positions)
     lows = np.array([np.quantile(p, left_out, axis=0) for p in filled]).min(axis=0)
     highs = np.array([np.quantile(p, 1.0 - left_out, axis=0) for p in filled]).max(axis=0)
     centre = 0.5 * (lows + highs)
@@ -160,9 +165,10 @@ def lay_ink(axes: Axes, view: View, counts: NDArray[np.int64], well_seen: float,
     from matplotlib.colors import to_rgb
 
     share = np.log1p(counts) / np.log1p(max(well_seen, 2.0))
-    image = np.empty((*counts.shape, 4))
-    image[..., :3] = to_rgb(colour)
-    image[..., 3] = np.where(counts > 0, np.clip(_FAINTEST + (1.0 - _FAINTEST) * share, 0.0, 1.0), 0.0)
+    opacity = np.where(counts > 0, np.clip(_FAINTEST + (1.0 - _FAINTEST) * share, 0.0, 1.0), 0.0)
+    image = np.empty((*counts.shape, 4), dtype=np.uint8)
+    image[..., :3] = np.round(255.0 * np.array(to_rgb(colour)))
+    image[..., 3] = np.round(255.0 * opacity)
     extent = (view.x0, view.x1, view.y0, view.y1)
     axes.imshow(image, extent=extent, origin="lower", interpolation="nearest", aspect="auto")
 
@@ -171,10 +177,19 @@ def _count_pixels(points: NDArray[np.float64], view: View, columns: int) -> NDAr
     """Counts points (N, 2) [m] per square pixel: (rows, columns), row 0 at the lowest y."""
     side = (view.x1 - view.x0) / columns
     rows = max(round((view.y1 - view.y0) / side), 1)
+    counts = np.zeros(rows * columns, dtype=np.int64)
+    for begin in range(0, len(points), _ENOUGH):
+        counts += _count_part(points[begin : begin + _ENOUGH], view, side, (rows, columns))
+        release(points)
+    return counts.reshape(rows, columns)
+
+
+def _count_part(points: NDArray[np.float64], view: View, side: float, shape: tuple[int, int]) -> NDArray[np.int64]:
+    """Counts points (N, 2) [m] per pixel of a side [m]: (rows * columns,)."""
+    rows, columns = shape
     column, row = np.floor((points - [view.x0, view.y0]) / side).astype(np.int64).T
     inside = (column >= 0) & (column < columns) & (row >= 0) & (row < rows)
-    flat = np.bincount(row[inside] * columns + column[inside], minlength=rows * columns)
-    return flat.reshape(rows, columns)
+    return np.bincount(row[inside] * columns + column[inside], minlength=rows * columns)
 
 
 def put_legend_above(axes: Axes) -> None:

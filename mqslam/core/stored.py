@@ -1,0 +1,101 @@
+"""Arrays as long as a recording: they lie in temporary files, and only what is read of them takes room in memory.
+
+The files have no names and vanish with their arrays, whatever ends the process.
+"""
+
+from __future__ import annotations
+
+import math
+import mmap
+import os
+import tempfile
+from typing import IO, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mqslam.errors import OutputError
+
+_SMALL = 4_000_000  # bytes; a smaller array stays in memory: a matter of speed only
+
+
+def make_stored(shape: tuple[int, ...], kind: type[np.generic] = np.float64) -> NDArray[Any]:
+    """Returns an array of zeros, which lies in a temporary file if it is large.
+
+    Raises:
+        OutputError: there is no room for the file.
+    """
+    size = math.prod(shape) * np.dtype(kind).itemsize
+    if size < _SMALL:
+        return np.zeros(shape, kind)
+    try:
+        with tempfile.TemporaryFile() as file:
+            if hasattr(os, "posix_fallocate"):  # a write to a mapped page for which there is no room would end the process
+                os.posix_fallocate(file.fileno(), 0, size)
+            else:
+                file.truncate(size)
+            return _map(file, size, kind).reshape(shape)
+    except OSError as error:
+        raise _report(error) from error
+
+
+class StoredRows:
+    """Rows of numbers that are appended to a temporary file one block after the other.
+
+    Args:
+        width: numbers in a row.
+
+    Raises:
+        OutputError: there is no room for the file.
+    """
+
+    def __init__(self, width: int) -> None:
+        self._width, self._count = width, 0
+        try:
+            self._file = tempfile.TemporaryFile()  # noqa: SIM115 - `close` closes it
+        except OSError as error:
+            raise _report(error) from error
+
+    def __len__(self) -> int:
+        return self._count
+
+    def append(self, rows: NDArray[np.float64]) -> None:
+        """Appends rows (N, width)."""
+        try:
+            self._file.write(np.ascontiguousarray(rows, dtype=np.float64).data if len(rows) else b"")
+        except OSError as error:
+            raise _report(error) from error
+        self._count += len(rows)
+
+    def close(self) -> NDArray[np.float64]:
+        """Returns all rows (M, width) as an array in the file; nothing can be appended any more."""
+        try:
+            with self._file as file:
+                file.flush()
+                size = self._count * self._width * 8
+                rows = _map(file, size, np.float64) if size else np.empty(0)
+        except OSError as error:
+            raise _report(error) from error
+        return rows.reshape(-1, self._width)
+
+
+def release(*parts: NDArray[Any] | memoryview | mmap.mmap) -> None:
+    """Takes mapped files, or those that arrays lie in, out of the memory of this process until they are read again.
+
+    Whatever does not lie in a mapped file stays as it is.
+    """
+    for part in parts:
+        base: Any = part
+        while isinstance(base, np.ndarray | memoryview):
+            base = base.base if isinstance(base, np.ndarray) else base.obj
+        if isinstance(base, mmap.mmap):
+            base.madvise(mmap.MADV_DONTNEED)
+
+
+def _map(file: IO[bytes], size: int, kind: type[np.generic]) -> NDArray[Any]:
+    return np.frombuffer(mmap.mmap(file.fileno(), size), kind)
+
+
+def _report(error: OSError) -> OutputError:
+    folder = tempfile.gettempdir()
+    return OutputError(f"{folder}: temporary files cannot be written ({error.strerror})", f"free space in {folder}")
