@@ -88,7 +88,7 @@ def release(*parts: NDArray[Any] | memoryview | mmap.mmap) -> None:
         base: Any = part
         while isinstance(base, np.ndarray | memoryview):
             base = base.base if isinstance(base, np.ndarray) else base.obj
-        if isinstance(base, mmap.mmap):
+        if isinstance(base, mmap.mmap) and hasattr(base, "madvise"):  # Windows has no such call
             base.madvise(mmap.MADV_DONTNEED)
 
 
