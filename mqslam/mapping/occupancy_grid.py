@@ -40,8 +40,10 @@ def make_occupancy_grid(points: NDArray[np.float64], settings: MapConfig) -> Occ
     for part in parts:
         column, row = (np.floor(points[part] / resolution) - first).astype(np.int64).T
         here, seen = np.unique(row * columns + column, return_counts=True)
-        cells, where = np.unique(np.concatenate([cells, here]), return_inverse=True)
-        counts = np.bincount(where, np.concatenate([counts, seen])).astype(np.int64)
+        where = np.searchsorted(cells, here)
+        is_known = where < np.searchsorted(cells, here, side="right")
+        counts[where[is_known]] += seen[is_known]
+        cells, counts = (np.insert(a, where[~is_known], b[~is_known]) for a, b in ((cells, here), (counts, seen)))
         release(points)
     occupied = make_stored((int(rows * columns),), np.bool_)
     filled = cells[counts >= np.sqrt(np.percentile(counts, settings.well_seen))]

@@ -185,11 +185,11 @@ def _view_windows(name: str, pointmap: PointMap, track: Trajectory, windows: Seq
     poses = [track.poses[min((window.begin + window.end) // 2, len(track) - 1)] for window in windows]
     parts: list[list[tuple[Points, Points]]] = [[] for _ in windows]
     for block in pointmap.blocks():
-        order = np.argsort(block.points[:, 0], kind="stable")
+        order = np.argsort(block.points[:, 0])
         x, y = block.points[order].T.copy()
         for window, pose, part in zip(windows, poses, parts, strict=True):
             begin, end = np.searchsorted(x, pose[0] + np.array([-_REACH_M, _REACH_M]))
-            near = order[begin:end][np.abs(y[begin:end] - pose[1]) <= _REACH_M]
+            near = np.sort(order[begin:end][np.abs(y[begin:end] - pose[1]) <= _REACH_M])
             seen = se2.transform(se2.inverse(pose), block.points[near])
             inside = (np.abs(seen[:, 0]) <= _HALF_SIDE_M) & (np.abs(seen[:, 1]) <= _HALF_SIDE_M)
             own = np.abs(block.times[near] - 0.5 * (window.t0 + window.t1)) <= _SAME_PASS_S
