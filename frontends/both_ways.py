@@ -8,7 +8,7 @@ then counts alone until both agree again. A recording played backward is a recor
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from itertools import pairwise
 from typing import NamedTuple, overload
@@ -19,12 +19,14 @@ from scipy.stats import chi2
 
 from mqslam.config import CalibrationConfig, TrackerConfig
 from mqslam.core import se2
-from mqslam.core.measurement import Measurement, Status
+from mqslam.core.measurement import MOTION, Measurement, MotionTable, Status, TableRows, motion_to_row, row_to_motion
 from mqslam.core.scans import Returns, Scan
 from mqslam.frontends.calibration import Twice, learn_scale
 
 _TRUST = (Status.LOST, Status.DEGENERATE, Status.AMBIGUOUS, Status.CONVERGED)  # from the least to the most
 _CHANCE = float(chi2.ppf(0.999, 3))  # measurements that are farther apart, in their own covariance, contradict each other
+_MATCH = np.dtype([("known", "?"), ("motion", MOTION), ("unseen", "f8", (3, 3))])
+_NO_MATCH = (False, np.zeros((), MOTION).item(), np.zeros((3, 3)))
 _PAUSE = 0.5  # time between two scans, in turns, beyond which the end of one is not the start of the next
 
 
@@ -39,6 +41,40 @@ class Match(NamedTuple):
 
     motion: Measurement
     unseen: NDArray[np.float64]
+
+
+class MatchTable(Sequence[Match | None]):
+    """Matches of successive motions as rows of a table, or None where there is none.
+
+    Args:
+        matches: the matches.
+    """
+
+    def __init__(self, matches: Iterable[Match | None] = ()) -> None:
+        self._rows = TableRows(_MATCH)
+        self.extend(matches)
+
+    def __len__(self) -> int:
+        return len(self._rows)
+
+    @overload
+    def __getitem__(self, k: int) -> Match | None: ...
+
+    @overload
+    def __getitem__(self, k: slice) -> list[Match | None]: ...
+
+    def __getitem__(self, k: int | slice) -> Match | list[Match | None] | None:
+        if isinstance(k, slice):
+            return [self[n] for n in range(*k.indices(len(self)))]
+        row = self._rows[k]
+        return Match(row_to_motion(row["motion"]), row["unseen"].copy()) if row["known"] else None
+
+    def extend(self, matches: Iterable[Match | None], begin: int | None = None) -> None:
+        """Appends matches, in the place of those from number `begin` on if it is given."""
+        if begin is not None:
+            self._rows.truncate(begin)
+        for match in matches:
+            self._rows.append(_NO_MATCH if match is None else (True, motion_to_row(match.motion), match.unseen))
 
 
 def reverse_time(scans: Sequence[Scan]) -> Sequence[Scan]:
@@ -82,7 +118,7 @@ def reverse_settings(settings: TrackerConfig) -> TrackerConfig:
     return settings.model_copy(update={"speed_min": -settings.speed_max, "speed_max": -settings.speed_min})
 
 
-def turn_back(scans: Sequence[Scan], backward: Sequence[Match]) -> list[Match | None]:
+def turn_back(scans: Sequence[Scan], backward: Sequence[Match | None]) -> MatchTable:
     """Returns motions that were measured backward as those that were driven, in the order of the recording.
 
     There is none, and None in its place, where no backward motion leads to the start of a scan from the end of the next:
@@ -93,10 +129,14 @@ def turn_back(scans: Sequence[Scan], backward: Sequence[Match]) -> list[Match | 
         backward: the N - 1 motions between them in the order of `reverse_time`.
     """
     count, at_once = len(backward), [follows_at_once(a, b) for a, b in pairwise(scans)]
-    return [_turn(backward[count - k]) if k and at_once[k - 1] and at_once[k] else None for k in range(count)]
+    has_one = (k > 0 and at_once[k - 1] and at_once[k] for k in range(count))
+    matches = (backward[count - k] if is_there else None for k, is_there in enumerate(has_one))
+    return MatchTable(None if match is None else _turn(match) for match in matches)
 
 
-def join(forward: Sequence[Match], backward: Sequence[Match | None], settings: CalibrationConfig) -> list[Measurement]:
+def join(
+    forward: Sequence[Match | None], backward: Sequence[Match | None], settings: CalibrationConfig
+) -> Sequence[Measurement]:
     """Joins motions that were measured in both directions of time, with covariances that show how far the two are apart.
 
     Only what psi's curvature shows is scaled so. How little is known of what psi did not observe is no matter of errors of
@@ -107,15 +147,25 @@ def join(forward: Sequence[Match], backward: Sequence[Match | None], settings: C
         backward: the same motions, measured backward, or None.
         settings: of how the size of errors is learnt.
     """
-    twice = [_compare(f, b, settings.shared) for f, b in zip(forward, backward, strict=True) if b is not None]
+    twice = (_compare(f, b, settings.shared) for f, b in _pair(forward, backward) if b is not None)
     scale = learn_scale(twice, settings)
-    there = [_scale(f, scale) for f in forward]
-    back = [None if b is None else _scale(b, scale) for b in backward]
-    regaining = _find_regaining(there, back, settings.shared)
-    return [
+
+    def scaled() -> Iterator[tuple[Measurement, Measurement | None]]:
+        for f, b in _pair(forward, backward):
+            yield _scale(f, scale), None if b is None else _scale(b, scale)
+
+    regaining = _find_regaining(scaled(), settings.shared)
+    return MotionTable(
         f if b is None else _join_motions(f, b, regains, settings.shared)
-        for f, b, regains in zip(there, back, regaining, strict=True)
-    ]
+        for (f, b), regains in zip(scaled(), regaining, strict=True)
+    )
+
+
+def _pair(forward: Sequence[Match | None], backward: Sequence[Match | None]) -> Iterator[tuple[Match, Match | None]]:
+    """Yields the matches of the same motions in both directions of time; every motion has a forward one."""
+    for f, b in zip(forward, backward, strict=True):
+        if f is not None:
+            yield f, b
 
 
 def follows_at_once(scan: Scan, after: Scan) -> bool:
@@ -157,9 +207,7 @@ def _turn(match: Match) -> Match:
     return Match(replace(motion, pose=se2.inverse(pose), covariance=covariance), unseen)
 
 
-def _find_regaining(
-    forward: Sequence[Measurement], backward: Sequence[Measurement | None], shared: float
-) -> list[tuple[bool, bool]]:
+def _find_regaining(motions: Iterable[tuple[Measurement, Measurement | None]], shared: float) -> list[tuple[bool, bool]]:
     """Finds the motions over which a direction has not yet found back to the place that it was held away from.
 
     A scan that psi does not observe is held where it was predicted, and joins the map there. The scans after it, in the
@@ -167,16 +215,17 @@ def _find_regaining(
     steps make up for motions that do not count, so that they must not count either, until both directions agree.
 
     Args:
-        forward: the motions as they were measured forward.
-        backward: the same motions as they were measured backward, or None.
+        motions: as they were measured forward, and as they were measured backward, or None.
         shared: share of the variance of the errors that both directions have in common.
 
     Returns:
         for each motion whether the forward and the backward direction regain their places over it.
     """
-    agree = [b is not None and _agree(f, b, shared) for f, b in zip(forward, backward, strict=True)]
-    held_there = [not f.on_map for f in forward]
-    held_back = [b is None or not b.on_map for b in backward]
+    agree, held_there, held_back = list[bool](), list[bool](), list[bool]()
+    for f, b in motions:
+        agree.append(b is not None and _agree(f, b, shared))
+        held_there.append(not f.on_map)
+        held_back.append(b is None or not b.on_map)
     there = _spread(held_there, agree)
     back = _spread(held_back[::-1], agree[::-1])[::-1]
     return list(zip(there, back, strict=True))

@@ -6,7 +6,7 @@ that rest on different maps do: they differ by the errors of both, but for what 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable
 from typing import NamedTuple
 
 import numpy as np
@@ -31,16 +31,17 @@ class Twice(NamedTuple):
     variances: NDArray[np.float64]
 
 
-def learn_scale(motions: Sequence[Twice], settings: CalibrationConfig) -> NDArray[np.float64]:
+def learn_scale(motions: Iterable[Twice], settings: CalibrationConfig) -> NDArray[np.float64]:
     """Returns by how much (3,) the variances of x, y and yaw are larger than those that a front end states.
 
     Args:
         motions: measured twice; with none that tells anything the answer is one.
         settings: how much each of them tells.
     """
-    telling = [m for m in motions if np.hypot(m.pose[0], m.pose[1]) >= settings.moved_m]
-    if not telling:
+    telling = (m.apart**2 / m.variances for m in motions if np.hypot(m.pose[0], m.pose[1]) >= settings.moved_m)
+    squares = np.asarray(np.fromiter(telling, np.dtype((np.float64, 3))), dtype=np.float64)
+    if not len(squares):
         return np.ones(3)
-    squares = cut_gross(np.array([m.apart**2 / m.variances for m in telling]), settings.gross)
+    squares = cut_gross(squares, settings.gross)
     count = np.isfinite(squares).sum(axis=0)
     return np.asarray((settings.trusted + np.nansum(squares, axis=0)) / (settings.trusted + count))

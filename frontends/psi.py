@@ -13,7 +13,7 @@ from mqslam.core.frontend import Context, ignore_motion
 from mqslam.core.measurement import Measurement
 from mqslam.core.scans import Scan
 from mqslam.execution.local_engine import HERE
-from mqslam.frontends.both_ways import Match, join, turn_back
+from mqslam.frontends.both_ways import Match, MatchTable, join, turn_back
 from mqslam.frontends.psi_track import track_backward, track_forward
 from mqslam.frontends.segments import Segment, extend, split_into_segments
 from mqslam.psi.unsteadiness import estimate_unsteadiness
@@ -44,48 +44,44 @@ class PsiFrontEnd:
         joined = join(forward, backward, config.calibration)
         yield from _widen(joined, config.tracker, self._context.revolution_s)
 
-    def _track_at_once(self, scans: Sequence[Scan]) -> tuple[list[Match], list[Match | None]]:
+    def _track_at_once(self, scans: Sequence[Scan]) -> tuple[MatchTable, MatchTable]:
         """Tracks a recording as a whole, forward and backward beside each other, and shows each motion as it is measured."""
-        context, forward, back = self._context, list[Match](), list[Match]()
+        context, forward, back = self._context, MatchTable(), MatchTable()
         shared = replace(context, preview=ignore_motion, engine=None), scans
         with (context.engine or HERE).start(_track_back, shared, None) as wait:
             here = iter(()) if wait else track_backward(scans, context)
             for match in track_forward(scans, context):
-                forward.append(match)
-                back += islice(here, 1)  # step by step with the other direction, so that progress is even
+                forward.extend([match])
+                back.extend(islice(here, 1))  # step by step with the other direction, so that progress is even
                 context.preview(match.motion)
             return forward, turn_back(scans, wait() if wait else back)
 
-    def _track_segments(self, scans: Sequence[Scan], segments: Sequence[Segment]) -> tuple[list[Match], list[Match | None]]:
+    def _track_segments(self, scans: Sequence[Scan], segments: Sequence[Segment]) -> tuple[MatchTable, MatchTable]:
         """Tracks the segments of a recording wherever the engine has them tracked, and shows those that are done."""
         context = self._context
-        tracks: dict[bool, list[Match | None]] = {is_backward: [] for is_backward in _DIRECTIONS}
+        tracks = {is_backward: MatchTable() for is_backward in _DIRECTIONS}
 
         def collect(number: int, matches: Sequence[Match | None]) -> None:
             segment = segments[number - 1]
-            before = tracks[segment.is_backward]
-            after = tracks[segment.is_backward] = extend(before, segment.begin, matches)
-            if not segment.is_backward:
-                for match in _list_measured(after[len(before) :]):
+            track = tracks[segment.is_backward]
+            before = len(track)
+            track.extend(extend(track[segment.begin :], 0, matches), segment.begin)
+            for match in [] if segment.is_backward else track[before:]:
+                if match is not None:
                     context.preview(match.motion)
 
         shared = replace(context, preview=ignore_motion, engine=None), scans
         (context.engine or HERE).map(_track_segment, shared, segments, collect)
-        return _list_measured(tracks[False]), tracks[True]
+        return tracks[False], tracks[True]
 
 
-def _list_measured(matches: Sequence[Match | None]) -> list[Match]:
-    """Returns the motions of a forward track, which measures all of them."""
-    return [match for match in matches if match is not None]
-
-
-def _track_back(shared: tuple[Context, Sequence[Scan]], item: None) -> list[Match]:
+def _track_back(shared: tuple[Context, Sequence[Scan]], item: None) -> MatchTable:
     """Returns the motions of a recording that is tracked backward as a whole."""
     context, scans = shared
-    return list(track_backward(scans, context))
+    return MatchTable(track_backward(scans, context))
 
 
-def _track_segment(shared: tuple[Context, Sequence[Scan]], segment: Segment) -> Sequence[Match | None]:
+def _track_segment(shared: tuple[Context, Sequence[Scan]], segment: Segment) -> MatchTable:
     """Returns the motions of a segment, of which those that only led up to it are left out."""
     context, scans = shared
     tracked = scans[segment.first : segment.last + 1]
@@ -94,7 +90,7 @@ def _track_segment(shared: tuple[Context, Sequence[Scan]], segment: Segment) -> 
         matches = turn_back(tracked, list(track_backward(tracked, context)))
     else:
         matches = list(track_forward(tracked, context))
-    return matches[segment.begin - segment.first : segment.end - segment.first]
+    return MatchTable(matches[segment.begin - segment.first : segment.end - segment.first])
 
 
 def _widen(motions: Sequence[Measurement], settings: TrackerConfig, revolution_s: float) -> Iterator[Measurement]:

@@ -17,7 +17,7 @@ from mqslam.backend.refinement import refine
 from mqslam.config import Config
 from mqslam.core import frontend as frontends
 from mqslam.core.frontend import Context, measure_motions
-from mqslam.core.measurement import LoopSearch, Measured, Measurement, Refined
+from mqslam.core.measurement import LoopSearch, Measured, MotionTable, Refined
 from mqslam.core.point_map import PointMap
 from mqslam.core.recording import Recording
 from mqslam.core.scans import Scans
@@ -145,15 +145,15 @@ class Slam:
             kept = self._runner.find(MEASURED)
             return kept.doppler_beta if kept else choose_doppler_beta(scans, self._config, self._runner.engine)
 
-    def _measure(self, scans: Scans, context: Context, beam: Beam) -> list[Measurement]:
+    def _measure(self, scans: Scans, context: Context, beam: Beam) -> MotionTable:
         """Returns the front end's measurements, or those that an earlier run has kept, and shows them as they come."""
         runner, kept = self._runner, self._runner.find(MEASURED)
         live = LiveMap(scans, beam, runner)
         context = replace(context, preview=live.show, engine=runner.engine)
-        if kept is not None:
-            return list(live.follow(kept.measurements))
-        measurements = list(live.follow(measure_motions(self._name, context, scans)))
-        runner.keep(MEASURED, Measured(measurements, context.doppler_beta))
+        motions = kept.measurements if kept else measure_motions(self._name, context, scans)
+        measurements = MotionTable(live.follow(motions))
+        if not kept:
+            runner.keep(MEASURED, Measured(measurements, context.doppler_beta))
         return measurements
 
     def _render(self, what: str, scans: Scans, track: Trajectory, beam: Beam) -> PointMap:

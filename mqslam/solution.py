@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import gtsam
@@ -44,7 +45,7 @@ class Solution:
     frontend: str
     config: Config
     doppler_beta: float
-    measurements: list[Measurement]
+    measurements: Sequence[Measurement]
     odometry: Trajectory
     optimised: Trajectory
     graph: PoseGraph

@@ -9,7 +9,7 @@ from typing import Any, Generic, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from mqslam.core.measurement import Loop, LoopSearch, Measured, Measurement, Refined, Status
+from mqslam.core.measurement import MOTION, Loop, LoopSearch, Measured, Measurement, MotionTable, Refined, row_to_motion
 from mqslam.core.scans import Detected, PeakCounts, Returns
 from mqslam.errors import DataError
 
@@ -65,31 +65,18 @@ def _unpack_detected(arrays: Arrays) -> Detected:
 def _pack_measured(measured: Measured) -> Arrays:
     """Returns measurements as arrays, one per field."""
     arrays: Arrays = {"doppler_beta": np.array(measured.doppler_beta)}
+    columns = MotionTable(measured.measurements).columns
     for name in _list_fields(Measurement):
-        arrays[name] = np.array([getattr(m, name) for m in measured.measurements])
+        arrays[name] = columns[name]
     return arrays
 
 
 def _unpack_measured(arrays: Arrays) -> Measured:
     """Returns the measurements that arrays hold."""
-    rows = zip(*(arrays[name] for name in _list_fields(Measurement)), strict=True)
-    measurements = [
-        Measurement(
-            float(t0),
-            float(t1),
-            pose,
-            covariance,
-            Status(str(status)),
-            float(psi),
-            float(psi_odometry),
-            int(points),
-            float(matched),
-            bool(on_map),
-            apart,
-        )
-        for t0, t1, pose, covariance, status, psi, psi_odometry, points, matched, on_map, apart in rows
-    ]
-    return Measured(measurements, float(arrays["doppler_beta"]))
+    rows = np.empty(len(arrays["t0"]), MOTION)
+    for name in _list_fields(Measurement):
+        rows[name] = arrays[name]
+    return Measured(MotionTable(map(row_to_motion, rows)), float(arrays["doppler_beta"]))
 
 
 def _pack_loops(search: LoopSearch) -> Arrays:

@@ -151,7 +151,8 @@ def _call(path: Path, item: Any) -> Any:
         return_free_memory()
         paths, content = pickle.loads(path.read_bytes())
         maps = [_map_into_memory(array) for array in paths]
-        _held = _Held(path, *pickle.loads(content, buffers=maps), maps)
+        function, shared = pickle.loads(content, buffers=maps)
+        _held = _Held(path, function, shared, maps)
     try:
         return _held.function(_held.shared, item)
     finally:

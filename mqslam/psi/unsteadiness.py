@@ -39,8 +39,11 @@ def estimate_unsteadiness(
     if len(followed) < 3:
         left_out[followed] = unknown
         return left_out
-    squares = np.diff([motions[k].pose for k in followed], n=2, axis=0) ** 2 / _GAIN
-    expected = np.array([np.diag(motions[k].covariance) for k in followed])
+    row = np.dtype((np.float64, 3))
+    poses = np.asarray(np.fromiter((motions[k].pose for k in followed), row), dtype=np.float64)
+    squares = np.diff(poses, n=2, axis=0) ** 2 / _GAIN
+    diagonals = (np.diag(motions[k].covariance) for k in followed)
+    expected = np.asarray(np.fromiter(diagonals, row), dtype=np.float64)
     half = settings.unsteady_scans // 2
     for n, k in enumerate(followed):
         jumps = squares[max(n - half - 1, 0) : n + half]  # a jump compares three motions, of which this one is the second

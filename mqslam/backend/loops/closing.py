@@ -38,9 +38,10 @@ def close_loops(scans: Scans, problem: Problem, estimator: EstimatorConfig, beam
     compared: set[tuple[int, int]] = set()
     decided: set[tuple[int, int]] = set()
     ambiguous = 0
-    chain = _optimise(scans, problem, loops)
-    before = chain.drive
+    before: Drive | None = None
     for _ in range(settings.rounds):
+        chain = _optimise(scans, problem, loops)
+        before = chain.drive if before is None else before
         candidates, unsure = find_candidates(chain, settings, decided)
         comparisons = compare_passes(chain.drive, candidates, settings, estimator, beam, runner.engine, runner.progress)
         implausible = {c[:2] for c, comparison in zip(candidates, comparisons, strict=True) if comparison.implausible}
@@ -51,8 +52,8 @@ def close_loops(scans: Scans, problem: Problem, estimator: EstimatorConfig, beam
         if not new:
             break
         loops = loops + keep_consistent(new, chain, settings)
+        del chain  # what it has eliminated takes more memory than anything else here
         loops = confirm_by_map(loops, before, problem.solve_poses(loops), settings, estimator, beam, runner.engine)
-        chain = _optimise(scans, problem, loops)
     _log.info("%d of %d pairs of passes are loops that the map keeps", len(loops), len(compared))
     _log.info("%d pairs match at several places, %d at an implausible one", ambiguous, len(implausible))
     return LoopSearch(loops, len(compared), ambiguous, len(implausible), len(unsure))
