@@ -1,0 +1,117 @@
+"""Arrays and rows that lie in temporary files, and scans, motions and medians that are made of them."""
+
+from __future__ import annotations
+
+import mmap
+import os
+import pickle
+from collections.abc import Iterator
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from mqslam.core.measurement import Measurement, MotionTable, Status
+from mqslam.core.scans import Returns, ScanStore
+from mqslam.core.statistics.median import find_median
+from mqslam.core.stored import StoredRows, make_stored, release
+from mqslam.errors import OutputError
+from mqslam.frontends.both_ways import Match, MatchTable
+
+
+def make_motion(k: int) -> Measurement:
+    rng = np.random.default_rng(k)
+    covariance, status = np.diag(rng.random(3)), list(Status)[k % len(Status)]
+    return Measurement(
+        float(k), k + 1.0, rng.random(3), covariance, status, 0.5, float("nan"), k, 0.9, k % 2 == 0, rng.random(3)
+    )
+
+
+def assert_same(found: Measurement, expected: Measurement) -> None:
+    for name in Measurement.__slots__:
+        np.testing.assert_array_equal(getattr(found, name), getattr(expected, name))
+        assert type(getattr(found, name)) is type(getattr(expected, name)), name
+
+
+def lies_in_a_file(array: NDArray[np.float64]) -> bool:
+    base: object = array
+    while isinstance(base, np.ndarray | memoryview):
+        base = base.base if isinstance(base, np.ndarray) else base.obj
+    return isinstance(base, mmap.mmap)
+
+
+def test_large_arrays_lie_in_files_and_keep_what_is_released() -> None:
+    small, large = make_stored((10, 2)), make_stored((1_000_000,))
+    assert not lies_in_a_file(small) and lies_in_a_file(large)
+    large[123_456] = 7.0
+    release(small, large)
+    assert large[123_456] == 7.0 and large.sum() == 7.0
+
+
+def test_without_room_for_a_file_an_error_says_where_to_make_some(monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(*_: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(os, "posix_fallocate", refuse, raising=False)
+    with pytest.raises(OutputError, match=r"cannot be written \(No space left on device\); free space in"):
+        make_stored((1_000_000,))
+
+
+@given(st.lists(st.integers(0, 50), max_size=20))
+def test_rows_come_back_as_they_were_appended(counts: list[int]) -> None:
+    rows, parts = StoredRows(3), [np.random.default_rng(k).random((count, 3)) for k, count in enumerate(counts)]
+    for part in parts:
+        rows.append(part)
+    np.testing.assert_array_equal(rows.close(), np.concatenate([np.empty((0, 3)), *parts]))
+
+
+def test_scans_come_back_as_they_were_stored() -> None:
+    store, rng = ScanStore(), np.random.default_rng(1)
+    stored = [Returns(*rng.random((4, count))) for count in (5, 0, 3)]
+    for returns in stored:
+        store.append(returns)
+    spans = np.array(list(pairwise(range(4))), dtype=float)
+    scans = store.close(spans)
+    assert len(scans) == 3 and [len(scan.returns) for scan in scans[1:]] == [0, 3]
+    for scan, returns, (t0, t1) in zip(pickle.loads(pickle.dumps(scans)), stored, spans, strict=True):
+        assert (scan.t0, scan.t1) == (t0, t1)
+        for name in ("ranges", "azimuths", "times", "intensities"):
+            np.testing.assert_array_equal(getattr(scan.returns, name), getattr(returns, name))
+
+
+def test_motions_come_back_from_a_table_as_they_were() -> None:
+    motions = [make_motion(k) for k in range(200)]
+    table = MotionTable(motions)
+    assert len(table) == 200 and len(table[10:20]) == 10
+    for found, expected in zip(pickle.loads(pickle.dumps(table)), motions, strict=True):
+        assert_same(found, expected)
+    assert_same(table[-1], motions[-1])
+    with pytest.raises(IndexError):
+        table[200]
+
+
+def test_matches_of_a_later_segment_take_the_place_of_those_before() -> None:
+    first, second = ([Match(make_motion(k), np.eye(3) * k) for k in range(a, b)] for a, b in ((0, 100), (80, 150)))
+    table = MatchTable([None, *first])
+    table.extend([None, *second], 81)
+    assert len(table) == 152 and table[0] is None and table[81] is None
+    for k, expected in ((1, first[0]), (80, first[79]), (82, second[0]), (151, second[-1])):
+        found = table[k]
+        assert found is not None
+        assert_same(found.motion, expected.motion)
+        np.testing.assert_array_equal(found.unseen, expected.unseen)
+
+
+@given(st.lists(st.lists(st.floats(0.0, 1e3), max_size=30), max_size=6), st.floats(0.1, 10.0))
+def test_a_median_of_blocks_is_that_of_all_numbers(blocks: list[list[float]], step: float) -> None:
+    arrays = [np.array(block, dtype=float) for block in blocks]
+
+    def list_blocks() -> Iterator[NDArray[np.float64]]:
+        return iter(arrays)
+
+    numbers = np.concatenate([np.empty(0), *arrays])
+    expected = np.median(numbers) if len(numbers) else np.nan
+    np.testing.assert_array_equal(find_median(list_blocks, step), expected)
