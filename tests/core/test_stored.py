@@ -105,8 +105,8 @@ def test_matches_of_a_later_segment_take_the_place_of_those_before() -> None:
         np.testing.assert_array_equal(found.unseen, expected.unseen)
 
 
-@given(st.lists(st.lists(st.floats(0.0, 1e3), max_size=30), max_size=6), st.floats(0.1, 10.0))
-def test_a_median_of_blocks_is_that_of_all_numbers(blocks: list[list[float]], step: float) -> None:
+@given(st.lists(st.lists(st.floats(0.0, 1e3) | st.floats(0.0, 1e300), max_size=30), max_size=6))
+def test_a_median_of_blocks_is_that_of_all_numbers(blocks: list[list[float]]) -> None:
     arrays = [np.array(block, dtype=float) for block in blocks]
 
     def list_blocks() -> Iterator[NDArray[np.float64]]:
@@ -114,4 +114,4 @@ def test_a_median_of_blocks_is_that_of_all_numbers(blocks: list[list[float]], st
 
     numbers = np.concatenate([np.empty(0), *arrays])
     expected = np.median(numbers) if len(numbers) else np.nan
-    np.testing.assert_array_equal(find_median(list_blocks, step), expected)
+    np.testing.assert_array_equal(find_median(list_blocks), expected)

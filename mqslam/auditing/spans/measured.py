@@ -26,7 +26,6 @@ from mqslam.core.stored import release
 from mqslam.execution.progress import Progress
 
 _SWEEPS: Final = 500  # sweeps whose ranges are in memory at a time: a matter of memory only
-_RANGE_STEP_M: Final = 1e-2  # step in which ranges are counted [m]: a matter of memory only
 
 
 def lay_spans(
@@ -71,7 +70,7 @@ def fit_to_reach(sweeps: Sweeps, settings: AuditConfig) -> AuditConfig:
         sweeps: points under the trajectory to judge.
         settings: of the audit.
     """
-    usual_m = find_median(lambda: _list_ranges(sweeps), _RANGE_STEP_M)
+    usual_m = find_median(lambda: _list_ranges(sweeps))
     if np.isnan(usual_m):
         return settings
     shorter = min(1.0, usual_m / settings.span_m)

@@ -111,7 +111,7 @@ class LastMatch:
             belief = Belief(State.at_constant_twist(belief.pose, np.zeros(3)), belief.covariance)
         return coast(belief, min(dt, longest), self.turn_s, settings)
 
-    def predict_steadily(self, scan: Scan) -> State | None:
+    def predict_steadily(self, scan: Scan, settings: TrackerConfig) -> State | None:
         """Predicts the state of a later scan at the smoothed twist of the last ones, or returns None where there were none.
 
         The twist of a single match errs by a few tenths of a metre per second. That is little for the next scan, which is
@@ -119,7 +119,8 @@ class LastMatch:
         """
         if not self.twists:
             return None
-        twist = np.array([smooth_last(values) for values in np.transpose(self.twists)])
+        axes = zip(np.transpose(self.twists), list_motion_noise(settings)[:3], strict=True)
+        twist = np.array([smooth_last(values, change) for values, change in axes])
         return State.at_constant_twist(se2.compose(self.pose, se2.exp(twist, scan.t0 - self.t0)), twist)
 
 
@@ -147,17 +148,19 @@ def predict(belief: Belief, dt: float, settings: TrackerConfig) -> Belief:
     return Belief(State.of(pose, motion), symmetric(transition @ belief.covariance @ transition.T + np.diag(noise)))
 
 
-def smooth_last(values: NDArray[np.float64]) -> float:
+def smooth_last(values: NDArray[np.float64], change: float) -> float:
     """Returns where a value is at the last of successive measurements of it.
 
     The value is taken to walk at random, and to be measured with noise. How the variances of the two compare is not known:
-    Kalman filters for several ratios are averaged, each by how likely the measurements are under it. Where all is noise, the
-    mean remains, and without noise the last measurement.
+    Kalman filters for several ratios are averaged, each by how likely the measurements are under it, and by how likely the
+    walk is that it says they show. Where all is noise, the mean remains, and without noise the last measurement.
 
     Source: the local level model of Harvey, "Forecasting, Structural Time Series Models and the Kalman Filter" (1989).
 
     Args:
         values: (N,) one or more, in the order of time.
+        change: by how much a step of the walk may be expected to change the value. With it alone, few measurements that are
+            far apart are known to be noise.
     """
     levels, variances = np.full(len(_WALKS), values[0]), np.ones(len(_WALKS))  # in units of the noise's variance
     squares, logs = np.full(len(_WALKS), np.finfo(float).tiny), np.zeros(len(_WALKS))
@@ -166,7 +169,8 @@ def smooth_last(values: NDArray[np.float64]) -> float:
         surprise, gains = value - levels, 1.0 - 1.0 / spread
         squares, logs = squares + surprise**2 / spread, logs + np.log(spread)
         levels, variances = levels + gains * surprise, gains
-    logs += (len(values) - 1) * np.log(squares)
+    steps = max(len(values) - 1, 1)
+    logs += steps * np.log(squares) + _WALKS * squares / (steps * change**2)
     return float(np.average(levels, weights=np.exp(-0.5 * (logs - logs.min()))))
 
 

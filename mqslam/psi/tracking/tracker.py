@@ -145,7 +145,7 @@ class Tracker:
             # a pose that odometry gave is no measurement of psi: odometry itself says how well it is known
             known = self._last.blind if twist is None else Blindness.full(self.settings)
             blind = known.after(scan.t0 - self._last.t0, self.settings)
-            held = begin.mean if twist is not None else self._last.predict_steadily(scan) or begin.mean
+            held = begin.mean if twist is not None else self._last.predict_steadily(scan, self.settings) or begin.mean
             stiff = hold_directions(replace(prior, mean=held.vector), weak)
             minimum = self._matcher.minimise(scan, held, stiff, self._map)
         return self._accept(scan, minimum, predicted, weak, blind)

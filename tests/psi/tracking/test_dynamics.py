@@ -76,7 +76,7 @@ def test_unobserved_directions_follow_the_smoothed_twist_of_the_last_matches() -
     noise = np.random.default_rng(2).normal(0.0, 0.1, 32)
     twists = tuple(np.array([8.0 + noise[k], 0.1, 0.05 * k]) for k in range(32))  # noise, nothing, a turn that goes on
     last = LastMatch(1.0, 0.25, Belief(State(VECTOR), np.eye(SIZE)), blind=Blindness.none(), twists=twists)
-    steady = last.predict_steadily(Scan(1.5, 1.75, EMPTY))
+    steady = last.predict_steadily(Scan(1.5, 1.75, EMPTY), SETTINGS)
     assert steady is not None
     np.testing.assert_allclose(steady.twist, [8.0, 0.1, 1.55], atol=0.03)
     np.testing.assert_allclose(steady.pose, se2.compose(VECTOR[POSE], se2.exp(steady.twist, 0.5)))
@@ -85,7 +85,7 @@ def test_unobserved_directions_follow_the_smoothed_twist_of_the_last_matches() -
 @given(st.integers(1, 32), st.floats(-10.0, 10.0), st.integers(0, 2**32 - 1))
 def test_a_smoothed_value_lies_among_the_measurements(count: int, offset: float, seed: int) -> None:
     values = np.random.default_rng(seed).normal(offset, 1.0, count)
-    assert values.min() - 1e-9 <= smooth_last(values) <= values.max() + 1e-9
+    assert values.min() - 1e-9 <= smooth_last(values, 1.0) <= values.max() + 1e-9
 
 
 @pytest.mark.parametrize(("walk", "noise"), [(1.0, 0.0), (0.3, 1.0), (0.02, 1.0), (0.0, 1.0)])
@@ -100,12 +100,18 @@ def test_smoothing_errs_nearly_as_little_as_a_filter_that_knows_the_noise(walk: 
             gain = variance / (variance + noise**2)
             level, variance = level + gain * (value - level), (1.0 - gain) * variance
         known.append(level - true[-1])
-        smoothed.append(smooth_last(values) - true[-1])
+        smoothed.append(smooth_last(values, 1.0) - true[-1])
     assert np.std(smoothed) < np.std(known) + 0.15 * max(walk, noise)
 
 
+def test_few_measurements_that_are_far_apart_are_noise_where_no_walk_goes_so_far() -> None:
+    values = np.array([3.0, -1.0, 4.0, 6.0])
+    assert abs(smooth_last(values, 0.1) - values.mean()) < 0.1
+    assert smooth_last(values, 100.0) > values.mean() + 1.0
+
+
 def test_without_a_match_no_steady_motion_is_known() -> None:
-    assert LastMatch(0.0, 0.25, ORIGIN, blind=Blindness.none()).predict_steadily(Scan(0.25, 0.5, EMPTY)) is None
+    assert LastMatch(0.0, 0.25, ORIGIN, blind=Blindness.none()).predict_steadily(Scan(0.25, 0.5, EMPTY), SETTINGS) is None
 
 
 def test_a_steady_motion_is_predicted_along_its_arc() -> None:
