@@ -16,8 +16,8 @@ from mqslam.auditing.tracks import Track
 from mqslam.config import AuditConfig
 from mqslam.config.reading_config import USUAL_READING, ReadingConfig
 from mqslam.core import se2
-from mqslam.core.lidar import LidarRecording
 from mqslam.core.scans import Scans
+from mqslam.core.sensors.lidar import LidarRecording
 from mqslam.core.timed_cloud import TimedCloud
 from mqslam.core.trajectory import Trajectory
 from mqslam.errors import DataError, Remedy

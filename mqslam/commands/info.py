@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from mqslam.core.lidar import LidarRecording
 from mqslam.core.recording import Recording
+from mqslam.core.sensors.lidar import LidarRecording
 from mqslam.core.trajectory import Trajectory
 
 

@@ -10,6 +10,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from mqslam.core.sensors.fixes import Fixes
+from mqslam.core.sensors.gyroscope import Gyroscope
+from mqslam.core.sensors.mount import Mount
 from mqslam.core.trajectory import Trajectory
 
 FASTEST_TURN_US = 50_000
@@ -46,6 +49,9 @@ class Recording(ABC):
         range_resolution: length of a range bin [m].
         odometry: dead-reckoned poses the recording carries, or None.
         ground_truth: poses known better than any estimate, for evaluation only, or None.
+        gyroscope: readings of a gyroscope the recording carries, or None.
+        fixes: GNSS fixes the recording carries, or None.
+        mount: where the radar sits on the vehicle, as the recording states it, or None.
         notes: what a user should know about how the recording was understood.
         faults: what is wrong with the recording and was left out or put right.
     """
@@ -57,6 +63,9 @@ class Recording(ABC):
     range_resolution: float
     odometry: Trajectory | None = None
     ground_truth: Trajectory | None = None
+    gyroscope: Gyroscope | None = None
+    fixes: Fixes | None = None
+    mount: Mount | None = None
     notes: tuple[str, ...] = field(default=())
     faults: tuple[str, ...] = field(default=())
 

@@ -23,9 +23,9 @@ from support.mutation import Mutate, inside_gzip, inside_png, inside_zip, plain
 from support.recordings import START_US, TURN_US, bag_path, bag_writer, circle, write_bag, write_oxford
 
 from mqslam.config import Config, dump_yaml, load_config
-from mqslam.core.lidar import LidarRecording
 from mqslam.core.recording import PolarScan, Recording
 from mqslam.core.scans import Returns
+from mqslam.core.sensors.lidar import LidarRecording
 from mqslam.core.timed_cloud import TimedCloud
 from mqslam.core.trajectory import Trajectory
 from mqslam.detection.stage import detect_stretch

@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from mqslam.config.reading_config import USUAL_READING, ReadingConfig
 from mqslam.core import se2
-from mqslam.core.lidar import LidarRecording, stamp_scans
 from mqslam.core.scans import Returns
+from mqslam.core.sensors.lidar import LidarRecording, stamp_scans
 from mqslam.core.trajectory import Trajectory
 from mqslam.errors import DataError
 from mqslam.formats.lidars.carmen_lines import CarmenLog, OdometryLine, ScanLine, read_log
