@@ -6,9 +6,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
+import numpy as np
 from gtsam.symbol_shorthand import M, X
 
 from mqslam.backend.drift import widen_ties
+from mqslam.backend.gyroscope.edges import TurnEdges
 from mqslam.backend.pose_graph import Optimum, PoseGraph, build_pose_graph, optimise, poses_of
 from mqslam.backend.submaps import Submaps, split_into_submaps
 from mqslam.config import GraphConfig, LoopConfig
@@ -28,12 +30,14 @@ class Problem:
         odometry: the odometry's motions between the same scans, calibrated, or none.
         graph_settings: settings of the edges between successive scans.
         loop_settings: settings of the loops.
+        turns: the turns of a gyroscope between the same scans, or None.
     """
 
     measurements: Sequence[Measurement]
     odometry: Sequence[Measurement]
     graph_settings: GraphConfig
     loop_settings: LoopConfig
+    turns: TurnEdges | None = None
 
     def build_graph(self, loops: Sequence[Loop], ties: Sequence[Loop] = ()) -> PoseGraph:
         """Returns the graph with the given loops and ties of the refinement; it starts from the chained measurements."""
@@ -49,13 +53,24 @@ class Problem:
         factors += [loop_between(X(loop.earlier), X(loop.later), loop, self.loop_settings) for loop in loops]
         factors += [psi_between(X(tie.earlier), X(tie.later), tie.pose, tie.covariance, settings) for tie in ties]
         chain = se2.chain(m.pose for m in self.measurements)
-        return build_pose_graph(chain, factors, settings, chain[submaps.first_scans])
+        if self.turns is not None:
+            factors += self.turns.list_factors(chain)
+        graph = build_pose_graph(chain, factors, settings, chain[submaps.first_scans])
+        if self.turns is not None:
+            self.turns.insert_into(graph.initial)
+        return graph
 
     @cached_property
     def _submaps(self) -> Submaps:
         """The submaps of the drive, tied to each other as surely as the run shows that its map drifts."""
         submaps = split_into_submaps(self.measurements, self.graph_settings)
         return widen_ties(submaps, self.measurements, self.graph_settings)
+
+    @property
+    def yaw_drift(self) -> float:
+        """By how much the running map turns away in the root of a second [rad], as the ties of its submaps state it."""
+        lasts = self.measurements[-1].t1 - self.measurements[0].t0
+        return float(np.sqrt(sum(tie.covariance[2, 2] for tie in self._submaps.ties) / lasts))
 
     def optimise(self, loops: Sequence[Loop], ties: Sequence[Loop] = ()) -> tuple[PoseGraph, Optimum]:
         """Returns the graph with the given loops and ties, and its optimum."""

@@ -1,4 +1,4 @@
-"""Settings of the radar itself."""
+"""Settings of the radar itself, and of the sensors beside it."""
 
 from __future__ import annotations
 
@@ -59,3 +59,53 @@ class SensorConfig(BaseModel):
         ge=0.0,
         description="A smaller Doppler shift counts as none [s]: it moves returns by a tenth of their own error.",
     )
+
+
+class GyroscopeConfig(BaseModel):
+    """How a gyroscope beside the radar is held against psi, and what makes it unfit."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    longest_delay_s: float = Field(
+        0.3, gt=0.0, description="Largest error of the gyroscope's clock, late or early, that is looked for [s]."
+    )
+    fewest: int = expert(
+        40,
+        ge=3,
+        description="With fewer motions than this that psi found itself, a gyroscope is not calibrated, and not used.",
+    )
+    largest_scale: float = expert(
+        1.25,
+        gt=1.0,
+        description="A gyroscope that turns more than this many times as far as the radar, or as little, is of another unit "
+        "or broken, and is not used. The scale of smaller errors is put right.",
+    )
+    most_wild: float = expert(
+        0.1,
+        gt=0.0,
+        lt=1.0,
+        description="Share of motions in which a calibrated gyroscope may contradict psi by more than three standard "
+        "deviations. Psi itself is wrong in a few.",
+    )
+    told_sigmas: float = expert(
+        5.0,
+        gt=0.0,
+        description="A delay, a scale or that both turn the same way is told by this many standard deviations.",
+    )
+    delay_tolerance_s: float = expert(
+        0.01, ge=0.0, description="A smaller error of the clock is put right without a word [s]."
+    )
+    scale_tolerance: float = expert(
+        0.01, ge=0.0, description="A smaller error of the scale is put right and not worth a word."
+    )
+    knot_s: float = expert(1.0, gt=0.0, description="Time between two values of its bias in the graph [s].")
+    first_walk: float = expert(
+        0.001,
+        gt=0.0,
+        description="Standard deviation [rad/s] by which the bias may walk in a second, until the recording has shown "
+        "how much it does.",
+    )
+    sigma_bias: float = expert(
+        0.1, gt=0.0, description="Standard deviation of the bias when nothing is known of it [rad/s]."
+    )
+    sigma_scale: float = expert(0.1, gt=0.0, description="Standard deviation of an unknown scale.")
