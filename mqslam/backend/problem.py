@@ -10,6 +10,7 @@ import numpy as np
 from gtsam.symbol_shorthand import M, X
 
 from mqslam.backend.drift import widen_ties
+from mqslam.backend.gnss.joining import FixEdges
 from mqslam.backend.gyroscope.edges import TurnEdges
 from mqslam.backend.pose_graph import Optimum, PoseGraph, build_pose_graph, optimise, poses_of
 from mqslam.backend.submaps import Submaps, split_into_submaps
@@ -31,6 +32,7 @@ class Problem:
         graph_settings: settings of the edges between successive scans.
         loop_settings: settings of the loops.
         turns: the turns of a gyroscope between the same scans, or None.
+        fixes: positions of scans that a GNSS receiver has fixed, or None.
     """
 
     measurements: Sequence[Measurement]
@@ -38,6 +40,7 @@ class Problem:
     graph_settings: GraphConfig
     loop_settings: LoopConfig
     turns: TurnEdges | None = None
+    fixes: FixEdges | None = None
 
     def build_graph(self, loops: Sequence[Loop], ties: Sequence[Loop] = ()) -> PoseGraph:
         """Returns the graph with the given loops and ties of the refinement; it starts from the chained measurements."""
@@ -55,9 +58,13 @@ class Problem:
         chain = se2.chain(m.pose for m in self.measurements)
         if self.turns is not None:
             factors += self.turns.list_factors(chain)
+        if self.fixes is not None:
+            factors += self.fixes.list_factors()
         graph = build_pose_graph(chain, factors, settings, chain[submaps.first_scans])
         if self.turns is not None:
             self.turns.insert_into(graph.initial)
+        if self.fixes is not None:
+            self.fixes.insert_into(graph.initial)
         return graph
 
     @cached_property

@@ -109,3 +109,43 @@ class GyroscopeConfig(BaseModel):
         0.1, gt=0.0, description="Standard deviation of the bias when nothing is known of it [rad/s]."
     )
     sigma_scale: float = expert(0.1, gt=0.0, description="Standard deviation of an unknown scale.")
+
+
+class GnssConfig(BaseModel):
+    """How the fixes of a GNSS receiver are held against the trajectory, and what makes them unfit."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    fewest: int = expert(10, ge=3, description="With fewer fixes than this within the recording they are not used.")
+    reach: float = Field(
+        3.0,
+        gt=0.0,
+        description="Distance from the trajectory beyond which a fix is a jump and hardly counts [standard deviations].",
+    )
+    alike_s: float = expert(
+        60.0,
+        gt=0.0,
+        description="Longest time over which fixes are averaged to learn how their errors wander [s]. Over a longer one the "
+        "trajectory itself drifts as much.",
+    )
+    knot_s: float = expert(
+        10.0, gt=0.0, description="Time between two values of a receiver's wandering error in the graph [s]."
+    )
+    largest_walk_m: float = expert(
+        3.0,
+        gt=0.0,
+        description="Fixes that wander about the trajectory by more than this in a second are not used: no receiver's error "
+        "does [m].",
+    )
+    largest_share: float = expert(
+        0.05,
+        gt=0.0,
+        description="Fixes are not used if half of them lie farther from the trajectory than this share of its path: no "
+        "trajectory drifts so much.",
+    )
+    least_spread: float = expert(
+        5.0,
+        gt=0.0,
+        description="Fixes are not used if the trajectory spreads over less than this many times the distance that half of "
+        "them lie from it, since they would say nothing of its heading.",
+    )
