@@ -21,6 +21,7 @@ from mqslam.core.measurement import LoopSearch, Measured, MotionTable, Refined
 from mqslam.core.point_map import PointMap
 from mqslam.core.recording import Recording
 from mqslam.core.scans import Scans
+from mqslam.core.sensors.sensors import NO_SENSORS, Sensors
 from mqslam.core.trajectory import Trajectory
 from mqslam.detection.stage import detect_all
 from mqslam.errors import EstimationError, FewReturnsError
@@ -49,16 +50,16 @@ class Slam:
     def __init__(
         self, config: Config | None = None, frontend: str = "psi", runner: Runner | None = None, *, strict: bool = False
     ) -> None:
-        self._config, self._name = config or Config(), frontend
         frontends.find_entry_point(frontend)
-        self._runner, self._strict = runner or Runner(), strict
+        self._config, self._name, self._runner, self._strict = config or Config(), frontend, runner or Runner(), strict
 
-    def run(self, recording: Recording, odometry: Trajectory | None = None) -> Run:
+    def run(self, recording: Recording, odometry: Trajectory | None = None, sensors: Sensors = NO_SENSORS) -> Run:
         """Takes a recording to its optimised map.
 
         Args:
             recording: the recording.
             odometry: dead-reckoned poses that cover the recording, or None.
+            sensors: the other sensors of the vehicle; nothing is made of them yet.
 
         Raises:
             DataError: more than half of the polar scans cannot be read, or any of them if strict.
@@ -150,8 +151,7 @@ class Slam:
         runner, kept = self._runner, self._runner.find(MEASURED)
         live = LiveMap(scans, beam, runner)
         context = replace(context, preview=live.show, engine=runner.engine)
-        motions = kept.measurements if kept else measure_motions(self._name, context, scans)
-        measurements = MotionTable(live.follow(motions))
+        measurements = MotionTable(live.follow(kept.measurements if kept else measure_motions(self._name, context, scans)))
         if not kept:
             runner.keep(MEASURED, Measured(measurements, context.doppler_beta))
         return measurements

@@ -36,6 +36,9 @@ def test_a_person_reads_a_line_per_fact(tmp_path: Path) -> None:
         "range": "200 bins of 0.0438 m: 8.8 m",
         "odometry": "2 poses, 4.5 m",
         "ground truth": "none",
+        "gyroscope": "none",
+        "GNSS": "none",
+        "mount": "not stated",
         "gaps": "0.50 s after scan 3 (scans are counted from 0)",
     }
     assert read_contents(tmp_path) == before
