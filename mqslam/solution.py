@@ -10,8 +10,9 @@ import gtsam
 from mqslam.auditing.judge import Audit
 from mqslam.auditing.windows.windows import WindowAudit
 from mqslam.backend.linear.marginals import PoseCovariances
-from mqslam.backend.odometry_edges import ODOMETRY
+from mqslam.backend.odometry.odometry_edges import ODOMETRY
 from mqslam.backend.pose_graph import PoseGraph
+from mqslam.backend.sensing import SensorUse
 from mqslam.config import Config
 from mqslam.core.measurement import Loop, Measurement, Refined
 from mqslam.core.point_map import PointMap
@@ -38,6 +39,7 @@ class Solution:
         loops: loop closures that were found; where the refinement has measured the same passes, its ties replace them.
         loops_rejected: number of loop candidates that psi, the graph or the map did not keep.
         refined: the refinement after the loops, and psi across passes.
+        sensors: what became of the other sensors.
         unoptimised: why the graph could not be optimised and its starting values were kept, or None.
         warnings: what could not be done, and why.
     """
@@ -55,6 +57,7 @@ class Solution:
     loops: list[Loop]
     loops_rejected: int
     refined: Refined
+    sensors: SensorUse
     unoptimised: str | None
     warnings: tuple[str, ...]
 

@@ -10,8 +10,8 @@ import numpy as np
 from gtsam.symbol_shorthand import M, X
 
 from mqslam.backend.drift import widen_ties
-from mqslam.backend.gnss.joining import FixEdges
-from mqslam.backend.gyroscope.edges import TurnEdges
+from mqslam.backend.gnss.fix_use import FixEdges
+from mqslam.backend.gyroscope.turn_edges import TurnEdges
 from mqslam.backend.pose_graph import Optimum, PoseGraph, build_pose_graph, optimise, poses_of
 from mqslam.backend.submaps import Submaps, split_into_submaps
 from mqslam.config import GraphConfig, LoopConfig

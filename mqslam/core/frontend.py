@@ -16,6 +16,7 @@ from mqslam.core import se2
 from mqslam.core.engine import Engine
 from mqslam.core.measurement import Measurement
 from mqslam.core.scans import Scan, Scans
+from mqslam.core.sensors.sensors import NO_SENSORS, Sensors
 from mqslam.core.trajectory import Trajectory
 from mqslam.errors import ConfigError, EstimationError, FrontEndError, MqslamError, Remedy, describe_error, suggest
 
@@ -39,6 +40,7 @@ class Context:
         doppler_beta: range shift per closing speed [s], as the settings name it or as it was measured.
         preview: takes each motion, in order, as soon as a front end has a first estimate of it, to show it. A front end that
             yields its motions as it measures them need not call it.
+        sensors: the other sensors of the vehicle, for what comes after the front end.
         engine: where a front end may have stretches of a recording tracked beside each other; None tracks them here.
     """
 
@@ -49,6 +51,7 @@ class Context:
     doppler_beta: float = 0.0
     preview: Callable[[Measurement], None] = ignore_motion
     engine: Engine | None = None
+    sensors: Sensors = NO_SENSORS
 
     def odometry_twist(self, t0: float, t1: float) -> se2.Array | None:
         """Returns the mean twist (3,) of the odometry between two times [s], or None where there is none."""

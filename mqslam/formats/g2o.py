@@ -20,21 +20,22 @@ def format_g2o(factors: gtsam.NonlinearFactorGraph, values: gtsam.Values, size: 
 
     Args:
         factors: the graph, of which the between-factors are written.
-        values: the poses x0 .. x(size - 1) of the scans, and m0 .. of the submaps.
+        values: the poses x0 .. x(size - 1) of the scans, and m0 .. of the submaps; what else they hold is left out.
         size: number of scans.
     """
     import gtsam
 
     lines = []
     above = np.triu_indices(3)
-    keys = [gtsam.symbol("x", k) for k in range(size)] + [gtsam.symbol("m", j) for j in range(values.size() - size)]
+    submaps = sum(chr(gtsam.symbolChr(key)) == "m" for key in values.keys())
+    keys = [gtsam.symbol("x", k) for k in range(size)] + [gtsam.symbol("m", j) for j in range(submaps)]
     number = {key: k for k, key in enumerate(keys)}
     for key, k in number.items():
         pose = values.atPose2(key)
         lines.append(f"VERTEX_SE2 {k} {pose.x():.9g} {pose.y():.9g} {pose.theta():.9g}")
     for i in range(factors.size()):
         factor = factors.at(i)
-        if not isinstance(factor, gtsam.BetweenFactorPose2):
+        if not isinstance(factor, gtsam.BetweenFactorPose2) or not set(factor.keys()) <= set(number):
             continue
         a, b = (number[key] for key in factor.keys())
         z = factor.measured()

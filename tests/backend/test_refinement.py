@@ -11,7 +11,7 @@ from support.passes import BEAM, LANE_Y, joined, path, street_pass
 from mqslam.backend import refinement
 from mqslam.backend.crossings import find_crossings, measure_psi_across
 from mqslam.backend.loops.submap import Drive
-from mqslam.backend.odometry_edges import reckon
+from mqslam.backend.odometry.odometry_edges import reckon
 from mqslam.backend.problem import Problem
 from mqslam.backend.refinement import drop_replaced, refine, select_tied
 from mqslam.config import Config, LoopConfig, RefinementConfig
