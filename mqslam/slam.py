@@ -14,7 +14,7 @@ from mqslam.backend.odometry.odometry_edges import make_odometry_edges, read_odo
 from mqslam.backend.pose_graph import poses_of
 from mqslam.backend.problem import Problem
 from mqslam.backend.refinement import refine
-from mqslam.backend.sensing import NO_USE, join_sensors
+from mqslam.backend.sensor_use import NO_USE, join_sensors
 from mqslam.config import Config
 from mqslam.core import frontend as frontends
 from mqslam.core.frontend import Context, measure_motions

@@ -12,7 +12,7 @@ from mqslam.auditing.windows.windows import WindowAudit
 from mqslam.backend.linear.marginals import PoseCovariances
 from mqslam.backend.odometry.odometry_edges import ODOMETRY
 from mqslam.backend.pose_graph import PoseGraph
-from mqslam.backend.sensing import SensorUse
+from mqslam.backend.sensor_use import SensorUse
 from mqslam.config import Config
 from mqslam.core.measurement import Loop, Measurement, Refined
 from mqslam.core.point_map import PointMap
