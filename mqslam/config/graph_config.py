@@ -74,3 +74,14 @@ class GraphConfig(BaseModel):
     prior_rad: float = expert(
         1e-4, gt=0.0, description="Standard deviation [rad] of the prior that holds the first yaw at zero."
     )
+    lifted_m: float = expert(
+        0.5,
+        gt=0.0,
+        description="Standard deviation [m] of z in a factor for a graph of poses in space, which says nothing about z: a "
+        "slope that begins within a submap lifts the vehicle by no more. Runs have planar poses and do without it.",
+    )
+    lifted_rad: float = expert(
+        0.1,
+        gt=0.0,
+        description="The same of roll and pitch [rad]: roads hardly bend more within a submap.",
+    )
