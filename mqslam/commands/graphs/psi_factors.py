@@ -16,7 +16,7 @@ from mqslam.backend.problem import Problem
 from mqslam.commands.graphs.keys import Between, Keys, Pose, check_apart, choose_lift, list_keys
 from mqslam.commands.graphs.radar import Source, look_at
 from mqslam.commands.work import QUIET, Work
-from mqslam.config import Config
+from mqslam.config import Config, set_doppler_beta
 from mqslam.core import se2
 from mqslam.core.frontend import measure_motions
 from mqslam.core.measurement import Measurement, MotionTable
@@ -33,6 +33,7 @@ class PsiFactors(Sequence[Stated]):
     Args:
         pairs: the factors, and what each states about the pose of its second key in the frame of its first.
         scans: of the recording, for `loop_factors` and `refine`, which then need not detect them again.
+        config: all settings, with the Doppler shift that was used, which then need not be measured again.
         chained: (N, 3) pose of every scan in the frame of the first one, by the measurements alone [m, m, rad].
         scan_keys: (N,) key of every scan.
         submap_keys: (J,) key of every submap.
@@ -41,6 +42,7 @@ class PsiFactors(Sequence[Stated]):
 
     pairs: Sequence[Stated]
     scans: Scans
+    config: Config
     chained: se2.Array
     scan_keys: Sequence[int]
     submap_keys: Sequence[int]
@@ -154,5 +156,6 @@ def psi_factors(
     own_keys = [int(submap_keys(j)) for j in range(len(first_scans))]
     check_apart([*scan_keys, *own_keys])
     factors = [lift(factor) for factor in problem.make_factors(scan_keys.__getitem__, own_keys.__getitem__)]
+    used = set_doppler_beta(settings, radar.doppler_beta)
     pairs = list(zip(factors, problem.list_statements(), strict=True))
-    return PsiFactors(pairs, scans, se2.chain(m.pose for m in measurements), scan_keys, own_keys, first_scans)
+    return PsiFactors(pairs, scans, used, se2.chain(m.pose for m in measurements), scan_keys, own_keys, first_scans)
