@@ -10,6 +10,8 @@ Public names, all typed and silent:
 - `run`, `audit`, `compare` take a recording's path and a folder for the results, and return what they have left there.
 - `open_recording` opens a recording; `load_config` reads settings into a `Config`.
 - `Slam` is the method: it takes an open recording to its optimised map, in memory.
+- `psi_factors`, `loop_factors` and `refine` return measurements, loop closures and single scans among earlier passes as
+  factors for a GTSAM graph of your own.
 - `Work`, `Runner` and `LocalEngine` say where work is done and who is told about it.
 - `Trajectory`, `Measurement` are what goes in and comes out; `MqslamError` is the base of all errors.
 """
@@ -25,6 +27,9 @@ from mqslam.version import __version__
 if TYPE_CHECKING:
     from mqslam.commands.audit import audit
     from mqslam.commands.compare import compare
+    from mqslam.commands.graphs.loop_factors import loop_factors
+    from mqslam.commands.graphs.psi_factors import psi_factors
+    from mqslam.commands.graphs.refine import refine
     from mqslam.commands.run import run
     from mqslam.commands.work import Work
     from mqslam.config import Config, load_config
@@ -49,7 +54,10 @@ __all__ = [
     "audit",
     "compare",
     "load_config",
+    "loop_factors",
     "open_recording",
+    "psi_factors",
+    "refine",
     "run",
 ]
 
@@ -67,7 +75,10 @@ _MODULES = {
     "audit": "commands.audit",
     "compare": "commands.compare",
     "load_config": "config",
+    "loop_factors": "commands.graphs.loop_factors",
     "open_recording": "formats.recordings",
+    "psi_factors": "commands.graphs.psi_factors",
+    "refine": "commands.graphs.refine",
     "run": "commands.run",
 }
 

@@ -31,6 +31,7 @@ class Remedy(StrEnum):
     GIVE_TIME_OFFSET = "give a time offset in seconds of"
     GIVE_TRAJECTORY = "give the file of a trajectory"
     GIVE_TRAJECTORY_OR_NAME = "give the file of a trajectory, or the name of one that the recording carries"
+    GIVE_VALUES = "give the file of its values"
     LEAVE_STRICT_OUT = "mend it, or run without strict to leave out what cannot be read"
     NAME_LAYOUT = "name its layout"
     MEND_FRONT_END = "mend it, whose traceback is in the log, or choose another front end"

@@ -31,6 +31,13 @@ FINDINGS = {
         errors = {label: evaluate(row.trajectory, truth) for label, row in rows.items()}
         assert 2.0 * errors["ψ"].rpe_v_rms < errors["KISS-ICP"].rpe_v_rms
         """,
+    "04_own_graph": """
+        assert len(pairs) > 5 and sigmas["radar"][0] < 0.01 and sigmas["radar"].max() > 0.25
+        assert sigmas["radar, GNSS"].max() < 0.4 and sigmas["radar, GNSS, loops"].max() < 0.25
+        assert np.sqrt(np.mean(errors["radar, GNSS, loops"] ** 2)) < 0.25
+        for name in optima: assert 0.1 < np.mean((errors[name] / sigmas[name]) ** 2) < 3.0
+        assert np.std(heights) < 0.5 * np.std(ups)
+        """,
 }
 
 

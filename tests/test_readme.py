@@ -80,6 +80,7 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     shutil.copy("finished/map.ply", "map.ply")
     shutil.copy("finished/trajectory.tum", "trajectory.tum")
     shutil.copy("finished/config.yaml", "config.yaml")
+    shutil.copy("finished/graph.g2o", "graph.g2o")
     yield folder
     os.chdir(before)
 
@@ -138,13 +139,26 @@ def test_make_demo_ends_with_a_report(tmp_path: Path) -> None:
     assert (tmp_path / "demo" / "run" / "report.html").is_file()
 
 
+def programs() -> list[str]:
+    """Lists the programs in Python: a run, and a graph of one's own."""
+    return [text for text in snippets("python") if "import mqslam\n" in text]
+
+
 @pytest.mark.slow
 def test_the_program_in_python_runs_as_printed(place: Path) -> None:
-    (program,) = [text for text in snippets("python") if "import mqslam\n" in text]
+    program, _ = programs()
     assert len(program.strip().splitlines()) == 5
     done = subprocess.run([sys.executable, "-c", program], cwd=place, capture_output=True, text=True, timeout=1800)
     assert done.returncode == 0, done.stderr
     assert (place / "demo" / "again" / "trajectory.tum").is_file() and done.stdout
+
+
+@pytest.mark.slow
+def test_the_graph_of_ones_own_is_built_as_printed(place: Path) -> None:
+    _, program = programs()
+    done = subprocess.run([sys.executable, "-c", program], cwd=place, capture_output=True, text=True, timeout=1800)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.startswith("0 ")  # the street of the test is driven once
 
 
 def test_the_front_end_of_ones_own_is_one() -> None:

@@ -14,7 +14,7 @@ from mqslam.evaluation import evaluate
 from mqslam.execution.checkpoint import FOLDER, Checkpoint
 from mqslam.execution.local_engine import LocalEngine
 from mqslam.execution.runner import Runner
-from mqslam.formats.g2o import format_g2o
+from mqslam.formats.graphs.g2o import format_g2o
 from mqslam.results.run_results import summarise
 from mqslam.simulator import SimulatedRecording
 from mqslam.slam import Slam

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Final
 
@@ -28,11 +28,17 @@ class PoseGraph:
         factors: the GTSAM graph, its prior on x0 included.
         initial: starting values.
         size: number of scans n.
+        key: returns the key of a scan by its number, where these are others than x0 .. x(n-1).
     """
 
     factors: gtsam.NonlinearFactorGraph
     initial: gtsam.Values
     size: int
+    key: Callable[[int], int] = X
+
+    def poses_at(self, values: gtsam.Values) -> se2.Array:
+        """Returns the poses (n, 3) of the scans by values of the graph, as `poses_of` does."""
+        return poses_of(values, self.size, self.key)
 
 
 @dataclass(frozen=True)
@@ -89,15 +95,25 @@ def optimise(graph: PoseGraph) -> Optimum:
     parameters.setLinearSolverType("MULTIFRONTAL_QR")
     try:
         values = gtsam.LevenbergMarquardtOptimizer(graph.factors, graph.initial, parameters).optimize()
-        if not np.isfinite(poses_of(values, graph.size)).all():
+        if not np.isfinite(graph.poses_at(values)).all():
             return Optimum(graph.initial, "its poses grew beyond what numbers can hold")
     except Exception as error:  # whatever GTSAM throws, the initial values are a result
         return Optimum(graph.initial, describe_error(error))
     return Optimum(values)
 
 
-def poses_of(values: gtsam.Values, size: int) -> se2.Array:
-    """Returns the poses (n, 3) of values, with the yaw unwrapped from each to the next."""
-    poses = np.array([(p.x(), p.y(), p.theta()) for p in (values.atPose2(X(k)) for k in range(size))])
+def poses_of(values: gtsam.Values, size: int, key: Callable[[int], int] = X) -> se2.Array:
+    """Returns the poses (n, 3) of values, in space as seen from above, with the yaw unwrapped from each to the next."""
+    poses = np.array([pose_of(values, key(k)) for k in range(size)])
     poses[:, 2] = np.unwrap(poses[:, 2])
     return poses
+
+
+def pose_of(values: gtsam.Values, key: int) -> tuple[float, float, float]:
+    """Returns the pose of a key, x [m], y [m], yaw [rad]; one in space as it is seen from above."""
+    try:
+        pose = values.atPose2(key)
+    except RuntimeError:  # GTSAM offers no other way to ask what kind of pose it is
+        spatial = values.atPose3(key)
+        return spatial.x(), spatial.y(), spatial.rotation().yaw()
+    return pose.x(), pose.y(), pose.theta()

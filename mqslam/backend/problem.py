@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 
+import gtsam
 import numpy as np
 from gtsam.symbol_shorthand import M, X
+from numpy.typing import NDArray
 
 from mqslam.backend.drift import widen_ties
 from mqslam.backend.gnss.fix_use import FixEdges
 from mqslam.backend.gyroscope.turn_edges import TurnEdges
-from mqslam.backend.pose_graph import Optimum, PoseGraph, build_pose_graph, optimise, poses_of
+from mqslam.backend.pose_graph import Optimum, PoseGraph, build_pose_graph, optimise
 from mqslam.backend.submaps import Submaps, split_into_submaps
 from mqslam.config import GraphConfig, LoopConfig
 from mqslam.core import se2
@@ -22,9 +25,33 @@ from mqslam.factors.odometry_between import odometry_between
 from mqslam.factors.psi_between import psi_between
 
 
+class GraphProblem(ABC):
+    """A trajectory that is to be optimised, as the search for loops and the refinement see it."""
+
+    loop_settings: LoopConfig
+
+    @abstractmethod
+    def build_graph(self, loops: Sequence[Loop], ties: Sequence[Loop] = ()) -> PoseGraph:
+        """Returns the graph with the given loops and ties of the refinement."""
+
+    @abstractmethod
+    def estimate_own_covariances(self) -> NDArray[np.float64]:
+        """Returns the covariance (N, 3, 3) of each scan in its surroundings, in its own frame [m, m, rad]."""
+
+    def optimise(self, loops: Sequence[Loop], ties: Sequence[Loop] = ()) -> tuple[PoseGraph, Optimum]:
+        """Returns the graph with the given loops and ties, and its optimum."""
+        graph = self.build_graph(loops, ties)
+        return graph, optimise(graph)
+
+    def solve_poses(self, loops: Sequence[Loop], ties: Sequence[Loop] = ()) -> se2.Array:
+        """Returns the optimised poses (N, 3) with the given loops and ties [m, m, rad]."""
+        graph, optimum = self.optimise(loops, ties)
+        return graph.poses_at(optimum.values)
+
+
 @dataclass(frozen=True)
-class Problem:
-    """A trajectory that is to be optimised.
+class Problem(GraphProblem):
+    """A trajectory that is to be optimised, by what was measured along it.
 
     Args:
         measurements: the front end's motions between successive scans.
@@ -44,15 +71,8 @@ class Problem:
 
     def build_graph(self, loops: Sequence[Loop], ties: Sequence[Loop] = ()) -> PoseGraph:
         """Returns the graph with the given loops and ties of the refinement; it starts from the chained measurements."""
-        settings, submaps = self.graph_settings, self._submaps
-        factors = [psi_between(M(p.submap), X(p.number), p.pose, p.covariance, settings) for p in submaps.placements]
-        factors += [psi_between(M(t.submap), M(t.number), t.pose, t.covariance, settings) for t in submaps.ties]
-        factors += [
-            psi_between(X(k), X(k + 1), m.pose, m.covariance, settings)
-            for k, m in enumerate(self.measurements)
-            if not m.on_map
-        ]
-        factors += [odometry_between(X(k), X(k + 1), m, settings) for k, m in enumerate(self.odometry)]
+        settings = self.graph_settings
+        factors: list[gtsam.NonlinearFactor] = [*self.make_factors(X, M)]
         factors += [loop_between(X(loop.earlier), X(loop.later), loop, self.loop_settings) for loop in loops]
         factors += [psi_between(X(tie.earlier), X(tie.later), tie.pose, tie.covariance, settings) for tie in ties]
         chain = se2.chain(m.pose for m in self.measurements)
@@ -60,15 +80,58 @@ class Problem:
             factors += self.turns.list_factors(chain)
         if self.fixes is not None:
             factors += self.fixes.list_factors()
-        graph = build_pose_graph(chain, factors, settings, chain[submaps.first_scans])
+        graph = build_pose_graph(chain, factors, settings, chain[self.submaps.first_scans])
         if self.turns is not None:
             self.turns.insert_into(graph.initial)
         if self.fixes is not None:
             self.fixes.insert_into(graph.initial)
         return graph
 
+    def make_factors(self, scan: Callable[[int], int], submap: Callable[[int], int]) -> list[gtsam.BetweenFactorPose2]:
+        """Returns the factors of all that was measured, without loops.
+
+        Args:
+            scan: returns the key of a scan by its number.
+            submap: returns the key of a submap by its number.
+        """
+        settings, submaps = self.graph_settings, self.submaps
+        factors = [psi_between(submap(p.submap), scan(p.number), p.pose, p.covariance, settings) for p in submaps.placements]
+        factors += [psi_between(submap(t.submap), submap(t.number), t.pose, t.covariance, settings) for t in submaps.ties]
+        factors += [psi_between(scan(k), scan(k + 1), m.pose, m.covariance, settings) for k, m in self._list_apart()]
+        factors += [odometry_between(scan(k), scan(k + 1), m, settings) for k, m in enumerate(self.odometry)]
+        return factors
+
+    def list_statements(self) -> list[Measurement]:
+        """Returns what each of the factors of `make_factors` states, in their order.
+
+        A scan or submap that a motion of the front end leads to has that motion's status, psi and counts.
+        """
+        submaps = self.submaps
+        firsts = submaps.first_scans.tolist()
+        spans = [(firsts[p.submap], p.number, p) for p in submaps.placements]
+        spans += [(firsts[t.submap], firsts[t.number], t) for t in submaps.ties]
+        starts = [*(m.t0 for m in self.measurements), *(m.t1 for m in self.measurements[-1:])]
+        unknown = np.full(3, np.nan)
+        stated = [
+            replace(
+                self.measurements[max(last - 1, 0)],
+                t0=starts[first],
+                t1=starts[last],
+                pose=placed.pose,
+                covariance=placed.covariance,
+                apart=unknown,
+            )
+            for first, last, placed in spans
+        ]
+        return [*stated, *(m for _, m in self._list_apart()), *self.odometry]
+
+    def estimate_own_covariances(self) -> NDArray[np.float64]:
+        """Returns half of the covariance of each motion, which has two ends, in the frame of the scan that it starts at."""
+        halves = [0.5 * motion.covariance for motion in self.measurements]
+        return np.array([*halves, halves[-1]])
+
     @cached_property
-    def _submaps(self) -> Submaps:
+    def submaps(self) -> Submaps:
         """The submaps of the drive, tied to each other as surely as the run shows that its map drifts."""
         submaps = split_into_submaps(self.measurements, self.graph_settings)
         return widen_ties(submaps, self.measurements, self.graph_settings)
@@ -77,14 +140,8 @@ class Problem:
     def yaw_drift(self) -> float:
         """By how much the running map turns away in the root of a second [rad], as the ties of its submaps state it."""
         lasts = self.measurements[-1].t1 - self.measurements[0].t0
-        return float(np.sqrt(sum(tie.covariance[2, 2] for tie in self._submaps.ties) / lasts))
+        return float(np.sqrt(sum(tie.covariance[2, 2] for tie in self.submaps.ties) / lasts))
 
-    def optimise(self, loops: Sequence[Loop], ties: Sequence[Loop] = ()) -> tuple[PoseGraph, Optimum]:
-        """Returns the graph with the given loops and ties, and its optimum."""
-        graph = self.build_graph(loops, ties)
-        return graph, optimise(graph)
-
-    def solve_poses(self, loops: Sequence[Loop], ties: Sequence[Loop] = ()) -> se2.Array:
-        """Returns the optimised poses (N, 3) with the given loops and ties [m, m, rad]."""
-        graph, optimum = self.optimise(loops, ties)
-        return poses_of(optimum.values, graph.size)
+    def _list_apart(self) -> list[tuple[int, Measurement]]:
+        """Returns the motions that belong to no submap, each with the number of the scan that it starts at."""
+        return [(k, motion) for k, motion in enumerate(self.measurements) if not motion.on_map]

@@ -24,7 +24,7 @@ from mqslam.backend.crossings import Crossing, find_crossings, measure_psi_acros
 from mqslam.backend.loops.align import TOLERANCES, observes_all
 from mqslam.backend.loops.rigid import minimise_rigidly, move_rigidly
 from mqslam.backend.loops.submap import Drive
-from mqslam.backend.problem import Problem
+from mqslam.backend.problem import GraphProblem
 from mqslam.config import Config
 from mqslam.core import se2
 from mqslam.core.measurement import Loop, Refined
@@ -61,7 +61,13 @@ class _Setting:
 
 
 def refine(
-    before: Trajectory, problem: Problem, loops: Sequence[Loop], scans: Scans, config: Config, beam: Beam, runner: Runner
+    before: Trajectory,
+    problem: GraphProblem,
+    loops: Sequence[Loop],
+    scans: Scans,
+    config: Config,
+    beam: Beam,
+    runner: Runner,
 ) -> Refined:
     """Refines a trajectory by psi between its passes, as long as psi becomes no larger.
 
@@ -83,7 +89,7 @@ def refine(
 
     closed = psi_under(drive.poses)
     best = Refined(list(loops), [], psi_under(before.poses), closed, closed)
-    variances = _find_own_covariances(problem)
+    variances = problem.estimate_own_covariances()
     for number in range(settings.rounds if loops else 0):
         crossings = select_tied(find_crossings(drive, EVERY_SCAN_M, apart_m, settings), drive, loops, apart_m)
         measured = engine.map(measure_crossing, _Setting(drive, variances, config, beam), crossings)
@@ -182,12 +188,6 @@ def _measure_scan(setting: _Setting, references: References, anchor: int, later:
         matched,
         minimum.evaluation.psi / len(scan),
     )
-
-
-def _find_own_covariances(problem: Problem) -> NDArray[np.float64]:
-    """Returns the covariance (N, 3, 3) of each scan in its surroundings: half of that of a motion, which has two ends."""
-    halves = [0.5 * motion.covariance for motion in problem.measurements]
-    return np.array([*halves, halves[-1]])  # each is stated in the frame of the scan that the motion starts at
 
 
 def _is_settled(ties: Sequence[Loop], before: se2.Array, after: se2.Array, share: float) -> bool:

@@ -14,6 +14,7 @@ from mqslam.cli.compare import compare
 from mqslam.cli.config import config
 from mqslam.cli.convert import convert
 from mqslam.cli.info import info
+from mqslam.cli.optimise import optimise
 from mqslam.cli.paper import paper
 from mqslam.cli.run import run
 from mqslam.cli.score import score
@@ -40,6 +41,7 @@ app.command()(check)
 app.command()(convert)
 app.command()(simulate)
 app.command()(score)
+app.command()(optimise)
 app.add_typer(config, name="config")
 app.add_typer(paper, name="paper")
 

@@ -23,7 +23,7 @@ from mqslam.errors import tolerate
 from mqslam.evaluation import evaluate
 from mqslam.execution.files import write_json, write_text
 from mqslam.formats.covariances import StampedCovariances, write_covariances
-from mqslam.formats.g2o import format_g2o
+from mqslam.formats.graphs.g2o import format_g2o
 from mqslam.formats.nav2_map import write_nav2_map
 from mqslam.formats.ply import Clock, write_ply
 from mqslam.formats.tum import write_tum

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from mqslam.core.trajectory import Trajectory
 from mqslam.errors import DataError
-from mqslam.formats.g2o import read_edges
+from mqslam.formats.graphs.g2o import read_edges
 from mqslam.formats.ply import read_ply
 from mqslam.formats.tum import read_tum
 

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from functools import lru_cache
-
 import numpy as np
 import pytest
-from support.passes import BEAM, LANE_Y, joined, path, street_pass
+from support.passes import BEAM, LANE_Y, noisy_passes, path, street_pass
 
 from mqslam.backend import refinement
 from mqslam.backend.crossings import find_crossings, measure_psi_across
@@ -16,7 +14,7 @@ from mqslam.backend.problem import Problem
 from mqslam.backend.refinement import drop_replaced, refine, select_tied
 from mqslam.config import Config, LoopConfig, RefinementConfig
 from mqslam.core import se2
-from mqslam.core.measurement import Loop, Measurement, Refined
+from mqslam.core.measurement import Loop, Refined
 from mqslam.core.scans import Scans
 from mqslam.execution.local_engine import HERE, LocalEngine
 from mqslam.execution.runner import Runner
@@ -25,22 +23,10 @@ APART_M = 35.0  # a pass of the tests is 40 m long
 CONFIG = Config(loops=LoopConfig(least_path_m=APART_M), refinement=RefinementConfig(rounds=2))
 
 
-@lru_cache(maxsize=1)
 def two_passes() -> tuple[Drive, Problem, tuple[Loop, ...]]:
     """Returns two true passes over a street, a problem of noisy motions along them, and a loop that is somewhat off."""
-    earlier, later = street_pass(-25.0, LANE_Y, 0.0, 1), street_pass(-22.0, LANE_Y, 0.0, 2)
-    drive = joined(earlier, later)
-    rng = np.random.default_rng(1)
-    sigmas = np.array([0.02, 0.02, 0.001])
-    motions = []
-    for k, motion in enumerate(se2.wrapped_between(drive.poses[:-1], drive.poses[1:])):
-        wide = 50.0 if k + 1 == len(earlier.times) else 1.0  # nobody saw the way between them
-        noisy = motion + wide * sigmas * rng.standard_normal(3)
-        motions.append(Measurement(drive.times[k], drive.times[k + 1], noisy, np.diag((wide * sigmas) ** 2)))
-    first, second = 10, 10 + len(earlier.times)
-    pose = se2.between(drive.poses[first], drive.poses[second]) + np.array([0.08, -0.06, 0.003])
-    loop = Loop(first, second, pose, np.diag([1e-3, 1e-3, 1e-6]), 0.7, 0.5)
-    return drive, Problem(motions, [], CONFIG.graph, CONFIG.loops), (loop,)
+    drive, problem, loop = noisy_passes(CONFIG.loops)
+    return drive, problem, (loop,)
 
 
 def refined(config: Config = CONFIG, jobs: int = 1) -> Refined:

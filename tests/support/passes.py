@@ -7,8 +7,10 @@ from functools import lru_cache
 import numpy as np
 
 from mqslam.backend.loops.submap import Drive
-from mqslam.config import Config
+from mqslam.backend.problem import Problem
+from mqslam.config import Config, LoopConfig
 from mqslam.core import se2
+from mqslam.core.measurement import Loop, Measurement
 from mqslam.core.scans import Returns, Scan
 from mqslam.detection.stage import detect_all
 from mqslam.psi.place import beam_of
@@ -48,6 +50,24 @@ def joined(first: Drive, second: Drive, poses: se2.Array | None = None) -> Drive
         r = w.returns
         scans.append(Scan(w.t0 + late, w.t1 + late, Returns(r.ranges, r.azimuths, r.times + late, r.intensities)))
     return Drive.of(scans, np.concatenate([first.poses, second.poses if poses is None else poses]))
+
+
+@lru_cache(maxsize=1)
+def noisy_passes(loops: LoopConfig) -> tuple[Drive, Problem, Loop]:
+    """Returns two true passes over a street, a problem of noisy motions along them, and a loop that is somewhat off."""
+    earlier, later = street_pass(-25.0, LANE_Y, 0.0, 1), street_pass(-22.0, LANE_Y, 0.0, 2)
+    drive = joined(earlier, later)
+    rng = np.random.default_rng(1)
+    sigmas = np.array([0.02, 0.02, 0.001])
+    motions = []
+    for k, motion in enumerate(se2.wrapped_between(drive.poses[:-1], drive.poses[1:])):
+        wide = 50.0 if k + 1 == len(earlier.times) else 1.0  # nobody saw the way between them
+        noisy = motion + wide * sigmas * rng.standard_normal(3)
+        motions.append(Measurement(drive.times[k], drive.times[k + 1], noisy, np.diag((wide * sigmas) ** 2)))
+    first, second = 10, 10 + len(earlier.times)
+    pose = se2.between(drive.poses[first], drive.poses[second]) + np.array([0.08, -0.06, 0.003])
+    loop = Loop(first, second, pose, np.diag([1e-3, 1e-3, 1e-6]), 0.7, 0.5)
+    return drive, Problem(motions, [], CONFIG.graph, loops), loop
 
 
 def path(xy: np.ndarray) -> Drive:

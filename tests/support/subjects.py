@@ -31,6 +31,7 @@ from mqslam.core.trajectory import Trajectory
 from mqslam.detection.stage import detect_stretch
 from mqslam.formats.clouds import read_cloud
 from mqslam.formats.covariances import StampedCovariances, read_covariances, write_covariances
+from mqslam.formats.graphs.g2o import read_g2o
 from mqslam.formats.lidars import carmen, laserscan
 from mqslam.formats.recordings import open_recording, read_odometry
 from mqslam.formats.recordings.native import write as write_native
@@ -304,6 +305,25 @@ def check_covariances(path: Path) -> None:
     assert given.covariances.shape == (len(given.stamps_us), 3, 3) and np.isfinite(given.covariances).all()
 
 
+def pose_graph(spatial: bool) -> Callable[[Path], Path]:
+    def write(folder: Path) -> Path:
+        start, step = ("0 0 0 0 0 0 1", "1 0 0 0 0 0.1 0.995") if spatial else ("0 0 0", "1 0 0.1")
+        vertex, edge = ("VERTEX_SE3:QUAT", "EDGE_SE3:QUAT") if spatial else ("VERTEX_SE2", "EDGE_SE2")
+        information = np.eye(6 if spatial else 3)[np.triu_indices(6 if spatial else 3)]
+        lines = [f"{vertex} {k} {start}\n" for k in range(8)]
+        lines += [f"{edge} {k} {k + 1} {step} {' '.join(map(str, information))}\n" for k in range(7)]
+        (folder / "graph.g2o").write_text("".join(lines) + "FIX 0\n")
+        return folder / "graph.g2o"
+
+    return write
+
+
+def check_pose_graph(path: Path) -> None:
+    stored = read_g2o(path)
+    assert set(stored.held) <= set(stored.keys) and len(stored.keys) == stored.values.size()
+    assert stored.factors.size() > 0 and np.isfinite(stored.factors.error(stored.values))
+
+
 def twists(folder: Path) -> Path:
     return oxford(folder) / "odom.csv"
 
@@ -350,6 +370,8 @@ SUBJECTS = {
     "transforms": Subject(transforms, lambda path: check_trajectory(read_trajectory(path)), {}),
     "csv": Subject(csv, lambda path: check_trajectory(read_trajectory(path)), {}),
     "covariances": Subject(covariances, check_covariances, {}),
+    "pose graph": Subject(pose_graph(False), check_pose_graph, {}),
+    "pose graph in space": Subject(pose_graph(True), check_pose_graph, {}),
     "odometry": Subject(twists, lambda path: check_trajectory(read_odometry(path)), {}),
     "settings": Subject(settings, _config, {}),
 }

@@ -2,23 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Final
 
 import gtsam
 import numpy as np
-from gtsam.symbol_shorthand import X
 from numpy.typing import NDArray
 
 from mqslam.backend.linear.marginal_recursion import UNDETERMINED, Derivative, Elimination
-from mqslam.backend.pose_graph import PoseGraph
+from mqslam.backend.pose_graph import PoseGraph, pose_of
 from mqslam.core import se2
 from mqslam.errors import EstimationError, describe_error
 
 # numerical tolerance, which changes no result that is exact
 _DISAGREEMENT: Final = 1e-4  # largest difference between two computations, per product of standard deviations
+
+_PLANAR: Final = np.eye(6)[[3, 4, 2]]  # x, y and yaw among roll, pitch, yaw, x, y and z
 
 TOO_UNEQUAL: Final = "floating-point precision does not suffice for edges this unequal"  # why covariances are not known
 
@@ -57,7 +58,7 @@ def compute_all_marginals(graph: PoseGraph, values: gtsam.Values) -> PoseCovaria
         graph: the graph, whose factors may involve other variables than the poses, too.
         values: where it is linearised.
     """
-    keys = [X(k) for k in range(graph.size)]
+    keys = [graph.key(k) for k in range(graph.size)]
     try:
         marginals = Uncertainty(graph, values).compute_twice(lambda eliminated: eliminated.compute_marginals(keys))
     except Exception as error:  # a singular system, or one that does not fit into memory
@@ -93,8 +94,12 @@ class Uncertainty:
             return covariances
         if max(max(pair) for pair in pairs) >= self._graph.size:
             raise EstimationError(UNDETERMINED)
-        poses = {k: _pose_at(self._values, k) for k in {k for pair in pairs for k in pair}}
-        motions = [_differentiate_motion(X(a), X(b), se2.between(poses[a], poses[b])) for a, b in (pairs[k] for k in apart)]
+        key, widths = self._graph.key, self._values.dims()
+        poses = {k: pose_of(self._values, key(k)) for k in {k for pair in pairs for k in pair}}
+        motions = [
+            _differentiate_motion(key(a), key(b), se2.between(poses[a], poses[b]), widths)
+            for a, b in (pairs[k] for k in apart)
+        ]
         try:
             covariances[apart] = self.compute_twice(lambda eliminated: eliminated.project(motions))
         except MemoryError as error:
@@ -125,23 +130,20 @@ class Uncertainty:
     @cached_property
     def _eliminations(self) -> tuple[Elimination, Elimination]:
         """The graph eliminated towards its first pose, and with other last digits towards its last one."""
-        linear, last = self._graph.factors.linearize(self._values), self._graph.size - 1
-        if not set(linear.keyVector()) >= {X(k) for k in range(self._graph.size)}:
+        linear = self._graph.factors.linearize(self._values)
+        keys = [self._graph.key(k) for k in range(self._graph.size)]
+        if not set(linear.keyVector()) >= set(keys):
             raise EstimationError(UNDETERMINED)
-        there = Elimination(linear, self._values, X(0))
-        return there, Elimination(linear, self._values, X(last), np.random.default_rng(0))
+        there = Elimination(linear, self._values, keys[0])
+        return there, Elimination(linear, self._values, keys[-1], np.random.default_rng(0))
 
 
-def _differentiate_motion(a: int, b: int, motion: se2.Array) -> Derivative:
+def _differentiate_motion(a: int, b: int, motion: se2.Array, widths: Mapping[int, int]) -> Derivative:
     """Returns the derivative of a motion (3,) from the pose of key a to that of key b by both poses.
 
-    GTSAM states the change of a pose in that pose's own frame.
+    GTSAM states the change of a pose in that pose's own frame. A pose in space changes by roll, pitch, yaw, x, y and z; the
+    motion is that in the plane of the two poses.
     """
     x, y, yaw = motion
-    return (a, -se2.adjoint([-x, -y, 0.0])), (b, se2.adjoint([0.0, 0.0, yaw]))
-
-
-def _pose_at(values: gtsam.Values, k: int) -> se2.Array:
-    """Returns pose k (3,) of values."""
-    pose = values.atPose2(X(k))
-    return np.array([pose.x(), pose.y(), pose.theta()])
+    by_both = (a, -se2.adjoint([-x, -y, 0.0])), (b, se2.adjoint([0.0, 0.0, yaw]))
+    return tuple((key, block if widths[key] == 3 else block @ _PLANAR) for key, block in by_both)

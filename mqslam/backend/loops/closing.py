@@ -9,8 +9,7 @@ from mqslam.backend.loops.candidates import Chain, find_candidates
 from mqslam.backend.loops.consistency import keep_consistent
 from mqslam.backend.loops.search import compare_passes, confirm_by_map
 from mqslam.backend.loops.submap import Drive
-from mqslam.backend.pose_graph import poses_of
-from mqslam.backend.problem import Problem
+from mqslam.backend.problem import GraphProblem
 from mqslam.config import EstimatorConfig
 from mqslam.core.measurement import Loop, LoopSearch
 from mqslam.core.scans import Scans
@@ -20,7 +19,7 @@ from mqslam.psi.place import Beam
 _log = logging.getLogger(__name__)
 
 
-def close_loops(scans: Scans, problem: Problem, estimator: EstimatorConfig, beam: Beam, runner: Runner) -> LoopSearch:
+def close_loops(scans: Scans, problem: GraphProblem, estimator: EstimatorConfig, beam: Beam, runner: Runner) -> LoopSearch:
     """Returns the loops that psi verifies, that the trajectory allows, that agree and that make the map better.
 
     Args:
@@ -59,7 +58,7 @@ def close_loops(scans: Scans, problem: Problem, estimator: EstimatorConfig, beam
     return LoopSearch(loops, len(compared), ambiguous, len(implausible), len(unsure))
 
 
-def _optimise(scans: Scans, problem: Problem, loops: Sequence[Loop]) -> Chain:
+def _optimise(scans: Scans, problem: GraphProblem, loops: Sequence[Loop]) -> Chain:
     """Returns the optimised trajectory with some loops."""
     graph, optimum = problem.optimise(loops)
-    return Chain(Drive.of(scans, poses_of(optimum.values, graph.size)), graph, optimum.values)
+    return Chain(Drive.of(scans, graph.poses_at(optimum.values)), graph, optimum.values)

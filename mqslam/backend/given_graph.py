@@ -1,0 +1,85 @@
+"""A GTSAM graph that someone else has built over the poses of scans, which loops and ties join."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import gtsam
+import numpy as np
+from numpy.typing import NDArray
+
+from mqslam.backend.linear.marginals import Uncertainty
+from mqslam.backend.pose_graph import Optimum, PoseGraph
+from mqslam.backend.problem import GraphProblem
+from mqslam.config import GraphConfig, LoopConfig
+from mqslam.core.measurement import Loop
+from mqslam.errors import EstimationError
+from mqslam.factors.loop_between import loop_between
+from mqslam.factors.psi_between import psi_between
+
+
+@dataclass(frozen=True)
+class GivenGraph(GraphProblem):
+    """A trajectory that is to be optimised, by a graph of any factors.
+
+    Args:
+        factors: all factors but those of loops; they determine all variables.
+        values: of all variables.
+        keys: (N,) key of the pose of each scan.
+        lift: makes a factor between planar poses one between poses of the graph.
+        graph_settings: settings of the ties.
+        loop_settings: settings of the loops.
+    """
+
+    factors: gtsam.NonlinearFactorGraph
+    values: gtsam.Values
+    keys: Sequence[int]
+    lift: Callable[[gtsam.BetweenFactorPose2], gtsam.NonlinearFactor]
+    graph_settings: GraphConfig
+    loop_settings: LoopConfig
+
+    def build_graph(self, loops: Sequence[Loop], ties: Sequence[Loop] = ()) -> PoseGraph:
+        """Returns the graph with the given loops and ties of the refinement; it starts from the given values."""
+        factors = gtsam.NonlinearFactorGraph()
+        given = [self.factors.at(k) for k in range(self.factors.size()) if self.factors.exists(k)]  # removed ones leave gaps
+        for factor in (*given, *self.make_loop_factors(loops), *self.make_tie_factors(ties)):
+            factors.push_back(factor)
+        return PoseGraph(factors, self.values, len(self.keys), self.keys.__getitem__)
+
+    def make_loop_factors(self, loops: Sequence[Loop]) -> list[gtsam.NonlinearFactor]:
+        """Returns the factors of loops."""
+        keys, settings = self.keys, self.loop_settings
+        return [self.lift(loop_between(keys[loop.earlier], keys[loop.later], loop, settings)) for loop in loops]
+
+    def make_tie_factors(self, ties: Sequence[Loop]) -> list[gtsam.NonlinearFactor]:
+        """Returns the factors of ties of the refinement."""
+        keys, settings = self.keys, self.graph_settings
+        return [
+            self.lift(psi_between(keys[tie.earlier], keys[tie.later], tie.pose, tie.covariance, settings)) for tie in ties
+        ]
+
+    def optimise(self, loops: Sequence[Loop], ties: Sequence[Loop] = ()) -> tuple[PoseGraph, Optimum]:
+        """Returns the graph with the given loops and ties, and its optimum.
+
+        Raises:
+            EstimationError: the graph cannot be optimised.
+        """
+        graph, optimum = super().optimise(loops, ties)
+        if optimum.failure is not None:
+            raise EstimationError(
+                f"the graph could not be optimised ({optimum.failure})",
+                "give values for all its variables, and factors that determine them, such as a prior on the first pose",
+            )
+        return graph, optimum
+
+    def estimate_own_covariances(self) -> NDArray[np.float64]:
+        """Returns half of the covariance of each motion by the graph, in the frame of the scan that it starts at.
+
+        Raises:
+            EstimationError: the graph does not tell it.
+        """
+        graph, optimum = self.optimise([])
+        halves = 0.5 * Uncertainty(graph, optimum.values).relate(list(pairwise(range(graph.size))))
+        return np.concatenate([halves, halves[-1:]])

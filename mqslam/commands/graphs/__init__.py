@@ -1,0 +1,1 @@
+"""Graphs of one's own: factors for a GTSAM graph that someone else builds, and graphs in files."""

@@ -1,0 +1,131 @@
+"""The optimisation of a pose graph in a file: a run's, or anyone's."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import gtsam
+
+from mqslam.backend.pose_graph import PoseGraph, optimise, poses_of
+from mqslam.core.trajectory import Trajectory
+from mqslam.errors import ConfigError, DataError, EstimationError, OutputError, Remedy
+from mqslam.execution.files import write_text
+from mqslam.execution.folders import check_writable
+from mqslam.formats.graphs import gtsam_text
+from mqslam.formats.graphs.g2o import format_poses_and_edges, list_edges, read_g2o, read_text, replace_poses
+from mqslam.formats.graphs.stored_graph import StoredGraph
+from mqslam.formats.tum import read_tum, write_tum
+
+_SUFFIXES = (".g2o", ".tum")
+
+
+def optimise_file(
+    graph: Path, out: Path | None = None, *, values: Path | None = None, force: bool = False
+) -> dict[str, Any]:
+    """Optimises a pose graph in a file, by the losses that the file has, and writes its poses.
+
+    Args:
+        graph: a graph in g2o's form, of planar poses or of poses in space, such as a run's `graph.g2o`; or one that GTSAM
+            has written (`serialize`).
+        out: the file to write: `.g2o`, or `.tum` for a run's graph, whose `trajectory.tum` beside it tells the stamps. None
+            writes nothing.
+        values: what GTSAM has written of the values, for a graph that it has written.
+        force: whether what is at `out` is replaced.
+
+    Returns:
+        `poses`, `factors` and `dimensions` of the graph, its `error_before` and `error_after` (half of the sum of squared
+        residuals, in standard deviations, as their losses weight them), and `left_out`, the number of factors that are no
+        edges between poses and that the file therefore lacks.
+
+    Raises:
+        DataError: a file cannot be read.
+        EstimationError: the graph has no optimum.
+        OutputError: the output exists, or cannot be written.
+    """
+    if out is not None:
+        _check_out(out, force=force)
+    stored = _read(graph, values)
+    stamps = _read_stamps(graph, stored) if out is not None and out.suffix == ".tum" else None
+    held = gtsam.NonlinearFactorGraph()
+    held.push_back(stored.factors)
+    for key in stored.held:
+        held.push_back(_hold(stored.values, key))
+    optimum = optimise(PoseGraph(held, stored.values, len(stored.keys), stored.keys.__getitem__))
+    if optimum.failure is not None:
+        raise EstimationError(
+            f"{graph}: could not be optimised ({optimum.failure})", "mend its edges or its starting values"
+        )
+    if out is not None and stamps is not None:
+        poses = poses_of(optimum.values, len(stamps), stored.keys.__getitem__)
+        write_tum(out, Trajectory(stamps.stamps_us, poses))
+    elif out is not None:
+        is_g2o = values is None
+        write_text(
+            out,
+            replace_poses(read_text(graph), optimum.values)
+            if is_g2o
+            else format_poses_and_edges(stored.factors, optimum.values, stored.keys),
+        )
+    factors = stored.factors.nrFactors()
+    return {
+        "graph": str(graph),
+        "dimensions": 3 if stored.values.dims()[stored.keys[0]] == 6 else 2,
+        "poses": len(stored.keys),
+        "factors": factors,
+        "error_before": stored.factors.error(stored.values),
+        "error_after": stored.factors.error(optimum.values),
+        "left_out": factors - len(list_edges(stored.factors)),
+        "out": None if out is None else str(out),
+    }
+
+
+def _check_out(out: Path, *, force: bool) -> None:
+    """Checks that a file may be written, before the graph is optimised.
+
+    Raises:
+        ConfigError: its suffix is none that can be written.
+        OutputError: it exists and may not be replaced, or its folder may not be written to.
+    """
+    if out.suffix not in _SUFFIXES:
+        raise ConfigError(f"{out}: ends in none of {', '.join(_SUFFIXES)}; name the output so")
+    if out.is_dir() or (out.exists() and not force):
+        raise OutputError(f"{out}: exists already", Remedy.CHOOSE_OR_REPLACE_OUTPUT)
+    check_writable(out)
+
+
+def _read(graph: Path, values: Path | None) -> StoredGraph:
+    """Reads a graph in either form.
+
+    Raises:
+        DataError: it cannot be read, or lacks its values, or has them already.
+    """
+    if not gtsam_text.recognises(graph):
+        if values is not None:
+            raise DataError(values, f"is not needed: {graph} holds its own values", "leave it out")
+        return read_g2o(graph)
+    if values is None:
+        raise DataError(graph, "is a graph that GTSAM has written, without its values", Remedy.GIVE_VALUES)
+    return gtsam_text.read_gtsam(graph, values)
+
+
+def _read_stamps(graph: Path, stored: StoredGraph) -> Trajectory:
+    """Reads the trajectory beside a run's graph, which tells the stamps of its first poses.
+
+    Raises:
+        DataError: there is none, or the graph is another's.
+    """
+    beside = graph.with_name("trajectory.tum")
+    if not beside.is_file():
+        raise DataError(graph, "has no trajectory.tum beside it that tells the stamps of its poses", "write a .g2o instead")
+    track = read_tum(beside)
+    if stored.keys[: len(track)] != tuple(range(len(track))):
+        raise DataError(beside, f"has {len(track)} poses, which do not fit those of {graph.name}", "write a .g2o instead")
+    return track
+
+
+def _hold(values: gtsam.Values, key: int) -> gtsam.NonlinearFactor:
+    """Returns a factor that keeps a pose where it is."""
+    if values.dims()[key] == 6:
+        return gtsam.NonlinearEqualityPose3(key, values.atPose3(key))
+    return gtsam.NonlinearEqualityPose2(key, values.atPose2(key))

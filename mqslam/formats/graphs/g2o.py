@@ -1,0 +1,290 @@
+"""Pose graphs in g2o's text form."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mqslam.errors import DataError
+from mqslam.formats.graphs.stored_graph import StoredGraph
+
+if TYPE_CHECKING:
+    import gtsam
+
+
+class _Kind(NamedTuple):
+    """How poses of a kind are written.
+
+    Args:
+        vertex, edge: the first word of their lines.
+        size: numbers of a pose.
+        width: rows of an information matrix, whose upper triangle follows the pose of an edge.
+    """
+
+    vertex: str
+    edge: str
+    size: int
+    width: int
+
+    @property
+    def upper(self) -> int:
+        """Numbers of an information matrix."""
+        return self.width * (self.width + 1) // 2
+
+
+class _Edge(NamedTuple):
+    """A line of an edge.
+
+    Args:
+        line: its number in the file.
+        ends: its vertices.
+        numbers: the pose of the second vertex in the frame of the first, and the upper triangle of the information matrix.
+    """
+
+    line: int
+    ends: tuple[int, int]
+    numbers: list[float]
+
+
+_PLANAR: Final = _Kind("VERTEX_SE2", "EDGE_SE2", 3, 3)
+_SPATIAL: Final = _Kind("VERTEX_SE3:QUAT", "EDGE_SE3:QUAT", 7, 6)
+_LARGEST_NUMBER: Final = 2**56 - 1  # by definition: GTSAM keeps letters in the bits above
+_TURNED: Final = [3, 4, 5, 0, 1, 2]  # GTSAM has the rotation first, g2o the place
+_REMEDY: Final = f"give a graph of {_PLANAR.vertex} and {_PLANAR.edge}, or of {_SPATIAL.vertex} and {_SPATIAL.edge}"
+
+
+def format_g2o(factors: gtsam.NonlinearFactorGraph, values: gtsam.Values, size: int) -> str:
+    """Formats the graph of a run as text.
+
+    Vertices are numbered from 0: those of the scans first, and those of the submaps after them. What other sensors have
+    added to the graph, and the variables of their own, are left out.
+
+    Args:
+        factors: the graph, of which the between-factors are written.
+        values: the poses x0 .. x(size - 1) of the scans, m0 .. of the submaps, and what else is estimated.
+        size: number of scans.
+    """
+    import gtsam
+
+    submaps = sum(chr(gtsam.symbolChr(key)) == "m" for key in values.keys())
+    keys = [gtsam.symbol("x", k) for k in range(size)] + [gtsam.symbol("m", j) for j in range(submaps)]
+    return format_poses_and_edges(factors, values, keys)
+
+
+def format_poses_and_edges(factors: gtsam.NonlinearFactorGraph, values: gtsam.Values, keys: Sequence[int]) -> str:
+    """Formats poses and the edges between them; GTSAM's own writer takes no robust noise: the Gaussian under it is written.
+
+    Args:
+        factors: the graph, of which the factors between two of these poses are written.
+        values: of all poses, Pose2 or Pose3.
+        keys: of the poses, which are numbered from 0 in this order.
+    """
+    number = {key: k for k, key in enumerate(keys)}
+    lines = [f"{kind.vertex} {number[key]} {_join(pose)}" for key in keys for kind, pose in [_read_value(values, key)]]
+    for factor in list_edges(factors):
+        if not set(factor.keys()) <= number.keys():
+            continue
+        a, b = (number[key] for key in factor.keys())
+        kind, pose = _read_pose(factor.measured())
+        information = _find_information(factor)
+        upper = information[np.triu_indices(len(information))]
+        lines.append(f"{kind.edge} {a} {b} {_join(pose)} {_join(upper)}")
+    return "\n".join(lines) + "\n"
+
+
+def list_edges(factors: gtsam.NonlinearFactorGraph) -> list[gtsam.BetweenFactorPose2 | gtsam.BetweenFactorPose3]:
+    """Returns the factors of a graph that can be written: those between two poses."""
+    import gtsam
+
+    edges = (gtsam.BetweenFactorPose2, gtsam.BetweenFactorPose3)
+    return [factor for factor in map(factors.at, range(factors.size())) if isinstance(factor, edges)]
+
+
+def replace_poses(text: str, values: gtsam.Values) -> str:
+    """Returns a graph's text with other poses; all other lines stay as they are.
+
+    Args:
+        text: as `read_g2o` reads it.
+        values: of its vertices, by their numbers.
+    """
+    lines = []
+    for line in text.splitlines():
+        words = line.split()
+        if words and words[0] in (_PLANAR.vertex, _SPATIAL.vertex):
+            _, pose = _read_value(values, int(words[1]))
+            line = f"{words[0]} {words[1]} {_join(pose, digits=12)}"
+        lines.append(line)
+    return "\n".join(lines) + "\n"
+
+
+def read_g2o(path: Path) -> StoredGraph:
+    """Reads a graph of planar poses, or of poses in space.
+
+    Comments (`#`) are left out. The vertices of `FIX` are held; where there is none, the one with the lowest number is.
+    GTSAM's own reader reads no edge of a file with a comment or with `FIX`, passes over lines that it does not know, makes
+    up vertices that are not there, and takes any matrix for an information.
+
+    Raises:
+        DataError: the file cannot be read, or has a line that says anything else.
+    """
+    import gtsam
+
+    words = [(number, line.split()) for number, line in enumerate(read_text(path).splitlines(), 1)]
+    lines = [(number, some) for number, some in words if some and not some[0].startswith("#")]
+    kind = _SPATIAL if any(some[0] == _SPATIAL.vertex for _, some in lines) else _PLANAR
+    poses, edges, held = _parse_lines(path, lines, kind)
+    informations = _make_informations(path, edges, kind)
+    factors, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
+    for vertex, numbers in poses.items():
+        values.insert(vertex, _make_pose(numbers))
+    for edge, information in zip(edges, informations, strict=True):
+        motion, noise = _make_pose(edge.numbers[: kind.size]), gtsam.noiseModel.Gaussian.Information(information)
+        if isinstance(motion, gtsam.Pose3):
+            factors.push_back(gtsam.BetweenFactorPose3(*edge.ends, motion, noise))
+        else:
+            factors.push_back(gtsam.BetweenFactorPose2(*edge.ends, motion, noise))
+    return StoredGraph(factors, values, tuple(sorted(poses)), tuple(sorted(held)) or (min(poses),))
+
+
+def read_edges(path: Path) -> tuple[list[tuple[int, int]], int]:
+    """Reads which pairs of poses the edges of a run's graph join, in the order of the file, and how many poses there are.
+
+    Raises:
+        DataError: the file cannot be read or is no graph.
+    """
+    try:
+        words = [line.split() for line in path.read_text(encoding="utf-8").splitlines()]
+        edges = [(int(w[1]), int(w[2])) for w in words if w and w[0] == _PLANAR.edge]
+        return edges, sum(bool(w) and w[0] == _PLANAR.vertex for w in words)
+    except (OSError, ValueError, IndexError) as error:
+        raise DataError(path, "is not a readable pose graph", "give the folder of a finished run") from error
+
+
+def read_text(path: Path) -> str:
+    """Reads the text of a graph.
+
+    Raises:
+        DataError: the file cannot be read or is no text.
+    """
+    try:
+        return path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise DataError(path, "is not a readable text file", _REMEDY) from error
+
+
+def _parse_lines(
+    path: Path, lines: Iterable[tuple[int, list[str]]], kind: _Kind
+) -> tuple[dict[int, list[float]], list[_Edge], set[int]]:
+    """Returns the pose of each vertex, the edges, and the vertices that are held.
+
+    Raises:
+        DataError: a line is not one of a graph of these poses.
+    """
+    poses, edges, held = dict[int, list[float]](), list[_Edge](), set[int]()
+    for line, words in lines:
+        tag, counts = (
+            words[0],
+            {kind.vertex: (1, kind.size), kind.edge: (2, kind.size + kind.upper), "FIX": (len(words) - 1, 0)},
+        )
+        if tag not in counts:
+            raise DataError(path, f"line {line} is {tag[:40]}, which is not understood in a graph of {kind.vertex}", _REMEDY)
+        ends, numbers = _parse_words(words, *counts[tag])
+        if not ends or (kind is _SPATIAL and numbers and not 0.0 < math.hypot(*numbers[3:7]) < math.inf):
+            vertices, count = counts[tag]
+            form = f"{tag} with {vertices} vertices and {count} numbers" if count else "FIX and vertices"
+            raise DataError(path, f"line {line} is not {form}", _REMEDY)
+        if tag == kind.edge:
+            edges.append(_Edge(line, (ends[0], ends[1]), numbers))
+        elif tag == "FIX":
+            held.update(ends)
+        elif ends[0] in poses:
+            raise DataError(path, f"line {line} repeats the vertex {ends[0]}", "give every vertex once")
+        else:
+            poses[ends[0]] = numbers
+    if not poses or not edges:
+        raise DataError(path, f"holds {len(poses)} poses and {len(edges)} edges", _REMEDY)
+    for line, (a, b), _ in edges:
+        if a == b or not {a, b} <= poses.keys():
+            what = (
+                f"the vertex {a} with itself" if a == b else f"the vertex {min({a, b} - poses.keys())}, which is not there"
+            )
+            raise DataError(path, f"line {line} joins {what}", "give every vertex, and edges between two of them")
+    if not held <= poses.keys():
+        raise DataError(path, f"holds the vertex {min(held - poses.keys())}, which is not there", "give every vertex")
+    return poses, edges, held
+
+
+def _parse_words(words: Sequence[str], ends: int, count: int) -> tuple[list[int], list[float]]:
+    """Returns the vertices and the numbers of a line; no vertices where it does not have so many of them."""
+    try:
+        vertices, numbers = [int(word) for word in words[1 : 1 + ends]], [float(word) for word in words[1 + ends :]]
+    except ValueError:
+        return [], []
+    is_sound = len(vertices) == ends and len(numbers) == count and bool(np.isfinite(numbers).all())
+    return (vertices, numbers) if is_sound and all(0 <= k <= _LARGEST_NUMBER for k in vertices) else ([], [])
+
+
+def _make_informations(path: Path, edges: Sequence[_Edge], kind: _Kind) -> NDArray[np.float64]:
+    """Returns the information matrix of every edge in GTSAM's order.
+
+    Raises:
+        DataError: one is not positive definite.
+    """
+    matrices = np.zeros((len(edges), kind.width, kind.width))
+    rows, columns = np.triu_indices(kind.width)
+    matrices[:, rows, columns] = matrices[:, columns, rows] = [edge.numbers[kind.size :] for edge in edges]
+    lowest = np.linalg.eigvalsh(matrices)[:, 0]
+    if not np.all(lowest > 0.0):
+        line = edges[int(np.argmin(lowest))].line
+        raise DataError(path, f"line {line} has an information matrix that is not positive definite", _REMEDY)
+    return matrices[:, _TURNED][:, :, _TURNED] if kind is _SPATIAL else matrices
+
+
+def _make_pose(numbers: Sequence[float]) -> gtsam.Pose2 | gtsam.Pose3:
+    """Returns the pose that numbers of a line state."""
+    import gtsam
+
+    if len(numbers) == _PLANAR.size:
+        return gtsam.Pose2(*numbers)
+    x, y, z, qx, qy, qz, qw = numbers
+    length = math.hypot(*numbers[3:])
+    return gtsam.Pose3(gtsam.Rot3(qw / length, qx / length, qy / length, qz / length), np.array([x, y, z]))
+
+
+def _read_value(values: gtsam.Values, key: int) -> tuple[_Kind, list[float]]:
+    """Returns the kind of the pose of a key, and its numbers."""
+    try:
+        return _read_pose(values.atPose2(key))
+    except RuntimeError:  # GTSAM offers no other way to ask what kind of pose it is
+        return _read_pose(values.atPose3(key))
+
+
+def _read_pose(pose: gtsam.Pose2 | gtsam.Pose3) -> tuple[_Kind, list[float]]:
+    """Returns the kind of a pose, and its numbers: x, y and yaw, or x, y, z and a quaternion (x, y, z, w)."""
+    import gtsam
+
+    if isinstance(pose, gtsam.Pose2):
+        return _PLANAR, [pose.x(), pose.y(), pose.theta()]
+    turn: Any = pose.rotation().toQuaternion()  # a class that GTSAM's types do not know
+    return _SPATIAL, [pose.x(), pose.y(), pose.z(), turn.x(), turn.y(), turn.z(), turn.w()]
+
+
+def _find_information(factor: gtsam.BetweenFactorPose2 | gtsam.BetweenFactorPose3) -> NDArray[np.float64]:
+    """Returns the information matrix of a factor's noise, or of the Gaussian under its loss, in g2o's order."""
+    import gtsam
+
+    noise = factor.noiseModel()
+    gaussian = noise.noise() if isinstance(noise, gtsam.noiseModel.Robust) else noise
+    assert isinstance(gaussian, gtsam.noiseModel.Gaussian)
+    information = np.asarray(gaussian.information())
+    return information[_TURNED][:, _TURNED] if len(information) == 6 else information
+
+
+def _join(numbers: Iterable[float], digits: int = 9) -> str:
+    """Returns numbers in a line."""
+    return " ".join(f"{number:.{digits}g}" for number in numbers)

@@ -1,0 +1,98 @@
+"""Graphs and values as GTSAM writes them itself (`serialize`): boost's text archives."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+from mqslam.errors import DataError
+from mqslam.formats.graphs.stored_graph import StoredGraph
+
+if TYPE_CHECKING:
+    import gtsam
+
+_BEGIN: Final = b"22 serialization::archive "  # by definition of boost's text archives
+_BYTES: Final = 4 << 30  # limit against hostile files: memory of the process that reads one
+_PATIENCE_S: Final = 600.0  # limit against hostile files: time of that process
+_REMEDY: Final = "give what serialize() of gtsam.NonlinearFactorGraph and of gtsam.Values returned, written by this GTSAM"
+
+
+def recognises(path: Path) -> bool:
+    """Returns whether a file begins as such an archive does."""
+    try:
+        with path.open("rb") as file:
+            return file.read(len(_BEGIN)) == _BEGIN
+    except OSError:
+        return False
+
+
+def read_gtsam(graph: Path, values: Path) -> StoredGraph:
+    """Reads a graph and the values of its variables.
+
+    Where no factor tells where a variable lies, such as a prior or a place by GNSS, the first pose is held.
+
+    Raises:
+        DataError: a file cannot be read, a variable has no value, or there is no pose.
+    """
+    import gtsam
+
+    factors, known = gtsam.NonlinearFactorGraph(), gtsam.Values()
+    factors.deserialize(_read_again(graph, "NonlinearFactorGraph"))
+    known.deserialize(_read_again(values, "Values"))
+    missing = [key for key in factors.keyVector() if not known.exists(key)]
+    if missing:
+        raise DataError(values, f"has no value for {gtsam.DefaultKeyFormatter(missing[0])}", "give values for all variables")
+    keys = tuple(key for key in sorted(factors.keyVector()) if _is_pose(known, key))
+    if not keys:
+        raise DataError(graph, "holds no pose", "give a graph over gtsam.Pose2 or gtsam.Pose3")
+    joined = [factors.at(k).keys() for k in range(factors.size()) if factors.exists(k)]
+    is_held = any(len(some) == 1 and some[0] in keys for some in joined)
+    return StoredGraph(factors, known, keys, () if is_held else keys[:1])
+
+
+def write_again() -> None:
+    """Reads an archive of the kind that the command line names from stdin, and writes it to stdout.
+
+    GTSAM ends with the process where an archive is damaged in some ways. Therefore another process reads it first, and what
+    that has understood and written is read here.
+    """
+    import resource
+
+    import gtsam
+
+    resource.setrlimit(resource.RLIMIT_AS, (_BYTES, _BYTES))
+    content = getattr(gtsam, sys.argv[1])()
+    content.deserialize(sys.stdin.read())
+    sys.stdout.write(content.serialize())
+
+
+def _read_again(path: Path, kind: str) -> str:
+    """Returns an archive as a process of its own has read and written it.
+
+    Raises:
+        DataError: the file cannot be read, or that process does not come to its end.
+    """
+    if not recognises(path):
+        raise DataError(path, f"is not a gtsam.{kind} in GTSAM's text form", _REMEDY)
+    code = f"from {__name__} import write_again; write_again()"
+    try:
+        text = path.read_bytes()
+        done = subprocess.run([sys.executable, "-c", code, kind], input=text, capture_output=True, timeout=_PATIENCE_S)
+    except (OSError, subprocess.TimeoutExpired) as error:
+        raise DataError(path, "cannot be read", _REMEDY) from error
+    if done.returncode != 0:
+        raise DataError(path, f"is not a readable gtsam.{kind}", _REMEDY)
+    return done.stdout.decode("utf-8")
+
+
+def _is_pose(values: gtsam.Values, key: int) -> bool:
+    """Returns whether the value of a key is a planar pose or one in space."""
+    for read in (values.atPose2, values.atPose3):
+        try:
+            read(key)
+        except RuntimeError:  # GTSAM offers no other way to ask for the kind of a value
+            continue
+        return True
+    return False
