@@ -13,9 +13,9 @@ from gtsam.symbol_shorthand import M, X
 from numpy.typing import NDArray
 
 from mqslam.backend.drift import widen_ties
-from mqslam.backend.gnss.fix_use import FixEdges
-from mqslam.backend.gyroscope.turn_edges import TurnEdges
 from mqslam.backend.pose_graph import Optimum, PoseGraph, build_pose_graph, optimise
+from mqslam.backend.sensors.gnss.fix_use import FixEdges
+from mqslam.backend.sensors.gyroscope.turn_edges import TurnEdges
 from mqslam.backend.submaps import Submaps, split_into_submaps
 from mqslam.config import GraphConfig, LoopConfig
 from mqslam.core import se2

@@ -11,10 +11,10 @@ import pytest
 from gtsam.symbol_shorthand import E, X
 from numpy.typing import NDArray
 
-from mqslam.backend.gnss.alignment import align
-from mqslam.backend.gnss.fix_noise import measure_fix_noise
-from mqslam.backend.gnss.fix_use import FixUse, join_fixes
 from mqslam.backend.problem import Problem
+from mqslam.backend.sensors.gnss.alignment import align
+from mqslam.backend.sensors.gnss.fix_noise import measure_fix_noise
+from mqslam.backend.sensors.gnss.fix_use import FixUse, join_fixes
 from mqslam.config import Config, GnssConfig
 from mqslam.core import se2
 from mqslam.core.measurement import Measurement

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from mqslam.backend.gyroscope.gyroscope_use import GyroscopeUse, join_gyroscope
+from mqslam.backend.sensors.gyroscope.gyroscope_use import GyroscopeUse, join_gyroscope
 from mqslam.config import GyroscopeConfig
 from mqslam.core.measurement import Measurement, Status
 from mqslam.core.sensors.gyroscope import Gyroscope

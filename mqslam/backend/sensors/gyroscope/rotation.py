@@ -12,9 +12,9 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mqslam.backend.gyroscope.gyroscope_start import Start, Turns
-from mqslam.backend.gyroscope.rate_noise import RateNoise, measure_rate_noise
-from mqslam.backend.odometry.odometry_calibration import Calibration, Design, fit
+from mqslam.backend.sensors.gyroscope.gyroscope_start import Start, Turns
+from mqslam.backend.sensors.gyroscope.rate_noise import RateNoise, measure_rate_noise
+from mqslam.backend.sensors.odometry.odometry_calibration import Calibration, Design, fit
 from mqslam.config import GyroscopeConfig
 from mqslam.core.sensors.gyroscope import Gyroscope
 

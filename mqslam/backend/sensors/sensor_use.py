@@ -7,10 +7,10 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from mqslam.backend.gnss.alignment import align
-from mqslam.backend.gnss.fix_use import FixUse, join_fixes
-from mqslam.backend.gyroscope.gyroscope_use import GyroscopeUse, join_gyroscope
 from mqslam.backend.problem import Problem
+from mqslam.backend.sensors.gnss.alignment import align
+from mqslam.backend.sensors.gnss.fix_use import FixUse, join_fixes
+from mqslam.backend.sensors.gyroscope.gyroscope_use import GyroscopeUse, join_gyroscope
 from mqslam.config import GnssConfig, GyroscopeConfig
 from mqslam.core import se2
 from mqslam.core.measurement import Refined

@@ -11,8 +11,8 @@ import numpy as np
 from gtsam.symbol_shorthand import E, X
 from numpy.typing import NDArray
 
-from mqslam.backend.gnss.alignment import align
-from mqslam.backend.gnss.fix_noise import FixNoise, measure_fix_noise
+from mqslam.backend.sensors.gnss.alignment import align
+from mqslam.backend.sensors.gnss.fix_noise import FixNoise, measure_fix_noise
 from mqslam.config import GnssConfig
 from mqslam.core import se2
 from mqslam.core.measurement import Measurement

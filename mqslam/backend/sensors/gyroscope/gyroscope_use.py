@@ -8,9 +8,9 @@ from typing import Final
 
 import numpy as np
 
-from mqslam.backend.gyroscope.gyroscope_start import Start, Turns, find_start
-from mqslam.backend.gyroscope.rotation import Calibrated, Rotation, calibrate
-from mqslam.backend.gyroscope.turn_edges import TurnEdges
+from mqslam.backend.sensors.gyroscope.gyroscope_start import Start, Turns, find_start
+from mqslam.backend.sensors.gyroscope.rotation import Calibrated, Rotation, calibrate
+from mqslam.backend.sensors.gyroscope.turn_edges import TurnEdges
 from mqslam.config import GyroscopeConfig
 from mqslam.core.measurement import Measurement, Status
 from mqslam.core.sensors.gyroscope import Gyroscope
