@@ -78,8 +78,8 @@ class GraphConfig(BaseModel):
         0.1,
         gt=0.0,
         description="Standard deviation [m] of z in a factor between poses in space, about which the radar says nothing: "
-        "where a road bends, a vehicle leaves the plane in which it stands by no more within a submap. A run has planar poses "
-        "and does without it.",
+        "where a road bends, a vehicle leaves the plane in which it stands by no more within a submap. A run has planar "
+        "poses and does without it.",
     )
     lifted_rad: float = expert(
         0.03,

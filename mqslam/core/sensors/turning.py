@@ -36,7 +36,7 @@ class Turning:
             start_us: stamp [us] of the recording's time zero.
             axis: 0 for x, 1 for y, 2 for z.
         """
-        times, rates = (gyroscope.stamps_us - start_us) * 1e-6, gyroscope.rates[:, axis]
+        times, rates = np.asarray((gyroscope.stamps_us - start_us) * 1e-6, dtype=np.float64), gyroscope.rates[:, axis]
         steps = np.diff(times)
         angles = np.concatenate([[0.0], np.cumsum(0.5 * (rates[1:] + rates[:-1]) * steps)])
         gaps = np.concatenate([[0], np.cumsum(steps > _LONGEST * np.median(steps))])

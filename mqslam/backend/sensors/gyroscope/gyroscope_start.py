@@ -34,8 +34,8 @@ class Turns(NamedTuple):
 
     def take(self, some: slice) -> Turns:
         """Returns a part of the turns."""
-        *columns, drift = self
-        return Turns(*(values[some] for values in columns), drift=drift)
+        begins, ends, yaws = self.begins[some], self.ends[some], self.yaws[some]
+        return Turns(begins, ends, yaws, self.variances[some], self.known[some], self.drift)
 
 
 class Start(NamedTuple):
