@@ -13,8 +13,8 @@ from mqslam.backend.loops.closing import close_loops
 from mqslam.backend.pose_graph import poses_of
 from mqslam.backend.problem import Problem
 from mqslam.backend.refinement import refine
+from mqslam.backend.sensor_use import NO_USE, join_sensors
 from mqslam.backend.sensors.odometry.odometry_edges import make_odometry_edges, read_odometry_motions, reckon
-from mqslam.backend.sensors.sensor_use import NO_USE, join_sensors
 from mqslam.config import Config
 from mqslam.core import frontend as frontends
 from mqslam.core.frontend import Context, measure_motions

@@ -11,8 +11,8 @@ from mqslam.auditing.judge import Audit
 from mqslam.auditing.windows.windows import WindowAudit
 from mqslam.backend.linear.marginals import PoseCovariances
 from mqslam.backend.pose_graph import PoseGraph
+from mqslam.backend.sensor_use import SensorUse
 from mqslam.backend.sensors.odometry.odometry_edges import ODOMETRY
-from mqslam.backend.sensors.sensor_use import SensorUse
 from mqslam.config import Config
 from mqslam.core.measurement import Loop, Measurement, Refined
 from mqslam.core.point_map import PointMap
