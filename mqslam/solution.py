@@ -16,6 +16,7 @@ from mqslam.backend.sensors.odometry.odometry_edges import ODOMETRY
 from mqslam.config import Config
 from mqslam.core.measurement import Loop, Measurement, Refined
 from mqslam.core.point_map import PointMap
+from mqslam.core.sensors.georeference import Georeference
 from mqslam.core.trajectory import Trajectory
 from mqslam.errors import DataError
 from mqslam.psi.place import Beam, beam_of
@@ -65,6 +66,12 @@ class Solution:
     def beam(self) -> Beam:
         """The sensor model that the returns were placed with."""
         return beam_of(self.config.estimator, self.doppler_beta)
+
+    @property
+    def georeference(self) -> Georeference | None:
+        """Where the optimised map lies on the Earth, if GNSS says so."""
+        fixes = self.sensors.fixes
+        return None if fixes is None or fixes.edges is None else fixes.edges.find_place(self.values)
 
     @property
     def before(self) -> str:

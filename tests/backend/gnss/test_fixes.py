@@ -97,8 +97,9 @@ def test_jumps_are_rejected_and_counted() -> None:
     assert use.edges is not None
     _, optimum = Problem(measured(800), [], config.graph, config.loops, fixes=use.edges).optimise([])
     assert use.edges.count_rejected(optimum.values) == pytest.approx(30, abs=4)  # five jumps of six fixes each
-    found = use.edges.find_origin(optimum.values)
-    np.testing.assert_allclose(se2.inverse(found)[2], LIES[2], atol=0.01)
+    place = use.edges.find_place(optimum.values)
+    np.testing.assert_allclose(place.pose[2], LIES[2], atol=0.01)
+    np.testing.assert_allclose(PLANE.project(*place.locate(np.zeros((1, 2))).T), [LIES[:2]], atol=2.0)
 
 
 def test_an_antenna_beside_the_radar_is_carried_to_it() -> None:

@@ -17,6 +17,7 @@ from mqslam.config import GnssConfig
 from mqslam.core import se2
 from mqslam.core.measurement import Measurement
 from mqslam.core.sensors.fixes import Fixes
+from mqslam.core.sensors.georeference import Georeference
 from mqslam.core.sensors.tangent_plane import TangentPlane
 from mqslam.factors.gnss_position import gnss_position, plane_walk
 
@@ -59,11 +60,11 @@ class FixEdges:
         for j in range(len(self.walks_m) + 1):
             values.insert(E(j), gtsam.Pose2(*self.origin))
 
-    def find_origin(self, values: gtsam.Values) -> se2.Array:
-        """Returns the mean pose (3,) of the tangent plane in an optimised map; it hardly turns."""
+    def find_place(self, values: gtsam.Values) -> Georeference:
+        """Returns where an optimised map lies on the Earth: by the mean pose of the tangent plane, which hardly turns."""
         poses = _take_poses(values, [E(j) for j in range(len(self.walks_m) + 1)])
         poses[:, 2] = np.unwrap(poses[:, 2])
-        return np.asarray(poses.mean(axis=0))
+        return Georeference(self.plane, se2.inverse(poses.mean(axis=0)))
 
     def count_rejected(self, values: gtsam.Values) -> int:
         """Returns how many fixes lie farther from an optimised trajectory than the reach."""
