@@ -10,6 +10,7 @@ from dataclasses import replace
 from mqslam.auditing.judge import Audit, audit_trajectory
 from mqslam.backend.linear.marginals import compute_all_marginals
 from mqslam.backend.loops.closing import close_loops
+from mqslam.backend.measuring import measure
 from mqslam.backend.pose_graph import poses_of
 from mqslam.backend.problem import Problem
 from mqslam.backend.refinement import refine
@@ -17,8 +18,8 @@ from mqslam.backend.sensor_use import NO_USE, join_sensors
 from mqslam.backend.sensors.odometry.odometry_edges import make_odometry_edges, read_odometry_motions, reckon
 from mqslam.config import Config
 from mqslam.core import frontend as frontends
-from mqslam.core.frontend import Context, measure_motions
-from mqslam.core.measurement import LoopSearch, Measured, MotionTable, Refined
+from mqslam.core.frontend import Context
+from mqslam.core.measurement import LoopSearch, Refined
 from mqslam.core.recording import Recording
 from mqslam.core.scans import Scans
 from mqslam.core.sensors.sensors import NO_SENSORS, Sensors
@@ -27,10 +28,9 @@ from mqslam.detection.stage import detect_all
 from mqslam.errors import EstimationError, FewReturnsError
 from mqslam.execution.kept import LOOPS, MEASURED, REFINED
 from mqslam.execution.runner import Runner
-from mqslam.mapping.live import LiveMap
 from mqslam.mapping.render import render_track
 from mqslam.psi.doppler import choose_doppler_beta
-from mqslam.psi.place import Beam, beam_of
+from mqslam.psi.place import beam_of
 from mqslam.solution import Run, Solution
 
 
@@ -105,7 +105,7 @@ class Slam:
         """
         config, runner, beam = self._config, self._runner, beam_of(self._config.estimator, context.doppler_beta)
         with runner.time_stage("windows"):
-            measurements = self._measure(scans, context, beam)
+            measurements = measure(self._name, scans, context, beam, runner)
         with runner.time_stage("optimise"):
             odometry = read_odometry_motions(scans, context, self._name)
             edges = make_odometry_edges(odometry, measurements, config.odometry, config.graph)
@@ -150,13 +150,3 @@ class Slam:
         with self._runner.time_stage("windows"):
             kept = self._runner.find(MEASURED)
             return kept.doppler_beta if kept else choose_doppler_beta(scans, self._config, self._runner.engine)
-
-    def _measure(self, scans: Scans, context: Context, beam: Beam) -> MotionTable:
-        """Returns the front end's measurements, or those that an earlier run has kept, and shows them as they come."""
-        runner, kept = self._runner, self._runner.find(MEASURED)
-        live = LiveMap(scans, beam, runner)
-        context = replace(context, preview=live.show, engine=runner.engine)
-        measurements = MotionTable(live.follow(kept.measurements if kept else measure_motions(self._name, context, scans)))
-        if not kept:
-            runner.keep(MEASURED, Measured(measurements, context.doppler_beta))
-        return measurements

@@ -51,3 +51,27 @@ class Turning:
         known = (self.times[0] <= begins) & (ends <= self.times[-1])
         known &= self.gaps[np.clip(first_after - 1, 0, last)] == self.gaps[np.clip(first_not_before, 0, last)]
         return np.where(known, turned, np.nan)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class KnownTurning:
+    """How far the radar turns, as a calibrated gyroscope says.
+
+    Args:
+        turning: of the gyroscope's axis that is the radar's vertical.
+        scale: turns of the radar per turn of that axis; negative where it is mounted upside down.
+        delay_s: how late the gyroscope's clock is [s].
+        bias: of its rate, in turns of the radar [rad/s].
+    """
+
+    turning: Turning
+    scale: float
+    delay_s: float
+    bias: float
+
+    def mean_rate(self, t0: float, t1: float) -> float:
+        """Returns the mean yaw rate [rad/s] between two times [s] since the recording's start; NaN where it is not known."""
+        if t1 <= t0:
+            return float("nan")
+        turned = self.turning.between(np.array([t0 + self.delay_s]), np.array([t1 + self.delay_s]))[0]
+        return float(self.scale * turned / (t1 - t0) - self.bias)

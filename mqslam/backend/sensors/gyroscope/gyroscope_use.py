@@ -14,6 +14,7 @@ from mqslam.backend.sensors.gyroscope.turn_edges import TurnEdges
 from mqslam.config import GyroscopeConfig
 from mqslam.core.measurement import Measurement, Status
 from mqslam.core.sensors.gyroscope import Gyroscope
+from mqslam.core.sensors.turning import KnownTurning, Turning
 
 _WILD: Final = 3.0  # standard deviations beyond which a turn disagrees with psi's
 _LEAST_VARIANCE: Final = 1e-14  # numerical: keeps a turn that psi states to be without error from counting as one
@@ -77,6 +78,21 @@ def join_gyroscope(
         return refuse(why, found.rotation)
     statements = (f"the gyroscope ({gyroscope.source}) is used", *_describe_corrections(found.rotation, settings))
     return GyroscopeUse(gyroscope.source, statements, found.rotation, _make_edges(found, turns, settings))
+
+
+def find_turning(
+    gyroscope: Gyroscope, start_us: int, motions: Sequence[Measurement], drift: float, settings: GyroscopeConfig
+) -> KnownTurning | None:
+    """Returns how far the radar turns, as a gyroscope says that agrees with psi's motions; None where it does not.
+
+    The arguments are those of `join_gyroscope`.
+    """
+    use = join_gyroscope(gyroscope, start_us, motions, drift, settings)
+    rotation = use.rotation
+    if use.edges is None or rotation is None:
+        return None
+    turning = Turning.integrate(gyroscope, start_us, "xyz".index(rotation.axis))
+    return KnownTurning(turning, rotation.sign * rotation.scale, rotation.delay_s, rotation.bias)
 
 
 def _find_fault(
