@@ -126,10 +126,12 @@ class RosSensors:
         """Returns where /tf_static places the radar on the vehicle; None where it does not.
 
         Raises:
-            DataError: the transforms are no numbers.
+            DataError: it holds damaged messages, or transforms that are not finite.
         """
         mount = self.mounts.find(radar_frame, "") if bags.name_frame(radar_frame) in self.mounts.parents else None
         if mount is None:
+            if damaged := self.unread.get(STATIC_TOPIC):
+                raise DataError(path, f"holds {count_of(damaged, 'damaged message')} on {STATIC_TOPIC}", "repair the bag")
             return None
         if not np.isfinite(mount.pose).all():
             raise DataError(path, f"places {radar_frame} by transforms that are not finite", f"repair {STATIC_TOPIC}")
