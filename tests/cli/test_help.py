@@ -96,6 +96,7 @@ OPTIONS = {
     "convert": ["--to", "--message", "--force", "--quiet", "--verbose"],
     "check": ["--odometry", "--config", "--format", "--json", "--quiet", "--verbose"],
     "score": ["--start", "--motion", "--minimise", "--json", "--quiet", "--verbose"],
+    "optimise": ["--out", "--values", "--force", "--json", "--quiet", "--verbose"],
 }
 UNITS = {
     "run": ["[m]", "[us]"],
@@ -108,6 +109,7 @@ UNITS = {
     "convert": ["[m]"],
     "check": ["[m]"],
     "score": ["[s", "[m/s"],
+    "optimise": [],
 }
 
 

@@ -117,7 +117,8 @@ def psi_factors(
 
     Args:
         recording: a recording's path, the open recording, or the scans that were detected in it before.
-        keys: GTSAM's key of the pose of each scan by its number (0, 1, ...): a function, or a sequence with a key for each.
+        keys: GTSAM's key of the pose of each scan by its number (0, 1, ...): a function, or a sequence with a key for
+            each; by default `gtsam.symbol("x", k)`.
             The pose is the sensor's at the start of the scan (`scans.stamps_us` of the result), REP 103.
         config: settings, or the path of a YAML file, or the name of one that ships with mqslam; None takes the defaults.
         frontend: name of the front end.
@@ -125,7 +126,7 @@ def psi_factors(
             calibrated by psi, come as factors too, as in a run. Leave them out of a graph with factors of the same wheels.
         pose: `gtsam.Pose2`, or `gtsam.Pose3` for a graph of poses in space. There the factors state weak noise on z, roll
             and pitch (`graph.lifted_m`, `graph.lifted_rad` of the settings).
-        submap_keys: returns the key of a submap by its number (0, 1, ...).
+        submap_keys: returns the key of a submap by its number (0, 1, ...); by default `gtsam.symbol("m", j)`.
         work: where the work is done, and who is told about it.
 
     Returns:
