@@ -18,7 +18,7 @@ from mqslam.commands.graphs.radar import Source, look_at
 from mqslam.commands.work import QUIET, Work
 from mqslam.config import Config, set_doppler_beta
 from mqslam.core import se2
-from mqslam.core.frontend import measure_motions
+from mqslam.core.frontend import find_entry_point, measure_motions
 from mqslam.core.measurement import Measurement, MotionTable
 from mqslam.core.scans import Scans
 from mqslam.core.trajectory import Trajectory
@@ -145,6 +145,7 @@ def psi_factors(
         ...     graph.push_back(factor)
         >>> values.insert(factors.make_initial(values))  # doctest: +SKIP
     """
+    find_entry_point(frontend)  # raises before the recording is read
     with look_at(recording, config, work) as radar:
         settings, scans = radar.config, radar.scans
         lift, scan_keys = choose_lift(pose, settings.graph), list_keys(keys, len(scans))
