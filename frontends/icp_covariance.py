@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from mqslam.config import ScanMatchingConfig
 from mqslam.core import se2
+from mqslam.psi.scoring.nearest import find_nearest
+from mqslam.psi.scoring.neighbours import mark_near, sort_into_cells
 
 _LEAST_M = 1e-3  # a length that nobody measures, so that no matrix is singular: least residual and least lever arm [m]
 
@@ -23,12 +24,11 @@ class Surface:
     def __init__(self, points: NDArray[np.float64], settings: ScanMatchingConfig) -> None:
         self._points = points
         self._settings = settings
-        self._tree = cKDTree(points, compact_nodes=False, balanced_tree=False)  # too few searches to pay for balancing
+        self._grid = sort_into_cells(points, settings.voxel_size_m)
 
     def count_matched(self, scan: NDArray[np.float64], pose: se2.Array, reach: float) -> int:
         """Returns how many points (N, 2) [m] of a scan at a pose (3,) have a map point within reach [m]."""
-        distances, _ = self._tree.query(se2.transform(pose, scan), distance_upper_bound=reach)
-        return int(np.isfinite(distances).sum())
+        return int(np.count_nonzero(mark_near(self._grid, se2.transform(pose, scan), reach)))
 
     def find_directions(self, points: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Finds how the surface runs near points.
@@ -40,7 +40,7 @@ class Surface:
             flatness: (N,) variance of the map's points across the surface over that along it, at least `flattest`.
             axes: (N, 2, 2) columns are the unit vectors across and along.
         """
-        _, nearest = self._tree.query(points, k=self._ranks())
+        _, nearest = find_nearest(self._grid, points, self._count())
         return self._find_directions(nearest)
 
     def compute_covariance(
@@ -59,7 +59,7 @@ class Surface:
             reach: farthest correspondence [m]; there must be some.
             kernel: squared residual at which a weight is a quarter [m^2].
         """
-        distances, nearest = self._tree.query(se2.transform(pose, scan), k=self._ranks())
+        distances, nearest = find_nearest(self._grid, se2.transform(pose, scan), self._count())
         near = distances[:, 0] < reach
         scan, distances, nearest = scan[near], distances[near, 0], nearest[near]
         residuals = se2.transform(se2.inverse(pose), self._points[nearest[:, 0]]) - scan
@@ -77,9 +77,9 @@ class Surface:
         inverse = np.linalg.inv(hessian) * max((counts * squares).sum() / counts.sum(), _LEAST_M**2)
         return np.asarray(0.5 * (inverse + inverse.T))
 
-    def _ranks(self) -> list[int]:
-        """Returns which of the nearest map points are asked for: the first, the second and so on."""
-        return list(range(1, min(self._settings.surface_points, len(self._points)) + 1))
+    def _count(self) -> int:
+        """Returns how many of the nearest map points are asked for."""
+        return min(self._settings.surface_points, len(self._points))
 
     def _find_directions(self, neighbours: NDArray[np.int64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         around = self._points[neighbours]

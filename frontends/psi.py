@@ -24,8 +24,10 @@ _DIRECTIONS = (False, True)  # of time: whether a recording is tracked backward
 class PsiFrontEnd:
     """Odometry by psi over a running map, tracked in segments and in both directions of time.
 
-    Another odometry serves where psi finds nothing, and never as information.
+    Another odometry, and a gyroscope, serve where psi finds nothing, and never as information.
     """
+
+    takes_turning = True
 
     def __init__(self, context: Context) -> None:
         self._context = context

@@ -17,7 +17,7 @@ from mqslam.core.scans import Scan
 from mqslam.frontends.both_ways import Match, reverse_settings, reverse_time
 from mqslam.psi.place import beam_of
 from mqslam.psi.tracking.state import State
-from mqslam.psi.tracking.track import Followed, OdometryTwist, follow_scans
+from mqslam.psi.tracking.track import Followed, ToldTwist, follow_scans
 from mqslam.psi.tracking.tracked import Tracked
 from mqslam.psi.tracking.tracker import Tracker
 
@@ -29,7 +29,7 @@ def track_forward(scans: Sequence[Scan], context: Context) -> Iterator[Match]:
         EstimationError: there are fewer than two scans.
         FewReturnsError: no two scans in a row hold enough returns.
     """
-    return _track(scans, context, context.config.tracker, context.doppler_beta, context.odometry_twist)
+    return _track(scans, context, context.config.tracker, context.doppler_beta, context.told_twist)
 
 
 def track_backward(scans: Sequence[Scan], context: Context) -> Iterator[Match]:
@@ -42,7 +42,7 @@ def track_backward(scans: Sequence[Scan], context: Context) -> Iterator[Match]:
     end = scans[-1].t1
 
     def twist_back(t0: float, t1: float) -> se2.Array | None:
-        twist = context.odometry_twist(end - t1, end - t0)
+        twist = context.told_twist(end - t1, end - t0)
         return None if twist is None else -twist
 
     settings = reverse_settings(context.config.tracker)
@@ -50,12 +50,12 @@ def track_backward(scans: Sequence[Scan], context: Context) -> Iterator[Match]:
 
 
 def _track(
-    scans: Sequence[Scan], context: Context, settings: TrackerConfig, doppler_beta: float, odometry: OdometryTwist
+    scans: Sequence[Scan], context: Context, settings: TrackerConfig, doppler_beta: float, told: ToldTwist
 ) -> Iterator[Match]:
     """Yields the motions of a track in one direction of time."""
     estimator = context.config.estimator
     tracker = Tracker(settings, estimator, beam_of(estimator, doppler_beta), context.revolution_s)
-    return chain.from_iterable(_steps(follow_scans(scans, tracker, odometry)))
+    return chain.from_iterable(_steps(follow_scans(scans, tracker, told)))
 
 
 def _steps(scans: Iterator[Followed]) -> Iterator[list[Match]]:

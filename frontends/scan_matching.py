@@ -29,9 +29,9 @@ def match_scans(
     A matcher predicts by its last motion, so that it has to begin with one. It finds its own: over the first scans it runs
     forwards and then backwards in time, which ends at the start with the speed it had there.
 
-    The residuals of a scan err together, so that they do not show how much a match errs. When all scans are matched, a
-    second matcher therefore follows them backwards. Its motions are no part of the result: how far they are from the
-    first one's shows how large the errors of both are.
+    The residuals of a scan err together, so that they do not show how much a match errs. When all scans are matched, other
+    matchers therefore follow some stretches of them backwards. Their motions are no part of the result: how far they are
+    from the first one's shows how large the errors of both are.
 
     Args:
         scans: in order.
@@ -53,7 +53,7 @@ def match_scans(
     for motion, unseen_s in _follow(scans, track, start, settings):
         followed.append((motion, unseen_s))
         context.preview(motion)
-    backward = _follow_backwards(scans, new_track(scans[-1].t1, track.twist))
+    backward = _measure_backwards(scans, [motion for motion, _ in followed], new_track, settings)
     twice = [
         Twice(m.pose, se2.subtract(b, m.pose), 2.0 * np.diag(m.covariance))
         for (m, unseen_s), b in zip(followed, backward, strict=True)
@@ -98,6 +98,36 @@ def _follow(
         )
         yield measurement, unseen_s
         before, begin, coasted_s, step = scan, end, step.coasted_s, after
+
+
+def _measure_backwards(
+    scans: Sequence[Scan], motions: Sequence[Measurement], new_track: NewTrack, settings: ScanMatchingConfig
+) -> list[se2.Array | None]:
+    """Returns the motions (3,) between the scans as tracks backwards measure them; None stands where none did.
+
+    Args:
+        scans: all of them.
+        motions: those between them, as the track forwards measured them.
+        new_track: makes a track.
+        settings: how many scans are followed backwards.
+    """
+    backward: list[se2.Array | None] = [None] * len(motions)
+    for first, last in _pick_stretches(len(scans), settings):
+        after = motions[last - 1]
+        twist = se2.log(after.pose) / (after.t1 - after.t0)
+        measured = _follow_backwards(scans[first : last + 1], new_track(scans[last].t1, twist))
+        grown = last if last == len(motions) and first == 0 else last - settings.backward_warm_up
+        backward[first:grown] = measured[: grown - first]
+    return backward
+
+
+def _pick_stretches(count: int, settings: ScanMatchingConfig) -> list[tuple[int, int]]:
+    """Returns the first and the last scan of each stretch that is followed backwards, evenly spread over all scans."""
+    length = settings.backward_scans + settings.backward_warm_up
+    if count <= length:
+        return [(0, count - 1)]
+    ends = np.linspace(0, count - 1, -(-count // settings.backward_every) + 1)[1:].astype(int).tolist()
+    return [(end - length, end) for end in ends if end >= length]
 
 
 def _follow_backwards(scans: Sequence[Scan], track: ScanTrack) -> list[se2.Array | None]:

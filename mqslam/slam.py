@@ -10,26 +10,27 @@ from dataclasses import replace
 from mqslam.auditing.judge import Audit, audit_trajectory
 from mqslam.backend.linear.marginals import compute_all_marginals
 from mqslam.backend.loops.closing import close_loops
-from mqslam.backend.odometry_edges import make_odometry_edges, read_odometry_motions, reckon
+from mqslam.backend.measuring import measure
 from mqslam.backend.pose_graph import poses_of
 from mqslam.backend.problem import Problem
 from mqslam.backend.refinement import refine
+from mqslam.backend.sensor_use import NO_USE, join_sensors
+from mqslam.backend.sensors.odometry.odometry_edges import make_odometry_edges, read_odometry_motions, reckon
 from mqslam.config import Config
 from mqslam.core import frontend as frontends
-from mqslam.core.frontend import Context, measure_motions
-from mqslam.core.measurement import LoopSearch, Measured, MotionTable, Refined
-from mqslam.core.point_map import PointMap
+from mqslam.core.frontend import Context
+from mqslam.core.measurement import LoopSearch, Refined
 from mqslam.core.recording import Recording
 from mqslam.core.scans import Scans
+from mqslam.core.sensors.sensors import NO_SENSORS, Sensors
 from mqslam.core.trajectory import Trajectory
 from mqslam.detection.stage import detect_all
 from mqslam.errors import EstimationError, FewReturnsError
 from mqslam.execution.kept import LOOPS, MEASURED, REFINED
 from mqslam.execution.runner import Runner
-from mqslam.mapping.live import LiveMap
-from mqslam.mapping.render import render
+from mqslam.mapping.render import render_track
 from mqslam.psi.doppler import choose_doppler_beta
-from mqslam.psi.place import Beam, beam_of
+from mqslam.psi.place import beam_of
 from mqslam.solution import Run, Solution
 
 
@@ -49,16 +50,16 @@ class Slam:
     def __init__(
         self, config: Config | None = None, frontend: str = "psi", runner: Runner | None = None, *, strict: bool = False
     ) -> None:
-        self._config, self._name = config or Config(), frontend
         frontends.find_entry_point(frontend)
-        self._runner, self._strict = runner or Runner(), strict
+        self._config, self._name, self._runner, self._strict = config or Config(), frontend, runner or Runner(), strict
 
-    def run(self, recording: Recording, odometry: Trajectory | None = None) -> Run:
+    def run(self, recording: Recording, odometry: Trajectory | None = None, sensors: Sensors = NO_SENSORS) -> Run:
         """Takes a recording to its optimised map.
 
         Args:
             recording: the recording.
             odometry: dead-reckoned poses that cover the recording, or None.
+            sensors: the other sensors of the vehicle.
 
         Raises:
             DataError: more than half of the polar scans cannot be read, or any of them if strict.
@@ -66,7 +67,7 @@ class Slam:
         """
         config, runner = self._config, self._runner
         with runner.time_stage("total"):
-            context = Context(config, recording.revolution_s, recording.start_us, odometry)
+            context = Context(config, recording.revolution_s, recording.start_us, odometry, sensors=sensors)
             frontends.create(self._name, context)  # raises before the recording is read, if it lacks anything
             scans, detected = detect_all(recording, config.detector, runner, strict=self._strict)
             runner.runtime_s |= {"read": detected.read_s, "detect": detected.detect_s}
@@ -76,7 +77,7 @@ class Slam:
                 raise EstimationError(f"{error}: {detected.counts.remedy}") from error
             with runner.time_stage("render"):
                 tracks = {"the map before optimisation": solution.odometry, "the map": solution.optimised}
-                maps = [self._render(what, scans, track, solution.beam) for what, track in tracks.items()]
+                maps = [render_track(what, scans, track, config, solution.beam, runner) for what, track in tracks.items()]
                 before, after = runner.follow("render", maps, len(maps))
             checked: Audit | None = None
             with runner.time_stage("check"), runner.tolerate("the check of the map"):
@@ -104,12 +105,14 @@ class Slam:
         """
         config, runner, beam = self._config, self._runner, beam_of(self._config.estimator, context.doppler_beta)
         with runner.time_stage("windows"):
-            measurements = self._measure(scans, context, beam)
+            measurements = measure(self._name, scans, context, beam, runner)
         with runner.time_stage("optimise"):
             odometry = read_odometry_motions(scans, context, self._name)
             edges = make_odometry_edges(odometry, measurements, config.odometry, config.graph)
             before = reckon(scans, odometry or measurements)
-            problem = Problem(measurements, edges, config.graph, config.loops)
+            problem, used = Problem(measurements, edges, config.graph, config.loops), NO_USE
+            with runner.tolerate("the sensors beside the radar"):
+                problem, used = join_sensors(problem, context.sensors, scans.start_us, config.gyroscope, config.gnss)
         search = LoopSearch([], 0)
         if config.loops.enabled:
             with runner.time_stage("loops"), runner.tolerate("the search for loops"):
@@ -120,7 +123,9 @@ class Slam:
         with runner.time_stage("optimise"):
             graph, optimum = problem.optimise(refined.loops, refined.ties)
             covariances = compute_all_marginals(graph, optimum.values)
-        runner.warnings += [*search.warnings, *optimum.warnings, *covariances.warnings]
+            with runner.tolerate("how much each sensor contributes"):
+                used = used.weigh(problem, refined, poses_of(optimum.values, graph.size))
+        runner.warnings += [*used.refusals, *search.warnings, *optimum.warnings, *covariances.warnings]
         return Solution(
             frontend=self._name,
             config=config,
@@ -135,6 +140,7 @@ class Slam:
             loops=search.loops,
             loops_rejected=search.tried - len(search.loops),
             refined=refined,
+            sensors=used,
             unoptimised=optimum.failure,
             warnings=tuple(runner.warnings),
         )
@@ -144,21 +150,3 @@ class Slam:
         with self._runner.time_stage("windows"):
             kept = self._runner.find(MEASURED)
             return kept.doppler_beta if kept else choose_doppler_beta(scans, self._config, self._runner.engine)
-
-    def _measure(self, scans: Scans, context: Context, beam: Beam) -> MotionTable:
-        """Returns the front end's measurements, or those that an earlier run has kept, and shows them as they come."""
-        runner, kept = self._runner, self._runner.find(MEASURED)
-        live = LiveMap(scans, beam, runner)
-        context = replace(context, preview=live.show, engine=runner.engine)
-        motions = kept.measurements if kept else measure_motions(self._name, context, scans)
-        measurements = MotionTable(live.follow(motions))
-        if not kept:
-            runner.keep(MEASURED, Measured(measurements, context.doppler_beta))
-        return measurements
-
-    def _render(self, what: str, scans: Scans, track: Trajectory, beam: Beam) -> PointMap:
-        """Returns the map under a trajectory, or an empty one with a warning: the trajectory is worth more than its map."""
-        rendered, config = PointMap.empty(), self._config
-        with self._runner.tolerate(what):
-            rendered = render(scans, track.poses, config.map, config.estimator, beam, self._runner.engine)
-        return rendered

@@ -10,11 +10,13 @@ import gtsam
 from mqslam.auditing.judge import Audit
 from mqslam.auditing.windows.windows import WindowAudit
 from mqslam.backend.linear.marginals import PoseCovariances
-from mqslam.backend.odometry_edges import ODOMETRY
 from mqslam.backend.pose_graph import PoseGraph
+from mqslam.backend.sensor_use import SensorUse
+from mqslam.backend.sensors.odometry.odometry_edges import ODOMETRY
 from mqslam.config import Config
 from mqslam.core.measurement import Loop, Measurement, Refined
 from mqslam.core.point_map import PointMap
+from mqslam.core.sensors.georeference import Georeference
 from mqslam.core.trajectory import Trajectory
 from mqslam.errors import DataError
 from mqslam.psi.place import Beam, beam_of
@@ -38,6 +40,7 @@ class Solution:
         loops: loop closures that were found; where the refinement has measured the same passes, its ties replace them.
         loops_rejected: number of loop candidates that psi, the graph or the map did not keep.
         refined: the refinement after the loops, and psi across passes.
+        sensors: what became of the other sensors.
         unoptimised: why the graph could not be optimised and its starting values were kept, or None.
         warnings: what could not be done, and why.
     """
@@ -55,6 +58,7 @@ class Solution:
     loops: list[Loop]
     loops_rejected: int
     refined: Refined
+    sensors: SensorUse
     unoptimised: str | None
     warnings: tuple[str, ...]
 
@@ -62,6 +66,12 @@ class Solution:
     def beam(self) -> Beam:
         """The sensor model that the returns were placed with."""
         return beam_of(self.config.estimator, self.doppler_beta)
+
+    @property
+    def georeference(self) -> Georeference | None:
+        """Where the optimised map lies on the Earth, if GNSS says so."""
+        fixes = self.sensors.fixes
+        return None if fixes is None or fixes.edges is None else fixes.edges.find_place(self.values)
 
     @property
     def before(self) -> str:

@@ -21,6 +21,7 @@ import numpy as np
 import pytest
 from support.commands import mqslam
 from support.drives import street_drive
+from support.sensors import gga, rmc, stamps, write_imu_csv, write_lines
 
 from mqslam.config import Config
 from mqslam.core import se2
@@ -56,6 +57,8 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     (folder / "demo").mkdir()
     (folder / "demo" / "drive").symlink_to(folder / "DATA")
     shutil.copy(folder / "DATA" / "odom.csv", folder / "wheels.csv")
+    write_imu_csv(folder / "imu.csv", *(f"{t},0,0,0.1" for t in stamps(400, start_us=recording.start_us).tolist()))
+    write_lines(folder / "log.nmea", rmc("122639.00", "130920"), *(gga(f"1226{second}.00") for second in range(40, 44)))
     (folder / "my_kiss.yaml").write_text("mapping:\n  voxel_size: 1.0\ndata:\n  max_range: 100.0\n")
     (folder / "mine.yaml").write_text("tracker: {keyframes: 20}\n")
     for name in ("drive1", "drive2"):

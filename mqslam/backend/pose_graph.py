@@ -117,3 +117,9 @@ def pose_of(values: gtsam.Values, key: int) -> tuple[float, float, float]:
         spatial = values.atPose3(key)
         return spatial.x(), spatial.y(), spatial.rotation().yaw()
     return pose.x(), pose.y(), pose.theta()
+
+
+def count_submaps(values: gtsam.Values) -> int:
+    """Returns how many poses m0 .. of submaps values hold."""
+    letter = gtsam.symbolChr(M(0))
+    return sum(gtsam.symbolChr(key) == letter for key in values.keys())

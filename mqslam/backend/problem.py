@@ -14,6 +14,8 @@ from numpy.typing import NDArray
 
 from mqslam.backend.drift import widen_ties
 from mqslam.backend.pose_graph import Optimum, PoseGraph, build_pose_graph, optimise
+from mqslam.backend.sensors.gnss.fix_use import FixEdges
+from mqslam.backend.sensors.gyroscope.turn_edges import TurnEdges
 from mqslam.backend.submaps import Submaps, split_into_submaps
 from mqslam.config import GraphConfig, LoopConfig
 from mqslam.core import se2
@@ -56,21 +58,34 @@ class Problem(GraphProblem):
         odometry: the odometry's motions between the same scans, calibrated, or none.
         graph_settings: settings of the edges between successive scans.
         loop_settings: settings of the loops.
+        turns: the turns of a gyroscope between the same scans, or None.
+        fixes: positions of scans that a GNSS receiver has fixed, or None.
     """
 
     measurements: Sequence[Measurement]
     odometry: Sequence[Measurement]
     graph_settings: GraphConfig
     loop_settings: LoopConfig
+    turns: TurnEdges | None = None
+    fixes: FixEdges | None = None
 
     def build_graph(self, loops: Sequence[Loop], ties: Sequence[Loop] = ()) -> PoseGraph:
         """Returns the graph with the given loops and ties of the refinement; it starts from the chained measurements."""
         settings = self.graph_settings
-        factors = self.make_factors(X, M)
+        factors: list[gtsam.NonlinearFactor] = [*self.make_factors(X, M)]
         factors += [loop_between(X(loop.earlier), X(loop.later), loop, self.loop_settings) for loop in loops]
         factors += [psi_between(X(tie.earlier), X(tie.later), tie.pose, tie.covariance, settings) for tie in ties]
         chain = se2.chain(m.pose for m in self.measurements)
-        return build_pose_graph(chain, factors, settings, chain[self.submaps.first_scans])
+        if self.turns is not None:
+            factors += self.turns.list_factors(chain)
+        if self.fixes is not None:
+            factors += self.fixes.list_factors()
+        graph = build_pose_graph(chain, factors, settings, chain[self.submaps.first_scans])
+        if self.turns is not None:
+            self.turns.insert_into(graph.initial)
+        if self.fixes is not None:
+            self.fixes.insert_into(graph.initial)
+        return graph
 
     def make_factors(self, scan: Callable[[int], int], submap: Callable[[int], int]) -> list[gtsam.BetweenFactorPose2]:
         """Returns the factors of all that was measured, without loops.
@@ -120,6 +135,12 @@ class Problem(GraphProblem):
         """The submaps of the drive, tied to each other as surely as the run shows that its map drifts."""
         submaps = split_into_submaps(self.measurements, self.graph_settings)
         return widen_ties(submaps, self.measurements, self.graph_settings)
+
+    @property
+    def yaw_drift(self) -> float:
+        """By how much the running map turns away in the root of a second [rad], as the ties of its submaps state it."""
+        lasts = self.measurements[-1].t1 - self.measurements[0].t0
+        return float(np.sqrt(sum(tie.covariance[2, 2] for tie in self.submaps.ties) / lasts))
 
     def _list_apart(self) -> list[tuple[int, Measurement]]:
         """Returns the motions that belong to no submap, each with the number of the scan that it starts at."""

@@ -114,6 +114,7 @@ def audit(
     from mqslam.cli.terminal.console import set_up_work
     from mqslam.cli.terminal.remedies import name_options
     from mqslam.commands.audit import audit as do
+    from mqslam.commands.extrinsics import parse_extrinsics
     from mqslam.errors import ConfigError
     from mqslam.execution.files import to_json
 
@@ -123,7 +124,8 @@ def audit(
         raise ConfigError(f"{options} belong to a trajectory from a file; give --trajectory FILE")
     if trajectory is None and covariances is not None:
         raise ConfigError("--covariances belongs to a trajectory from a file; give --trajectory FILE")
-    heights, mount = _parse_heights(z_range), _parse_extrinsics(extrinsics)
+    heights = _parse_heights(z_range)
+    mount = None if extrinsics is None else parse_extrinsics(extrinsics)
     console = Console(stderr=True, markup=False)
     with set_up_work(console, cluster, jobs, quiet=quiet, silent=quiet or as_json) as work:
         result = do(
@@ -178,24 +180,6 @@ def _parse_heights(text: str | None) -> tuple[float, float] | None:
     except ValueError:
         raise ConfigError(f"--z-range {text}: give two heights in metres, such as 0.5,2.0") from None
     return low, high
-
-
-def _parse_extrinsics(text: str | None) -> tuple[float, float, float] | None:
-    """Returns the three numbers of a text X,Y,YAW.
-
-    Raises:
-        ConfigError: the text has another form.
-    """
-    from mqslam.errors import ConfigError
-
-    if text is None:
-        return None
-    try:
-        x, y, yaw = (float(part) for part in text.split(","))
-    except ValueError:
-        problem = "give metres forward, metres to the left and degrees to the left, such as 1.2,0,-90"
-        raise ConfigError(f"--extrinsics {text}: {problem}") from None
-    return x, y, yaw
 
 
 def _count_undecided(count: int) -> str:

@@ -21,7 +21,7 @@ def info(
     quiet: Quiet = False,
     verbose: Verbose = False,
 ) -> None:
-    """Show what a recording contains: format, scans, duration, turn rate, range bins, odometry, ground truth and gaps.
+    """Show what a recording contains: scans, duration, turn rate, range bins, odometry, ground truth, other sensors, gaps.
 
     Example: mqslam info drive
     """
@@ -55,6 +55,9 @@ def _list_radar_rows(facts: dict[str, Any]) -> list[tuple[str, str]]:
         ("range", f"{facts['bins']} bins of {facts['range_resolution_m']:.4g} m: {facts['max_range_m']:.1f} m"),
         ("odometry", _describe_extent(facts["odometry"])),
         ("ground truth", _describe_extent(facts["ground_truth"])),
+        ("gyroscope", _describe_sensor(facts["gyroscope"], "reading")),
+        ("GNSS", _describe_sensor(facts["gnss"], "fix")),
+        ("mount", _describe_mount(facts["mount"])),
         ("gaps", _describe_gaps(facts["gaps"])),
         *(("note", note) for note in facts["notes"]),
         *(("fault", fault) for fault in facts["faults"]),
@@ -90,3 +93,21 @@ def _list_lidar_rows(facts: dict[str, Any]) -> list[tuple[str, str]]:
 def _describe_extent(track: dict[str, Any] | None) -> str:
     """Returns the size of a trajectory in words."""
     return "none" if track is None else f"{track['poses']} poses, {track['length_m']:.1f} m"
+
+
+def _describe_sensor(sensor: dict[str, Any] | None, reading: str) -> str:
+    """Returns the readings of a sensor in words: their number, their rate, the time that they span and their source."""
+    if sensor is None:
+        return "none"
+    plural = "" if sensor["readings"] == 1 else "es" if reading == "fix" else "s"
+    rate = "" if sensor["rate_hz"] is None else f" at {sensor['rate_hz']:.4g} Hz over {sensor['span_s']:.1f} s"
+    use = ", which the ground truth was made from" if sensor.get("made_truth") else ""
+    return f"{sensor['readings']} {reading}{plural}{rate}, from {sensor['source']}{use}"
+
+
+def _describe_mount(mount: dict[str, Any] | None) -> str:
+    """Returns where the radar sits on the vehicle in words."""
+    if mount is None:
+        return "not stated"
+    place = f"{mount['x_m']:.3g} m forward, {mount['y_m']:.3g} m to the left, {mount['yaw_deg']:.3g} deg to the left"
+    return f"{place}, from {mount['source']}"

@@ -15,9 +15,12 @@ from mqslam.cli.terminal.options import (
     Cluster,
     ConfigOption,
     Data,
+    Extrinsics,
     Force,
     Format,
     Frontend,
+    Gnss,
+    Imu,
     Jobs,
     Json,
     Odometry,
@@ -32,6 +35,7 @@ if TYPE_CHECKING:
     from mqslam.execution.runner import Watch
 
 _VIEWER = "viewer"
+_SENSORS = {"gyroscope": "the gyroscope", "gnss": "GNSS"}
 
 
 def run(
@@ -40,6 +44,9 @@ def run(
     frontend: Frontend = "psi",
     config: ConfigOption = None,
     odometry: Odometry = "auto",
+    imu: Imu = "auto",
+    gnss: Gnss = "auto",
+    extrinsics: Extrinsics = "auto",
     format: Format = None,
     range_resolution: RangeResolution = None,
     jobs: Jobs = CORES,
@@ -88,6 +95,9 @@ def run(
             out,
             frontend=frontend,
             odometry=odometry,
+            imu=imu,
+            gnss=gnss,
+            extrinsics=extrinsics,
             config=settings,
             format=format,
             range_resolution=range_resolution,
@@ -102,6 +112,7 @@ def run(
     elif not quiet:
         for warning in summary["warnings"]:
             console.print(f"warning: {warning}", style="yellow", highlight=False, soft_wrap=True)
+        print_notes(console, list_sensor_notes(summary["sensors"]))
         if settings.sensor.doppler_beta is None and summary["doppler_beta"]:
             beta = summary["doppler_beta"]
             print_notes(
@@ -109,6 +120,20 @@ def run(
             )
         Console(soft_wrap=True).print(tabulate_summary(summary))
         typer.echo(f"report: {result.report}")
+
+
+def list_sensor_notes(sensors: dict[str, dict[str, Any] | None]) -> list[str]:
+    """Returns what was found of the sensors that are used, and how far they move the trajectory; others are warnings."""
+    notes = list[str]()
+    for name, found in sensors.items():
+        if found is None or not found["used"]:
+            continue
+        notes += found["statements"]
+        if found["moved_m"] is not None:
+            turned = math.degrees(found["turned_rad"])
+            moved = f"moves the trajectory by {found['moved_m']:.2g} m (RMS) and turns its end by {turned:+.2g} deg"
+            notes.append(f"{_SENSORS[name]} {moved}")
+    return notes
 
 
 @contextmanager

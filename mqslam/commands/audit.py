@@ -13,6 +13,7 @@ from mqslam.auditing.mending.rounds import Judged, Mended
 from mqslam.auditing.mending.rounds import mend as mend_trajectory
 from mqslam.auditing.sources import LIDAR_CONFIG, Source, divide_cloud, is_cloud, make_lidar_source, move_cloud, place_source
 from mqslam.auditing.sweeps import Sweeps, require_covered
+from mqslam.commands.extrinsics import to_pose
 from mqslam.commands.given_covariances import find_claims
 from mqslam.commands.opening import choose_settings, open_data
 from mqslam.commands.result import JudgedResult
@@ -36,7 +37,6 @@ from mqslam.report.audit_page import write_audit_pages
 from mqslam.results.audit_results import summarise, summarise_mended, write_audit
 from mqslam.results.summary_files import add_warnings
 
-_LARGEST_EXTRINSICS = np.array([100.0, 100.0, 360.0])  # beyond any vehicle [m, m, degrees]: in other units, or no numbers
 _LONGEST_OFFSET_S = 1e11  # beyond any clock, three thousand years: such an offset is in another unit, or no number
 CARRIED = ("recording", "odometry", "ground_truth")  # the names of trajectories that a recording may carry
 
@@ -99,7 +99,7 @@ def audit(  # noqa: PLR0913 - these are the options of an audit, each with its d
     data, out = Path(data), Path(out)
     check_free(out, force=force, recording=data)
     _require_rate(false_alarms)
-    mount = _check_extrinsics(extrinsics)
+    mount = None if extrinsics is None else to_pose(extrinsics)
     if mount is not None and covariances is not None:
         raise ConfigError("covariances are those of the sensor's poses; extrinsics say otherwise; leave out one of the two")
     given, told = _read_given(trajectory, times, topic, frame, time_offset_s, mount)
@@ -170,23 +170,6 @@ def _require_rate(false_alarms: float | None) -> None:
     """
     if false_alarms is not None and not 0.0 < false_alarms < 0.5:
         raise ConfigError(f"a rate of false alarms of {false_alarms:g} is not between 0 and 0.5; give one such as 0.01")
-
-
-def _check_extrinsics(extrinsics: tuple[float, float, float] | None) -> se2.Array | None:
-    """Returns extrinsics in metres and degrees as a pose (3,) in metres and radians.
-
-    Raises:
-        ConfigError: they are not three numbers, or beyond any vehicle or turn.
-    """
-    if extrinsics is None:
-        return None
-    pose = np.asarray(extrinsics, dtype=np.float64)
-    if pose.shape != (3,) or not np.all(np.abs(pose) <= _LARGEST_EXTRINSICS):
-        raise ConfigError(
-            f"extrinsics of {', '.join(f'{value:g}' for value in pose.ravel())} are beyond any vehicle; "
-            f"{Remedy.GIVE_EXTRINSICS} as metres forward, metres to the left and degrees to the left"
-        )
-    return np.array([pose[0], pose[1], np.radians(pose[2])])
 
 
 def _describe_mount(mount: se2.Array) -> str:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from mqslam.commands.batch_plan import read_plan
-from mqslam.commands.batch_schedule import AGAIN, run_all
+from mqslam.commands.batches.batch_plan import read_plan
+from mqslam.commands.batches.batch_schedule import AGAIN, run_all
 from mqslam.commands.result import Result
 from mqslam.commands.work import QUIET, Work
 from mqslam.errors import ClusterError

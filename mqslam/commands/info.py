@@ -7,7 +7,10 @@ from typing import Any
 import numpy as np
 
 from mqslam.core.recording import Recording
+from mqslam.core.sensors.fixes import Fixes
+from mqslam.core.sensors.gyroscope import Gyroscope
 from mqslam.core.sensors.lidar import LidarRecording
+from mqslam.core.sensors.mount import Mount
 from mqslam.core.trajectory import Trajectory
 
 
@@ -16,13 +19,15 @@ def describe_radar(recording: Recording) -> dict[str, Any]:
 
     Returns:
         format, path, revolutions, duration_s [s], turn_rate_hz [1/s], azimuths and bins of the first polar scan,
-        range_resolution_m and max_range_m [m], odometry and ground_truth (None, or poses and length_m [m]), gaps
-        (after_revolution, counted from 0, and missing_s [s]), notes and faults.
+        range_resolution_m and max_range_m [m], odometry and ground_truth (None, or poses and length_m [m]), gyroscope and
+        gnss (None, or readings, rate_hz [1/s], span_s [s] and source; gnss has made_truth, too), mount (None, or x_m, y_m
+        [m], yaw_deg [degrees] and source), gaps (after_revolution, counted from 0, and missing_s [s]), notes and faults.
 
     Raises:
         DataError: the first polar scan cannot be read.
     """
     azimuths, bins = recording[0].power.shape
+    fixes = recording.fixes
     return {
         "format": recording.format,
         "path": str(recording.path),
@@ -35,6 +40,9 @@ def describe_radar(recording: Recording) -> dict[str, Any]:
         "max_range_m": bins * recording.range_resolution,
         "odometry": _describe_extent(recording.odometry),
         "ground_truth": _describe_extent(recording.ground_truth),
+        "gyroscope": None if recording.gyroscope is None else _describe_sensor(recording.gyroscope),
+        "gnss": None if fixes is None else {**_describe_sensor(fixes), "made_truth": fixes.made_truth},
+        "mount": None if recording.mount is None else _describe_mount(recording.mount),
         "gaps": [{"after_revolution": k, "missing_s": missing} for k, missing in recording.gaps()],
         "notes": list(recording.notes),
         "faults": list(recording.faults),
@@ -66,3 +74,19 @@ def describe_lidar(lidar: LidarRecording) -> dict[str, Any]:
 def _describe_extent(trajectory: Trajectory | None) -> dict[str, Any] | None:
     """Returns the number of poses and the length [m] of a trajectory, or None."""
     return None if trajectory is None else {"poses": len(trajectory), "length_m": trajectory.length_m}
+
+
+def _describe_sensor(sensor: Gyroscope | Fixes) -> dict[str, Any]:
+    """Returns how many readings a sensor has, how many a second (None of a single one), over which time, and from where."""
+    return {
+        "readings": len(sensor),
+        "rate_hz": sensor.rate_hz if len(sensor) > 1 else None,
+        "span_s": float(sensor.stamps_us[-1] - sensor.stamps_us[0]) * 1e-6,
+        "source": sensor.source,
+    }
+
+
+def _describe_mount(mount: Mount) -> dict[str, Any]:
+    """Returns where the radar sits on the vehicle, and who says so."""
+    x, y, yaw = mount.pose.tolist()
+    return {"x_m": x, "y_m": y, "yaw_deg": float(np.degrees(yaw)), "source": mount.source}

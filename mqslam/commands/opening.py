@@ -1,14 +1,44 @@
-"""The recording, the settings and the odometry that a command was given."""
+"""The recording, the settings, the odometry and the sensors that a command was given."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
+from numpy.typing import NDArray
+
+from mqslam.commands.extrinsics import parse_extrinsics, to_pose
 from mqslam.config import Config, ReadingConfig, load_config
 from mqslam.core.recording import Recording
+from mqslam.core.sensors.fixes import Fixes
+from mqslam.core.sensors.gyroscope import Gyroscope
+from mqslam.core.sensors.mount import Mount
+from mqslam.core.sensors.sensors import Sensors
 from mqslam.core.trajectory import Trajectory
 from mqslam.errors import DataError, Remedy
 from mqslam.formats.recordings import open_recording, read_odometry
+from mqslam.formats.sensors import read_fixes, read_gyroscope
+
+
+@dataclass(frozen=True, slots=True)
+class Inputs:
+    """What a run takes beside the radar: `auto` (what the recording carries, if anything), `none`, or what is named.
+
+    Args:
+        odometry: or the path of a file.
+        imu: of the gyroscope, or the path of a file.
+        gnss: or the path of a file.
+        extrinsics: where the radar sits on the vehicle, or X,Y,YAW: metres forward, metres and degrees to the left.
+    """
+
+    odometry: str = "auto"
+    imu: str = "auto"
+    gnss: str = "auto"
+    extrinsics: str = "auto"
+
+
+USUAL_INPUTS = Inputs()
 
 
 def choose_settings(config: Config | Path | str | None, default: str | None = None) -> Config:
@@ -76,3 +106,108 @@ def choose_odometry(recording: Recording, choice: str, reading: ReadingConfig) -
     if recording.odometry is not None and not recording.odometry.covers(recording.start_us, last, reading.track_slack_us):
         return None, ["the recording's odometry does not cover the whole recording and is not used"]
     return recording.odometry, []
+
+
+def choose_sensors(recording: Recording, inputs: Inputs) -> tuple[Sensors, list[str]]:
+    """Returns the sensors that a run uses, and what the user should know about the choice.
+
+    Args:
+        recording: the recording.
+        inputs: what the run takes.
+
+    Raises:
+        ConfigError: the extrinsics are no pose on a vehicle.
+        DataError: a file cannot be read, or shares no time with the recording.
+    """
+    gyroscope, turning = choose_gyroscope(recording, inputs.imu)
+    fixes, placing = choose_fixes(recording, inputs.gnss)
+    mount, seating = choose_mount(recording, inputs.extrinsics)
+    return Sensors(gyroscope, fixes, mount), [*turning, *placing, *seating]
+
+
+def choose_gyroscope(recording: Recording, choice: str) -> tuple[Gyroscope | None, list[str]]:
+    """Returns the gyroscope that a run uses, and what the user should know about the choice.
+
+    Args:
+        recording: the recording.
+        choice: `auto` (the recording's own, if it has one), `none`, or the path of a file.
+
+    Raises:
+        DataError: the file cannot be read, or shares no time with the recording.
+    """
+    if choice == "none":
+        return None, []
+    if choice != "auto":
+        reading = read_gyroscope(Path(choice))
+        _require_overlap(recording, reading.sensor.stamps_us, choice)
+        return reading.sensor, [*reading.notes, *reading.faults]
+    own = recording.gyroscope
+    if own is not None and not _overlaps(recording, own.stamps_us):
+        return None, ["the recording's gyroscope shares no time with the radar and is not used"]
+    return own, []
+
+
+def choose_fixes(recording: Recording, choice: str) -> tuple[Fixes | None, list[str]]:
+    """Returns the GNSS fixes that a run uses, and what the user should know about the choice.
+
+    Fixes that the ground truth was made from are used only if their file is named: an evaluation of what they have a part in
+    would prove nothing.
+
+    Args:
+        recording: the recording.
+        choice: `auto` (the recording's own, if it has any), `none`, or the path of a file.
+
+    Raises:
+        DataError: the file cannot be read, or shares no time with the recording.
+    """
+    if choice == "none":
+        return None, []
+    if choice != "auto":
+        reading = read_fixes(Path(choice), recording.start_us)
+        _require_overlap(recording, reading.sensor.stamps_us, choice)
+        return reading.sensor, [*reading.notes, *reading.faults]
+    own = recording.fixes
+    if own is None:
+        return None, []
+    if own.made_truth:
+        return None, [
+            f"the GNSS fixes in {own.source} are not used, since the recording's ground truth was made from them; "
+            "name the file to use them"
+        ]
+    if not _overlaps(recording, own.stamps_us):
+        return None, ["the recording's GNSS fixes share no time with the radar and are not used"]
+    return own, []
+
+
+def choose_mount(recording: Recording, choice: str) -> tuple[Mount | None, list[str]]:
+    """Returns where the radar sits on the vehicle, and what the user should know about the choice: nothing.
+
+    Args:
+        recording: the recording.
+        choice: `auto` (what the recording states, if it does), `none`, or X,Y,YAW: metres forward, metres to the left and
+            degrees to the left.
+
+    Raises:
+        ConfigError: the choice is neither, or no pose on a vehicle.
+    """
+    if choice == "none":
+        return None, []
+    if choice != "auto":
+        return Mount(to_pose(parse_extrinsics(choice)), "given"), []
+    return recording.mount, []
+
+
+def _overlaps(recording: Recording, stamps_us: NDArray[np.int64]) -> bool:
+    """Returns whether some of the increasing stamps (N,) [us] of a sensor lie within a recording."""
+    first, after = np.searchsorted(stamps_us, [recording.start_us, recording.end_us + 1])
+    return bool(first < after)
+
+
+def _require_overlap(recording: Recording, stamps_us: NDArray[np.int64], name: str) -> None:
+    """Raises DataError unless some of the increasing stamps (N,) [us] of a file lie within a recording."""
+    if not _overlaps(recording, stamps_us):
+        raise DataError(
+            name,
+            f"spans {stamps_us[0]} to {stamps_us[-1]} us, which shares no time with the recording",
+            f"give one of {recording.start_us} to {recording.end_us} us in the radar's clock",
+        )

@@ -7,11 +7,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from mqslam.commands.opening import choose_odometry, choose_settings, open_data
+from mqslam.commands.opening import USUAL_INPUTS, Inputs, choose_odometry, choose_sensors, choose_settings, open_data
 from mqslam.commands.result import RunResult
 from mqslam.commands.work import QUIET, Work
 from mqslam.config import Config
 from mqslam.core.recording import Recording
+from mqslam.core.sensors.sensors import NO_SENSORS, Sensors
 from mqslam.core.trajectory import Trajectory
 from mqslam.errors import Remedy
 from mqslam.execution.checkpoint import hash_run, keep_checkpoint
@@ -30,6 +31,9 @@ def run(  # noqa: PLR0913 - these are the options of a run, each with its defaul
     *,
     frontend: str = "psi",
     odometry: str = "auto",
+    imu: str = "auto",
+    gnss: str = "auto",
+    extrinsics: str = "auto",
     config: Config | Path | str | None = None,
     format: str | None = None,
     range_resolution: float | None = None,
@@ -45,6 +49,10 @@ def run(  # noqa: PLR0913 - these are the options of a run, each with its defaul
         out: folder for the results; it must not exist yet.
         frontend: name of the front end.
         odometry: `auto` (the recording's own, if it has one), `none`, or the path of a file.
+        imu: `auto` (the recording's own gyroscope, if it has one), `none`, or the path of a file.
+        gnss: `auto` (the recording's own fixes, unless its ground truth was made from them), `none`, or the path of a file.
+        extrinsics: where the radar sits on the vehicle: `auto` (what the recording states, if it does), `none`, or a text
+            X,Y,YAW of metres forward, metres to the left and degrees to the left.
         config: settings, or the path of a YAML file, or the name of one that ships with mqslam; None takes the defaults.
         format: layout of the recording; None guesses it.
         range_resolution: length of a range bin [m], if the recording does not state it or is wrong.
@@ -66,7 +74,8 @@ def run(  # noqa: PLR0913 - these are the options of a run, each with its defaul
     data, out = Path(data), Path(out)
     settings = choose_settings(config)
     check_free(out, force=force, resume=resume, recording=data)
-    job = open_job(data, settings, frontend, odometry, format, range_resolution, strict=strict)
+    inputs = Inputs(odometry, imu, gnss, extrinsics)
+    job = open_job(data, settings, frontend, inputs, format, range_resolution, strict=strict)
     for note in job.log:
         work.tell(note)
     return RunResult(out, execute(job, out, work, resume=resume))
@@ -82,7 +91,8 @@ class Job:
         settings: all settings.
         frontend: name of the front end.
         strict: whether a polar scan that cannot be read is an error.
-        notes: what a user should know about the choice of odometry.
+        notes: what a user should know about the choice of odometry and sensors.
+        sensors: the other sensors it uses.
     """
 
     recording: Recording
@@ -91,6 +101,7 @@ class Job:
     frontend: str
     strict: bool
     notes: tuple[str, ...]
+    sensors: Sensors = NO_SENSORS
 
     @property
     def log(self) -> tuple[str, ...]:
@@ -99,29 +110,30 @@ class Job:
 
     @property
     def key(self) -> str:
-        """A string that differs for any other recording, settings, front end or odometry."""
-        return hash_run(self.recording, self.settings, self.frontend, self.odometry)
+        """A string that differs for any other recording, settings, front end, odometry or sensors."""
+        return hash_run(self.recording, self.settings, self.frontend, self.odometry, self.sensors)
 
 
 def open_job(
     data: Path,
     settings: Config,
     frontend: str = "psi",
-    odometry: str = "auto",
+    inputs: Inputs = USUAL_INPUTS,
     format: str | None = None,
     range_resolution: float | None = None,
     *,
     strict: bool = False,
 ) -> Job:
-    """Opens a recording and chooses its odometry; the arguments are those of `run`.
+    """Opens a recording and chooses its odometry and sensors; the arguments are those of `run`.
 
     Raises:
-        ConfigError: the format is unknown, or the range resolution is not a length.
-        DataError: the recording or the odometry cannot be used.
+        ConfigError: the format is unknown, the range resolution is not a length, or the extrinsics are no pose.
+        DataError: the recording, the odometry or a sensor's file cannot be used.
     """
     recording = open_data(data, format, range_resolution, settings, strict=strict)
-    track, notes = choose_odometry(recording, odometry, settings.reading)
-    return Job(recording, track, settings, frontend, strict, tuple(notes))
+    track, notes = choose_odometry(recording, inputs.odometry, settings.reading)
+    sensors, told = choose_sensors(recording, inputs)
+    return Job(recording, track, settings, frontend, strict, (*notes, *told), sensors)
 
 
 def execute(job: Job, out: Path, work: Work, *, resume: bool, how: str = Remedy.RESUME) -> dict[str, Any]:
@@ -142,7 +154,8 @@ def execute(job: Job, out: Path, work: Work, *, resume: bool, how: str = Remedy.
     """
     with keep_checkpoint(out, job.key, resume=resume, how=how) as checkpoint:
         runner = Runner(work.engine, work.progress, checkpoint, work.watch)
-        result = Slam(job.settings, job.frontend, runner, strict=job.strict).run(job.recording, job.odometry)
+        slam = Slam(job.settings, job.frontend, runner, strict=job.strict)
+        result = slam.run(job.recording, job.odometry, job.sensors)
         warnings = [*list_warnings(result, job.recording), *job.notes]
         summary: dict[str, Any] = to_json_values(
             {**summarise(result, job.recording), "warnings": warnings, "run_key": job.key}

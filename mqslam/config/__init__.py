@@ -27,7 +27,7 @@ from mqslam.config.loop_config import LoopConfig, PassConfig, RefinementConfig
 from mqslam.config.map_config import MapConfig
 from mqslam.config.psi_config import PsiConfig
 from mqslam.config.reading_config import ReadingConfig
-from mqslam.config.sensor_config import SensorConfig
+from mqslam.config.sensor_config import GnssConfig, GyroscopeConfig, SensorConfig
 from mqslam.config.tracker_config import TrackerConfig
 from mqslam.config.yaml_file import parse_yaml
 from mqslam.errors import ConfigError, suggest
@@ -40,7 +40,9 @@ __all__ = [
     "Config",
     "DetectorConfig",
     "EstimatorConfig",
+    "GnssConfig",
     "GraphConfig",
+    "GyroscopeConfig",
     "KissIcpConfig",
     "LoopConfig",
     "MapConfig",
@@ -80,6 +82,8 @@ class Config(BaseModel):
     kiss_icp: KissIcpConfig = KissIcpConfig()
     open3d_icp: Open3dIcpConfig = Open3dIcpConfig()
     odometry: OdometryConfig = OdometryConfig()
+    gyroscope: GyroscopeConfig = GyroscopeConfig()
+    gnss: GnssConfig = GnssConfig()
     graph: GraphConfig = GraphConfig()
     loops: LoopConfig = LoopConfig()
     refinement: RefinementConfig = RefinementConfig()

@@ -87,6 +87,19 @@ class ScanMatchingConfig(BaseModel):
         gt=0.0,
         description="A longer gap is a pause or a jump of the clock [s]. After it the sensor is taken to be at rest.",
     )
+    backward_scans: int = expert(
+        80,
+        ge=2,
+        description="Number of scans in a row that are followed backwards in time, too, to learn how large errors are.",
+    )
+    backward_every: int = expert(
+        1000,
+        ge=10,
+        description="One such stretch is followed in every so many scans; errors are as large everywhere.",
+    )
+    backward_warm_up: int = expert(
+        20, ge=0, description="Number of scans by which such a stretch begins earlier, while its map is still thin."
+    )
     gap_turns: float = expert(
         0.5, gt=0.0, description="Missing time between two scans from which it counts as a gap, in turns of the radar."
     )

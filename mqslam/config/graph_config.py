@@ -78,11 +78,11 @@ class GraphConfig(BaseModel):
         0.1,
         gt=0.0,
         description="Standard deviation [m] of z in a factor between poses in space, about which the radar says nothing: "
-        "within a submap, a vehicle on a road leaves the plane it stands in by no more. Runs have planar poses and do "
-        "without it.",
+        "where a road bends, a vehicle leaves the plane in which it stands by no more within a submap. A run has planar "
+        "poses and does without it.",
     )
     lifted_rad: float = expert(
         0.03,
         gt=0.0,
-        description="The same of roll and pitch [rad]: within a submap, a road bends and springs give way by about as much.",
+        description="The same of roll and pitch [rad]: roads bend, and springs give way, by about as much within a submap.",
     )

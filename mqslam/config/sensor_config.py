@@ -1,4 +1,4 @@
-"""Settings of the radar itself."""
+"""Settings of the radar itself, and of the sensors beside it."""
 
 from __future__ import annotations
 
@@ -58,4 +58,94 @@ class SensorConfig(BaseModel):
         0.01,
         ge=0.0,
         description="A smaller Doppler shift counts as none [s]: it moves returns by a tenth of their own error.",
+    )
+
+
+class GyroscopeConfig(BaseModel):
+    """How a gyroscope beside the radar is held against psi, and what makes it unfit."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    longest_delay_s: float = Field(
+        0.3, gt=0.0, description="Largest error of the gyroscope's clock, late or early, that is looked for [s]."
+    )
+    fewest: int = expert(
+        40,
+        ge=3,
+        description="With fewer motions than this that psi found itself, a gyroscope is not calibrated, and not used.",
+    )
+    largest_scale: float = expert(
+        1.25,
+        gt=1.0,
+        description="A gyroscope that turns more than this many times as far as the radar, or as little, is of another unit "
+        "or broken, and is not used. The scale of smaller errors is put right.",
+    )
+    most_wild: float = expert(
+        0.1,
+        gt=0.0,
+        lt=1.0,
+        description="Share of motions in which a calibrated gyroscope may contradict psi by more than three standard "
+        "deviations. Psi itself is wrong in a few.",
+    )
+    told_sigmas: float = expert(
+        5.0,
+        gt=0.0,
+        description="A delay, a scale or that both turn the same way is told by this many standard deviations.",
+    )
+    delay_tolerance_s: float = expert(
+        0.01, ge=0.0, description="A smaller error of the clock is put right without a word [s]."
+    )
+    scale_tolerance: float = expert(
+        0.01, ge=0.0, description="A smaller error of the scale is put right and not worth a word."
+    )
+    knot_s: float = expert(1.0, gt=0.0, description="Time between two values of its bias in the graph [s].")
+    first_walk: float = expert(
+        0.001,
+        gt=0.0,
+        description="Standard deviation [rad/s] by which the bias may walk in a second, until the recording has shown "
+        "how much it does.",
+    )
+    sigma_bias: float = expert(
+        0.1, gt=0.0, description="Standard deviation of the bias when nothing is known of it [rad/s]."
+    )
+    sigma_scale: float = expert(0.1, gt=0.0, description="Standard deviation of an unknown scale.")
+
+
+class GnssConfig(BaseModel):
+    """How the fixes of a GNSS receiver are held against the trajectory, and what makes them unfit."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    fewest: int = expert(10, ge=3, description="With fewer fixes than this within the recording they are not used.")
+    reach: float = Field(
+        3.0,
+        gt=0.0,
+        description="Distance from the trajectory beyond which a fix is a jump and hardly counts [standard deviations].",
+    )
+    alike_s: float = expert(
+        60.0,
+        gt=0.0,
+        description="Longest time over which fixes are averaged to learn how their errors wander [s]. Over a longer one the "
+        "trajectory itself drifts as much.",
+    )
+    knot_s: float = expert(
+        10.0, gt=0.0, description="Time between two values of a receiver's wandering error in the graph [s]."
+    )
+    largest_walk_m: float = expert(
+        3.0,
+        gt=0.0,
+        description="Fixes that wander about the trajectory by more than this in a second are not used: no receiver's error "
+        "does [m].",
+    )
+    largest_share: float = expert(
+        0.05,
+        gt=0.0,
+        description="Fixes are not used if half of them lie farther from the trajectory than this share of its path: no "
+        "trajectory drifts so much.",
+    )
+    least_spread: float = expert(
+        5.0,
+        gt=0.0,
+        description="Fixes are not used if the trajectory spreads over less than this many times the distance that half of "
+        "them lie from it, since they would say nothing of its heading.",
     )

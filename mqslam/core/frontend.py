@@ -16,6 +16,8 @@ from mqslam.core import se2
 from mqslam.core.engine import Engine
 from mqslam.core.measurement import Measurement
 from mqslam.core.scans import Scan, Scans
+from mqslam.core.sensors.sensors import NO_SENSORS, Sensors
+from mqslam.core.sensors.turning import KnownTurning
 from mqslam.core.trajectory import Trajectory
 from mqslam.errors import ConfigError, EstimationError, FrontEndError, MqslamError, Remedy, describe_error, suggest
 
@@ -39,6 +41,9 @@ class Context:
         doppler_beta: range shift per closing speed [s], as the settings name it or as it was measured.
         preview: takes each motion, in order, as soon as a front end has a first estimate of it, to show it. A front end that
             yields its motions as it measures them need not call it.
+        sensors: the other sensors of the vehicle, for what comes after the front end.
+        turning: how far the radar turns, as a gyroscope says that agrees with motions that were measured before, or None. It
+            serves where a front end finds nothing, and never as information: the graph has the gyroscope itself.
         engine: where a front end may have stretches of a recording tracked beside each other; None tracks them here.
     """
 
@@ -49,6 +54,8 @@ class Context:
     doppler_beta: float = 0.0
     preview: Callable[[Measurement], None] = ignore_motion
     engine: Engine | None = None
+    sensors: Sensors = NO_SENSORS
+    turning: KnownTurning | None = None
 
     def odometry_twist(self, t0: float, t1: float) -> se2.Array | None:
         """Returns the mean twist (3,) of the odometry between two times [s], or None where there is none."""
@@ -59,9 +66,25 @@ class Context:
             return None
         return np.asarray(self.odometry.mean_twists(stamps[:1], stamps[1:])[0])
 
+    def told_twist(self, t0: float, t1: float) -> se2.Array | None:
+        """Returns the mean twist (3,) between two times [s] as odometry and gyroscope tell it; None where neither does.
+
+        A component that nothing tells is NaN. The gyroscope is surer of the turn than odometry.
+        """
+        twist, rate = self.odometry_twist(t0, t1), float("nan")
+        if self.turning is not None:
+            rate = self.turning.mean_rate(t0, t1)
+        if np.isnan(rate):
+            return twist
+        return np.append(np.full(2, np.nan) if twist is None else twist[:2], rate)
+
 
 class FrontEnd(Protocol):
-    """Turns scans into relative motions."""
+    """Turns scans into relative motions.
+
+    A class whose attribute `takes_turning` is true is asked a second time, with what a gyroscope says of the turn, where it
+    did not find every motion.
+    """
 
     def __init__(self, context: Context) -> None: ...
 

@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 
 from mqslam.config import Config, dump_yaml
 from mqslam.core.recording import Recording
+from mqslam.core.sensors.sensors import NO_SENSORS, Sensors
 from mqslam.core.trajectory import Trajectory
 from mqslam.errors import ClusterError, FrontEndError, MqslamError, OutputError, Remedy, WorkerError
 from mqslam.execution.files import write_aside, write_text
@@ -33,7 +34,9 @@ R = TypeVar("R")
 FOLDER = "checkpoint"
 
 
-def hash_run(recording: Recording, config: Config, frontend: str, odometry: Trajectory | None) -> str:
+def hash_run(
+    recording: Recording, config: Config, frontend: str, odometry: Trajectory | None, sensors: Sensors = NO_SENSORS
+) -> str:
     """Returns a hash of everything that a run's result depends on: runs with different keys are different runs."""
     digest = hashlib.sha256()
     path, resolution = str(recording.path.resolve()), str(recording.range_resolution)
@@ -42,7 +45,21 @@ def hash_run(recording: Recording, config: Config, frontend: str, odometry: Traj
     digest.update(recording.stamps_us.tobytes())
     if odometry is not None:
         digest.update(odometry.stamps_us.tobytes() + odometry.poses.tobytes())
+    for name, arrays in _list_arrays(sensors).items():
+        digest.update(name.encode() + b"".join(array.tobytes() for array in arrays))
     return digest.hexdigest()
+
+
+def _list_arrays(sensors: Sensors) -> dict[str, tuple[NDArray[Any], ...]]:
+    """Lists the numbers that the sensors of a run state, by the sensors that there are."""
+    arrays: dict[str, tuple[NDArray[Any], ...]] = {}
+    if sensors.gyroscope is not None:
+        arrays["gyroscope"] = (sensors.gyroscope.stamps_us, sensors.gyroscope.rates)
+    if (fixes := sensors.fixes) is not None:
+        arrays["fixes"] = (fixes.stamps_us, fixes.latitudes, fixes.longitudes, fixes.sigmas_m)
+    if sensors.mount is not None:
+        arrays["mount"] = (sensors.mount.pose,)
+    return arrays
 
 
 @contextmanager

@@ -11,8 +11,8 @@ from mqslam.core.trajectory import Trajectory
 from mqslam.errors import ConfigError, OutputError, Remedy, suggest
 from mqslam.execution.folders import check_free, check_writable
 from mqslam.formats.recordings import list_targets
+from mqslam.formats.recordings.watched import watch
 from mqslam.formats.shared.target import Message, Target
-from mqslam.formats.watched import watch
 
 _FOLDER = "oxford"  # layout of a folder, where none is named
 
@@ -114,6 +114,10 @@ def _list_losses(recording: Recording, target: Target, unmarked: int) -> list[st
         notes.append(f"odometry is left behind: {target.name} has no place for it")
     if recording.ground_truth is not None and not target.truth:
         notes.append(f"ground truth is left behind: {target.name} has no place for it")
+    carried = (("the gyroscope", recording.gyroscope), ("GNSS", recording.fixes), ("the radar's mount", recording.mount))
+    for name, sensor in carried:
+        if sensor is not None and not target.sensors:
+            notes.append(f"{name} is left behind: {target.name} has no place for it")
     if unmarked:
         notes.append(f"{unmarked} azimuths marked as not measured lose that mark: the layout has no place for it")
     assumed = target.assumed_resolution(recording) if target.assumed_resolution else None

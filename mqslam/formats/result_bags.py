@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from mqslam.core.trajectory import Trajectory
-from mqslam.formats.nav2_map import read_nav2_map
+from mqslam.formats.maps.nav2_map import read_nav2_map
 from mqslam.formats.ply import read_ply
 from mqslam.formats.shared.bag_writer import RADAR_FRAME, TF_TYPE, Bag, write_bag
 from mqslam.formats.shared.bags import PATH_TYPE, POSE_TYPE

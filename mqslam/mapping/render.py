@@ -8,14 +8,16 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mqslam.config import EstimatorConfig, MapConfig
+from mqslam.config import Config, EstimatorConfig, MapConfig
 from mqslam.core import se2
 from mqslam.core.engine import Engine
 from mqslam.core.point_map import PointMap
 from mqslam.core.scans import Returns, Scans
 from mqslam.core.stored import make_stored, release
+from mqslam.core.trajectory import Trajectory
 from mqslam.errors import EstimationError
 from mqslam.execution.local_engine import HERE
+from mqslam.execution.runner import Runner
 from mqslam.psi.minimiser import final_scale, score_against
 from mqslam.psi.place import Beam, PointSet, compute_beam_covariance
 from mqslam.psi.scoring.neighbours import find_corner
@@ -55,6 +57,23 @@ def render(
     placed = place_scans(scans.take(seen[select_moving(poses[seen], settings)].tolist()), scans.start_times, poses, beam)
     shares, matched = score_points(placed.points, scans.revolution_s, estimator, engine)
     return PointMap(placed.points.points, placed.points.times, placed.intensities, shares, matched)
+
+
+def render_track(what: str, scans: Scans, track: Trajectory, config: Config, beam: Beam, runner: Runner) -> PointMap:
+    """Renders the map under a trajectory, or an empty one with a warning: the trajectory is worth more than its map.
+
+    Args:
+        what: names the map in the warning.
+        scans: of the recording.
+        track: poses at the starts of the scans.
+        config: all settings.
+        beam: the sensor's errors.
+        runner: where it is rendered.
+    """
+    rendered = PointMap.empty()
+    with runner.tolerate(what):
+        rendered = render(scans, track.poses, config.map, config.estimator, beam, runner.engine)
+    return rendered
 
 
 class Placed(NamedTuple):

@@ -32,7 +32,25 @@ _CARDS: Final = {
     "evaluation": "Against ground truth",
     "runtime_s": "Run time",
 }
+_SENSORS: Final = {"gyroscope": "Gyroscope", "gnss": "GNSS"}
 _LABELS: Final = {
+    "gyroscope.factors": ("turns in the graph", ""),
+    "gyroscope.axis": ("axis that is the radar's vertical", ""),
+    "gyroscope.scale": ("turns of the radar per turn of its own", ""),
+    "gyroscope.sigma_scale": ("± (one sigma)", ""),
+    "gyroscope.late_s": ("its clock is late by", " s"),
+    "gyroscope.sigma_late_s": ("± (one sigma)", " s"),
+    "gyroscope.bias_radps": ("bias", " rad/s"),
+    "gyroscope.white_noise": ("white noise", " rad/s/√Hz"),
+    "gyroscope.bias_walk": ("walk of the bias", " rad/s/√s"),
+    "gyroscope.moved_m": ("moves the trajectory by (RMS)", " m"),
+    "gyroscope.turned_rad": ("turns its end by", " rad"),
+    "gnss.factors": ("fixes in the graph", ""),
+    "gnss.rejected": ("of them rejected as jumps", ""),
+    "gnss.white_m": ("white noise", " m"),
+    "gnss.walk_m": ("walk of the error", " m/√s"),
+    "gnss.moved_m": ("moves the trajectory by (RMS)", " m"),
+    "gnss.turned_rad": ("turns its end by", " rad"),
     "dataset.duration_s": ("duration", " s"),
     "dataset.length_m": ("length of path", " m"),
     "factors.loop": ("loop closures", ""),
@@ -218,7 +236,15 @@ def _list_numbers(report: Report) -> Numbers:
         if group == "runtime_s" and report.summary.get("peak_rss_mb") is not None:
             rows.append(("peak memory", format_value(report.summary["peak_rss_mb"], " MB")))
         cards.append(Values(heading, tuple(rows)))
+    cards += [_list_sensor(name, found) for name, found in section_of(report.summary, "sensors").items() if found]
     return Numbers("Map quality", _tabulate_quality(report), "", tuple(cards))
+
+
+def _list_sensor(name: str, found: Mapping[str, Any]) -> Values:
+    """Returns the card of a sensor beside the radar: what was found of it, and how far it moves the trajectory."""
+    told = {key: value for key, value in found.items() if key != "statements" and value is not None}
+    rows = [_label(name, key, value, "") for key, value in told.items()]
+    return Values(_SENSORS[name], tuple(rows))
 
 
 def _tabulate_quality(report: Report) -> Table:

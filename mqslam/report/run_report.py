@@ -127,6 +127,6 @@ def report_run(run: Run, recording: Recording, summary: Mapping[str, Any]) -> Re
         covariances=run.covariances,
         warnings=tuple(summary["warnings"]),
         settings_yaml=dump_yaml(set_doppler_beta(run.config, run.doppler_beta)),
-        notes=recording.notes,
+        notes=(*recording.notes, *run.sensors.statements),
         stood_still=len(moved) > 1 and moved.sum() == 1,
     )

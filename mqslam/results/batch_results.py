@@ -23,15 +23,21 @@ class Order:
         name: name of its folder of results in the batch's folder.
         data: the recording, as an absolute path.
         frontend: name of the front end.
-        odometry: `auto`, `none` or the absolute path of a file.
         settings: all settings.
+        odometry: `auto`, `none` or the absolute path of a file.
+        imu: likewise of the gyroscope.
+        gnss: likewise of the GNSS fixes.
+        extrinsics: `auto`, `none` or X,Y,YAW of the radar on the vehicle [m, m, degrees].
     """
 
     name: str
     data: Path
     frontend: str
-    odometry: str
     settings: Config
+    odometry: str = "auto"
+    imu: str = "auto"
+    gnss: str = "auto"
+    extrinsics: str = "auto"
 
 
 @dataclass(frozen=True, slots=True)

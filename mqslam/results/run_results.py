@@ -14,6 +14,7 @@ import numpy as np
 
 from mqslam.auditing.windows.windows import share_torn
 from mqslam.backend.linear.marginals import PoseCovariances
+from mqslam.backend.pose_graph import count_submaps
 from mqslam.config import dump_yaml, set_doppler_beta
 from mqslam.core import se2
 from mqslam.core.measurement import Measurement
@@ -24,12 +25,15 @@ from mqslam.evaluation import evaluate
 from mqslam.execution.files import write_json, write_text
 from mqslam.formats.covariances import StampedCovariances, write_covariances
 from mqslam.formats.graphs.g2o import format_g2o
-from mqslam.formats.nav2_map import write_nav2_map
+from mqslam.formats.maps.geojson import write_geojson
+from mqslam.formats.maps.geotiff import write_geotiff
+from mqslam.formats.maps.nav2_map import write_nav2_map
 from mqslam.formats.ply import Clock, write_ply
 from mqslam.formats.tum import write_tum
 from mqslam.mapping.occupancy_grid import make_occupancy_grid
 from mqslam.results.audit_results import summarise_tests
 from mqslam.results.run_verdict import judge_run
+from mqslam.results.sensor_results import summarise_sensors
 from mqslam.results.unjudged import list_unjudged
 from mqslam.solution import Run
 from mqslam.version import __version__
@@ -102,6 +106,7 @@ def summarise(run: Run, recording: Recording) -> dict[str, Any]:
             "loop_rejected": run.loops_rejected,
             "refinement": len(run.refined.ties),
         },
+        "sensors": summarise_sensors(run),
         "evaluation": _list_errors(run.optimised, truth),
         "evaluation_odometry": _list_errors(run.odometry, truth),
         "runtime_s": {
@@ -142,7 +147,13 @@ def write_run(folder: Path, run: Run, summary: dict[str, Any], notes: Sequence[s
         scan_us = int(np.median(np.diff(stamps_us))) if len(stamps_us) > 1 else 0
         write_ply(folder / "map.ply", run.map_optimised, Clock(int(stamps_us[0]), scan_us))
     with tolerate("map.pgm", failures):
-        write_nav2_map(folder, make_occupancy_grid(run.map_optimised.points, run.config.map))
+        grid = make_occupancy_grid(run.map_optimised.points, run.config.map)
+        write_nav2_map(folder, grid, run.georeference)
+        if run.georeference is not None:
+            write_geotiff(folder / "map.tif", grid, run.georeference)
+    if run.georeference is not None:
+        with tolerate("trajectory.geojson", failures):
+            write_geojson(folder / "trajectory.geojson", run.optimised, run.georeference)
     add_warnings(folder, summary, notes, failures)
 
 
@@ -214,15 +225,16 @@ def _log_text(summary: dict[str, Any], notes: Sequence[str]) -> str:
 def _describe_last_pose(run: Run) -> dict[str, Any] | None:
     """Returns how sure the run is of its last pose in the frame of the first; None where the covariances are not known.
 
-    What the pieces of the map drift in common is a prior, unless a loop measures it or the settings leave it out.
+    What the pieces of the map drift in common is a prior, unless a loop or GNSS measures it or the settings leave it out.
     """
     sure = run.covariances
     if sure.failure is not None or not len(sure.indices) or sure.indices[-1] != len(run.optimised) - 1:
         return None
     along, across, yaw = np.sqrt(np.diag(sure.covariances[-1])).tolist()
-    pieces = run.graph.initial.size() - run.graph.size  # of the running map: two are tied by how far it may drift
+    pieces = count_submaps(run.values)  # two are tied by how far the running map may drift
     prior = run.config.graph.common_drift_m > 0.0 or run.config.graph.common_drift_rad > 0.0
-    drift_is_prior = prior and pieces > 1 and not run.loops
+    is_placed = run.sensors.fixes is not None and run.sensors.fixes.edges is not None
+    drift_is_prior = prior and pieces > 1 and not run.loops and not is_placed
     return {"sigma_along_m": along, "sigma_across_m": across, "sigma_yaw_rad": yaw, "drift_is_prior": drift_is_prior}
 
 

@@ -6,8 +6,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from mqslam.backend.odometry_calibration import fit, make_design, make_prior_information
-from mqslam.backend.odometry_edges import make_odometry_edges
+from mqslam.backend.sensors.odometry.odometry_calibration import fit, make_design, make_prior_information
+from mqslam.backend.sensors.odometry.odometry_edges import make_odometry_edges
 from mqslam.config import GraphConfig, OdometryConfig
 from mqslam.core import se2
 from mqslam.core.measurement import Measurement, Status

@@ -9,9 +9,9 @@ from support.passes import BEAM, LANE_Y, noisy_passes, path, street_pass
 from mqslam.backend import refinement
 from mqslam.backend.crossings import find_crossings, measure_psi_across
 from mqslam.backend.loops.submap import Drive
-from mqslam.backend.odometry_edges import reckon
 from mqslam.backend.problem import Problem
 from mqslam.backend.refinement import drop_replaced, refine, select_tied
+from mqslam.backend.sensors.odometry.odometry_edges import reckon
 from mqslam.config import Config, LoopConfig, RefinementConfig
 from mqslam.core import se2
 from mqslam.core.measurement import Loop, Refined

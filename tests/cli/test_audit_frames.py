@@ -98,8 +98,11 @@ def test_results_of_other_slams_and_frames_of_a_bag_are_audited(street: Path, qu
 @pytest.mark.parametrize(
     ("options", "said"),
     [
-        (("--extrinsics", "1,2"), "--extrinsics 1,2: give metres forward, metres to the left and degrees to the left"),
-        (("--extrinsics", "1,2,left"), "--extrinsics 1,2,left: give metres forward"),
+        (
+            ("--extrinsics", "1,2"),
+            "extrinsics 1,2: are not three numbers; give --extrinsics as metres forward, metres",
+        ),
+        (("--extrinsics", "1,2,left"), "extrinsics 1,2,left: are not three numbers"),
         (("--extrinsics", "1500,0,0"), "extrinsics of 1500, 0, 0 are beyond any vehicle; give --extrinsics as metres"),
         (("--extrinsics", "0,0,nan"), "extrinsics of 0, 0, nan are beyond any vehicle"),
         (("--extrinsics", "0,0,1", "--trajectory", "ground_truth"), "belong to a trajectory from a file; give --trajectory"),

@@ -6,8 +6,9 @@ import json
 from pathlib import Path
 
 import pytest
-from support.commands import mqslam, read_contents
+from support.commands import mqslam, parse_strict_json, read_contents
 from support.recordings import KINDS, START_US, TURN_US, bag_path, write_bag, write_oxford
+from support.sensors import write_gnss_csv, write_imu_csv, write_oxford_gps
 
 from mqslam.commands.info import describe_radar
 from mqslam.formats.recordings import open_recording
@@ -36,9 +37,33 @@ def test_a_person_reads_a_line_per_fact(tmp_path: Path) -> None:
         "range": "200 bins of 0.0438 m: 8.8 m",
         "odometry": "2 poses, 4.5 m",
         "ground truth": "none",
+        "gyroscope": "none",
+        "GNSS": "none",
+        "mount": "not stated",
         "gaps": "0.50 s after scan 3 (scans are counted from 0)",
     }
     assert read_contents(tmp_path) == before
+
+
+def test_sensors_are_shown_with_rate_span_and_source(oxford: Path) -> None:
+    write_imu_csv(oxford / "imu.csv")
+    write_oxford_gps(oxford / "gps" / "gps.csv")
+    place = '{"x_m": 1.25, "y_m": -0.5, "yaw_rad": 0.1}'
+    (oxford / "recording.json").write_text(f'{{"range_resolution_m": 0.1, "radar_on_vehicle": {place}}}')
+    table = table_of(mqslam("info", oxford).out)
+    assert table["gyroscope"] == f"40 readings at 100 Hz over 0.4 s, from {oxford / 'imu.csv'}"
+    source = f"{oxford / 'gps' / 'gps.csv'}, which the ground truth was made from"
+    assert table["GNSS"] == f"5 fixes at 5 Hz over 0.8 s, from {source}"
+    assert table["mount"] == f"1.25 m forward, -0.5 m to the left, 5.73 deg to the left, from {oxford / 'recording.json'}"
+    facts = parse_strict_json(mqslam("info", oxford, "--json").out)
+    assert facts["gyroscope"]["span_s"] == pytest.approx(0.39) and facts["gyroscope"]["source"] == str(oxford / "imu.csv")
+    assert (facts["gnss"]["readings"], facts["gnss"]["made_truth"], facts["mount"]["x_m"]) == (5, True, 1.25)
+
+
+def test_a_single_fix_has_no_rate(oxford: Path) -> None:
+    write_gnss_csv(oxford / "gnss.csv", f"{START_US},43.78,-79.46,2")
+    assert table_of(mqslam("info", oxford).out)["GNSS"] == f"1 fix, from {oxford / 'gnss.csv'}"
+    assert parse_strict_json(mqslam("info", oxford, "--json").out)["gnss"]["rate_hz"] is None
 
 
 def test_of_many_gaps_the_first_are_listed_and_the_others_counted(tmp_path: Path) -> None:

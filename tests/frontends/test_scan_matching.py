@@ -204,6 +204,15 @@ def test_a_scan_is_handed_on_with_its_times_and_the_last_motion() -> None:
         np.testing.assert_allclose(motion.pose, step, atol=1e-9)
 
 
+def test_only_some_stretches_are_followed_backwards() -> None:
+    recording, scans = street_drive()
+    context = Context(Config(), recording.revolution_s, recording.start_us, None)
+    settings = ScanMatchingConfig(backward_scans=4, backward_warm_up=2, backward_every=12)
+    motions = list(match_scans(scans[:24], Recorder, context, settings))
+    twice = [k for k, motion in enumerate(motions) if np.isfinite(motion.apart).all()]
+    assert twice == [5, 6, 7, 8, 17, 18, 19, 20]
+
+
 def test_covariances_are_turned_into_the_frame_the_motion_starts_in() -> None:
     _, _, motions = through_recorder()
     yaw = 0.1 * 0.25

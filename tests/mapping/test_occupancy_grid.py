@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from mqslam.config import MapConfig
-from mqslam.formats.nav2_map import write_nav2_map
+from mqslam.formats.maps.nav2_map import write_nav2_map
 from mqslam.mapping import occupancy_grid as module
 from mqslam.mapping.occupancy_grid import make_occupancy_grid
 

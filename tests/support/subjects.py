@@ -1,4 +1,4 @@
-"""The readers that are fuzzed: a small valid input of each, and what holds of whatever is read from a damaged one."""
+"""The readers that are fuzzed, each with a small valid input."""
 
 from __future__ import annotations
 
@@ -21,26 +21,46 @@ from support.layouts import (
 )
 from support.mutation import Mutate, inside_gzip, inside_png, inside_zip, plain
 from support.recordings import START_US, TURN_US, bag_path, bag_writer, circle, write_bag, write_oxford
+from support.sensors import (
+    RATE,
+    gga,
+    rmc,
+    write_applanix_gps,
+    write_applanix_imu,
+    write_dmu,
+    write_gnss_csv,
+    write_imu_csv,
+    write_ins,
+    write_lines,
+    write_matrix,
+    write_mulran_gps,
+    write_mulran_imu,
+    write_oxford_gps,
+)
+from support.soundness import (
+    check_cloud,
+    check_covariances,
+    check_fixes,
+    check_gyroscope,
+    check_lidar,
+    check_pose_graph,
+    check_radar,
+    check_trajectory,
+)
 
 from mqslam.config import Config, dump_yaml, load_config
-from mqslam.core.recording import PolarScan, Recording
-from mqslam.core.scans import Returns
-from mqslam.core.sensors.lidar import LidarRecording
-from mqslam.core.timed_cloud import TimedCloud
 from mqslam.core.trajectory import Trajectory
-from mqslam.detection.stage import detect_stretch
 from mqslam.formats.clouds import read_cloud
-from mqslam.formats.covariances import StampedCovariances, read_covariances, write_covariances
-from mqslam.formats.graphs.g2o import read_g2o
+from mqslam.formats.covariances import StampedCovariances, write_covariances
 from mqslam.formats.lidars import carmen, laserscan
 from mqslam.formats.recordings import open_recording, read_odometry
 from mqslam.formats.recordings.native import write as write_native
+from mqslam.formats.recordings.rosbag import write as write_own_bag
+from mqslam.formats.sensors import read_fixes, read_gyroscope
 from mqslam.formats.shared.bag_writer import TF_TYPE
 from mqslam.formats.shared.bag_writer import write_bag as write_result_bag
 from mqslam.formats.trajectories import read_trajectory, write_kitti
 from mqslam.formats.tum import write_tum
-
-_MOST = 10_000_000  # elements of an array that so small a file can mean
 
 
 @dataclass(frozen=True)
@@ -63,74 +83,6 @@ class Subject:
         return (plain, inside) if inside else (plain,)
 
 
-def check_radar(format: str) -> Callable[[Path], None]:
-    def read(path: Path) -> None:
-        recording = open_recording(path, format=format)
-        check_recording(recording)
-        detected = detect_stretch(_Checked(recording), Config().detector, 0, len(recording), strict=False)  # type: ignore[arg-type]
-        assert len(detected.returns) == len(recording)
-        for returns in detected.returns:
-            check_returns(returns)
-
-    return read
-
-
-class _Checked:
-    """A recording whose polar scans are checked as they are read."""
-
-    def __init__(self, recording: Recording) -> None:
-        self._recording = recording
-        self.path, self.range_resolution = recording.path, recording.range_resolution
-
-    def polar_scans(self, start: int, stop: int) -> Any:
-        for polar_scan in self._recording.polar_scans(start, stop):
-            check_polar_scan(polar_scan)
-            yield polar_scan
-
-
-def check_recording(recording: Recording) -> None:
-    assert recording.stamps_us.dtype == np.int64 and 0 < len(recording) < _MOST
-    assert np.all(np.diff(recording.stamps_us) > 0) and recording.end_us > recording.stamps_us[-1]
-    assert np.isfinite(recording.range_resolution) and recording.range_resolution > 0.0
-    for track in (recording.odometry, recording.ground_truth):
-        if track is not None:
-            check_trajectory(track)
-    assert all(isinstance(text, str) and text for text in (*recording.notes, *recording.faults))
-
-
-def check_polar_scan(polar_scan: PolarScan) -> None:
-    rows = len(polar_scan.power)
-    assert polar_scan.power.ndim == 2 and polar_scan.power.dtype == np.uint8 and polar_scan.power.size < 8 * _MOST
-    assert polar_scan.times.shape == polar_scan.azimuths.shape == polar_scan.valid.shape == (rows,)
-    assert np.isfinite(polar_scan.times).all() and np.isfinite(polar_scan.azimuths).all()
-    assert np.all(np.diff(polar_scan.times) >= 0.0)
-
-
-def check_returns(returns: Returns) -> None:
-    for values in (returns.ranges, returns.azimuths, returns.times, returns.intensities):
-        assert values.shape == returns.ranges.shape and np.isfinite(values).all()
-
-
-def check_trajectory(track: Trajectory) -> None:
-    assert 2 <= len(track) < _MOST and track.poses.shape == (len(track), 3)
-    assert np.isfinite(track.poses).all() and np.all(np.diff(track.stamps_us) > 0)
-
-
-def check_lidar(lidar: LidarRecording) -> None:
-    assert 2 <= len(lidar.scans) == len(lidar.scans.stamps_us) < _MOST and np.all(np.diff(lidar.scans.stamps_us) > 0)
-    for scan in lidar.scans:
-        assert np.isfinite([scan.t0, scan.t1]).all() and scan.t1 >= scan.t0
-        check_returns(scan.returns)
-    for track in (lidar.trajectory, lidar.odometry):
-        if track is not None:
-            check_trajectory(track)
-
-
-def check_cloud(cloud: TimedCloud) -> None:
-    assert 0 < len(cloud) < _MOST and cloud.points.shape == (len(cloud), 2) and np.isfinite(cloud.points).all()
-    assert cloud.stamps_us.shape == (len(cloud),) and np.all(np.diff(cloud.stamps_us) >= 0)
-
-
 def oxford(folder: Path) -> Path:
     drive = write_oxford(folder / "drive")
     (drive / "odom.csv").write_text("t,v,omega\n" + "".join(f"{START_US + 10**5 * k},8.0,0.1\n" for k in range(20)))
@@ -138,12 +90,53 @@ def oxford(folder: Path) -> Path:
     (drive / "gt").mkdir()
     rows = [f"{START_US + k * TURN_US},{START_US + (k - 1) * TURN_US},2.0,0.0,0,0,0,0.01,1,2\n" for k in range(1, 7)]
     (drive / "gt" / "radar_odometry.csv").write_text("a,b,x,y,z,roll,pitch,yaw,c,d\n" + "".join(rows))
+    write_imu_csv(drive / "imu.csv")
+    write_gnss_csv(drive / "gnss.csv")
+    (drive / "recording.json").write_text(
+        '{"range_resolution_m": 0.175, "radar_on_vehicle": {"x_m": 1.0, "y_m": 0.0, "yaw_rad": 0.1}}'
+    )
     return drive
+
+
+def oxford_ins(folder: Path) -> Path:
+    """Writes what Oxford's dataset has of its car's INS, beside the radar."""
+    drive = write_oxford(folder / "drive")
+    write_ins(drive / "gps" / "ins.csv", 0.1)
+    write_oxford_gps(drive / "gps" / "gps.csv")
+    return drive
+
+
+def boreas(folder: Path) -> Path:
+    drive = write_boreas(folder / "drive", left_turn())
+    write_applanix_imu(drive / "applanix" / "imu_raw.csv", RATE)
+    write_applanix_gps(drive / "applanix" / "gps_post_process.csv", 0.76, -1.38)
+    write_matrix(drive / "calib" / "T_applanix_lidar.txt", np.eye(4))
+    write_matrix(drive / "calib" / "T_radar_lidar.txt", np.diag([1.0, -1.0, -1.0, 1.0]))
+    return drive
+
+
+def own_bag(folder: Path) -> Path:
+    """Writes a bag as the package does, with all sensors."""
+    write_own_bag("mcap", "image", folder / "drive.mcap", open_recording(oxford(folder)))
+    return folder / "drive.mcap"
+
+
+def dmu(folder: Path) -> Path:
+    write_matrix(folder / "calib" / "T_applanix_dmu.txt", np.diag([1.0, -1.0, -1.0, 1.0]))
+    write_dmu(folder / "imu" / "dmu_imu.csv", RATE)
+    return folder
+
+
+def nmea(folder: Path) -> Path:
+    lines = [rmc("221319.00", "141123"), *(gga(f"2213{second}.00") for second in range(20, 40))]
+    return write_lines(folder / "log.nmea", *lines)
 
 
 def mulran(folder: Path) -> Path:
     drive = write_mulran_columns(folder / "drive", left_turn())
     write_mulran_poses(drive, left_turn())
+    write_mulran_imu(drive / "xsens_imu.csv")
+    write_mulran_gps(drive / "gps.csv")
     return drive
 
 
@@ -299,12 +292,6 @@ def covariances(folder: Path) -> Path:
     return folder / "covariances.csv"
 
 
-def check_covariances(path: Path) -> None:
-    given = read_covariances(path)
-    assert np.all(np.diff(given.stamps_us) > 0)
-    assert given.covariances.shape == (len(given.stamps_us), 3, 3) and np.isfinite(given.covariances).all()
-
-
 def pose_graph(spatial: bool) -> Callable[[Path], Path]:
     def write(folder: Path) -> Path:
         start, step = ("0 0 0 0 0 0 1", "1 0 0 0 0 0.1 0.995") if spatial else ("0 0 0", "1 0 0.1")
@@ -316,12 +303,6 @@ def pose_graph(spatial: bool) -> Callable[[Path], Path]:
         return folder / "graph.g2o"
 
     return write
-
-
-def check_pose_graph(path: Path) -> None:
-    stored = read_g2o(path)
-    assert set(stored.held) <= set(stored.keys) and len(stored.keys) == stored.values.size()
-    assert stored.factors.size() > 0 and np.isfinite(stored.factors.error(stored.values))
 
 
 def twists(folder: Path) -> Path:
@@ -341,7 +322,8 @@ _PNG: dict[str, Mutate] = {".png": inside_png}
 _NPZ: dict[str, Mutate] = {".npz": inside_zip}
 SUBJECTS = {
     "oxford": Subject(oxford, check_radar("oxford"), _PNG),
-    "boreas": Subject(lambda folder: write_boreas(folder / "drive", left_turn()), check_radar("boreas"), _PNG),
+    "oxford ins": Subject(oxford_ins, check_radar("oxford"), _PNG),
+    "boreas": Subject(boreas, check_radar("boreas"), _PNG),
     "mulran columns": Subject(mulran, check_radar("mulran"), _PNG),
     "mulran rows": Subject(lambda folder: write_mulran_rows(folder / "drive", left_turn()), check_radar("mulran"), _PNG),
     "radiate": Subject(lambda folder: write_radiate(folder / "drive", left_turn()), check_radar("radiate"), _PNG),
@@ -349,6 +331,7 @@ SUBJECTS = {
     "ros1 bag": Subject(bag("ros1"), check_radar("rosbag"), {}),
     "ros2 bag": Subject(bag("ros2"), check_radar("rosbag"), {}),
     "mcap": Subject(bag("mcap"), check_radar("rosbag"), {}),
+    "own mcap": Subject(own_bag, check_radar("rosbag"), {}),
     "laserscan ros1": Subject(scans("ros1"), lambda path: check_lidar(laserscan.read_lidar(path)), {}),
     "laserscan mcap": Subject(scans("mcap"), lambda path: check_lidar(laserscan.read_lidar(path)), {}),
     "carmen": Subject(carmen_log, lambda path: check_lidar(carmen.read_lidar(path)), {}),
@@ -373,5 +356,13 @@ SUBJECTS = {
     "pose graph": Subject(pose_graph(False), check_pose_graph, {}),
     "pose graph in space": Subject(pose_graph(True), check_pose_graph, {}),
     "odometry": Subject(twists, lambda path: check_trajectory(read_odometry(path)), {}),
+    "gyroscope": Subject(
+        lambda folder: write_imu_csv(folder / "imu.csv"), lambda path: check_gyroscope(read_gyroscope(path).sensor), {}
+    ),
+    "dmu": Subject(dmu, lambda path: check_gyroscope(read_gyroscope(path / "imu" / "dmu_imu.csv").sensor), {}),
+    "gnss": Subject(
+        lambda folder: write_gnss_csv(folder / "gnss.csv"), lambda path: check_fixes(read_fixes(path, START_US).sensor), {}
+    ),
+    "nmea": Subject(nmea, lambda path: check_fixes(read_fixes(path, START_US).sensor), {}),
     "settings": Subject(settings, _config, {}),
 }

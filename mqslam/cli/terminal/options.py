@@ -72,6 +72,28 @@ ConfigOption = Annotated[
 Odometry = Annotated[
     str, typer.Option(help=r"auto (the recording's own, if it has one), none, or a file (TUM, or CSV with t\[us],v,omega).")
 ]
+Imu = Annotated[
+    str,
+    typer.Option(
+        help=r"Gyroscope: auto (the recording's own, if it has one), none, or a file (CSV with t\[us],wx,wy,wz in rad/s, or "
+        "one that Oxford, Boreas or MulRan has)."
+    ),
+]
+Gnss = Annotated[
+    str,
+    typer.Option(
+        help="GNSS fixes: auto (the recording's own, unless its ground truth was made from them), none, or a file (NMEA, "
+        r"CSV with t\[us],lat,lon in degrees and optionally sigma_m, or one that Oxford, Boreas or MulRan has)."
+    ),
+]
+Extrinsics = Annotated[
+    str,
+    typer.Option(
+        metavar="auto|none|X,Y,YAW",
+        help=r"Where the radar sits on the vehicle: auto (what the recording states, if it does), none, or \[m] forward, "
+        r"\[m] to the left, \[degrees] to the left.",
+    ),
+]
 ConfigName = Annotated[
     str | None,
     typer.Argument(

@@ -9,8 +9,8 @@ from gtsam.symbol_shorthand import X
 
 from mqslam.backend.given_graph import GivenGraph
 from mqslam.backend.loops.closing import close_loops
-from mqslam.backend.odometry_edges import ODOMETRY
 from mqslam.backend.problem import GraphProblem, Problem
+from mqslam.backend.sensors.odometry.odometry_edges import ODOMETRY
 from mqslam.commands.graphs.keys import Between, Keys, Pose, choose_lift, find_pose_kind, list_keys, read_poses
 from mqslam.commands.graphs.radar import Radar, Source, look_at
 from mqslam.commands.work import QUIET, Work

@@ -11,8 +11,8 @@ import gtsam
 import numpy as np
 from gtsam.symbol_shorthand import M, X
 
-from mqslam.backend.odometry_edges import make_odometry_edges, read_odometry_motions
 from mqslam.backend.problem import Problem
+from mqslam.backend.sensors.odometry.odometry_edges import make_odometry_edges, read_odometry_motions
 from mqslam.commands.graphs.keys import Between, Keys, Pose, check_apart, choose_lift, list_keys
 from mqslam.commands.graphs.radar import Source, look_at
 from mqslam.commands.work import QUIET, Work

@@ -19,6 +19,8 @@ class Fixes:
         sigmas_m: (N,) standard deviation of the position along each horizontal axis, as the receiver states it [m]; NaN
             where it states none.
         source: the file or topic that they come from, for messages.
+        made_truth: whether the recording's ground truth was made from this receiver: then the fixes, used for an estimate,
+            would make the evaluation of that estimate meaningless.
     """
 
     stamps_us: NDArray[np.int64]
@@ -26,6 +28,7 @@ class Fixes:
     longitudes: NDArray[np.float64]
     sigmas_m: NDArray[np.float64]
     source: str
+    made_truth: bool = False
 
     def __len__(self) -> int:
         return len(self.stamps_us)

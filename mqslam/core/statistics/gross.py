@@ -9,6 +9,8 @@ from numpy.typing import NDArray
 
 MEDIAN_OF_CHI2: Final = 0.4549
 """Median of a chi-square with one degree of freedom: divided by it, a median of squares is a variance."""
+MEDIAN_SPREAD: Final = 2.33
+"""Standard deviation of such a variance, as a share of it, times the root of the number of squares."""
 SIGMAS_PER_DEVIATION: Final = 1.4826
 """Standard deviations of normal noise per median absolute deviation."""
 

@@ -61,16 +61,18 @@ _REMEDY: Final = f"give a graph of {_PLANAR.vertex} and {_PLANAR.edge}, or of {_
 def format_g2o(factors: gtsam.NonlinearFactorGraph, values: gtsam.Values, size: int) -> str:
     """Formats the graph of a run as text.
 
-    Vertices are numbered from 0: those of the scans first, and those of the submaps after them.
+    Vertices are numbered from 0: those of the scans first, and those of the submaps after them. What other sensors have
+    added to the graph, and the variables of their own, are left out.
 
     Args:
         factors: the graph, of which the between-factors are written.
-        values: the poses x0 .. x(size - 1) of the scans, and m0 .. of the submaps.
+        values: the poses x0 .. x(size - 1) of the scans, m0 .. of the submaps, and what else is estimated.
         size: number of scans.
     """
     import gtsam
 
-    keys = [gtsam.symbol("x", k) for k in range(size)] + [gtsam.symbol("m", j) for j in range(values.size() - size)]
+    submaps = sum(chr(gtsam.symbolChr(key)) == "m" for key in values.keys())
+    keys = [gtsam.symbol("x", k) for k in range(size)] + [gtsam.symbol("m", j) for j in range(submaps)]
     return format_poses_and_edges(factors, values, keys)
 
 
@@ -78,13 +80,15 @@ def format_poses_and_edges(factors: gtsam.NonlinearFactorGraph, values: gtsam.Va
     """Formats poses and the edges between them; GTSAM's own writer takes no robust noise: the Gaussian under it is written.
 
     Args:
-        factors: the graph, of which the between-factors are written.
+        factors: the graph, of which the factors between two of these poses are written.
         values: of all poses, Pose2 or Pose3.
         keys: of the poses, which are numbered from 0 in this order.
     """
     number = {key: k for k, key in enumerate(keys)}
     lines = [f"{kind.vertex} {number[key]} {_join(pose)}" for key in keys for kind, pose in [_read_value(values, key)]]
     for factor in list_edges(factors):
+        if not set(factor.keys()) <= number.keys():
+            continue
         a, b = (number[key] for key in factor.keys())
         kind, pose = _read_pose(factor.measured())
         information = _find_information(factor)

@@ -1,4 +1,4 @@
-"""The pose at which a lidar is mounted, from the static transforms of a ROS recording."""
+"""The pose at which a sensor is mounted, from the static transforms of a ROS recording."""
 
 from __future__ import annotations
 
@@ -54,6 +54,14 @@ class Mounts:
         Returns:
             The mount, or None where no transforms connect the frames.
         """
+        matrix = self.place(sensor, body)
+        if matrix is None:
+            return None
+        yaw = np.arctan2(matrix[1, 0], matrix[0, 0])
+        return Mount(np.array([matrix[0, 3], matrix[1, 3], yaw]), bool(matrix[2, 2] < 0.0))
+
+    def place(self, sensor: str, body: str) -> NDArray[np.float64] | None:
+        """Returns the transform (4, 4) of points of a sensor's frame into the vehicle's, or None as `find` does."""
         bodies = (name_frame(body),) if body else _USUAL_BODIES
         frame, matrix, passed = name_frame(sensor), np.eye(4), set[str]()
         while frame not in bodies:
@@ -62,5 +70,4 @@ class Mounts:
                 return None
             frame, step = self.parents[frame]
             matrix = step @ matrix
-        yaw = np.arctan2(matrix[1, 0], matrix[0, 0])
-        return Mount(np.array([matrix[0, 3], matrix[1, 3], yaw]), bool(matrix[2, 2] < 0.0))
+        return matrix

@@ -1,7 +1,8 @@
 """The layouts Boreas and Boreas-RT: `radar/<t>.png` of Oxford rows, with `calib/` or `applanix/` beside it.
 
 Source: github.com/utiasASRL/pyboreas, DATA_REFERENCE.md, DATA_RT_REFERENCE.md, pyboreas/utils. An image and its pose are
-stamped in the middle of the turn (row floor(A / 2) - 1). Poses lie in `applanix/radar_poses.csv`.
+stamped in the middle of the turn (row floor(A / 2) - 1). Poses lie in `applanix/radar_poses.csv`, calibrations in `calib/`,
+readings of other sensors in `applanix/` and `imu/`.
 """
 
 from __future__ import annotations
@@ -19,6 +20,10 @@ from mqslam.execution.files import write_text
 from mqslam.execution.folders import write_folder_aside
 from mqslam.formats.odometry_files import read_beside, read_stamped
 from mqslam.formats.recordings import oxford
+from mqslam.formats.sensors.boreas_fixes import find_boreas_fixes, read_boreas_fixes
+from mqslam.formats.sensors.boreas_imus import find_boreas_imu, note_unread_imu, read_boreas_imu
+from mqslam.formats.sensors.boreas_mount import read_boreas_mount
+from mqslam.formats.sensors.carried import Carried, read_carried
 from mqslam.formats.shared.azimuth_rows import azimuth_stamps, make_rows
 from mqslam.formats.shared.images import list_stamps, write_png
 from mqslam.formats.shared.poses import make_trajectory
@@ -41,7 +46,7 @@ def recognises(path: Path) -> bool:
 
 
 def open_recording(path: Path, sensing: Sensing, settings: ReadingConfig) -> RowImageRecording:
-    """Indexes a recording of Boreas: names, two images and the poses are read, however long it is.
+    """Indexes a recording of Boreas: names, two images, poses and sensors are read, however long it is.
 
     Args:
         path: the recording.
@@ -55,13 +60,25 @@ def open_recording(path: Path, sensing: Sensing, settings: ReadingConfig) -> Row
     images = index_rows(folder, list_stamps(folder), settings)
     poses = folder.parent / "applanix" / "radar_poses.csv"
     truth, faults = read_beside(lambda: _read_poses(poses) if poses.exists() else None)
-    return images.to_recording(
+    recording = images.to_recording(
         path,
         "boreas",
         sensing.range_resolution or _find_resolution(int(images.stamps_us[0])),
         ground_truth=truth,
         notes=sensing.note_unused(),
         faults=faults,
+    )
+    return _read_sensors(folder.parent).add_to(recording)
+
+
+def _read_sensors(root: Path) -> Carried:
+    """Reads the sensors of a recording whose folder is `root`."""
+    imu = find_boreas_imu(root)
+    return read_carried(
+        lambda: read_boreas_imu(imu) if imu else None,
+        lambda: read_boreas_fixes(header) if (header := find_boreas_fixes(root)) else None,
+        lambda: read_boreas_mount(root / "calib"),
+        note_unread_imu(root),
     )
 
 

@@ -1,7 +1,8 @@
 """The layout MulRan: polar images under `sensor_data/radar/`, in one of two forms or both.
 
 `polar/<t>.png` has one column per azimuth and no metadata; `polar_oxford_form/<t>.png` has Oxford rows, with stamps in ns
-like the names. An image is stamped at the end of its turn. The poses of the vehicle lie in `global_pose.csv`.
+like the names. An image is stamped at the end of its turn. The poses of the vehicle lie in `global_pose.csv`, the readings
+of its sensors in `xsens_imu.csv` and `gps.csv`.
 
 Source: sites.google.com/view/mulran-pr; github.com/url-kaist/outlier-robust-radar-odometry (ORORA), which states the stamp
 and the calibration.
@@ -18,11 +19,15 @@ import numpy as np
 from mqslam.config.reading_config import ReadingConfig
 from mqslam.core import se2
 from mqslam.core.recording import Recording
+from mqslam.core.sensors.mount import Mount
 from mqslam.core.trajectory import Trajectory
 from mqslam.errors import DataError
 from mqslam.execution.files import write_text
 from mqslam.execution.folders import write_folder_aside
 from mqslam.formats.odometry_files import read_beside, read_stamped
+from mqslam.formats.sensors.carried import Carried, read_carried
+from mqslam.formats.sensors.mulran_sensors import GPS_NAME, IMU_NAME, find_mulran_file, read_mulran_fixes, read_mulran_imu
+from mqslam.formats.sensors.sensor_table import read_header
 from mqslam.formats.shared.azimuth_rows import FIRST_NS, Azimuths, azimuth_stamps, make_rows, stamps_in_us
 from mqslam.formats.shared.column_images import ColumnImages, open_columns, write_columns
 from mqslam.formats.shared.images import list_stamps, write_png
@@ -43,7 +48,7 @@ def recognises(path: Path) -> bool:
 
 
 def open_recording(path: Path, sensing: Sensing, settings: ReadingConfig) -> Recording:
-    """Indexes a recording of MulRan: names, two images and the poses are read, however long it is.
+    """Indexes a recording of MulRan: names, two images, poses and sensors are read, however long it is.
 
     Rows with own stamps are preferred to columns without.
 
@@ -59,16 +64,27 @@ def open_recording(path: Path, sensing: Sensing, settings: ReadingConfig) -> Rec
     if folder is None:
         remedy = f"give the folder that holds sensor_data/radar/{_COLUMNS} or {_ROWS}"
         raise DataError(path, "holds no radar images of MulRan", remedy)
-    poses = next((file for above in folder.resolve().parents[:3] if (file := above / "global_pose.csv").exists()), None)
+    poses = find_mulran_file(folder, "global_pose.csv")
     truth, faults = read_beside(lambda: _read_poses(poses) if poses else None)
     names = list_stamps(folder)
     if folder.resolve().name == _ROWS:
         resolution, notes = sensing.range_resolution or RANGE_RESOLUTION_M, sensing.note_unused()
         images = index_rows(folder, names, settings)
-        return images.to_recording(path, "mulran", resolution, ground_truth=truth, notes=notes, faults=faults)
+        rows = images.to_recording(path, "mulran", resolution, ground_truth=truth, notes=notes, faults=faults)
+        return _read_sensors(folder).add_to(rows)
     columns = ColumnImages(folder, names)
     recording = open_columns(path, "mulran", columns, stamps_in_us(names), RANGE_RESOLUTION_M, sensing, settings)
-    return replace(recording, ground_truth=truth, faults=(*faults, *recording.faults))
+    return _read_sensors(folder).add_to(replace(recording, ground_truth=truth, faults=(*faults, *recording.faults)))
+
+
+def _read_sensors(images: Path) -> Carried:
+    """Reads the sensors of the recording whose images lie in a folder."""
+    imu, gps = find_mulran_file(images, IMU_NAME), find_mulran_file(images, GPS_NAME)
+    return read_carried(
+        lambda: read_mulran_imu(read_header(imu, "repair or remove it")) if imu else None,
+        lambda: read_mulran_fixes(read_header(gps, "repair or remove it")) if gps else None,
+        lambda: Mount(np.array(_BASE_TO_RADAR), "calib_base2radar.txt of the MulRan dataset"),
+    )
 
 
 def _list_folders(path: Path) -> Iterator[Path]:

@@ -16,6 +16,7 @@ from mqslam.core.recording import PolarScan, Recording
 from mqslam.core.trajectory import Trajectory
 from mqslam.errors import DataError
 from mqslam.execution.files import write_aside
+from mqslam.formats.sensors.native_sensors import pack_sensors, unpack_sensors
 from mqslam.formats.shared import npz
 from mqslam.formats.shared.poses import make_trajectory
 from mqslam.formats.shared.sensing import Sensing, is_bin_length
@@ -42,8 +43,8 @@ def write(path: Path, recording: Recording) -> list[str]:
     """Writes a recording as a native `.npz`, whole or not at all, one polar scan in memory at a time.
 
     Members: `stamps_us`, `turns_us`, `range_resolution`, `notes`; where there are any `odometry_stamps_us`,
-    `odometry_poses` and the same with `ground_truth`; and for polar scan k `times_k`, `azimuths_k`, `power_k` and
-    `valid_k` with k in six digits at least. Nothing is compressed.
+    `odometry_poses`, the same with `ground_truth`, and the arrays of `mqslam.formats.sensors.native_sensors`; and for polar
+    scan k `times_k`, `azimuths_k`, `power_k` and `valid_k` with k in six digits at least. Nothing is compressed.
 
     Returns:
         Notes for the user on what was lost: none.
@@ -61,6 +62,8 @@ def write(path: Path, recording: Recording) -> list[str]:
             if trajectory is not None:
                 _write_member(archive, f"{name}_stamps_us", trajectory.stamps_us)
                 _write_member(archive, f"{name}_poses", trajectory.poses)
+        for name, array in pack_sensors(recording).items():
+            _write_member(archive, name, array)
         for k, polar_scan in enumerate(recording.polar_scans()):
             for name in ("times", "azimuths", "power", "valid"):
                 _write_member(archive, f"{name}_{k:06d}", getattr(polar_scan, name))
@@ -94,7 +97,7 @@ def open_recording(path: Path, sensing: Sensing, settings: ReadingConfig) -> Nat
         resolution = float(_read_member(path, archive, "range_resolution", np.float64, 0))
         if not is_bin_length(resolution):
             raise DataError(path, f"has a range resolution of {resolution} m", _REMEDY)
-        return NativeRecording(
+        recording = NativeRecording(
             path=path,
             format="native",
             stamps_us=stamps,
@@ -104,6 +107,7 @@ def open_recording(path: Path, sensing: Sensing, settings: ReadingConfig) -> Nat
             ground_truth=_read_trajectory(path, archive, "ground_truth"),
             notes=(*_read_member(path, archive, "notes", np.str_, 1).tolist(), *sensing.note_unused()),
         )
+        return unpack_sensors(path, archive).add_to(recording)
 
 
 def _write_member(archive: zipfile.ZipFile, name: str, array: Any) -> None:
@@ -175,4 +179,4 @@ def _read_polar_scan(path: Path, archive: zipfile.ZipFile, k: int, start_s: floa
     return PolarScan(times, azimuths, power, valid)
 
 
-TARGETS = (Target("native", write, ".npz", odometry=True),)
+TARGETS = (Target("native", write, ".npz", odometry=True, sensors=True),)

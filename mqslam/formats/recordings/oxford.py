@@ -1,6 +1,8 @@
 """The Oxford layout: a folder with `radar/<t>.png`, one image of Oxford rows per polar scan.
 
-Beside the images lie `radar.timestamps`, `odom.csv` and `gt/`, where there are any.
+Beside the images lie `radar.timestamps`, `odom.csv`, `imu.csv`, `gnss.csv` and `gt/`, where there are any, and `gps/` in the
+dataset itself. GNSS fixes that the ground truth was made from are written as `gt/gnss.csv`. The dataset's radar has no mount
+here: `extrinsics/radar.txt` of its SDK places it relative to a camera, not to the INS that the fixes and rates are of.
 """
 
 from __future__ import annotations
@@ -9,6 +11,7 @@ import itertools
 import json
 from collections.abc import Iterable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,11 +19,19 @@ from numpy.typing import NDArray
 from mqslam.config.reading_config import ReadingConfig
 from mqslam.core import se2
 from mqslam.core.recording import PolarScan, Recording
+from mqslam.core.sensors.fixes import Fixes
+from mqslam.core.sensors.gyroscope import Gyroscope
+from mqslam.core.sensors.mount import Mount
 from mqslam.core.trajectory import Trajectory
 from mqslam.errors import DataError, Remedy
 from mqslam.execution.files import write_text
 from mqslam.execution.folders import write_folder_aside
 from mqslam.formats.odometry_files import read_beside, read_numbers, read_odometry, write_twists
+from mqslam.formats.sensors import fixes_csv, gyroscope_csv
+from mqslam.formats.sensors.carried import read_carried
+from mqslam.formats.sensors.oxford_ins import read_ins_fixes, read_ins_rates
+from mqslam.formats.sensors.reading import Reading
+from mqslam.formats.sensors.sensor_table import read_header
 from mqslam.formats.shared.azimuth_rows import azimuth_stamps, make_rows
 from mqslam.formats.shared.images import list_stamps, write_png
 from mqslam.formats.shared.poses import make_trajectory
@@ -30,7 +41,10 @@ from mqslam.formats.shared.target import Target
 from mqslam.formats.tum import read_tum, write_tum
 
 RANGE_RESOLUTION_M = 0.0438  # fits Oxford's radar best; 0.0432 m is published
-_RECORDING = "recording.json"  # file beside the images in which a converted recording says how long a range bin is
+_RECORDING = "recording.json"  # file in which a converted recording says how long a range bin is and where the radar sits
+_MOUNT = "radar_on_vehicle"
+_GNSS, _TRUTH_GNSS = "gnss.csv", "gt/gnss.csv"
+_REMEDY = "repair or remove it"
 _COLUMNS = "source_timestamp,destination_timestamp,x,y,z,roll,pitch,yaw,source_radar_timestamp,destination_radar_timestamp"
 
 
@@ -41,7 +55,7 @@ def recognises(path: Path) -> bool:
 
 
 def open_recording(path: Path, sensing: Sensing, settings: ReadingConfig) -> RowImageRecording:
-    """Indexes a recording in the Oxford layout: names and two images are read, however long it is.
+    """Indexes a recording in the Oxford layout: names, two images and sensors are read, however long it is.
 
     Args:
         path: the recording.
@@ -63,7 +77,7 @@ def open_recording(path: Path, sensing: Sensing, settings: ReadingConfig) -> Row
     truth, broken = beside or (None, [])
     file = root / "odom.csv"
     odometry, unused = read_beside(lambda: read_odometry(file) if file.exists() else None)
-    return images.to_recording(
+    recording = images.to_recording(
         path,
         "oxford",
         resolution,
@@ -72,6 +86,8 @@ def open_recording(path: Path, sensing: Sensing, settings: ReadingConfig) -> Row
         notes=(*notes, *assumed, *broken, *sensing.note_unused()),
         faults=(*faults, *unread, *unused),
     )
+    carried = read_carried(lambda: _read_gyroscope(root), lambda: _read_fixes(root), lambda: _read_mount(root))
+    return carried.add_to(recording)
 
 
 def find_image_folder(path: Path) -> Path:
@@ -129,6 +145,40 @@ def _find_resolution(root: Path, given: float | None) -> tuple[float, list[str]]
     ]
 
 
+def _read_gyroscope(root: Path) -> Reading[Gyroscope] | None:
+    """Reads the gyroscope of a recording or, from the dataset, its INS."""
+    own, ins = root / "imu.csv", root / "gps" / "ins.csv"
+    if own.exists():
+        return gyroscope_csv.read_gyroscope_csv(read_header(own, _REMEDY))
+    return read_ins_rates(read_header(ins, _REMEDY)) if ins.exists() else None
+
+
+def _read_fixes(root: Path) -> Reading[Fixes] | None:
+    """Reads the GNSS fixes of a recording or, from the dataset, those of its receiver or else its INS."""
+    for name in (_GNSS, _TRUTH_GNSS):
+        if (root / name).exists():
+            return fixes_csv.read_fixes_csv(read_header(root / name, _REMEDY), made_truth=name == _TRUTH_GNSS)
+    for file in (root / "gps" / "gps.csv", root / "gps" / "ins.csv"):
+        if file.exists():
+            return read_ins_fixes(read_header(file, _REMEDY))
+    return None
+
+
+def _read_mount(root: Path) -> Mount | None:
+    """Reads where the radar sits, which a converted recording may state."""
+    file = root / _RECORDING
+    try:
+        stated = json.loads(file.read_text(encoding="utf-8")) if file.exists() else {}
+        if _MOUNT not in stated:
+            return None
+        pose = np.array([float(stated[_MOUNT][key]) for key in ("x_m", "y_m", "yaw_rad")])
+        if not np.isfinite(pose).all():
+            raise ValueError(_MOUNT)
+    except (OSError, ValueError, KeyError, TypeError, RecursionError, OverflowError) as error:
+        raise DataError(file, f"states no {_MOUNT} with x_m, y_m and yaw_rad", _REMEDY) from error
+    return Mount(pose, str(file))
+
+
 def _read_ground_truth(root: Path, start_us: int, end_us: int) -> tuple[Trajectory | None, list[str]]:
     """Reads the ground truth of a recording; returns it, or None, with what was left out of it."""
     tum, csv = root / "gt" / "poses_tum.txt", root / "gt" / "radar_odometry.csv"
@@ -163,8 +213,7 @@ def write(out: Path, recording: Recording) -> list[str]:
     """
     with write_folder_aside(out) as folder:
         write_ground_truth(folder, recording)
-        if recording.range_resolution != RANGE_RESOLUTION_M:
-            write_text(folder / _RECORDING, json.dumps({"range_resolution_m": recording.range_resolution}) + "\n")
+        _write_sensors(folder, recording)
         if recording.odometry is not None:
             track = recording.odometry
             twists = track.mean_twists(track.stamps_us[:-1], track.stamps_us[1:])
@@ -173,6 +222,22 @@ def write(out: Path, recording: Recording) -> list[str]:
         polar_scans = enumerate(recording.polar_scans())
         write_stamps(folder, [write_polar_scan(folder, recording, k, polar_scan) for k, polar_scan in polar_scans])
     return []
+
+
+def _write_sensors(folder: Path, recording: Recording) -> None:
+    """Writes the gyroscope and the GNSS fixes, and what has no place in another file: range bins and the radar's mount."""
+    stated: dict[str, Any] = {}
+    if recording.mount is not None:
+        stated[_MOUNT] = dict(zip(("x_m", "y_m", "yaw_rad"), recording.mount.pose.tolist(), strict=True))
+    if stated or recording.range_resolution != RANGE_RESOLUTION_M:
+        stated = {"range_resolution_m": recording.range_resolution, **stated}
+        write_text(folder / _RECORDING, json.dumps(stated) + "\n")
+    if recording.gyroscope is not None:
+        gyroscope_csv.write_gyroscope_csv(folder / "imu.csv", recording.gyroscope)
+    if recording.fixes is not None:
+        file = folder / (_TRUTH_GNSS if recording.fixes.made_truth else _GNSS)
+        file.parent.mkdir(exist_ok=True)
+        fixes_csv.write_fixes_csv(file, recording.fixes)
 
 
 def write_stamps(folder: Path, stamps_us: Iterable[int]) -> None:
@@ -204,4 +269,4 @@ def _format_moves(truth: Trajectory) -> str:
     return "\n".join(lines) + "\n"
 
 
-TARGETS = (Target("oxford", write, odometry=True),)
+TARGETS = (Target("oxford", write, odometry=True, sensors=True),)

@@ -1,6 +1,7 @@
-"""ROS bags: ROS 1 `.bag`, ROS 2 bag folder or `.db3`, `.mcap`, with radar images, odometry and ground truth.
+"""ROS bags: ROS 1 `.bag`, ROS 2 bag folder or `.db3`, `.mcap`, with radar images, odometry, ground truth and sensors.
 
-Bags are written with radar on /Navtech/Polar or /radar_data/b_scan_msg, odometry on /odom and ground truth on /ground_truth.
+Bags are written with radar on /Navtech/Polar or /radar_data/b_scan_msg, odometry on /odom, ground truth on /ground_truth
+and sensors on the topics of `mqslam.formats.sensors.ros_sensors`.
 """
 
 from __future__ import annotations
@@ -19,6 +20,8 @@ from mqslam.config.reading_config import ReadingConfig
 from mqslam.core.recording import PolarScan, Recording
 from mqslam.core.trajectory import Trajectory
 from mqslam.errors import DataError
+from mqslam.formats.sensors.carried import read_carried
+from mqslam.formats.sensors.ros_sensors import RosSensors, list_sensor_messages
 from mqslam.formats.shared import bags, polar_message
 from mqslam.formats.shared.arrivals import smooth_arrivals
 from mqslam.formats.shared.azimuth_rows import azimuth_stamps, note_spread, spread_azimuths
@@ -99,7 +102,7 @@ def recognises(path: Path) -> bool:
 
 
 def open_recording(path: Path, sensing: Sensing, settings: ReadingConfig) -> RosbagRecording:
-    """Indexes a bag in one pass over the messages of radar, odometry and ground truth, of which only stamps and poses stay.
+    """Indexes a bag in one pass over its messages, of which only stamps, poses and the readings of sensors stay.
 
     Args:
         path: the bag.
@@ -112,7 +115,8 @@ def open_recording(path: Path, sensing: Sensing, settings: ReadingConfig) -> Ros
     with bags.open_bag(path) as reader:
         topic, layout, notes = polar_message.choose_topic(path, reader)
         odometry_topic, truth_topic = _choose_pose_topics(reader)
-        index = _read_index(path, reader, (topic, layout), {odometry_topic, truth_topic} - {None}, settings)
+        sensors = RosSensors.choose(reader)
+        index = _read_index(path, reader, (topic, layout), {odometry_topic, truth_topic} - {None}, sensors, settings)
     ordered = mark_increasing(index.stamps_us)
     messages_us = np.array(index.stamps_us, dtype=np.int64)[ordered]
     unread = f"{index.unread} messages on {topic} could not be read and are left out: {index.error}"
@@ -141,7 +145,7 @@ def open_recording(path: Path, sensing: Sensing, settings: ReadingConfig) -> Ros
         notes.append(f"odometry from {odometry_topic} is taken as the motion of the radar itself")
     if truth is not None:
         notes.append(f"ground truth from {truth_topic} is taken as the pose of the radar itself")
-    return RosbagRecording(
+    recording = RosbagRecording(
         path=path,
         format="rosbag",
         stamps_us=starts,
@@ -157,6 +161,13 @@ def open_recording(path: Path, sensing: Sensing, settings: ReadingConfig) -> Ros
         logged_ns=np.array(index.logged_ns, dtype=np.int64)[ordered],
         clockwise=clockwise,
     )
+    carried = read_carried(
+        lambda: sensors.read_gyroscope(path),
+        lambda: sensors.read_fixes(path),
+        lambda: sensors.read_mount(path, index.radar_frame),
+        sensors.notes,
+    )
+    return carried.add_to(recording)
 
 
 @dataclass(slots=True)
@@ -164,7 +175,7 @@ class _Index:
     """The result of one pass over a bag: polar scans, messages that are none, and poses (t, x, y, yaw) by topic.
 
     Turns are those of polar scans whose azimuths are stamped, None where these do not tell; of the messages that are no
-    polar scans, the first is kept as an error.
+    polar scans, the first is kept as an error. The radar's frame is that of its first message.
     """
 
     stamps_us: list[int] = field(default_factory=list)
@@ -174,6 +185,7 @@ class _Index:
     unread: int = 0
     error: DataError | None = None
     poses: dict[str, list[bags.PoseRow]] = field(default_factory=dict)
+    radar_frame: str = ""
 
 
 def _choose_pose_topics(reader: AnyReader) -> tuple[str | None, str | None]:
@@ -186,13 +198,21 @@ def _choose_pose_topics(reader: AnyReader) -> tuple[str | None, str | None]:
 
 
 def _read_index(
-    path: Path, reader: AnyReader, radar: tuple[str, Layout], pose_topics: set[str | None], settings: ReadingConfig
+    path: Path,
+    reader: AnyReader,
+    radar: tuple[str, Layout],
+    pose_topics: set[str | None],
+    sensors: RosSensors,
+    settings: ReadingConfig,
 ) -> _Index:
-    """Reads the messages of the radar and of the pose topics, once."""
+    """Reads the messages of the radar, of the pose topics and of the sensors, once."""
     topic, layout = radar
     index = _Index()
-    connections = [c for c in reader.connections if c.topic == topic or c.topic in pose_topics]
-    for connection, logged, raw in reader.messages(connections):
+    read = [c for c in reader.connections if c.topic == topic or c.topic in pose_topics or sensors.reads(c.topic)]
+    for connection, logged, raw in reader.messages(read):
+        if sensors.reads(connection.topic):
+            sensors.add(reader, connection, logged, raw)
+            continue
         if connection.topic != topic:
             message: Any = reader.deserialize(raw, connection.msgtype)
             index.poses.setdefault(connection.topic, []).append(bags.pose_of(connection.msgtype, message))
@@ -207,6 +227,7 @@ def _read_index(
             continue
         index.stamps_us.append(stamp)
         index.logged_ns.append(logged)
+        index.radar_frame = index.radar_frame or polar_message.read_frame(message)
         if layout.stamps_azimuths:
             azimuths = polar_message.read_azimuths(layout, message)
             index.turns_us.append(azimuths.find_duration(settings))
@@ -248,6 +269,7 @@ def write(kind: str, message: Message, out: Path, recording: Recording) -> list[
             sources.append(_list_poses(bag, recording.odometry, ODOMETRY_TOPIC, "odom"))
         if recording.ground_truth is not None:
             sources.append(_list_poses(bag, recording.ground_truth, TRUTH_TOPIC, "map"))
+        sources += list_sensor_messages(bag, recording)
         for stamp, connection, content in heapq.merge(*sources, key=lambda entry: entry[0]):
             bag.write(connection, stamp, content)
     return []
@@ -286,6 +308,7 @@ TARGETS = tuple(
         partial(write, kind, message),
         suffix,
         odometry=True,
+        sensors=True,
         validity=message == "image",
         assumed_resolution=lambda _: RANGE_RESOLUTION_M,
         message=message,

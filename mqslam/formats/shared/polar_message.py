@@ -146,6 +146,12 @@ def _interpret_layout(topic: str, message_type: str, message: Any) -> Layout:
     return Layout.ROWS if image.shape[1] >= image.shape[0] else Layout.COLUMNS
 
 
+def read_frame(message: Any) -> str:
+    """Returns the name of the frame that a radar's message is in."""
+    image = message.b_scan_img if message.__msgtype__ == B_SCAN_TYPE else message
+    return str(image.header.frame_id)
+
+
 def usual_stamp(topic: str, layout: Layout) -> Stamp:
     """Returns which instant of a turn the only stamp of a topic's messages usually is: MulRan's player sends its ends."""
     player = topic.lower().removesuffix("/compressed").endswith(_MULRAN_PLAYER)

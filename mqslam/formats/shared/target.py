@@ -25,6 +25,7 @@ class Target:
         suffix: of the file, "" for a folder.
         odometry: whether the layout has a place for odometry.
         truth: whether it has one for ground truth.
+        sensors: whether it has one for a gyroscope, GNSS fixes and the radar's mount.
         validity: whether it can say that an azimuth was not measured.
         assumed_resolution: length of a range bin [m] that readers assume for a recording; None where the layout states it.
         message: how a bag holds polar scans; other layouts are written in one way.
@@ -36,6 +37,7 @@ class Target:
     suffix: str = ""
     odometry: bool = False
     truth: bool = True
+    sensors: bool = False
     validity: bool = True
     assumed_resolution: Callable[[Recording], float] | None = None
     message: Message = "image"

@@ -62,6 +62,11 @@ class Blindness:
         """Returns that of a motion that was never observed."""
         return cls(_bound_speeds(settings), np.zeros(2), np.zeros(2))
 
+    def forget(self, told: NDArray[np.bool_], settings: TrackerConfig) -> Blindness:
+        """Returns what psi knows of a motion of which others tell the travel, the turn, or both (2,): nothing of these."""
+        speeds = np.where(told, _bound_speeds(settings), self.speeds)
+        return Blindness(speeds, np.where(told, 0.0, self.travelled), np.where(told, 0.0, self.step))
+
     def after(self, dt: float, settings: TrackerConfig) -> Blindness:
         """Returns what is unknown a time dt [s] later."""
         walk = np.square([settings.sigma_vx, settings.sigma_omega]) * (dt / _NOISE_PERIOD_S)

@@ -21,7 +21,8 @@ from mqslam.psi.tracking.plausibility import is_usable
 from mqslam.psi.tracking.tracked import Tracked
 from mqslam.psi.tracking.tracker import Tracker
 
-OdometryTwist = Callable[[float, float], se2.Array | None]  # mean twist (3,) between two times [s], or None
+ToldTwist = Callable[[float, float], se2.Array | None]
+"""Returns the mean twist (3,) between two times [s], as other sensors tell it, NaN where they do not, or None."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,29 +38,29 @@ class Followed:
     psi_odometry: float
 
 
-def follow_scans(scans: Sequence[Scan], tracker: Tracker, odometry: OdometryTwist) -> Iterator[Followed]:
+def follow_scans(scans: Sequence[Scan], tracker: Tracker, told: ToldTwist) -> Iterator[Followed]:
     """Tracks a recording, scan by scan in its order.
 
     Args:
         scans: all of them.
         tracker: a new one.
-        odometry: gives the mean twist between two times; it serves where psi alone does not find or observe the motion.
+        told: returns the mean twist between two times; it serves where psi alone does not find or observe the motion.
 
     Raises:
         EstimationError: fewer than two scans.
         FewReturnsError: no two scans in a row hold enough returns.
     """
-    return _Track(scans, tracker, odometry).follow()
+    return _Track(scans, tracker, told).follow()
 
 
 class _Track:
     """Goes through the scans, and holds back those that are to be measured again."""
 
-    def __init__(self, scans: Sequence[Scan], tracker: Tracker, odometry: OdometryTwist) -> None:
+    def __init__(self, scans: Sequence[Scan], tracker: Tracker, told: ToldTwist) -> None:
         self._scans = scans
         self._tracker = tracker
         self._settings = tracker.settings
-        self._odometry = odometry
+        self._told = told
         self._followed: dict[int, Followed] = {}  # scans that are not handed on yet
         self._young: list[int] = []  # scans of a track that has only begun
         self._matched = 0  # the last scan that was matched
@@ -89,7 +90,7 @@ class _Track:
     def _start(self, first: int) -> None:
         """Begins the track with the first scans that hold enough returns, and places those before them."""
         head = _take_head(self._scans, first, self._settings)
-        tracked = self._tracker.start(head, odometry=self._odometry(head[0].t0, head[-1].t1))
+        tracked = self._tracker.start(head, odometry=_whole(self._told(head[0].t0, head[-1].t1)))
         self._young, self._matched = [first], first
         self._keep(first, tracked, float("nan"))
         for n in range(first):
@@ -125,7 +126,7 @@ class _Track:
         """Tracks a scan from both sides of what lies before it, and returns whether the track goes on from it."""
         scan = self._scans[k]
         psi_odometry = self._score_odometry(scan)
-        tracked = self._tracker.resume(_take_head(self._scans, k, self._settings), self._twist_to(scan))
+        tracked = self._tracker.resume(_take_head(self._scans, k, self._settings), _whole(self._twist_to(scan)))
         self._keep(k, tracked, psi_odometry)
         if tracked.status is Status.LOST and not tracked.begins_map:
             self._lost.append(k)
@@ -158,15 +159,20 @@ class _Track:
 
     def _score_odometry(self, scan: Scan) -> float:
         """Returns psi of a scan where odometry puts it from the last match; NaN without odometry."""
-        twist, now = self._twist_to(scan), self._odometry(scan.t0, scan.t1)
+        twist, now = _whole(self._twist_to(scan)), _whole(self._told(scan.t0, scan.t1))
         if twist is None or now is None:
             return float("nan")
         pose = se2.compose(self._pose, se2.exp(twist, scan.t0 - self._scans[self._matched].t0))
         return self._tracker.score(scan, pose, now)
 
     def _twist_to(self, scan: Scan) -> se2.Array | None:
-        """Returns odometry's mean twist since the last scan that was matched."""
-        return self._odometry(self._scans[self._matched].t0, scan.t0)
+        """Returns the mean twist since the last scan that was matched, as other sensors tell it."""
+        return self._told(self._scans[self._matched].t0, scan.t0)
+
+
+def _whole(twist: se2.Array | None) -> se2.Array | None:
+    """Returns a twist (3,) that is told as a whole, or None."""
+    return None if twist is None or np.isnan(twist).any() else twist
 
 
 def _find_start(scans: Sequence[Scan], settings: TrackerConfig) -> int:

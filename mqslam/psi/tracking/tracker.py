@@ -125,8 +125,8 @@ class Tracker:
 
         Args:
             scan: the scan.
-            twist: (3,) mean twist since the last matched scan according to odometry; it serves where psi alone does not
-                find or does not observe the motion.
+            twist: (3,) mean twist since the last matched scan according to other sensors, NaN where they do not tell it; it
+                serves where psi alone does not find or does not observe the motion.
         """
         predicted = self._last.predict(scan, self._setup.young if self._foresight.is_young else self.settings)
         begin = self._begin_from(predicted, scan, twist)
@@ -142,10 +142,11 @@ class Tracker:
             return self._miss(scan, begin, minimum)
         weak, blind = self._matcher.find_weak_directions(scan, State(minimum.state), self._map), Blindness.none()
         if len(weak):
-            # a pose that odometry gave is no measurement of psi: odometry itself says how well it is known
-            known = self._last.blind if twist is None else Blindness.full(self.settings)
-            blind = known.after(scan.t0 - self._last.t0, self.settings)
-            held = begin.mean if twist is not None else self._last.predict_steadily(scan, self.settings) or begin.mean
+            # a motion that odometry gave is no measurement of psi: odometry itself says how well it is known
+            told = np.isfinite([np.nan, np.nan] if twist is None else twist[[0, 2]])
+            blind = self._last.blind.forget(told, self.settings).after(scan.t0 - self._last.t0, self.settings)
+            steady = self._last.predict_steadily(scan, self.settings) or predicted.mean
+            held = self._move_as_told(steady, scan, twist)
             stiff = hold_directions(replace(prior, mean=held.vector), weak)
             minimum = self._matcher.minimise(scan, held, stiff, self._map)
         return self._accept(scan, minimum, predicted, weak, blind)
@@ -190,11 +191,16 @@ class Tracker:
         return self._matcher.evaluate(scan, State.at_constant_twist(pose, twist), self._map).psi
 
     def _begin_from(self, predicted: Belief, scan: Scan, twist: se2.Array | None) -> Belief:
-        """Returns the prediction, or the state that odometry gives in its place."""
+        """Returns the prediction, or the state that other sensors give in its place."""
+        return Belief(self._move_as_told(predicted.mean, scan, twist), predicted.covariance)
+
+    def _move_as_told(self, state: State, scan: Scan, twist: se2.Array | None) -> State:
+        """Returns the state of a scan with as much of its motion since the last match as a twist (3,) tells."""
         if twist is None:
-            return predicted
-        pose = se2.compose(self._last.pose, se2.exp(twist, scan.t0 - self._last.t0))
-        return Belief(State.at_constant_twist(pose, twist), predicted.covariance)
+            return state
+        dt = scan.t0 - self._last.t0
+        mean = np.where(np.isfinite(twist), twist, se2.log(se2.wrapped_between(self._last.pose, state.pose)) / dt)
+        return State.at_constant_twist(se2.compose(self._last.pose, se2.exp(mean, dt)), mean)
 
     def _begin_map(self, scan: Scan, belief: Belief, status: Status) -> Tracked:
         """Begins a new map with a scan, whose place defines where the map is."""

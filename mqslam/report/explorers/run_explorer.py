@@ -12,6 +12,7 @@ from mqslam.core import se2
 from mqslam.core.point_map import PointMap
 from mqslam.core.statistics.evenly import pick_evenly
 from mqslam.core.trajectory import Trajectory
+from mqslam.psi.scoring.neighbours import find_candidates, sort_into_cells
 from mqslam.report.explorers.explorer import Chart, Curve, Explorer, Layer, Lines, Place, Points, View, join_lines
 from mqslam.report.figures.audit_figures import EXPECTED
 from mqslam.report.figures.canvas import BLUE, GREEN, INK, ORANGE, RED
@@ -21,6 +22,7 @@ from mqslam.report.run_report import Report
 # the looks of the page; no result depends on them
 _HALF_SIDE_M = 30.0  # half the side of what is shown of a place
 _REACH_M = 43.0  # a circle of this radius holds all of it, whatever its heading
+_CELL_M = 10.0  # side of the cells in which points are looked up [m]: a matter of speed only
 _SAME_PASS_S = 15.0  # points that were seen earlier or later than this are drawn as those of another pass
 _COVERING = 0.2  # ellipses that reach farther, per side of the map, would cover it and are not shown at first
 _LARGEST = 0.015  # largest ellipse per side of the map
@@ -184,12 +186,12 @@ def _view_windows(name: str, pointmap: PointMap, track: Trajectory, windows: Seq
     """Returns the map around windows, each seen from the sensor at its middle: this pass and the others."""
     poses = [track.poses[min((window.begin + window.end) // 2, len(track) - 1)] for window in windows]
     parts: list[list[tuple[Points, Points]]] = [[] for _ in windows]
+    centres = np.array([pose[:2] for pose in poses])
     for block in pointmap.blocks():
-        order = np.argsort(block.points[:, 0])
-        x, y = block.points[order].T.copy()
-        for window, pose, part in zip(windows, poses, parts, strict=True):
-            begin, end = np.searchsorted(x, pose[0] + np.array([-_REACH_M, _REACH_M]))
-            near = np.sort(order[begin:end][np.abs(y[begin:end] - pose[1]) <= _REACH_M])
+        lists = find_candidates(sort_into_cells(block.points, _CELL_M), centres, _REACH_M)
+        around = np.split(lists.indices, lists.offsets[1:-1])
+        for window, pose, indices, part in zip(windows, poses, around, parts, strict=True):
+            near = np.sort(indices)
             seen = se2.transform(se2.inverse(pose), block.points[near])
             inside = (np.abs(seen[:, 0]) <= _HALF_SIDE_M) & (np.abs(seen[:, 1]) <= _HALF_SIDE_M)
             own = np.abs(block.times[near] - 0.5 * (window.t0 + window.t1)) <= _SAME_PASS_S

@@ -11,9 +11,9 @@ from gtsam.symbol_shorthand import A
 from support.passes import BEAM, noisy_passes
 
 from mqslam.backend import refinement
-from mqslam.backend.odometry_edges import reckon
 from mqslam.backend.pose_graph import poses_of
 from mqslam.backend.problem import Problem
+from mqslam.backend.sensors.odometry.odometry_edges import reckon
 from mqslam.commands.graphs.refine import RefinedGraph, refine
 from mqslam.config import Config, LoopConfig, RefinementConfig, SensorConfig
 from mqslam.core.measurement import Loop, Refined

@@ -7,11 +7,14 @@ from pathlib import Path
 
 from pydantic import BaseModel, ConfigDict, Field
 
+from mqslam.commands.extrinsics import parse_extrinsics, to_pose
 from mqslam.config import list_shipped, load_config
 from mqslam.config.yaml_file import parse_yaml
 from mqslam.core import frontend as frontends
 from mqslam.errors import ConfigError
 from mqslam.results.batch_results import Order
+
+_CHOICES = ("auto", "none")  # instead of a file, or of extrinsics
 
 
 class PlannedRun(BaseModel):
@@ -23,6 +26,9 @@ class PlannedRun(BaseModel):
     name: str | None = Field(None, description="folder of its results; null takes the recording's own name")
     frontend: str = Field("psi", description="name of the front end")
     odometry: str = Field("auto", description="auto (the recording's own, if it has one), none, or a file")
+    imu: str = Field("auto", description="gyroscope: auto (the recording's own, if it has one), none, or a file")
+    gnss: str = Field("auto", description="auto (the recording's own, if its truth is not made from it), none, or a file")
+    extrinsics: str = Field("auto", description="of the radar: auto (what the recording states), none, or X,Y,YAW")
     config: str | None = Field(None, description="a YAML file of settings, or the name of one that ships")
 
 
@@ -59,7 +65,8 @@ def _prepare_order(run: PlannedRun, folder: Path, taken: set[str]) -> Order:
     """Returns a run with all paths resolved against a folder.
 
     Raises:
-        ConfigError: its name cannot be that of a folder or is taken, or its front end or settings are unknown.
+        ConfigError: its name cannot be that of a folder or is taken, its front end or settings are unknown, or its
+            extrinsics are no pose.
     """
     data = folder / run.data
     name = run.name if run.name is not None else data.name
@@ -69,5 +76,9 @@ def _prepare_order(run: PlannedRun, folder: Path, taken: set[str]) -> Order:
         raise ConfigError(f"name {name}: is the name of another run too; give one of them another name")
     frontends.find_entry_point(run.frontend)
     config = run.config if run.config is None or run.config in list_shipped() else folder / run.config
-    odometry = run.odometry if run.odometry in ("auto", "none") else str(folder / run.odometry)
-    return Order(name, data, run.frontend, odometry, load_config(config))
+    if run.extrinsics not in _CHOICES:
+        to_pose(parse_extrinsics(run.extrinsics))
+    odometry, imu, gnss = (
+        choice if choice in _CHOICES else str(folder / choice) for choice in (run.odometry, run.imu, run.gnss)
+    )
+    return Order(name, data, run.frontend, load_config(config), odometry, imu, gnss, run.extrinsics)

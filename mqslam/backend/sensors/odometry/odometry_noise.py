@@ -13,9 +13,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from mqslam.core.statistics.gross import MEDIAN_OF_CHI2
+from mqslam.core.statistics.gross import MEDIAN_OF_CHI2, MEDIAN_SPREAD
 
-_MEDIAN_SPREAD: Final = 2.33  # standard deviation of such a variance, times the root of the number of squares: by definition
 _FEWEST: Final = 5  # a median of fewer independent spans may be small by chance
 _BEYOND: Final = 3.0  # a span that misses by more standard deviations than these is not noise
 
@@ -36,7 +35,7 @@ def measure_noise(residuals: NDArray[np.float64], measured: NDArray[np.float64],
         if not len(complete) or (count > 1 and known < _FEWEST * count):
             continue
         variances = np.median(np.square(complete), axis=0) / MEDIAN_OF_CHI2
-        chance = variances * _MEDIAN_SPREAD * np.sqrt(count / known)  # no noise is known better than this
+        chance = variances * MEDIAN_SPREAD * np.sqrt(count / known)  # no noise is known better than this
         noise = np.maximum(noise, (np.maximum(variances - usual, 0.0) + chance) / count)
     return noise
 

@@ -10,8 +10,14 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from mqslam.backend.odometry_calibration import Calibration, Design, fit, make_design, make_prior_information
-from mqslam.backend.odometry_noise import measure_disagreement, measure_noise
+from mqslam.backend.sensors.odometry.odometry_calibration import (
+    Calibration,
+    Design,
+    fit,
+    make_design,
+    make_prior_information,
+)
+from mqslam.backend.sensors.odometry.odometry_noise import measure_disagreement, measure_noise
 from mqslam.config import GraphConfig, OdometryConfig
 from mqslam.core import frontend as frontends
 from mqslam.core import se2

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from mqslam.core import se2
 from mqslam.core.point_map import OccupancyGrid
+from mqslam.core.sensors.georeference import Georeference
 from mqslam.core.stored import release
 from mqslam.errors import DataError
 from mqslam.execution.files import write_aside, write_text
@@ -39,7 +40,7 @@ class Nav2Map:
     origin: se2.Array
 
 
-def write_nav2_map(folder: Path, grid: OccupancyGrid) -> None:
+def write_nav2_map(folder: Path, grid: OccupancyGrid, place: Georeference | None = None) -> None:
     """Writes `map.pgm` and `map.yaml` into a folder, in the format of nav2's and ROS 1's map_server.
 
     A cell is occupied or unknown, never free: that a radar got no return from a place does not show that the place is
@@ -48,6 +49,7 @@ def write_nav2_map(folder: Path, grid: OccupancyGrid) -> None:
     Args:
         folder: an existing folder.
         grid: the map to write.
+        place: where it lies on the Earth, which `georeference` in map.yaml then states; map_server does not look at it.
 
     Raises:
         OutputError: a file cannot be written.
@@ -59,7 +61,7 @@ def write_nav2_map(folder: Path, grid: OccupancyGrid) -> None:
             part = grid.occupied[max(end - _ROWS, 0) : end][::-1]
             file.write(np.where(part, np.uint8(_OCCUPIED), np.uint8(_UNKNOWN)).data)
             release(grid.occupied)
-    settings = {
+    settings: dict[str, object] = {
         "image": "map.pgm",
         "mode": "trinary",
         "resolution": grid.resolution,
@@ -68,6 +70,9 @@ def write_nav2_map(folder: Path, grid: OccupancyGrid) -> None:
         "occupied_thresh": _OCCUPIED_ABOVE,
         "free_thresh": _FREE_BELOW,
     }
+    if place is not None:
+        (latitude, longitude), yaw = place.locate(np.zeros((1, 2)))[0].tolist(), float(place.pose[2])
+        settings["georeference"] = {"latitude": latitude, "longitude": longitude, "yaw_from_east": yaw}
     write_text(folder / "map.yaml", yaml.safe_dump(settings, sort_keys=False, default_flow_style=None))
 
 

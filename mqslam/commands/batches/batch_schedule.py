@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from mqslam.commands.opening import Inputs
 from mqslam.commands.run import Job, execute, find_finished, open_job
 from mqslam.commands.work import Work
 from mqslam.core.engine import Engine
@@ -92,9 +93,10 @@ def _open_order(order: Order) -> Job:
     """Opens the recording of a run.
 
     Raises:
-        MqslamError: the recording, its odometry or its front end cannot be used.
+        MqslamError: the recording, its odometry, its sensors or its front end cannot be used.
     """
-    return open_job(order.data, order.settings, order.frontend, order.odometry)
+    inputs = Inputs(order.odometry, order.imu, order.gnss, order.extrinsics)
+    return open_job(order.data, order.settings, order.frontend, inputs)
 
 
 def _check_outcome(out: Path, outcome: Outcome) -> Outcome:

@@ -1,0 +1,111 @@
+"""The sensors beside the radar, each held against the front end's motions before it joins the pose graph."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from mqslam.backend.problem import Problem
+from mqslam.backend.sensors.gnss.alignment import align
+from mqslam.backend.sensors.gnss.fix_use import FixUse, join_fixes
+from mqslam.backend.sensors.gyroscope.gyroscope_use import GyroscopeUse, join_gyroscope
+from mqslam.config import GnssConfig, GyroscopeConfig
+from mqslam.core import se2
+from mqslam.core.measurement import Refined
+from mqslam.core.sensors.sensors import Sensors
+
+
+@dataclass(frozen=True, slots=True)
+class Contribution:
+    """How far a sensor moves a trajectory.
+
+    Args:
+        moved_m: how far poses lie from where they are without the sensor, once these are laid on them [m], root mean square.
+        turned_rad: by how much the last pose is turned against the first, compared with the same [rad].
+    """
+
+    moved_m: float
+    turned_rad: float
+
+
+@dataclass(frozen=True, slots=True)
+class SensorUse:
+    """What became of the sensors beside the radar; None for one that there is not.
+
+    Args:
+        gyroscope: of the gyroscope.
+        fixes: of the GNSS receiver.
+        mount: (3,) where the radar sits on the vehicle [m, m, rad], if that is known.
+        contributions: how far each sensor that is used moves the trajectory, by its name, once that is measured.
+    """
+
+    gyroscope: GyroscopeUse | None = None
+    fixes: FixUse | None = None
+    mount: se2.Array | None = None
+    contributions: Mapping[str, Contribution] = field(default_factory=dict)
+
+    @property
+    def statements(self) -> list[str]:
+        """What a user should know of all sensors."""
+        return [statement for use in (self.gyroscope, self.fixes) if use is not None for statement in use.statements]
+
+    @property
+    def refusals(self) -> list[str]:
+        """What a user should know of the sensors that are not used."""
+        uses = (use for use in (self.gyroscope, self.fixes) if use is not None and use.edges is None)
+        return [statement for use in uses for statement in use.statements]
+
+    def weigh(self, problem: Problem, refined: Refined, poses: se2.Array) -> SensorUse:
+        """Returns the same with how far each sensor that is used moves the trajectory, which leaving it out shows.
+
+        Args:
+            problem: with the sensors.
+            refined: its loops and ties.
+            poses: (N, 3) optimised with all of them.
+        """
+        without = {}
+        if problem.turns is not None:
+            without["gyroscope"] = replace(problem, turns=None)
+        if problem.fixes is not None:
+            without["gnss"] = replace(problem, fixes=None)
+        others = {name: other.solve_poses(refined.loops, refined.ties) for name, other in without.items()}
+        return replace(self, contributions={name: _compare(poses, track) for name, track in others.items()})
+
+
+NO_USE = SensorUse()
+"""No sensor beside the radar."""
+
+
+def join_sensors(
+    problem: Problem, sensors: Sensors, start_us: int, gyroscope: GyroscopeConfig, gnss: GnssConfig
+) -> tuple[Problem, SensorUse]:
+    """Holds the sensors against the motions of a problem.
+
+    Args:
+        problem: the trajectory, as the front end and odometry have it.
+        sensors: of the recording.
+        start_us: stamp [us] of the recording's time zero.
+        gyroscope: settings of the gyroscope.
+        gnss: settings of GNSS.
+
+    Returns:
+        The problem with the sensors that agree, and what became of all.
+    """
+    turning, placing, mount = None, None, None if sensors.mount is None else sensors.mount.pose
+    if sensors.gyroscope is not None and problem.measurements:
+        turning = join_gyroscope(sensors.gyroscope, start_us, problem.measurements, problem.yaw_drift, gyroscope)
+        problem = replace(problem, turns=turning.edges)
+    if sensors.fixes is not None and problem.measurements:
+        antenna = np.zeros(2) if mount is None else se2.inverse(mount)[:2]  # at the origin of the vehicle's frame
+        placing = join_fixes(sensors.fixes, start_us, problem.measurements, antenna, gnss)
+        problem = replace(problem, fixes=placing.edges)
+    return problem, SensorUse(turning, placing, mount)
+
+
+def _compare(poses: se2.Array, others: se2.Array) -> Contribution:
+    """Returns how far poses (N, 3) lie from others."""
+    laid = se2.transform(align(others[:, :2], poses[:, :2]), others[:, :2])
+    turns = (track[-1, 2] - track[0, 2] for track in (poses, others))
+    return Contribution(float(np.sqrt(np.mean(np.sum((poses[:, :2] - laid) ** 2, axis=1)))), float(np.subtract(*turns)))

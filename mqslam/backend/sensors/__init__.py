@@ -1,0 +1,1 @@
+"""What other sensors say, held against the radar's motions before it joins the pose graph."""

@@ -1,0 +1,155 @@
+"""Whether fixes agree with the trajectory, how large their errors are, and the factors that they add to the pose graph."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import gtsam
+import numpy as np
+from gtsam.symbol_shorthand import E, X
+from numpy.typing import NDArray
+
+from mqslam.backend.sensors.gnss.alignment import align
+from mqslam.backend.sensors.gnss.fix_noise import FixNoise, measure_fix_noise
+from mqslam.config import GnssConfig
+from mqslam.core import se2
+from mqslam.core.measurement import Measurement
+from mqslam.core.sensors.fixes import Fixes
+from mqslam.core.sensors.georeference import Georeference
+from mqslam.core.sensors.tangent_plane import TangentPlane
+from mqslam.factors.gnss_position import gnss_position, plane_walk
+
+_LEAST_WALK_M: Final = 1e-4  # numerical: a plane that does not wander at all would tie its poses without error
+
+
+@dataclass(frozen=True, slots=True)
+class FixEdges:
+    """Fixes as positions of scans.
+
+    Args:
+        scans: (F,) numbers of the scans that the fixes are carried to.
+        poses: (F, 3) of these scans in the tangent plane, as the fixes have them; the yaws are the trajectory's [m, m, rad].
+        knots: (F,) number of the pose of the tangent plane that each fix is seen from.
+        noise: of the fixes.
+        walks_m: (K - 1,) standard deviations by which each of these poses wanders from the one before it [m].
+        plane: the tangent plane.
+        origin: (3,) pose of the tangent plane in the map, about.
+        reach: residual beyond which a fix hardly counts [standard deviations].
+    """
+
+    scans: NDArray[np.int64]
+    poses: se2.Array
+    knots: NDArray[np.int64]
+    noise: FixNoise
+    walks_m: NDArray[np.float64]
+    plane: TangentPlane
+    origin: se2.Array
+    reach: float
+
+    def list_factors(self) -> Iterator[gtsam.NonlinearFactor]:
+        """Yields the factor of every fix, from the tangent plane e0 .. at its time to its scan, and of the plane's walk."""
+        for j, k, pose in zip(self.knots.tolist(), self.scans.tolist(), self.poses, strict=True):
+            yield gnss_position(E(j), X(k), pose, self.noise.white_m, self.reach)
+        for j, walk_m in enumerate(self.walks_m.tolist()):
+            yield plane_walk(E(j), E(j + 1), walk_m)
+
+    def insert_into(self, values: gtsam.Values) -> None:
+        """Inserts the poses of the tangent plane, from which the optimisation begins."""
+        for j in range(len(self.walks_m) + 1):
+            values.insert(E(j), gtsam.Pose2(*self.origin))
+
+    def find_place(self, values: gtsam.Values) -> Georeference:
+        """Returns where an optimised map lies on the Earth: by the mean pose of the tangent plane, which hardly turns."""
+        poses = _take_poses(values, [E(j) for j in range(len(self.walks_m) + 1)])
+        poses[:, 2] = np.unwrap(poses[:, 2])
+        return Georeference(self.plane, se2.inverse(poses.mean(axis=0)))
+
+    def count_rejected(self, values: gtsam.Values) -> int:
+        """Returns how many fixes lie farther from an optimised trajectory than the reach."""
+        planes, scans = (
+            [values.atPose2(key(int(k))) for k in numbers] for key, numbers in ((E, self.knots), (X, self.scans))
+        )
+        origins, placed = (np.array([(p.x(), p.y(), p.theta()) for p in poses]) for poses in (planes, scans))
+        off = np.hypot(*(se2.between(origins, placed)[:, :2] - self.poses[:, :2]).T)
+        return int(np.count_nonzero(off > self.reach * self.noise.white_m))
+
+
+@dataclass(frozen=True, slots=True)
+class FixUse:
+    """What became of a GNSS receiver's fixes.
+
+    Args:
+        source: where they come from.
+        statements: what a user should know, in whole sentences; the first one says whether they are used.
+        edges: the fixes; None where they are not used.
+    """
+
+    source: str
+    statements: tuple[str, ...]
+    edges: FixEdges | None = None
+
+
+def join_fixes(
+    fixes: Fixes, start_us: int, motions: Sequence[Measurement], antenna: NDArray[np.float64], settings: GnssConfig
+) -> FixUse:
+    """Holds fixes against the chained motions, and returns them as positions of scans if they agree.
+
+    Args:
+        fixes: of the receiver.
+        start_us: stamp [us] of the recording's time zero.
+        motions: between successive scans, as the front end measured them.
+        antenna: (2,) where the antenna is in the radar's frame [m].
+        settings: of GNSS.
+    """
+
+    def refuse(why: str) -> FixUse:
+        return FixUse(fixes.source, (f"the GNSS fixes ({fixes.source}) are not used: {why}",))
+
+    if not motions:
+        return refuse("there is no motion that they could be held against")
+    chain, starts = se2.chain(m.pose for m in motions), np.array([*(m.t0 for m in motions), motions[-1].t1])
+    times = (fixes.stamps_us - start_us) * 1e-6
+    inside = (starts[0] <= times) & (times <= starts[-1])
+    if np.count_nonzero(inside) < settings.fewest:
+        return refuse(f"{np.count_nonzero(inside)} of them lie within the recording, and {settings.fewest} are needed")
+    times, plane = times[inside], TangentPlane.at_middle(fixes)
+    positions = plane.project(fixes.latitudes[inside], fixes.longitudes[inside])
+    sensor = se2.interpolate(starts, chain, times)
+    on_map = sensor[:, :2] + _turn(antenna, sensor[:, 2])
+    lies = align(on_map, positions)
+    residuals = positions - se2.transform(lies, on_map)
+    usual_m, path_m = float(np.median(np.hypot(*residuals.T))), float(se2.step_lengths(chain).sum())
+    spread_m = float(np.hypot(*np.ptp(on_map, axis=0)))
+    if usual_m > settings.largest_share * path_m or spread_m < settings.least_spread * usual_m:
+        return refuse(
+            f"half of them lie more than {usual_m:.1f} m from the trajectory, whose path is {path_m:.0f} m long and "
+            f"spreads over {spread_m:.0f} m"
+        )
+    noise = measure_fix_noise(times, residuals, fixes.sigmas_m[inside], settings.alike_s)
+    if noise.walk_m > settings.largest_walk_m:
+        return refuse(
+            f"they wander about the trajectory by {noise.walk_m:.1f} m in a second, so that they are of another drive, or "
+            "their clock is not that of the recording"
+        )
+    knots = np.unique(np.floor(times / settings.knot_s), return_inverse=True)[1]  # none for times without a fix
+    middles = np.bincount(knots, times) / np.bincount(knots)
+    walks_m = np.maximum(noise.walk_m * np.sqrt(np.diff(middles)), _LEAST_WALK_M)
+    scans = np.clip(np.searchsorted(starts, times, side="right") - 1, 0, len(starts) - 1)
+    from_scan = _turn(-chain[scans, :2] + on_map, lies[2])
+    poses = np.column_stack([positions - from_scan, se2.wrap(chain[scans, 2] + lies[2])])
+    edges = FixEdges(scans, poses, knots, noise, walks_m, plane, se2.inverse(lies), settings.reach)
+    return FixUse(fixes.source, (f"the GNSS fixes ({fixes.source}) are used, {len(scans)} of them",), edges)
+
+
+def _take_poses(values: gtsam.Values, keys: Sequence[int]) -> se2.Array:
+    """Returns the poses (N, 3) of keys."""
+    poses = (values.atPose2(key) for key in keys)
+    return np.array([(pose.x(), pose.y(), pose.theta()) for pose in poses])
+
+
+def _turn(points: NDArray[np.float64], yaws: NDArray[np.float64] | float) -> NDArray[np.float64]:
+    """Returns points (N, 2) or (2,) turned by yaws (N,) or one yaw [rad]."""
+    c, s, x, y = np.cos(yaws), np.sin(yaws), points[..., 0], points[..., 1]
+    return np.stack([c * x - s * y, s * x + c * y], axis=-1)

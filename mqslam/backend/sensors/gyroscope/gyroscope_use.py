@@ -1,0 +1,166 @@
+"""Whether a gyroscope agrees with psi, and so may join the pose graph: a bad one must not hurt."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from mqslam.backend.sensors.gyroscope.gyroscope_start import Start, Turns, find_start
+from mqslam.backend.sensors.gyroscope.rotation import Calibrated, Rotation, calibrate
+from mqslam.backend.sensors.gyroscope.turn_edges import TurnEdges
+from mqslam.config import GyroscopeConfig
+from mqslam.core.measurement import Measurement, Status
+from mqslam.core.sensors.gyroscope import Gyroscope
+from mqslam.core.sensors.turning import KnownTurning, Turning
+
+_WILD: Final = 3.0  # standard deviations beyond which a turn disagrees with psi's
+_LEAST_VARIANCE: Final = 1e-14  # numerical: keeps a turn that psi states to be without error from counting as one
+
+
+@dataclass(frozen=True, slots=True)
+class GyroscopeUse:
+    """What became of a gyroscope.
+
+    Args:
+        source: where its readings come from.
+        statements: what a user should know, in whole sentences; the first one says whether it is used.
+        rotation: how its readings become turns of the radar; None where that could not be found.
+        edges: its turns; None where it is not used.
+    """
+
+    source: str
+    statements: tuple[str, ...]
+    rotation: Rotation | None = None
+    edges: TurnEdges | None = None
+
+
+def list_turns(motions: Sequence[Measurement], drift: float) -> Turns:
+    """Returns the turns of motions, of which those count that were matched.
+
+    Args:
+        motions: between successive scans.
+        drift: by how much psi's own map turns away in the root of a second [rad].
+    """
+    rows = [(m.t0, m.t1, m.pose[2], m.covariance[2, 2], m.status is Status.CONVERGED) for m in motions]
+    begins, ends, yaws, variances, known = np.array(rows, dtype=np.float64).reshape(-1, 5).T
+    return Turns(begins, ends, yaws, variances + _LEAST_VARIANCE, known.astype(np.bool_), drift)
+
+
+def join_gyroscope(
+    gyroscope: Gyroscope, start_us: int, motions: Sequence[Measurement], drift: float, settings: GyroscopeConfig
+) -> GyroscopeUse:
+    """Holds a gyroscope against psi's motions, puts right what can be, and returns its turns if it then agrees.
+
+    Args:
+        gyroscope: its readings.
+        start_us: stamp [us] of the recording's time zero.
+        motions: between successive scans, as the front end measured them.
+        drift: by how much the front end's map turns away in the root of a second, as the graph states it [rad].
+        settings: of the gyroscope.
+    """
+    turns = list_turns(motions, drift)
+    start = find_start(gyroscope, start_us, turns, settings.longest_delay_s) if len(motions) else None
+
+    def refuse(why: str, rotation: Rotation | None = None) -> GyroscopeUse:
+        return GyroscopeUse(gyroscope.source, (f"the gyroscope ({gyroscope.source}) is not used: {why}",), rotation)
+
+    if start is None:
+        return refuse("it covers none of the motions that the radar shows")
+    found = calibrate(gyroscope, start, turns, settings)
+    both = int(np.isfinite(found.residuals).sum())
+    if both < settings.fewest:
+        return refuse(f"only {both} motions show both the radar's turn and its own, and {settings.fewest} are needed")
+    why = _find_fault(gyroscope, start, turns, found, settings)
+    if why is not None:
+        return refuse(why, found.rotation)
+    statements = (f"the gyroscope ({gyroscope.source}) is used", *_describe_corrections(found.rotation, settings))
+    return GyroscopeUse(gyroscope.source, statements, found.rotation, _make_edges(found, turns, settings))
+
+
+def find_turning(
+    gyroscope: Gyroscope, start_us: int, motions: Sequence[Measurement], drift: float, settings: GyroscopeConfig
+) -> KnownTurning | None:
+    """Returns how far the radar turns, as a gyroscope says that agrees with psi's motions; None where it does not.
+
+    The arguments are those of `join_gyroscope`.
+    """
+    use = join_gyroscope(gyroscope, start_us, motions, drift, settings)
+    rotation = use.rotation
+    if use.edges is None or rotation is None:
+        return None
+    turning = Turning.integrate(gyroscope, start_us, "xyz".index(rotation.axis))
+    return KnownTurning(turning, rotation.sign * rotation.scale, rotation.delay_s, rotation.bias)
+
+
+def _find_fault(
+    gyroscope: Gyroscope, start: Start, turns: Turns, found: Calibrated, settings: GyroscopeConfig
+) -> str | None:
+    """Returns why a gyroscope cannot be used, or None."""
+    rotation = found.rotation
+    if not rotation.scale > settings.told_sigmas * rotation.scale_sigma:
+        return "the radar turned too little, or too differently, to tell whether it agrees"
+    if not 1.0 / settings.largest_scale <= rotation.scale <= settings.largest_scale:
+        unit = ", as if it were in degrees per second" if abs(np.rad2deg(rotation.scale) - 1.0) < 0.1 else ""
+        return f"the radar turns {rotation.scale:.3g} times as far as it says{unit}"
+    if abs(rotation.delay_s) > settings.longest_delay_s:
+        return f"its clock is {_describe_delay(rotation.delay_s)} or more; correct its stamps"
+    variances = turns.variances + rotation.noise.white**2 * (turns.ends - turns.begins)
+    known = np.isfinite(found.residuals)
+    wild = float(np.mean(found.residuals[known] ** 2 > _WILD**2 * variances[known]))
+    if wild > settings.most_wild:
+        return f"it contradicts the radar in {wild:.0%} of the motions"
+    half = len(turns.yaws) // 2
+    first, second = (
+        calibrate(gyroscope, start, turns, settings, part).rotation for part in (slice(half), slice(half, None))
+    )
+    sigma_s = float(np.hypot(first.delay_sigma_s, second.delay_sigma_s))
+    apart_s = abs(second.delay_s - first.delay_s)
+    if apart_s > max(settings.told_sigmas * sigma_s, settings.delay_tolerance_s):
+        early, late = (_describe_delay(part.delay_s) for part in (first, second))
+        return f"its clock runs at another rate than the radar's: it is {early} in the first half and {late} in the second"
+    return None
+
+
+def _describe_corrections(rotation: Rotation, settings: GyroscopeConfig) -> list[str]:
+    """Returns what was put right of a gyroscope, as sentences."""
+    sentences = []
+    if rotation.axis != "z":
+        sentences.append(f"the gyroscope's {rotation.axis} axis is taken as the radar's vertical, since its turns fit there")
+    if rotation.sign < 0.0:
+        sentences.append("the gyroscope turns the other way than the radar: it is taken to be mounted upside down")
+    if abs(rotation.delay_s) > max(settings.told_sigmas * rotation.delay_sigma_s, settings.delay_tolerance_s):
+        sentences.append(f"the gyroscope's clock is {_describe_delay(rotation.delay_s)}, which is put right")
+    off = rotation.scale - 1.0
+    if abs(off) > max(settings.told_sigmas * rotation.scale_sigma, settings.scale_tolerance):
+        sentences.append(f"the gyroscope turns {-off / rotation.scale:+.1%} too far, which is put right")
+    return sentences
+
+
+def _describe_delay(delay_s: float) -> str:
+    """Returns how late or early a clock is, in words."""
+    return f"{abs(delay_s):.2f} s {'late' if delay_s >= 0.0 else 'early'}"
+
+
+def _make_edges(found: Calibrated, turns: Turns, settings: GyroscopeConfig) -> TurnEdges:
+    """Returns the turns of a gyroscope; one that contradicts psi states the contradiction as its noise."""
+    rotation, lasts = found.rotation, turns.ends - turns.begins
+    white = rotation.noise.white**2 * lasts + _LEAST_VARIANCE
+    squares = np.nan_to_num(found.residuals) ** 2
+    wild = squares > _WILD**2 * (turns.variances + white)
+    knots = np.floor((turns.begins - turns.begins[0]) / settings.knot_s).astype(np.int64)
+    knots = np.unique(knots, return_inverse=True)[1]  # none for times that no motion begins in
+    middles = np.bincount(knots, turns.begins + turns.ends) / (2.0 * np.bincount(knots))
+    return TurnEdges(
+        turns=found.raw,
+        lasts=lasts,
+        sigmas=np.sqrt(np.where(wild, np.maximum(squares, white), white)),
+        knots=knots,
+        walks=rotation.noise.walk * np.sqrt(np.diff(middles)),
+        bias=rotation.bias,
+        scale_error=rotation.scale - 1.0,
+        sigma_bias=settings.sigma_bias,
+        sigma_scale=settings.sigma_scale,
+    )

@@ -1,0 +1,136 @@
+"""What a gyroscope gets wrong all the time, found where psi saw the motion itself.
+
+    turn by psi = (1 + scale error) turn by the gyroscope, read later by its delay, - bias x time + noise
+
+The bias may walk: it has a value at every knot and is interpolated between two of them.
+"""
+
+from __future__ import annotations
+
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mqslam.backend.sensors.gyroscope.gyroscope_start import Start, Turns
+from mqslam.backend.sensors.gyroscope.rate_noise import RateNoise, measure_rate_noise
+from mqslam.backend.sensors.odometry.odometry_calibration import Calibration, Design, fit
+from mqslam.config import GyroscopeConfig
+from mqslam.core.sensors.gyroscope import Gyroscope
+
+_ROUNDS: Final = 3  # of fit and noise, which settle in fewer
+_NUDGE_S: Final = 0.02  # by which readings are moved to see how turns change with the delay [s]: numerical
+_LEAST: Final = 1e-12  # numerical: variance that keeps a fit without any noise from being singular
+_COMMON: Final = 2  # parameters with one value for the whole run: error of the scale and of the delay
+
+
+class Rotation(NamedTuple):
+    """How a gyroscope's readings become turns of the radar.
+
+    Args:
+        axis: name of the gyroscope's axis that is the radar's vertical.
+        sign: -1 where it turns the other way.
+        scale: turns of the radar per turn of that axis, after the sign [1].
+        scale_sigma: standard deviation of the scale [1].
+        delay_s: how late the gyroscope's clock is [s].
+        delay_sigma_s: standard deviation of the delay [s].
+        bias: mean bias of its rate after the sign [rad/s].
+        noise: of its rate.
+    """
+
+    axis: str
+    sign: float
+    scale: float
+    scale_sigma: float
+    delay_s: float
+    delay_sigma_s: float
+    bias: float
+    noise: RateNoise
+
+
+class Calibrated(NamedTuple):
+    """A gyroscope held against psi.
+
+    Args:
+        rotation: how its readings become turns.
+        raw: (N,) its turns over psi's motions, with the sign and the delay put right [rad]; NaN where they are not known.
+        residuals: (N,) what psi turned more, with scale and bias put right, too [rad]; NaN where either is not known.
+    """
+
+    rotation: Rotation
+    raw: NDArray[np.float64]
+    residuals: NDArray[np.float64]
+
+
+def calibrate(
+    gyroscope: Gyroscope, start: Start, turns: Turns, settings: GyroscopeConfig, some: slice = slice(None)
+) -> Calibrated:
+    """Calibrates a gyroscope by psi's turns.
+
+    Args:
+        gyroscope: its readings.
+        start: its axis, and about how late it is.
+        turns: as psi measured them.
+        settings: of the gyroscope.
+        some: which of the motions take part.
+    """
+    turns = turns.take(some)
+    sign, delay_s, turning = float(np.sign(start.correlation)) or 1.0, start.delay_s, start.turning
+    lasts, axis = turns.ends - turns.begins, "xyz".index(start.axis)
+
+    def read(late_s: float) -> NDArray[np.float64]:
+        return sign * turning.between(turns.begins + late_s, turns.ends + late_s)
+
+    noise = RateNoise(0.0, settings.first_walk)
+    times = np.append(turns.begins, turns.ends[-1:])
+    for _ in range(_ROUNDS):
+        raw = read(delay_s)
+        by_delay = (read(delay_s + _NUDGE_S) - read(delay_s - _NUDGE_S)) / (2.0 * _NUDGE_S)
+        misses = np.where(turns.known & np.isfinite(by_delay), turns.yaws - raw, np.nan)
+        design = _make_design(raw, by_delay, lasts, settings.knot_s)
+        found = _fit(design, misses, turns, noise, settings)
+        delay_s += float(np.clip(found.parameters[1], -_NUDGE_S, _NUDGE_S))
+        by_common = np.sum(design.jacobians[:, 2, :_COMMON] * found.parameters[:_COMMON], axis=1)
+        walking = misses - by_common  # the walk of the bias is still in these
+        noise = measure_rate_noise(gyroscope, axis, walking, times, turns.drift, settings.first_walk)
+    residuals, sigmas = misses - found.correct(design)[:, 2], np.sqrt(np.diag(found.covariance))
+    bias = float(np.mean(found.parameters[_COMMON:]))
+    rotation = Rotation(
+        start.axis, sign, 1.0 + float(found.parameters[0]), float(sigmas[0]), delay_s, float(sigmas[1]), bias, noise
+    )
+    return Calibrated(rotation, raw, residuals)
+
+
+def _make_design(
+    raw: NDArray[np.float64], by_delay: NDArray[np.float64], lasts: NDArray[np.float64], knot_s: float
+) -> Design:
+    """Returns how scale error, delay and the biases at the knots move the turns (N,) of the gyroscope."""
+    span = max(1, round(knot_s / float(np.median(lasts))))
+    at = (np.arange(len(raw)) + 0.5) / span
+    left = at.astype(np.int64)
+    jacobians = np.zeros((len(raw), 3, _COMMON + 2))
+    jacobians[:, 2] = np.column_stack(
+        [np.nan_to_num(raw), np.nan_to_num(by_delay), -lasts * (left + 1 - at), -lasts * (at - left)]
+    )
+    common = np.tile(np.arange(_COMMON), (len(raw), 1))
+    columns = np.column_stack([common, _COMMON + left, _COMMON + left + 1])
+    return Design(jacobians, columns, np.full(int(left[-1]) + 1, span * float(np.median(lasts))))
+
+
+def _fit(
+    design: Design, misses: NDArray[np.float64], turns: Turns, noise: RateNoise, settings: GyroscopeConfig
+) -> Calibration:
+    """Returns the parameters and what is known of them."""
+    lasts = turns.ends - turns.begins
+    prior = np.zeros((_COMMON + len(design.knots_s) + 1,) * 2)
+    first = np.arange(_COMMON + 1)
+    prior[first, first] = 1.0 / np.square([settings.sigma_scale, settings.longest_delay_s, settings.sigma_bias])
+    for knot, step_s in enumerate(design.knots_s, start=_COMMON):
+        step = np.array([[1.0, -1.0], [-1.0, 1.0]]) / (noise.walk**2 * step_s + _LEAST)
+        prior[knot : knot + 2, knot : knot + 2] += step
+    unknown = np.full_like(misses, np.nan)
+    measured = np.zeros((len(misses), 3)) + _LEAST
+    measured[:, 2] += turns.variances
+    white = np.zeros((len(misses), 3))
+    white[:, 2] = noise.white**2 * lasts
+    return fit(design, np.column_stack([unknown, unknown, misses]), measured, white, prior)

@@ -1,0 +1,1 @@
+"""Dead reckoning beside the radar: calibrated by psi, and joined to the pose graph."""

@@ -1,0 +1,1 @@
+"""What many runs are planned and scheduled by."""

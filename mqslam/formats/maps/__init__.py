@@ -1,0 +1,1 @@
+"""Maps of cells, and what places them on the Earth."""

@@ -1,0 +1,116 @@
+"""The result of reading a gyroscope or a GNSS receiver: its sound rows, and what a user should know about the others."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Generic, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mqslam.core.sensors.fixes import Fixes
+from mqslam.core.sensors.gyroscope import Gyroscope
+from mqslam.core.wording import count_of, is_or_are
+from mqslam.errors import DataError
+from mqslam.formats.sensors.sensor_table import SensorTable
+from mqslam.formats.shared.stamps import mark_increasing
+
+_FASTEST_TURN = np.pi  # no vehicle turns faster than half round in a second [rad/s]: such readings are in another unit
+_SPIKES = 1e-3  # share of readings that may be faster all the same: a gyroscope that is knocked
+_Sensor = TypeVar("_Sensor")
+
+
+@dataclass(frozen=True, slots=True)
+class Reading(Generic[_Sensor]):
+    """A sensor that was read.
+
+    Args:
+        sensor: its readings.
+        notes: how they were understood.
+        faults: which rows were left out, and why.
+    """
+
+    sensor: _Sensor
+    notes: tuple[str, ...] = ()
+    faults: tuple[str, ...] = ()
+
+
+def make_gyroscope(path: Path, source: str, table: SensorTable, *notes: str) -> Reading[Gyroscope]:
+    """Makes a gyroscope of the rows of a file or topic that can be used.
+
+    Args:
+        path: the file, for errors.
+        source: the file or topic, for messages.
+        table: stamps, and rates about x forward, y left and z up [rad/s].
+        notes: how the file was understood.
+
+    Raises:
+        DataError: fewer than two rows can be used.
+    """
+    finite = np.asarray(np.isfinite(table.columns).all(axis=1))
+    kept, faults = _choose_rows(source, table, finite, "numbers that are not finite")
+    if np.count_nonzero(kept) < 2:
+        raise DataError(path, f"holds {np.count_nonzero(kept)} readings of a gyroscope", "a gyroscope needs two at least")
+    gyroscope = Gyroscope(table.stamps_us[kept], np.ascontiguousarray(table.columns[kept]), source)
+    return Reading(gyroscope, (*notes, *_note_unit(gyroscope)), faults)
+
+
+def make_fixes(path: Path, source: str, table: SensorTable, *notes: str, made_truth: bool = False) -> Reading[Fixes]:
+    """Makes fixes of the rows of a file or topic that can be used.
+
+    Args:
+        path: the file, for errors.
+        source: the file or topic, for messages.
+        table: stamps, and latitude and longitude [degrees] and standard deviation [m], which is no finite positive number
+            where the receiver states none.
+        notes: how the file was understood.
+        made_truth: whether the recording's ground truth was made from this receiver.
+
+    Raises:
+        DataError: no row can be used.
+    """
+    latitudes, longitudes, sigmas = table.columns.T
+    on_earth = (np.abs(latitudes) <= 90.0) & (np.abs(longitudes) <= 180.0)  # false of NaN
+    on_earth &= (latitudes != 0.0) | (longitudes != 0.0)  # receivers write zeros where they have no fix
+    kept, faults = _choose_rows(source, table, np.asarray(on_earth), "no place on the Earth")
+    if not kept.any():
+        raise DataError(path, "holds no fix of a GNSS receiver", "give a log with fixes, in degrees")
+    sigmas = np.where(np.isfinite(sigmas) & (sigmas > 0.0), sigmas, np.nan)
+    fixes = Fixes(table.stamps_us[kept], latitudes[kept], longitudes[kept], sigmas[kept], source, made_truth)
+    return Reading(fixes, notes, faults)
+
+
+def _choose_rows(
+    source: str, table: SensorTable, sound: NDArray[np.bool_], unsound: str
+) -> tuple[NDArray[np.bool_], tuple[str, ...]]:
+    """Chooses the rows (N,) to keep, and counts the others in words.
+
+    Args:
+        source: the file or topic.
+        table: its rows.
+        sound: (N,) which rows hold what they should.
+        unsound: what the others hold.
+    """
+    faults = []
+    rows = table.unread + len(sound)
+    if bad := table.unread + int(np.count_nonzero(~sound)):
+        faults.append(f"{source}: {bad} of {count_of(rows, 'row')} {is_or_are(bad)} left out: they hold {unsound}")
+    kept = sound.copy()
+    steps = np.diff(table.stamps_us[sound])
+    if np.any(steps <= 0):
+        kept[sound] = mark_increasing(table.stamps_us[sound].tolist())
+        late = int(np.count_nonzero(sound & ~kept))
+        faults.append(f"{source}: the stamps of {late} of {count_of(rows, 'row')} repeat or run backward: left out")
+    return kept, tuple(faults)
+
+
+def _note_unit(gyroscope: Gyroscope) -> list[str]:
+    """Notes rates that no vehicle reaches, which are probably stated in degrees per second; they stay as they are."""
+    usual = float(np.quantile(np.abs(gyroscope.rates[:, 2]), 1.0 - _SPIKES))
+    if usual <= _FASTEST_TURN:
+        return []
+    return [
+        f"the yaw rates in {gyroscope.source} reach {usual:.3g} rad/s, faster than any vehicle turns: they are kept; "
+        "if they are degrees per second, convert them to rad/s"
+    ]

@@ -1,0 +1,225 @@
+"""Sensors in ROS bags: `sensor_msgs/Imu`, `sensor_msgs/NavSatFix`, and where the radar sits by /tf_static.
+
+Fixes on a topic whose name says that it is ground truth are those that the ground truth was made from.
+"""
+
+from __future__ import annotations
+
+from array import array
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mqslam.core.recording import Recording
+from mqslam.core.sensors.fixes import Fixes
+from mqslam.core.sensors.gyroscope import Gyroscope
+from mqslam.core.sensors.mount import Mount
+from mqslam.core.wording import count_of
+from mqslam.errors import DataError
+from mqslam.formats.lidars.mounts import Mounts
+from mqslam.formats.sensors.reading import Reading, make_fixes, make_gyroscope
+from mqslam.formats.sensors.sensor_table import SensorTable
+from mqslam.formats.shared import bags
+from mqslam.formats.shared.bag_writer import RADAR_FRAME, TF_TYPE, Bag
+
+if TYPE_CHECKING:
+    from rosbags.highlevel import AnyReader
+    from rosbags.interfaces import Connection
+
+IMU_TYPE, FIX_TYPE = "sensor_msgs/msg/Imu", "sensor_msgs/msg/NavSatFix"
+STATIC_TOPIC = "/tf_static"
+_IMU_TOPIC, _FIX_TOPIC, _TRUTH_FIX_TOPIC = "/imu/data", "/gps/fix", "/ground_truth/fix"
+_VEHICLE = "base_link"
+_IMU_FRAME, _FIX_FRAME = "imu", "gps"  # no transform places them: rates stay about the axes that they are read about
+_NOT_GIVEN = -1.0  # first number of a covariance whose quantity an Imu does not state
+_NO_FIX = -1  # status of a NavSatFix
+
+
+@dataclass(slots=True)
+class RosSensors:
+    """The messages of a bag's sensors; `add` takes in one after the other.
+
+    Args:
+        imu_topic: topic of the gyroscope, or None.
+        fix_topic: topic of the GNSS receiver, or None.
+        others: topics of the same types that are not read.
+        imu_stamps, fix_stamps: [us].
+        rates: three [rad/s] per stamp.
+        places: latitude, longitude [degrees] and standard deviation [m] per stamp.
+        imu_frame: frame of the gyroscope.
+        unread: number of messages that are damaged, by topic.
+        unfixed: number of messages without a fix.
+        mounts: the static transforms.
+    """
+
+    imu_topic: str | None
+    fix_topic: str | None
+    others: tuple[str, ...]
+    imu_stamps: array[int] = field(default_factory=lambda: array("q"))
+    rates: array[float] = field(default_factory=lambda: array("d"))
+    imu_frame: str = ""
+    fix_stamps: array[int] = field(default_factory=lambda: array("q"))
+    places: array[float] = field(default_factory=lambda: array("d"))
+    unread: dict[str, int] = field(default_factory=dict)
+    unfixed: int = 0
+    mounts: Mounts = field(default_factory=Mounts)
+
+    @classmethod
+    def choose(cls, reader: AnyReader) -> RosSensors:
+        """Chooses the topics of a bag: those with most messages, and ground truth only where there is no other."""
+        imus = [topic for topic in _rank_topics(reader, IMU_TYPE) if not _is_truth(topic)]
+        receivers = _rank_topics(reader, FIX_TYPE)
+        return cls(next(iter(imus), None), next(iter(receivers), None), (*imus[1:], *receivers[1:]))
+
+    def reads(self, topic: str) -> bool:
+        """Returns whether the messages of a topic are to be added."""
+        return topic in (self.imu_topic, self.fix_topic, STATIC_TOPIC)
+
+    def add(self, reader: AnyReader, connection: Connection, logged_ns: int, raw: bytes) -> None:
+        """Takes in a message of one of the topics; a damaged one is counted."""
+        try:
+            message = bags.deserialise(reader, connection, raw)
+            if connection.topic == STATIC_TOPIC:
+                self.mounts.add(message)
+            elif connection.topic == self.imu_topic:
+                self._add_rates(message, bags.stamp_of(message) or logged_ns // 1000)
+            else:
+                self._add_place(message, bags.stamp_of(message) or logged_ns // 1000)
+        except (ValueError, OverflowError, AttributeError):
+            self.unread[connection.topic] = self.unread.get(connection.topic, 0) + 1
+
+    def read_gyroscope(self, path: Path) -> Reading[Gyroscope] | None:
+        """Returns the gyroscope, its rates turned to the vehicle's axes where /tf_static places it; None without a topic.
+
+        Raises:
+            DataError: fewer than two messages can be used.
+        """
+        if self.imu_topic is None:
+            return None
+        rates = np.array(self.rates, dtype=np.float64).reshape(-1, 3)
+        placed = self.mounts.place(self.imu_frame, "")
+        if placed is None:
+            note = f"the axes of the gyroscope on {self.imu_topic} are taken as x forward, y left, z up"
+        else:
+            note = f"the gyroscope on {self.imu_topic} is turned to the vehicle's axes by its frame, {self.imu_frame}"
+            with np.errstate(invalid="ignore"):  # rates that are not finite are left out afterwards
+                rates = rates @ placed[:3, :3].T
+        return make_gyroscope(path, self.imu_topic, self._tabulate(self.imu_topic, self.imu_stamps, rates), note)
+
+    def read_fixes(self, path: Path) -> Reading[Fixes] | None:
+        """Returns the fixes; None without a topic, or where the receiver never had one.
+
+        Raises:
+            DataError: no message can be used.
+        """
+        if self.fix_topic is None or (self.unfixed and not self.fix_stamps):
+            return None
+        places = np.array(self.places, dtype=np.float64).reshape(-1, 3)
+        table = self._tabulate(self.fix_topic, self.fix_stamps, places)
+        return make_fixes(path, self.fix_topic, table, made_truth=_is_truth(self.fix_topic))
+
+    def read_mount(self, path: Path, radar_frame: str) -> Mount | None:
+        """Returns where /tf_static places the radar on the vehicle; None where it does not.
+
+        Raises:
+            DataError: it holds damaged messages, or transforms that are not finite.
+        """
+        mount = self.mounts.find(radar_frame, "") if bags.name_frame(radar_frame) in self.mounts.parents else None
+        if mount is None:
+            if damaged := self.unread.get(STATIC_TOPIC):
+                raise DataError(path, f"holds {count_of(damaged, 'damaged message')} on {STATIC_TOPIC}", "repair the bag")
+            return None
+        if not np.isfinite(mount.pose).all():
+            raise DataError(path, f"places {radar_frame} by transforms that are not finite", f"repair {STATIC_TOPIC}")
+        return Mount(mount.pose, STATIC_TOPIC)
+
+    @property
+    def notes(self) -> list[str]:
+        """What a user should know about the choice of topics."""
+        notes = [f"gyroscope from {self.imu_topic}"] if self.imu_topic else []
+        notes += [f"GNSS fixes from {self.fix_topic}"] if self.fix_topic else []
+        notes += [f"{', '.join(self.others)}: other sensors of these kinds, not read"] if self.others else []
+        if self.unfixed:
+            notes.append(f"{count_of(self.unfixed, 'message')} on {self.fix_topic} without a fix")
+        return notes
+
+    def _add_rates(self, message: Any, stamp_us: int) -> None:
+        if message.angular_velocity_covariance[0] == _NOT_GIVEN:
+            raise ValueError("states no rates")
+        rate = message.angular_velocity
+        self.rates.extend((float(rate.x), float(rate.y), float(rate.z)))
+        self.imu_stamps.append(stamp_us)
+        self.imu_frame = message.header.frame_id
+
+    def _add_place(self, message: Any, stamp_us: int) -> None:
+        if message.status.status <= _NO_FIX:
+            self.unfixed += 1
+            return
+        known = message.position_covariance_type != 0
+        variance = float(message.position_covariance[0] + message.position_covariance[4]) / 2.0 if known else np.nan
+        sigma = float(np.sqrt(variance)) if variance > 0.0 else np.nan
+        self.places.extend((float(message.latitude), float(message.longitude), sigma))
+        self.fix_stamps.append(stamp_us)
+
+    def _tabulate(self, topic: str, stamps: array[int], columns: NDArray[np.float64]) -> SensorTable:
+        return SensorTable(np.array(stamps, dtype=np.int64), columns, self.unread.get(topic, 0))
+
+
+def _rank_topics(reader: AnyReader, kind: str) -> list[str]:
+    """Lists the topics of a type of message: those with most messages first, and ground truth last."""
+    filled = [c for c in reader.connections if c.msgtype == kind and c.msgcount]
+    filled.sort(key=lambda c: (_is_truth(c.topic), -c.msgcount, c.topic))
+    return list(dict.fromkeys(c.topic for c in filled))
+
+
+def _is_truth(topic: str) -> bool:
+    """Returns whether the name of a topic says that it is ground truth."""
+    return bool(bags.TRUTH_NAME.search(topic.lower()))
+
+
+def list_sensor_messages(bag: Bag, recording: Recording) -> list[Iterator[tuple[int, Connection, Any]]]:
+    """Lists the messages of a recording's sensors, one iterator in the order of stamps per sensor that it has."""
+    lists = []
+    if recording.mount is not None:
+        lists.append(_list_mount(bag, recording.mount, recording.start_us))
+    if recording.gyroscope is not None:
+        lists.append(_list_rates(bag, recording.gyroscope))
+    if recording.fixes is not None:
+        lists.append(_list_fixes(bag, recording.fixes))
+    return lists
+
+
+def _list_mount(bag: Bag, mount: Mount, stamp_us: int) -> Iterator[tuple[int, Connection, Any]]:
+    """Lists the transform from the vehicle to the radar, stamped [us]."""
+    connection = bag.topic(STATIC_TOPIC, TF_TYPE, latched=True)
+    x, y, yaw = mount.pose.tolist()
+    move = bag.make("geometry_msgs/msg/Transform", bag.vector(x, y, 0.0), bag.quaternion(yaw))
+    stamped = bag.make("geometry_msgs/msg/TransformStamped", bag.header(stamp_us, _VEHICLE), RADAR_FRAME, move)
+    yield stamp_us, connection, bag.make(TF_TYPE, [stamped])
+
+
+def _list_rates(bag: Bag, gyroscope: Gyroscope) -> Iterator[tuple[int, Connection, Any]]:
+    """Lists the readings of a gyroscope; orientation and acceleration are marked as not given."""
+    connection = bag.topic(_IMU_TOPIC, IMU_TYPE)
+    level = bag.quaternion(0.0)
+    absent, unknown = np.zeros(9), np.zeros(9)
+    absent[0] = _NOT_GIVEN
+    for stamp, rate in zip(gyroscope.stamps_us.tolist(), gyroscope.rates.tolist(), strict=True):
+        header, still = bag.header(stamp, _IMU_FRAME), bag.vector(0.0, 0.0, 0.0)
+        yield stamp, connection, bag.make(IMU_TYPE, header, level, absent, bag.vector(*rate), unknown, still, absent)
+
+
+def _list_fixes(bag: Bag, fixes: Fixes) -> Iterator[tuple[int, Connection, Any]]:
+    """Lists GNSS fixes; heights and their variance are not known."""
+    connection = bag.topic(_TRUTH_FIX_TOPIC if fixes.made_truth else _FIX_TOPIC, FIX_TYPE)
+    status = bag.make("sensor_msgs/msg/NavSatStatus", 0, 1)
+    places = zip(fixes.latitudes.tolist(), fixes.longitudes.tolist(), fixes.sigmas_m.tolist(), strict=True)
+    for stamp, (latitude, longitude, sigma) in zip(fixes.stamps_us.tolist(), places, strict=True):
+        known = not np.isnan(sigma)
+        covariance = np.diag([sigma**2, sigma**2, 0.0]).ravel() if known else np.zeros(9)
+        header = bag.header(stamp, _FIX_FRAME)
+        yield stamp, connection, bag.make(FIX_TYPE, header, status, latitude, longitude, np.nan, covariance, int(known))

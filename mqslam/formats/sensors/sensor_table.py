@@ -1,0 +1,153 @@
+"""Tables of a sensor's readings: columns of numbers, of which single rows may be damaged."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mqslam.errors import DataError
+from mqslam.formats.shared.stamps import LATEST_US, UNITS, guess_unit
+
+_LONGEST_LINE = 10_000  # characters of a table's first line: in a longer one the file is no table
+_LISTED = 20  # columns that an error names
+Parse = Callable[[str], float]
+
+
+@dataclass(frozen=True, slots=True)
+class SensorTable:
+    """Rows of a sensor's readings.
+
+    Args:
+        stamps_us: (N,) int64 [us], in the order of the file.
+        columns: (N, C); NaN where a row holds no number.
+        unread: number of rows beside these, whose stamps are no numbers.
+    """
+
+    stamps_us: NDArray[np.int64]
+    columns: NDArray[np.float64]
+    unread: int = 0
+
+    def with_columns(self, columns: NDArray[np.float64]) -> SensorTable:
+        """Returns the same rows with other columns (N, D)."""
+        return SensorTable(self.stamps_us, columns, self.unread)
+
+
+@dataclass(frozen=True, slots=True)
+class Header:
+    """The first line of a table.
+
+    Args:
+        path: the file.
+        names: words of the line, in small letters.
+        line: number of lines up to and including it.
+    """
+
+    path: Path
+    names: tuple[str, ...]
+    line: int
+
+    @property
+    def holds_numbers(self) -> bool:
+        """Whether the line is a row of numbers already, and the table has no header."""
+        return self.names[0].lstrip("+-").isdigit()
+
+    def find(self, names: Sequence[str], remedy: str) -> list[int]:
+        """Finds the columns of some names.
+
+        Raises:
+            DataError: one is missing.
+        """
+        missing = [name for name in names if name not in self.names]
+        if missing:
+            listed = ", ".join(self.names[:_LISTED])
+            raise DataError(self.path, f"has no column {', '.join(missing)} (columns: {listed})", remedy)
+        return [self.names.index(name) for name in names]
+
+
+def read_header(path: Path, remedy: str) -> Header:
+    """Reads the first line of a text file that is neither empty nor a comment.
+
+    Raises:
+        DataError: there is none, or the file does not exist or is no text.
+    """
+    try:
+        with path.open(encoding="utf-8-sig") as file:
+            number = 0
+            while line := file.readline(_LONGEST_LINE):
+                number += 1
+                if line.strip() and not line.startswith("#"):
+                    return Header(path, tuple(word.strip(" \"'\r\n").lower() for word in line.split(",")), number)
+    except FileNotFoundError as error:
+        raise DataError(path, "does not exist", "check the path") from error
+    except (OSError, UnicodeDecodeError) as error:
+        raise DataError(path, "is not a readable text file", remedy) from error
+    raise DataError(path, "is empty", remedy)
+
+
+def read_sensor_table(
+    header: Header, columns: Sequence[int], unit: str = "", parse: Mapping[int, Parse] | None = None
+) -> SensorTable:
+    """Reads columns of a table; a cell that is no number costs its row and no other.
+
+    Stamps go through a float, which holds those since 1970 to a quarter of a microsecond.
+
+    Args:
+        header: its first line.
+        columns: of the stamp, and of the readings.
+        unit: of the stamps, one of `UNITS`; "" guesses it from their size.
+        parse: turns the words of some of the columns into numbers.
+
+    Raises:
+        DataError: the file cannot be read.
+    """
+    skipped = 0 if header.holds_numbers else header.line
+    numbers = _read_numbers(header.path, columns, skipped, parse or {})
+    stamps = numbers[:, 0]
+    timed = np.isfinite(stamps)
+    scale = float(UNITS[unit or guess_unit(float(np.median(np.abs(stamps[timed]))) if timed.any() else 0.0)])
+    timed &= np.abs(np.where(timed, stamps, 0.0)) * scale < LATEST_US
+    stamps_us = np.round(stamps[timed] * scale).astype(np.int64)
+    return SensorTable(stamps_us, numbers[timed, 1:], int(np.count_nonzero(~timed)))
+
+
+def _read_numbers(path: Path, columns: Sequence[int], skipped: int, parse: Mapping[int, Parse]) -> NDArray[np.float64]:
+    """Reads columns (N, len(columns)) of all lines but the first ones; NaN where a cell is no number."""
+    try:
+        with path.open(encoding="utf-8-sig") as file:
+            for _ in range(skipped):
+                file.readline()
+            if not file.readline(1):
+                return np.empty((0, len(columns)))
+        with path.open(encoding="utf-8-sig") as file:
+            words: dict[int | str, Parse] = dict(parse.items())
+            return np.loadtxt(
+                file, delimiter=",", converters=words or None, skiprows=skipped, usecols=list(columns), ndmin=2
+            )
+    except OSError as error:
+        raise DataError(path, f"cannot be read ({error.strerror})", "check its permissions") from error
+    except ValueError:  # some line is damaged: each is read by itself, which takes longer
+        return _read_lines(path, columns, skipped, parse)
+
+
+def _read_lines(path: Path, columns: Sequence[int], skipped: int, parse: Mapping[int, Parse]) -> NDArray[np.float64]:
+    """Reads what `_read_numbers` does, line by line."""
+    rows: list[list[float]] = []
+    with path.open(encoding="utf-8-sig", errors="replace") as file:
+        for number, line in enumerate(file):
+            if number < skipped or not line.strip() or line.startswith("#"):
+                continue
+            words = line.split(",")
+            rows.append([_parse_word(words, column, parse.get(column, float)) for column in columns])
+    return np.array(rows, dtype=np.float64).reshape(-1, len(columns))
+
+
+def _parse_word(words: Sequence[str], column: int, parse: Parse) -> float:
+    """Parses a word of a line as a number; NaN where there is none."""
+    try:
+        return parse(words[column].strip())
+    except (ValueError, IndexError):
+        return float("nan")

@@ -1,0 +1,56 @@
+"""What a run says of the sensors beside the radar, in summary.json."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from mqslam.backend.sensors.gnss.fix_use import FixUse
+from mqslam.backend.sensors.gyroscope.gyroscope_use import GyroscopeUse
+from mqslam.solution import Solution
+
+
+def summarise_sensors(run: Solution) -> dict[str, Any]:
+    """Returns what became of each sensor, and how far it moves the trajectory; None for one that there is not."""
+    used = run.sensors
+    gyroscope = None if used.gyroscope is None else _summarise_gyroscope(used.gyroscope)
+    gnss = None if used.fixes is None else _summarise_fixes(used.fixes, run)
+    for name, numbers in (("gyroscope", gyroscope), ("gnss", gnss)):
+        if numbers is not None:
+            moved = used.contributions.get(name)
+            numbers["moved_m"] = None if moved is None else moved.moved_m
+            numbers["turned_rad"] = None if moved is None else moved.turned_rad
+    return {"gyroscope": gyroscope, "gnss": gnss}
+
+
+def _summarise_gyroscope(use: GyroscopeUse) -> dict[str, Any]:
+    """Returns what was found of a gyroscope."""
+    numbers: dict[str, Any] = {"source": use.source, "used": use.edges is not None, "statements": list(use.statements)}
+    numbers["factors"] = 0 if use.edges is None else use.edges.count
+    if use.rotation is None:
+        return numbers
+    rotation = use.rotation
+    return numbers | {
+        "axis": rotation.axis,
+        "upside_down": rotation.sign < 0.0,
+        "scale": rotation.scale,
+        "sigma_scale": rotation.scale_sigma,
+        "late_s": rotation.delay_s,
+        "sigma_late_s": rotation.delay_sigma_s,
+        "bias_radps": rotation.bias,
+        "white_noise": rotation.noise.white,
+        "bias_walk": rotation.noise.walk,
+    }
+
+
+def _summarise_fixes(use: FixUse, run: Solution) -> dict[str, Any]:
+    """Returns what was found of GNSS fixes."""
+    numbers: dict[str, Any] = {"source": use.source, "used": use.edges is not None, "statements": list(use.statements)}
+    edges = use.edges
+    if edges is None:
+        return numbers | {"factors": 0}
+    return numbers | {
+        "factors": len(edges.scans),
+        "rejected": edges.count_rejected(run.values),
+        "white_m": edges.noise.white_m,
+        "walk_m": edges.noise.walk_m,
+    }

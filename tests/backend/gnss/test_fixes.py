@@ -1,0 +1,169 @@
+"""Fixes that agree with the trajectory mend its drift, jumps are left out, and fixes of something else are refused."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from typing import NamedTuple
+
+import gtsam
+import numpy as np
+import pytest
+from gtsam.symbol_shorthand import E, X
+from numpy.typing import NDArray
+
+from mqslam.backend.problem import Problem
+from mqslam.backend.sensors.gnss.alignment import align
+from mqslam.backend.sensors.gnss.fix_noise import measure_fix_noise
+from mqslam.backend.sensors.gnss.fix_use import FixUse, join_fixes
+from mqslam.config import Config, GnssConfig
+from mqslam.core import se2
+from mqslam.core.measurement import Measurement
+from mqslam.core.sensors.fixes import Fixes
+from mqslam.core.sensors.tangent_plane import TangentPlane
+from mqslam.factors.gnss_position import gnss_position
+
+START_US = 1_560_000_000_000_000
+TURN_S = 0.25
+PLANE, LIES = TangentPlane(48.1, 11.5), np.array([30.0, -20.0, 1.2])  # where the map's origin lies in the plane
+SETTINGS = GnssConfig()
+
+
+class Receiver(NamedTuple):
+    """A receiver: its errors, where they are not those of a sound one."""
+
+    white_m: float = 1.5
+    walk_m: float = 0.1
+    jump_m: float = 0.0
+    late_s: float = 0.0
+    antenna: tuple[float, float] = (0.0, 0.0)
+
+
+def true_poses(scans: int) -> se2.Array:
+    """Returns the poses (N, 3) of a drive in wide bends at 8 m/s."""
+    rates = 0.05 * np.sin(np.arange(scans - 1) * TURN_S / 15.0)
+    return se2.chain(np.array([8.0 * TURN_S, 0.0, rate * TURN_S]) for rate in rates)
+
+
+def measured(scans: int, turned: float = 0.0) -> list[Measurement]:
+    """Returns the motions of the drive, which drift to the left by an angle per motion [rad]."""
+    poses, covariance = true_poses(scans), np.diag([1e-4, 1e-4, 1e-6])
+    return [
+        Measurement(TURN_S * k, TURN_S * (k + 1), se2.between(a, b) + np.array([0.0, 0.0, turned]), covariance, on_map=True)
+        for k, (a, b) in enumerate(pairwise(poses))
+    ]
+
+
+def fixed(receiver: Receiver, scans: int, seed: int = 1) -> Fixes:
+    """Returns the fixes of a receiver on the drive, one a second, half a scan off the scans' starts."""
+    rng, times = np.random.default_rng(seed), np.arange(0.125, (scans - 2) * TURN_S, 1.0)
+    poses = se2.interpolate(TURN_S * np.arange(scans), true_poses(scans), times)
+    antenna = se2.compose(poses, np.array([*receiver.antenna, 0.0]))[:, :2]
+    walk = np.cumsum(rng.normal(0.0, receiver.walk_m, antenna.shape), axis=0)
+    positions = se2.transform(LIES, antenna) + walk + rng.normal(0.0, receiver.white_m, antenna.shape)
+    for begin in range(20, len(times), 40):
+        positions[begin : begin + 6] += receiver.jump_m * rng.choice([-1.0, 1.0], 2)
+    latitudes, longitudes = PLANE.locate(positions).T
+    stamps = START_US + np.round(1e6 * (times + receiver.late_s)).astype(np.int64)
+    return Fixes(stamps, latitudes, longitudes, np.full(len(times), np.nan), "gnss.csv")
+
+
+def joined(receiver: Receiver, scans: int = 800, turned: float = 0.0) -> FixUse:
+    antenna = np.array(receiver.antenna)
+    return join_fixes(fixed(receiver, scans), START_US, measured(scans, turned), antenna, SETTINGS)
+
+
+def off_m(use: FixUse | None, scans: int, turned: float) -> float:
+    """Returns how far the optimised poses are from the true ones, root mean square, once they are laid on each other [m]."""
+    config = Config()
+    edges = None if use is None else use.edges
+    poses = Problem(measured(scans, turned), [], config.graph, config.loops, fixes=edges).solve_poses([])
+    true = true_poses(scans)
+    return float(
+        np.sqrt(np.mean(np.sum((true[:, :2] - se2.transform(align(poses[:, :2], true[:, :2]), poses[:, :2])) ** 2, 1)))
+    )
+
+
+@pytest.mark.parametrize("receiver", [Receiver(), Receiver(jump_m=20.0), Receiver(antenna=(-1.5, 0.6))])
+def test_fixes_mend_the_drift_of_a_trajectory(receiver: Receiver) -> None:
+    use = joined(receiver, turned=2e-5)
+    assert use.edges is not None and use.statements[0].startswith("the GNSS fixes (gnss.csv) are used, ")
+    alone = off_m(None, 800, 2e-5)
+    assert off_m(use, 800, 2e-5) < 0.7 * alone
+    assert alone > 1.0
+
+
+def test_jumps_are_rejected_and_counted() -> None:
+    use, config = joined(Receiver(jump_m=25.0)), Config()
+    assert use.edges is not None
+    _, optimum = Problem(measured(800), [], config.graph, config.loops, fixes=use.edges).optimise([])
+    assert use.edges.count_rejected(optimum.values) == pytest.approx(30, abs=4)  # five jumps of six fixes each
+    place = use.edges.find_place(optimum.values)
+    np.testing.assert_allclose(place.pose[2], LIES[2], atol=0.01)
+    np.testing.assert_allclose(PLANE.project(*place.locate(np.zeros((1, 2))).T), [LIES[:2]], atol=2.0)
+
+
+def test_an_antenna_beside_the_radar_is_carried_to_it() -> None:
+    receiver = Receiver(white_m=0.01, walk_m=0.0, antenna=(-2.0, 1.0))
+    use = joined(receiver)
+    assert use.edges is not None
+    centre = use.edges.plane.project(np.array([PLANE.latitude]), np.array([PLANE.longitude]))[0]
+    placed = se2.transform(LIES, true_poses(800)[use.edges.scans, :2]) + centre
+    assert np.abs(use.edges.poses[:, :2] - placed).max() < 0.1
+
+
+@pytest.mark.parametrize(
+    ("receiver", "scans", "why"),
+    [
+        (Receiver(late_s=30.0), 800, "they wander about the trajectory|half of them lie more than"),
+        (Receiver(late_s=1e6), 800, "0 of them lie within the recording"),
+        (Receiver(), 30, "of them lie within the recording, and 10 are needed"),
+        (Receiver(white_m=200.0), 800, "half of them lie more than"),
+    ],
+)
+def test_fixes_that_do_not_fit_are_refused_and_said(receiver: Receiver, scans: int, why: str) -> None:
+    use = joined(receiver, scans)
+    assert use.edges is None
+    assert use.statements[0].startswith("the GNSS fixes (gnss.csv) are not used: ")
+    assert any(part in use.statements[0] for part in why.split("|")), use.statements
+
+
+@pytest.mark.parametrize(("white_m", "walk_m"), [(2.0, 0.05), (0.5, 0.5)])
+def test_white_noise_and_wandering_are_told_apart(white_m: float, walk_m: float) -> None:
+    found = []
+    for seed in range(10):
+        rng, times = np.random.default_rng(seed), np.arange(800.0)
+        residuals = np.cumsum(rng.normal(0.0, walk_m, (800, 2)), axis=0) + rng.normal(0.0, white_m, (800, 2))
+        found.append(measure_fix_noise(times, residuals, np.full(800, np.nan), 60.0))
+    assert np.median([noise.white_m for noise in found]) == pytest.approx(white_m, rel=0.3)
+    assert np.median([noise.walk_m for noise in found]) == pytest.approx(walk_m, rel=0.5)
+
+
+def test_a_receiver_is_not_taken_to_be_better_than_it_says() -> None:
+    assert measure_fix_noise(np.arange(100.0), np.zeros((100, 2)), np.full(100, 3.0), 60.0).white_m == 3.0
+
+
+def test_half_of_the_fixes_may_be_wrong() -> None:
+    rng = np.random.default_rng(1)
+    points = rng.uniform(-200.0, 200.0, (200, 2))
+    positions = se2.transform(LIES, points) + rng.normal(0.0, 0.5, points.shape)
+    positions[:80] += rng.normal(0.0, 40.0, (80, 2))
+    np.testing.assert_array_less(np.abs(align(points, positions) - LIES), [0.3, 0.3, 3e-3])
+
+
+def test_the_factor_counts_the_distance() -> None:
+    factor = gnss_position(E(0), X(0), np.array([5.0, 1.0, 0.3]), 2.0, 3.0)
+    values = gtsam.Values()
+    values.insert(E(0), gtsam.Pose2(1.0, 2.0, 0.5))
+    values.insert(X(0), gtsam.Pose2(1.0, 2.0, 0.5).compose(gtsam.Pose2(6.0, 3.0, 0.29)))
+    squares = (1.0 + 4.0) / 4.0
+    expected = 0.5 * 9.0 * squares / (9.0 + squares)  # Geman and McClure's loss
+    assert factor.error(values) == pytest.approx(expected, rel=1e-3)
+
+
+def test_a_plane_touches_the_earth_where_it_says() -> None:
+    points: NDArray[np.float64] = np.array([[0.0, 0.0], [1000.0, -300.0]])
+    degrees = PLANE.locate(points)
+    np.testing.assert_allclose(degrees[0], [48.1, 11.5])
+    np.testing.assert_allclose(PLANE.project(*degrees.T), points, atol=0.1)  # the plane lies above the Earth far from there
+    north = PLANE.project(np.array([48.1 + 1.0 / 111.2]), np.array([11.5]))[0]
+    np.testing.assert_allclose(north, [0.0, 1000.0], atol=3.0)

@@ -1,0 +1,155 @@
+"""A gyroscope that agrees with psi joins the graph, a wrong one is put right and said, or refused and said."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from mqslam.backend.sensors.gyroscope.gyroscope_use import GyroscopeUse, join_gyroscope
+from mqslam.config import GyroscopeConfig
+from mqslam.core.measurement import Measurement, Status
+from mqslam.core.sensors.gyroscope import Gyroscope
+
+START_US = 1_560_000_000_000_000
+TURN_S, RATE_HZ = 0.25, 100
+PSI_SIGMA, DRIFT = 6e-4, 2e-4  # of a scan's yaw [rad], of the map's in the root of a second [rad]
+SETTINGS = GyroscopeConfig()
+
+
+class Unit(NamedTuple):
+    """A gyroscope: its errors, where they are not those of a sound one."""
+
+    bias: float = 0.008
+    walk: float = 2e-5
+    white: float = 2e-4
+    scale: float = 1.002
+    late_s: float = 0.0
+    clock_rate: float = 1.0
+    axes: tuple[int, int, int] = (0, 1, 2)
+    wild: float = 0.0
+
+
+def rates_at(times: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Returns the yaw rate of a drive through bends of many lengths [rad/s]."""
+    periods = np.array([5.0, 11.0, 23.0, 47.0])
+    return np.asarray(0.12 * np.sin(2.0 * np.pi * times[:, None] / periods + periods).sum(axis=1))
+
+
+def yaw_at(times: NDArray[np.float64]) -> NDArray[np.float64]:
+    periods = np.array([5.0, 11.0, 23.0, 47.0])
+    share = periods / (2.0 * np.pi)
+    return np.asarray(-0.12 * (share * np.cos(2.0 * np.pi * times[:, None] / periods + periods)).sum(axis=1))
+
+
+def measured(scans: int, seed: int = 1) -> list[Measurement]:
+    """Returns the motions of a drive as psi measures them: scans err, and the map drifts."""
+    rng, times = np.random.default_rng(seed), TURN_S * np.arange(scans)
+    drift = np.cumsum(rng.normal(0.0, DRIFT * np.sqrt(TURN_S), scans))
+    yaws = np.diff(yaw_at(times) + rng.normal(0.0, PSI_SIGMA, scans) + drift)
+    covariance = np.diag([4e-4, 1e-4, 2.0 * PSI_SIGMA**2])
+    return [
+        Measurement(times[k], times[k + 1], np.array([2.0, 0.0, yaws[k]]), covariance, on_map=True) for k in range(scans - 1)
+    ]
+
+
+def read(unit: Unit, seconds: float, seed: int = 2) -> Gyroscope:
+    """Returns what a gyroscope reads on the same drive, from a second before it to a second after."""
+    rng, times = np.random.default_rng(seed), np.arange(-1.0, seconds + 1.0, 1.0 / RATE_HZ)
+    bias = unit.bias + np.cumsum(rng.normal(0.0, unit.walk / np.sqrt(RATE_HZ), len(times)))
+    noise = rng.normal(0.0, unit.white * np.sqrt(RATE_HZ), (len(times), 3))
+    noise[:, 2] += unit.scale * rates_at(times) + bias + unit.wild * rng.normal(0.0, 1.0, len(times))
+    stamps = START_US + np.round(1e6 * (times * unit.clock_rate + unit.late_s)).astype(np.int64)
+    return Gyroscope(stamps, noise[:, unit.axes], "imu.csv")
+
+
+def joined(unit: Unit, scans: int = 800) -> GyroscopeUse:
+    return join_gyroscope(read(unit, scans * TURN_S), START_US, measured(scans), DRIFT, SETTINGS)
+
+
+def test_a_sound_gyroscope_is_used_without_a_word_about_errors() -> None:
+    use = joined(Unit())
+    assert use.statements == ("the gyroscope (imu.csv) is used",)
+    assert use.edges is not None and use.edges.count == 799
+    assert use.rotation is not None
+    assert use.rotation.scale == pytest.approx(1.0 / 1.002, abs=5.0 * use.rotation.scale_sigma)
+    assert use.rotation.delay_s == pytest.approx(0.0, abs=5.0 * use.rotation.delay_sigma_s)
+    assert use.rotation.bias == pytest.approx(0.008, abs=5e-4)
+    assert use.rotation.scale_sigma < 2e-3 and use.rotation.delay_sigma_s < 5e-3
+
+
+@pytest.mark.parametrize(
+    ("unit", "said"),
+    [
+        (Unit(late_s=0.2), "clock is 0.20 s late, which is put right"),
+        (Unit(late_s=-0.25), "clock is 0.25 s early, which is put right"),
+        (Unit(scale=1.05), r"turns \+5.\d% too far, which is put right"),
+        (Unit(scale=-1.0), "mounted upside down"),
+        (Unit(axes=(2, 0, 1)), "x axis is taken as the radar's vertical"),
+    ],
+)
+def test_what_is_wrong_all_the_time_is_put_right_and_said(unit: Unit, said: str) -> None:
+    use, sound = joined(unit), joined(Unit())
+    assert use.edges is not None and sound.edges is not None and use.rotation is not None
+    with_message = [s for s in use.statements if re.search(said, s)]
+    assert len(with_message) == 1, use.statements
+    turns = use.edges.turns * use.rotation.scale - use.rotation.bias * use.edges.lasts
+    true = np.diff(yaw_at(TURN_S * np.arange(800)))
+    assert np.nanstd(turns - true) < 1e-3
+
+
+@pytest.mark.parametrize(
+    ("unit", "why"),
+    [
+        (Unit(scale=57.3), "as if it were in degrees per second"),
+        (Unit(scale=0.5), "the radar turns 2 times as far"),
+        (Unit(late_s=0.6), "late or more|too little, or too differently|contradicts|times as far"),
+        (Unit(clock_rate=1.001), "its clock runs at another rate|contradicts"),
+        (Unit(wild=0.5), "contradicts the radar|times as far"),
+    ],
+)
+def test_a_gyroscope_that_contradicts_the_radar_is_refused_and_said(unit: Unit, why: str) -> None:
+    use = joined(unit)
+    assert use.edges is None
+    assert use.statements[0].startswith("the gyroscope (imu.csv) is not used: ")
+    assert re.search(why, use.statements[0]), use.statements
+
+
+def test_a_gyroscope_of_another_drive_is_refused() -> None:
+    other = read(Unit(), 200.0)
+    flipped = Gyroscope(other.stamps_us, other.rates[::-1].copy(), "imu.csv")
+    use = join_gyroscope(flipped, START_US, measured(800), DRIFT, SETTINGS)
+    assert use.edges is None and len(use.statements) == 1
+
+
+@pytest.mark.parametrize(("first", "last"), [(0, 1), (0, 500), (50_000, 60_000)])
+def test_a_gyroscope_that_covers_too_little_is_refused(first: int, last: int) -> None:
+    whole = read(Unit(), 200.0)
+    shift = 1_000_000_000 if first else 0
+    part = Gyroscope(whole.stamps_us[: last - first] + shift, whole.rates[: last - first], "imu.csv")
+    use = join_gyroscope(part, START_US, measured(800), DRIFT, SETTINGS)
+    assert use.edges is None and use.statements[0].startswith("the gyroscope (imu.csv) is not used: ")
+
+
+def test_turns_across_a_gap_of_the_readings_are_left_out() -> None:
+    whole = read(Unit(), 200.0)
+    kept = np.ones(len(whole), dtype=bool)
+    kept[5100:6100] = False  # from 50 s to 60 s
+    use = join_gyroscope(
+        Gyroscope(whole.stamps_us[kept], whole.rates[kept], "imu.csv"), START_US, measured(800), DRIFT, SETTINGS
+    )
+    assert use.edges is not None
+    unknown = np.flatnonzero(np.isnan(use.edges.turns)).tolist()
+    assert set(range(200, 240)) <= set(unknown) <= set(range(198, 242))
+
+
+def test_motions_that_psi_did_not_find_say_nothing_of_the_gyroscope() -> None:
+    motions = measured(800)
+    for k in range(100, 300):
+        motions[k] = replace(motions[k], pose=np.array([2.0, 0.0, 0.3]), status=Status.LOST)
+    use = join_gyroscope(read(Unit(), 200.0), START_US, motions, DRIFT, SETTINGS)
+    assert use.edges is not None and use.edges.count == 799

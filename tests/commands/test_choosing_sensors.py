@@ -1,0 +1,126 @@
+"""The gyroscope, the GNSS fixes and the mount that a run takes: what the recording carries, none, or what is named."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from support.commands import mqslam
+from support.recordings import START_US
+from support.sensors import a_gyroscope, some_fixes, stamps, write_gnss_csv, write_imu_csv
+
+from mqslam.commands.batch_plan import read_plan
+from mqslam.commands.opening import Inputs, choose_fixes, choose_gyroscope, choose_mount
+from mqslam.commands.run import open_job
+from mqslam.config import Config
+from mqslam.core.recording import Recording
+from mqslam.core.sensors.mount import Mount
+from mqslam.errors import ConfigError, DataError
+from mqslam.formats.recordings import open_recording
+
+LATE_US = 10**9
+
+
+@pytest.fixture
+def recording(oxford: Path) -> Recording:
+    """A recording with all sensors."""
+    return replace(
+        open_recording(oxford), gyroscope=a_gyroscope(), fixes=some_fixes(), mount=Mount(np.array([1.0, 0.0, 0.1]), "given")
+    )
+
+
+def test_what_the_recording_carries_is_taken_unless_none_is_wanted(recording: Recording) -> None:
+    assert choose_gyroscope(recording, "auto") == (recording.gyroscope, [])
+    assert choose_fixes(recording, "auto") == (recording.fixes, [])
+    assert choose_mount(recording, "auto") == (recording.mount, [])
+    for choose in (choose_gyroscope, choose_fixes, choose_mount):
+        assert choose(recording, "none") == (None, [])
+
+
+def test_a_recording_without_sensors_has_none_to_take(oxford: Path) -> None:
+    for choose in (choose_gyroscope, choose_fixes, choose_mount):
+        assert choose(open_recording(oxford), "auto") == (None, [])
+
+
+def test_named_files_and_numbers_are_taken_instead(recording: Recording, tmp_path: Path) -> None:
+    gyroscope, _ = choose_gyroscope(recording, str(write_imu_csv(tmp_path / "mine.csv")))
+    fixes, _ = choose_fixes(recording, str(write_gnss_csv(tmp_path / "gnss.csv")))
+    mount, _ = choose_mount(recording, "-1.5,0.4,90")
+    assert gyroscope is not None and gyroscope.source == str(tmp_path / "mine.csv")
+    assert fixes is not None and fixes.source == str(tmp_path / "gnss.csv")
+    assert mount is not None
+    np.testing.assert_allclose(mount.pose, [-1.5, 0.4, np.pi / 2])
+
+
+def test_what_is_left_out_of_a_named_file_is_told(recording: Recording, tmp_path: Path) -> None:
+    rows = [f"{t},0,0,{'x' if k == 3 else 0.1}" for k, t in enumerate(stamps(9).tolist())]
+    gyroscope, notes = choose_gyroscope(recording, str(write_imu_csv(tmp_path / "mine.csv", *rows)))
+    assert gyroscope is not None and len(gyroscope) == 8 and any("1 of 9 rows is left out" in note for note in notes)
+
+
+def test_fixes_that_made_the_truth_are_taken_only_where_their_file_is_named(recording: Recording) -> None:
+    fixes, notes = choose_fixes(replace(recording, fixes=some_fixes(made_truth=True)), "auto")
+    assert fixes is None and len(notes) == 1 and "ground truth was made from them; name the file to use them" in notes[0]
+
+
+def test_sensors_of_another_time_are_not_used(recording: Recording, tmp_path: Path) -> None:
+    late, gone = replace(a_gyroscope(), stamps_us=stamps() + LATE_US), replace(some_fixes(), stamps_us=stamps(5) + LATE_US)
+    other = replace(recording, gyroscope=late, fixes=gone)
+    for choose in (choose_gyroscope, choose_fixes):
+        taken, notes = choose(other, "auto")
+        assert taken is None and len(notes) == 1 and "no time with the radar" in notes[0]
+    file = write_imu_csv(tmp_path / "mine.csv", *(f"{t},0,0,0" for t in (stamps() + LATE_US).tolist()))
+    with pytest.raises(DataError, match="shares no time with the recording") as caught:
+        choose_gyroscope(recording, str(file))
+    assert str(START_US) in caught.value.remedy
+
+
+@pytest.mark.parametrize("text", ["1,2", "1,2,left", "1500,0,0", "0,0,nan", "autos"])
+def test_extrinsics_that_are_no_pose_are_refused(recording: Recording, text: str) -> None:
+    with pytest.raises(ConfigError, match="extrinsics"):
+        choose_mount(recording, text)
+
+
+@pytest.mark.parametrize(
+    "inputs",
+    [Inputs(imu="none"), Inputs(gnss="none"), Inputs(extrinsics="1,0,0"), Inputs(imu="moved.csv"), Inputs(gnss="moved.csv")],
+)
+def test_other_sensors_are_another_run(oxford: Path, monkeypatch: pytest.MonkeyPatch, inputs: Inputs) -> None:
+    monkeypatch.chdir(oxford.parent)
+    write_imu_csv(oxford / "imu.csv")
+    write_gnss_csv(oxford / "gnss.csv")
+    if inputs.imu == "moved.csv":
+        write_imu_csv(Path("moved.csv"), *(f"{t},0.01,-0.02,{0.4 + 1e-9}" for t in stamps().tolist()))
+    if inputs.gnss == "moved.csv":
+        write_gnss_csv(Path("moved.csv"), *(f"{t},43.7821,-79.4661,2.6" for t in stamps(5).tolist()))
+    usual = open_job(oxford, Config())
+    assert usual.sensors.gyroscope is not None and usual.sensors.fixes is not None and usual.sensors.mount is None
+    assert usual.key == open_job(oxford, Config()).key
+    assert open_job(oxford, Config(), inputs=inputs).key != usual.key
+
+
+def test_a_batch_takes_them_beside_its_file(tmp_path: Path) -> None:
+    rows = "imu: a/imu.csv, gnss: none, extrinsics: '1.2,0,-90'"
+    (tmp_path / "runs.yaml").write_text(f"runs: [{{data: drive, {rows}}}, {{data: drive, name: other}}]")
+    first, second = read_plan(tmp_path / "runs.yaml")[0]
+    assert (first.imu, first.gnss, first.extrinsics) == (str(tmp_path / "a" / "imu.csv"), "none", "1.2,0,-90")
+    assert (second.imu, second.gnss, second.extrinsics, second.odometry) == ("auto",) * 4
+    (tmp_path / "runs.yaml").write_text("runs: [{data: drive, extrinsics: '1.2,0'}]")
+    with pytest.raises(ConfigError, match=r"runs\.0: extrinsics 1\.2,0: are not three numbers"):
+        read_plan(tmp_path / "runs.yaml")
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (("--imu", "nowhere.csv"), "nowhere.csv: does not exist"),
+        (("--gnss", "nowhere.csv"), "nowhere.csv: does not exist"),
+        (("--extrinsics", "1,2"), "extrinsics 1,2: are not three numbers; give --extrinsics as metres forward"),
+    ],
+)
+def test_mistakes_of_a_run_are_one_line_and_leave_nothing(oxford: Path, options: tuple[str, str], said: str) -> None:
+    shown = mqslam("run", oxford, "--out", oxford.parent / "out", "--quiet", *options)
+    assert shown.code == 2 and said in shown.err and shown.err.count("\n") == 1
+    assert not (oxford.parent / "out").exists()
