@@ -107,7 +107,8 @@ def psi_factors(
 ) -> PsiFactors:
     """Measures the motion in a recording and returns the factors of a run for a GTSAM graph of one's own.
 
-    The factors are those of the graph of a run without loops, so that the same optimum and the same marginals come out.
+    The factors are those of the graph of a run without loops, so that the same optimum and the same marginals come out. A
+    gyroscope and a GNSS receiver that the recording has take no part: those are for factors of one's own.
     A scan is measured in a *submap*, a piece of the running map, and not against the scan before it: if one scan is placed
     too far ahead, the motion to it is too long and the next one too short by as much. A factor between each two successive
     scans would take these errors for independent and be far too unsure of the way as a whole. The submaps are therefore
