@@ -75,11 +75,19 @@ class GivenGraph(GraphProblem):
         return graph, optimum
 
     def estimate_own_covariances(self) -> NDArray[np.float64]:
-        """Returns half of the covariance of each motion by the graph, in the frame of the scan that it starts at.
+        """Returns half of the covariance of each scan against the neighbour that the graph is surer of, in its own frame.
+
+        Half, since both scans err. The surer neighbour, since a graph of submaps has what its map drifts between some scans
+        and not between others.
 
         Raises:
             EstimationError: the graph does not tell it.
         """
         graph, optimum = self.optimise([])
-        halves = 0.5 * Uncertainty(graph, optimum.values).relate(list(pairwise(range(graph.size))))
-        return np.concatenate([halves, halves[-1:]])
+        scans = range(graph.size)
+        pairs = [*pairwise(scans), *((b, a) for a, b in pairwise(scans))]
+        following, preceding = np.split(Uncertainty(graph, optimum.values).relate(pairs), 2)
+        after, before = np.concatenate([following, following[-1:]]), np.concatenate([preceding[:1], preceding])
+        after[-1], before[0] = before[-1], after[0]
+        is_surer = np.linalg.det(after) <= np.linalg.det(before)
+        return np.asarray(0.5 * np.where(is_surer[:, None, None], after, before))

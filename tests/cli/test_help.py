@@ -99,6 +99,7 @@ OPTIONS = {
     "convert": ["--to", "--message", "--force", "--quiet", "--verbose"],
     "check": ["--odometry", "--config", "--format", "--json", "--quiet", "--verbose"],
     "score": ["--start", "--motion", "--minimise", "--json", "--quiet", "--verbose"],
+    "optimise": ["--out", "--values", "--force", "--json", "--quiet", "--verbose"],
 }
 UNITS = {
     "run": ["[m]", "[us]"],
@@ -111,6 +112,7 @@ UNITS = {
     "convert": ["[m]"],
     "check": ["[m]"],
     "score": ["[s", "[m/s"],
+    "optimise": [],
 }
 
 

@@ -45,7 +45,8 @@ def loop_factors(
         recording: a recording's path, the open recording, or its scans, such as those of `psi_factors`.
         trajectory: poses of the sensor over time that cover the recording, or values with a pose (`gtsam.Pose2` or
             `gtsam.Pose3`) for the start of every scan.
-        keys: GTSAM's key of the pose of each scan by its number (0, 1, ...): a function, or a sequence with a key for each.
+        keys: GTSAM's key of the pose of each scan by its number (0, 1, ...): a function, or a sequence with a key for
+            each; by default `gtsam.symbol("x", k)`.
         graph: all factors of the values but those of loops; they determine every variable. It is not changed.
         config: settings, or the path of a YAML file, or the name of one that ships with mqslam; None takes the defaults.
             Loops are looked for whatever `loops.enabled` says.

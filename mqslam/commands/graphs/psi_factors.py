@@ -18,7 +18,7 @@ from mqslam.commands.graphs.radar import Source, look_at
 from mqslam.commands.work import QUIET, Work
 from mqslam.config import Config, set_doppler_beta
 from mqslam.core import se2
-from mqslam.core.frontend import measure_motions
+from mqslam.core.frontend import find_entry_point, measure_motions
 from mqslam.core.measurement import Measurement, MotionTable
 from mqslam.core.scans import Scans
 from mqslam.core.trajectory import Trajectory
@@ -107,7 +107,8 @@ def psi_factors(
 ) -> PsiFactors:
     """Measures the motion in a recording and returns the factors of a run for a GTSAM graph of one's own.
 
-    The factors are those of the graph of a run without loops, so that the same optimum and the same marginals come out.
+    The factors are those of the graph of a run without loops, so that the same optimum and the same marginals come out. A
+    gyroscope and a GNSS receiver that the recording has take no part: those are for factors of one's own.
     A scan is measured in a *submap*, a piece of the running map, and not against the scan before it: if one scan is placed
     too far ahead, the motion to it is too long and the next one too short by as much. A factor between each two successive
     scans would take these errors for independent and be far too unsure of the way as a whole. The submaps are therefore
@@ -117,7 +118,8 @@ def psi_factors(
 
     Args:
         recording: a recording's path, the open recording, or the scans that were detected in it before.
-        keys: GTSAM's key of the pose of each scan by its number (0, 1, ...): a function, or a sequence with a key for each.
+        keys: GTSAM's key of the pose of each scan by its number (0, 1, ...): a function, or a sequence with a key for
+            each; by default `gtsam.symbol("x", k)`.
             The pose is the sensor's at the start of the scan (`scans.stamps_us` of the result), REP 103.
         config: settings, or the path of a YAML file, or the name of one that ships with mqslam; None takes the defaults.
         frontend: name of the front end.
@@ -125,7 +127,7 @@ def psi_factors(
             calibrated by psi, come as factors too, as in a run. Leave them out of a graph with factors of the same wheels.
         pose: `gtsam.Pose2`, or `gtsam.Pose3` for a graph of poses in space. There the factors state weak noise on z, roll
             and pitch (`graph.lifted_m`, `graph.lifted_rad` of the settings).
-        submap_keys: returns the key of a submap by its number (0, 1, ...).
+        submap_keys: returns the key of a submap by its number (0, 1, ...); by default `gtsam.symbol("m", j)`.
         work: where the work is done, and who is told about it.
 
     Returns:
@@ -144,6 +146,7 @@ def psi_factors(
         ...     graph.push_back(factor)
         >>> values.insert(factors.make_initial(values))  # doctest: +SKIP
     """
+    find_entry_point(frontend)  # raises before the recording is read
     with look_at(recording, config, work) as radar:
         settings, scans = radar.config, radar.scans
         lift, scan_keys = choose_lift(pose, settings.graph), list_keys(keys, len(scans))

@@ -69,7 +69,8 @@ def refine(
         values: of all variables, with a pose (`gtsam.Pose2` or `gtsam.Pose3`) for the start of every scan. The optimisation
             starts from them. They are not changed.
         recording: a recording's path, the open recording, or its scans, such as those of `psi_factors`.
-        keys: GTSAM's key of the pose of each scan by its number (0, 1, ...): a function, or a sequence with a key for each.
+        keys: GTSAM's key of the pose of each scan by its number (0, 1, ...): a function, or a sequence with a key for
+            each; by default `gtsam.symbol("x", k)`.
         loops: the loops and their factors, as `loop_factors` returns them.
         rounds: most rounds in which every scan is measured; it takes the place of `refinement.rounds` of the settings, with
             which a run leaves the refinement out by default.
