@@ -74,6 +74,13 @@ class GyroscopeConfig(BaseModel):
         ge=3,
         description="With fewer motions than this that psi found itself, a gyroscope is not calibrated, and not used.",
     )
+    least_correlation: float = expert(
+        0.5,
+        gt=0.0,
+        lt=1.0,
+        description="A gyroscope whose turns correlate less with those of psi is not used. On a straight drive noise correlates "
+        "with some axis at some delay, by far less than that.",
+    )
     largest_scale: float = expert(
         1.25,
         gt=1.0,

@@ -135,6 +135,15 @@ def test_a_gyroscope_that_covers_too_little_is_refused(first: int, last: int) ->
     assert use.edges is None and use.statements[0].startswith("the gyroscope (imu.csv) is not used: ")
 
 
+def test_a_drive_straight_on_shows_nothing_of_a_gyroscope() -> None:
+    motions = [
+        replace(m, pose=np.array([2.0, 0.0, m.pose[2] - np.diff(yaw_at(np.array([m.t0, m.t1])))[0]])) for m in measured(800)
+    ]
+    still = read(Unit(scale=0.0), 200.0)
+    use = join_gyroscope(still, START_US, motions, DRIFT, SETTINGS)
+    assert use.edges is None and "the radar turned too little" in use.statements[0]
+
+
 def test_turns_across_a_gap_of_the_readings_are_left_out() -> None:
     whole = read(Unit(), 200.0)
     kept = np.ones(len(whole), dtype=bool)

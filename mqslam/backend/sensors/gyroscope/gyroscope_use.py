@@ -100,7 +100,8 @@ def _find_fault(
 ) -> str | None:
     """Returns why a gyroscope cannot be used, or None."""
     rotation = found.rotation
-    if not rotation.scale > settings.told_sigmas * rotation.scale_sigma:
+    is_told = rotation.scale > settings.told_sigmas * rotation.scale_sigma
+    if not is_told or abs(start.correlation) < settings.least_correlation:
         return "the radar turned too little, or too differently, to tell whether it agrees"
     if not 1.0 / settings.largest_scale <= rotation.scale <= settings.largest_scale:
         unit = ", as if it were in degrees per second" if abs(np.rad2deg(rotation.scale) - 1.0) < 0.1 else ""
