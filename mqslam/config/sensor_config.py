@@ -78,8 +78,8 @@ class GyroscopeConfig(BaseModel):
         0.5,
         gt=0.0,
         lt=1.0,
-        description="A gyroscope whose turns correlate less with those of psi is not used. On a straight drive noise correlates "
-        "with some axis at some delay, by far less than that.",
+        description="A gyroscope whose turns correlate less with those of psi is not used. On a straight drive noise "
+        "correlates with some axis at some delay, by far less than that.",
     )
     largest_scale: float = expert(
         1.25,
