@@ -17,6 +17,7 @@ from mqslam.config import AuditConfig
 from mqslam.config.reading_config import USUAL_READING, ReadingConfig
 from mqslam.core import se2
 from mqslam.core.scans import Scans
+from mqslam.core.sensors.gyroscope import Gyroscope
 from mqslam.core.sensors.lidar import LidarRecording
 from mqslam.core.timed_cloud import TimedCloud
 from mqslam.core.trajectory import Trajectory
@@ -39,6 +40,7 @@ class Source:
         scans: its scans, of a radar or a lidar.
         tracks: trajectories that the recording itself carries, by name.
         notes: what a user should know about how it was understood.
+        gyroscope: readings of a gyroscope that it carries, or None.
     """
 
     path: Path
@@ -46,6 +48,7 @@ class Source:
     scans: Scans
     tracks: dict[str, Trajectory]
     notes: tuple[str, ...]
+    gyroscope: Gyroscope | None = None
 
 
 def is_cloud(path: Path) -> bool:

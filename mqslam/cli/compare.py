@@ -14,6 +14,7 @@ from mqslam.cli.terminal.options import (
     Data,
     Force,
     Format,
+    Imu,
     Jobs,
     Json,
     Odometry,
@@ -30,7 +31,10 @@ def compare(
     data: Data,
     out: Annotated[Path, typer.Option("--out", "-o", help="Folder for the results; it must not exist yet.")],
     frontends: Annotated[
-        str, typer.Option(help="Front ends, separated by commas; those of other installed packages work too.")
+        str,
+        typer.Option(
+            help="Front ends, separated by commas, those of other packages too; `psi+gyro` has the gyroscope in its graph."
+        ),
     ] = "psi,kiss_icp,open3d_icp,odometry",
     trajectory: Annotated[
         list[str] | None,
@@ -47,6 +51,7 @@ def compare(
     ] = None,
     config: ConfigOption = None,
     odometry: Odometry = "auto",
+    imu: Imu = "auto",
     format: Format = None,
     range_resolution: RangeResolution = None,
     jobs: Jobs = CORES,
@@ -84,6 +89,7 @@ def compare(
             odometry_only=odometry_only,
             kiss_config=kiss_config,
             odometry=odometry,
+            imu=imu,
             config=config,
             format=format,
             range_resolution=range_resolution,

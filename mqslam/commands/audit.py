@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from mqslam.auditing import judge
+from mqslam.auditing.gyroscope_check import GyroscopeCheck, check_gyroscope
 from mqslam.auditing.mending.rounds import Judged, Mended
 from mqslam.auditing.mending.rounds import mend as mend_trajectory
 from mqslam.auditing.sources import LIDAR_CONFIG, Source, divide_cloud, is_cloud, make_lidar_source, move_cloud, place_source
@@ -35,6 +36,7 @@ from mqslam.psi.doppler import choose_doppler_beta
 from mqslam.psi.place import beam_of
 from mqslam.report.audit_page import write_audit_pages
 from mqslam.results.audit_results import summarise, summarise_mended, write_audit
+from mqslam.results.sensor_results import summarise_check
 from mqslam.results.summary_files import add_warnings
 
 _LONGEST_OFFSET_S = 1e11  # beyond any clock, three thousand years: such an offset is in another unit, or no number
@@ -104,7 +106,7 @@ def audit(  # noqa: PLR0913 - these are the options of an audit, each with its d
         raise ConfigError("covariances are those of the sensor's poses; extrinsics say otherwise; leave out one of the two")
     given, told = _read_given(trajectory, times, topic, frame, time_offset_s, mount)
     name = trajectory if isinstance(trajectory, str) else "given" if isinstance(trajectory, Trajectory) else str(trajectory)
-    of_cloud = is_cloud(data)
+    of_cloud, turning = is_cloud(data), None
     if of_cloud:
         if mend and given is None:
             raise ConfigError(f"{data}: a cloud without its trajectory cannot be mended", Remedy.GIVE_TRAJECTORY)
@@ -122,6 +124,7 @@ def audit(  # noqa: PLR0913 - these are the options of an audit, each with its d
         settings = choose_settings(config)
         source, track, settings = detect_radar(data, given, name, settings, format, range_resolution, work)
         sweeps, notes, kind = *_render_sweeps(source, track, settings), source.format
+        turning = _check_turns(source, track, settings, notes)
         place = partial(_place_alone, source, settings)
     notes += told
     if mount is not None:
@@ -141,7 +144,10 @@ def audit(  # noqa: PLR0913 - these are the options of an audit, each with its d
     judged = judge.audit(sweeps, *sections, work.engine, work.progress, claims=claims)
     dataset = {"format": kind, "path": str(data)}
     origin = name if sweeps.track is not None else None
-    summary = summarise(judged, sweeps, settings.audit, settings.verdict, dataset, origin, notes, extrinsics)
+    summary = {
+        **summarise(judged, sweeps, settings.audit, settings.verdict, dataset, origin, notes, extrinsics),
+        "gyroscope": None if turning is None else summarise_check(turning),
+    }
     mended: Mended | None = None
     if mend and track is not None:
 
@@ -256,6 +262,15 @@ def _render_sweeps(source: Source, track: Trajectory, settings: Config) -> tuple
     return sweeps, [*source.notes, *notes]
 
 
+def _check_turns(source: Source, track: Trajectory, settings: Config, notes: list[str]) -> GyroscopeCheck | None:
+    """Returns what a recording's gyroscope says of a trajectory, and adds it to the notes; None where there is none."""
+    if source.gyroscope is None:
+        return None
+    checked = check_gyroscope(source.gyroscope, source.scans, track, settings.gyroscope)
+    notes.append(checked.statement)
+    return checked
+
+
 def detect_radar(
     data: Path,
     given: Trajectory | None,
@@ -286,6 +301,6 @@ def detect_radar(
     require_covered(make_scans(recording), track, settings.audit)  # a mistake is raised before the recording is read
     scans, detected = detect_all(recording, settings.detector, Runner(work.engine, work.progress))
     notes = (*recording.notes, *recording.faults, *warn_of_unread(detected.unread))
-    source = Source(recording.path, recording.format, scans, tracks, notes)
+    source = Source(recording.path, recording.format, scans, tracks, notes, recording.gyroscope)
     beta = choose_doppler_beta(scans, settings, work.engine)
     return source, track, set_doppler_beta(settings, beta)

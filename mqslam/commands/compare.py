@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
-from mqslam.commands.opening import choose_odometry, choose_settings, open_data
+from mqslam.commands.opening import choose_gyroscope, choose_odometry, choose_settings, open_data
 from mqslam.commands.result import CompareResult
 from mqslam.commands.work import QUIET, Work
 from mqslam.comparison.best import Standing, find_best
@@ -20,13 +21,15 @@ from mqslam.comparison.judgement import (
     take_common_scans,
 )
 from mqslam.comparison.psi_across import measure_rows_across
-from mqslam.comparison.rows import Row, make_given_row, run_front_ends
+from mqslam.comparison.rows import Row, make_given_row, run_front_ends, split_row
 from mqslam.config import Config, set_doppler_beta
 from mqslam.core import frontend as known_frontends
 from mqslam.core.frontend import Context
+from mqslam.core.recording import Recording
+from mqslam.core.sensors.sensors import NO_SENSORS, Sensors
 from mqslam.core.trajectory import Trajectory
 from mqslam.detection.stage import detect_all, make_scans, warn_of_unread
-from mqslam.errors import ConfigError, EstimationError
+from mqslam.errors import ConfigError, EstimationError, Remedy
 from mqslam.execution.checkpoint import hash_run, keep_checkpoint
 from mqslam.execution.folders import check_free, write_folder_aside
 from mqslam.execution.runner import Runner
@@ -51,6 +54,7 @@ def compare(  # noqa: PLR0913 - these are the options of a comparison, each with
     odometry_only: bool = False,
     kiss_config: Path | None = None,
     odometry: str = "auto",
+    imu: str = "auto",
     config: Config | Path | str | None = None,
     format: str | None = None,
     range_resolution: float | None = None,
@@ -63,12 +67,14 @@ def compare(  # noqa: PLR0913 - these are the options of a comparison, each with
     Args:
         data: the recording.
         out: folder for the results; it must not exist yet.
-        frontends: names of front ends, each once; in a list, or in a text with commas between them.
+        frontends: names of front ends, each once, with `+gyro` after those that the gyroscope joins in the pose graph; in a
+            list, or in a text with commas between them.
         trajectories: trajectories to compare with, by the name of their row: poses, the path of a file, or the paths of a
             KITTI trajectory's poses and times.
         odometry_only: whether motions are only chained, without pose graph and loops.
         kiss_config: YAML file with KISS-ICP's own settings.
         odometry: `auto` (the recording's own, if it has one), `none`, or the path of a file; it serves row `odometry` only.
+        imu: `auto` (the recording's own gyroscope), or the path of a file; it serves rows `...+gyro` only.
         config: settings, or the path of a YAML file, or the name of one that ships with mqslam; None takes the defaults.
         format: layout of the recording; None guesses it.
         range_resolution: length of a range bin [m], if the recording does not state it or is wrong.
@@ -90,19 +96,20 @@ def compare(  # noqa: PLR0913 - these are the options of a comparison, each with
     if isinstance(frontends, str):
         frontends = [name.strip() for name in frontends.split(",") if name.strip()]
     settings = _set_kiss_config(choose_settings(config), kiss_config)
-    _check_names(frontends)
+    _check_names(frontends, odometry_only=odometry_only)
     given, told = _make_given_rows(trajectories or {}, frontends)
     check_free(out, force=force, resume=resume, recording=data)
     recording = open_data(data, format, range_resolution, settings)
     track, notes = choose_odometry(recording, odometry, settings.reading)
     notes += told
+    sensors = _choose_gyroscope(recording, imu, frontends)
     for note in recording.notes:
         work.tell(note)
     revolution_s, start_us = recording.revolution_s, recording.start_us
     if kiss_config is not None and _KISS in frontends:  # a file that KISS-ICP refuses is a mistake, not a row that fails
         known_frontends.create(_KISS, Context(settings, revolution_s, start_us, None))
     take_common_scans(given, make_scans(recording), settings.audit)  # a mistake is raised before the recording is read
-    key = hash_run(recording, settings, f"compare {','.join(frontends)} {odometry_only}", track)
+    key = hash_run(recording, settings, f"compare {','.join(frontends)} {odometry_only}", track, sensors)
     with keep_checkpoint(out, key, resume=resume) as checkpoint:
         runner = Runner(work.engine, work.progress, checkpoint)
         scans, detected = detect_all(recording, settings.detector, runner)
@@ -110,8 +117,13 @@ def compare(  # noqa: PLR0913 - these are the options of a comparison, each with
         beta = choose_doppler_beta(scans, settings, work.engine)
         settings = set_doppler_beta(settings, beta)
         beam = beam_of(settings.estimator, beta)
+        radar_alone = Context(settings, revolution_s, start_us, None, beta)
         contexts = {
-            name: Context(settings, revolution_s, start_us, track if name == "odometry" else None, beta)
+            name: replace(
+                radar_alone,
+                odometry=track if name == "odometry" else None,
+                sensors=sensors if split_row(name)[1] else NO_SENSORS,
+            )
             for name in frontends
         }
         rows = run_front_ends(contexts, scans, work.engine, work.progress, back_end=not odometry_only) + given
@@ -170,14 +182,33 @@ def _set_kiss_config(settings: Config, kiss_config: Path | None) -> Config:
     return settings.model_copy(update={"kiss_icp": kiss})
 
 
-def _check_names(frontends: Sequence[str]) -> None:
-    """Raises ConfigError unless every front end exists and is named once."""
+def _choose_gyroscope(recording: Recording, imu: str, frontends: Sequence[str]) -> Sensors:
+    """Returns the gyroscope for the rows that it joins.
+
+    Raises:
+        ConfigError: there is such a row, and no gyroscope.
+        DataError: the file cannot be read, or shares no time with the recording.
+    """
+    joined = [name for name in frontends if split_row(name)[1]]
+    gyroscope = choose_gyroscope(recording, imu)[0] if joined else None
+    if joined and gyroscope is None:
+        raise ConfigError(f"front end {joined[0]}: the recording has no gyroscope", Remedy.NAME_GYROSCOPE)
+    return Sensors(gyroscope)
+
+
+def _check_names(frontends: Sequence[str], *, odometry_only: bool) -> None:
+    """Raises ConfigError unless every front end exists, is named once, and has a graph that a gyroscope could join."""
     if not frontends or len(set(frontends)) < len(frontends):
         raise ConfigError(
             f"front ends '{','.join(frontends)}': give at least one name and each name once, such as psi,kiss_icp"
         )
     for name in frontends:
-        known_frontends.find_entry_point(name)
+        front_end, has_gyroscope = split_row(name)
+        known_frontends.find_entry_point(front_end)
+        if has_gyroscope and odometry_only:
+            raise ConfigError(
+                f"front end {name}: a gyroscope joins the pose graph, and there is none; name {front_end} alone"
+            )
 
 
 def _make_given_rows(

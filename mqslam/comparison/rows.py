@@ -6,6 +6,7 @@ import resource
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Final
 
 from mqslam.backend.linear.marginals import PoseCovariances
 from mqslam.core import frontend as frontends
@@ -20,6 +21,8 @@ from mqslam.execution.local_engine import DIED, LocalEngine
 from mqslam.execution.progress import Progress
 from mqslam.execution.runner import Runner
 from mqslam.slam import Slam
+
+_WITH_GYROSCOPE: Final = "+gyro"  # at the end of the name of a row
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,6 +71,11 @@ class FrontEndTask:
     jobs: int
 
 
+def split_row(name: str) -> tuple[str, bool]:
+    """Splits the name of a front end's row into that of the front end, and whether the gyroscope joins it: `psi+gyro`."""
+    return name.removesuffix(_WITH_GYROSCOPE), name.endswith(_WITH_GYROSCOPE)
+
+
 def run_front_ends(
     contexts: Mapping[str, Context],
     scans: Scans,
@@ -79,7 +87,7 @@ def run_front_ends(
     """Runs front ends, each in a process of its own; what stops one is stated in its row.
 
     Args:
-        contexts: what each front end may know besides the scans, by its name.
+        contexts: what each front end may know besides the scans, by the name of its row.
         scans: of the recording.
         engine: where they run.
         progress: called as rows are done.
@@ -95,15 +103,16 @@ def run_front_ends(
 
 
 def run_front_end(task: FrontEndTask, named: tuple[str, Context]) -> Row:
-    """Runs a front end, given by its name and context, in this process."""
-    name, context = named
+    """Runs a front end, given by the name of its row and its context, in this process."""
+    row, context = named
+    name = split_row(row)[0]
     try:
         begin = time.perf_counter()
         if not task.back_end:
             measurements = list(frontends.measure_motions(name, context, task.scans))
             chained = Trajectory(task.scans.stamps_us, se2.chain(m.pose for m in measurements))
             return Row(
-                name,
+                row,
                 None,
                 chained,
                 chained,
@@ -117,7 +126,7 @@ def run_front_end(task: FrontEndTask, named: tuple[str, Context]) -> Row:
             solution = Slam(context.config, name, runner).solve(task.scans, context)
         spent = runner.runtime_s
         return Row(
-            name,
+            row,
             None,
             solution.odometry,
             solution.optimised,
@@ -131,7 +140,7 @@ def run_front_end(task: FrontEndTask, named: tuple[str, Context]) -> Row:
             solution.covariances,
         )
     except Exception as error:  # a front end may be anyone's code, and the others are to go on
-        return Row(name, failure=describe_error(error))
+        return Row(row, failure=describe_error(error))
 
 
 def make_given_row(name: str, trajectory: Trajectory) -> Row:

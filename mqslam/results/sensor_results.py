@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from typing import Any
 
+from mqslam.auditing.gyroscope_check import GyroscopeCheck
 from mqslam.backend.sensors.gnss.fix_use import FixUse
 from mqslam.backend.sensors.gyroscope.gyroscope_use import GyroscopeUse
+from mqslam.backend.sensors.gyroscope.rotation import Rotation
 from mqslam.solution import Solution
 
 
@@ -22,14 +24,23 @@ def summarise_sensors(run: Solution) -> dict[str, Any]:
     return {"gyroscope": gyroscope, "gnss": gnss}
 
 
+def summarise_check(check: GyroscopeCheck) -> dict[str, Any]:
+    """Returns what an audit found of a gyroscope and a trajectory."""
+    numbers: dict[str, Any] = {"source": check.source, "agrees": check.agrees, "statement": check.statement}
+    numbers["differ_rad"] = check.differ_rad
+    return numbers | ({} if check.rotation is None else _list_rotation(check.rotation))
+
+
 def _summarise_gyroscope(use: GyroscopeUse) -> dict[str, Any]:
     """Returns what was found of a gyroscope."""
     numbers: dict[str, Any] = {"source": use.source, "used": use.edges is not None, "statements": list(use.statements)}
     numbers["factors"] = 0 if use.edges is None else use.edges.count
-    if use.rotation is None:
-        return numbers
-    rotation = use.rotation
-    return numbers | {
+    return numbers | ({} if use.rotation is None else _list_rotation(use.rotation))
+
+
+def _list_rotation(rotation: Rotation) -> dict[str, Any]:
+    """Returns how a gyroscope's readings become turns."""
+    return {
         "axis": rotation.axis,
         "upside_down": rotation.sign < 0.0,
         "scale": rotation.scale,

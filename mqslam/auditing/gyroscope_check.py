@@ -1,0 +1,86 @@
+"""Whether a gyroscope agrees with a trajectory: what it says of the trajectory's turns, and of its clock."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from mqslam.backend.sensors.gyroscope.gyroscope_start import Turns, find_start
+from mqslam.backend.sensors.gyroscope.rotation import Rotation, calibrate
+from mqslam.config import GyroscopeConfig
+from mqslam.core.scans import Scans
+from mqslam.core.sensors.gyroscope import Gyroscope
+from mqslam.core.statistics.gross import SIGMAS_PER_DEVIATION
+from mqslam.core.trajectory import Trajectory
+
+_LEAST_VARIANCE: Final = 1e-12  # numerical: a trajectory that agrees exactly [rad^2]
+
+
+@dataclass(frozen=True, slots=True)
+class GyroscopeCheck:
+    """A gyroscope held against a trajectory.
+
+    Args:
+        source: where its readings come from.
+        statement: whether both agree, in words.
+        agrees: whether they do; None where that cannot be told.
+        rotation: what turns the gyroscope's readings into the trajectory's turns, or None.
+        differ_rad: by how much both differ over a scan after that, robustly [rad]; None where that is not known.
+    """
+
+    source: str
+    statement: str
+    agrees: bool | None
+    rotation: Rotation | None = None
+    differ_rad: float | None = None
+
+
+def check_gyroscope(gyroscope: Gyroscope, scans: Scans, trajectory: Trajectory, settings: GyroscopeConfig) -> GyroscopeCheck:
+    """Holds a gyroscope against the turns of a trajectory from scan to scan.
+
+    A trajectory states no errors of its turns. How much they differ from the gyroscope's, once that is calibrated on them,
+    stands in their place.
+
+    Args:
+        gyroscope: its readings.
+        scans: of the recording.
+        trajectory: poses that cover the scans.
+        settings: of the gyroscope.
+    """
+    source = gyroscope.source
+    inside = scans.stamps_us[(trajectory.stamps_us[0] <= scans.stamps_us) & (scans.stamps_us <= trajectory.stamps_us[-1])]
+    if len(inside) <= settings.fewest:
+        return GyroscopeCheck(source, f"the gyroscope ({source}) covers too little of the trajectory to check it", None)
+    times, yaws = (inside - scans.start_us) * 1e-6, np.diff(np.unwrap(trajectory.at(inside)[:, 2]))
+    variances = np.full(len(yaws), np.median(np.abs(yaws)) ** 2 + _LEAST_VARIANCE)
+    turns = Turns(times[:-1], times[1:], yaws, variances, np.ones(len(yaws), dtype=np.bool_), 0.0)
+    start = find_start(gyroscope, scans.start_us, turns, settings.longest_delay_s)
+    if start is None or abs(start.correlation) < settings.least_correlation:
+        what = "the trajectory turns too little, or otherwise than the gyroscope"
+        return GyroscopeCheck(source, f"whether the gyroscope ({source}) agrees cannot be told: {what}", None)
+    found = calibrate(gyroscope, start, turns, settings)
+    spread = SIGMAS_PER_DEVIATION * float(np.nanmedian(np.abs(found.residuals))) if found.residuals.size else np.nan
+    turns = turns._replace(variances=np.full(len(yaws), spread**2 + _LEAST_VARIANCE))
+    found = calibrate(gyroscope, start, turns, settings)
+    faults = _list_faults(found.rotation, settings)
+    statement = (
+        f"the gyroscope ({source}) agrees with the trajectory: over a scan both differ by {np.rad2deg(spread):.2g} deg"
+    )
+    if faults:
+        statement = f"the gyroscope ({source}) contradicts the trajectory: {'; '.join(faults)}"
+    return GyroscopeCheck(source, statement, not faults, found.rotation, spread)
+
+
+def _list_faults(rotation: Rotation, settings: GyroscopeConfig) -> list[str]:
+    """Returns in which ways a trajectory turns otherwise than its gyroscope."""
+    faults = []
+    if rotation.sign < 0.0:
+        faults.append("it turns the other way")
+    off, late_s = rotation.scale - 1.0, -rotation.delay_s
+    if abs(off) > max(settings.told_sigmas * rotation.scale_sigma, settings.scale_tolerance):
+        faults.append(f"the trajectory turns {off:+.1%} too far")
+    if abs(late_s) > max(settings.told_sigmas * rotation.delay_sigma_s, settings.delay_tolerance_s):
+        faults.append(f"the trajectory's stamps are {abs(late_s):.2f} s {'late' if late_s > 0.0 else 'early'}")
+    return faults
