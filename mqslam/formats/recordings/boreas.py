@@ -19,7 +19,7 @@ from mqslam.execution.files import write_text
 from mqslam.execution.folders import write_folder_aside
 from mqslam.formats.odometry_files import read_beside, read_stamped
 from mqslam.formats.recordings import oxford
-from mqslam.formats.shared.azimuth_rows import azimuth_stamps, make_rows
+from mqslam.formats.shared.azimuth_rows import azimuth_stamps, make_rows_of_chirps
 from mqslam.formats.shared.images import list_stamps, write_png
 from mqslam.formats.shared.poses import make_trajectory
 from mqslam.formats.shared.row_images import RowImageRecording, index_rows
@@ -100,7 +100,7 @@ def write(out: Path, recording: Recording) -> list[str]:
             (folder / name).mkdir()
         for k, polar_scan in enumerate(recording.polar_scans()):
             middles[k] = azimuth_stamps(recording, polar_scan)[len(polar_scan.times) // 2 - 1]
-            write_png(folder / "radar" / f"{middles[k]}.png", make_rows(recording, k, polar_scan))
+            write_png(folder / "radar" / f"{middles[k]}.png", make_rows_of_chirps(recording, k, polar_scan))
         return [] if recording.ground_truth is None else _write_poses(folder, recording.ground_truth, middles)
 
 

@@ -21,7 +21,7 @@ from mqslam.errors import DataError, Remedy
 from mqslam.execution.files import write_text
 from mqslam.execution.folders import write_folder_aside
 from mqslam.formats.odometry_files import read_beside, read_numbers, read_odometry, write_twists
-from mqslam.formats.shared.azimuth_rows import azimuth_stamps, make_rows
+from mqslam.formats.shared.azimuth_rows import azimuth_stamps, make_rows_of_chirps
 from mqslam.formats.shared.images import list_stamps, write_png
 from mqslam.formats.shared.poses import make_trajectory
 from mqslam.formats.shared.row_images import RowImageRecording, index_rows
@@ -191,7 +191,7 @@ def write_ground_truth(folder: Path, recording: Recording) -> None:
 def write_polar_scan(folder: Path, recording: Recording, k: int, polar_scan: PolarScan) -> int:
     """Writes the image of polar scan k, and returns its name, the stamp of the first azimuth [us]."""
     stamp = int(azimuth_stamps(recording, polar_scan)[0])
-    write_png(folder / "radar" / f"{stamp}.png", make_rows(recording, k, polar_scan))
+    write_png(folder / "radar" / f"{stamp}.png", make_rows_of_chirps(recording, k, polar_scan))
     return stamp
 
 
