@@ -9,13 +9,13 @@ import typer
 
 from mqslam.cli.terminal.options import CORES, Jobs, Quiet, Verbose
 
-_MOVERS = {"street": 6, "yard": 6, "corridor": 0}
+_MOVERS = {"street": 6, "yard": 6, "corridor": 0, "tunnel": 0}
 """Usual number of moving vehicles; the scenes that are not named here know their own."""
 
 
 def simulate(
     out: Annotated[Path, typer.Argument(metavar="OUT", help="Folder for the recording; it must not exist yet.")],
-    scene: Annotated[str, typer.Option(help="The scene: street, yard, corridor, city or queue.")] = "street",
+    scene: Annotated[str, typer.Option(help="The scene: street, yard, corridor, tunnel, city or queue.")] = "street",
     realism: Annotated[
         str, typer.Option(help="The world: kind (all shows from everywhere) or hard (as hard as real radar).")
     ] = "kind",
@@ -26,7 +26,10 @@ def simulate(
     max_range: Annotated[float, typer.Option(min=5.0, help=r"Range of the farthest bin \[m].")] = 120.0,
     movers: Annotated[
         int | None,
-        typer.Option(min=0, help="Number of moving vehicles; 6 by default, none in the corridor, about 200 in the city."),
+        typer.Option(
+            min=0,
+            help="Number of moving vehicles; 6 by default, none in the corridor and the tunnel, about 200 in the city.",
+        ),
     ] = None,
     doppler: Annotated[
         float | None,

@@ -22,15 +22,15 @@ from mqslam.execution.folders import make_folder
 from mqslam.formats.odometry_files import write_twists
 from mqslam.formats.recordings import oxford
 from mqslam.simulator.city import give_way, make_city_drive, make_city_scene
-from mqslam.simulator.drive import ConstantDrive, Drive, clear_way, make_loop_drive
+from mqslam.simulator.drive import ConstantDrive, Drive, clear_way, make_loop_drive, make_tunnel_drive
 from mqslam.simulator.in_memory import SimulatedRecording, simulate_recording
 from mqslam.simulator.inertial import FASTEST_HZ, GRADES, SLOWEST_HZ, GyroscopeModel
 from mqslam.simulator.satellites import ReceiverModel
-from mqslam.simulator.scene import Scene, make_corridor_scene, make_street_scene, make_yard_scene
+from mqslam.simulator.scene import Scene, make_corridor_scene, make_street_scene, make_tunnel_scene, make_yard_scene
 from mqslam.simulator.sensor import SensorModel
 from mqslam.simulator.wheels import OdometryModel
 
-SCENES = ("street", "corridor", "yard", "city", "queue")
+SCENES = ("street", "corridor", "tunnel", "yard", "city", "queue")
 """Names of the scenes that `simulate` knows."""
 COARSE_SENSOR = SensorModel(range_resolution=0.175, max_range=120.0)
 """A Navtech CTS350-X whose range bins are longer than they could be, and end sooner: its recordings stay small."""
@@ -57,7 +57,8 @@ def simulate(  # noqa: PLR0913 - these are the options of a simulation, each wit
 
     Args:
         out: folder to make; it may exist, but must be empty.
-        scene: `street` (rounds of a block), `corridor` (straight on between endless walls), `yard` (a slow circle),
+        scene: `street` (rounds of a block), `corridor` (straight on between endless walls), `tunnel` (a bare tunnel
+            of 400 m between two streets, at changing speed), `yard` (a slow circle),
             `city` (kilometres of streets, of which a drive comes to many again) or `queue` (the city, where vehicles keep
             exact pace with the sensor for a minute; hard world only).
         duration_s: how long to drive [s].
@@ -144,9 +145,11 @@ def _make_world(scene: str, seed: int, duration_s: float, movers: int | None) ->
         return give_way(make_city_scene(seed, movers=movers), drive, duration_s), drive
     if scene == "yard":
         return make_yard_scene(seed, movers=movers or 0), ConstantDrive(1.0, -0.192)
-    if scene == "corridor":
+    if scene in ("corridor", "tunnel"):
         if movers:
-            raise ConfigError("simulator: nothing moves in the corridor; leave movers out")
+            raise ConfigError(f"simulator: nothing moves in the {scene}; leave movers out")
+        if scene == "tunnel":
+            return make_tunnel_scene(seed), make_tunnel_drive(duration_s)
         return make_corridor_scene(length=2.0 * (8.0 * duration_s + 1000.0)), ConstantDrive(8.0, 0.0)
     raise ConfigError(f"simulator: there is no scene '{scene}'; choose one of {', '.join(SCENES)}")
 

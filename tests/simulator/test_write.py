@@ -107,7 +107,7 @@ def test_parameters_are_written(written: tuple[Path, SimulatedRecording]) -> Non
     assert parameters["sensor"]["azimuths"] == 90 and parameters["seed"] == 1 and parameters["scene"] == "street"
 
 
-@pytest.mark.parametrize("scene", ["street", "corridor", "yard", "city"])
+@pytest.mark.parametrize("scene", ["street", "corridor", "tunnel", "yard", "city"])
 def test_bytes_depend_on_the_arguments_and_not_on_the_jobs(tmp_path: Path, scene: str) -> None:
     runs = {"one": {"seed": 3}, "two": {"seed": 3, "jobs": 2}, "other": {"seed": 4}}
     for name, changes in runs.items():
