@@ -52,8 +52,6 @@ def detect_stretch(
         DataError: a polar scan cannot be read, if strict, or the whole recording cannot.
     """
     scans: list[Returns] = []
-    begins_us = recording.stamps_us[start:stop] - recording.start_us
-    middles = (begins_us + 0.5 * recording.turns_us[start:stop]) * 1e-6
     velocities: list[Velocity] = []
     unread: dict[int, DataError] = {}
     counts = PeakCounts()
@@ -66,9 +64,8 @@ def detect_stretch(
             scans.append(returns)
             counts += counted
             if chirps is not None:
-                velocities.append(
-                    measure_velocity(polar_scan, recording.range_resolution, float(middles[k - start]), chirps)
-                )
+                middle = _find_middle(recording, k)
+                velocities.append(measure_velocity(polar_scan, recording.range_resolution, middle, chirps))
         elif strict:
             raise polar_scan
         elif not recording.path.exists():  # all of them are out of reach of this worker
@@ -79,14 +76,19 @@ def detect_stretch(
             velocities.append(Velocity.none(Outcome.UNREAD))
         done = time.perf_counter()
         read_s, detect_s, mark = read_s + read - mark, detect_s + done - read, done
-    measured = None if chirps is None else _gather(velocities, middles, chirps)
+    measured = None if chirps is None else _gather(recording, start, velocities, chirps)
     return Detected(scans, unread, read_s, detect_s, counts, measured)
 
 
-def _gather(velocities: list[Velocity], times: NDArray[np.float64], config: ChirpConfig) -> Velocities:
-    """Returns the velocities of scans, which hold at times (N,) [s since the recording's start], as one."""
+def _find_middle(recording: Recording, k: int) -> float:
+    """Returns the time in the middle of turn k [s since the recording's start]."""
+    return float(recording.stamps_us[k] - recording.start_us + 0.5 * recording.turns_us[k]) * 1e-6
+
+
+def _gather(recording: Recording, start: int, velocities: list[Velocity], config: ChirpConfig) -> Velocities:
+    """Returns the velocities of the polar scans from number `start` on as one."""
     return Velocities(
-        times=times,
+        times=np.array([_find_middle(recording, start + k) for k in range(len(velocities))], dtype=np.float64),
         velocities=np.array([v.velocity for v in velocities]).reshape(-1, 2),
         covariances=np.array([v.covariance for v in velocities]).reshape(-1, 2, 2),
         outcomes=np.array([v.outcome for v in velocities], dtype=np.int64),
