@@ -69,7 +69,7 @@ class Slam:
         with runner.time_stage("total"):
             context = Context(config, recording.revolution_s, recording.start_us, odometry, sensors=sensors)
             frontends.create(self._name, context)  # raises before the recording is read, if it lacks anything
-            scans, detected = detect_all(recording, config.detector, runner, strict=self._strict)
+            scans, detected = detect_all(recording, config.detector, runner, strict=self._strict, chirps=config.chirps)
             runner.runtime_s |= {"read": detected.read_s, "detect": detected.detect_s}
             try:
                 solution = self.solve(scans, replace(context, doppler_beta=self._measure_doppler(scans)))

@@ -62,6 +62,15 @@ def oxford_tiny() -> Path:
 
 
 @pytest.fixture(scope="session")
+def boreas_rt() -> Path:
+    """One real polar scan whose chirps go up and down in turn, which the project does not ship."""
+    folder = Path(__file__).parents[2] / "shared" / "data" / "boreas_rt"
+    if not folder.is_dir():
+        pytest.skip(f"the real polar scan is not at {folder}")
+    return folder
+
+
+@pytest.fixture(scope="session")
 def street(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Twelve simulated seconds of a street, with wheel odometry that slips and ground truth; nobody may change it."""
     out = tmp_path_factory.mktemp("street") / "drive"

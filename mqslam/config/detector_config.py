@@ -1,4 +1,4 @@
-"""Settings of the detector."""
+"""Settings of what is taken from the power of polar scans: returns, and the sensor's velocity where chirps alternate."""
 
 from __future__ import annotations
 
@@ -98,6 +98,99 @@ class DetectorConfig(BaseModel):
 
     @model_validator(mode="after")
     def _check_ranges(self) -> DetectorConfig:
+        if self.max_range_m <= self.min_range_m:
+            raise ValueError(f"max_range_m ({self.max_range_m}) must be larger than min_range_m ({self.min_range_m})")
+        return self
+
+
+class ChirpConfig(BaseModel):
+    """How the sensor's velocity is measured where chirps go up and down in turn."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    doppler_beta: float = Field(
+        0.0502,
+        gt=0.0,
+        le=1.0,
+        description="Range shift per closing speed [s] of the chirps that go up, by which shifts become velocities. It is "
+        "that of Boreas-RT's radar, the only one whose chirps are known to alternate.",
+    )
+
+    min_range_m: float = expert(
+        2.5,
+        ge=0.0,
+        description="Nearer power is of the vehicle itself [m], which stands still in the sensor's frame.",
+    )
+    max_range_m: float = expert(150.0, gt=0.0, description="Farther power is left out [m], because noise outweighs it.")
+    cell_m: float = expert(
+        0.09,
+        gt=0.0,
+        description="Power is averaged over as many range bins as fit into this length [m]. It is shorter than an echo is "
+        "wide, so that only computing time is lost.",
+    )
+    smoothing_m: float = expert(
+        0.1,
+        gt=0.0,
+        description="Standard deviation of the Gaussian that smooths power along range [m]: half the width of an echo.",
+    )
+    background_m: float = expert(
+        0.5,
+        gt=0.0,
+        description="Standard deviation of the Gaussian whose average is taken off the power [m]. What is wider, such as "
+        "haze behind strong targets, keeps its range whatever the speed is.",
+    )
+    contrast: float = expert(
+        2.0,
+        ge=0.0,
+        description="Power counts as an echo from here on, above an azimuth's median and in units of the noise's spread "
+        "(median minus 10th percentile).",
+    )
+    fastest_mps: float = expert(45.0, gt=0.0, description="Largest speed that is searched [m/s]: 160 km/h.")
+    step_mps: float = expert(
+        1.5,
+        gt=0.0,
+        description="Step between the velocities that are tried at first [m/s]. At 0.05 s it shifts echoes by 0.15 m, which "
+        "is less than their width.",
+    )
+    clear: float = expert(
+        8.0,
+        gt=0.0,
+        description="The best velocity must fit the echoes better than the median of those tried by this many spreads of "
+        "theirs (median absolute deviations as standard deviations). The best of thousands fits noise better by four.",
+    )
+    window_mps: float = expert(
+        2.5,
+        gt=0.0,
+        description="The shift of an azimuth is sought within this of what the best velocity so far says [m/s]. Traffic "
+        "outside it does not disturb.",
+    )
+    outlier_spreads: float = expert(
+        3.0,
+        gt=0.0,
+        description="Residual at which an azimuth's shift counts a quarter (Geman-McClure), in units of the residuals' "
+        "spread in the scan. Traffic and chance peaks are beyond it.",
+    )
+    acceleration: float = expert(
+        3.0,
+        gt=0.0,
+        description="Standard deviation of the acceleration during a turn along each axis [m/s^2]. A vehicle seldom brakes "
+        "harder than this, and without acceleration 1 m/s^2 would turn the velocity of a quarter second by 0.02 m/s.",
+    )
+    sectors: int = expert(
+        20,
+        ge=4,
+        description="Number of sectors of a turn that are left out in turn to find the covariance. They are wider than the "
+        "beam, so that their errors are independent.",
+    )
+    fewest_azimuths: float = expert(
+        0.1,
+        gt=0.0,
+        le=1.0,
+        description="A scan measures no velocity if fewer of its azimuths than this share hold echoes.",
+    )
+
+    @model_validator(mode="after")
+    def _check_ranges(self) -> ChirpConfig:
         if self.max_range_m <= self.min_range_m:
             raise ValueError(f"max_range_m ({self.max_range_m}) must be larger than min_range_m ({self.min_range_m})")
         return self

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -29,12 +29,23 @@ class PolarScan:
         azimuths: (A,) [rad] counter-clockwise from straight ahead (REP 103), unwrapped along the turn.
         power: (A, B) uint8 received power, one row per azimuth; bin b is centred at (b + 0.5) range resolutions.
         valid: (A,) bool, False where the recording marks the azimuth as not measured.
+        down: the azimuths of the same turn whose chirp goes down, where those above are the ones whose chirp goes up; their
+            Doppler shift has the opposite sign. None where the chirps of all azimuths go the same way.
     """
 
     times: NDArray[np.float64]
     azimuths: NDArray[np.float64]
     power: NDArray[np.uint8]
     valid: NDArray[np.bool_]
+    down: PolarScan | None = None
+
+    def split(self, rising: NDArray[np.bool_]) -> PolarScan:
+        """Returns the azimuths that a mask (A,) says to have a chirp that goes up, and the others as those that go down."""
+        return replace(self._take(rising), down=self._take(~rising))
+
+    def _take(self, chosen: NDArray[np.bool_]) -> PolarScan:
+        """Returns the azimuths that a mask (A,) chooses."""
+        return PolarScan(self.times[chosen], self.azimuths[chosen], self.power[chosen], self.valid[chosen])
 
 
 @dataclass(frozen=True)

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import astuple, dataclass, field
+from dataclasses import astuple, dataclass
 from typing import overload
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mqslam.core.stored import StoredRows, release
-from mqslam.errors import DataError
 
 
 @dataclass(frozen=True, slots=True)
@@ -206,21 +205,3 @@ class PeakCounts:
             outside = f"{self.peaks_out_of_range} peaks lie out of range, where only {self.peaks} are within"
             return f"{outside}; raise detector.max_range_m or lower detector.min_range_m"
         return f"only {self.peaks} peaks in {self.azimuths} azimuths are above the threshold; lower detector.threshold"
-
-
-@dataclass(frozen=True, slots=True)
-class Detected:
-    """The returns of a stretch of polar scans, and what it cost to detect them.
-
-    Args:
-        returns: of each polar scan, none of one that could not be read; nothing at all where scans hold them.
-        unread: why a polar scan could not be read, by its number in the recording.
-        read_s, detect_s: seconds spent.
-        counts: what the detector kept and dropped.
-    """
-
-    returns: list[Returns]
-    unread: dict[int, DataError] = field(default_factory=dict)
-    read_s: float = 0.0
-    detect_s: float = 0.0
-    counts: PeakCounts = field(default_factory=PeakCounts)

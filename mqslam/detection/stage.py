@@ -1,4 +1,4 @@
-"""The first stage of a run: every polar scan is read, its returns are detected, and its power is released."""
+"""The first stage of a run: of every polar scan returns are detected, and the velocity, and its power is released."""
 
 from __future__ import annotations
 
@@ -10,11 +10,14 @@ from socket import gethostname
 import numpy as np
 from numpy.typing import NDArray
 
-from mqslam.config import DetectorConfig
+from mqslam.config import ChirpConfig, DetectorConfig
 from mqslam.core.recording import PolarScan, Recording
-from mqslam.core.scans import Detected, PeakCounts, Returns, Scan, Scans, ScanStore, StoredScans
+from mqslam.core.scans import PeakCounts, Returns, Scan, Scans, ScanStore, StoredScans
+from mqslam.core.sensors.detected import Detected
+from mqslam.core.sensors.velocity import Outcome, Velocities
 from mqslam.detection.artefacts import drop_cells, find_fixed
 from mqslam.detection.detector import detect_and_count
+from mqslam.detection.velocity_fit import Velocity, measure_velocity
 from mqslam.errors import DataError
 from mqslam.execution.kept import describe_kept_stretch
 from mqslam.execution.runner import Runner
@@ -26,8 +29,16 @@ _CHUNK = 40  # polar scans that a worker takes at a time: no result depends on i
 _LISTED = 3  # files that a warning of unread polar scans names
 
 
-def detect_stretch(recording: Recording, config: DetectorConfig, start: int, stop: int, *, strict: bool = True) -> Detected:
-    """Reads the polar scans start <= k < stop and detects their returns.
+def detect_stretch(
+    recording: Recording,
+    config: DetectorConfig,
+    start: int,
+    stop: int,
+    *,
+    strict: bool = True,
+    chirps: ChirpConfig | None = None,
+) -> Detected:
+    """Reads the polar scans start <= k < stop, and detects their returns and the sensor's velocities.
 
     Args:
         recording: the recording.
@@ -35,11 +46,13 @@ def detect_stretch(recording: Recording, config: DetectorConfig, start: int, sto
         start: number of the first polar scan.
         stop: number of the first polar scan after the stretch.
         strict: whether a polar scan that cannot be read is an error, rather than one without returns.
+        chirps: settings of the velocities; None measures none.
 
     Raises:
         DataError: a polar scan cannot be read, if strict, or the whole recording cannot.
     """
     scans: list[Returns] = []
+    velocities: list[Velocity] = []
     unread: dict[int, DataError] = {}
     counts = PeakCounts()
     read_s, detect_s = 0.0, 0.0
@@ -50,6 +63,9 @@ def detect_stretch(recording: Recording, config: DetectorConfig, start: int, sto
             returns, counted = detect_and_count(polar_scan, recording.range_resolution, config)
             scans.append(returns)
             counts += counted
+            if chirps is not None:
+                middle = _find_middle(recording, k)
+                velocities.append(measure_velocity(polar_scan, recording.range_resolution, middle, chirps))
         elif strict:
             raise polar_scan
         elif not recording.path.exists():  # all of them are out of reach of this worker
@@ -57,9 +73,27 @@ def detect_stretch(recording: Recording, config: DetectorConfig, start: int, sto
         else:
             unread[k] = polar_scan.with_traceback(None)
             scans.append(Returns.none())
+            velocities.append(Velocity.none(Outcome.UNREAD))
         done = time.perf_counter()
         read_s, detect_s, mark = read_s + read - mark, detect_s + done - read, done
-    return Detected(scans, unread, read_s, detect_s, counts)
+    measured = None if chirps is None else _gather(recording, start, velocities, chirps)
+    return Detected(scans, unread, read_s, detect_s, counts, measured)
+
+
+def _find_middle(recording: Recording, k: int) -> float:
+    """Returns the time in the middle of turn k [s since the recording's start]."""
+    return float(recording.stamps_us[k] - recording.start_us + 0.5 * recording.turns_us[k]) * 1e-6
+
+
+def _gather(recording: Recording, start: int, velocities: list[Velocity], config: ChirpConfig) -> Velocities:
+    """Returns the velocities of the polar scans from number `start` on as one."""
+    return Velocities(
+        times=np.array([_find_middle(recording, start + k) for k in range(len(velocities))], dtype=np.float64),
+        velocities=np.array([v.velocity for v in velocities]).reshape(-1, 2),
+        covariances=np.array([v.covariance for v in velocities]).reshape(-1, 2, 2),
+        outcomes=np.array([v.outcome for v in velocities], dtype=np.int64),
+        doppler_beta=config.doppler_beta,
+    )
 
 
 def read_polar_scans(recording: Recording, start: int, stop: int) -> Iterator[tuple[int, PolarScan | DataError]]:
@@ -76,7 +110,12 @@ def read_polar_scans(recording: Recording, start: int, stop: int) -> Iterator[tu
 
 
 def detect_all(
-    recording: Recording, config: DetectorConfig, runner: Runner | None = None, *, strict: bool = False
+    recording: Recording,
+    config: DetectorConfig,
+    runner: Runner | None = None,
+    *,
+    strict: bool = False,
+    chirps: ChirpConfig | None = None,
 ) -> tuple[Scans, Detected]:
     """Returns one scan per polar scan, empty where it cannot be read, and what was detected.
 
@@ -85,6 +124,7 @@ def detect_all(
         config: settings of the detector.
         runner: where polar scans are read and detected; None does it here, one after the other.
         strict: whether one polar scan that cannot be read is an error.
+        chirps: settings of the sensor's velocities, which a recording tells whose chirps alternate; None measures none.
 
     Raises:
         DataError: over half of the polar scans cannot be read, or one if strict.
@@ -93,7 +133,7 @@ def detect_all(
     parts = (runner or Runner()).map(
         "detect",
         _detect_span,
-        (recording, config, strict),
+        (recording, config, strict, chirps),
         [(k, min(k + _CHUNK, total)) for k in range(0, total, _CHUNK)],
         kept=lambda span: describe_kept_stretch(*span),
         accept=lambda part: not (strict and part.unread),
@@ -101,6 +141,7 @@ def detect_all(
     )
     store, unread, counts = ScanStore(), dict[int, DataError](), PeakCounts()
     read_s, detect_s = 0.0, 0.0
+    stretches: list[Velocities] = []
 
     def take_in() -> Iterator[Returns]:
         """Stores and yields the returns of one scan after the other."""
@@ -108,6 +149,8 @@ def detect_all(
         for part in parts:
             unread.update(part.unread)
             counts, read_s, detect_s = counts + part.counts, read_s + part.read_s, detect_s + part.detect_s
+            if part.velocities is not None:
+                stretches.append(part.velocities)
             for returns in part.returns:
                 store.append(returns)
                 yield returns
@@ -120,7 +163,19 @@ def detect_all(
     if fixed is not None:
         scans = _drop_cells(scans, fixed, config)
     _log.info("%d returns in %d polar scans, %d of them unread", len(scans.table), total, len(unread))
-    return Scans(scans, recording.start_us, recording.revolution_s), Detected([], unread, read_s, detect_s, counts)
+    velocities = _join(stretches)
+    detected = Detected([], unread, read_s, detect_s, counts, velocities)
+    return Scans(scans, recording.start_us, recording.revolution_s), detected
+
+
+def _join(stretches: list[Velocities]) -> Velocities | None:
+    """Returns the velocities of all stretches; None where none were asked for, or no chirps alternate."""
+    velocities = Velocities.join(stretches) if stretches else None
+    if velocities is None or not velocities.alternating:
+        return None
+    unmeasured = "".join(f", {count} not: {reason}" for reason, count in velocities.reasons.items())
+    _log.info("%d of %d scans measured the velocity%s", np.count_nonzero(velocities.measured), len(velocities), unmeasured)
+    return velocities
 
 
 def _drop_cells(scans: StoredScans, fixed: NDArray[np.bool_], config: DetectorConfig) -> StoredScans:
@@ -131,9 +186,9 @@ def _drop_cells(scans: StoredScans, fixed: NDArray[np.bool_], config: DetectorCo
     return store.close(scans.spans)
 
 
-def _detect_span(shared: tuple[Recording, DetectorConfig, bool], span: tuple[int, int]) -> Detected:
-    recording, config, strict = shared
-    return detect_stretch(recording, config, *span, strict=strict)
+def _detect_span(shared: tuple[Recording, DetectorConfig, bool, ChirpConfig | None], span: tuple[int, int]) -> Detected:
+    recording, config, strict, chirps = shared
+    return detect_stretch(recording, config, *span, strict=strict, chirps=chirps)
 
 
 def warn_of_unread(unread: dict[int, DataError]) -> list[str]:

@@ -10,12 +10,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mqslam.core.measurement import MOTION, Loop, LoopSearch, Measured, Measurement, MotionTable, Refined, row_to_motion
-from mqslam.core.scans import Detected, PeakCounts, Returns
+from mqslam.core.scans import PeakCounts, Returns
+from mqslam.core.sensors.detected import Detected
+from mqslam.core.sensors.velocity import Velocities
 from mqslam.errors import DataError
 
 R = TypeVar("R")
 Arrays = dict[str, NDArray[Any]]
 
+_VELOCITIES = {field.name: f"velocity_{field.name}" for field in fields(Velocities)}  # names of their arrays
 _COUNTS = ("tried", "ambiguous", "implausible", "unsure")  # of a search for loops
 
 
@@ -37,8 +40,8 @@ class Kept(Generic[R]):
 
 
 def describe_kept_stretch(begin: int, end: int) -> Kept[Detected]:
-    """Returns the kind that keeps the returns of the polar scans begin <= k < end."""
-    names = [*_list_fields(Returns), "ends", "unread", "why", "counts"]
+    """Returns the kind that keeps the returns of the polar scans begin <= k < end, and the sensor's velocities."""
+    names = [*_list_fields(Returns), "ends", "unread", "why", "counts", *_VELOCITIES.values()]
     return Kept(f"returns-{begin:06d}-{end:06d}.npz", names, _pack_detected, _unpack_detected)
 
 
@@ -50,6 +53,8 @@ def _pack_detected(detected: Detected) -> Arrays:
     arrays["unread"] = np.array(list(detected.unread), dtype=np.int64)
     why = [(str(error.path), error.problem, error.remedy) for error in detected.unread.values()]
     arrays["why"] = np.array(why, dtype=np.str_).reshape(-1, 3)
+    for field, name in _VELOCITIES.items():
+        arrays[name] = np.empty(0) if detected.velocities is None else np.asarray(getattr(detected.velocities, field))
     return arrays
 
 
@@ -59,7 +64,10 @@ def _unpack_detected(arrays: Arrays) -> Detected:
     returns = [Returns(*(np.ascontiguousarray(part) for part in parts)) for parts in zip(*columns, strict=True)]
     errors = (DataError(*words) for words in arrays["why"].tolist())
     unread = dict(zip(arrays["unread"].tolist(), errors, strict=True))
-    return Detected(returns, unread, counts=PeakCounts(*arrays["counts"].tolist()))
+    own = {field: arrays[name] for field, name in _VELOCITIES.items()}
+    beta = own.pop("doppler_beta")  # an array without dimensions; one without numbers where there are no velocities
+    velocities = Velocities(**own, doppler_beta=float(beta)) if beta.size else None
+    return Detected(returns, unread, counts=PeakCounts(*arrays["counts"].tolist()), velocities=velocities)
 
 
 def _pack_measured(measured: Measured) -> Arrays:

@@ -64,12 +64,14 @@ class Sweep(NamedTuple):
         twists: (A, 3) body velocity at each azimuth [m/s, m/s, rad/s].
         times: (A,) of each azimuth [s].
         angles: (A,) of the beam against the sensor's heading [rad].
+        betas: (A,) range shift per closing speed [s], signed by the chirp.
     """
 
     poses: Array
     twists: Array
     times: Array
     angles: Array
+    betas: Array
 
 
 class Pattern(NamedTuple):
@@ -100,7 +102,6 @@ class Radar(NamedTuple):
         roughness: standard deviation of a surface's depth [m].
         saturation: probability of an azimuth with higher noise.
         clutter: probability of a bin with an echo of nothing.
-        doppler_beta: range shift per closing speed [s].
     """
 
     bins: int
@@ -113,7 +114,6 @@ class Radar(NamedTuple):
     roughness: float
     saturation: float
     clutter: float
-    doppler_beta: float
 
 
 class Hits(NamedTuple):
@@ -141,7 +141,7 @@ def render_power(things: Things, sweep: Sweep, pattern: Pattern, radar: Radar, s
         hits.counts[:] = 0
         _cast_beam(things, sweep, k, pattern, radar, hits)
         row[:] = 0.0
-        _add_echoes(hits, radar, row)
+        _add_echoes(hits, radar, sweep.betas[k], row)
         for _ in range(np.random.poisson(radar.clutter * radar.bins)):
             _deposit(row, np.random.uniform(0.0, radar.bins), 10.0 ** np.random.uniform(*CLUTTER_DECADES), radar.spread)
         noise = radar.noise
@@ -378,13 +378,20 @@ def _cast_plant(
 
 
 @nb.njit(cache=True, nogil=True)
-def _add_echoes(hits: Hits, radar: Radar, row: Array) -> None:
-    """Adds all hits of a beam to its row of power (B,), each seen through what stands before it in its cell."""
+def _add_echoes(hits: Hits, radar: Radar, beta: float, row: Array) -> None:
+    """Adds all hits of a beam to its row of power (B,), each seen through what stands before it in its cell.
+
+    Args:
+        hits: of the beam.
+        radar: what it makes of them.
+        beta: range shift per closing speed [s] of this azimuth.
+        row: (B,) extended.
+    """
     for c in range(len(hits.counts)):
         through = 1.0
         for h in np.argsort(hits.table[c, : hits.counts[c], NEAR]):
             hit = hits.table[c, h]
-            shift = radar.roughness * np.random.randn() - radar.doppler_beta * hit[CLOSING]
+            shift = radar.roughness * np.random.randn() - beta * hit[CLOSING]
             depth = hit[FAR] - hit[NEAR]
             parts = max(1, int(np.ceil(depth / radar.resolution)))
             for j in range(parts):

@@ -136,6 +136,19 @@ def make_loop_drive(
     return SampledDrive(times, poses, rates)
 
 
+def make_tunnel_drive(duration_s: float) -> SampledDrive:
+    """Makes a drive along x that starts 60 m before the origin, and whose speed goes from 10 m/s to 13 and to 7 in turn.
+
+    Args:
+        duration_s: how long to drive [s].
+    """
+    times = np.arange(0.0, duration_s + 0.5, 0.02)
+    phase, period = 2.0 * np.pi * times / 24.0, 24.0 / (2.0 * np.pi)
+    zeros = np.zeros_like(times)
+    poses = np.column_stack([-60.0 + 10.0 * times + 3.0 * period * (1.0 - np.cos(phase)), zeros, zeros])
+    return SampledDrive(times, poses, np.column_stack([10.0 + 3.0 * np.sin(phase), zeros, zeros]))
+
+
 def _lay_lap(
     size: tuple[float, float], curvature: float, corner_speed: float, speed: float
 ) -> tuple[Times, se2.Array, Times, Times]:

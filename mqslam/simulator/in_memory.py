@@ -14,6 +14,8 @@ from mqslam.core.trajectory import Trajectory
 from mqslam.errors import ConfigError
 from mqslam.simulator.drive import Drive
 from mqslam.simulator.hard import HardWorld, Realism, make_hard_world
+from mqslam.simulator.inertial import GyroscopeModel, simulate_gyroscope
+from mqslam.simulator.satellites import ReceiverModel, simulate_fixes
 from mqslam.simulator.scene import Scene
 from mqslam.simulator.sensor import SensorModel, render_polar_scan
 from mqslam.simulator.wheels import OdometryModel, WheelOdometry, simulate_wheel_odometry
@@ -60,10 +62,11 @@ class SimulatedRecording(Recording):
             else:
                 poses, twists = self.drive.poses(times), self.drive.twists(times)
                 power = render_polar_scan(self.scene, poses, twists, times, self.sensor, (self.seed, k))
-            yield PolarScan(times, self.sensor.angles, power, np.ones(len(times), dtype=np.bool_))
+            polar_scan = PolarScan(times, self.sensor.angles, power, np.ones(len(times), dtype=np.bool_))
+            yield polar_scan.split(self.sensor.rising) if self.sensor.chirps else polar_scan
 
 
-def simulate_recording(
+def simulate_recording(  # noqa: PLR0913 - these are the options of a simulation, each with its default
     scene: Scene,
     drive: Drive,
     *,
@@ -72,6 +75,8 @@ def simulate_recording(
     seed: int = 1,
     odometry: OdometryModel | None = None,
     realism: str = "kind",
+    gyroscope: GyroscopeModel | None = None,
+    receiver: ReceiverModel | None = None,
 ) -> SimulatedRecording:
     """Makes a recording of a drive through a scene: whole polar scans, wheel odometry and ground truth.
 
@@ -83,6 +88,8 @@ def simulate_recording(
         seed: of all noise.
         odometry: errors of the wheel odometry; None takes the usual ones.
         realism: `kind` (every surface shows from everywhere) or `hard` (as hard as real radar).
+        gyroscope: errors of the gyroscope; None takes none along.
+        receiver: errors of the GNSS receiver; None takes none along.
 
     Raises:
         ConfigError: the duration holds no whole turn, or there is no such realism.
@@ -102,7 +109,8 @@ def simulate_recording(
         starts = np.array([world.clock.stamps(k)[0] for k in range(turns)])
         stamps_us = _to_stamps(np.append(starts, starts[-1] + np.diff(world.clock.borders[-2:])))
     times = np.asarray((stamps_us - START_US) * 1e-6, dtype=np.float64)
-    wheels = simulate_wheel_odometry(drive, float(times[-1]), START_US, odometry or OdometryModel(), seed)
+    end = float(times[-1])
+    wheels = simulate_wheel_odometry(drive, end, START_US, odometry or OdometryModel(), seed)
     return SimulatedRecording(
         path=Path("simulated"),
         format="simulated",
@@ -111,6 +119,8 @@ def simulate_recording(
         range_resolution=sensor.range_resolution,
         odometry=wheels.dead_reckon(),
         ground_truth=Trajectory(stamps_us[:-1], drive.poses(times[:-1])),
+        gyroscope=None if gyroscope is None else simulate_gyroscope(drive, end, START_US, gyroscope, seed),
+        fixes=None if receiver is None else simulate_fixes(drive, end, START_US, receiver, seed),
         scene=scene,
         drive=drive,
         sensor=sensor,

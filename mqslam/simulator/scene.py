@@ -17,6 +17,8 @@ LANE = 1.75
 BLOCK = (100.0, 72.0)
 """Distance between the middles of neighbouring streets of a street scene [m], along x and along y."""
 
+_TUNNEL_STREET = 100.0  # length of the street before and behind a tunnel [m]
+
 
 def _no_rows(columns: int) -> Array:
     """Returns an array without rows."""
@@ -80,6 +82,34 @@ def make_corridor_scene(*, width: float = 14.0, length: float = 4000.0) -> Scene
     """
     ends, half = length / 2.0, width / 2.0
     return Scene(np.array([[-ends, y, ends, y, 1.0, WALL_OPACITY] for y in (-half, half)]))
+
+
+def make_tunnel_scene(seed: int, *, length: float = 400.0, width: float = 11.0) -> Scene:
+    """Makes a bare tunnel along x from the origin on, between two streets with houses and lamps.
+
+    In its middle a radar of 120 m sees nothing but two featureless walls, and motion along them cannot be seen by a map.
+
+    Args:
+        seed: another seed has other houses.
+        length: of the tunnel [m].
+        width: distance between its walls [m].
+    """
+    rng = np.random.default_rng([seed, 23])
+    walls = [np.array([[0.0, y, length, y, 1.0, WALL_OPACITY] for y in (-width / 2.0, width / 2.0)])]
+    poles: list[Array] = []
+    for begin, end in ((-_TUNNEL_STREET, 0.0), (length, length + _TUNNEL_STREET)):
+        for side in (-1.0, 1.0):
+            along, inward = np.array([side, 0.0]), np.array([0.0, side])
+            place = begin + rng.uniform(0.0, 4.0)
+            while place + 8.0 < end:
+                front = min(rng.uniform(8.0, 20.0), end - place)
+                corner = np.array([place if side > 0.0 else place + front, side * 12.0])
+                add_building(rng, corner, along, inward, front, 9.0, walls, poles)
+                place += front + rng.uniform(2.0, 8.0)
+            lamps = np.arange(begin + rng.uniform(2.0, 15.0), end, rng.uniform(20.0, 28.0))
+            at = np.column_stack([lamps, np.full(len(lamps), side * 7.0)])
+            poles.append(make_poles(at, rng.uniform(0.06, 0.1, len(lamps)), rng.lognormal(0.0, 0.4, len(lamps))))
+    return Scene(np.concatenate(walls), np.concatenate(poles))
 
 
 def make_yard_scene(seed: int, *, movers: int = 0) -> Scene:

@@ -14,6 +14,14 @@ from mqslam.simulator.scene import Scene
 
 ENCODER = 5600
 """Encoder steps per turn, clockwise, as the Oxford layout stores azimuths."""
+CHIRP_BETA = 0.0502
+"""Range shift per closing speed [s] of the radar of Boreas-RT, a Navtech RAS6 whose chirps go up and down in turn.
+
+Source: f / (bandwidth * azimuths per second), 0.944 * 76.04 GHz / (893 MHz * 1600 / s), as the authors of "Are Doppler
+Velocity Measurements Useful for Spinning Radar Odometry?" (Lisus et al., RA-L 2025) and of "DRO: Doppler-Aware Direct Radar
+Odometry" (Le Gentil et al., RSS 2025) calibrated it: config/doppler_config.yaml of
+github.com/utiasASRL/spinning-radar-doppler.
+"""
 _MOST_READINGS = 64_000_000  # size of the largest polar scan: readers take no larger images
 _PATTERN_WIDTHS = 3.0  # beam widths that the cells of a beam span: beyond them hardly anything comes back
 
@@ -38,6 +46,8 @@ class SensorModel:
         saturation_probability: probability that the noise of an azimuth is 15 to 25 dB higher.
         clutter_probability: probability that a bin holds an echo of nothing.
         doppler_beta: range shift per closing speed [s]: measured range = true range - doppler_beta * closing speed.
+        chirps: whether chirps go up and down in turn, up at the first azimuth; the shift of those that go down has the
+            opposite sign.
     """
 
     turn_rate_hz: float = 4.0
@@ -55,6 +65,7 @@ class SensorModel:
     saturation_probability: float = 0.01
     clutter_probability: float = 5e-5
     doppler_beta: float = 0.0
+    chirps: bool = False
 
     def __post_init__(self) -> None:
         positive = ("turn_rate_hz", "range_resolution", "max_range", "beam_width_deg", "spread_bins")
@@ -76,6 +87,16 @@ class SensorModel:
     def bins(self) -> int:
         """Number of range bins per azimuth."""
         return int(self.max_range / self.range_resolution + 1e-9)
+
+    @property
+    def rising(self) -> NDArray[np.bool_]:
+        """Which azimuths (A,) have a chirp that goes up: all of them, or every other one."""
+        return np.asarray((np.arange(self.azimuths) % 2 == 0) | (not self.chirps))
+
+    @property
+    def betas(self) -> NDArray[np.float64]:
+        """Range shift per closing speed (A,) [s] of the azimuths, signed by the chirp."""
+        return np.where(self.rising, self.doppler_beta, -self.doppler_beta)
 
     @property
     def encoders(self) -> NDArray[np.int64]:
@@ -123,11 +144,10 @@ def render_polar_scan(
         roughness=sensor.roughness,
         saturation=sensor.saturation_probability,
         clutter=sensor.clutter_probability,
-        doppler_beta=sensor.doppler_beta,
     )
     power = render_power(
         Things(scene.walls, scene.poles, scene.movers, scene.plants),
-        Sweep(np.ascontiguousarray(poses), np.ascontiguousarray(twists), times, sensor.angles),
+        Sweep(np.ascontiguousarray(poses), np.ascontiguousarray(twists), times, sensor.angles, sensor.betas),
         Pattern(np.c_[np.sin(borders), np.cos(borders)], gains / gains.sum(), width),
         radar,
         np.random.SeedSequence(seed).generate_state(1)[0],

@@ -1,4 +1,4 @@
-"""A simulated drive written as a recording in the Oxford layout."""
+"""A simulated drive written as a recording in the Oxford layout, with the readings of other sensors beside it."""
 
 from __future__ import annotations
 
@@ -14,22 +14,27 @@ from pathlib import Path
 
 import numpy as np
 
-from mqslam.errors import ConfigError, OutputError, Remedy
+from mqslam.core.sensors.fixes import Fixes
+from mqslam.core.sensors.gyroscope import Gyroscope
+from mqslam.errors import ConfigError, OutputError, Remedy, suggest
 from mqslam.execution.files import write_text
 from mqslam.execution.folders import make_folder
 from mqslam.formats.odometry_files import write_twists
 from mqslam.formats.recordings import oxford
 from mqslam.simulator.city import give_way, make_city_drive, make_city_scene
-from mqslam.simulator.drive import ConstantDrive, Drive, clear_way, make_loop_drive
+from mqslam.simulator.drive import ConstantDrive, Drive, clear_way, make_loop_drive, make_tunnel_drive
 from mqslam.simulator.in_memory import SimulatedRecording, simulate_recording
-from mqslam.simulator.scene import Scene, make_corridor_scene, make_street_scene, make_yard_scene
+from mqslam.simulator.inertial import FASTEST_HZ, GRADES, SLOWEST_HZ, GyroscopeModel
+from mqslam.simulator.satellites import ReceiverModel
+from mqslam.simulator.scene import Scene, make_corridor_scene, make_street_scene, make_tunnel_scene, make_yard_scene
 from mqslam.simulator.sensor import SensorModel
 from mqslam.simulator.wheels import OdometryModel
 
-SCENES = ("street", "corridor", "yard", "city", "queue")
+SCENES = ("street", "corridor", "tunnel", "yard", "city", "queue")
 """Names of the scenes that `simulate` knows."""
 COARSE_SENSOR = SensorModel(range_resolution=0.175, max_range=120.0)
 """A Navtech CTS350-X whose range bins are longer than they could be, and end sooner: its recordings stay small."""
+_MOST_LATE_S = 10.0  # a limit on nonsense: no driver takes longer to stamp a reading
 _LONGEST_S = 7 * 24 * 3600.0  # a limit on disk space, far beyond any use
 
 
@@ -42,6 +47,9 @@ def simulate(  # noqa: PLR0913 - these are the options of a simulation, each wit
     seed: int = 1,
     movers: int | None = None,
     realism: str = "kind",
+    imu: str = "mems",
+    imu_rate_hz: float = 100.0,
+    imu_late_s: float = 0.0,
     jobs: int = 1,
     progress: Callable[[int, int], object] | None = None,
 ) -> SimulatedRecording:
@@ -49,7 +57,8 @@ def simulate(  # noqa: PLR0913 - these are the options of a simulation, each wit
 
     Args:
         out: folder to make; it may exist, but must be empty.
-        scene: `street` (rounds of a block), `corridor` (straight on between endless walls), `yard` (a slow circle),
+        scene: `street` (rounds of a block), `corridor` (straight on between endless walls), `tunnel` (a bare tunnel
+            of 400 m between two streets, at changing speed), `yard` (a slow circle),
             `city` (kilometres of streets, of which a drive comes to many again) or `queue` (the city, where vehicles keep
             exact pace with the sensor for a minute; hard world only).
         duration_s: how long to drive [s].
@@ -57,6 +66,9 @@ def simulate(  # noqa: PLR0913 - these are the options of a simulation, each wit
         seed: of the scene and of all noise.
         movers: number of vehicles in the scene's lanes; None takes the scene's usual number.
         realism: `kind` (every surface shows from everywhere) or `hard` (as hard as real radar).
+        imu: grade of the gyroscope: `mems` (a consumer part), `good` (a tactical one) or `none`.
+        imu_rate_hz: readings of the gyroscope per second.
+        imu_late_s: how much later than the radar's clock the gyroscope's stamps the same instant [s].
         jobs: number of polar scans that are rendered at the same time.
         progress: called with (polar scans written, polar scans in all).
 
@@ -71,10 +83,18 @@ def simulate(  # noqa: PLR0913 - these are the options of a simulation, each wit
         raise ConfigError(f"simulator: jobs is {jobs}; it must be 1 or more")
     if seed < 0:
         raise ConfigError(f"simulator: seed is {seed}; it must be 0 or more")
-    errors = OdometryModel()
+    errors, receiver, gyroscope = OdometryModel(), ReceiverModel(), _find_gyroscope(imu, imu_rate_hz, imu_late_s)
     world, drive = _make_world(scene, seed, duration_s, movers)
     recording = simulate_recording(
-        world, drive, duration_s=duration_s, sensor=sensor, seed=seed, odometry=errors, realism=realism
+        world,
+        drive,
+        duration_s=duration_s,
+        sensor=sensor,
+        seed=seed,
+        odometry=errors,
+        realism=realism,
+        gyroscope=gyroscope,
+        receiver=receiver,
     )
     truth = recording.ground_truth
     assert truth is not None
@@ -88,6 +108,8 @@ def simulate(  # noqa: PLR0913 - these are the options of a simulation, each wit
         "range_resolution_m": sensor.range_resolution,
         "sensor": asdict(sensor),
         "odometry": asdict(errors),
+        "gyroscope": None if gyroscope is None else asdict(gyroscope),
+        "receiver": asdict(receiver),
     }
     if recording.hard_world is not None:
         parameters |= {"realism": realism, "effects": asdict(recording.hard_world.realism)}
@@ -99,6 +121,10 @@ def simulate(  # noqa: PLR0913 - these are the options of a simulation, each wit
         wheels = recording.wheel_odometry
         twists = np.c_[np.round(wheels.v, 5), np.zeros_like(wheels.v), np.round(wheels.omega, 6)]
         write_twists(folder / "odom.csv", wheels.stamps_us.tolist(), twists)
+        if recording.gyroscope is not None:
+            _write_gyroscope(folder / "imu.csv", recording.gyroscope)
+        if recording.fixes is not None:
+            _write_fixes(folder / "gnss.csv", recording.fixes)
         write_text(folder / "simulation.json", json.dumps(parameters, indent=1) + "\n")
     return recording
 
@@ -119,11 +145,39 @@ def _make_world(scene: str, seed: int, duration_s: float, movers: int | None) ->
         return give_way(make_city_scene(seed, movers=movers), drive, duration_s), drive
     if scene == "yard":
         return make_yard_scene(seed, movers=movers or 0), ConstantDrive(1.0, -0.192)
-    if scene == "corridor":
+    if scene in ("corridor", "tunnel"):
         if movers:
-            raise ConfigError("simulator: nothing moves in the corridor; leave movers out")
+            raise ConfigError(f"simulator: nothing moves in the {scene}; leave movers out")
+        if scene == "tunnel":
+            return make_tunnel_scene(seed), make_tunnel_drive(duration_s)
         return make_corridor_scene(length=2.0 * (8.0 * duration_s + 1000.0)), ConstantDrive(8.0, 0.0)
     raise ConfigError(f"simulator: there is no scene '{scene}'; choose one of {', '.join(SCENES)}")
+
+
+def _find_gyroscope(grade: str, rate_hz: float, late_s: float) -> GyroscopeModel | None:
+    """Returns the gyroscope of a grade, with its rate [1/s] and the delay of its clock [s]; None for `none`."""
+    if grade == "none":
+        return None
+    if grade not in GRADES:
+        raise ConfigError(f"simulator: there is no gyroscope of the grade '{grade}'; {suggest(grade, [*GRADES, 'none'])}")
+    if not SLOWEST_HZ <= rate_hz <= FASTEST_HZ:
+        raise ConfigError(f"simulator: imu_rate_hz is {rate_hz}; choose {SLOWEST_HZ:g} to {FASTEST_HZ:g}")
+    if not abs(late_s) <= _MOST_LATE_S:
+        raise ConfigError(f"simulator: imu_late_s is {late_s}; choose {-_MOST_LATE_S:g} to {_MOST_LATE_S:g}")
+    return replace(GRADES[grade], rate_hz=rate_hz, late_s=late_s)
+
+
+def _write_gyroscope(file: Path, gyroscope: Gyroscope) -> None:
+    """Writes a gyroscope's readings as `t,wx,wy,wz` [us, rad/s]."""
+    rows = zip(gyroscope.stamps_us.tolist(), gyroscope.rates.tolist(), strict=True)
+    write_text(file, "t,wx,wy,wz\n" + "".join(f"{stamp},{x:.6f},{y:.6f},{z:.6f}\n" for stamp, (x, y, z) in rows))
+
+
+def _write_fixes(file: Path, fixes: Fixes) -> None:
+    """Writes GNSS fixes as `t,lat,lon,sigma_m` [us, degrees, m]."""
+    columns = (fixes.stamps_us, fixes.latitudes, fixes.longitudes, fixes.sigmas_m)
+    rows = zip(*(column.tolist() for column in columns), strict=True)
+    write_text(file, "t,lat,lon,sigma_m\n" + "".join(f"{t},{lat:.8f},{lon:.8f},{s:.2f}\n" for t, lat, lon, s in rows))
 
 
 def _write_polar_scans(

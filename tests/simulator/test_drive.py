@@ -6,10 +6,12 @@ import numpy as np
 import pytest
 
 from mqslam.core import se2
-from mqslam.simulator import ConstantDrive, Drive, Scene, clear_way, make_loop_drive
+from mqslam.simulator import ConstantDrive, Drive, Scene, clear_way, make_loop_drive, make_tunnel_drive
 
 
-@pytest.mark.parametrize("drive", [ConstantDrive(3.0, -0.4, (1.0, 2.0, 0.5)), make_loop_drive(60.0)])
+@pytest.mark.parametrize(
+    "drive", [ConstantDrive(3.0, -0.4, (1.0, 2.0, 0.5)), make_loop_drive(60.0), make_tunnel_drive(60.0)]
+)
 def test_twists_are_the_derivative_of_the_poses(drive: Drive) -> None:
     times, step = np.arange(1.003, 58.0, 0.7), 1e-4
     before, after = drive.poses(times - step / 2.0), drive.poses(times + step / 2.0)
@@ -57,3 +59,10 @@ def test_a_vehicle_that_would_run_into_the_drive_is_put_elsewhere() -> None:
     assert np.array_equal(np.delete(scene.movers[0], 4), np.delete(crossing, 4))
     place = -100.0 + (scene.movers[0][4] + 10.0 * 5.0) % 300.0
     assert abs(place) > 4.5
+
+
+def test_a_drive_through_the_tunnel_changes_its_speed_inside() -> None:
+    drive, times = make_tunnel_drive(60.0), np.arange(0.0, 60.0, 0.1)
+    inside = (drive.poses(times)[:, 0] > 100.0) & (drive.poses(times)[:, 0] < 300.0)
+    speeds = drive.twists(times)[inside, 0]
+    assert speeds.min() < 8.0 and speeds.max() > 11.0 and drive.poses(times)[-1, 0] > 450.0

@@ -15,6 +15,7 @@ from mqslam.simulator import (
     SensorModel,
     make_corridor_scene,
     make_street_scene,
+    make_tunnel_scene,
     render_polar_scan,
     simulate_recording,
 )
@@ -170,6 +171,16 @@ def test_azimuths_lie_on_encoder_steps_whatever_their_number() -> None:
 def test_a_corridor_looks_the_same_all_along() -> None:
     views = [render(make_corridor_scene(), ConstantDrive(0.0, 0.0, (x, 0.0, 0.0))) for x in (0.0, 13.7)]
     np.testing.assert_allclose(views[0].astype(int), views[1].astype(int), atol=1)
+
+
+def test_the_tunnel_is_bare_in_its_middle_and_ends_between_houses() -> None:
+    def look(x: float) -> NDArray[np.uint8]:
+        return render(make_tunnel_scene(1), ConstantDrive(0.0, 0.0, (x, 0.0, 0.0)))
+
+    assert np.array_equal(look(190.0), look(210.0))
+    assert not np.array_equal(look(-30.0), look(-10.0))
+    across = look(-30.0)[60:140]  # to the right, where a street has houses behind its lamps
+    assert np.count_nonzero(across[:, int(11.0 / QUIET.range_resolution) :] > 60) > 50
 
 
 def test_render_polar_scan_takes_any_poses() -> None:

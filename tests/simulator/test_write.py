@@ -35,6 +35,7 @@ def test_every_file_of_the_layout_is_there(written: tuple[Path, SimulatedRecordi
     assert len(stamps) == len(recording) == 5
     radar = {f"radar/{t}.png" for t in stamps}
     others = {"radar.timestamps", "gt/poses_tum.txt", "gt/radar_odometry.csv", "odom.csv", "simulation.json"}
+    others |= {"imu.csv", "gnss.csv"}
     assert set(everything(out)) == radar | others
     assert list(out.parent.iterdir()) == [out]
 
@@ -71,6 +72,34 @@ def test_odometry_rows_span_the_recording(written: tuple[Path, SimulatedRecordin
     assert np.all(np.diff(rows[:, 0]) == 50_000)
 
 
+def test_the_gyroscope_and_the_fixes_are_written_beside_the_odometry(written: tuple[Path, SimulatedRecording]) -> None:
+    out, recording = written
+    assert (out / "imu.csv").read_text().startswith("t,wx,wy,wz\n")
+    assert (out / "gnss.csv").read_text().startswith("t,lat,lon,sigma_m\n")
+    rates, fixes = (np.loadtxt(out / name, delimiter=",", skiprows=1, ndmin=2) for name in ("imu.csv", "gnss.csv"))
+    gyroscope = recording.gyroscope
+    assert gyroscope is not None and recording.fixes is not None
+    assert np.array_equal(rates[:, 0], gyroscope.stamps_us) and rates[-1, 0] >= recording.end_us
+    np.testing.assert_allclose(rates[:, 1:], gyroscope.rates, atol=1e-6)
+    np.testing.assert_allclose(fixes[:, 1], recording.fixes.latitudes, atol=1e-8)
+    np.testing.assert_allclose(fixes[:, 2], recording.fixes.longitudes, atol=1e-8)
+
+
+def test_what_lies_beside_the_radar_changes_nothing_else(written: tuple[Path, SimulatedRecording], tmp_path: Path) -> None:
+    simulate(tmp_path / "out", **SMALL, imu="none")
+    bare, whole = everything(tmp_path / "out"), everything(written[0])
+    assert "imu.csv" not in bare
+    assert all(whole[name] == content for name, content in bare.items() if name != "simulation.json")
+
+
+def test_the_gyroscope_can_be_better_slower_and_late(written: tuple[Path, SimulatedRecording], tmp_path: Path) -> None:
+    plain = written[1].gyroscope
+    late = simulate(tmp_path / "out", **SMALL, imu="good", imu_rate_hz=50.0, imu_late_s=0.04).gyroscope
+    assert plain is not None and late is not None
+    assert late.stamps_us[0] - plain.stamps_us[0] == 40_000 and late.rate_hz == 50.0
+    assert np.std(late.rates[:, 0]) < 0.5 * np.std(plain.rates[:, 0])
+
+
 def test_parameters_are_written(written: tuple[Path, SimulatedRecording]) -> None:
     out, recording = written
     parameters = json.loads((out / "simulation.json").read_text())
@@ -78,7 +107,7 @@ def test_parameters_are_written(written: tuple[Path, SimulatedRecording]) -> Non
     assert parameters["sensor"]["azimuths"] == 90 and parameters["seed"] == 1 and parameters["scene"] == "street"
 
 
-@pytest.mark.parametrize("scene", ["street", "corridor", "yard", "city"])
+@pytest.mark.parametrize("scene", ["street", "corridor", "tunnel", "yard", "city"])
 def test_bytes_depend_on_the_arguments_and_not_on_the_jobs(tmp_path: Path, scene: str) -> None:
     runs = {"one": {"seed": 3}, "two": {"seed": 3, "jobs": 2}, "other": {"seed": 4}}
     for name, changes in runs.items():
@@ -126,6 +155,9 @@ def test_an_empty_folder_is_filled(tmp_path: Path) -> None:
         {"movers": -1},
         {"jobs": 0},
         {"seed": -1},
+        {"imu": "best"},
+        {"imu_rate_hz": 10.0},
+        {"imu_late_s": float("nan")},
     ],
 )
 def test_impossible_parameters_are_refused_and_nothing_is_made(tmp_path: Path, bad: dict[str, Any]) -> None:

@@ -28,8 +28,11 @@ def check_radar(format: str) -> Callable[[Path], None]:
     def read(path: Path) -> None:
         recording = open_recording(path, format=format)
         check_recording(recording)
-        detected = detect_stretch(_Checked(recording), Config().detector, 0, len(recording), strict=False)  # type: ignore[arg-type]
+        config, checked = Config(), _Checked(recording)
+        detected = detect_stretch(checked, config.detector, 0, len(recording), strict=False, chirps=config.chirps)  # type: ignore[arg-type]
         assert len(detected.returns) == len(recording)
+        assert detected.velocities is not None and len(detected.velocities) == len(recording)
+        assert np.array_equal(np.isfinite(detected.velocities.covariances).all(axis=(1, 2)), detected.velocities.measured)
         for returns in detected.returns:
             check_returns(returns)
 
@@ -42,6 +45,7 @@ class _Checked:
     def __init__(self, recording: Recording) -> None:
         self._recording = recording
         self.path, self.range_resolution = recording.path, recording.range_resolution
+        self.start_us, self.stamps_us, self.turns_us = recording.start_us, recording.stamps_us, recording.turns_us
 
     def polar_scans(self, start: int, stop: int) -> Any:
         for polar_scan in self._recording.polar_scans(start, stop):
@@ -82,6 +86,8 @@ def check_polar_scan(polar_scan: PolarScan) -> None:
     assert polar_scan.times.shape == polar_scan.azimuths.shape == polar_scan.valid.shape == (rows,)
     assert np.isfinite(polar_scan.times).all() and np.isfinite(polar_scan.azimuths).all()
     assert np.all(np.diff(polar_scan.times) >= 0.0)
+    if polar_scan.down is not None:
+        check_polar_scan(polar_scan.down)
 
 
 def check_returns(returns: Returns) -> None:

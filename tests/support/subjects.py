@@ -324,6 +324,11 @@ SUBJECTS = {
     "oxford": Subject(oxford, check_radar("oxford"), _PNG),
     "oxford ins": Subject(oxford_ins, check_radar("oxford"), _PNG),
     "boreas": Subject(boreas, check_radar("boreas"), _PNG),
+    "boreas_rt": Subject(
+        lambda folder: write_boreas(folder / "drive", left_turn(), np.arange(left_turn().sensor.azimuths) % 2 == 0),
+        check_radar("boreas"),
+        _PNG,
+    ),
     "mulran columns": Subject(mulran, check_radar("mulran"), _PNG),
     "mulran rows": Subject(lambda folder: write_mulran_rows(folder / "drive", left_turn()), check_radar("mulran"), _PNG),
     "radiate": Subject(lambda folder: write_radiate(folder / "drive", left_turn()), check_radar("radiate"), _PNG),

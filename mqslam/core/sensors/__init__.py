@@ -1,1 +1,1 @@
-"""What other sensors beside the radar deliver, and where they sit on the vehicle."""
+"""What sensors deliver beside scans, what is detected in it, and where they sit on the vehicle."""

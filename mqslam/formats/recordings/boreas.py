@@ -24,7 +24,7 @@ from mqslam.formats.sensors.boreas_fixes import find_boreas_fixes, read_boreas_f
 from mqslam.formats.sensors.boreas_imus import find_boreas_imu, note_unread_imu, read_boreas_imu
 from mqslam.formats.sensors.boreas_mount import read_boreas_mount
 from mqslam.formats.sensors.carried import Carried, read_carried
-from mqslam.formats.shared.azimuth_rows import azimuth_stamps, make_rows
+from mqslam.formats.shared.azimuth_rows import azimuth_stamps, make_rows_of_chirps
 from mqslam.formats.shared.images import list_stamps, write_png
 from mqslam.formats.shared.poses import make_trajectory
 from mqslam.formats.shared.row_images import RowImageRecording, index_rows
@@ -117,7 +117,7 @@ def write(out: Path, recording: Recording) -> list[str]:
             (folder / name).mkdir()
         for k, polar_scan in enumerate(recording.polar_scans()):
             middles[k] = azimuth_stamps(recording, polar_scan)[len(polar_scan.times) // 2 - 1]
-            write_png(folder / "radar" / f"{middles[k]}.png", make_rows(recording, k, polar_scan))
+            write_png(folder / "radar" / f"{middles[k]}.png", make_rows_of_chirps(recording, k, polar_scan))
         return [] if recording.ground_truth is None else _write_poses(folder, recording.ground_truth, middles)
 
 

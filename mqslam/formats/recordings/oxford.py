@@ -32,7 +32,7 @@ from mqslam.formats.sensors.carried import read_carried
 from mqslam.formats.sensors.oxford_ins import read_ins_fixes, read_ins_rates
 from mqslam.formats.sensors.reading import Reading
 from mqslam.formats.sensors.sensor_table import read_header
-from mqslam.formats.shared.azimuth_rows import azimuth_stamps, make_rows
+from mqslam.formats.shared.azimuth_rows import azimuth_stamps, make_rows_of_chirps
 from mqslam.formats.shared.images import list_stamps, write_png
 from mqslam.formats.shared.poses import make_trajectory
 from mqslam.formats.shared.row_images import RowImageRecording, index_rows
@@ -256,7 +256,7 @@ def write_ground_truth(folder: Path, recording: Recording) -> None:
 def write_polar_scan(folder: Path, recording: Recording, k: int, polar_scan: PolarScan) -> int:
     """Writes the image of polar scan k, and returns its name, the stamp of the first azimuth [us]."""
     stamp = int(azimuth_stamps(recording, polar_scan)[0])
-    write_png(folder / "radar" / f"{stamp}.png", make_rows(recording, k, polar_scan))
+    write_png(folder / "radar" / f"{stamp}.png", make_rows_of_chirps(recording, k, polar_scan))
     return stamp
 
 

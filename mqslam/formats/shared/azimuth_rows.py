@@ -175,6 +175,28 @@ def make_rows(recording: Recording, k: int, polar_scan: PolarScan, per_us: int =
     return np.hstack([*head, valid, polar_scan.power])
 
 
+def make_rows_of_chirps(recording: Recording, k: int, polar_scan: PolarScan) -> NDArray[np.uint8]:
+    """Makes the image (A, 11 + B) of Oxford rows of polar scan k with both directions of its chirps, if it has both.
+
+    Byte 10 is then 255 where the chirp goes up and 0 where it goes down, as Boreas-RT has it. It cannot mark azimuths that
+    were not measured, so these are left out.
+
+    Args:
+        recording: the recording.
+        k: number of the polar scan, for an error to name.
+        polar_scan: its content.
+
+    Raises:
+        DataError: the polar scan turns counter-clockwise.
+    """
+    if polar_scan.down is None:
+        return make_rows(recording, k, polar_scan)
+    up, down = (make_rows(recording, k, part)[part.valid] for part in (polar_scan, polar_scan.down))
+    down[:, FLAG_BYTE] = 0
+    times = np.append(polar_scan.times[polar_scan.valid], polar_scan.down.times[polar_scan.down.valid])
+    return np.vstack([up, down])[np.argsort(times, kind="stable")]
+
+
 def encode_azimuths(recording: Recording, k: int, polar_scan: PolarScan, turn: int) -> NDArray[np.int64]:
     """Encodes the azimuths of polar scan k as clockwise encoder values (A,) 0..turn, `turn` to a turn.
 

@@ -19,7 +19,10 @@ from mqslam.formats.shared.images import read_first, read_grey
 from mqslam.formats.shared.turns import find_usual_turns, place_turns
 
 _MOST_STAMP_ERROR_US = 1_000_000  # a name that is a stamp further than this outside its turn is damaged
+
 _REMEDY = "copy it anew, or leave it out of the recording"
+
+Rows = tuple[Azimuths, NDArray[np.uint8]]  # azimuths (A,) and their power (A, B)
 
 
 class Flag(Enum):
@@ -47,7 +50,7 @@ class RowFolder:
     usual: int = 0
 
     def read(self, name: int) -> tuple[Azimuths, NDArray[np.uint8]]:
-        """Reads the azimuths of an image and their power (A, B), and checks that they belong to its name.
+        """Reads the azimuths of an image and their power (A, B); of both directions of a chirp those that go up.
 
         Args:
             name: of the image: a stamp [us or ns] within its turn.
@@ -55,12 +58,28 @@ class RowFolder:
         Raises:
             DataError: the image cannot be used.
         """
+        return self._read_both(name)[0]
+
+    def read_polar_scan(self, name: int, start_us: int) -> PolarScan:
+        """Reads an image as a polar scan, its times counted from a start [us].
+
+        Raises:
+            DataError: the image cannot be used.
+        """
+        up, down = self._read_both(name)
+        falling = None if down is None else down[0].to_polar_scan(down[1], start_us)
+        return replace(up[0].to_polar_scan(up[1], start_us), down=falling)
+
+    def _read_both(self, name: int) -> tuple[Rows, Rows | None]:
+        """Reads the rows of an image, and those of down-chirps apart, and checks that they belong to its name."""
         image = self.path / f"{name}.png"
         pixels = read_grey(image)
         try:
             azimuths = read_metadata(pixels, flags_validity=self.flag is Flag.VALIDITY)
+            down: Rows | None = None
             if self.flag is Flag.CHIRP:
                 up = pixels[:, FLAG_BYTE] == 255
+                down = azimuths.take(~up), pixels[~up, METADATA_BYTES:]
                 azimuths, pixels = azimuths.take(up), pixels[up]
                 if len(pixels) < 2:
                     raise ValueError(f"has {len(pixels)} up-chirps")
@@ -72,7 +91,7 @@ class RowFolder:
         span = int(azimuths.stamps_us[-1]) - int(azimuths.stamps_us[0])
         if not -span - _MOST_STAMP_ERROR_US <= apart <= _MOST_STAMP_ERROR_US:
             raise DataError(image, f"its first row is stamped {apart * 1e-6:.1f} s after its name", _REMEDY)
-        return azimuths, pixels[:, METADATA_BYTES:]
+        return (azimuths, pixels[:, METADATA_BYTES:]), down
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -90,8 +109,7 @@ class RowImageRecording(Recording):
     def polar_scans(self, start: int = 0, stop: int | None = None) -> Iterator[PolarScan]:
         """Reads the polar scans start <= k < stop, one after the other."""
         for name in self.names[start:stop].tolist():
-            azimuths, power = self.folder.read(name)
-            yield azimuths.to_polar_scan(power, self.start_us)
+            yield self.folder.read_polar_scan(name, self.start_us)
 
 
 @dataclass(frozen=True, slots=True)
@@ -205,7 +223,7 @@ def _interpret_flag(pixels: NDArray[np.uint8], settings: ReadingConfig) -> tuple
     if share > settings.chirp_share:
         return Flag.CHIRP, (
             f"byte 10 is 255 in {share:.0%} of the rows and is taken as the direction of the chirp "
-            "(Boreas-RT), whose Doppler shifts have opposite signs, so only the up-chirps (255) are used",
+            "(Boreas-RT), whose Doppler shifts have opposite signs, so only the up-chirps (255) give returns",
         )
     return Flag.NOTHING, (
         f"byte 10 is 255 in {share:.0%} of the rows and is taken as unused or as down-chirps "

@@ -49,7 +49,7 @@ class Beams(NamedTuple):
         foot: share of the two-way amplitude in the wide foot.
         foot_widths: its width in widths of the main lobe.
         resolution: length of a range bin [m].
-        doppler_beta: range shift per closing speed [s].
+        betas: (A,) range shift per closing speed [s], signed by the chirp.
     """
 
     poses: Array
@@ -59,7 +59,7 @@ class Beams(NamedTuple):
     foot: float
     foot_widths: float
     resolution: float
-    doppler_beta: float
+    betas: Array
 
 
 @nb.njit(cache=True, nogil=True)
@@ -84,7 +84,7 @@ def add_echoes(echoes: Echoes, beams: Beams, field: NDArray[np.complex128]) -> N
             r = np.sqrt(dx * dx + dy * dy)
             off = (np.cos(beams.poses[a, 2]) * dy - np.sin(beams.poses[a, 2]) * dx) / r
             closing = ((beams.velocities[a, 0] - vx) * dx + (beams.velocities[a, 1] - vy) * dy) / r
-            place = (r - beams.doppler_beta * closing) / beams.resolution - 0.5
+            place = (r - beams.betas[a] * closing) / beams.resolution - 0.5
             b = int(np.floor(place))
             if b < 0 or b >= bins - 1:
                 continue

@@ -104,7 +104,7 @@ class HardWorld:
             foot=self.realism.foot,
             foot_widths=self.realism.foot_widths,
             resolution=self.sensor.range_resolution,
-            doppler_beta=self.sensor.doppler_beta,
+            betas=self.sensor.betas,
         )
 
     def _obstruct(self, vehicles: Vehicles) -> Obstacles:

@@ -25,7 +25,7 @@ def make_beams(**changes: Any) -> Beams:
         foot=0.12,
         foot_widths=2.6,
         resolution=RESOLUTION,
-        doppler_beta=0.0,
+        betas=np.zeros(AZIMUTHS),
     )
     return usual._replace(**changes)
 
@@ -57,7 +57,7 @@ def render_plainly(echoes: Echoes, beams: Beams) -> NDArray[np.complex128]:
         closing = np.sum((beams.velocities - velocity) * line, axis=1) / r
         gain = (1.0 - beams.foot) * np.exp(-((off / main) ** 2))
         gain += beams.foot * np.exp(-((off / main / beams.foot_widths) ** 2))
-        at = (r - beams.doppler_beta * closing) / beams.resolution - 0.5
+        at = (r - beams.betas * closing) / beams.resolution - 0.5
         b = np.floor(at).astype(int)
         echo = amplitude * gain * ahead * np.exp(4j * np.pi / WAVELENGTH * r)
         rows = np.arange(AZIMUTHS)
@@ -74,7 +74,7 @@ def test_the_kernel_adds_what_plain_arrays_add_down_to_the_faint(doppler_beta: f
     rng = np.random.default_rng(1)
     bearings, ranges = rng.uniform(-np.pi, np.pi, 60), rng.uniform(4.0, 45.0, 60)
     places = ranges[:, None] * np.column_stack([np.cos(bearings), np.sin(bearings)])
-    beams = make_beams(doppler_beta=doppler_beta)
+    beams = make_beams(betas=np.full(AZIMUTHS, doppler_beta))
     echoes = make_echoes(places, 10.0 ** rng.uniform(0.0, 3.0, 60), beams, rng.normal(0.0, 5.0, (60, 2)))
     plain = render_plainly(echoes, beams)
     np.testing.assert_allclose(render(echoes, beams), plain, atol=1.0, rtol=1e-6)  # a noise amplitude is 1.4
@@ -97,7 +97,7 @@ def test_two_scatterers_a_quarter_wave_apart_in_range_cancel_each_other() -> Non
 
 def test_what_approaches_is_seen_too_near_by_its_speed_times_the_doppler_shift() -> None:
     def centre(doppler_beta: float) -> float:
-        beams = make_beams(doppler_beta=doppler_beta)
+        beams = make_beams(betas=np.full(AZIMUTHS, doppler_beta))
         power = np.abs(render(make_echoes([[20.0, 0.0]], [100.0], beams), beams))[0]
         return float(np.sum(np.arange(BINS) * power) / power.sum() * RESOLUTION)
 

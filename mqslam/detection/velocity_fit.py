@@ -1,0 +1,207 @@
+"""The velocity of the sensor from the shifts between up-chirps and down-chirps of a polar scan: it needs no map.
+
+An echo of what stands still lies 2 beta (vx cos a + vy sin a) farther in a down-chirp than in an up-chirp at azimuth a. The
+velocity at which the correlations of all azimuths add up best is the first estimate. Around it, every azimuth tells its own
+shift, weighted by the curvature of its correlation, and a robust fit leaves out traffic and chance. The covariance is that
+of a jackknife over sectors of the turn: what the scan itself shows.
+
+Source: the measurement is that of Lisus et al., "Are Doppler Velocity Measurements Useful for Spinning Radar Odometry?",
+RA-L 2025; the estimator is our own.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter1d
+
+from mqslam.config import ChirpConfig
+from mqslam.core.recording import PolarScan
+from mqslam.core.sensors.velocity import Outcome
+from mqslam.detection.chirp_correlation import ChirpCorrelation, correlate_chirps
+
+Array = NDArray[np.float64]
+
+_ROUNDS = 2  # times that shifts are read around the velocity so far: the second time they no longer change
+_STEPS, _SETTLED_MPS = 50, 1e-6  # bounds of the robust fit, a numerical tolerance
+_LEAST_SPREAD_MPS = 1e-3  # a numerical floor for data without noise
+_TO_DEVIATION = 1.4826  # from the median of absolute residuals to the standard deviation of Gaussian ones
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Velocity:
+    """The sensor's velocity in its own frame, as one scan tells it.
+
+    Args:
+        velocity: (2,) forward and left [m/s]; NaN without a measurement.
+        covariance: (2, 2) [m^2/s^2]; NaN without a measurement.
+        outcome: whether it was measured, or why not.
+    """
+
+    velocity: Array
+    covariance: Array
+    outcome: Outcome
+
+    @classmethod
+    def none(cls, outcome: Outcome) -> Velocity:
+        """Returns no velocity, for a reason."""
+        return cls(np.full(2, np.nan), np.full((2, 2), np.nan), outcome)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Shifts:
+    """Radial speeds that the azimuths of a scan tell.
+
+    Args:
+        speeds: (K,) closing speed of the world [m/s].
+        weights: (K,) curvature of the correlation at its peak [s^2/m^2]; 0 where there is no peak.
+    """
+
+    speeds: Array
+    weights: Array
+
+
+def measure_velocity(polar_scan: PolarScan, range_resolution: float, middle: float, config: ChirpConfig) -> Velocity:
+    """Measures the sensor's velocity by a polar scan whose chirps go up and down in turn.
+
+    Args:
+        polar_scan: power of the up-chirps, and of the down-chirps in `down`.
+        range_resolution: length of a range bin [m].
+        middle: time in the middle of the scan [s since the recording's start], for which the velocity holds.
+        config: settings.
+    """
+    correlation = correlate_chirps(polar_scan, range_resolution, config)
+    if correlation is None:
+        return Velocity.none(Outcome.ONE_DIRECTION)
+    seen = np.any(correlation.values != 0.0, axis=1)
+    if np.count_nonzero(seen) < config.fewest_azimuths * len(seen):
+        return Velocity.none(Outcome.DARK)
+    first = _search(correlation, config)
+    return Velocity.none(Outcome.UNCLEAR) if first is None else _fit(correlation, first, middle, config)
+
+
+def read_shifts(correlation: ChirpCorrelation, expected: Array, config: ChirpConfig) -> Shifts:
+    """Reads the radial speed of every azimuth off the highest peak of its correlation near an expected speed (K,) [m/s]."""
+    per_cell = correlation.cell / (2.0 * config.doppler_beta)
+    half = max(2, math.ceil(config.window_mps / per_cell))
+    reach, rows = correlation.reach, np.arange(len(expected))
+    middle = np.clip(np.round(expected / per_cell).astype(np.int64) + reach, half, 2 * reach - half)
+    inside = np.take_along_axis(correlation.values, middle[:, None] + np.arange(-half, half + 1), axis=1)
+    peak = np.clip(np.argmax(inside, axis=1), 1, 2 * half - 1)
+    before, here, after = (inside[rows, peak + step] for step in (-1, 0, 1))
+    bend = 2.0 * here - before - after
+    is_peak = (bend > 0.0) & (here >= before) & (here >= after) & (here > 0.0)
+    sub = np.divide(0.5 * (after - before), bend, out=np.zeros_like(bend), where=is_peak)
+    speeds = (middle - half + peak - reach + sub) * per_cell
+    return Shifts(speeds, np.where(is_peak, bend, 0.0) / per_cell**2)
+
+
+def _search(correlation: ChirpCorrelation, config: ChirpConfig) -> Array | None:
+    """Searches the velocity (2,) [m/s] at which the correlations add up best; None where it hardly differs from others."""
+    per_cell = correlation.cell / (2.0 * config.doppler_beta)
+    line = np.arange(-config.fastest_mps, config.fastest_mps + config.step_mps, config.step_mps)
+    tried = np.stack(np.meshgrid(line, line, indexing="ij"), axis=-1).reshape(-1, 2)
+    tried = tried[np.hypot(*tried.T) <= config.fastest_mps]
+    smooth = gaussian_filter1d(correlation.values, max(0.5 * config.step_mps / per_cell, 0.5), axis=1)
+    sums = np.zeros(len(tried))
+    for azimuth, row in zip(correlation.azimuths.tolist(), smooth, strict=True):
+        shift = (tried[:, 0] * math.cos(azimuth) + tried[:, 1] * math.sin(azimuth)) / per_cell
+        sums += row[np.round(shift).astype(np.int64) + correlation.reach]
+    best, median = int(np.argmax(sums)), float(np.median(sums))
+    spread = _TO_DEVIATION * float(np.median(np.abs(sums - median)))
+    return tried[best] if sums[best] - median > config.clear * spread else None
+
+
+def _fit(correlation: ChirpCorrelation, first: Array, middle: float, config: ChirpConfig) -> Velocity:
+    """Fits velocity and acceleration to the shifts of all azimuths, from a first velocity (2,) [m/s] on.
+
+    An acceleration would else pass for a sideways velocity, since the beam looks ahead at other times than aside.
+    """
+    rays = np.column_stack([np.cos(correlation.azimuths), np.sin(correlation.azimuths)])
+    jacobian = np.hstack([rays, rays * (correlation.times - middle)[:, None]])
+    prior = np.diag([0.0, 0.0, config.acceleration**-2, config.acceleration**-2])
+    state = np.append(first, [0.0, 0.0])
+    for _ in range(_ROUNDS):
+        shifts = read_shifts(correlation, jacobian @ state, config)
+        if np.count_nonzero(shifts.weights) < config.fewest_azimuths * len(rays):
+            return Velocity.none(Outcome.DARK)
+        state, width = _fit_robustly(jacobian, shifts, state, prior, config)
+    covariance = _leave_out_sectors(jacobian, shifts, state, width, prior, config)
+    if covariance is None:
+        return Velocity.none(Outcome.ONE_SIDED)
+    return Velocity(state[:2], covariance[:2, :2], Outcome.MEASURED)
+
+
+def _fit_robustly(jacobian: Array, shifts: Shifts, state: Array, prior: Array, config: ChirpConfig) -> tuple[Array, float]:
+    """Fits a state (4,) to shifts by Geman-McClure's loss, whose width follows from the residuals.
+
+    Args:
+        jacobian: (K, 4) of the radial speeds.
+        shifts: of the azimuths.
+        state: (4,) to begin with.
+        prior: (4, 4) information of the prior, whose mean is zero.
+        config: settings.
+
+    Returns:
+        The state, and the width of the loss [m/s].
+    """
+    width = 0.0
+    for _ in range(_STEPS):
+        residuals = shifts.speeds - jacobian @ state
+        width = config.outlier_spreads * _measure_spread(residuals, shifts.weights)
+        certain = _normalise(shifts.weights, width / config.outlier_spreads)
+        weights = certain / (1.0 + (residuals / width) ** 2) ** 2
+        before, information = state, (jacobian * weights[:, None]).T @ jacobian + prior
+        state = np.asarray(np.linalg.lstsq(information, jacobian.T @ (weights * shifts.speeds), rcond=None)[0], np.float64)
+        if np.max(np.abs(state[:2] - before[:2])) < _SETTLED_MPS:
+            break
+    return state, width
+
+
+def _leave_out_sectors(
+    jacobian: Array, shifts: Shifts, state: Array, width: float, prior: Array, config: ChirpConfig
+) -> Array | None:
+    """Returns the covariance (4, 4) of a state by a jackknife over sectors; None where one sector alone determines it.
+
+    Each sector's absence moves the state by one Newton step. Sectors are successive azimuths, whose errors are correlated.
+
+    Args:
+        jacobian: (K, 4) of the radial speeds.
+        shifts: of the azimuths.
+        state: (4,) that fits best.
+        width: of the loss [m/s].
+        prior: (4, 4) information of the prior.
+        config: settings.
+    """
+    residuals = shifts.speeds - jacobian @ state
+    certain, square = _normalise(shifts.weights, width / config.outlier_spreads), (residuals / width) ** 2
+    scores = jacobian * (certain * residuals / (1.0 + square) ** 2)[:, None]
+    curvatures = certain * (1.0 - 3.0 * square) / (1.0 + square) ** 3
+    hessian = (jacobian * curvatures[:, None]).T @ jacobian + prior
+    if np.linalg.eigvalsh(hessian)[0] <= 0.0:
+        return None
+    inverse = np.linalg.inv(hessian)
+    covariance = inverse @ prior @ inverse
+    for sector in np.array_split(np.arange(len(residuals)), config.sectors):
+        rest = hessian - (jacobian[sector] * curvatures[sector, None]).T @ jacobian[sector]
+        if np.linalg.eigvalsh(rest)[0] <= 0.0:
+            return None
+        moved = np.linalg.solve(rest, scores[sector].sum(axis=0))
+        covariance += (config.sectors - 1.0) / config.sectors * np.outer(moved, moved)
+    return covariance
+
+
+def _measure_spread(residuals: Array, weights: Array) -> float:
+    """Returns the spread [m/s] of residuals (K,) from their weighted median, which half of them may spoil."""
+    order = np.argsort(np.abs(residuals), kind="stable")
+    sums = np.cumsum(weights[order])
+    middle = order[int(np.searchsorted(sums, 0.5 * sums[-1]))]
+    return max(_TO_DEVIATION * float(np.abs(residuals[middle])), _LEAST_SPREAD_MPS)
+
+
+def _normalise(weights: Array, spread: float) -> Array:
+    """Returns the information (K,) [s^2/m^2] of shifts: that of a usual one is given by the residuals' spread [m/s]."""
+    return np.asarray(weights / (spread**2 * np.average(weights, weights=weights)))

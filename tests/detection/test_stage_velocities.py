@@ -1,0 +1,126 @@
+"""The detect stage carries velocities along: through workers, checkpoints and polar scans that cannot be read."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from mqslam.config import ChirpConfig, DetectorConfig
+from mqslam.core.recording import PolarScan
+from mqslam.core.sensors.velocity import Outcome, Velocities
+from mqslam.detection import stage
+from mqslam.detection.detector import detect
+from mqslam.detection.stage import detect_all, detect_stretch
+from mqslam.execution.checkpoint import Checkpoint
+from mqslam.execution.local_engine import LocalEngine
+from mqslam.execution.runner import Runner
+from mqslam.formats.recordings import open_recording
+from mqslam.simulator import CHIRP_BETA, ConstantDrive, SensorModel, make_yard_scene, simulate, simulate_recording
+from mqslam.simulator.in_memory import SimulatedRecording
+
+SENSOR = SensorModel(azimuths=200, range_resolution=0.175, max_range=60.0, doppler_beta=CHIRP_BETA, chirps=True)
+DETECTOR, CHIRPS = DetectorConfig(), ChirpConfig()
+
+
+@lru_cache(maxsize=1)
+def drive() -> SimulatedRecording:
+    return simulate_recording(make_yard_scene(1), ConstantDrive(6.0, 0.2), duration_s=2.5, sensor=SENSOR)
+
+
+def assert_equal(one: Velocities | None, other: Velocities | None) -> None:
+    assert one is not None and other is not None and one.doppler_beta == other.doppler_beta
+    for name in ("times", "velocities", "covariances", "outcomes"):
+        np.testing.assert_array_equal(getattr(one, name), getattr(other, name))
+        assert getattr(one, name).dtype == getattr(other, name).dtype
+
+
+def test_every_scan_has_the_velocity_of_its_middle() -> None:
+    velocities = detect_all(drive(), DETECTOR, chirps=CHIRPS)[1].velocities
+    assert velocities is not None and velocities.measured.all() and not velocities.reasons
+    np.testing.assert_allclose(velocities.times, drive().start_times + 0.125)
+    np.testing.assert_allclose(velocities.velocities, np.tile([6.0, 0.0], (10, 1)), atol=0.3)
+
+
+def test_returns_are_those_of_the_up_chirps_alone() -> None:
+    detected = detect_stretch(drive(), DETECTOR, 0, 2, chirps=CHIRPS)
+    for turn, returns in zip(drive().polar_scans(0, 2), detected.returns, strict=True):
+        alone = detect(PolarScan(turn.times, turn.azimuths, turn.power, turn.valid), SENSOR.range_resolution, DETECTOR)
+        np.testing.assert_array_equal(returns.ranges, alone.ranges)
+        np.testing.assert_array_equal(returns.times, alone.times)
+
+
+def test_velocities_are_measured_only_where_they_are_asked_for_and_chirps_alternate() -> None:
+    assert detect_all(drive(), DETECTOR)[1].velocities is None
+    plain = SensorModel(azimuths=200, range_resolution=0.175, max_range=60.0)
+    recording = simulate_recording(make_yard_scene(1), ConstantDrive(6.0, 0.2), duration_s=0.5, sensor=plain)
+    assert detect_all(recording, DETECTOR, chirps=CHIRPS)[1].velocities is None
+
+
+def test_workers_do_not_change_them(monkeypatch: pytest.MonkeyPatch) -> None:
+    alone = detect_all(drive(), DETECTOR, chirps=CHIRPS)[1].velocities
+    monkeypatch.setattr(stage, "_CHUNK", 3)
+    assert_equal(detect_all(drive(), DETECTOR, Runner(LocalEngine(2)), chirps=CHIRPS)[1].velocities, alone)
+
+
+@pytest.mark.parametrize("chirps", [CHIRPS, None])
+def test_a_resumed_run_finds_them_in_its_checkpoint(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, chirps: ChirpConfig | None
+) -> None:
+    def run(resume: bool) -> Velocities | None:
+        runner = Runner(checkpoint=Checkpoint(tmp_path / "out", "key", resume=resume))
+        return detect_all(drive(), DETECTOR, runner, chirps=chirps)[1].velocities
+
+    monkeypatch.setattr(stage, "_CHUNK", 4)
+    made = run(resume=False)
+    monkeypatch.setattr(stage, "detect_stretch", lambda *_, **__: pytest.fail("detected again"))
+    if chirps is None:
+        assert made is None and run(resume=True) is None
+    else:
+        assert_equal(run(resume=True), made)
+
+
+@pytest.fixture
+def written(tmp_path: Path) -> Path:
+    simulate(tmp_path / "drive", scene="yard", duration_s=1.5, sensor=SENSOR)
+    return tmp_path / "drive"
+
+
+def cut(image: Path) -> None:
+    image.write_bytes(image.read_bytes()[:100])
+
+
+def test_a_polar_scan_that_cannot_be_read_measures_none(written: Path, caplog: pytest.LogCaptureFixture) -> None:
+    cut(sorted((written / "radar").iterdir())[2])
+    with caplog.at_level("INFO", "mqslam.detection.stage"):
+        velocities = detect_all(open_recording(written), DETECTOR, chirps=CHIRPS)[1].velocities
+    assert velocities is not None and velocities.reasons == {Outcome.UNREAD.reason: 1}
+    assert np.flatnonzero(~velocities.measured).tolist() == [2] and np.isnan(velocities.velocities[2]).all()
+    assert "5 of 6 scans measured the velocity, 1 not: the polar scan could not be read" in caplog.text
+
+
+def test_a_stretch_of_which_nothing_can_be_read_joins_the_others(written: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for image in sorted((written / "radar").iterdir())[2:4]:
+        cut(image)
+    monkeypatch.setattr(stage, "_CHUNK", 2)
+    velocities = detect_all(open_recording(written), DETECTOR, chirps=CHIRPS)[1].velocities
+    assert velocities is not None and velocities.measured.tolist() == [True, True, False, False, True, True]
+
+
+def test_a_stretch_has_the_velocities_that_the_whole_recording_has() -> None:
+    whole = detect_all(drive(), DETECTOR, chirps=CHIRPS)[1].velocities
+    part = detect_stretch(drive(), DETECTOR, 4, 7, chirps=CHIRPS).velocities
+    assert whole is not None and part is not None
+    stretch = slice(4, 7)
+    assert_equal(
+        part,
+        Velocities(
+            whole.times[stretch],
+            whole.velocities[stretch],
+            whole.covariances[stretch],
+            whole.outcomes[stretch],
+            whole.doppler_beta,
+        ),
+    )
