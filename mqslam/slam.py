@@ -72,7 +72,8 @@ class Slam:
             scans, detected = detect_all(recording, config.detector, runner, strict=self._strict, chirps=config.chirps)
             runner.runtime_s |= {"read": detected.read_s, "detect": detected.detect_s}
             try:
-                solution = self.solve(scans, replace(context, doppler_beta=self._measure_doppler(scans)))
+                beta = self._measure_doppler(scans)
+                solution = self.solve(scans, replace(context, doppler_beta=beta, velocities=detected.velocities))
             except FewReturnsError as error:
                 raise EstimationError(f"{error}: {detected.counts.remedy}") from error
             with runner.time_stage("render"):
@@ -112,7 +113,8 @@ class Slam:
             before = reckon(scans, odometry or measurements)
             problem, used = Problem(measurements, edges, config.graph, config.loops), NO_USE
             with runner.tolerate("the sensors beside the radar"):
-                problem, used = join_sensors(problem, context.sensors, scans.start_us, config.gyroscope, config.gnss)
+                told, sections = (context.sensors, context.velocities), (config.gyroscope, config.gnss, config.velocity)
+                problem, used = join_sensors(problem, *told, scans.start_us, *sections)
         search = LoopSearch([], 0)
         if config.loops.enabled:
             with runner.time_stage("loops"), runner.tolerate("the search for loops"):

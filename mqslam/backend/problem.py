@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -60,6 +60,7 @@ class Problem(GraphProblem):
         loop_settings: settings of the loops.
         turns: the turns of a gyroscope between the same scans, or None.
         fixes: positions of scans that a GNSS receiver has fixed, or None.
+        travels: motions that say nothing of the turn, by the number of the scan that each starts at, or None.
     """
 
     measurements: Sequence[Measurement]
@@ -68,6 +69,7 @@ class Problem(GraphProblem):
     loop_settings: LoopConfig
     turns: TurnEdges | None = None
     fixes: FixEdges | None = None
+    travels: Mapping[int, Measurement] | None = None
 
     def build_graph(self, loops: Sequence[Loop], ties: Sequence[Loop] = ()) -> PoseGraph:
         """Returns the graph with the given loops and ties of the refinement; it starts from the chained measurements."""
@@ -76,6 +78,7 @@ class Problem(GraphProblem):
         factors += [loop_between(X(loop.earlier), X(loop.later), loop, self.loop_settings) for loop in loops]
         factors += [psi_between(X(tie.earlier), X(tie.later), tie.pose, tie.covariance, settings) for tie in ties]
         chain = se2.chain(m.pose for m in self.measurements)
+        factors += [odometry_between(X(k), X(k + 1), travel, settings) for k, travel in (self.travels or {}).items()]
         if self.turns is not None:
             factors += self.turns.list_factors(chain)
         if self.fixes is not None:

@@ -8,13 +8,15 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from mqslam.backend.problem import Problem
+from mqslam.backend.sensors.chirps.velocity_use import VelocityUse, join_velocities
 from mqslam.backend.sensors.gnss.alignment import align
 from mqslam.backend.sensors.gnss.fix_use import FixUse, join_fixes
 from mqslam.backend.sensors.gyroscope.gyroscope_use import GyroscopeUse, join_gyroscope
-from mqslam.config import GnssConfig, GyroscopeConfig
+from mqslam.config import GnssConfig, GyroscopeConfig, VelocityConfig
 from mqslam.core import se2
 from mqslam.core.measurement import Refined
 from mqslam.core.sensors.sensors import Sensors
+from mqslam.core.sensors.velocity import Velocities
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,25 +39,30 @@ class SensorUse:
     Args:
         gyroscope: of the gyroscope.
         fixes: of the GNSS receiver.
+        velocities: of the velocities that chirps measure.
         mount: (3,) where the radar sits on the vehicle [m, m, rad], if that is known.
         contributions: how far each sensor that is used moves the trajectory, by its name, once that is measured.
     """
 
     gyroscope: GyroscopeUse | None = None
     fixes: FixUse | None = None
+    velocities: VelocityUse | None = None
     mount: se2.Array | None = None
     contributions: Mapping[str, Contribution] = field(default_factory=dict)
 
     @property
     def statements(self) -> list[str]:
         """What a user should know of all sensors."""
-        return [statement for use in (self.gyroscope, self.fixes) if use is not None for statement in use.statements]
+        return [statement for use in self._uses for statement in use.statements]
 
     @property
     def refusals(self) -> list[str]:
         """What a user should know of the sensors that are not used."""
-        uses = (use for use in (self.gyroscope, self.fixes) if use is not None and use.edges is None)
-        return [statement for use in uses for statement in use.statements]
+        return [statement for use in self._uses if use.edges is None for statement in use.statements]
+
+    @property
+    def _uses(self) -> list[GyroscopeUse | FixUse | VelocityUse]:
+        return [use for use in (self.gyroscope, self.fixes, self.velocities) if use is not None]
 
     def weigh(self, problem: Problem, refined: Refined, poses: se2.Array) -> SensorUse:
         """Returns the same with how far each sensor that is used moves the trajectory, which leaving it out shows.
@@ -70,6 +77,8 @@ class SensorUse:
             without["gyroscope"] = replace(problem, turns=None)
         if problem.fixes is not None:
             without["gnss"] = replace(problem, fixes=None)
+        if problem.travels is not None:
+            without["chirps"] = replace(problem, travels=None)
         others = {name: other.solve_poses(refined.loops, refined.ties) for name, other in without.items()}
         return replace(self, contributions={name: _compare(poses, track) for name, track in others.items()})
 
@@ -79,21 +88,29 @@ NO_USE = SensorUse()
 
 
 def join_sensors(
-    problem: Problem, sensors: Sensors, start_us: int, gyroscope: GyroscopeConfig, gnss: GnssConfig
+    problem: Problem,
+    sensors: Sensors,
+    velocities: Velocities | None,
+    start_us: int,
+    gyroscope: GyroscopeConfig,
+    gnss: GnssConfig,
+    velocity: VelocityConfig,
 ) -> tuple[Problem, SensorUse]:
     """Holds the sensors against the motions of a problem.
 
     Args:
         problem: the trajectory, as the front end and odometry have it.
         sensors: of the recording.
+        velocities: that the radar's chirps measured, or None.
         start_us: stamp [us] of the recording's time zero.
         gyroscope: settings of the gyroscope.
         gnss: settings of GNSS.
+        velocity: settings of the velocities.
 
     Returns:
         The problem with the sensors that agree, and what became of all.
     """
-    turning, placing, mount = None, None, None if sensors.mount is None else sensors.mount.pose
+    turning, placing, moving, mount = None, None, None, None if sensors.mount is None else sensors.mount.pose
     if sensors.gyroscope is not None and problem.measurements:
         turning = join_gyroscope(sensors.gyroscope, start_us, problem.measurements, problem.yaw_drift, gyroscope)
         problem = replace(problem, turns=turning.edges)
@@ -101,7 +118,10 @@ def join_sensors(
         antenna = np.zeros(2) if mount is None else se2.inverse(mount)[:2]  # at the origin of the vehicle's frame
         placing = join_fixes(sensors.fixes, start_us, problem.measurements, antenna, gnss)
         problem = replace(problem, fixes=placing.edges)
-    return problem, SensorUse(turning, placing, mount)
+    if velocities is not None and problem.measurements:
+        moving = join_velocities(velocities, problem.measurements, velocity)
+        problem = replace(problem, travels=moving.edges)
+    return problem, SensorUse(turning, placing, moving, mount)
 
 
 def _compare(poses: se2.Array, others: se2.Array) -> Contribution:

@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from mqslam.execution.runner import Watch
 
 _VIEWER = "viewer"
-_SENSORS = {"gyroscope": "the gyroscope", "gnss": "GNSS"}
+_SENSORS = {"gyroscope": "the gyroscope", "gnss": "GNSS", "chirps": "the radar's velocity by its chirps"}
 
 
 def run(

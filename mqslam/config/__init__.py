@@ -27,7 +27,7 @@ from mqslam.config.loop_config import LoopConfig, PassConfig, RefinementConfig
 from mqslam.config.map_config import MapConfig
 from mqslam.config.psi_config import PsiConfig
 from mqslam.config.reading_config import ReadingConfig
-from mqslam.config.sensor_config import GnssConfig, GyroscopeConfig, SensorConfig
+from mqslam.config.sensor_config import GnssConfig, GyroscopeConfig, SensorConfig, VelocityConfig
 from mqslam.config.tracker_config import TrackerConfig
 from mqslam.config.yaml_file import parse_yaml
 from mqslam.errors import ConfigError, suggest
@@ -57,6 +57,7 @@ __all__ = [
     "ScanMatchingConfig",
     "SensorConfig",
     "TrackerConfig",
+    "VelocityConfig",
     "VerdictConfig",
     "dump_yaml",
     "explain_yaml",
@@ -86,6 +87,7 @@ class Config(BaseModel):
     odometry: OdometryConfig = OdometryConfig()
     gyroscope: GyroscopeConfig = GyroscopeConfig()
     gnss: GnssConfig = GnssConfig()
+    velocity: VelocityConfig = VelocityConfig()
     graph: GraphConfig = GraphConfig()
     loops: LoopConfig = LoopConfig()
     refinement: RefinementConfig = RefinementConfig()

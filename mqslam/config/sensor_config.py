@@ -156,3 +156,43 @@ class GnssConfig(BaseModel):
         description="Fixes are not used if the trajectory spreads over less than this many times the distance that half of "
         "them lie from it, since they would say nothing of its heading.",
     )
+
+
+class VelocityConfig(BaseModel):
+    """How velocities that chirps measure are held against psi, and what makes them unfit."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    fewest: int = expert(
+        40,
+        ge=3,
+        description="With fewer motions than this that psi found itself, velocities are as good as they state themselves.",
+    )
+    largest_scale: float = expert(
+        1.25,
+        gt=1.0,
+        description="Velocities that are this many times too large or too small have another Doppler shift, and are not used. "
+        "Smaller errors of the scale are put right.",
+    )
+    most_wild: float = expert(
+        0.1,
+        gt=0.0,
+        lt=1.0,
+        description="Share of motions in which calibrated velocities may contradict psi by over three standard deviations.",
+    )
+    told_sigmas: float = expert(5.0, gt=0.0, description="A scale is told by this many standard deviations.")
+    scale_tolerance: float = expert(0.01, ge=0.0, description="A smaller error of the scale is put right without a word.")
+    span_s: float = expert(
+        10.0, gt=0.0, description="Shortest stretch over which errors of the calibration are taken to be alike [s]."
+    )
+    sigma_scale: float = expert(
+        0.05,
+        gt=0.0,
+        description="Standard deviation of the scale when nothing is known of it: the Doppler shift of a radar's chirps is "
+        "known to a few percent.",
+    )
+    sigma_bias_mps: float = expert(
+        0.1,
+        gt=0.0,
+        description="Standard deviation of a velocity's bias when nothing is known of it [m/s]; Boreas-RT's is as large.",
+    )

@@ -18,6 +18,7 @@ from mqslam.core.measurement import Measurement
 from mqslam.core.scans import Scan, Scans
 from mqslam.core.sensors.sensors import NO_SENSORS, Sensors
 from mqslam.core.sensors.turning import KnownTurning
+from mqslam.core.sensors.velocity import Velocities
 from mqslam.core.trajectory import Trajectory
 from mqslam.errors import ConfigError, EstimationError, FrontEndError, MqslamError, Remedy, describe_error, suggest
 
@@ -44,6 +45,7 @@ class Context:
         sensors: the other sensors of the vehicle, for what comes after the front end.
         turning: how far the radar turns, as a gyroscope says that agrees with motions that were measured before, or None. It
             serves where a front end finds nothing, and never as information: the graph has the gyroscope itself.
+        velocities: of the sensor, as the radar's own chirps measured them, or None. They serve like the turning.
         engine: where a front end may have stretches of a recording tracked beside each other; None tracks them here.
     """
 
@@ -56,6 +58,7 @@ class Context:
     engine: Engine | None = None
     sensors: Sensors = NO_SENSORS
     turning: KnownTurning | None = None
+    velocities: Velocities | None = None
 
     def odometry_twist(self, t0: float, t1: float) -> se2.Array | None:
         """Returns the mean twist (3,) of the odometry between two times [s], or None where there is none."""
@@ -67,16 +70,19 @@ class Context:
         return np.asarray(self.odometry.mean_twists(stamps[:1], stamps[1:])[0])
 
     def told_twist(self, t0: float, t1: float) -> se2.Array | None:
-        """Returns the mean twist (3,) between two times [s] as odometry and gyroscope tell it; None where neither does.
+        """Returns the mean twist (3,) between two times [s] as other sensors tell it; None where none does.
 
-        A component that nothing tells is NaN. The gyroscope is surer of the turn than odometry.
+        A component that nothing tells is NaN. A gyroscope tells the turn better than odometry, and chirps the velocity.
         """
-        twist, rate = self.odometry_twist(t0, t1), float("nan")
+        twist = self.odometry_twist(t0, t1)
+        twist = np.full(3, np.nan) if twist is None else twist.copy()
+        if self.velocities is not None:
+            velocity = self.velocities.at(np.array([0.5 * (t0 + t1)]))[0][0]
+            twist[:2] = np.where(np.isfinite(velocity), velocity, twist[:2])
         if self.turning is not None:
             rate = self.turning.mean_rate(t0, t1)
-        if np.isnan(rate):
-            return twist
-        return np.append(np.full(2, np.nan) if twist is None else twist[:2], rate)
+            twist[2] = twist[2] if np.isnan(rate) else rate
+        return None if np.isnan(twist).all() else twist
 
 
 class FrontEnd(Protocol):

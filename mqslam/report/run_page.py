@@ -32,8 +32,15 @@ _CARDS: Final = {
     "evaluation": "Against ground truth",
     "runtime_s": "Run time",
 }
-_SENSORS: Final = {"gyroscope": "Gyroscope", "gnss": "GNSS"}
+_SENSORS: Final = {"gyroscope": "Gyroscope", "gnss": "GNSS", "chirps": "Velocities by chirps"}
 _LABELS: Final = {
+    "chirps.factors": ("velocities in the graph", ""),
+    "chirps.scale": ("travel by psi per travel by them", ""),
+    "chirps.sigma_scale": ("± (one sigma)", ""),
+    "chirps.bias_forward_mps": ("bias forward", " m/s"),
+    "chirps.bias_left_mps": ("bias to the left", " m/s"),
+    "chirps.moved_m": ("move the trajectory by (RMS)", " m"),
+    "chirps.turned_rad": ("turn its end by", " rad"),
     "gyroscope.factors": ("turns in the graph", ""),
     "gyroscope.axis": ("axis that is the radar's vertical", ""),
     "gyroscope.scale": ("turns of the radar per turn of its own", ""),

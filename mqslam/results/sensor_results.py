@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from mqslam.auditing.gyroscope_check import GyroscopeCheck
+from mqslam.backend.sensors.chirps.velocity_use import VelocityUse
 from mqslam.backend.sensors.gnss.fix_use import FixUse
 from mqslam.backend.sensors.gyroscope.gyroscope_use import GyroscopeUse
 from mqslam.backend.sensors.gyroscope.rotation import Rotation
@@ -16,12 +17,14 @@ def summarise_sensors(run: Solution) -> dict[str, Any]:
     used = run.sensors
     gyroscope = None if used.gyroscope is None else _summarise_gyroscope(used.gyroscope)
     gnss = None if used.fixes is None else _summarise_fixes(used.fixes, run)
-    for name, numbers in (("gyroscope", gyroscope), ("gnss", gnss)):
+    chirps = None if used.velocities is None else _summarise_velocities(used.velocities)
+    found = {"gyroscope": gyroscope, "gnss": gnss, "chirps": chirps}
+    for name, numbers in found.items():
         if numbers is not None:
             moved = used.contributions.get(name)
             numbers["moved_m"] = None if moved is None else moved.moved_m
             numbers["turned_rad"] = None if moved is None else moved.turned_rad
-    return {"gyroscope": gyroscope, "gnss": gnss}
+    return found
 
 
 def summarise_check(check: GyroscopeCheck) -> dict[str, Any]:
@@ -64,4 +67,16 @@ def _summarise_fixes(use: FixUse, run: Solution) -> dict[str, Any]:
         "rejected": edges.count_rejected(run.values),
         "white_m": edges.noise.white_m,
         "walk_m": edges.noise.walk_m,
+    }
+
+
+def _summarise_velocities(use: VelocityUse) -> dict[str, Any]:
+    """Returns what was found of the velocities that chirps measure."""
+    numbers: dict[str, Any] = {"source": use.source, "used": use.edges is not None, "statements": list(use.statements)}
+    return numbers | {
+        "factors": 0 if use.edges is None else len(use.edges),
+        "scale": use.scale,
+        "sigma_scale": use.sigma_scale,
+        "bias_forward_mps": use.bias[0],
+        "bias_left_mps": use.bias[1],
     }

@@ -75,10 +75,10 @@ def make_odometry_edges(
     span = max(1, min(len(odometry), round(len(odometry) * settings.odometry_span_s / max(lasts, 1e-9))))
     if converged.sum() < settings.odometry_fewest:
         own = np.sqrt([np.diag(motion.covariance) for motion in odometry])
-        return _state(odometry, np.zeros_like(own), _spread(own, converged, span))
+        return _state(odometry, np.zeros_like(own), spread_common(own, converged, span))
     design = make_design(odometry, span)
     calibration, noise = _calibrate(odometry, measured, converged, design, span, stated, settings)
-    common = _spread(calibration.list_sigmas(design), converged, span)
+    common = spread_common(calibration.list_sigmas(design), converged, span)
     return _state(odometry, calibration.correct(design), noise + common)
 
 
@@ -108,8 +108,14 @@ def _calibrate(
     return calibration, common + disagreement
 
 
-def _spread(sigmas: NDArray[np.float64], converged: NDArray[np.bool_], span: int) -> NDArray[np.float64]:
-    """Returns variances (N, 3) whose sum over a stretch is the square of the sum of its common errors' deviations (N, 3)."""
+def spread_common(sigmas: NDArray[np.float64], converged: NDArray[np.bool_], span: int) -> NDArray[np.float64]:
+    """Returns variances (N, 3) whose sum over a stretch is the square of the sum of its common errors' deviations (N, 3).
+
+    Args:
+        sigmas: (N, 3) deviations of motions by errors that are common to all.
+        converged: (N,) which motions psi found itself: a stretch lasts for as long as it does, or does not.
+        span: number of motions in the shortest stretch.
+    """
     kernel = np.ones(span)
     total = np.column_stack([np.convolve(column, kernel)[(span - 1) // 2 :][: len(sigmas)] for column in sigmas.T])
     changes = np.flatnonzero(converged[1:] != converged[:-1]) + 1
