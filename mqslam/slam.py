@@ -14,7 +14,7 @@ from mqslam.backend.measuring import measure
 from mqslam.backend.pose_graph import poses_of
 from mqslam.backend.problem import Problem
 from mqslam.backend.refinement import refine
-from mqslam.backend.sensor_use import NO_USE, join_sensors
+from mqslam.backend.sensor_use import NO_USE, SensorSettings, join_sensors
 from mqslam.backend.sensors.odometry.odometry_edges import make_odometry_edges, read_odometry_motions, reckon
 from mqslam.config import Config
 from mqslam.core import frontend as frontends
@@ -113,8 +113,8 @@ class Slam:
             before = reckon(scans, odometry or measurements)
             problem, used = Problem(measurements, edges, config.graph, config.loops), NO_USE
             with runner.tolerate("the sensors beside the radar"):
-                told, sections = (context.sensors, context.velocities), (config.gyroscope, config.gnss, config.velocity)
-                problem, used = join_sensors(problem, *told, scans.start_us, *sections)
+                sections = SensorSettings(config.gyroscope, config.gnss, config.velocity)
+                problem, used = join_sensors(problem, context.sensors, context.velocities, scans.start_us, sections)
         search = LoopSearch([], 0)
         if config.loops.enabled:
             with runner.time_stage("loops"), runner.tolerate("the search for loops"):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -17,6 +18,14 @@ from mqslam.core import se2
 from mqslam.core.measurement import Refined
 from mqslam.core.sensors.sensors import Sensors
 from mqslam.core.sensors.velocity import Velocities
+
+
+class SensorSettings(NamedTuple):
+    """The settings of the sensors beside the radar's returns."""
+
+    gyroscope: GyroscopeConfig
+    gnss: GnssConfig
+    velocity: VelocityConfig
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,9 +101,7 @@ def join_sensors(
     sensors: Sensors,
     velocities: Velocities | None,
     start_us: int,
-    gyroscope: GyroscopeConfig,
-    gnss: GnssConfig,
-    velocity: VelocityConfig,
+    settings: SensorSettings,
 ) -> tuple[Problem, SensorUse]:
     """Holds the sensors against the motions of a problem.
 
@@ -103,23 +110,21 @@ def join_sensors(
         sensors: of the recording.
         velocities: that the radar's chirps measured, or None.
         start_us: stamp [us] of the recording's time zero.
-        gyroscope: settings of the gyroscope.
-        gnss: settings of GNSS.
-        velocity: settings of the velocities.
+        settings: of the sensors.
 
     Returns:
         The problem with the sensors that agree, and what became of all.
     """
     turning, placing, moving, mount = None, None, None, None if sensors.mount is None else sensors.mount.pose
     if sensors.gyroscope is not None and problem.measurements:
-        turning = join_gyroscope(sensors.gyroscope, start_us, problem.measurements, problem.yaw_drift, gyroscope)
+        turning = join_gyroscope(sensors.gyroscope, start_us, problem.measurements, problem.yaw_drift, settings.gyroscope)
         problem = replace(problem, turns=turning.edges)
     if sensors.fixes is not None and problem.measurements:
         antenna = np.zeros(2) if mount is None else se2.inverse(mount)[:2]  # at the origin of the vehicle's frame
-        placing = join_fixes(sensors.fixes, start_us, problem.measurements, antenna, gnss)
+        placing = join_fixes(sensors.fixes, start_us, problem.measurements, antenna, settings.gnss)
         problem = replace(problem, fixes=placing.edges)
     if velocities is not None and problem.measurements:
-        moving = join_velocities(velocities, problem.measurements, velocity)
+        moving = join_velocities(velocities, problem.measurements, settings.velocity)
         problem = replace(problem, travels=moving.edges)
     return problem, SensorUse(turning, placing, moving, mount)
 

@@ -171,8 +171,8 @@ class VelocityConfig(BaseModel):
     largest_scale: float = expert(
         1.25,
         gt=1.0,
-        description="Velocities that are this many times too large or too small have another Doppler shift, and are not used. "
-        "Smaller errors of the scale are put right.",
+        description="Velocities that are this many times too large or too small have another Doppler shift, and are not "
+        "used. Smaller errors of the scale are put right.",
     )
     most_wild: float = expert(
         0.1,

@@ -99,8 +99,8 @@ def _predict(
     """Returns the motions that velocities and psi's turns make.
 
     Returns:
-        the motions (N, 3), NaN where there are none, how long they last (N,) [s], how errors of the velocities move them, and
-        their variances (N, 3).
+        the motions (N, 3), NaN where there are none, how long they last (N,) [s], how errors of the velocities move them,
+        and their variances (N, 3).
     """
     spans = np.array([(motion.t0, motion.t1) for motion in motions])
     lasts, turns = spans[:, 1] - spans[:, 0], np.array([motion.pose[2] for motion in motions])
