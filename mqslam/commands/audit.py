@@ -263,11 +263,12 @@ def _render_sweeps(source: Source, track: Trajectory, settings: Config) -> tuple
 
 
 def _check_turns(source: Source, track: Trajectory, settings: Config, notes: list[str]) -> GyroscopeCheck | None:
-    """Returns what a recording's gyroscope says of a trajectory, and adds it to the notes; None where there is none."""
+    """Returns what a recording's gyroscope says of a trajectory, and adds that to the notes; None where there is none."""
     if source.gyroscope is None:
         return None
     checked = check_gyroscope(source.gyroscope, source.scans, track, settings.gyroscope)
-    notes.append(checked.statement)
+    if checked.agrees is not None:
+        notes.append(checked.statement)
     return checked
 
 

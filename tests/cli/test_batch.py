@@ -122,7 +122,7 @@ def test_results_of_other_settings_are_neither_kept_nor_replaced_unasked(work: P
 
 def test_a_run_that_was_killed_goes_on_where_it_stopped(work: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     from mqslam import slam
-    from mqslam.commands import batch_schedule
+    from mqslam.commands.batches import batch_schedule
     from mqslam.commands.batches.batch_plan import read_plan
 
     orders, _ = read_plan(work / "runs.yaml")

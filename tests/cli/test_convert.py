@@ -73,6 +73,8 @@ def test_bags_hold_rows_odometry_and_ground_truth_in_the_order_of_time(street: P
             "/Navtech/Polar": "sensor_msgs/msg/Image",
             "/odom": "nav_msgs/msg/Odometry",
             "/ground_truth": "nav_msgs/msg/Odometry",
+            "/imu/data": "sensor_msgs/msg/Imu",
+            "/gps/fix": "sensor_msgs/msg/NavSatFix",
         }
         logged = [stamp for _, stamp, _ in reader.messages()]
         assert logged == sorted(logged)

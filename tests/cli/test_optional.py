@@ -46,7 +46,8 @@ def drive(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def run(drive: Path, out: Path, *more: str | Path) -> Result:
     """Runs a drive by odometry alone, which takes no time, unless the test asks for something else."""
     chosen = more or ("--frontend", "odometry")
-    return mqslam("run", drive, "--out", out, "--config", drive.with_name("quick.yaml"), "--jobs", "1", *chosen)
+    alone = ("--imu", "none", "--gnss", "none", "--jobs", "1")
+    return mqslam("run", drive, "--out", out, "--config", drive.with_name("quick.yaml"), *alone, *chosen)
 
 
 def summary_of(out: Path, name: str = "summary.json") -> dict[str, Any]:
@@ -84,7 +85,7 @@ def test_files_that_cannot_be_made_cost_no_other(drive: Path, tmp_path: Path, mo
 def test_a_map_its_check_and_loops_that_fail_cost_no_trajectory(
     drive: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("mqslam.slam.render", failing(MemoryError("Unable to allocate 40 GiB")))
+    monkeypatch.setattr("mqslam.mapping.render.render", failing(MemoryError("Unable to allocate 40 GiB")))
     monkeypatch.setattr("mqslam.slam.audit_trajectory", failing(np.linalg.LinAlgError("Singular matrix")))
     monkeypatch.setattr("mqslam.slam.close_loops", failing(ValueError("by nothing")))
     out = tmp_path / "out"

@@ -41,6 +41,7 @@ FILES = {
     "report.html",
     "run.log",
 }
+PLACED = {"map.tif", "trajectory.geojson"}  # where GNSS places the map on the Earth
 KEYS = {
     "mqslam_version": None,
     "dataset": {"format", "path", "revolutions", "duration_s", "length_m"},
@@ -100,11 +101,12 @@ def error_m(estimate: Trajectory, truth: Trajectory) -> float:
 
 @pytest.fixture(scope="module")
 def run(street: Path, tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Path]:
-    """Runs the street with options and says where the results are."""
+    """Runs the street by radar and odometry, with options, and says where the results are."""
 
     def command(*options: str | Path) -> Path:
         out = tmp_path_factory.mktemp("run") / "deep" / "out"
-        result = mqslam("run", street, "--out", out, "--jobs", "1", *options)
+        alone = ("--imu", "none", "--gnss", "none")
+        result = mqslam("run", street, "--out", out, "--jobs", "1", *alone, *options)
         assert result.code == 0, result.err
         return out
 
@@ -372,7 +374,7 @@ def test_force_replaces_an_earlier_result_whole(street: Path, quick: Path, tmp_p
     (out / "earlier").write_text("gone")
     done = mqslam("run", street, "--out", out, "--frontend", "odometry", "--config", quick, "--force", "--quiet")
     assert (done.code, done.out, done.err) == (0, "", "")
-    assert {path.name for path in out.iterdir()} == FILES and list(tmp_path.iterdir()) == [out]
+    assert {path.name for path in out.iterdir()} == FILES | PLACED and list(tmp_path.iterdir()) == [out]
 
 
 def test_odometry_that_stops_early_is_not_used_and_said(street: Path, quick: Path, tmp_path: Path) -> None:
@@ -395,6 +397,7 @@ def test_a_bag_of_the_same_scans_gives_the_same_trajectory(
     expected, settings = without_odometry
     bag = write_bag(open_recording(street), bag_path(tmp_path, kind), kind)
     options = ["--odometry", "none", "--config", settings, "--range-resolution", "0.175", "--quiet"]
+    options += ["--imu", "none", "--gnss", "none"]
     assert mqslam("run", bag, "--out", tmp_path / "out", *options).code == 0
     assert summary_of(tmp_path / "out")["dataset"]["format"] == "rosbag"
     assert (tmp_path / "out" / "trajectory.tum").read_bytes() == (expected / "trajectory.tum").read_bytes()
