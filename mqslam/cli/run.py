@@ -35,7 +35,6 @@ if TYPE_CHECKING:
     from mqslam.execution.runner import Watch
 
 _VIEWER = "viewer"
-_SENSORS = {"gyroscope": "the gyroscope", "gnss": "GNSS", "chirps": "the radar's velocity by its chirps"}
 
 
 def run(
@@ -123,17 +122,9 @@ def run(
 
 
 def list_sensor_notes(sensors: dict[str, dict[str, Any] | None]) -> list[str]:
-    """Returns what was found of the sensors that are used, and how far they move the trajectory; others are warnings."""
-    notes = list[str]()
-    for name, found in sensors.items():
-        if found is None or not found["used"]:
-            continue
-        notes += found["statements"]
-        if found["moved_m"] is not None:
-            turned = math.degrees(found["turned_rad"])
-            moved = f"moves the trajectory by {found['moved_m']:.2g} m (RMS) and turns its end by {turned:+.2g} deg"
-            notes.append(f"{_SENSORS[name]} {moved}")
-    return notes
+    """Returns what was found of the sensors that are used; what is said of others is a warning."""
+    used = (found for found in sensors.values() if found is not None and found["used"])
+    return [statement for found in used for statement in found["statements"]]
 
 
 @contextmanager

@@ -127,6 +127,12 @@ def report_run(run: Run, recording: Recording, summary: Mapping[str, Any]) -> Re
         covariances=run.covariances,
         warnings=tuple(summary["warnings"]),
         settings_yaml=dump_yaml(set_doppler_beta(run.config, run.doppler_beta)),
-        notes=(*recording.notes, *run.sensors.statements),
+        notes=(*recording.notes, *_list_sensor_notes(summary)),
         stood_still=len(moved) > 1 and moved.sum() == 1,
     )
+
+
+def _list_sensor_notes(summary: Mapping[str, Any]) -> list[str]:
+    """Returns what was found of the sensors that are used; what is said of others is a warning."""
+    used = (found for found in (summary.get("sensors") or {}).values() if found is not None and found["used"])
+    return [statement for found in used for statement in found["statements"]]
