@@ -109,9 +109,9 @@ class Slam:
             measurements = measure(self._name, scans, context, beam, runner)
         with runner.time_stage("optimise"):
             odometry = read_odometry_motions(scans, context, self._name)
-            edges = make_odometry_edges(odometry, measurements, config.odometry, config.graph)
+            reckoned = make_odometry_edges(odometry, measurements, config.odometry, config.graph)
             before = reckon(scans, odometry or measurements)
-            problem, used = Problem(measurements, edges, config.graph, config.loops), NO_USE
+            problem, used = Problem(measurements, reckoned.edges, config.graph, config.loops), NO_USE
             with runner.tolerate("the sensors beside the radar"):
                 sections = SensorSettings(config.gyroscope, config.gnss, config.velocity)
                 problem, used = join_sensors(problem, context.sensors, context.velocities, scans.start_us, sections)
@@ -138,7 +138,8 @@ class Slam:
             graph=graph,
             values=optimum.values,
             covariances=covariances,
-            odometry_factors=len(edges),
+            odometry_factors=len(reckoned.edges),
+            mount=reckoned.mount,
             loops=search.loops,
             loops_rejected=search.tried - len(search.loops),
             refined=refined,

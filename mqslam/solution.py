@@ -12,6 +12,7 @@ from mqslam.auditing.windows.windows import WindowAudit
 from mqslam.backend.linear.marginals import PoseCovariances
 from mqslam.backend.pose_graph import PoseGraph
 from mqslam.backend.sensor_use import SensorUse
+from mqslam.backend.sensors.odometry.odometry_calibration import MountEstimate
 from mqslam.backend.sensors.odometry.odometry_edges import ODOMETRY
 from mqslam.config import Config
 from mqslam.core.measurement import Loop, Measurement, Refined
@@ -37,6 +38,7 @@ class Solution:
         values: the optimised values.
         covariances: of all optimised poses, or why they are not known.
         odometry_factors: number of odometry edges in the graph.
+        mount: where the radar sits on the frame that odometry follows, as turns showed it, or None.
         loops: loop closures that were found; where the refinement has measured the same passes, its ties replace them.
         loops_rejected: number of loop candidates that psi, the graph or the map did not keep.
         refined: the refinement after the loops, and psi across passes.
@@ -55,6 +57,7 @@ class Solution:
     values: gtsam.Values
     covariances: PoseCovariances
     odometry_factors: int
+    mount: MountEstimate | None
     loops: list[Loop]
     loops_rejected: int
     refined: Refined

@@ -16,6 +16,7 @@ from mqslam.backend.sensors.gyroscope.gyroscope_use import GyroscopeUse, join_gy
 from mqslam.config import GnssConfig, GyroscopeConfig, VelocityConfig
 from mqslam.core import se2
 from mqslam.core.measurement import Refined
+from mqslam.core.sensors.mount import Mount
 from mqslam.core.sensors.sensors import Sensors
 from mqslam.core.sensors.velocity import Velocities
 
@@ -49,14 +50,14 @@ class SensorUse:
         gyroscope: of the gyroscope.
         fixes: of the GNSS receiver.
         velocities: of the velocities that chirps measure.
-        mount: (3,) where the radar sits on the vehicle [m, m, rad], if that is known.
+        mount: where the radar sits on the vehicle, as it is stated, or None.
         contributions: how far each sensor that is used moves the trajectory, by its name, once that is measured.
     """
 
     gyroscope: GyroscopeUse | None = None
     fixes: FixUse | None = None
     velocities: VelocityUse | None = None
-    mount: se2.Array | None = None
+    mount: Mount | None = None
     contributions: Mapping[str, Contribution] = field(default_factory=dict)
 
     @property
@@ -115,12 +116,12 @@ def join_sensors(
     Returns:
         The problem with the sensors that agree, and what became of all.
     """
-    turning, placing, moving, mount = None, None, None, None if sensors.mount is None else sensors.mount.pose
+    turning, placing, moving, mount = None, None, None, sensors.mount
     if sensors.gyroscope is not None and problem.measurements:
         turning = join_gyroscope(sensors.gyroscope, start_us, problem.measurements, problem.yaw_drift, settings.gyroscope)
         problem = replace(problem, turns=turning.edges)
     if sensors.fixes is not None and problem.measurements:
-        antenna = np.zeros(2) if mount is None else se2.inverse(mount)[:2]  # at the origin of the vehicle's frame
+        antenna = np.zeros(2) if mount is None else se2.inverse(mount.pose)[:2]  # at the origin of the vehicle's frame
         placing = join_fixes(sensors.fixes, start_us, problem.measurements, antenna, settings.gnss)
         problem = replace(problem, fixes=placing.edges)
     if velocities is not None and problem.measurements:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -11,10 +11,11 @@ from mqslam.commands.opening import USUAL_INPUTS, Inputs, choose_odometry, choos
 from mqslam.commands.result import RunResult
 from mqslam.commands.work import QUIET, Work
 from mqslam.config import Config
+from mqslam.core import se2
 from mqslam.core.recording import Recording
 from mqslam.core.sensors.sensors import NO_SENSORS, Sensors
 from mqslam.core.trajectory import Trajectory
-from mqslam.errors import Remedy
+from mqslam.errors import ConfigError, Remedy, suggest
 from mqslam.execution.checkpoint import hash_run, keep_checkpoint
 from mqslam.execution.files import to_json_values
 from mqslam.execution.folders import check_free, write_folder_aside
@@ -23,6 +24,9 @@ from mqslam.report.run_page import write_run_pages
 from mqslam.results.run_results import add_warnings, summarise, write_run
 from mqslam.results.run_verdict import list_warnings
 from mqslam.slam import Slam
+
+RADAR, VEHICLE = "radar", "vehicle"
+"""The frames whose poses a run may write."""
 
 
 def run(  # noqa: PLR0913 - these are the options of a run, each with its default
@@ -34,6 +38,7 @@ def run(  # noqa: PLR0913 - these are the options of a run, each with its defaul
     imu: str = "auto",
     gnss: str = "auto",
     extrinsics: str = "auto",
+    frame: str = RADAR,
     config: Config | Path | str | None = None,
     format: str | None = None,
     range_resolution: float | None = None,
@@ -53,6 +58,7 @@ def run(  # noqa: PLR0913 - these are the options of a run, each with its defaul
         gnss: `auto` (the recording's own fixes, unless its ground truth was made from them), `none`, or the path of a file.
         extrinsics: where the radar sits on the vehicle: `auto` (what the recording states, if it does), `none`, or a text
             X,Y,YAW of metres forward, metres to the left and degrees to the left.
+        frame: whose poses are written: `radar`, or `vehicle`, which takes that the extrinsics are known.
         config: settings, or the path of a YAML file, or the name of one that ships with mqslam; None takes the defaults.
         format: layout of the recording; None guesses it.
         range_resolution: length of a range bin [m], if the recording does not state it or is wrong.
@@ -76,6 +82,7 @@ def run(  # noqa: PLR0913 - these are the options of a run, each with its defaul
     check_free(out, force=force, resume=resume, recording=data)
     inputs = Inputs(odometry, imu, gnss, extrinsics)
     job = open_job(data, settings, frontend, inputs, format, range_resolution, strict=strict)
+    job = replace(job, frame=_check_frame(frame, job.sensors))
     for note in job.log:
         work.tell(note)
     return RunResult(out, execute(job, out, work, resume=resume))
@@ -93,6 +100,7 @@ class Job:
         strict: whether a polar scan that cannot be read is an error.
         notes: what a user should know about the choice of odometry and sensors.
         sensors: the other sensors it uses.
+        frame: whose poses it writes: `radar` or `vehicle`.
     """
 
     recording: Recording
@@ -102,6 +110,7 @@ class Job:
     strict: bool
     notes: tuple[str, ...]
     sensors: Sensors = NO_SENSORS
+    frame: str = RADAR
 
     @property
     def log(self) -> tuple[str, ...]:
@@ -111,7 +120,7 @@ class Job:
     @property
     def key(self) -> str:
         """A string that differs for any other recording, settings, front end, odometry or sensors."""
-        return hash_run(self.recording, self.settings, self.frontend, self.odometry, self.sensors)
+        return hash_run(self.recording, self.settings, f"{self.frontend} {self.frame}", self.odometry, self.sensors)
 
 
 def open_job(
@@ -133,7 +142,22 @@ def open_job(
     recording = open_data(data, format, range_resolution, settings, strict=strict)
     track, notes = choose_odometry(recording, inputs.odometry, settings.reading)
     sensors, told = choose_sensors(recording, inputs)
+    if track is not None and sensors.mount is not None:  # odometry follows the vehicle's frame
+        track = Trajectory(track.stamps_us, se2.compose(track.poses, sensors.mount.pose))
     return Job(recording, track, settings, frontend, strict, (*notes, *told), sensors)
+
+
+def _check_frame(frame: str, sensors: Sensors) -> str:
+    """Returns the frame whose poses are written.
+
+    Raises:
+        ConfigError: there is no such frame, or it is the vehicle's and nothing says where the radar sits on it.
+    """
+    if frame not in (RADAR, VEHICLE):
+        raise ConfigError(f"frame {frame}: is unknown; {suggest(frame, (RADAR, VEHICLE))}")
+    if frame == VEHICLE and sensors.mount is None:
+        raise ConfigError(f"frame {frame}: nothing says where the radar sits on the vehicle", Remedy.GIVE_EXTRINSICS)
+    return frame
 
 
 def execute(job: Job, out: Path, work: Work, *, resume: bool, how: str = Remedy.RESUME) -> dict[str, Any]:
@@ -158,10 +182,11 @@ def execute(job: Job, out: Path, work: Work, *, resume: bool, how: str = Remedy.
         result = slam.run(job.recording, job.odometry, job.sensors)
         warnings = [*list_warnings(result, job.recording), *job.notes]
         summary: dict[str, Any] = to_json_values(
-            {**summarise(result, job.recording), "warnings": warnings, "run_key": job.key}
+            {**summarise(result, job.recording), "frame": job.frame, "warnings": warnings, "run_key": job.key}
         )
+        mount = job.sensors.mount if job.frame == VEHICLE else None
         with write_folder_aside(out) as folder:
-            write_run(folder, result, summary, job.log)
+            write_run(folder, result, summary, job.log, None if mount is None else mount.pose)
             add_warnings(folder, summary, job.log, write_run_pages(folder, result, job.recording, summary))
     return summary
 

@@ -34,6 +34,10 @@ _CARDS: Final = {
 }
 _SENSORS: Final = {"gyroscope": "Gyroscope", "gnss": "GNSS", "chirps": "Velocities by chirps"}
 _LABELS: Final = {
+    "mount.x_m": ("ahead", " m"),
+    "mount.y_m": ("to the left", " m"),
+    "mount.yaw_rad": ("turned to the left", " rad"),
+    "mount.sigmas": ("± (one sigma each)", ""),
     "chirps.factors": ("velocities in the graph", ""),
     "chirps.scale": ("travel by psi per travel by them", ""),
     "chirps.sigma_scale": ("± (one sigma)", ""),
@@ -243,6 +247,9 @@ def _list_numbers(report: Report) -> Numbers:
         if group == "runtime_s" and report.summary.get("peak_rss_mb") is not None:
             rows.append(("peak memory", format_value(report.summary["peak_rss_mb"], " MB")))
         cards.append(Values(heading, tuple(rows)))
+    mount = section_of(report.summary, "mount")
+    if mount:
+        cards.append(Values("Radar on the vehicle", tuple(_label("mount", key, value, "") for key, value in mount.items())))
     cards += [_list_sensor(name, found) for name, found in section_of(report.summary, "sensors").items() if found]
     return Numbers("Map quality", _tabulate_quality(report), "", tuple(cards))
 

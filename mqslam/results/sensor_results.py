@@ -33,6 +33,18 @@ def summarise_sensors(run: Solution) -> dict[str, Any]:
     return found
 
 
+def summarise_mount(run: Solution) -> dict[str, Any] | None:
+    """Returns where the radar sits on the vehicle, as it was stated or as turns showed it; None where neither says."""
+    stated, shown = run.sensors.mount, run.mount
+    if stated is not None:
+        x, y, yaw = stated.pose.tolist()
+        return {"source": stated.source, "x_m": x, "y_m": y, "yaw_rad": yaw, "sigmas": None}
+    if shown is None or not shown.is_told:
+        return None
+    x, y, yaw = shown.pose.tolist()
+    return {"source": "turns against odometry", "x_m": x, "y_m": y, "yaw_rad": yaw, "sigmas": shown.sigmas.tolist()}
+
+
 def _describe_contribution(moved: Contribution) -> str:
     """Returns how far a sensor moves the trajectory, in words that follow its name."""
     turned = math.degrees(moved.turned_rad)

@@ -72,7 +72,7 @@ COLUMNS = [
     "matched",
     "status",
 ]
-SCANS = 48
+SCANS, ALONE = 48, ("--imu", "none", "--gnss", "none")
 
 
 def summary_of(out: Path) -> dict[str, Any]:
@@ -105,8 +105,7 @@ def run(street: Path, tmp_path_factory: pytest.TempPathFactory) -> Callable[...,
 
     def command(*options: str | Path) -> Path:
         out = tmp_path_factory.mktemp("run") / "deep" / "out"
-        alone = ("--imu", "none", "--gnss", "none")
-        result = mqslam("run", street, "--out", out, "--jobs", "1", *alone, *options)
+        result = mqslam("run", street, "--out", out, "--jobs", "1", *ALONE, *options)
         assert result.code == 0, result.err
         return out
 
@@ -396,8 +395,7 @@ def test_a_bag_of_the_same_scans_gives_the_same_trajectory(
 ) -> None:
     expected, settings = without_odometry
     bag = write_bag(open_recording(street), bag_path(tmp_path, kind), kind)
-    options = ["--odometry", "none", "--config", settings, "--range-resolution", "0.175", "--quiet"]
-    options += ["--imu", "none", "--gnss", "none"]
+    options = ["--odometry", "none", "--config", settings, "--range-resolution", "0.175", "--quiet", *ALONE]
     assert mqslam("run", bag, "--out", tmp_path / "out", *options).code == 0
     assert summary_of(tmp_path / "out")["dataset"]["format"] == "rosbag"
     assert (tmp_path / "out" / "trajectory.tum").read_bytes() == (expected / "trajectory.tum").read_bytes()

@@ -33,7 +33,7 @@ def compare(data: Path, out: Path, frontends: tuple[str, ...], *, back_end: bool
 @cache
 def run(data: Path, out: Path, *options: str) -> Path:
     """Runs the whole method by radar alone; returns the folder of the results."""
-    _call("run", data, "--out", out, "--odometry", "none", *options)
+    _call("run", data, "--out", out, "--odometry", "none", "--imu", "none", "--gnss", "none", *options)
     return out
 
 

@@ -24,6 +24,8 @@ from mqslam.config import GraphConfig, OdometryConfig
 from mqslam.core import se2
 from mqslam.core.measurement import Measurement
 
+_PLACE: Final = slice(2, 5)  # of the common parameters: where the radar sits
+_TOLD: Final = 0.1  # an estimate that is not this many times as sure as the prior says nothing of its own: by definition
 _COMMON: Final = 5  # parameters with one value for the whole run; the bias follows them
 _DELAY_S: Final = 0.1  # no clock that serves at all is much later than this: the prior's standard deviation [s]
 _MOUNT_M: Final = 2.0  # a radar is about as far from the point that odometry follows: the prior's standard deviation [m]
@@ -49,6 +51,24 @@ class Design:
 
 
 @dataclass(frozen=True, slots=True)
+class MountEstimate:
+    """Where the radar sits on the frame that odometry follows, as turns showed it.
+
+    Args:
+        pose: (3,) ahead [m], to the left [m], and turned [rad].
+        sigmas: (3,) standard deviations.
+    """
+
+    pose: se2.Array
+    sigmas: NDArray[np.float64]
+
+    @property
+    def is_told(self) -> bool:
+        """Whether turns showed where the radar sits, far better than the prior does."""
+        return bool(np.all(self.sigmas[:2] < _TOLD * _MOUNT_M))
+
+
+@dataclass(frozen=True, slots=True)
 class Calibration:
     """The parameters and what is known of them.
 
@@ -59,6 +79,11 @@ class Calibration:
 
     parameters: NDArray[np.float64]
     covariance: NDArray[np.float64]
+
+    @property
+    def mount(self) -> MountEstimate:
+        """Where the radar sits."""
+        return MountEstimate(self.parameters[_PLACE], np.sqrt(np.diag(self.covariance)[_PLACE]))
 
     def correct(self, design: Design) -> NDArray[np.float64]:
         """Returns the corrections (N, 3) of the motions."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Final
 
@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from mqslam.backend.sensors.odometry.odometry_calibration import (
     Calibration,
     Design,
+    MountEstimate,
     fit,
     make_design,
     make_prior_information,
@@ -49,9 +50,22 @@ def reckon(scans: Scans, motions: Sequence[Measurement]) -> Trajectory:
     return Trajectory(scans.stamps_us, se2.chain(motion.pose for motion in motions))
 
 
+@dataclass(frozen=True, slots=True)
+class OdometryUse:
+    """What became of odometry.
+
+    Args:
+        edges: its motions, calibrated, with noise to match; none where there is no odometry.
+        mount: where the radar sits on the frame that odometry follows, as the calibration found it, or None.
+    """
+
+    edges: list[Measurement]
+    mount: MountEstimate | None = None
+
+
 def make_odometry_edges(
     odometry: Sequence[Measurement], measured: Sequence[Measurement], stated: OdometryConfig, settings: GraphConfig
-) -> list[Measurement]:
+) -> OdometryUse:
     """Returns the motions of odometry, calibrated where psi found the motion itself, with noise to match.
 
     The edges of a graph err independently, while an error of the calibration is common to all of them. Over a stretch of
@@ -70,16 +84,16 @@ def make_odometry_edges(
     """
     converged = np.array([motion.status is Status.CONVERGED for motion in measured], dtype=bool)
     if not odometry:
-        return []
+        return OdometryUse([])
     lasts = odometry[-1].t1 - odometry[0].t0
     span = max(1, min(len(odometry), round(len(odometry) * settings.odometry_span_s / max(lasts, 1e-9))))
     if converged.sum() < settings.odometry_fewest:
         own = np.sqrt([np.diag(motion.covariance) for motion in odometry])
-        return _state(odometry, np.zeros_like(own), spread_common(own, converged, span))
+        return OdometryUse(_state(odometry, np.zeros_like(own), spread_common(own, converged, span)))
     design = make_design(odometry, span)
     calibration, noise = _calibrate(odometry, measured, converged, design, span, stated, settings)
     common = spread_common(calibration.list_sigmas(design), converged, span)
-    return _state(odometry, calibration.correct(design), noise + common)
+    return OdometryUse(_state(odometry, calibration.correct(design), noise + common), calibration.mount)
 
 
 def _calibrate(
