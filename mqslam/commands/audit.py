@@ -296,7 +296,10 @@ def detect_radar(
         MqslamError: the recording cannot be read, carries no such trajectory, or is not covered by it.
     """
     recording = open_data(data, format, range_resolution, settings)
-    carried = {"odometry": recording.odometry, "ground_truth": recording.ground_truth}
+    odometry, mount = recording.odometry, recording.mount
+    if odometry is not None and mount is not None:
+        odometry = mount.carry_to_radar(odometry)
+    carried = {"odometry": odometry, "ground_truth": recording.ground_truth}
     tracks = {name: track for name, track in carried.items() if track is not None}
     track = given or _pick_carried(data, tracks, name)
     require_covered(make_scans(recording), track, settings.audit)  # a mistake is raised before the recording is read

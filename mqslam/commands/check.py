@@ -67,7 +67,7 @@ def check(
     """
     settings = choose_settings(config)
     recording = open_data(Path(data), format, range_resolution, settings)
-    track, notes = choose_odometry(recording, odometry, settings.reading)
+    track, notes = choose_odometry(recording, odometry, settings.reading, recording.mount)
     notes = [*recording.notes, *notes]
     for note in notes:
         work.tell(note)

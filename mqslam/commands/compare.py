@@ -100,7 +100,7 @@ def compare(  # noqa: PLR0913 - these are the options of a comparison, each with
     given, told = _make_given_rows(trajectories or {}, frontends)
     check_free(out, force=force, resume=resume, recording=data)
     recording = open_data(data, format, range_resolution, settings)
-    track, notes = choose_odometry(recording, odometry, settings.reading)
+    track, notes = choose_odometry(recording, odometry, settings.reading, recording.mount)
     notes += told
     sensors = _choose_gyroscope(recording, imu, frontends)
     for note in recording.notes:

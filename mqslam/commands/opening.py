@@ -80,13 +80,18 @@ def open_data(
     return recording
 
 
-def choose_odometry(recording: Recording, choice: str, reading: ReadingConfig) -> tuple[Trajectory | None, list[str]]:
-    """Returns the odometry that a run uses, and what the user should know about the choice.
+def choose_odometry(
+    recording: Recording, choice: str, reading: ReadingConfig, mount: Mount | None
+) -> tuple[Trajectory | None, list[str]]:
+    """Returns the odometry that a run uses, as the motion of the radar, and what the user should know about the choice.
+
+    Odometry follows the vehicle. Where nobody says how the radar is mounted, it is taken as the motion of the radar itself.
 
     Args:
         recording: the recording.
         choice: `auto` (the recording's own, if it has one), `none`, or the path of a file.
         reading: how recordings are understood.
+        mount: where the radar sits on the vehicle, or None.
 
     Raises:
         DataError: the file cannot be read or does not cover the recording.
@@ -102,10 +107,15 @@ def choose_odometry(recording: Recording, choice: str, reading: ReadingConfig) -
                 f"spans {track.stamps_us[0]} to {track.stamps_us[-1]} us, which does not cover the recording",
                 f"give odometry that spans {recording.start_us} to {last} us in the radar's clock",
             )
-        return track, []
+        return _carry(track, mount), []
     if recording.odometry is not None and not recording.odometry.covers(recording.start_us, last, reading.track_slack_us):
         return None, ["the recording's odometry does not cover the whole recording and is not used"]
-    return recording.odometry, []
+    return _carry(recording.odometry, mount), []
+
+
+def _carry(vehicle: Trajectory | None, mount: Mount | None) -> Trajectory | None:
+    """Returns the poses of the radar on a vehicle; those of the vehicle where it is not known how the radar is mounted."""
+    return vehicle if vehicle is None or mount is None else mount.carry_to_radar(vehicle)
 
 
 def choose_sensors(recording: Recording, inputs: Inputs) -> tuple[Sensors, list[str]]:

@@ -11,7 +11,6 @@ from mqslam.commands.opening import USUAL_INPUTS, Inputs, choose_odometry, choos
 from mqslam.commands.result import RunResult
 from mqslam.commands.work import QUIET, Work
 from mqslam.config import Config
-from mqslam.core import se2
 from mqslam.core.recording import Recording
 from mqslam.core.sensors.sensors import NO_SENSORS, Sensors
 from mqslam.core.trajectory import Trajectory
@@ -140,10 +139,8 @@ def open_job(
         DataError: the recording, the odometry or a sensor's file cannot be used.
     """
     recording = open_data(data, format, range_resolution, settings, strict=strict)
-    track, notes = choose_odometry(recording, inputs.odometry, settings.reading)
     sensors, told = choose_sensors(recording, inputs)
-    if track is not None and sensors.mount is not None:  # odometry follows the vehicle's frame
-        track = Trajectory(track.stamps_us, se2.compose(track.poses, sensors.mount.pose))
+    track, notes = choose_odometry(recording, inputs.odometry, settings.reading, sensors.mount)
     return Job(recording, track, settings, frontend, strict, (*notes, *told), sensors)
 
 

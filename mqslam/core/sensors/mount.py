@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from mqslam.core import se2
+from mqslam.core.trajectory import Trajectory
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -18,3 +19,7 @@ class Mount:
 
     pose: se2.Array
     source: str
+
+    def carry_to_radar(self, vehicle: Trajectory) -> Trajectory:
+        """Returns the poses of the radar on a vehicle, in the frame in which the vehicle's poses are given."""
+        return Trajectory(vehicle.stamps_us, se2.compose(vehicle.poses, self.pose))

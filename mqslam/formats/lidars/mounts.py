@@ -69,5 +69,6 @@ class Mounts:
             if frame not in self.parents or self.parents[frame][0] in passed:
                 return None
             frame, step = self.parents[frame]
-            matrix = step @ matrix
+            with np.errstate(invalid="ignore"):  # a transform that is not finite shows in the result
+                matrix = step @ matrix
         return matrix

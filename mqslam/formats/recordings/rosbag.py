@@ -20,8 +20,9 @@ from mqslam.config.reading_config import ReadingConfig
 from mqslam.core.recording import PolarScan, Recording
 from mqslam.core.trajectory import Trajectory
 from mqslam.errors import DataError
+from mqslam.formats.recordings.bag_poses import Frames
 from mqslam.formats.sensors.carried import read_carried
-from mqslam.formats.sensors.ros_sensors import RosSensors, list_sensor_messages
+from mqslam.formats.sensors.ros_sensors import VEHICLE_FRAME, RosSensors, list_sensor_messages
 from mqslam.formats.shared import bags, polar_message
 from mqslam.formats.shared.arrivals import smooth_arrivals
 from mqslam.formats.shared.azimuth_rows import azimuth_stamps, note_spread, spread_azimuths
@@ -141,10 +142,19 @@ def open_recording(path: Path, sensing: Sensing, settings: ReadingConfig) -> Ros
     odometry, truth = (bags.trajectory_of(index.poses.get(name or "", ())) for name in (odometry_topic, truth_topic))
     for name in (odometry_topic, truth_topic):
         faults += bags.note_left_out(index.poses.get(name or "", ()), name)
-    if odometry is not None:
-        notes.append(f"odometry from {odometry_topic} is taken as the motion of the radar itself")
-    if truth is not None:
-        notes.append(f"ground truth from {truth_topic} is taken as the pose of the radar itself")
+    carried = read_carried(
+        lambda: sensors.read_gyroscope(path),
+        lambda: sensors.read_fixes(path),
+        lambda: sensors.read_mount(path, index.radar_frame),
+        sensors.notes,
+    )
+    frames = Frames(index.radar_frame, carried.sensors.mount, sensors.mounts)
+    if odometry is not None and odometry_topic is not None:
+        odometry, note = frames.place_odometry(odometry, odometry_topic, index.frames[odometry_topic])
+        notes.append(note)
+    if truth is not None and truth_topic is not None:
+        truth, note = frames.place_truth(truth, truth_topic, index.frames[truth_topic])
+        notes.append(note)
     recording = RosbagRecording(
         path=path,
         format="rosbag",
@@ -161,12 +171,6 @@ def open_recording(path: Path, sensing: Sensing, settings: ReadingConfig) -> Ros
         logged_ns=np.array(index.logged_ns, dtype=np.int64)[ordered],
         clockwise=clockwise,
     )
-    carried = read_carried(
-        lambda: sensors.read_gyroscope(path),
-        lambda: sensors.read_fixes(path),
-        lambda: sensors.read_mount(path, index.radar_frame),
-        sensors.notes,
-    )
     return carried.add_to(recording)
 
 
@@ -175,7 +179,8 @@ class _Index:
     """The result of one pass over a bag: polar scans, messages that are none, and poses (t, x, y, yaw) by topic.
 
     Turns are those of polar scans whose azimuths are stamped, None where these do not tell; of the messages that are no
-    polar scans, the first is kept as an error. The radar's frame is that of its first message.
+    polar scans, the first is kept as an error. The radar's frame is that of its first message, and so is that whose poses
+    a topic has, "" where its messages do not name it.
     """
 
     stamps_us: list[int] = field(default_factory=list)
@@ -186,6 +191,7 @@ class _Index:
     error: DataError | None = None
     poses: dict[str, list[bags.PoseRow]] = field(default_factory=dict)
     radar_frame: str = ""
+    frames: dict[str, str] = field(default_factory=dict)
 
 
 def _choose_pose_topics(reader: AnyReader) -> tuple[str | None, str | None]:
@@ -216,6 +222,7 @@ def _read_index(
         if connection.topic != topic:
             message: Any = reader.deserialize(raw, connection.msgtype)
             index.poses.setdefault(connection.topic, []).append(bags.pose_of(connection.msgtype, message))
+            index.frames.setdefault(connection.topic, getattr(message, "child_frame_id", ""))
             continue
         try:
             with bags.name_message(path, topic, logged):
@@ -266,9 +273,10 @@ def write(kind: str, message: Message, out: Path, recording: Recording) -> list[
     with write_bag(out, kind) as bag:
         sources = [_list_scans(bag, recording, message)]
         if recording.odometry is not None:
-            sources.append(_list_poses(bag, recording.odometry, ODOMETRY_TOPIC, "odom"))
+            moved = RADAR_FRAME if recording.mount is None else VEHICLE_FRAME
+            sources.append(_list_poses(bag, recording.odometry, ODOMETRY_TOPIC, ("odom", moved)))
         if recording.ground_truth is not None:
-            sources.append(_list_poses(bag, recording.ground_truth, TRUTH_TOPIC, "map"))
+            sources.append(_list_poses(bag, recording.ground_truth, TRUTH_TOPIC, ("map", RADAR_FRAME)))
         sources += list_sensor_messages(bag, recording)
         for stamp, connection, content in heapq.merge(*sources, key=lambda entry: entry[0]):
             bag.write(connection, stamp, content)
@@ -283,8 +291,9 @@ def _list_scans(bag: Bag, recording: Recording, message: Message) -> Iterator[_E
         yield int(azimuth_stamps(recording, polar_scan)[0]), connection, make(bag, recording, k, polar_scan)
 
 
-def _list_poses(bag: Bag, track: Trajectory, topic: str, frame: str) -> Iterator[_Entry]:
-    """Lists poses of the radar in a fixed frame as odometry messages, each with the mean twist until the next."""
+def _list_poses(bag: Bag, track: Trajectory, topic: str, frames: tuple[str, str]) -> Iterator[_Entry]:
+    """Lists poses in a fixed frame, of another frame, as odometry messages, each with the mean twist until the next."""
+    fixed, moved = frames
     connection = bag.topic(topic, ODOMETRY_TYPE)
     twists = track.mean_twists(track.stamps_us[:-1], track.stamps_us[1:])
     unknown = np.zeros(36)
@@ -294,8 +303,8 @@ def _list_poses(bag: Bag, track: Trajectory, topic: str, frame: str) -> Iterator
         twist = bag.make("geometry_msgs/msg/Twist", bag.vector(vx, vy, 0.0), bag.vector(0.0, 0.0, omega))
         message = bag.make(
             ODOMETRY_TYPE,
-            bag.header(stamp, frame),
-            RADAR_FRAME,
+            bag.header(stamp, fixed),
+            moved,
             bag.make("geometry_msgs/msg/PoseWithCovariance", bag.pose(pose), unknown),
             bag.make("geometry_msgs/msg/TwistWithCovariance", twist, unknown),
         )

@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 IMU_TYPE, FIX_TYPE = "sensor_msgs/msg/Imu", "sensor_msgs/msg/NavSatFix"
 STATIC_TOPIC = "/tf_static"
 _IMU_TOPIC, _FIX_TOPIC, _TRUTH_FIX_TOPIC = "/imu/data", "/gps/fix", "/ground_truth/fix"
-_VEHICLE = "base_link"
+VEHICLE_FRAME = "base_link"
 _IMU_FRAME, _FIX_FRAME = "imu", "gps"  # no transform places them: rates stay about the axes that they are read about
 _NOT_GIVEN = -1.0  # first number of a covariance whose quantity an Imu does not state
 _NO_FIX = -1  # status of a NavSatFix
@@ -198,7 +198,7 @@ def _list_mount(bag: Bag, mount: Mount, stamp_us: int) -> Iterator[tuple[int, Co
     connection = bag.topic(STATIC_TOPIC, TF_TYPE, latched=True)
     x, y, yaw = mount.pose.tolist()
     move = bag.make("geometry_msgs/msg/Transform", bag.vector(x, y, 0.0), bag.quaternion(yaw))
-    stamped = bag.make("geometry_msgs/msg/TransformStamped", bag.header(stamp_us, _VEHICLE), RADAR_FRAME, move)
+    stamped = bag.make("geometry_msgs/msg/TransformStamped", bag.header(stamp_us, VEHICLE_FRAME), RADAR_FRAME, move)
     yield stamp_us, connection, bag.make(TF_TYPE, [stamped])
 
 
