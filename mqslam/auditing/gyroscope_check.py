@@ -64,23 +64,35 @@ def check_gyroscope(gyroscope: Gyroscope, scans: Scans, trajectory: Trajectory, 
     spread = SIGMAS_PER_DEVIATION * float(np.nanmedian(np.abs(found.residuals))) if found.residuals.size else np.nan
     turns = turns._replace(variances=np.full(len(yaws), spread**2 + _LEAST_VARIANCE))
     found = calibrate(gyroscope, start, turns, settings)
-    faults = _list_faults(found.rotation, settings)
-    statement = (
-        f"the gyroscope ({source}) agrees with the trajectory: over a scan both differ by {np.rad2deg(spread):.2g} deg"
-    )
-    if faults:
-        statement = f"the gyroscope ({source}) contradicts the trajectory: {'; '.join(faults)}"
-    return GyroscopeCheck(source, statement, not faults, found.rotation, spread)
+    faults, remark = _list_faults(found.rotation, settings), _describe_scale(found.rotation, settings)
+    agreed = f"agrees with the trajectory: over a scan both differ by {np.rad2deg(spread):.2g} deg{remark}"
+    outcome = f"contradicts the trajectory: {'; '.join(faults)}" if faults else agreed
+    return GyroscopeCheck(source, f"the gyroscope ({source}) {outcome}", not faults, found.rotation, spread)
 
 
 def _list_faults(rotation: Rotation, settings: GyroscopeConfig) -> list[str]:
-    """Returns in which ways a trajectory turns otherwise than its gyroscope."""
+    """Returns in which ways a gyroscope and a trajectory cannot both be right; which of them is wrong it does not say."""
     faults = []
     if rotation.sign < 0.0:
-        faults.append("it turns the other way")
+        faults.append("it turns the other way; either it is mounted upside down, or the trajectory is mirrored")
     off, late_s = rotation.scale - 1.0, -rotation.delay_s
-    if abs(off) > max(settings.told_sigmas * rotation.scale_sigma, settings.scale_tolerance):
-        faults.append(f"the trajectory turns {off:+.1%} too far")
+    if abs(off) > settings.likely_scale + settings.told_sigmas * rotation.scale_sigma:
+        faults.append(_compare_turns(off))
     if abs(late_s) > max(settings.told_sigmas * rotation.delay_sigma_s, settings.delay_tolerance_s):
-        faults.append(f"the trajectory's stamps are {abs(late_s):.2f} s {'late' if late_s > 0.0 else 'early'}")
+        faults.append(
+            f"the trajectory's stamps are {abs(late_s):.2f} s {'later' if late_s > 0.0 else 'earlier'} than its own"
+        )
     return faults
+
+
+def _describe_scale(rotation: Rotation, settings: GyroscopeConfig) -> str:
+    """Returns what to add where a trajectory turns farther or less far than a gyroscope, as that one's scale may explain."""
+    off = rotation.scale - 1.0
+    if abs(off) <= max(settings.told_sigmas * rotation.scale_sigma, settings.scale_tolerance):
+        return ""
+    return f"; {_compare_turns(off)}, which the scale of a gyroscope may explain"
+
+
+def _compare_turns(off: float) -> str:
+    """Returns by how much a trajectory turns otherwise than a gyroscope, in words."""
+    return f"the trajectory turns {abs(off):.1%} {'farther' if off > 0.0 else 'less'} than it"

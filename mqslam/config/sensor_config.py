@@ -105,6 +105,12 @@ class GyroscopeConfig(BaseModel):
     scale_tolerance: float = expert(
         0.01, ge=0.0, description="A smaller error of the scale is put right and not worth a word."
     )
+    likely_scale: float = expert(
+        0.03,
+        ge=0.0,
+        description="Error of the scale that data sheets of cheap gyroscopes allow: an audit blames nothing on a smaller "
+        "one.",
+    )
     knot_s: float = expert(1.0, gt=0.0, description="Time between two values of its bias in the graph [s].")
     first_walk: float = expert(
         0.001,

@@ -14,6 +14,7 @@ from mqslam.core import se2
 from mqslam.core.frontend import Context
 from mqslam.core.measurement import Measurement, Status
 from mqslam.core.scans import Scan
+from mqslam.core.sensors.velocity import Outcome, Velocities
 from mqslam.core.trajectory import Trajectory
 from mqslam.errors import EstimationError, FewReturnsError
 from mqslam.execution.local_engine import LocalEngine
@@ -129,6 +130,25 @@ def test_a_corridor_is_called_degenerate_with_the_covariance_large_along_it() ->
     off = errors(recording, motions)
     assert np.abs(off[:, 1]).max() < 0.03
     assert all(abs(e[0]) < 3.0 * np.sqrt(m.covariance[0, 0]) for e, m in zip(off, motions, strict=True))
+
+
+def test_what_chirps_tell_carries_the_motion_that_a_corridor_does_not_show() -> None:
+    recording, scans = drive(make_corridor_scene(), ConstantDrive(5.0, 0.0), 6.0)
+    times = np.array([0.5 * (scan.t0 + scan.t1) for scan in scans])
+    told, spread = np.tile([5.0, 0.0], (len(times), 1)), np.tile(0.01 * np.eye(2), (len(times), 1, 1))
+    outcomes = np.full(len(times), Outcome.MEASURED, dtype=np.int64)
+    context = Context(
+        Config(sensor=SensorConfig(doppler_beta=0.0)),
+        recording.revolution_s,
+        recording.start_us,
+        None,
+        velocities=Velocities(times, told, spread, outcomes, 0.05),
+    )
+    motions = list(PsiFrontEnd(context).measure(scans))
+    assert {m.status for m in motions} == {Status.DEGENERATE}  # what is told is held, and never taken for a measurement
+    off, alone = errors(recording, motions), errors(recording, measured(recording, scans))
+    assert abs(off[:, 0].mean()) < 0.1
+    assert abs(alone[:, 0].mean()) > 0.5
 
 
 @pytest.mark.parametrize("count", [0, 1])

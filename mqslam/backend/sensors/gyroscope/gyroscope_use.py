@@ -136,7 +136,8 @@ def _describe_corrections(rotation: Rotation, settings: GyroscopeConfig) -> list
         sentences.append(f"the gyroscope's clock is {_describe_delay(rotation.delay_s)}, which is put right")
     off = rotation.scale - 1.0
     if abs(off) > max(settings.told_sigmas * rotation.scale_sigma, settings.scale_tolerance):
-        sentences.append(f"the gyroscope turns {-off / rotation.scale:+.1%} too far, which is put right")
+        far = "too little" if off > 0.0 else "too far"
+        sentences.append(f"the gyroscope turns {abs(off) / rotation.scale:.1%} {far}, which is put right")
     return sentences
 
 

@@ -1,0 +1,66 @@
+"""A gyroscope says whether a trajectory turns as the radar did, and when."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+import pytest
+from support.bends import START_US, TURN_S, Unit, read, yaw_at
+
+from mqslam.auditing.gyroscope_check import GyroscopeCheck, check_gyroscope
+from mqslam.config import GyroscopeConfig
+from mqslam.core.scans import Returns, Scan, Scans
+from mqslam.core.trajectory import Trajectory
+
+COUNT = 600
+SCANS = Scans(tuple(Scan(TURN_S * k, TURN_S * (k + 1), Returns.none()) for k in range(COUNT)), START_US, TURN_S)
+"""Scans of a radar; of their returns the check takes no notice."""
+
+
+def trajectory(scale: float = 1.0, late_s: float = 0.0) -> Trajectory:
+    """Returns the drive as a SLAM might have found it."""
+    times = TURN_S * np.arange(COUNT)
+    yaws = scale * (yaw_at(times) - yaw_at(np.zeros(1))) + np.random.default_rng(3).normal(0.0, 1e-3, COUNT)
+    stamps = START_US + np.round((times + late_s) * 1e6).astype(np.int64)
+    return Trajectory(stamps, np.column_stack((2.0 * np.arange(COUNT), np.zeros(COUNT), yaws)))
+
+
+def checked(track: Trajectory, unit: Unit | None = None) -> GyroscopeCheck:
+    return check_gyroscope(read(unit or Unit(), 150.0), SCANS, track, GyroscopeConfig())
+
+
+def test_a_trajectory_that_turns_as_the_radar_did_agrees() -> None:
+    check = checked(trajectory())
+    assert check.agrees is True and "agrees with the trajectory: over a scan both differ by 0." in check.statement
+    assert check.differ_rad == pytest.approx(np.sqrt(2.0) * 1e-3, rel=0.3)
+
+
+@pytest.mark.parametrize(
+    ("track", "said"),
+    [
+        (trajectory(scale=1.05), r"the trajectory turns 4\.\d% farther than it"),
+        (trajectory(scale=0.95), r"the trajectory turns 5\.\d% less than it"),
+        (trajectory(scale=-1.0), "it turns the other way"),
+        (trajectory(late_s=0.15), "the trajectory's stamps are 0.15 s later than its own"),
+        (trajectory(late_s=-0.15), "the trajectory's stamps are 0.15 s earlier than its own"),
+    ],
+)
+def test_a_trajectory_that_turned_otherwise_is_told_how(track: Trajectory, said: str) -> None:
+    check = checked(track)
+    assert check.agrees is False
+    assert re.search(rf"contradicts the trajectory: .*{said}", check.statement), check.statement
+
+
+def test_a_difference_that_the_scale_of_a_gyroscope_may_explain_is_told_and_contradicts_nothing() -> None:
+    check = checked(trajectory(), Unit(scale=0.98))
+    assert check.agrees is True
+    assert "the trajectory turns 2.0% farther than it, which the scale of a gyroscope may explain" in check.statement
+
+
+def test_noise_and_too_few_poses_tell_nothing() -> None:
+    assert checked(trajectory(), Unit(scale=0.0)).agrees is None
+    short = trajectory()
+    short = Trajectory(short.stamps_us[:20], short.poses[:20])
+    check = checked(short)
+    assert check.agrees is None and "covers too little of the trajectory" in check.statement
