@@ -109,12 +109,13 @@ class Slam:
             measurements = measure(self._name, scans, context, beam, runner)
         with runner.time_stage("optimise"):
             odometry = read_odometry_motions(scans, context, self._name)
-            reckoned = make_odometry_edges(odometry, measurements, config.odometry, config.graph)
+            edges = make_odometry_edges(odometry, measurements, config.odometry, config.graph, context.sensors.mount)
             before = reckon(scans, odometry or measurements)
-            problem, used = Problem(measurements, reckoned.edges, config.graph, config.loops), NO_USE
+            problem, used = Problem(measurements, edges, config.graph, config.loops), NO_USE
             with runner.tolerate("the sensors beside the radar"):
-                sections = SensorSettings(config.gyroscope, config.gnss, config.velocity)
-                problem, used = join_sensors(problem, context.sensors, context.velocities, scans.start_us, sections)
+                sections = SensorSettings(config.gyroscope, config.gnss, config.velocity, config.odometry)
+                sensors, velocities = context.sensors, context.velocities
+                problem, used = join_sensors(problem, odometry, sensors, velocities, scans.start_us, sections)
         search = LoopSearch([], 0)
         if config.loops.enabled:
             with runner.time_stage("loops"), runner.tolerate("the search for loops"):
@@ -138,8 +139,7 @@ class Slam:
             graph=graph,
             values=optimum.values,
             covariances=covariances,
-            odometry_factors=len(reckoned.edges),
-            mount=reckoned.mount,
+            odometry_factors=len(edges),
             loops=search.loops,
             loops_rejected=search.tried - len(search.loops),
             refined=refined,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import gtsam
 
@@ -12,12 +12,13 @@ from mqslam.auditing.windows.windows import WindowAudit
 from mqslam.backend.linear.marginals import PoseCovariances
 from mqslam.backend.pose_graph import PoseGraph
 from mqslam.backend.sensor_use import SensorUse
-from mqslam.backend.sensors.odometry.odometry_calibration import MountEstimate
 from mqslam.backend.sensors.odometry.odometry_edges import ODOMETRY
 from mqslam.config import Config
+from mqslam.core import se2
 from mqslam.core.measurement import Loop, Measurement, Refined
 from mqslam.core.point_map import PointMap
 from mqslam.core.sensors.georeference import Georeference
+from mqslam.core.sensors.mount import Mount
 from mqslam.core.trajectory import Trajectory
 from mqslam.errors import DataError
 from mqslam.psi.place import Beam, beam_of
@@ -38,7 +39,6 @@ class Solution:
         values: the optimised values.
         covariances: of all optimised poses, or why they are not known.
         odometry_factors: number of odometry edges in the graph.
-        mount: where the radar sits on the frame that odometry follows, as turns showed it, or None.
         loops: loop closures that were found; where the refinement has measured the same passes, its ties replace them.
         loops_rejected: number of loop candidates that psi, the graph or the map did not keep.
         refined: the refinement after the loops, and psi across passes.
@@ -57,7 +57,6 @@ class Solution:
     values: gtsam.Values
     covariances: PoseCovariances
     odometry_factors: int
-    mount: MountEstimate | None
     loops: list[Loop]
     loops_rejected: int
     refined: Refined
@@ -91,6 +90,8 @@ class Run(Solution):
         checked: the optimised map judged, of its windows a sample; None where that could not be done.
         runtime_s: runtime of each stage [s].
         unread: the error for each polar scan that could not be read and was left out, by its number.
+        mount: where the radar sits on the vehicle, if trajectories, their covariances and maps are those of the vehicle, in
+            the frame of its first pose; None where they are those of the radar.
     """
 
     map_odometry: PointMap
@@ -98,6 +99,31 @@ class Run(Solution):
     checked: Audit | None
     runtime_s: dict[str, float]
     unread: dict[int, DataError]
+    mount: Mount | None = None
+
+    @property
+    def georeference(self) -> Georeference | None:
+        """Where the optimised map lies on the Earth, if GNSS says so."""
+        place = super().georeference
+        return place if place is None or self.mount is None else place.carry(self.mount.pose)
+
+    def carry_to_vehicle(self, mount: Mount) -> Run:
+        """Returns the run with the trajectories, covariances and maps of the vehicle, in the frame of its first pose.
+
+        Graph, measurements, loops and checks stay those of the radar, and places on the Earth stay where they are.
+        """
+        start = mount.pose  # of the radar's first pose, whose frame the run is in, in that of the vehicle's first pose
+        tracks = [mount.carry_to_vehicle(track) for track in (self.odometry, self.optimised)]
+        odometry, optimised = (Trajectory(track.stamps_us, se2.compose(start, track.poses)) for track in tracks)
+        return replace(
+            self,
+            odometry=odometry,
+            optimised=optimised,
+            covariances=self.covariances.carry(mount.pose),
+            map_odometry=self.map_odometry.carry(start),
+            map_optimised=self.map_optimised.carry(start),
+            mount=mount,
+        )
 
     @property
     def checks(self) -> list[WindowAudit]:

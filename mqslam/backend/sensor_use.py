@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
@@ -13,10 +13,10 @@ from mqslam.backend.sensors.chirps.velocity_use import VelocityUse, join_velocit
 from mqslam.backend.sensors.gnss.alignment import align
 from mqslam.backend.sensors.gnss.fix_use import FixUse, join_fixes
 from mqslam.backend.sensors.gyroscope.gyroscope_use import GyroscopeUse, join_gyroscope
-from mqslam.config import GnssConfig, GyroscopeConfig, VelocityConfig
+from mqslam.backend.sensors.mount_use import MountUse, find_mount
+from mqslam.config import GnssConfig, GyroscopeConfig, OdometryConfig, VelocityConfig
 from mqslam.core import se2
-from mqslam.core.measurement import Refined
-from mqslam.core.sensors.mount import Mount
+from mqslam.core.measurement import Measurement, Refined
 from mqslam.core.sensors.sensors import Sensors
 from mqslam.core.sensors.velocity import Velocities
 
@@ -27,6 +27,7 @@ class SensorSettings(NamedTuple):
     gyroscope: GyroscopeConfig
     gnss: GnssConfig
     velocity: VelocityConfig
+    odometry: OdometryConfig
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,25 +51,27 @@ class SensorUse:
         gyroscope: of the gyroscope.
         fixes: of the GNSS receiver.
         velocities: of the velocities that chirps measure.
-        mount: where the radar sits on the vehicle, as it is stated, or None.
+        mount: where the radar sits on the vehicle; None where nothing says anything about it.
         contributions: how far each sensor that is used moves the trajectory, by its name, once that is measured.
     """
 
     gyroscope: GyroscopeUse | None = None
     fixes: FixUse | None = None
     velocities: VelocityUse | None = None
-    mount: Mount | None = None
+    mount: MountUse | None = None
     contributions: Mapping[str, Contribution] = field(default_factory=dict)
 
     @property
     def statements(self) -> list[str]:
         """What a user should know of all sensors."""
-        return [statement for use in self._uses for statement in use.statements]
+        mounted = [] if self.mount is None else self.mount.statements
+        return [*mounted, *(statement for use in self._uses for statement in use.statements)]
 
     @property
     def refusals(self) -> list[str]:
-        """What a user should know of the sensors that are not used."""
-        return [statement for use in self._uses if use.edges is None for statement in use.statements]
+        """What a user should know of the sensors that are not used, and of a mount that odometry contradicts."""
+        contradictions = [] if self.mount is None or self.mount.contradiction is None else [self.mount.contradiction]
+        return contradictions + [statement for use in self._uses if use.edges is None for statement in use.statements]
 
     @property
     def _uses(self) -> list[GyroscopeUse | FixUse | VelocityUse]:
@@ -99,6 +102,7 @@ NO_USE = SensorUse()
 
 def join_sensors(
     problem: Problem,
+    odometry: Sequence[Measurement],
     sensors: Sensors,
     velocities: Velocities | None,
     start_us: int,
@@ -108,6 +112,7 @@ def join_sensors(
 
     Args:
         problem: the trajectory, as the front end and odometry have it.
+        odometry: its own motions, before they were calibrated, or none.
         sensors: of the recording.
         velocities: that the radar's chirps measured, or None.
         start_us: stamp [us] of the recording's time zero.
@@ -117,17 +122,18 @@ def join_sensors(
         The problem with the sensors that agree, and what became of all.
     """
     turning, placing, moving, mount = None, None, None, sensors.mount
+    mounted = find_mount(mount, odometry, problem.measurements, settings.odometry, problem.graph_settings)
     if sensors.gyroscope is not None and problem.measurements:
         turning = join_gyroscope(sensors.gyroscope, start_us, problem.measurements, problem.yaw_drift, settings.gyroscope)
         problem = replace(problem, turns=turning.edges)
     if sensors.fixes is not None and problem.measurements:
-        antenna = np.zeros(2) if mount is None else se2.inverse(mount.pose)[:2]  # at the origin of the vehicle's frame
+        antenna = None if mount is None else se2.inverse(mount.pose)[:2]  # at the origin of the vehicle's frame
         placing = join_fixes(sensors.fixes, start_us, problem.measurements, antenna, settings.gnss)
         problem = replace(problem, fixes=placing.edges)
     if velocities is not None and problem.measurements:
         moving = join_velocities(velocities, problem.measurements, settings.velocity)
         problem = replace(problem, travels=moving.edges)
-    return problem, SensorUse(turning, placing, moving, mount)
+    return problem, SensorUse(turning, placing, moving, mounted)
 
 
 def _compare(poses: se2.Array, others: se2.Array) -> Contribution:

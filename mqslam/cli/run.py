@@ -18,6 +18,7 @@ from mqslam.cli.terminal.options import (
     Extrinsics,
     Force,
     Format,
+    Frame,
     Frontend,
     Gnss,
     Imu,
@@ -28,6 +29,7 @@ from mqslam.cli.terminal.options import (
     RangeResolution,
     Verbose,
 )
+from mqslam.cli.terminal.remedies import name_options
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -46,9 +48,7 @@ def run(
     imu: Imu = "auto",
     gnss: Gnss = "auto",
     extrinsics: Extrinsics = "auto",
-    frame: Annotated[
-        str, typer.Option(help="Whose poses are written: radar, or vehicle, which takes that its extrinsics are known.")
-    ] = "radar",
+    frame: Frame = "radar",
     format: Format = None,
     range_resolution: RangeResolution = None,
     jobs: Jobs = CORES,
@@ -115,7 +115,7 @@ def run(
     elif not quiet:
         for warning in summary["warnings"]:
             console.print(f"warning: {warning}", style="yellow", highlight=False, soft_wrap=True)
-        print_notes(console, [*list_sensor_notes(summary["sensors"]), *_describe_mount(summary["mount"])])
+        print_notes(console, [*list_mount_notes(summary["mount"]), *list_sensor_notes(summary["sensors"])])
         if settings.sensor.doppler_beta is None and summary["doppler_beta"]:
             beta = summary["doppler_beta"]
             print_notes(
@@ -125,22 +125,15 @@ def run(
         typer.echo(f"report: {result.report}")
 
 
+def list_mount_notes(mount: dict[str, Any] | None) -> list[str]:
+    """Returns what was found of where the radar sits on the vehicle, with the options of the command line."""
+    return [] if mount is None else [name_options(statement) for statement in mount["statements"]]
+
+
 def list_sensor_notes(sensors: dict[str, dict[str, Any] | None]) -> list[str]:
     """Returns what was found of the sensors that are used; what is said of others is a warning."""
     used = (found for found in sensors.values() if found is not None and found["used"])
     return [statement for found in used for statement in found["statements"]]
-
-
-def _describe_mount(mount: dict[str, Any] | None) -> list[str]:
-    """Returns where the radar sits on the vehicle, if turns have shown it; what was stated is known."""
-    if mount is None or mount["sigmas"] is None:
-        return []
-    x, y, yaw = mount["x_m"], mount["y_m"], math.degrees(mount["yaw_rad"])
-    (sigma_x, sigma_y), sigma_yaw = mount["sigmas"][:2], math.degrees(mount["sigmas"][2])
-    place = (
-        f"{x:.2f} ± {sigma_x:.2g} m ahead, {y:.2f} ± {sigma_y:.2g} m to the left, turned by {yaw:.2f} ± {sigma_yaw:.2g} deg"
-    )
-    return [f"against odometry, the radar sits {place}; --extrinsics states it"]
 
 
 @contextmanager

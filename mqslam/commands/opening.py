@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -16,9 +16,12 @@ from mqslam.core.sensors.gyroscope import Gyroscope
 from mqslam.core.sensors.mount import Mount
 from mqslam.core.sensors.sensors import Sensors
 from mqslam.core.trajectory import Trajectory
-from mqslam.errors import DataError, Remedy
+from mqslam.errors import ConfigError, DataError, Remedy, suggest
 from mqslam.formats.recordings import open_recording, read_odometry
 from mqslam.formats.sensors import read_fixes, read_gyroscope
+
+RADAR, VEHICLE = "radar", "vehicle"
+"""What the poses that a run writes may be the poses of."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,12 +33,14 @@ class Inputs:
         imu: of the gyroscope, or the path of a file.
         gnss: or the path of a file.
         extrinsics: where the radar sits on the vehicle, or X,Y,YAW: metres forward, metres and degrees to the left.
+        frame: `radar` or `vehicle`: whose poses a run writes.
     """
 
     odometry: str = "auto"
     imu: str = "auto"
     gnss: str = "auto"
     extrinsics: str = "auto"
+    frame: str = RADAR
 
 
 USUAL_INPUTS = Inputs()
@@ -85,7 +90,7 @@ def choose_odometry(
 ) -> tuple[Trajectory | None, list[str]]:
     """Returns the odometry that a run uses, as the motion of the radar, and what the user should know about the choice.
 
-    Odometry follows the vehicle. Where nobody says how the radar is mounted, it is taken as the motion of the radar itself.
+    Odometry moves the vehicle's frame. Where it is not known how the radar is mounted, it is taken as the radar's motion.
 
     Args:
         recording: the recording.
@@ -116,6 +121,33 @@ def choose_odometry(
 def _carry(vehicle: Trajectory | None, mount: Mount | None) -> Trajectory | None:
     """Returns the poses of the radar on a vehicle; those of the vehicle where it is not known how the radar is mounted."""
     return vehicle if vehicle is None or mount is None else mount.carry_to_radar(vehicle)
+
+
+def check_frame(frame: str, mount: Mount | None, data: Path) -> None:
+    """Checks that a run can write poses of what is asked for.
+
+    Args:
+        frame: `radar` or `vehicle`.
+        mount: where the radar sits on the vehicle, or None.
+        data: the recording, for the message.
+
+    Raises:
+        ConfigError: the frame is neither, or the vehicle's and the mount is not known.
+    """
+    if frame not in (RADAR, VEHICLE):
+        raise ConfigError(f"frame {frame}: unknown; {suggest(frame, [RADAR, VEHICLE])}")
+    if frame == VEHICLE and mount is None:
+        raise ConfigError(
+            f"{data}: poses of the vehicle are asked for, but nothing says where the radar sits on it",
+            Remedy.GIVE_EXTRINSICS_OR_RADAR,
+        )
+
+
+def place_truth(recording: Recording, mount: Mount | None) -> Recording:
+    """Returns a recording whose ground truth is carried to the radar, if it is of the vehicle and the mount is known."""
+    if mount is None or recording.ground_truth is None or not recording.truth_on_vehicle:
+        return recording
+    return replace(recording, ground_truth=mount.carry_to_radar(recording.ground_truth), truth_on_vehicle=False)
 
 
 def choose_sensors(recording: Recording, inputs: Inputs) -> tuple[Sensors, list[str]]:
@@ -203,7 +235,7 @@ def choose_mount(recording: Recording, choice: str) -> tuple[Mount | None, list[
     if choice == "none":
         return None, []
     if choice != "auto":
-        return Mount(to_pose(parse_extrinsics(choice)), "given"), []
+        return Mount(to_pose(parse_extrinsics(choice)), "given", given=True), []
     return recording.mount, []
 
 

@@ -7,14 +7,24 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from mqslam.commands.opening import USUAL_INPUTS, Inputs, choose_odometry, choose_sensors, choose_settings, open_data
+from mqslam.commands.opening import (
+    RADAR,
+    USUAL_INPUTS,
+    Inputs,
+    check_frame,
+    choose_odometry,
+    choose_sensors,
+    choose_settings,
+    open_data,
+    place_truth,
+)
 from mqslam.commands.result import RunResult
 from mqslam.commands.work import QUIET, Work
 from mqslam.config import Config
 from mqslam.core.recording import Recording
 from mqslam.core.sensors.sensors import NO_SENSORS, Sensors
 from mqslam.core.trajectory import Trajectory
-from mqslam.errors import ConfigError, Remedy, suggest
+from mqslam.errors import Remedy
 from mqslam.execution.checkpoint import hash_run, keep_checkpoint
 from mqslam.execution.files import to_json_values
 from mqslam.execution.folders import check_free, write_folder_aside
@@ -23,9 +33,7 @@ from mqslam.report.run_page import write_run_pages
 from mqslam.results.run_results import add_warnings, summarise, write_run
 from mqslam.results.run_verdict import list_warnings
 from mqslam.slam import Slam
-
-RADAR, VEHICLE = "radar", "vehicle"
-"""The frames whose poses a run may write."""
+from mqslam.solution import Run
 
 
 def run(  # noqa: PLR0913 - these are the options of a run, each with its default
@@ -57,7 +65,8 @@ def run(  # noqa: PLR0913 - these are the options of a run, each with its defaul
         gnss: `auto` (the recording's own fixes, unless its ground truth was made from them), `none`, or the path of a file.
         extrinsics: where the radar sits on the vehicle: `auto` (what the recording states, if it does), `none`, or a text
             X,Y,YAW of metres forward, metres to the left and degrees to the left.
-        frame: whose poses are written: `radar`, or `vehicle`, which takes that the extrinsics are known.
+        frame: whose poses are written, in the frame of its first one: `radar` or `vehicle`, for which it must be known where
+            the radar sits.
         config: settings, or the path of a YAML file, or the name of one that ships with mqslam; None takes the defaults.
         format: layout of the recording; None guesses it.
         range_resolution: length of a range bin [m], if the recording does not state it or is wrong.
@@ -79,9 +88,8 @@ def run(  # noqa: PLR0913 - these are the options of a run, each with its defaul
     data, out = Path(data), Path(out)
     settings = choose_settings(config)
     check_free(out, force=force, resume=resume, recording=data)
-    inputs = Inputs(odometry, imu, gnss, extrinsics)
+    inputs = Inputs(odometry, imu, gnss, extrinsics, frame)
     job = open_job(data, settings, frontend, inputs, format, range_resolution, strict=strict)
-    job = replace(job, frame=_check_frame(frame, job.sensors))
     for note in job.log:
         work.tell(note)
     return RunResult(out, execute(job, out, work, resume=resume))
@@ -99,7 +107,7 @@ class Job:
         strict: whether a polar scan that cannot be read is an error.
         notes: what a user should know about the choice of odometry and sensors.
         sensors: the other sensors it uses.
-        frame: whose poses it writes: `radar` or `vehicle`.
+        frame: `radar` or `vehicle`: whose poses it writes.
     """
 
     recording: Recording
@@ -118,8 +126,17 @@ class Job:
 
     @property
     def key(self) -> str:
-        """A string that differs for any other recording, settings, front end, odometry or sensors."""
-        return hash_run(self.recording, self.settings, f"{self.frontend} {self.frame}", self.odometry, self.sensors)
+        """A string that differs for any other recording, settings, front end, odometry, sensors or frame."""
+        key = hash_run(self.recording, self.settings, self.frontend, self.odometry, self.sensors)
+        return key if self.frame == RADAR else f"{key} {self.frame}"
+
+    def choose_frame(self, run: Run) -> tuple[Run, Recording]:
+        """Returns a finished run, and the recording with its ground truth, in the frame whose poses are to be written."""
+        mount, truth = self.sensors.mount, self.recording.ground_truth
+        if self.frame == RADAR or mount is None:
+            return run, self.recording
+        carried = None if truth is None else mount.carry_to_vehicle(truth)
+        return run.carry_to_vehicle(mount), replace(self.recording, ground_truth=carried)
 
 
 def open_job(
@@ -135,26 +152,16 @@ def open_job(
     """Opens a recording and chooses its odometry and sensors; the arguments are those of `run`.
 
     Raises:
-        ConfigError: the format is unknown, the range resolution is not a length, or the extrinsics are no pose.
+        ConfigError: the format is unknown, the range resolution is not a length, the extrinsics are no pose, or the frame is
+            unknown or that of a vehicle on which nobody says where the radar sits.
         DataError: the recording, the odometry or a sensor's file cannot be used.
     """
     recording = open_data(data, format, range_resolution, settings, strict=strict)
     sensors, told = choose_sensors(recording, inputs)
     track, notes = choose_odometry(recording, inputs.odometry, settings.reading, sensors.mount)
-    return Job(recording, track, settings, frontend, strict, (*notes, *told), sensors)
-
-
-def _check_frame(frame: str, sensors: Sensors) -> str:
-    """Returns the frame whose poses are written.
-
-    Raises:
-        ConfigError: there is no such frame, or it is the vehicle's and nothing says where the radar sits on it.
-    """
-    if frame not in (RADAR, VEHICLE):
-        raise ConfigError(f"frame {frame}: is unknown; {suggest(frame, (RADAR, VEHICLE))}")
-    if frame == VEHICLE and sensors.mount is None:
-        raise ConfigError(f"frame {frame}: nothing says where the radar sits on the vehicle", Remedy.GIVE_EXTRINSICS)
-    return frame
+    check_frame(inputs.frame, sensors.mount, data)
+    recording = place_truth(recording, sensors.mount)
+    return Job(recording, track, settings, frontend, strict, (*notes, *told), sensors, inputs.frame)
 
 
 def execute(job: Job, out: Path, work: Work, *, resume: bool, how: str = Remedy.RESUME) -> dict[str, Any]:
@@ -178,13 +185,11 @@ def execute(job: Job, out: Path, work: Work, *, resume: bool, how: str = Remedy.
         slam = Slam(job.settings, job.frontend, runner, strict=job.strict)
         result = slam.run(job.recording, job.odometry, job.sensors)
         warnings = [*list_warnings(result, job.recording), *job.notes]
-        summary: dict[str, Any] = to_json_values(
-            {**summarise(result, job.recording), "frame": job.frame, "warnings": warnings, "run_key": job.key}
-        )
-        mount = job.sensors.mount if job.frame == VEHICLE else None
+        shown, recording = job.choose_frame(result)
+        summary: dict[str, Any] = to_json_values({**summarise(shown, recording), "warnings": warnings, "run_key": job.key})
         with write_folder_aside(out) as folder:
-            write_run(folder, result, summary, job.log, None if mount is None else mount.pose)
-            add_warnings(folder, summary, job.log, write_run_pages(folder, result, job.recording, summary))
+            write_run(folder, shown, summary, job.log)
+            add_warnings(folder, summary, job.log, write_run_pages(folder, shown, recording, summary))
     return summary
 
 

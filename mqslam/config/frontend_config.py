@@ -151,3 +151,35 @@ class OdometryConfig(BaseModel):
     )
     sigma_rest_m: float = Field(0.01, gt=0.0, description="Standard deviation of the position over a scan at rest [m].")
     sigma_yaw_rate: float = Field(0.02, gt=0.0, description="Standard deviation of the yaw rate [rad/s].")
+    sigma_mount_m: float = Field(
+        0.05,
+        gt=0.0,
+        description="Standard deviation of the radar's place on the vehicle along each axis, where it is stated [m]. The "
+        "point that wheels move without slip lies between the rear wheels, and a tape measure finds it no better.",
+    )
+    sigma_mount_rad: float = Field(
+        0.01,
+        gt=0.0,
+        description="Standard deviation of the yaw at which the radar is mounted, where it is stated [rad]: MulRan's "
+        "calibration differs from straight ahead by as much.",
+    )
+    mount_common_m: float = expert(
+        0.03,
+        ge=0.0,
+        description="Standard deviation of what psi itself gets wrong in all turns alike, as a place of the radar [m]: "
+        "0.015 to 0.028 was found in simulated streets. An estimate states it beside what scatters from motion to motion.",
+    )
+    mount_common_rad: float = expert(
+        0.0005, ge=0.0, description="The same of the yaw [rad]: 0.0001 to 0.0005 was found in these streets."
+    )
+    mount_known_m: float = expert(
+        0.5,
+        gt=0.0,
+        description="The radar's place on the vehicle is stated as an estimate if its standard deviation along each axis is "
+        "smaller than this [m]; without turns it is not.",
+    )
+    mount_known_rad: float = expert(
+        0.02,
+        gt=0.0,
+        description="The same of the yaw at which the radar is mounted [rad], for which driving straight suffices.",
+    )

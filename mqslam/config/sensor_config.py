@@ -156,6 +156,12 @@ class GnssConfig(BaseModel):
         description="Fixes are not used if half of them lie farther from the trajectory than this share of its path: no "
         "trajectory drifts so much.",
     )
+    antenna_apart: float = expert(
+        3.0,
+        gt=0.0,
+        description="Where nothing says where the antenna sits, it is taken to be where the fixes of turning stretches show "
+        "it, if that is farther from the radar than this many standard deviations, else at the radar.",
+    )
     least_spread: float = expert(
         5.0,
         gt=0.0,

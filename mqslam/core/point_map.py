@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numba as nb
 import numpy as np
 from numpy.typing import NDArray
 
+from mqslam.core import se2
 from mqslam.core.statistics.evenly import pick_evenly
-from mqslam.core.stored import release
+from mqslam.core.stored import make_stored, release
 
 _BLOCK: Final = 200_000  # points of a map that are in memory at a time: a matter of memory only
 _LOOKED_AT: Final = 1_000_000  # points of a map, evenly spread over its time, that are looked at to thin it
@@ -62,6 +63,15 @@ class PointMap:
             part = slice(begin, begin + _BLOCK)
             yield PointMap(self.points[part], self.times[part], self.intensities[part], self.psi[part], self.matched[part])
             release(self.points, self.times, self.intensities, self.psi, self.matched)
+
+    def carry(self, frame: se2.Array) -> PointMap:
+        """Returns the map in another world frame, in which the present one has a pose (3,) [m, m, rad]."""
+        points, begin = make_stored(self.points.shape), 0
+        for block in self.blocks():
+            points[begin : begin + len(block)] = se2.transform(frame, block.points)
+            begin += len(block)
+            release(points)
+        return replace(self, points=points)
 
     @classmethod
     def empty(cls) -> PointMap:

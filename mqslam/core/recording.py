@@ -58,9 +58,11 @@ class Recording(ABC):
         stamps_us: (N,) int64 [us], stamp of the first azimuth of every polar scan, strictly increasing.
         turns_us: (N,) int64 [us], how long each turn takes: until the next one begins, unless a gap follows.
         range_resolution: length of a range bin [m].
-        odometry: dead-reckoned poses that the recording carries, or None: those of the vehicle's frame where the recording
-            states the mount, else taken as those of the radar.
-        ground_truth: poses of the radar known better than any estimate, for evaluation only, or None.
+        odometry: dead-reckoned poses the recording carries, or None: those of the vehicle's frame where the recording has a
+            mount, else taken as those of the radar.
+        ground_truth: poses of the radar that are known better than any estimate, for evaluation only, or None.
+        truth_on_vehicle: whether the ground truth is of the vehicle's frame instead, since the recording does not state
+            where the radar sits on it.
         gyroscope: readings of a gyroscope the recording carries, or None.
         fixes: GNSS fixes the recording carries, or None.
         mount: where the radar sits on the vehicle, as the recording states it, or None.
@@ -75,6 +77,7 @@ class Recording(ABC):
     range_resolution: float
     odometry: Trajectory | None = None
     ground_truth: Trajectory | None = None
+    truth_on_vehicle: bool = False
     gyroscope: Gyroscope | None = None
     fixes: Fixes | None = None
     mount: Mount | None = None

@@ -114,6 +114,8 @@ def _list_losses(recording: Recording, target: Target, unmarked: int) -> list[st
         notes.append(f"odometry is left behind: {target.name} has no place for it")
     if recording.ground_truth is not None and not target.truth:
         notes.append(f"ground truth is left behind: {target.name} has no place for it")
+    if recording.ground_truth is not None and recording.truth_on_vehicle and target.truth and not target.is_bag:
+        notes.append(f"ground truth is of the vehicle, which {target.name} cannot say: it will be read as that of the radar")
     carried = (("the gyroscope", recording.gyroscope), ("GNSS", recording.fixes), ("the radar's mount", recording.mount))
     for name, sensor in carried:
         if sensor is not None and not target.sensors:

@@ -1,16 +1,18 @@
-"""The results of a run as a ROS bag: /tf and /path of the radar, /map and /points of the world."""
+"""The results of a run as a ROS bag: /tf and /path of the radar or the vehicle, /map and /points of the world."""
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from mqslam.core.trajectory import Trajectory
+from mqslam.errors import DataError
 from mqslam.formats.maps.nav2_map import read_nav2_map
 from mqslam.formats.ply import read_ply
-from mqslam.formats.shared.bag_writer import RADAR_FRAME, TF_TYPE, Bag, write_bag
+from mqslam.formats.shared.bag_writer import RADAR_FRAME, TF_TYPE, VEHICLE_FRAME, Bag, write_bag
 from mqslam.formats.shared.bags import PATH_TYPE, POSE_TYPE
 from mqslam.formats.tum import read_tum
 
@@ -29,8 +31,8 @@ def is_run(path: Path) -> bool:
 def write_results(out: Path, run: Path, kind: str) -> None:
     """Writes the results of a run as a bag, whole or not at all.
 
-    Map, points and path are latched and lie at the first stamp, the transforms from the map's frame to the radar's at the
-    stamps of their scans.
+    Map, points and path are latched and lie at the first stamp, the transforms from the map's frame to the radar's, or the
+    vehicle's, at the stamps of their scans.
 
     Args:
         out: the file or folder.
@@ -42,7 +44,7 @@ def write_results(out: Path, run: Path, kind: str) -> None:
         OutputError: the bag cannot be written.
     """
     trajectory = read_tum(run / "trajectory.tum")
-    first = int(trajectory.stamps_us[0])
+    first, moved = int(trajectory.stamps_us[0]), _find_moved(run / "summary.json")
     with write_bag(out, kind) as bag:
         for topic, message_type, message in (
             ("/map", _GRID_TYPE, _make_grid(bag, run, first)),
@@ -52,15 +54,25 @@ def write_results(out: Path, run: Path, kind: str) -> None:
             bag.write(bag.topic(topic, message_type, latched=True), first, message)
         transforms = bag.topic("/tf", TF_TYPE)
         for stamp, pose in zip(trajectory.stamps_us.tolist(), trajectory.poses.tolist(), strict=True):
-            bag.write(transforms, stamp, _make_transform(bag, stamp, pose))
+            bag.write(transforms, stamp, _make_transform(bag, stamp, pose, moved))
 
 
-def _make_transform(bag: Bag, stamp_us: int, pose: list[float]) -> Any:
-    """Makes a transform of the radar's pose x, y [m], yaw [rad]."""
+def _find_moved(summary: Path) -> str:
+    """Returns the frame whose poses a run has, as its summary says."""
+    try:
+        stated = json.loads(summary.read_text(encoding="utf-8"))
+        of_vehicle = stated.get("frame") == "vehicle"  # a run of an earlier version has the radar's
+    except (OSError, ValueError, AttributeError) as error:
+        raise DataError(summary, "is no summary of a run", "run the recording anew") from error
+    return VEHICLE_FRAME if of_vehicle else RADAR_FRAME
+
+
+def _make_transform(bag: Bag, stamp_us: int, pose: list[float], moved: str) -> Any:
+    """Makes a transform of the pose x, y [m], yaw [rad] of a frame."""
     x, y, yaw = pose
     move = bag.make("geometry_msgs/msg/Transform", bag.vector(x, y, 0.0), bag.quaternion(yaw))
     header = bag.header(stamp_us, WORLD_FRAME)
-    return bag.make(TF_TYPE, [bag.make("geometry_msgs/msg/TransformStamped", header, RADAR_FRAME, move)])
+    return bag.make(TF_TYPE, [bag.make("geometry_msgs/msg/TransformStamped", header, moved, move)])
 
 
 def _make_path(bag: Bag, trajectory: Trajectory) -> Any:

@@ -32,12 +32,13 @@ _CARDS: Final = {
     "evaluation": "Against ground truth",
     "runtime_s": "Run time",
 }
-_SENSORS: Final = {"gyroscope": "Gyroscope", "gnss": "GNSS", "chirps": "Velocities by chirps"}
+_SENSORS: Final = {
+    "mount": "Radar on the vehicle",
+    "gyroscope": "Gyroscope",
+    "gnss": "GNSS",
+    "chirps": "Velocities by chirps",
+}
 _LABELS: Final = {
-    "mount.x_m": ("ahead", " m"),
-    "mount.y_m": ("to the left", " m"),
-    "mount.yaw_rad": ("turned to the left", " rad"),
-    "mount.sigmas": ("± (one sigma each)", ""),
     "chirps.factors": ("velocities in the graph", ""),
     "chirps.scale": ("travel by psi per travel by them", ""),
     "chirps.sigma_scale": ("± (one sigma)", ""),
@@ -60,6 +61,16 @@ _LABELS: Final = {
     "gnss.rejected": ("of them rejected as jumps", ""),
     "gnss.white_m": ("white noise", " m"),
     "gnss.walk_m": ("walk of the error", " m/√s"),
+    "gnss.antenna_x_m": ("antenna ahead of the radar", " m"),
+    "gnss.antenna_y_m": ("antenna to the radar's left", " m"),
+    "gnss.sigma_antenna_x_m": ("± ahead (one sigma)", " m"),
+    "gnss.sigma_antenna_y_m": ("± to the left (one sigma)", " m"),
+    "mount.x_m": ("ahead", " m"),
+    "mount.y_m": ("to the left", " m"),
+    "mount.yaw_rad": ("turned to the left", " rad"),
+    "mount.sigma_x_m": ("± ahead (one sigma)", " m"),
+    "mount.sigma_y_m": ("± to the left (one sigma)", " m"),
+    "mount.sigma_yaw_rad": ("± turned (one sigma)", " rad"),
     "gnss.moved_m": ("moves the trajectory by (RMS)", " m"),
     "gnss.turned_rad": ("turns its end by", " rad"),
     "dataset.duration_s": ("duration", " s"),
@@ -247,15 +258,13 @@ def _list_numbers(report: Report) -> Numbers:
         if group == "runtime_s" and report.summary.get("peak_rss_mb") is not None:
             rows.append(("peak memory", format_value(report.summary["peak_rss_mb"], " MB")))
         cards.append(Values(heading, tuple(rows)))
-    mount = section_of(report.summary, "mount")
-    if mount:
-        cards.append(Values("Radar on the vehicle", tuple(_label("mount", key, value, "") for key, value in mount.items())))
-    cards += [_list_sensor(name, found) for name, found in section_of(report.summary, "sensors").items() if found]
+    beside = {"mount": section_of(report.summary, "mount"), **section_of(report.summary, "sensors")}
+    cards += [_list_sensor(name, found) for name, found in beside.items() if found]
     return Numbers("Map quality", _tabulate_quality(report), "", tuple(cards))
 
 
 def _list_sensor(name: str, found: Mapping[str, Any]) -> Values:
-    """Returns the card of a sensor beside the radar: what was found of it, and how far it moves the trajectory."""
+    """Returns the card of the mount or of a sensor beside the radar: what was found of it, and how far it moves poses."""
     told = {key: value for key, value in found.items() if key != "statements" and value is not None}
     rows = [_label(name, key, value, "") for key, value in told.items()]
     return Values(_SENSORS[name], tuple(rows))

@@ -28,6 +28,7 @@ class Order:
         imu: likewise of the gyroscope.
         gnss: likewise of the GNSS fixes.
         extrinsics: `auto`, `none` or X,Y,YAW of the radar on the vehicle [m, m, degrees].
+        frame: `radar` or `vehicle`: whose poses are written.
     """
 
     name: str
@@ -38,6 +39,7 @@ class Order:
     imu: str = "auto"
     gnss: str = "auto"
     extrinsics: str = "auto"
+    frame: str = "radar"
 
 
 @dataclass(frozen=True, slots=True)

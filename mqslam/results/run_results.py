@@ -32,7 +32,6 @@ from mqslam.formats.ply import Clock, write_ply
 from mqslam.formats.tum import write_tum
 from mqslam.mapping.occupancy_grid import make_occupancy_grid
 from mqslam.results.audit_results import summarise_tests
-from mqslam.results.frames import carry_covariances_to_vehicle, carry_to_vehicle
 from mqslam.results.run_verdict import judge_run
 from mqslam.results.sensor_results import summarise_mount, summarise_sensors
 from mqslam.results.unjudged import list_unjudged
@@ -70,6 +69,7 @@ def summarise(run: Run, recording: Recording) -> dict[str, Any]:
         "mqslam_version": __version__,
         "frontend": run.frontend,
         "before": run.before,
+        "frame": "radar" if run.mount is None else "vehicle",
         "doppler_beta": run.doppler_beta,
         "dataset": {
             "format": recording.format,
@@ -107,8 +107,8 @@ def summarise(run: Run, recording: Recording) -> dict[str, Any]:
             "loop_rejected": run.loops_rejected,
             "refinement": len(run.refined.ties),
         },
-        "mount": summarise_mount(run),
         "sensors": summarise_sensors(run),
+        "mount": None if run.sensors.mount is None else summarise_mount(run.sensors.mount),
         "evaluation": _list_errors(run.optimised, truth),
         "evaluation_odometry": _list_errors(run.odometry, truth),
         "runtime_s": {
@@ -119,7 +119,7 @@ def summarise(run: Run, recording: Recording) -> dict[str, Any]:
     }
 
 
-def write_run(folder: Path, run: Run, summary: dict[str, Any], notes: Sequence[str], mount: se2.Array | None = None) -> None:
+def write_run(folder: Path, run: Run, summary: dict[str, Any], notes: Sequence[str]) -> None:
     """Writes every result file of a run but its page into an existing folder, the most valuable ones first.
 
     Covariances, map and graph may fail, by a fault of theirs or of a library or for want of memory. That is a warning,
@@ -130,23 +130,18 @@ def write_run(folder: Path, run: Run, summary: dict[str, Any], notes: Sequence[s
         run: the finished run.
         summary: content of summary.json, with its warnings.
         notes: what a user should know about how the recording was understood, for run.log.
-        mount: (3,) of the radar on the vehicle, whose poses are written then [m, m, rad]; None writes those of the radar.
 
     Raises:
         OutputError: a file cannot be written.
     """
-    optimised, odometry, covariances = run.optimised, run.odometry, run.covariances
-    if mount is not None:
-        optimised, odometry = carry_to_vehicle(optimised, mount), carry_to_vehicle(odometry, mount)
-        covariances = carry_covariances_to_vehicle(covariances, mount)
-    write_tum(folder / "trajectory.tum", optimised)
-    write_tum(folder / "odometry.tum", odometry)
+    write_tum(folder / "trajectory.tum", run.optimised)
+    write_tum(folder / "odometry.tum", run.odometry)
     write_text(folder / "measurements.csv", format_measurements(run.measurements))
     write_text(folder / "config.yaml", dump_yaml(set_doppler_beta(run.config, run.doppler_beta)))
     _write_numbers(folder, summary, notes)
     failures: list[str] = []
     with tolerate("covariances.csv", failures):
-        write_marginals(folder / "covariances.csv", optimised, covariances)
+        write_marginals(folder / "covariances.csv", run.optimised, run.covariances)
     with tolerate("graph.g2o", failures):
         write_text(folder / "graph.g2o", format_g2o(run.graph.factors, run.values, run.graph.size))
     with tolerate("map.ply", failures):
@@ -160,7 +155,7 @@ def write_run(folder: Path, run: Run, summary: dict[str, Any], notes: Sequence[s
             write_geotiff(folder / "map.tif", grid, run.georeference)
     if run.georeference is not None:
         with tolerate("trajectory.geojson", failures):
-            write_geojson(folder / "trajectory.geojson", optimised, run.georeference)
+            write_geojson(folder / "trajectory.geojson", run.optimised, run.georeference)
     add_warnings(folder, summary, notes, failures)
 
 

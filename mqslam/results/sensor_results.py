@@ -11,6 +11,7 @@ from mqslam.backend.sensors.chirps.velocity_use import VelocityUse
 from mqslam.backend.sensors.gnss.fix_use import FixUse
 from mqslam.backend.sensors.gyroscope.gyroscope_use import GyroscopeUse
 from mqslam.backend.sensors.gyroscope.rotation import Rotation
+from mqslam.backend.sensors.mount_use import MountUse
 from mqslam.solution import Solution
 
 _SUBJECTS: Final = {"gyroscope": "the gyroscope", "gnss": "GNSS", "chirps": "the radar's velocity by its chirps"}
@@ -33,22 +34,17 @@ def summarise_sensors(run: Solution) -> dict[str, Any]:
     return found
 
 
-def summarise_mount(run: Solution) -> dict[str, Any] | None:
-    """Returns where the radar sits on the vehicle, as it was stated or as turns showed it; None where neither says."""
-    stated, shown = run.sensors.mount, run.mount
-    if stated is not None:
-        x, y, yaw = stated.pose.tolist()
-        return {"source": stated.source, "x_m": x, "y_m": y, "yaw_rad": yaw, "sigmas": None}
-    if shown is None or not shown.is_told:
-        return None
-    x, y, yaw = shown.pose.tolist()
-    return {"source": "turns against odometry", "x_m": x, "y_m": y, "yaw_rad": yaw, "sigmas": shown.sigmas.tolist()}
-
-
 def _describe_contribution(moved: Contribution) -> str:
     """Returns how far a sensor moves the trajectory, in words that follow its name."""
     turned = math.degrees(moved.turned_rad)
     return f"moves the trajectory by {moved.moved_m:.2g} m (RMS) and turns its end by {turned:+.2g} deg"
+
+
+def summarise_mount(mount: MountUse) -> dict[str, Any]:
+    """Returns where the radar sits on the vehicle; NaN, which JSON has as null, where it is not known."""
+    numbers = dict(zip(("x_m", "y_m", "yaw_rad"), mount.pose.tolist(), strict=True))
+    numbers |= zip(("sigma_x_m", "sigma_y_m", "sigma_yaw_rad"), mount.sigmas.tolist(), strict=True)
+    return {**numbers, "source": mount.source, "statements": list(mount.statements)}
 
 
 def summarise_check(check: GyroscopeCheck) -> dict[str, Any]:
@@ -86,6 +82,9 @@ def _summarise_fixes(use: FixUse, run: Solution) -> dict[str, Any]:
     edges = use.edges
     if edges is None:
         return numbers | {"factors": 0}
+    if use.antenna is not None:
+        numbers |= zip(("antenna_x_m", "antenna_y_m"), use.antenna.place.tolist(), strict=True)
+        numbers |= zip(("sigma_antenna_x_m", "sigma_antenna_y_m"), use.antenna.sigmas.tolist(), strict=True)
     return numbers | {
         "factors": len(edges.scans),
         "rejected": edges.count_rejected(run.values),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Final
 
@@ -42,6 +42,11 @@ class PoseCovariances:
     def unknown(cls, why: str) -> PoseCovariances:
         """Returns no covariances, and why there are none."""
         return cls(np.empty(0, dtype=np.int64), np.empty((0, 3, 3)), why)
+
+    def carry(self, mount: se2.Array) -> PoseCovariances:
+        """Returns the covariances of a vehicle that carries the sensor at a pose (3,) [m, m, rad], in its own frames."""
+        lever = se2.adjoint(mount)
+        return replace(self, covariances=lever @ self.covariances @ lever.T)
 
     @property
     def warnings(self) -> list[str]:

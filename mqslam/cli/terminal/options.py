@@ -94,6 +94,13 @@ Extrinsics = Annotated[
         r"\[m] to the left, \[degrees] to the left.",
     ),
 ]
+Frame = Annotated[
+    str,
+    typer.Option(
+        metavar="radar|vehicle",
+        help="Whose poses are written, in the frame of its first one; the vehicle's need --extrinsics, or DATA states them.",
+    ),
+]
 ConfigName = Annotated[
     str | None,
     typer.Argument(

@@ -14,6 +14,7 @@ _WORDS: dict[str, str] = {
     Remedy.CHOOSE_OR_WRITE_OUTPUT: "choose another --out or give --force to write into it",
     Remedy.FREE_SPACE: "free space or choose another --out",
     Remedy.GIVE_EXTRINSICS: "give --extrinsics",
+    Remedy.GIVE_EXTRINSICS_OR_RADAR: "give --extrinsics X,Y,YAW, or --frame radar",
     Remedy.NAME_GYROSCOPE: "name the file of its readings with --imu",
     Remedy.GIVE_FITTING_TRAJECTORY: "give the --trajectory it was made with, or --time-offset if their clocks differ",
     Remedy.GIVE_MORE_POSES: "give a --trajectory with a pose for every scan",

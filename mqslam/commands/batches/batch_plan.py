@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
+from typing import Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
@@ -29,6 +30,7 @@ class PlannedRun(BaseModel):
     imu: str = Field("auto", description="gyroscope: auto (the recording's own, if it has one), none, or a file")
     gnss: str = Field("auto", description="auto (the recording's own, if its truth is not made from it), none, or a file")
     extrinsics: str = Field("auto", description="of the radar: auto (what the recording states), none, or X,Y,YAW")
+    frame: Literal["radar", "vehicle"] = Field("radar", description="whose poses are written: radar or vehicle")
     config: str | None = Field(None, description="a YAML file of settings, or the name of one that ships")
 
 
@@ -81,4 +83,4 @@ def _prepare_order(run: PlannedRun, folder: Path, taken: set[str]) -> Order:
     odometry, imu, gnss = (
         choice if choice in _CHOICES else str(folder / choice) for choice in (run.odometry, run.imu, run.gnss)
     )
-    return Order(name, data, run.frontend, load_config(config), odometry, imu, gnss, run.extrinsics)
+    return Order(name, data, run.frontend, load_config(config), odometry, imu, gnss, run.extrinsics, run.frame)

@@ -95,7 +95,7 @@ def _open_order(order: Order) -> Job:
     Raises:
         MqslamError: the recording, its odometry, its sensors or its front end cannot be used.
     """
-    inputs = Inputs(order.odometry, order.imu, order.gnss, order.extrinsics)
+    inputs = Inputs(order.odometry, order.imu, order.gnss, order.extrinsics, order.frame)
     return open_job(order.data, order.settings, order.frontend, inputs)
 
 

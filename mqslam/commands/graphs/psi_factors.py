@@ -153,7 +153,7 @@ def psi_factors(
         context = radar.make_context(odometry)
         measurements = MotionTable(radar.runner.follow("windows", measure_motions(frontend, context, scans), len(scans) - 1))
         motions = read_odometry_motions(scans, context, frontend)
-        edges = make_odometry_edges(motions, measurements, settings.odometry, settings.graph).edges
+        edges = make_odometry_edges(motions, measurements, settings.odometry, settings.graph)
     problem = Problem(measurements, edges, settings.graph, settings.loops)
     first_scans = problem.submaps.first_scans.tolist()
     own_keys = [int(submap_keys(j)) for j in range(len(first_scans))]

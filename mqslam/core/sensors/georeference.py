@@ -23,6 +23,10 @@ class Georeference:
     plane: TangentPlane
     pose: se2.Array
 
+    def carry(self, frame: se2.Array) -> Georeference:
+        """Returns where a map lies whose frame is another one, in which the frame of the present one has a pose (3,)."""
+        return Georeference(self.plane, se2.compose(self.pose, se2.inverse(frame)))
+
     def locate(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
         """Returns points (N, 2) of the map [m] on the Earth: (N, 2) latitude, longitude [degrees]."""
         return self.plane.locate(se2.transform(self.pose, points))

@@ -1,4 +1,4 @@
-"""Whose poses a bag holds, by the frame that their messages name: those of the radar, the vehicle or something on it."""
+"""What the poses of a bag are the poses of, by the frame that their messages name: radar, vehicle or something on it."""
 
 from __future__ import annotations
 
@@ -56,13 +56,19 @@ class Frames:
         if frame and name_frame(frame) == name_frame(self.radar):
             return truth, f"ground truth from {topic} is the pose of the radar"
         on_vehicle = self._find(frame)
-        if on_vehicle is None:
+        if self.mount is None or on_vehicle is None:
+            if on_vehicle is not None:
+                return truth, f"ground truth from {topic} is the pose of {frame}; where the radar sits on it is not stated"
             return truth, f"ground truth from {topic} is taken as the pose of the radar itself"
-        if self.mount is None:
-            return truth, f"ground truth from {topic} is the pose of {frame}; nothing says where the radar sits on it"
         to_radar = se2.compose(se2.inverse(on_vehicle), self.mount.pose)
         carried = Trajectory(truth.stamps_us, se2.compose(truth.poses, to_radar))
         return carried, f"ground truth from {topic} is the pose of {frame}, carried to the radar by {self.mount.source}"
+
+    def is_of_vehicle(self, frame: str) -> bool:
+        """Returns whether a frame is the vehicle's own, on which the bag does not place the radar."""
+        on_vehicle = self._find(frame)
+        apart = name_frame(frame) != name_frame(self.radar)
+        return self.mount is None and apart and on_vehicle is not None and not on_vehicle.any()
 
     def _find(self, frame: str) -> se2.Array | None:
         """Returns the pose (3,) of a frame on the vehicle, or None where no finite transforms place it."""

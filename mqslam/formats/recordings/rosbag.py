@@ -22,11 +22,11 @@ from mqslam.core.trajectory import Trajectory
 from mqslam.errors import DataError
 from mqslam.formats.recordings.bag_poses import Frames
 from mqslam.formats.sensors.carried import read_carried
-from mqslam.formats.sensors.ros_sensors import VEHICLE_FRAME, RosSensors, list_sensor_messages
+from mqslam.formats.sensors.ros_sensors import RosSensors, list_sensor_messages
 from mqslam.formats.shared import bags, polar_message
 from mqslam.formats.shared.arrivals import smooth_arrivals
 from mqslam.formats.shared.azimuth_rows import azimuth_stamps, note_spread, spread_azimuths
-from mqslam.formats.shared.bag_writer import KINDS, RADAR_FRAME, Bag, write_bag
+from mqslam.formats.shared.bag_writer import KINDS, RADAR_FRAME, VEHICLE_FRAME, Bag, write_bag
 from mqslam.formats.shared.bags import B_SCAN_TYPE, COMPRESSED_TYPE, IMAGE_TYPE, ODOMETRY_TYPE
 from mqslam.formats.shared.polar_message import Layout
 from mqslam.formats.shared.sensing import Sensing, note_resolution
@@ -148,11 +148,12 @@ def open_recording(path: Path, sensing: Sensing, settings: ReadingConfig) -> Ros
         lambda: sensors.read_mount(path, index.radar_frame),
         sensors.notes,
     )
-    frames = Frames(index.radar_frame, carried.sensors.mount, sensors.mounts)
+    frames, truth_on_vehicle = Frames(index.radar_frame, carried.sensors.mount, sensors.mounts), False
     if odometry is not None and odometry_topic is not None:
         odometry, note = frames.place_odometry(odometry, odometry_topic, index.frames[odometry_topic])
         notes.append(note)
     if truth is not None and truth_topic is not None:
+        truth_on_vehicle = frames.is_of_vehicle(index.frames[truth_topic])
         truth, note = frames.place_truth(truth, truth_topic, index.frames[truth_topic])
         notes.append(note)
     recording = RosbagRecording(
@@ -163,6 +164,7 @@ def open_recording(path: Path, sensing: Sensing, settings: ReadingConfig) -> Ros
         range_resolution=sensing.range_resolution or RANGE_RESOLUTION_M,
         odometry=odometry,
         ground_truth=truth,
+        truth_on_vehicle=truth_on_vehicle,
         notes=tuple(notes),
         faults=tuple(faults),
         topic=topic,
@@ -276,7 +278,8 @@ def write(kind: str, message: Message, out: Path, recording: Recording) -> list[
             moved = RADAR_FRAME if recording.mount is None else VEHICLE_FRAME
             sources.append(_list_poses(bag, recording.odometry, ODOMETRY_TOPIC, ("odom", moved)))
         if recording.ground_truth is not None:
-            sources.append(_list_poses(bag, recording.ground_truth, TRUTH_TOPIC, ("map", RADAR_FRAME)))
+            placed = VEHICLE_FRAME if recording.truth_on_vehicle else RADAR_FRAME
+            sources.append(_list_poses(bag, recording.ground_truth, TRUTH_TOPIC, ("map", placed)))
         sources += list_sensor_messages(bag, recording)
         for stamp, connection, content in heapq.merge(*sources, key=lambda entry: entry[0]):
             bag.write(connection, stamp, content)

@@ -24,7 +24,7 @@ from mqslam.formats.lidars.mounts import Mounts
 from mqslam.formats.sensors.reading import Reading, make_fixes, make_gyroscope
 from mqslam.formats.sensors.sensor_table import SensorTable
 from mqslam.formats.shared import bags
-from mqslam.formats.shared.bag_writer import RADAR_FRAME, TF_TYPE, Bag
+from mqslam.formats.shared.bag_writer import RADAR_FRAME, TF_TYPE, VEHICLE_FRAME, Bag
 
 if TYPE_CHECKING:
     from rosbags.highlevel import AnyReader
@@ -33,7 +33,6 @@ if TYPE_CHECKING:
 IMU_TYPE, FIX_TYPE = "sensor_msgs/msg/Imu", "sensor_msgs/msg/NavSatFix"
 STATIC_TOPIC = "/tf_static"
 _IMU_TOPIC, _FIX_TOPIC, _TRUTH_FIX_TOPIC = "/imu/data", "/gps/fix", "/ground_truth/fix"
-VEHICLE_FRAME = "base_link"
 _IMU_FRAME, _FIX_FRAME = "imu", "gps"  # no transform places them: rates stay about the axes that they are read about
 _NOT_GIVEN = -1.0  # first number of a covariance whose quantity an Imu does not state
 _NO_FIX = -1  # status of a NavSatFix

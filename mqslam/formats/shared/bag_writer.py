@@ -25,8 +25,8 @@ if TYPE_CHECKING:
 
 KINDS = {"rosbag1": ".bag", "mcap": ".mcap", "rosbag2": "", "rosbag2_mcap": ""}
 """Bags that can be written, with their suffixes: a ROS 1 file, a bare mcap, and ROS 2 folders with sqlite3 or mcap."""
-RADAR_FRAME = "radar"
-"""Frame of the radar in every bag."""
+RADAR_FRAME, VEHICLE_FRAME = "radar", "base_link"
+"""Frames of the radar and of the vehicle in every bag that is written."""
 TF_TYPE = "tf2_msgs/msg/TFMessage"
 _DEFINITIONS = {B_SCAN_TYPE: B_SCAN_DEFINITION, TF_TYPE: "geometry_msgs/TransformStamped[] transforms\n"}
 _LATEST_US = 2**31 * 1_000_000  # ROS 2 counts seconds in 31 bits [us]

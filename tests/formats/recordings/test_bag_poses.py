@@ -1,4 +1,4 @@
-"""The frame that its messages name decides whose poses a bag holds."""
+"""Poses of a bag are those of the radar, of the vehicle or of something on it, as their frames and /tf_static say."""
 
 from __future__ import annotations
 
@@ -7,74 +7,125 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from support.conversions import convert
+from support.recordings import START_US, TURN_US, circle
 
+from mqslam.commands.audit import detect_radar
+from mqslam.commands.opening import choose_odometry
+from mqslam.commands.work import QUIET
+from mqslam.config import Config, ReadingConfig
 from mqslam.core import se2
+from mqslam.core.recording import Recording
 from mqslam.core.sensors.mount import Mount
-from mqslam.core.trajectory import Trajectory
+from mqslam.formats.conversion import find_target, write_recording
 from mqslam.formats.lidars.mounts import Mounts
 from mqslam.formats.recordings import open_recording
 from mqslam.formats.recordings.bag_poses import Frames
 
-RADAR = np.array([2.0, 0.5, 0.2])
-IMU = np.array([-1.0, 0.25, -0.4])
-VEHICLE = Trajectory(np.arange(3) * 250_000, np.array([[0.0, 0.0, 0.0], [1.0, 0.1, 0.3], [2.0, 0.5, -0.7]]))
+TRACK = circle(START_US + TURN_US * np.arange(9))
+RADAR = np.array([1.0, 0.2, np.pi / 2])
+TABLE = np.array([0.4, 0.0, 0.1])
+ON_VEHICLE = Mount(RADAR, "/tf_static")
 
 
-def frames(*placed: str, mounted: bool = True) -> Frames:
-    """Returns the frames of a bag that places some of them on the vehicle."""
-    mounts = Mounts()
-    for name in placed:
-        x, y, yaw = {"radar": RADAR, "imu": IMU}[name]
+def placed(**poses: np.ndarray) -> Mounts:
+    """Returns static transforms that place frames on base_link."""
+    parents = {}
+    for frame, (x, y, yaw) in poses.items():
         matrix = np.eye(4)
         matrix[:2, :2] = [[np.cos(yaw), -np.sin(yaw)], [np.sin(yaw), np.cos(yaw)]]
         matrix[:2, 3] = x, y
-        mounts.parents[name] = ("base_link", matrix)
-    return Frames("radar", Mount(RADAR, "/tf_static") if mounted else None, mounts)
+        parents[frame] = ("base_link", matrix)
+    return Mounts(parents)
 
 
-def seen_by(place: np.ndarray) -> Trajectory:
-    """Returns the vehicle's drive as poses of something on it."""
-    return Trajectory(VEHICLE.stamps_us, se2.compose(VEHICLE.poses, place))
+KNOWN = Frames("radar", ON_VEHICLE, placed(radar=RADAR, table=TABLE))
+UNKNOWN = Frames("radar", None, placed(table=TABLE))
 
 
-@pytest.mark.parametrize(
-    ("frame", "told"),
-    [("base_link", VEHICLE), ("radar", seen_by(RADAR)), ("/imu", seen_by(IMU)), ("unheard_of", VEHICLE), ("", VEHICLE)],
-)
-def test_odometry_becomes_that_of_the_vehicle_where_the_mount_is_known(frame: str, told: Trajectory) -> None:
-    carried, note = frames("radar", "imu").place_odometry(told, "/odom", frame)
-    np.testing.assert_allclose(carried.poses, VEHICLE.poses, atol=1e-12)
-    assert "/odom" in note
+@pytest.mark.parametrize("frame", ["base_link", "/base_link", "base_footprint"])
+def test_ground_truth_of_the_vehicle_is_carried_to_the_radar(frame: str) -> None:
+    truth, note = KNOWN.place_truth(TRACK, "/gt", frame)
+    np.testing.assert_allclose(truth.poses, se2.compose(TRACK.poses, RADAR), atol=1e-12)
+    assert note == f"ground truth from /gt is the pose of {frame}, carried to the radar by /tf_static"
 
 
-@pytest.mark.parametrize("frame", ["base_link", "radar", "imu", ""])
-def test_odometry_stays_as_it_is_where_nothing_says_how_the_radar_is_mounted(frame: str) -> None:
-    carried, note = frames("imu", mounted=False).place_odometry(VEHICLE, "/odom", frame)
-    assert carried is VEHICLE and note.endswith("is taken as the motion of the radar itself")
+def test_ground_truth_of_something_on_the_vehicle_is_carried_to_the_radar() -> None:
+    table = replace(TRACK, poses=se2.compose(TRACK.poses, TABLE))
+    truth, _ = KNOWN.place_truth(table, "/gt", "table")
+    np.testing.assert_allclose(truth.poses, se2.compose(TRACK.poses, RADAR), atol=1e-12)
 
 
-@pytest.mark.parametrize(("frame", "told"), [("base_link", VEHICLE), ("radar", seen_by(RADAR)), ("imu", seen_by(IMU))])
-def test_ground_truth_becomes_that_of_the_radar(frame: str, told: Trajectory) -> None:
-    carried, note = frames("radar", "imu").place_truth(told, "/gt", frame)
-    np.testing.assert_allclose(carried.poses, seen_by(RADAR).poses, atol=1e-12)
-    assert f"is the pose of {'the radar' if frame == 'radar' else frame}" in note
+@pytest.mark.parametrize(("frames", "frame"), [(KNOWN, "radar"), (KNOWN, ""), (KNOWN, "other"), (UNKNOWN, "base_link")])
+def test_ground_truth_stays_where_nothing_says_how_to_carry_it(frames: Frames, frame: str) -> None:
+    truth, note = frames.place_truth(TRACK, "/gt", frame)
+    assert truth is TRACK and note.startswith("ground truth from /gt is ")
 
 
-def test_ground_truth_that_cannot_be_carried_says_whose_it_is() -> None:
-    carried, note = frames("imu", mounted=False).place_truth(VEHICLE, "/gt", "imu")
-    assert carried is VEHICLE and note.endswith("is the pose of imu; nothing says where the radar sits on it")
-    assert frames("radar").place_truth(VEHICLE, "/gt", "")[1].endswith("is taken as the pose of the radar itself")
+def test_only_poses_of_the_vehicle_itself_wait_for_extrinsics() -> None:
+    assert UNKNOWN.is_of_vehicle("base_link")
+    assert not any(UNKNOWN.is_of_vehicle(frame) for frame in ("radar", "table", "other", ""))
+    assert not Frames("base_link", None, Mounts()).is_of_vehicle("base_link")  # the radar's frame is called so
+    assert not KNOWN.is_of_vehicle("base_link")
 
 
-def test_odometry_and_ground_truth_keep_their_frames_through_a_bag(oxford: Path, tmp_path: Path) -> None:
-    recording = open_recording(oxford, range_resolution=0.5)
-    stamps = recording.stamps_us
-    drive = Trajectory(stamps, np.column_stack((np.arange(len(stamps)) * 1.5, np.zeros(len(stamps)), np.zeros(len(stamps)))))
-    recording = replace(recording, odometry=drive, ground_truth=drive, mount=Mount(RADAR, "given"))
-    back = open_recording(convert(recording, tmp_path, "mcap")[0])
-    assert back.odometry is not None and back.ground_truth is not None
-    np.testing.assert_allclose(back.odometry.poses, drive.poses, atol=1e-9)
-    np.testing.assert_allclose(back.ground_truth.poses, drive.poses, atol=1e-9)
-    assert any("is the motion of base_link" in note for note in back.notes)
-    assert any("is the pose of the radar" in note for note in back.notes)
+@pytest.mark.parametrize(("frame", "pose"), [("base_link", np.zeros(3)), ("radar", RADAR), ("table", TABLE)])
+def test_odometry_becomes_that_of_the_vehicle_where_the_mount_is_known(frame: str, pose: np.ndarray) -> None:
+    moved, note = KNOWN.place_odometry(replace(TRACK, poses=se2.compose(TRACK.poses, pose)), "/odom", frame)
+    np.testing.assert_allclose(moved.poses, TRACK.poses, atol=1e-12)
+    assert note == f"odometry from /odom is the motion of {frame}"
+
+
+def test_odometry_of_a_frame_that_nothing_places_is_that_of_the_vehicle() -> None:
+    moved, note = KNOWN.place_odometry(TRACK, "/odom", "wheels")
+    assert moved is TRACK and note == "odometry from /odom is taken as the motion of the vehicle, on which radar sits"
+    moved, note = UNKNOWN.place_odometry(TRACK, "/odom", "base_link")
+    assert moved is TRACK and note == "odometry from /odom is taken as the motion of the radar itself"
+
+
+def test_transforms_that_are_not_finite_place_nothing() -> None:
+    broken = Frames("radar", ON_VEHICLE, placed(table=np.array([np.nan, 0.0, 0.0])))
+    assert broken.place_truth(TRACK, "/gt", "table")[0] is TRACK
+
+
+@pytest.fixture
+def mounted(oxford: Path) -> Recording:
+    """A recording of a mounted radar with odometry of its vehicle and ground truth of its own."""
+    truth = replace(TRACK, poses=se2.compose(TRACK.poses, RADAR))
+    return replace(open_recording(oxford), odometry=TRACK, ground_truth=truth, mount=ON_VEHICLE)
+
+
+def convert(recording: Recording, out: Path) -> Recording:
+    write_recording(recording, out, find_target(out), lambda done, of: None)
+    return open_recording(out)
+
+
+@pytest.mark.parametrize("name", ["drive.mcap", "drive.bag", "drive.npz"])
+def test_a_converted_recording_says_the_same_of_vehicle_and_radar(mounted: Recording, tmp_path: Path, name: str) -> None:
+    read = convert(mounted, tmp_path / name)
+    assert read.mount is not None and read.odometry is not None and read.ground_truth is not None
+    np.testing.assert_allclose(read.mount.pose, RADAR, atol=1e-9)
+    np.testing.assert_allclose(read.odometry.poses, TRACK.poses, atol=1e-9)
+    np.testing.assert_allclose(read.ground_truth.poses, se2.compose(TRACK.poses, RADAR), atol=1e-9)
+
+
+def test_a_bag_keeps_that_its_ground_truth_is_the_vehicles(mounted: Recording, tmp_path: Path) -> None:
+    of_vehicle = replace(mounted, ground_truth=TRACK, truth_on_vehicle=True, mount=None)
+    read = convert(of_vehicle, tmp_path / "drive.mcap")
+    assert read.truth_on_vehicle and read.ground_truth is not None
+    np.testing.assert_allclose(read.ground_truth.poses, TRACK.poses, atol=1e-9)
+    out = tmp_path / "drive.npz"
+    notes = write_recording(of_vehicle, out, find_target(out), lambda done, of: None)
+    assert "ground truth is of the vehicle, which native cannot say: it will be read as that of the radar" in notes
+
+
+def test_a_run_and_an_audit_take_odometry_as_the_motion_of_the_radar(mounted: Recording, tmp_path: Path) -> None:
+    expected = se2.compose(TRACK.poses, RADAR)
+    track, notes = choose_odometry(mounted, "auto", ReadingConfig(), mounted.mount)
+    assert track is not None and notes == []
+    np.testing.assert_allclose(track.poses, expected)
+    unknown, _ = choose_odometry(mounted, "auto", ReadingConfig(), None)
+    assert unknown is mounted.odometry
+    convert(mounted, tmp_path / "drive.mcap")
+    config = Config.model_validate({"sensor": {"doppler_beta": 0.0}})
+    _, audited, _ = detect_radar(tmp_path / "drive.mcap", None, "odometry", config, None, None, QUIET)
+    np.testing.assert_allclose(audited.poses, expected, atol=1e-9)

@@ -12,6 +12,7 @@ from gtsam.symbol_shorthand import E, X
 from numpy.typing import NDArray
 
 from mqslam.backend.sensors.gnss.alignment import align
+from mqslam.backend.sensors.gnss.antenna import Antenna, estimate_antenna
 from mqslam.backend.sensors.gnss.fix_noise import FixNoise, measure_fix_noise
 from mqslam.config import GnssConfig
 from mqslam.core import se2
@@ -19,8 +20,10 @@ from mqslam.core.measurement import Measurement
 from mqslam.core.sensors.fixes import Fixes
 from mqslam.core.sensors.georeference import Georeference
 from mqslam.core.sensors.tangent_plane import TangentPlane
+from mqslam.core.wording import left_or_right
 from mqslam.factors.gnss_position import gnss_position, plane_walk
 
+_ROUNDS: Final = 3  # of antenna and noise, which settle in fewer
 _LEAST_WALK_M: Final = 1e-4  # numerical: a plane that does not wander at all would tie its poses without error
 
 
@@ -84,23 +87,28 @@ class FixUse:
         source: where they come from.
         statements: what a user should know, in whole sentences; the first one says whether they are used.
         edges: the fixes; None where they are not used.
+        antenna: where the antenna sits in the radar's frame, as the fixes say; None where it is known, or they are not used.
     """
 
     source: str
     statements: tuple[str, ...]
     edges: FixEdges | None = None
+    antenna: Antenna | None = None
 
 
 def join_fixes(
-    fixes: Fixes, start_us: int, motions: Sequence[Measurement], antenna: NDArray[np.float64], settings: GnssConfig
+    fixes: Fixes, start_us: int, motions: Sequence[Measurement], antenna: NDArray[np.float64] | None, settings: GnssConfig
 ) -> FixUse:
     """Holds fixes against the chained motions, and returns them as positions of scans if they agree.
+
+    Where it is not known where the antenna sits, and the fixes do not show that it sits elsewhere, it is taken to be at the
+    radar.
 
     Args:
         fixes: of the receiver.
         start_us: stamp [us] of the recording's time zero.
         motions: between successive scans, as the front end measured them.
-        antenna: (2,) where the antenna is in the radar's frame [m].
+        antenna: (2,) where the antenna is in the radar's frame [m], or None.
         settings: of GNSS.
     """
 
@@ -117,9 +125,7 @@ def join_fixes(
     times, plane = times[inside], TangentPlane.at_middle(fixes)
     positions = plane.project(fixes.latitudes[inside], fixes.longitudes[inside])
     sensor = se2.interpolate(starts, chain, times)
-    on_map = sensor[:, :2] + _turn(antenna, sensor[:, 2])
-    lies = align(on_map, positions)
-    residuals = positions - se2.transform(lies, on_map)
+    on_map, lies, residuals = _lay(sensor, np.zeros(2) if antenna is None else antenna, positions)
     usual_m, path_m = float(np.median(np.hypot(*residuals.T))), float(se2.step_lengths(chain).sum())
     spread_m = float(np.hypot(*np.ptp(on_map, axis=0)))
     if usual_m > settings.largest_share * path_m or spread_m < settings.least_spread * usual_m:
@@ -128,6 +134,13 @@ def join_fixes(
             f"spreads over {spread_m:.0f} m"
         )
     noise = measure_fix_noise(times, residuals, fixes.sigmas_m[inside], settings.alike_s)
+    found: Antenna | None = None
+    if antenna is None:
+        for _ in range(_ROUNDS):  # the swings of an antenna that is not at the radar look like noise at first
+            found = estimate_antenna(times, se2.compose(lies, sensor), positions, noise, settings.reach)
+            if found.significance > settings.antenna_apart:
+                on_map, lies, residuals = _lay(sensor, found.place, positions)
+                noise = measure_fix_noise(times, residuals, fixes.sigmas_m[inside], settings.alike_s)
     if noise.walk_m > settings.largest_walk_m:
         return refuse(
             f"they wander about the trajectory by {noise.walk_m:.1f} m in a second, so that they are of another drive, or "
@@ -140,7 +153,23 @@ def join_fixes(
     from_scan = _turn(-chain[scans, :2] + on_map, lies[2])
     poses = np.column_stack([positions - from_scan, se2.wrap(chain[scans, 2] + lies[2])])
     edges = FixEdges(scans, poses, knots, noise, walks_m, plane, se2.inverse(lies), settings.reach)
-    return FixUse(fixes.source, (f"the GNSS fixes ({fixes.source}) are used, {len(scans)} of them",), edges)
+    told = [f"the GNSS fixes ({fixes.source}) are used, {len(scans)} of them"]
+    if found is not None and found.significance > settings.antenna_apart:
+        x, y = found.place
+        told.append(
+            f"they show that the antenna sits {abs(x):.2f} m {'ahead of' if x >= 0.0 else 'behind'} the radar and "
+            f"{abs(y):.2f} m to its {left_or_right(y)} (± {found.sigmas[0]:.2g} m and ± {found.sigmas[1]:.2g} m)"
+        )
+    return FixUse(fixes.source, tuple(told), edges, found)
+
+
+def _lay(
+    sensor: se2.Array, antenna: NDArray[np.float64], positions: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], se2.Array, NDArray[np.float64]]:
+    """Returns where the antenna is on the map (F, 2), how the map lies in the plane (3,), and residuals (F, 2) of fixes."""
+    on_map = sensor[:, :2] + _turn(antenna, sensor[:, 2])
+    lies = align(on_map, positions)
+    return on_map, lies, positions - se2.transform(lies, on_map)
 
 
 def _take_poses(values: gtsam.Values, keys: Sequence[int]) -> se2.Array:

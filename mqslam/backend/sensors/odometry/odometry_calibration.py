@@ -6,7 +6,8 @@ The motion of odometry between two scans differs from the radar's by errors that
 
 The parameters are the scale of the travel, how late the clock of odometry is, where the radar sits in the vehicle (ahead,
 to the left, turned), and the bias of the yaw rate, which may walk: it has a value at every knot and is interpolated
-between two of them.
+between two of them. Where it is known how the radar is mounted, the motions of odometry are carried to the radar before,
+and the parameters say how far the radar is from there, in its own frame.
 """
 
 from __future__ import annotations
@@ -24,11 +25,11 @@ from mqslam.config import GraphConfig, OdometryConfig
 from mqslam.core import se2
 from mqslam.core.measurement import Measurement
 
-_PLACE: Final = slice(2, 5)  # of the common parameters: where the radar sits
-_TOLD: Final = 0.1  # an estimate that is not this many times as sure as the prior says nothing of its own: by definition
+AT_ORIGIN: Final = np.zeros(3)
+"""The mount of a radar of which nobody says where it sits: odometry is then taken as its own motion."""
 _COMMON: Final = 5  # parameters with one value for the whole run; the bias follows them
-_DELAY_S: Final = 0.1  # no clock that serves at all is much later than this: the prior's standard deviation [s]
-_MOUNT_M: Final = 2.0  # a radar is about as far from the point that odometry follows: the prior's standard deviation [m]
+DELAY_S: Final = 0.1  # no clock that serves at all is much later than this: the prior's standard deviation [s]
+MOUNT_M: Final = 2.0  # a radar is about as far from the point that odometry follows: the prior's standard deviation [m]
 _MOST_KNOTS: Final = 1000  # numerical: the fit's matrices stay small, however long the run
 _UNKNOWN: Final = 1e6  # numerical: variance of a motion that psi did not find, which then shows nothing
 _AT_ONCE: Final = 64  # numerical: parameters that are solved for at once, which bounds the memory of a long run
@@ -51,24 +52,6 @@ class Design:
 
 
 @dataclass(frozen=True, slots=True)
-class MountEstimate:
-    """Where the radar sits on the frame that odometry follows, as turns showed it.
-
-    Args:
-        pose: (3,) ahead [m], to the left [m], and turned [rad].
-        sigmas: (3,) standard deviations.
-    """
-
-    pose: se2.Array
-    sigmas: NDArray[np.float64]
-
-    @property
-    def is_told(self) -> bool:
-        """Whether turns showed where the radar sits, far better than the prior does."""
-        return bool(np.all(self.sigmas[:2] < _TOLD * _MOUNT_M))
-
-
-@dataclass(frozen=True, slots=True)
 class Calibration:
     """The parameters and what is known of them.
 
@@ -79,11 +62,6 @@ class Calibration:
 
     parameters: NDArray[np.float64]
     covariance: NDArray[np.float64]
-
-    @property
-    def mount(self) -> MountEstimate:
-        """Where the radar sits."""
-        return MountEstimate(self.parameters[_PLACE], np.sqrt(np.diag(self.covariance)[_PLACE]))
 
     def correct(self, design: Design) -> NDArray[np.float64]:
         """Returns the corrections (N, 3) of the motions."""
@@ -96,24 +74,19 @@ class Calibration:
         return np.asarray(np.sqrt(np.maximum(variances, 0.0)))
 
 
-def make_design(motions: Sequence[Measurement], span: int) -> Design:
+def make_design(motions: Sequence[Measurement], span: int, mount: se2.Array = AT_ORIGIN) -> Design:
     """Returns how the parameters move the motions of odometry, to first order.
 
     Args:
-        motions: two or more, one after the other.
+        motions: two or more, one after the other, of the radar.
         span: number of motions from a knot of the bias to the next one.
+        mount: (3,) pose of the radar on the vehicle, by which the vehicle's motions were carried to it.
     """
     poses = np.array([motion.pose for motion in motions])
     lasts = np.array([motion.t1 - motion.t0 for motion in motions])
-    x, y, yaw = poses.T
     jacobians = np.zeros((len(motions), 3, _COMMON + 2))
-    jacobians[:, :2, 0] = poses[:, :2]
-    # the twist at a scan's start is the mean of those before and after it
-    jacobians[:, :, 1] = np.gradient(se2.log(poses) / lasts[:, None], axis=0)
-    jacobians[:, :2, 2] = np.column_stack([np.cos(yaw) - 1.0, np.sin(yaw)])
-    jacobians[:, :2, 3] = np.column_stack([-np.sin(yaw), np.cos(yaw) - 1.0])
-    jacobians[:, :2, 4] = np.column_stack([y, -x])
-    by_bias = np.column_stack([-0.5 * y * lasts, 0.5 * x * lasts, lasts])
+    jacobians[:, :, :_COMMON] = differentiate_motions(poses, lasts, mount)
+    by_bias = _turn_vehicle(poses, lasts, mount)
     span = max(span, -(-len(motions) // _MOST_KNOTS))
     at = (np.arange(len(motions)) + 0.5) / span
     left = at.astype(np.int64)
@@ -125,9 +98,54 @@ def make_design(motions: Sequence[Measurement], span: int) -> Design:
     return Design(jacobians, columns, np.maximum(knots_s, span * np.median(lasts)))  # the last knot is past the end
 
 
-def make_prior_information(design: Design, stated: OdometryConfig, settings: GraphConfig) -> NDArray[np.float64]:
-    """Returns the information (P, P) that odometry states about its parameters, which are zero as far as it knows."""
-    sigmas = [stated.sigma_travel, _DELAY_S, _MOUNT_M, _MOUNT_M, stated.sigma_travel, stated.sigma_yaw_rate]
+def differentiate_motions(poses: se2.Array, lasts: NDArray[np.float64], mount: se2.Array) -> NDArray[np.float64]:
+    """Returns the derivatives (N, 3, 5) of motions of the radar by scale, delay, radar ahead and to the left, and turned.
+
+    Args:
+        poses: (N, 3) the motions [m, m, rad].
+        lasts: (N,) how long each takes [s].
+        mount: (3,) pose of the radar on the vehicle, by which the vehicle's motions were carried to it.
+    """
+    x, y, yaw = poses.T
+    jacobians = np.zeros((len(poses), 3, _COMMON))
+    jacobians[:, :2, 0] = _find_travel(poses, mount)
+    # the twist at a scan's start is the mean of those before and after it
+    jacobians[:, :, 1] = np.gradient(se2.log(poses) / lasts[:, None], axis=0)
+    jacobians[:, :2, 2] = np.column_stack([np.cos(yaw) - 1.0, np.sin(yaw)])
+    jacobians[:, :2, 3] = np.column_stack([-np.sin(yaw), np.cos(yaw) - 1.0])
+    jacobians[:, :2, 4] = np.column_stack([y, -x])
+    return jacobians
+
+
+def _find_travel(poses: se2.Array, mount: se2.Array) -> NDArray[np.float64]:
+    """Returns the travel (N, 2) [m] of the vehicle's origin in motions (N, 3) of the radar, along the radar's axes."""
+    vehicle = se2.compose(se2.compose(mount, poses), se2.inverse(mount))
+    return se2.transform([0.0, 0.0, -mount[2]], vehicle[:, :2])
+
+
+def _turn_vehicle(poses: se2.Array, lasts: NDArray[np.float64], mount: se2.Array) -> NDArray[np.float64]:
+    """Returns the derivatives (N, 3) of motions of the radar by a bias of the vehicle's yaw rate.
+
+    The vehicle turns about its own origin: its travel bends, and the radar swings about the place where it ends.
+    """
+    arm = poses[:, :2] - 0.5 * _find_travel(poses, mount) - se2.inverse(mount)[:2]
+    return np.column_stack([-arm[:, 1] * lasts, arm[:, 0] * lasts, lasts])
+
+
+def make_prior_information(
+    design: Design, stated: OdometryConfig, settings: GraphConfig, *, mounted: bool = False
+) -> NDArray[np.float64]:
+    """Returns the information (P, P) that is stated about the parameters, which are zero as far as is known.
+
+    Args:
+        design: of the motions.
+        stated: the errors that odometry states, and those of a mount that is stated.
+        settings: of the graph.
+        mounted: whether it is known how the radar is mounted.
+    """
+    place_m = stated.sigma_mount_m if mounted else MOUNT_M
+    turned = stated.sigma_mount_rad if mounted else stated.sigma_travel
+    sigmas = [stated.sigma_travel, DELAY_S, place_m, place_m, turned, stated.sigma_yaw_rate]
     information = np.zeros((_COMMON + len(design.knots_s) + 1,) * 2)
     first = np.arange(_COMMON + 1)
     information[first, first] = 1.0 / np.square(np.maximum(sigmas, _LEAST_SIGMA))

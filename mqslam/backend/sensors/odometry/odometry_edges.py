@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import pairwise
 from typing import Final
 
@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mqslam.backend.sensors.odometry.odometry_calibration import (
+    AT_ORIGIN,
     Calibration,
     Design,
-    MountEstimate,
     fit,
     make_design,
     make_prior_information,
@@ -25,6 +25,7 @@ from mqslam.core import se2
 from mqslam.core.frontend import Context
 from mqslam.core.measurement import Measurement, Status
 from mqslam.core.scans import Scans
+from mqslam.core.sensors.mount import Mount
 from mqslam.core.trajectory import Trajectory
 
 ODOMETRY = "odometry"
@@ -50,22 +51,13 @@ def reckon(scans: Scans, motions: Sequence[Measurement]) -> Trajectory:
     return Trajectory(scans.stamps_us, se2.chain(motion.pose for motion in motions))
 
 
-@dataclass(frozen=True, slots=True)
-class OdometryUse:
-    """What became of odometry.
-
-    Args:
-        edges: its motions, calibrated, with noise to match; none where there is no odometry.
-        mount: where the radar sits on the frame that odometry follows, as the calibration found it, or None.
-    """
-
-    edges: list[Measurement]
-    mount: MountEstimate | None = None
-
-
 def make_odometry_edges(
-    odometry: Sequence[Measurement], measured: Sequence[Measurement], stated: OdometryConfig, settings: GraphConfig
-) -> OdometryUse:
+    odometry: Sequence[Measurement],
+    measured: Sequence[Measurement],
+    stated: OdometryConfig,
+    settings: GraphConfig,
+    mount: Mount | None = None,
+) -> list[Measurement]:
     """Returns the motions of odometry, calibrated where psi found the motion itself, with noise to match.
 
     The edges of a graph err independently, while an error of the calibration is common to all of them. Over a stretch of
@@ -77,23 +69,25 @@ def make_odometry_edges(
     motions show anything, odometry is as good as it states itself.
 
     Args:
-        odometry: motions of odometry.
+        odometry: motions of odometry, carried to the radar where it is known how that is mounted.
         measured: motions of the front end over the same scans.
         stated: the errors that odometry states.
         settings: settings of the graph.
+        mount: by which the motions were carried; None where they were not.
     """
     converged = np.array([motion.status is Status.CONVERGED for motion in measured], dtype=bool)
     if not odometry:
-        return OdometryUse([])
+        return []
     lasts = odometry[-1].t1 - odometry[0].t0
     span = max(1, min(len(odometry), round(len(odometry) * settings.odometry_span_s / max(lasts, 1e-9))))
     if converged.sum() < settings.odometry_fewest:
         own = np.sqrt([np.diag(motion.covariance) for motion in odometry])
-        return OdometryUse(_state(odometry, np.zeros_like(own), spread_common(own, converged, span)))
-    design = make_design(odometry, span)
-    calibration, noise = _calibrate(odometry, measured, converged, design, span, stated, settings)
+        return _state(odometry, np.zeros_like(own), spread_common(own, converged, span))
+    design = make_design(odometry, span, AT_ORIGIN if mount is None else mount.pose)
+    prior = make_prior_information(design, stated, settings, mounted=mount is not None)
+    calibration, noise = _calibrate(odometry, measured, converged, design, prior, span)
     common = spread_common(calibration.list_sigmas(design), converged, span)
-    return OdometryUse(_state(odometry, calibration.correct(design), noise + common), calibration.mount)
+    return _state(odometry, calibration.correct(design), noise + common)
 
 
 def _calibrate(
@@ -101,9 +95,8 @@ def _calibrate(
     measured: Sequence[Measurement],
     converged: NDArray[np.bool_],
     design: Design,
+    prior: NDArray[np.float64],
     span: int,
-    stated: OdometryConfig,
-    settings: GraphConfig,
 ) -> tuple[Calibration, NDArray[np.float64]]:
     """Returns the calibration, and the variances (N, 3) of the noise that it leaves."""
     misses = np.array([b.pose - a.pose for a, b in zip(odometry, measured, strict=True)])
@@ -111,7 +104,6 @@ def _calibrate(
     misses[~converged] = np.nan
     variances = np.array([np.diag(motion.covariance) for motion in measured]) + _LEAST_VARIANCE
     noise = np.array([np.diag(motion.covariance) for motion in odometry])
-    prior = make_prior_information(design, stated, settings)
     for _ in range(_ROUNDS):  # motions that fit no calibration lose their weight
         calibration = fit(design, misses, variances, noise, prior)
         residuals = misses - calibration.correct(design)
