@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -19,6 +20,8 @@ from mqslam.core import se2
 from mqslam.core.measurement import Measurement, Refined
 from mqslam.core.sensors.sensors import Sensors
 from mqslam.core.sensors.velocity import Velocities
+
+_SUBJECTS: Final = {"gyroscope": "the gyroscope", "gnss": "GNSS", "chirps": "the radar's velocity by its chirps"}
 
 
 class SensorSettings(NamedTuple):
@@ -41,6 +44,11 @@ class Contribution:
 
     moved_m: float
     turned_rad: float
+
+    def describe(self, name: str) -> str:
+        """Returns how far a sensor, by its name among the contributions, moves the trajectory, in a sentence."""
+        turned = math.degrees(self.turned_rad)
+        return f"{_SUBJECTS[name]} moves the trajectory by {self.moved_m:.2g} m (RMS) and turns its end by {turned:+.2g} deg"
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,6 +74,12 @@ class SensorUse:
         """What a user should know of all sensors."""
         mounted = [] if self.mount is None else self.mount.statements
         return [*mounted, *(statement for use in self._uses for statement in use.statements)]
+
+    @property
+    def notes(self) -> list[str]:
+        """What a user should know of the sensors that are used, and how far each of them moves the trajectory."""
+        used = [statement for use in self._uses if use.edges is not None for statement in use.statements]
+        return used + [moved.describe(name) for name, moved in self.contributions.items()]
 
     @property
     def refusals(self) -> list[str]:
@@ -129,6 +143,9 @@ def join_sensors(
     if sensors.fixes is not None and problem.measurements:
         antenna = None if mount is None else se2.inverse(mount.pose)[:2]  # at the origin of the vehicle's frame
         placing = join_fixes(sensors.fixes, start_us, problem.measurements, antenna, settings.gnss)
+        if placing.edges is not None:
+            _, optimum = replace(problem, fixes=placing.edges).optimise([])
+            placing = placing.judge_jumps(optimum.values, settings.gnss)
         problem = replace(problem, fixes=placing.edges)
     if velocities is not None and problem.measurements:
         moving = join_velocities(velocities, problem.measurements, settings.velocity)

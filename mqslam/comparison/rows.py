@@ -136,7 +136,7 @@ def run_front_end(task: FrontEndTask, named: tuple[str, Context]) -> Row:
             spent["windows"],
             spent["optimise"] + spent["loops"] + spent["refine"],
             _peak_mb(),
-            solution.warnings,
+            (*solution.warnings, *solution.sensors.notes),
             solution.covariances,
         )
     except Exception as error:  # a front end may be anyone's code, and the others are to go on

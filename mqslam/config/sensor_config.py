@@ -105,6 +105,12 @@ class GyroscopeConfig(BaseModel):
     scale_tolerance: float = expert(
         0.01, ge=0.0, description="A smaller error of the scale is put right and not worth a word."
     )
+    largest_scale_sigma: float = expert(
+        0.005,
+        gt=0.0,
+        description="A gyroscope whose scale the radar does not tell to within this standard deviation is not used: a turn "
+        "by a right angle would be off by half a degree.",
+    )
     likely_scale: float = expert(
         0.03,
         ge=0.0,
@@ -134,6 +140,13 @@ class GnssConfig(BaseModel):
         3.0,
         gt=0.0,
         description="Distance from the trajectory beyond which a fix is a jump and hardly counts [standard deviations].",
+    )
+    most_jumps: float = expert(
+        0.25,
+        gt=0.0,
+        lt=1.0,
+        description="Share of the fixes that may be jumps. With more of them the fixes are not used: those that belong "
+        "elsewhere, or are mirrored, agree with a part of a drive by chance, too.",
     )
     alike_s: float = expert(
         60.0,

@@ -2,19 +2,15 @@
 
 from __future__ import annotations
 
-import math
-from typing import Any, Final
+from typing import Any
 
 from mqslam.auditing.gyroscope_check import GyroscopeCheck
-from mqslam.backend.sensor_use import Contribution
 from mqslam.backend.sensors.chirps.velocity_use import VelocityUse
 from mqslam.backend.sensors.gnss.fix_use import FixUse
 from mqslam.backend.sensors.gyroscope.gyroscope_use import GyroscopeUse
 from mqslam.backend.sensors.gyroscope.rotation import Rotation
 from mqslam.backend.sensors.mount_use import MountUse
 from mqslam.solution import Solution
-
-_SUBJECTS: Final = {"gyroscope": "the gyroscope", "gnss": "GNSS", "chirps": "the radar's velocity by its chirps"}
 
 
 def summarise_sensors(run: Solution) -> dict[str, Any]:
@@ -30,14 +26,8 @@ def summarise_sensors(run: Solution) -> dict[str, Any]:
             numbers["moved_m"] = None if moved is None else moved.moved_m
             numbers["turned_rad"] = None if moved is None else moved.turned_rad
             if moved is not None:
-                numbers["statements"].append(f"{_SUBJECTS[name]} {_describe_contribution(moved)}")
+                numbers["statements"].append(moved.describe(name))
     return found
-
-
-def _describe_contribution(moved: Contribution) -> str:
-    """Returns how far a sensor moves the trajectory, in words that follow its name."""
-    turned = math.degrees(moved.turned_rad)
-    return f"moves the trajectory by {moved.moved_m:.2g} m (RMS) and turns its end by {turned:+.2g} deg"
 
 
 def summarise_mount(mount: MountUse) -> dict[str, Any]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -72,6 +73,13 @@ def joined(receiver: Receiver, scans: int = 800, turned: float = 0.0) -> FixUse:
     return join_fixes(fixed(receiver, scans), START_US, measured(scans, turned), antenna, SETTINGS)
 
 
+def judged(use: FixUse, scans: int = 800, turned: float = 0.0) -> FixUse:
+    """Returns the use after its jumps were judged in the graph."""
+    config = Config()
+    problem = Problem(measured(scans, turned), [], config.graph, config.loops, fixes=use.edges)
+    return use.judge_jumps(problem.optimise([])[1].values, SETTINGS)
+
+
 def off_m(use: FixUse | None, scans: int, turned: float) -> float:
     """Returns how far the optimised poses are from the true ones, root mean square, once they are laid on each other [m]."""
     config = Config()
@@ -85,7 +93,7 @@ def off_m(use: FixUse | None, scans: int, turned: float) -> float:
 
 @pytest.mark.parametrize("receiver", [Receiver(), Receiver(jump_m=20.0), Receiver(antenna=(-1.5, 0.6))])
 def test_fixes_mend_the_drift_of_a_trajectory(receiver: Receiver) -> None:
-    use = joined(receiver, turned=2e-5)
+    use = judged(joined(receiver, turned=2e-5), turned=2e-5)
     assert use.edges is not None and use.statements[0].startswith("the GNSS fixes (gnss.csv) are used, ")
     alone = off_m(None, 800, 2e-5)
     assert off_m(use, 800, 2e-5) < 0.7 * alone
@@ -96,10 +104,19 @@ def test_jumps_are_rejected_and_counted() -> None:
     use, config = joined(Receiver(jump_m=25.0)), Config()
     assert use.edges is not None
     _, optimum = Problem(measured(800), [], config.graph, config.loops, fixes=use.edges).optimise([])
-    assert use.edges.count_rejected(optimum.values) == pytest.approx(30, abs=4)  # five jumps of six fixes each
+    jumps = use.edges.count_rejected(optimum.values)
+    assert jumps == pytest.approx(30, abs=4)  # five jumps of six fixes each
+    assert f"of which {jumps} are jumps and hardly count" in judged(use).statements[0]
     place = use.edges.find_place(optimum.values)
     np.testing.assert_allclose(place.pose[2], LIES[2], atol=0.01)
     np.testing.assert_allclose(PLANE.project(*place.locate(np.zeros((1, 2))).T), [LIES[:2]], atol=2.0)
+
+
+def test_mirrored_fixes_are_not_used() -> None:
+    fixes = fixed(Receiver(), 800)
+    mirrored = replace(fixes, latitudes=2.0 * np.median(fixes.latitudes) - fixes.latitudes)
+    use = judged(join_fixes(mirrored, START_US, measured(800), np.zeros(2), SETTINGS))
+    assert use.edges is None and "not used" in use.statements[0]
 
 
 def test_an_antenna_beside_the_radar_is_carried_to_it() -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import gtsam
@@ -85,7 +85,7 @@ class FixUse:
 
     Args:
         source: where they come from.
-        statements: what a user should know, in whole sentences; the first one says whether they are used.
+        statements: what a user should know, in whole sentences; once jumps are judged, the first says whether they are used.
         edges: the fixes; None where they are not used.
         antenna: where the antenna sits in the radar's frame, as the fixes say; None where it is known, or they are not used.
     """
@@ -95,11 +95,29 @@ class FixUse:
     edges: FixEdges | None = None
     antenna: Antenna | None = None
 
+    @classmethod
+    def refuse(cls, source: str, why: str) -> FixUse:
+        """Returns that fixes are not used, and why."""
+        return cls(source, (f"the GNSS fixes ({source}) are not used: {why}",))
+
+    def judge_jumps(self, values: gtsam.Values, settings: GnssConfig) -> FixUse:
+        """Returns the use with how many fixes are jumps in an optimised graph; too many of them contradict the radar."""
+        if self.edges is None:
+            return self
+        number, jumps = len(self.edges.scans), self.edges.count_rejected(values)
+        if jumps > settings.most_jumps * number:
+            return FixUse.refuse(self.source, f"{jumps} of {number} contradict the radar's motion, wherever the map lies")
+        said = f"the GNSS fixes ({self.source}) are used, {number} of them"
+        counted = f"{said}, of which {jumps} are jumps and hardly count" if jumps else said
+        return replace(self, statements=(counted, *self.statements))
+
 
 def join_fixes(
     fixes: Fixes, start_us: int, motions: Sequence[Measurement], antenna: NDArray[np.float64] | None, settings: GnssConfig
 ) -> FixUse:
     """Holds fixes against the chained motions, and returns them as positions of scans if they agree.
+
+    Which of them are jumps is still to be judged, in the graph that they join.
 
     Where it is not known where the antenna sits, and the fixes do not show that it sits elsewhere, it is taken to be at the
     radar.
@@ -113,7 +131,7 @@ def join_fixes(
     """
 
     def refuse(why: str) -> FixUse:
-        return FixUse(fixes.source, (f"the GNSS fixes ({fixes.source}) are not used: {why}",))
+        return FixUse.refuse(fixes.source, why)
 
     if not motions:
         return refuse("there is no motion that they could be held against")
@@ -153,7 +171,7 @@ def join_fixes(
     from_scan = _turn(-chain[scans, :2] + on_map, lies[2])
     poses = np.column_stack([positions - from_scan, se2.wrap(chain[scans, 2] + lies[2])])
     edges = FixEdges(scans, poses, knots, noise, walks_m, plane, se2.inverse(lies), settings.reach)
-    told = [f"the GNSS fixes ({fixes.source}) are used, {len(scans)} of them"]
+    told = []
     if found is not None and found.significance > settings.antenna_apart:
         x, y = found.place
         told.append(

@@ -67,6 +67,8 @@ def join_gyroscope(
     def refuse(why: str, rotation: Rotation | None = None) -> GyroscopeUse:
         return GyroscopeUse(gyroscope.source, (f"the gyroscope ({gyroscope.source}) is not used: {why}",), rotation)
 
+    if len(gyroscope) and not np.ptp(gyroscope.rates, axis=0).any():
+        return refuse("its readings never change")
     if start is None:
         return refuse("it covers none of the motions that the radar shows")
     found = calibrate(gyroscope, start, turns, settings)
@@ -102,10 +104,15 @@ def _find_fault(
     rotation = found.rotation
     is_told = rotation.scale > settings.told_sigmas * rotation.scale_sigma
     if not is_told or abs(start.correlation) < settings.least_correlation:
-        return "the radar turned too little, or too differently, to tell whether it agrees"
+        return "the radar turned too little, or the gyroscope too differently, to tell that both turn together"
     if not 1.0 / settings.largest_scale <= rotation.scale <= settings.largest_scale:
         unit = ", as if it were in degrees per second" if abs(np.rad2deg(rotation.scale) - 1.0) < 0.1 else ""
         return f"the radar turns {rotation.scale:.3g} times as far as it says{unit}"
+    if rotation.scale_sigma > settings.largest_scale_sigma:
+        return (
+            f"its scale is known to {rotation.scale_sigma:.1%} only, since the turns that the front end measured are too "
+            "few or too unsure"
+        )
     if abs(rotation.delay_s) > settings.longest_delay_s:
         return f"its clock is {_describe_delay(rotation.delay_s)} or more; correct its stamps"
     variances = turns.variances + rotation.noise.white**2 * (turns.ends - turns.begins)
