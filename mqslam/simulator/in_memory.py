@@ -120,7 +120,7 @@ def simulate_recording(  # noqa: PLR0913 - these are the options of a simulation
         odometry=wheels.dead_reckon(),
         ground_truth=Trajectory(stamps_us[:-1], drive.poses(times[:-1])),
         gyroscope=None if gyroscope is None else simulate_gyroscope(drive, end, START_US, gyroscope, seed),
-        fixes=None if receiver is None else simulate_fixes(drive, end, START_US, receiver, seed),
+        fixes=None if receiver is None else simulate_fixes(drive, scene.roofs, end, START_US, receiver, seed),
         scene=scene,
         drive=drive,
         sensor=sensor,

@@ -39,11 +39,14 @@ class ReceiverModel:
     outage_s: float = 6.0
 
 
-def simulate_fixes(drive: Drive, duration_s: float, start_us: int, model: ReceiverModel, seed: int) -> Fixes:
+def simulate_fixes(
+    drive: Drive, roofs: NDArray[np.float64], duration_s: float, start_us: int, model: ReceiverModel, seed: int
+) -> Fixes:
     """Simulates the fixes of a receiver at the radar's place during a drive.
 
     Args:
         drive: the true motion.
+        roofs: (R, 4) of the scene, under which there are no fixes.
         duration_s: how long the drive takes [s].
         start_us: stamp [us] of time zero.
         model: errors of the receiver.
@@ -51,12 +54,15 @@ def simulate_fixes(drive: Drive, duration_s: float, start_us: int, model: Receiv
     """
     rng = np.random.default_rng([seed, 22])
     times = np.arange(int(np.floor(duration_s * model.rate_hz + 1e-9)) + 1) / model.rate_hz
-    places = drive.poses(times)[:, :2] + model.noise_m * rng.standard_normal((len(times), 2))
+    true = drive.poses(times)[:, :2]
+    places = true + model.noise_m * rng.standard_normal((len(times), 2))
     for begin, end in _draw_spells(rng, duration_s, model.jumps, model.jump_s):
         places[(times >= begin) & (times < end)] += model.jump_m * rng.standard_normal(2)
     seen = np.ones(len(times), dtype=np.bool_)
     for begin, end in _draw_spells(rng, duration_s, model.outages, model.outage_s):
         seen &= (times < begin) | (times >= end)
+    for roof in roofs:
+        seen &= ~np.all((roof[:2] <= true) & (true <= roof[2:]), axis=1)
     latitudes, longitudes = _find_degrees(places[seen])
     stamps_us = start_us + np.round(times[seen] * 1e6).astype(np.int64)
     return Fixes(stamps_us, latitudes, longitudes, np.full(len(stamps_us), model.noise_m), "simulated")

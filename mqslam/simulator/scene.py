@@ -37,6 +37,7 @@ class Scene:
             the lane's end begins again at its start.
         plants: (P, 4) round shrubs and crowns: x [m], y [m], radius [m], density: share of the beam taken per metre, 0..1.
         queue: whether vehicles keep exact pace with the sensor for a minute, in the hard world.
+        roofs: (R, 4) x0 [m], y0 [m], x1 [m], y1 [m] of rectangles under which no satellite is seen.
     """
 
     walls: Array = field(default_factory=lambda: _no_rows(6))
@@ -44,6 +45,7 @@ class Scene:
     movers: Array = field(default_factory=lambda: _no_rows(9))
     plants: Array = field(default_factory=lambda: _no_rows(4))
     queue: bool = False
+    roofs: Array = field(default_factory=lambda: _no_rows(4))
 
 
 def make_street_scene(seed: int, *, movers: int = 10) -> Scene:
@@ -109,7 +111,8 @@ def make_tunnel_scene(seed: int, *, length: float = 400.0, width: float = 11.0) 
             lamps = np.arange(begin + rng.uniform(2.0, 15.0), end, rng.uniform(20.0, 28.0))
             at = np.column_stack([lamps, np.full(len(lamps), side * 7.0)])
             poles.append(make_poles(at, rng.uniform(0.06, 0.1, len(lamps)), rng.lognormal(0.0, 0.4, len(lamps))))
-    return Scene(np.concatenate(walls), np.concatenate(poles))
+    roof = np.array([[0.0, -width / 2.0, length, width / 2.0]])
+    return Scene(np.concatenate(walls), np.concatenate(poles), roofs=roof)
 
 
 def make_yard_scene(seed: int, *, movers: int = 0) -> Scene:

@@ -13,6 +13,7 @@ from mqslam.simulator import ConstantDrive, ReceiverModel, simulate_fixes
 from mqslam.simulator.satellites import ORIGIN_DEG
 
 DRIVE = ConstantDrive(10.0, 0.0, (0.0, 0.0, np.pi / 3.0))
+OPEN = np.empty((0, 4))
 CLEAN = ReceiverModel(noise_m=0.0, jumps=0.0, outages=0.0)
 
 
@@ -38,19 +39,19 @@ def measure_errors(fixes: Fixes) -> NDArray[np.float64]:
 
 
 def test_without_errors_fixes_lie_on_the_drive_once_a_second() -> None:
-    fixes = simulate_fixes(DRIVE, 60.0, 0, CLEAN, 1)
+    fixes = simulate_fixes(DRIVE, OPEN, 60.0, 0, CLEAN, 1)
     assert len(fixes) == 61 and fixes.rate_hz == 1.0
     np.testing.assert_allclose(measure_errors(fixes), 0.0, atol=0.1)
 
 
 def test_fixes_scatter_as_the_receiver_states() -> None:
-    fixes = simulate_fixes(DRIVE, 600.0, 0, replace(CLEAN, noise_m=2.0), 1)
+    fixes = simulate_fixes(DRIVE, OPEN, 600.0, 0, replace(CLEAN, noise_m=2.0), 1)
     np.testing.assert_array_equal(fixes.sigmas_m, 2.0)
     np.testing.assert_allclose(np.std(measure_errors(fixes)[:100], axis=0), 2.0, rtol=0.25)
 
 
 def test_jumps_last_some_seconds_and_are_far_beyond_what_is_stated() -> None:
-    fixes = simulate_fixes(DRIVE, 600.0, 0, replace(CLEAN, noise_m=0.5, jumps=2.0), 3)
+    fixes = simulate_fixes(DRIVE, OPEN, 600.0, 0, replace(CLEAN, noise_m=0.5, jumps=2.0), 3)
     error = np.hypot(*measure_errors(fixes).T)
     jumped = error > 8.0
     assert 0.02 < jumped.mean() < 0.4 and error.max() > 20.0
@@ -59,12 +60,18 @@ def test_jumps_last_some_seconds_and_are_far_beyond_what_is_stated() -> None:
 
 
 def test_outages_leave_fixes_out() -> None:
-    fixes = simulate_fixes(DRIVE, 600.0, 0, replace(CLEAN, outages=1.0), 2)
+    fixes = simulate_fixes(DRIVE, OPEN, 600.0, 0, replace(CLEAN, outages=1.0), 2)
     assert np.diff(fixes.stamps_us).max() > 3_000_000
     assert 400 < len(fixes) < 600
 
 
+def test_there_are_no_fixes_under_a_roof() -> None:
+    places = DRIVE.poses(np.array([20.0, 30.0]))[:, :2]
+    fixes = simulate_fixes(DRIVE, places.reshape(1, 4), 60.0, 0, CLEAN, 1)
+    assert fixes.stamps_us.tolist() == [1_000_000 * second for second in range(61) if not 20 <= second <= 30]
+
+
 @pytest.mark.parametrize("other", [2, 3])
 def test_the_same_seed_gives_the_same_fixes(other: int) -> None:
-    first, second, third = (simulate_fixes(DRIVE, 60.0, 0, ReceiverModel(), seed).latitudes for seed in (1, 1, other))
+    first, second, third = (simulate_fixes(DRIVE, OPEN, 60.0, 0, ReceiverModel(), seed).latitudes for seed in (1, 1, other))
     assert np.array_equal(first, second) and not np.array_equal(first, third)
