@@ -23,8 +23,11 @@ class Remedy(StrEnum):
     CHOOSE_OR_WRITE_OUTPUT = "choose another output, or allow this one to be written into"
     FREE_SPACE = "free space or choose another output"
     GIVE_EXTRINSICS = "give extrinsics"
-    GIVE_EXTRINSICS_OR_RADAR = "give extrinsics, or take the frame of the radar"
+    GIVE_EXTRINSICS_OR_RADAR = (
+        "give extrinsics, or take the frame of the radar; such a run estimates them from odometry, if there is any"
+    )
     NAME_GYROSCOPE = "name the file of its readings"
+    SWITCH_GYROSCOPE_ON = "take the recording's own, or name the file of its readings"
     GIVE_FITTING_TRAJECTORY = "give the trajectory it was made with, or the time between the clocks of the two"
     GIVE_OTHER_TRAJECTORY = "give a trajectory with the recording's own stamps, or the time between the clocks of the two"
     GIVE_MORE_POSES = "give the trajectory with a pose for every scan"

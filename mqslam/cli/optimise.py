@@ -39,6 +39,7 @@ def optimise(
 
     The edges of a .g2o have no losses: those with which a run keeps wrong loops and motions from bending its graph are not
     in its file. The poses that FIX names stay where they are; without any, the first one does.
+    A run's graph.g2o holds the radar's poses and lacks gyroscope and GNSS, so that its optimum is the one without these.
 
     Example: mqslam optimise result/graph.g2o --out optimised.g2o
     """

@@ -84,6 +84,7 @@ def run(
     from mqslam.cli.terminal.console import print_notes, set_up_work
     from mqslam.commands.run import run as do
     from mqslam.config import load_config
+    from mqslam.core.sensors.sensor_notes import list_sensor_notes
     from mqslam.execution.files import to_json
 
     settings = load_config(config)
@@ -115,7 +116,7 @@ def run(
     elif not quiet:
         for warning in summary["warnings"]:
             console.print(f"warning: {warning}", style="yellow", highlight=False, soft_wrap=True)
-        print_notes(console, [*list_mount_notes(summary["mount"]), *list_sensor_notes(summary["sensors"])])
+        print_notes(console, map(name_options, list_sensor_notes(summary)))
         if settings.sensor.doppler_beta is None and summary["doppler_beta"]:
             beta = summary["doppler_beta"]
             print_notes(
@@ -123,17 +124,6 @@ def run(
             )
         Console(soft_wrap=True).print(tabulate_summary(summary))
         typer.echo(f"report: {result.report}")
-
-
-def list_mount_notes(mount: dict[str, Any] | None) -> list[str]:
-    """Returns what was found of where the radar sits on the vehicle, with the options of the command line."""
-    return [] if mount is None else [name_options(statement) for statement in mount["statements"]]
-
-
-def list_sensor_notes(sensors: dict[str, dict[str, Any] | None]) -> list[str]:
-    """Returns what was found of the sensors that are used; what is said of others is a warning."""
-    used = (found for found in sensors.values() if found is not None and found["used"])
-    return [statement for found in used for statement in found["statements"]]
 
 
 @contextmanager

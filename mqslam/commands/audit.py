@@ -124,7 +124,7 @@ def audit(  # noqa: PLR0913 - these are the options of an audit, each with its d
         settings = choose_settings(config)
         source, track, settings = detect_radar(data, given, name, settings, format, range_resolution, work)
         sweeps, notes, kind = *_render_sweeps(source, track, settings), source.format
-        turning = _check_turns(source, track, settings, notes)
+        turning = _check_turns(source, track, settings, notes, work)
         place = partial(_place_alone, source, settings)
     notes += told
     if mount is not None:
@@ -262,12 +262,17 @@ def _render_sweeps(source: Source, track: Trajectory, settings: Config) -> tuple
     return sweeps, [*source.notes, *notes]
 
 
-def _check_turns(source: Source, track: Trajectory, settings: Config, notes: list[str]) -> GyroscopeCheck | None:
-    """Returns what a recording's gyroscope says of a trajectory, and adds that to the notes; None where there is none."""
+def _check_turns(source: Source, track: Trajectory, settings: Config, notes: list[str], work: Work) -> GyroscopeCheck | None:
+    """Returns what a recording's gyroscope says of a trajectory; None where there is none.
+
+    Agreement is only told. Anything else is added to the notes, which become warnings.
+    """
     if source.gyroscope is None:
         return None
     checked = check_gyroscope(source.gyroscope, source.scans, track, settings.gyroscope)
-    if checked.agrees is not None:
+    if checked.agrees:
+        work.tell(checked.statement)
+    else:
         notes.append(checked.statement)
     return checked
 

@@ -74,7 +74,7 @@ def compare(  # noqa: PLR0913 - these are the options of a comparison, each with
         odometry_only: whether motions are only chained, without pose graph and loops.
         kiss_config: YAML file with KISS-ICP's own settings.
         odometry: `auto` (the recording's own, if it has one), `none`, or the path of a file; it serves row `odometry` only.
-        imu: `auto` (the recording's own gyroscope), or the path of a file; it serves rows `...+gyro` only.
+        imu: `auto` (the recording's own gyroscope), `none`, or the path of a file; it serves rows `...+gyro` only.
         config: settings, or the path of a YAML file, or the name of one that ships with mqslam; None takes the defaults.
         format: layout of the recording; None guesses it.
         range_resolution: length of a range bin [m], if the recording does not state it or is wrong.
@@ -186,13 +186,18 @@ def _choose_gyroscope(recording: Recording, imu: str, frontends: Sequence[str]) 
     """Returns the gyroscope for the rows that it joins.
 
     Raises:
-        ConfigError: there is such a row, and no gyroscope.
+        ConfigError: there is such a row, and no gyroscope, or it is switched off.
         DataError: the file cannot be read, or shares no time with the recording.
     """
     joined = [name for name in frontends if split_row(name)[1]]
-    gyroscope = choose_gyroscope(recording, imu)[0] if joined else None
-    if joined and gyroscope is None:
-        raise ConfigError(f"front end {joined[0]}: the recording has no gyroscope", Remedy.NAME_GYROSCOPE)
+    if not joined:
+        return NO_SENSORS
+    if imu == "none":
+        raise ConfigError(f"front end {joined[0]}: the gyroscope is switched off", Remedy.SWITCH_GYROSCOPE_ON)
+    gyroscope, notes = choose_gyroscope(recording, imu)
+    if gyroscope is None:
+        why = "; ".join(notes) or "the recording has no gyroscope"
+        raise ConfigError(f"front end {joined[0]}: {why}", Remedy.NAME_GYROSCOPE)
     return Sensors(gyroscope)
 
 
@@ -204,6 +209,9 @@ def _check_names(frontends: Sequence[str], *, odometry_only: bool) -> None:
         )
     for name in frontends:
         front_end, has_gyroscope = split_row(name)
+        if "+" in front_end:
+            bare = front_end.split("+")[0]
+            raise ConfigError(f"front end {name}: +gyro is the only sensor that can be added; name {bare} or {bare}+gyro")
         known_frontends.find_entry_point(front_end)
         if has_gyroscope and odometry_only:
             raise ConfigError(

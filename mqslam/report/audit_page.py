@@ -139,6 +139,7 @@ def write_audit_report(path: Path, report: AuditReport) -> list[str]:
         settings_yaml=report.settings_yaml,
         version=version_in(report.summary),
         warnings=(*report.warnings, *failures),
+        notes=report.notes,
         verdict=verdict_in(report.summary),
     )
     write_page(path, "audit.html", frame, parts)

@@ -35,3 +35,9 @@ class AuditReport:
     warnings: tuple[str, ...]
     settings_yaml: str
     mended: Judged | None = None
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What the reader should know that is no warning: that a gyroscope agrees with the trajectory."""
+        check = self.summary.get("gyroscope")
+        return (check["statement"],) if check is not None and check["agrees"] else ()

@@ -15,6 +15,7 @@ from mqslam.config import AuditConfig, dump_yaml, set_doppler_beta
 from mqslam.core.measurement import Measurement
 from mqslam.core.point_map import PointMap
 from mqslam.core.recording import Recording
+from mqslam.core.sensors.sensor_notes import list_sensor_notes
 from mqslam.core.trajectory import Trajectory
 from mqslam.mapping.render import select_moving
 from mqslam.solution import Run
@@ -127,12 +128,6 @@ def report_run(run: Run, recording: Recording, summary: Mapping[str, Any]) -> Re
         covariances=run.covariances,
         warnings=tuple(summary["warnings"]),
         settings_yaml=dump_yaml(set_doppler_beta(run.config, run.doppler_beta)),
-        notes=(*recording.notes, *_list_sensor_notes(summary)),
+        notes=(*recording.notes, *list_sensor_notes(summary)),
         stood_still=len(moved) > 1 and moved.sum() == 1,
     )
-
-
-def _list_sensor_notes(summary: Mapping[str, Any]) -> list[str]:
-    """Returns what was found of the sensors that are used; what is said of others is a warning."""
-    used = (found for found in (summary.get("sensors") or {}).values() if found is not None and found["used"])
-    return [statement for found in used for statement in found["statements"]]

@@ -19,6 +19,7 @@ from mqslam.config import dump_yaml, set_doppler_beta
 from mqslam.core import se2
 from mqslam.core.measurement import Measurement
 from mqslam.core.recording import Recording
+from mqslam.core.sensors.sensor_notes import list_sensor_notes
 from mqslam.core.trajectory import Trajectory
 from mqslam.errors import tolerate
 from mqslam.evaluation import evaluate
@@ -217,7 +218,8 @@ def _write_numbers(folder: Path, summary: dict[str, Any], notes: Sequence[str]) 
 def _log_text(summary: dict[str, Any], notes: Sequence[str]) -> str:
     dataset = summary["dataset"]
     lines = [f"mqslam {summary['mqslam_version']} on {dataset['path']} ({dataset['format']})"]
-    lines += [f"note: {note}" for note in notes] + [f"warning: {warning}" for warning in summary["warnings"]]
+    lines += [f"note: {note}" for note in (*notes, *list_sensor_notes(summary))]
+    lines += [f"warning: {warning}" for warning in summary["warnings"]]
     lines.append(f"Doppler shift: {summary['doppler_beta']:.4f} s of range per closing speed")
     lines += [f"{stage}: {seconds:.2f} s" for stage, seconds in summary["runtime_s"].items()]
     lines.append(f"verdict: {summary['verdict']['status']}: {'; '.join(summary['verdict']['reasons'])}")

@@ -19,6 +19,8 @@ from mqslam.mapping.render import select_moving
 from mqslam.solution import Run
 
 _LISTED: Final = 5  # gaps that are named one by one, so that the warnings stay readable
+_SEEN_BY_CHIRPS: Final = "; the velocities by chirps carry the trajectory there"
+_NEAR_S: Final = 5.0  # stretches that are less than so long apart [s] are told in one line
 
 
 def judge_run(run: Run) -> tuple[VerdictStatus, list[str]]:
@@ -41,8 +43,8 @@ def list_warnings(run: Run, recording: Recording) -> list[str]:
     warnings = [*recording.faults, *warn_of_unread(run.unread), *run.warnings]
     warnings += _warn_of_gaps(recording.gaps(), run.config.tracker.longest_coast_s)
     for status, what in ((Status.LOST, "lost track"), (Status.DEGENERATE, "did not observe every direction")):
-        spans = find_stretches(run.measurements, status)
-        warnings += [f"{what} from {begin:.1f} s to {end:.1f} s" for begin, end in spans]
+        remark = _SEEN_BY_CHIRPS if status is Status.DEGENERATE and _has_velocities(run, status) else ""
+        warnings += [f"{line}{remark}" for line in _warn_of_stretches(what, find_stretches(run.measurements, status))]
     if run.refined.refused:
         warnings.append("the refinement made psi between passes larger: the poses before it are kept")
     stops = find_stops(run, recording)
@@ -72,6 +74,39 @@ def find_stretches(measurements: Sequence[Measurement], status: Status) -> list[
         else:
             spans.append((measurement.t0, measurement.t1))
     return spans
+
+
+def _has_velocities(run: Run, status: Status) -> bool:
+    """Returns whether velocities by chirps join the graph at every measurement that has a status."""
+    velocities = run.sensors.velocities
+    if velocities is None or velocities.edges is None:
+        return False
+    return all(k in velocities.edges for k, m in enumerate(run.measurements) if m.status is status)
+
+
+def _warn_of_stretches(what: str, spans: Sequence[tuple[float, float]]) -> list[str]:
+    """Returns a warning for each stretch, or one for several that are near each other.
+
+    Args:
+        what: happened in each of them.
+        spans: their first and last times [s], in order.
+    """
+    groups: list[list[tuple[float, float]]] = []
+    for begin, end in spans:
+        if groups and begin - groups[-1][-1][1] < _NEAR_S:
+            groups[-1].append((begin, end))
+        else:
+            groups.append([(begin, end)])
+    return [_describe_stretches(what, group) for group in groups]
+
+
+def _describe_stretches(what: str, group: Sequence[tuple[float, float]]) -> str:
+    """Returns when something happened, in words."""
+    place = f"from {group[0][0]:.1f} s to {group[-1][1]:.1f} s"
+    if len(group) == 1:
+        return f"{what} {place}"
+    lasted_s = sum(end - begin for begin, end in group)
+    return f"{what} in {len(group)} stretches {place}, {lasted_s:.1f} s in all"
 
 
 def _judge_track(run: Run) -> list[Finding]:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from support.mounted import MountedDrive
 
-from mqslam.backend.sensors.mount_use import find_mount
+from mqslam.backend.sensors.mount_use import _tell_estimate, find_mount
 from mqslam.backend.sensors.odometry.mount_estimate import MountEstimate, estimate_mount
 from mqslam.backend.sensors.odometry.odometry_calibration import make_design
 from mqslam.backend.sensors.odometry.odometry_edges import make_odometry_edges
@@ -97,6 +97,18 @@ def test_an_estimate_is_told_with_the_extrinsics_that_would_use_it() -> None:
     assert "ahead of the vehicle's origin" in use.statements[0] and "m) to the right" in use.statements[0]
     x, y, yaw = use.pose[0], use.pose[1], np.degrees(use.pose[2])
     assert f"give extrinsics {x:.2f},{y:.2f},{yaw:.1f} to use it" in use.statements[0]
+
+
+def test_a_radar_that_may_be_at_the_origin_is_said_to_be_there() -> None:
+    use = find_mount(None, wheels(rounds(), np.zeros(3), 1), psi(rounds(), np.zeros(3), 1), STATED, SETTINGS)
+    assert use is not None and np.all(np.abs(use.pose) < 3.0 * use.sigmas)
+    assert use.statements[0].startswith("odometry says that the radar sits at the vehicle's origin (± ")
+    assert use.statements[0].endswith(" deg)") and "give extrinsics" not in use.statements[0]
+
+
+def test_no_part_of_the_extrinsics_is_minus_zero() -> None:
+    told = _tell_estimate(np.array([1.8, -0.001, -0.0001]), np.full(3, 0.01))
+    assert told.endswith("give extrinsics 1.80,0.00,0.0 to use it")
 
 
 def test_nothing_is_told_where_there_is_no_odometry_or_too_little() -> None:

@@ -155,6 +155,7 @@ def test_a_row_that_cannot_run_says_why_and_the_others_go_on(oxford_tiny: Path, 
     [
         (("--frontends", "psi,kis_icp"), "front end kis_icp: unknown; did you mean kiss_icp?"),
         (("--frontends", "psi,psi"), "each name once"),
+        (("--frontends", "psi+gps"), "+gyro is the only sensor that can be added; name psi or psi+gyro"),
         (("--trajectory", "mine"), "give NAME=FILE"),
         (("--trajectory", "../mine=a.tum"), "give it a name in letters and digits"),
         (("--trajectory", "psi=a.tum"), "there is a row psi already"),
@@ -164,4 +165,10 @@ def test_a_row_that_cannot_run_says_why_and_the_others_go_on(oxford_tiny: Path, 
 def test_mistakes_are_one_line_and_leave_nothing(street: Path, tmp_path: Path, options: tuple[str, ...], said: str) -> None:
     result = mqslam("compare", street, "--out", tmp_path / "out", *OPTIONS, *options)
     assert result.code == 2 and said in result.err and len(result.err.splitlines()) == 1
+    assert read_contents(tmp_path) == {}
+
+
+def test_a_gyroscope_that_is_switched_off_is_not_said_to_be_missing(street: Path, tmp_path: Path) -> None:
+    result = mqslam("compare", street, "--out", tmp_path / "out", "--frontends", "psi+gyro", "--imu", "none")
+    assert result.code == 2 and "psi+gyro: the gyroscope is switched off; give --imu auto" in result.err
     assert read_contents(tmp_path) == {}

@@ -47,6 +47,14 @@ def test_the_sensors_of_a_recording_join_and_the_summary_says_how_much_they_do(j
     assert "Gyroscope" in page and "GNSS" in page and "turns in the graph" in page
 
 
+def test_the_log_holds_what_is_said_of_every_sensor_and_of_the_mount(joined: Path) -> None:
+    log, summary = (joined / "run.log").read_text().splitlines(), summary_of(joined)
+    told = [summary["sensors"]["gyroscope"], summary["sensors"]["gnss"], summary["mount"]]
+    notes = [f"note: {statement}" for part in told for statement in part["statements"]]
+    begin = log.index(notes[0])
+    assert len(notes) > 4 and log[begin : begin + len(notes)] == notes
+
+
 @pytest.mark.slow
 def test_the_number_of_jobs_changes_no_byte(street: Path, joined: Path, tmp_path: Path) -> None:
     again = run(street, tmp_path / "out", "--jobs", "2", "--config", joined / "config.yaml")
@@ -94,7 +102,9 @@ def test_compare_shows_the_gyroscope_as_a_row_of_its_own(street: Path, tmp_path:
 
 
 def test_an_audit_holds_the_trajectory_against_the_gyroscope(street: Path, tmp_path: Path) -> None:
-    done = mqslam("audit", street, "--out", tmp_path / "out", "--trajectory", "ground_truth", "--quiet")
+    done = mqslam("audit", street, "--out", tmp_path / "out", "--trajectory", "ground_truth")
     assert done.code == 0
-    check = json.loads((tmp_path / "out" / "audit.json").read_text())["gyroscope"]
+    audited = json.loads((tmp_path / "out" / "audit.json").read_text())
+    check = audited["gyroscope"]
     assert check["agrees"] is True and "agrees with the trajectory" in check["statement"]
+    assert f"note: {check['statement']}" in done.err and check["statement"] not in audited["warnings"]

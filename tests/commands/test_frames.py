@@ -149,7 +149,10 @@ def test_a_bag_of_the_results_names_the_frame_that_moves(results: Callable[[str,
 @pytest.mark.parametrize(
     ("options", "said"),
     [
-        (("--frame", "vehicle"), "nothing says where the radar sits on it; give --extrinsics X,Y,YAW, or --frame radar"),
+        (
+            ("--frame", "vehicle"),
+            "sits on it; give --extrinsics X,Y,YAW, or --frame radar; such a run estimates them",
+        ),
         (("--frame", "vehicle", "--extrinsics", "none"), "nothing says where the radar sits on it"),
         (("--frame", "vehicel", "--extrinsics", "1,0,0"), "frame vehicel: unknown; did you mean vehicle?"),
     ],

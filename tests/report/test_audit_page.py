@@ -94,6 +94,15 @@ def test_warnings_stand_before_the_verdict_and_the_verdict_before_the_numbers(wr
     assert text.index("<img src=x>") < text.index("warn\n") < text.index("of windows torn: 1 of 10") < text.index("Heat map")
 
 
+@pytest.mark.parametrize("agrees", [True, False, None])
+def test_a_gyroscope_that_agrees_is_a_note(tmp_path: Path, agrees: bool | None) -> None:
+    told = "what the gyroscope says of the trajectory"
+    report = a_report()
+    summary = {**report.summary, "gyroscope": {"agrees": agrees, "statement": told}}
+    write_audit_report(tmp_path / "report.html", replace(report, summary=summary))
+    assert (f"Notes\n{told}" in page_of(tmp_path / "report.html").text) == (agrees is True)
+
+
 def test_tiles_say_what_is_torn_and_by_how_much(written: Path) -> None:
     text = page_of(written).text
     for shown in ("10.0 %\nof windows torn", "2.37 expected", "0.17 m\nworst window", "1 of 2\nrevisits torn"):

@@ -8,10 +8,12 @@ from support.reported import judged_window, swept_walls
 
 from mqslam.auditing.findings import judge_windows
 from mqslam.auditing.verdict import VerdictStatus
+from mqslam.backend.sensor_use import SensorUse
+from mqslam.backend.sensors.chirps.velocity_use import VelocityUse
 from mqslam.config import Config
 from mqslam.core.measurement import Measurement, Refined, Status
 from mqslam.core.point_map import PointMap
-from mqslam.results.run_verdict import _warn_of_gaps, find_stops, judge_run
+from mqslam.results.run_verdict import _warn_of_gaps, _warn_of_stretches, find_stops, judge_run, list_warnings
 
 PASS, WARN, FAIL, NOT_JUDGED = VerdictStatus
 
@@ -46,14 +48,20 @@ def run(scans, *, lost=0, degenerate=0, torn=0, before=0.5, after=0.4, **others)
     return SimpleNamespace(
         frontend="psi",
         config=settings,
-        optimised=range(scans),
         measurements=[Measurement(k, k + 1, np.zeros(3), np.eye(3), status) for k, status in enumerate(statuses)],
         checks=windows,
         checked=SimpleNamespace(tests=tests),
         map_odometry=before if isinstance(before, PointMap) else pointmap(before),
         map_optimised=after if isinstance(after, PointMap) else pointmap(after),
         loops=[],
-        **{"odometry_factors": 1, "refined": Refined([], []), "unoptimised": None, "unread": {}, **others},
+        **{
+            "optimised": range(scans),
+            "odometry_factors": 1,
+            "refined": Refined([], []),
+            "unoptimised": None,
+            "unread": {},
+            **others,
+        },
     )
 
 
@@ -115,6 +123,26 @@ def test_psi_per_point_says_that_it_hardly_sees_drift() -> None:
     assert say(0.505).startswith("psi per point is 1.01 times that of the map before optimisation: it did not blur the map")
     assert say(0.505).endswith("takes more than 1.1 times, but drift hardly shows in this number")
     assert say(0.6).endswith("it blurred the map, which takes more than 1.1 times")
+
+
+def test_stretches_that_are_near_each_other_are_one_warning() -> None:
+    spans = [(1.0, 2.0), (13.8, 14.3), (14.5, 15.0), (19.9, 20.4), (25.4, 26.0)]
+    assert _warn_of_stretches("lost track", spans) == [
+        "lost track from 1.0 s to 2.0 s",
+        "lost track in 3 stretches from 13.8 s to 20.4 s, 1.5 s in all",
+        "lost track from 25.4 s to 26.0 s",
+    ]
+
+
+@pytest.mark.parametrize(("edges", "carried"), [(range(3), True), (range(2), False), (None, False)])
+def test_velocities_by_chirps_are_said_to_carry_what_psi_does_not_observe(edges, carried):
+    velocities = VelocityUse((), None if edges is None else dict.fromkeys(edges))
+    recording = SimpleNamespace(faults=[], gaps=list, start_times=np.arange(20.0), duration_s=20.0)
+    poses = SimpleNamespace(poses=np.c_[5.0 * np.arange(20.0), np.zeros((20, 2))])
+    driven = run(20, degenerate=3, sensors=SensorUse(velocities=velocities), warnings=(), optimised=poses)
+    (warning,) = list_warnings(driven, recording)
+    told = "; the velocities by chirps carry the trajectory there" if carried else ""
+    assert warning == f"did not observe every direction from 0.0 s to 3.0 s{told}"
 
 
 def test_of_many_gaps_the_first_are_named_and_the_others_counted() -> None:

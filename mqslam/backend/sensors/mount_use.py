@@ -91,11 +91,21 @@ def _tell_estimate(pose: se2.Array, sigmas: NDArray[np.float64]) -> str:
     if np.isnan(pose[0]):
         turned = _describe_pose(pose, sigmas)
         return f"odometry says that the radar is {turned}; where it sits cannot be told, since the drive turns too little"
-    told = f"odometry says that the radar sits {_describe_pose(pose, sigmas)}"
+    is_off = bool(np.any(np.abs(pose) > _BEYOND * sigmas))
+    told = f"odometry says that the radar sits {_describe_pose(pose, sigmas) if is_off else _describe_origin(sigmas)}"
     if np.isnan(pose[2]):
         return f"{told}; its yaw cannot be told"
+    if not is_off:
+        return told
     x, y, yaw = pose[0], pose[1], np.degrees(pose[2])
-    return f"{told}; {Remedy.GIVE_EXTRINSICS} {x:.2f},{y:.2f},{yaw:.1f} to use it"
+    return f"{told}; {Remedy.GIVE_EXTRINSICS} {x:z.2f},{y:z.2f},{yaw:z.1f} to use it"
+
+
+def _describe_origin(sigmas: NDArray[np.float64]) -> str:
+    """Returns that a radar sits at the vehicle's origin, as far as standard deviations tell, in words."""
+    x, y, yaw = sigmas
+    turned = "" if np.isnan(yaw) else f", not turned (± {np.degrees(yaw):.2g} deg)"
+    return f"at the vehicle's origin (± {x:.2g} m ahead, ± {y:.2g} m to the left){turned}"
 
 
 def _describe_pose(pose: se2.Array, sigmas: NDArray[np.float64] | None = None) -> str:

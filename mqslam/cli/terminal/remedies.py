@@ -14,8 +14,11 @@ _WORDS: dict[str, str] = {
     Remedy.CHOOSE_OR_WRITE_OUTPUT: "choose another --out or give --force to write into it",
     Remedy.FREE_SPACE: "free space or choose another --out",
     Remedy.GIVE_EXTRINSICS: "give --extrinsics",
-    Remedy.GIVE_EXTRINSICS_OR_RADAR: "give --extrinsics X,Y,YAW, or --frame radar",
+    Remedy.GIVE_EXTRINSICS_OR_RADAR: (
+        "give --extrinsics X,Y,YAW, or --frame radar; such a run estimates them from odometry, if there is any"
+    ),
     Remedy.NAME_GYROSCOPE: "name the file of its readings with --imu",
+    Remedy.SWITCH_GYROSCOPE_ON: "give --imu auto for the recording's own, or --imu FILE",
     Remedy.GIVE_FITTING_TRAJECTORY: "give the --trajectory it was made with, or --time-offset if their clocks differ",
     Remedy.GIVE_MORE_POSES: "give a --trajectory with a pose for every scan",
     Remedy.GIVE_ODOMETRY: "give --odometry FILE or another --frontend",

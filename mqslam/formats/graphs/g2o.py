@@ -61,8 +61,8 @@ _REMEDY: Final = f"give a graph of {_PLANAR.vertex} and {_PLANAR.edge}, or of {_
 def format_g2o(factors: gtsam.NonlinearFactorGraph, values: gtsam.Values, size: int) -> str:
     """Formats the graph of a run as text.
 
-    Vertices are numbered from 0: those of the scans first, and those of the submaps after them. What other sensors have
-    added to the graph, and the variables of their own, are left out.
+    Vertices are numbered from 0: those of the scans first, and those of the submaps after them. What gyroscope and
+    GNSS have added to the graph, and the variables of their own, are left out.
 
     Args:
         factors: the graph, of which the between-factors are written.
