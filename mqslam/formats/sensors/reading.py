@@ -134,6 +134,6 @@ def _note_unit(gyroscope: Gyroscope) -> list[str]:
     if usual <= _FASTEST_TURN:
         return []
     return [
-        f"the yaw rates in {gyroscope.source} reach {usual:.3g} rad/s, faster than any vehicle turns: they are kept; "
-        "if they are degrees per second, convert them to rad/s"
+        f"the yaw rates in {gyroscope.source} reach {usual:.3g} rad/s, faster than any vehicle turns, and look like degrees "
+        "per second; convert them to rad/s, else the gyroscope cannot agree with the radar and will not be used"
     ]

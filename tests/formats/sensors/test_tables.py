@@ -89,10 +89,11 @@ def test_what_is_no_place_on_the_earth_is_left_out(tmp_path: Path, place: str) -
     assert len(reading.sensor) == 3 and "1 of 4 rows is left out: they hold no place on the Earth" in reading.faults[0]
 
 
-def test_degrees_per_second_are_noted_and_kept(tmp_path: Path) -> None:
+def test_degrees_per_second_are_read_as_they_are_with_a_note_that_the_gyroscope_will_not_be_used(tmp_path: Path) -> None:
     rows = [f"{t},0,0,{23.0 * np.sin(k / 9)}" for k, t in enumerate(stamps().tolist())]
     reading = read_gyroscope(write_imu_csv(tmp_path / "imu.csv", *rows))
-    assert len(reading.notes) == 1 and "if they are degrees per second, convert them" in reading.notes[0]
+    assert len(reading.notes) == 1 and "look like degrees per second; convert them to rad/s" in reading.notes[0]
+    assert reading.notes[0].endswith("will not be used")
     assert reading.sensor.rates[:, 2].max() == pytest.approx(23.0, rel=0.02)
 
 
