@@ -19,6 +19,7 @@ from mqslam.core.trajectory import Trajectory
 from mqslam.errors import ConfigError, DataError, Remedy, suggest
 from mqslam.formats.recordings import open_recording, read_odometry
 from mqslam.formats.sensors import read_fixes, read_gyroscope
+from mqslam.formats.shared.stamps import guess_stated_unit
 
 RADAR, VEHICLE = "radar", "vehicle"
 """What the poses that a run writes may be the poses of."""
@@ -247,9 +248,13 @@ def _overlaps(recording: Recording, stamps_us: NDArray[np.int64]) -> bool:
 
 def _require_overlap(recording: Recording, stamps_us: NDArray[np.int64], name: str) -> None:
     """Raises DataError unless some of the increasing stamps (N,) [us] of a file lie within a recording."""
-    if not _overlaps(recording, stamps_us):
-        raise DataError(
-            name,
-            f"spans {stamps_us[0]} to {stamps_us[-1]} us, which shares no time with the recording",
-            f"give one of {recording.start_us} to {recording.end_us} us in the radar's clock",
-        )
+    if _overlaps(recording, stamps_us):
+        return
+    first, last = int(stamps_us[0]), int(stamps_us[-1])
+    problem = f"spans {first} to {last} us, which shares no time with the recording"
+    remedy = f"give one of {recording.start_us} to {recording.end_us} us in the radar's clock"
+    unit = guess_stated_unit(first, last, recording.start_us, recording.end_us)
+    if unit:
+        problem += f": its stamps look like {unit}"
+        remedy = f"give them in microseconds, of {recording.start_us} to {recording.end_us} us in the radar's clock"
+    raise DataError(name, problem, remedy)

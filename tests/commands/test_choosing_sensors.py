@@ -77,6 +77,26 @@ def test_sensors_of_another_time_are_not_used(recording: Recording, tmp_path: Pa
     assert str(START_US) in caught.value.remedy
 
 
+@pytest.mark.parametrize(("unit", "us"), [("seconds", 1e6), ("milliseconds", 1e3), ("nanoseconds", 1e-3)])
+def test_stamps_in_another_unit_than_microseconds_are_said_to_look_like_it(
+    recording: Recording, tmp_path: Path, unit: str, us: float
+) -> None:
+    times = np.linspace(recording.start_us, recording.end_us, 100) / us
+    imu = write_imu_csv(tmp_path / "mine.csv", *(f"{t:.6f},0,0,0" for t in times))
+    gnss = write_gnss_csv(tmp_path / "gnss.csv", *(f"{t:.6f},43.0,-79.0,2.5" for t in times))
+    for choose, file in ((choose_gyroscope, imu), (choose_fixes, gnss)):
+        with pytest.raises(DataError, match=f"recording: its stamps look like {unit}; give them in microseconds, of"):
+            choose(recording, str(file))
+
+
+def test_stamps_since_another_zero_look_like_no_other_unit(recording: Recording, tmp_path: Path) -> None:
+    from_zero = replace(recording, stamps_us=recording.stamps_us - recording.start_us)
+    for start_us in (3_000_000, 1_000_000_000):
+        file = write_imu_csv(tmp_path / "mine.csv", *(f"{t},0,0,0" for t in stamps(40, 10_000, start_us).tolist()))
+        with pytest.raises(DataError, match=r"with the recording; give one of"):
+            choose_gyroscope(from_zero, str(file))
+
+
 @pytest.mark.parametrize("text", ["1,2", "1,2,left", "1500,0,0", "0,0,nan", "autos"])
 def test_extrinsics_that_are_no_pose_are_refused(recording: Recording, text: str) -> None:
     with pytest.raises(ConfigError, match="extrinsics"):
