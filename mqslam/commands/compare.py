@@ -190,7 +190,7 @@ def _choose_gyroscope(recording: Recording, imu: str, frontends: Sequence[str]) 
         DataError: the file cannot be read, or shares no time with the recording.
     """
     joined = [name for name in frontends if split_row(name)[1]]
-    gyroscope = choose_gyroscope(recording, imu)[0] if joined else None
+    gyroscope = choose_gyroscope(recording, imu).sensor if joined else None
     if joined and gyroscope is None:
         raise ConfigError(f"front end {joined[0]}: the recording has no gyroscope", Remedy.NAME_GYROSCOPE)
     return Sensors(gyroscope)

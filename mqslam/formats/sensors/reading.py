@@ -18,17 +18,17 @@ from mqslam.formats.shared.stamps import mark_increasing
 
 _FASTEST_TURN = np.pi  # no vehicle turns faster than half round in a second [rad/s]: such readings are in another unit
 _SPIKES = 1e-3  # share of readings that may be faster all the same: a gyroscope that is knocked
-_Sensor = TypeVar("_Sensor")
+_Sensor = TypeVar("_Sensor", covariant=True)
 
 
 @dataclass(frozen=True, slots=True)
 class Reading(Generic[_Sensor]):
-    """A sensor that was read.
+    """A sensor that was read, or all that a run uses.
 
     Args:
-        sensor: its readings.
+        sensor: its readings; None where a run uses none.
         notes: how they were understood.
-        faults: which rows were left out, and why.
+        faults: which rows were left out or why the sensor is not used.
     """
 
     sensor: _Sensor
