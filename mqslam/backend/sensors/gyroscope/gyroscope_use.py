@@ -104,7 +104,7 @@ def _find_fault(
     if not is_told or abs(start.correlation) < settings.least_correlation:
         return "the radar turned too little, or too differently, to tell whether it agrees"
     if not 1.0 / settings.largest_scale <= rotation.scale <= settings.largest_scale:
-        is_degrees = abs(np.rad2deg(rotation.scale) - 1.0) < 0.1
+        is_degrees = abs(np.rad2deg(rotation.scale) - 1.0) < 0.25
         unit = ", as if it were in degrees per second; convert its rates to rad/s" if is_degrees else ""
         return f"the radar turns {rotation.scale:.3g} times as far as it says{unit}"
     if abs(rotation.delay_s) > settings.longest_delay_s:
