@@ -33,6 +33,7 @@ from mqslam.errors import ConfigError, EstimationError, Remedy
 from mqslam.execution.checkpoint import hash_run, keep_checkpoint
 from mqslam.execution.folders import check_free, write_folder_aside
 from mqslam.execution.runner import Runner
+from mqslam.formats.sensors.reading import Reading
 from mqslam.formats.trajectories import read_with_notes
 from mqslam.psi.doppler import choose_doppler_beta
 from mqslam.psi.place import beam_of
@@ -102,7 +103,8 @@ def compare(  # noqa: PLR0913 - these are the options of a comparison, each with
     recording = open_data(data, format, range_resolution, settings)
     track, notes = choose_odometry(recording, odometry, settings.reading, recording.mount)
     notes += told
-    sensors = _choose_gyroscope(recording, imu, frontends)
+    chosen = _choose_gyroscope(recording, imu, frontends)
+    sensors, notes = chosen.sensor, [*notes, *chosen.notes, *chosen.faults]
     for note in recording.notes:
         work.tell(note)
     revolution_s, start_us = recording.revolution_s, recording.start_us
@@ -182,7 +184,7 @@ def _set_kiss_config(settings: Config, kiss_config: Path | None) -> Config:
     return settings.model_copy(update={"kiss_icp": kiss})
 
 
-def _choose_gyroscope(recording: Recording, imu: str, frontends: Sequence[str]) -> Sensors:
+def _choose_gyroscope(recording: Recording, imu: str, frontends: Sequence[str]) -> Reading[Sensors]:
     """Returns the gyroscope for the rows that it joins.
 
     Raises:
@@ -191,14 +193,14 @@ def _choose_gyroscope(recording: Recording, imu: str, frontends: Sequence[str]) 
     """
     joined = [name for name in frontends if split_row(name)[1]]
     if not joined:
-        return NO_SENSORS
+        return Reading(NO_SENSORS)
     if imu == "none":
         raise ConfigError(f"front end {joined[0]}: the gyroscope is switched off", Remedy.SWITCH_GYROSCOPE_ON)
-    gyroscope, notes = choose_gyroscope(recording, imu)
-    if gyroscope is None:
-        why = "; ".join(notes) or "the recording has no gyroscope"
+    reading = choose_gyroscope(recording, imu)
+    if reading.sensor is None:
+        why = "; ".join(reading.faults) or "the recording has no gyroscope"
         raise ConfigError(f"front end {joined[0]}: {why}", Remedy.NAME_GYROSCOPE)
-    return Sensors(gyroscope)
+    return Reading(Sensors(reading.sensor), reading.notes, reading.faults)
 
 
 def _check_names(frontends: Sequence[str], *, odometry_only: bool) -> None:

@@ -19,6 +19,8 @@ from mqslam.core.trajectory import Trajectory
 from mqslam.errors import ConfigError, DataError, Remedy, suggest
 from mqslam.formats.recordings import open_recording, read_odometry
 from mqslam.formats.sensors import read_fixes, read_gyroscope
+from mqslam.formats.sensors.reading import Reading
+from mqslam.formats.shared.stamps import guess_stated_unit
 
 RADAR, VEHICLE = "radar", "vehicle"
 """What the poses that a run writes may be the poses of."""
@@ -150,8 +152,8 @@ def place_truth(recording: Recording, mount: Mount | None) -> Recording:
     return replace(recording, ground_truth=mount.carry_to_radar(recording.ground_truth), truth_on_vehicle=False)
 
 
-def choose_sensors(recording: Recording, inputs: Inputs) -> tuple[Sensors, list[str]]:
-    """Returns the sensors that a run uses, and what the user should know about the choice.
+def choose_sensors(recording: Recording, inputs: Inputs) -> Reading[Sensors]:
+    """Returns the sensors that a run uses, how files that were named are understood, and what is not used of them.
 
     Args:
         recording: the recording.
@@ -161,14 +163,14 @@ def choose_sensors(recording: Recording, inputs: Inputs) -> tuple[Sensors, list[
         ConfigError: the extrinsics are no pose on a vehicle.
         DataError: a file cannot be read, or shares no time with the recording.
     """
-    gyroscope, turning = choose_gyroscope(recording, inputs.imu)
-    fixes, placing = choose_fixes(recording, inputs.gnss)
-    mount, seating = choose_mount(recording, inputs.extrinsics)
-    return Sensors(gyroscope, fixes, mount), [*turning, *placing, *seating]
+    gyroscope = choose_gyroscope(recording, inputs.imu)
+    fixes = choose_fixes(recording, inputs.gnss)
+    sensors = Sensors(gyroscope.sensor, fixes.sensor, choose_mount(recording, inputs.extrinsics))
+    return Reading(sensors, (*gyroscope.notes, *fixes.notes), (*gyroscope.faults, *fixes.faults))
 
 
-def choose_gyroscope(recording: Recording, choice: str) -> tuple[Gyroscope | None, list[str]]:
-    """Returns the gyroscope that a run uses, and what the user should know about the choice.
+def choose_gyroscope(recording: Recording, choice: str) -> Reading[Gyroscope | None]:
+    """Returns the gyroscope that a run uses; the notes and faults of the recording's own are with the recording.
 
     Args:
         recording: the recording.
@@ -178,19 +180,19 @@ def choose_gyroscope(recording: Recording, choice: str) -> tuple[Gyroscope | Non
         DataError: the file cannot be read, or shares no time with the recording.
     """
     if choice == "none":
-        return None, []
+        return Reading(None)
     if choice != "auto":
         reading = read_gyroscope(Path(choice))
         _require_overlap(recording, reading.sensor.stamps_us, choice)
-        return reading.sensor, [*reading.notes, *reading.faults]
+        return reading
     own = recording.gyroscope
     if own is not None and not _overlaps(recording, own.stamps_us):
-        return None, ["the recording's gyroscope shares no time with the radar and is not used"]
-    return own, []
+        return Reading(None, faults=("the recording's gyroscope shares no time with the radar and is not used",))
+    return Reading(own)
 
 
-def choose_fixes(recording: Recording, choice: str) -> tuple[Fixes | None, list[str]]:
-    """Returns the GNSS fixes that a run uses, and what the user should know about the choice.
+def choose_fixes(recording: Recording, choice: str) -> Reading[Fixes | None]:
+    """Returns the GNSS fixes that a run uses; the notes and faults of the recording's own are with the recording.
 
     Fixes that the ground truth was made from are used only if their file is named: an evaluation of what they have a part in
     would prove nothing.
@@ -203,26 +205,22 @@ def choose_fixes(recording: Recording, choice: str) -> tuple[Fixes | None, list[
         DataError: the file cannot be read, or shares no time with the recording.
     """
     if choice == "none":
-        return None, []
+        return Reading(None)
     if choice != "auto":
         reading = read_fixes(Path(choice), recording.start_us)
         _require_overlap(recording, reading.sensor.stamps_us, choice)
-        return reading.sensor, [*reading.notes, *reading.faults]
+        return reading
     own = recording.fixes
-    if own is None:
-        return None, []
-    if own.made_truth:
-        return None, [
-            f"the GNSS fixes in {own.source} are not used, since the recording's ground truth was made from them; "
-            "name the file to use them"
-        ]
-    if not _overlaps(recording, own.stamps_us):
-        return None, ["the recording's GNSS fixes share no time with the radar and are not used"]
-    return own, []
+    if own is not None and own.made_truth:
+        why = f"the GNSS fixes in {own.source} are not used, since the recording's ground truth was made from them; "
+        return Reading(None, faults=(f"{why}name the file to use them",))
+    if own is not None and not _overlaps(recording, own.stamps_us):
+        return Reading(None, faults=("the recording's GNSS fixes share no time with the radar and are not used",))
+    return Reading(own)
 
 
-def choose_mount(recording: Recording, choice: str) -> tuple[Mount | None, list[str]]:
-    """Returns where the radar sits on the vehicle, and what the user should know about the choice: nothing.
+def choose_mount(recording: Recording, choice: str) -> Mount | None:
+    """Returns where the radar sits on the vehicle, or None where it is not known.
 
     Args:
         recording: the recording.
@@ -233,10 +231,10 @@ def choose_mount(recording: Recording, choice: str) -> tuple[Mount | None, list[
         ConfigError: the choice is neither, or no pose on a vehicle.
     """
     if choice == "none":
-        return None, []
+        return None
     if choice != "auto":
-        return Mount(to_pose(parse_extrinsics(choice)), "given", given=True), []
-    return recording.mount, []
+        return Mount(to_pose(parse_extrinsics(choice)), "given", given=True)
+    return recording.mount
 
 
 def _overlaps(recording: Recording, stamps_us: NDArray[np.int64]) -> bool:
@@ -247,9 +245,13 @@ def _overlaps(recording: Recording, stamps_us: NDArray[np.int64]) -> bool:
 
 def _require_overlap(recording: Recording, stamps_us: NDArray[np.int64], name: str) -> None:
     """Raises DataError unless some of the increasing stamps (N,) [us] of a file lie within a recording."""
-    if not _overlaps(recording, stamps_us):
-        raise DataError(
-            name,
-            f"spans {stamps_us[0]} to {stamps_us[-1]} us, which shares no time with the recording",
-            f"give one of {recording.start_us} to {recording.end_us} us in the radar's clock",
-        )
+    if _overlaps(recording, stamps_us):
+        return
+    first, last = int(stamps_us[0]), int(stamps_us[-1])
+    problem = f"spans {first} to {last} us, which shares no time with the recording"
+    remedy = f"give one of {recording.start_us} to {recording.end_us} us in the radar's clock"
+    unit = guess_stated_unit(first, last, recording.start_us, recording.end_us)
+    if unit:
+        problem += f": its stamps look like {unit}"
+        remedy = f"give them in microseconds, of {recording.start_us} to {recording.end_us} us in the radar's clock"
+    raise DataError(name, problem, remedy)

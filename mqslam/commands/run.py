@@ -90,7 +90,7 @@ def run(  # noqa: PLR0913 - these are the options of a run, each with its defaul
     check_free(out, force=force, resume=resume, recording=data)
     inputs = Inputs(odometry, imu, gnss, extrinsics, frame)
     job = open_job(data, settings, frontend, inputs, format, range_resolution, strict=strict)
-    for note in job.log:
+    for note in job.recording.notes:
         work.tell(note)
     return RunResult(out, execute(job, out, work, resume=resume))
 
@@ -100,12 +100,12 @@ class Job:
     """A run that is ready to begin.
 
     Args:
-        recording: the recording.
+        recording: the recording, with notes on how it and the sensors' files were understood.
         odometry: the odometry it uses, or None.
         settings: all settings.
         frontend: name of the front end.
         strict: whether a polar scan that cannot be read is an error.
-        notes: what a user should know about the choice of odometry and sensors.
+        warnings: what is not used of odometry and sensors, and why.
         sensors: the other sensors it uses.
         frame: `radar` or `vehicle`: whose poses it writes.
     """
@@ -115,14 +115,9 @@ class Job:
     settings: Config
     frontend: str
     strict: bool
-    notes: tuple[str, ...]
+    warnings: tuple[str, ...]
     sensors: Sensors = NO_SENSORS
     frame: str = RADAR
-
-    @property
-    def log(self) -> tuple[str, ...]:
-        """The notes that a user should know before the run begins."""
-        return (*self.recording.notes, *self.notes)
 
     @property
     def key(self) -> str:
@@ -157,11 +152,12 @@ def open_job(
         DataError: the recording, the odometry or a sensor's file cannot be used.
     """
     recording = open_data(data, format, range_resolution, settings, strict=strict)
-    sensors, told = choose_sensors(recording, inputs)
-    track, notes = choose_odometry(recording, inputs.odometry, settings.reading, sensors.mount)
+    chosen = choose_sensors(recording, inputs)
+    sensors = chosen.sensor
+    track, unused = choose_odometry(recording, inputs.odometry, settings.reading, sensors.mount)
     check_frame(inputs.frame, sensors.mount, data)
-    recording = place_truth(recording, sensors.mount)
-    return Job(recording, track, settings, frontend, strict, (*notes, *told), sensors, inputs.frame)
+    recording = replace(place_truth(recording, sensors.mount), notes=(*recording.notes, *chosen.notes))
+    return Job(recording, track, settings, frontend, strict, (*unused, *chosen.faults), sensors, inputs.frame)
 
 
 def execute(job: Job, out: Path, work: Work, *, resume: bool, how: str = Remedy.RESUME) -> dict[str, Any]:
@@ -184,12 +180,12 @@ def execute(job: Job, out: Path, work: Work, *, resume: bool, how: str = Remedy.
         runner = Runner(work.engine, work.progress, checkpoint, work.watch)
         slam = Slam(job.settings, job.frontend, runner, strict=job.strict)
         result = slam.run(job.recording, job.odometry, job.sensors)
-        warnings = [*list_warnings(result, job.recording), *job.notes]
+        warnings = [*list_warnings(result, job.recording), *job.warnings]
         shown, recording = job.choose_frame(result)
         summary: dict[str, Any] = to_json_values({**summarise(shown, recording), "warnings": warnings, "run_key": job.key})
         with write_folder_aside(out) as folder:
-            write_run(folder, shown, summary, job.log)
-            add_warnings(folder, summary, job.log, write_run_pages(folder, shown, recording, summary))
+            write_run(folder, shown, summary, recording.notes)
+            add_warnings(folder, summary, recording.notes, write_run_pages(folder, shown, recording, summary))
     return summary
 
 

@@ -381,7 +381,7 @@ def test_odometry_that_stops_early_is_not_used_and_said(street: Path, quick: Pat
         (drive / name).symlink_to(street / name)
     (drive / "odom.csv").write_text("\n".join((street / "odom.csv").read_text().splitlines()[:50]) + "\n")
     shown = mqslam("run", drive, "--out", tmp_path / "out", "--config", quick)
-    assert shown.code == 0 and "odometry does not cover the whole recording" in shown.err
+    assert shown.code == 0 and shown.err.count("odometry does not cover the whole recording") == 1
     assert "odometry does not cover the whole recording" in (tmp_path / "out" / "run.log").read_text()
     summary = summary_of(tmp_path / "out")
     assert summary["factors"]["odometry"] == 0 and summary["evaluation"] is None

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import json
+from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
 import pytest
 from support.commands import mqslam, run_in_this_process
+from support.sensors import gga, write_imu_csv, write_lines
 
 SAME = ("trajectory.tum", "odometry.tum", "measurements.csv", "covariances.csv", "graph.g2o", "map.ply", "map.pgm")
 """The files of a run that no refused sensor may change."""
@@ -77,6 +79,22 @@ def test_sensors_that_contradict_the_radar_are_refused_without_a_trace(street: P
     assert not (out / "map.tif").exists()  # nothing places the map on the Earth
     for name in SAME:
         assert (out / name).read_bytes() == (alone / name).read_bytes(), name
+
+
+def test_what_is_told_of_a_sensors_file_is_printed_once(street: Path, tmp_path: Path) -> None:
+    imu, gnss = (np.genfromtxt(street / name, delimiter=",", names=True) for name in ("imu.csv", "gnss.csv"))
+    rows = (f"{t:.0f},0,0,{rate}" for t, rate in zip(imu["t"], np.degrees(imu["wz"]).tolist(), strict=True))
+    write_imu_csv(tmp_path / "degrees.csv", *rows)
+    clocks = [datetime.fromtimestamp(t * 1e-6, UTC).strftime("%H%M%S.%f") for t in gnss["t"].tolist()]
+    write_lines(tmp_path / "log.nmea", *(gga(clock) for clock in clocks))
+    (tmp_path / "quick.yaml").write_text("sensor: {doppler_beta: 0.0}\n")
+    words = ("--frontend", "odometry", "--config", tmp_path / "quick.yaml", "--jobs", "1", "--out", tmp_path / "out")
+    shown = mqslam("run", street, *words, "--imu", tmp_path / "degrees.csv", "--gnss", tmp_path / "log.nmea")
+    assert shown.code == 0, shown.err
+    lines = shown.err.splitlines() + (tmp_path / "out" / "run.log").read_text().splitlines()
+    for told in ("log.nmea states no date", "and look like degrees per second", "is not used: "):
+        found = [line for line in lines if told in line]
+        assert len(found) == 2 and found[0] == found[1], found
 
 
 def test_a_fault_within_a_sensors_part_costs_the_sensor_and_not_the_run(

@@ -19,6 +19,7 @@ from mqslam.core.recording import Recording
 from mqslam.core.sensors.mount import Mount
 from mqslam.errors import ConfigError, DataError
 from mqslam.formats.recordings import open_recording
+from mqslam.formats.sensors.reading import Reading
 
 LATE_US = 10**9
 
@@ -32,22 +33,24 @@ def recording(oxford: Path) -> Recording:
 
 
 def test_what_the_recording_carries_is_taken_unless_none_is_wanted(recording: Recording) -> None:
-    assert choose_gyroscope(recording, "auto") == (recording.gyroscope, [])
-    assert choose_fixes(recording, "auto") == (recording.fixes, [])
-    assert choose_mount(recording, "auto") == (recording.mount, [])
-    for choose in (choose_gyroscope, choose_fixes, choose_mount):
-        assert choose(recording, "none") == (None, [])
+    assert choose_gyroscope(recording, "auto") == Reading(recording.gyroscope)
+    assert choose_fixes(recording, "auto") == Reading(recording.fixes)
+    assert choose_mount(recording, "auto") is recording.mount
+    for choose in (choose_gyroscope, choose_fixes):
+        assert choose(recording, "none") == Reading(None)
+    assert choose_mount(recording, "none") is None
 
 
 def test_a_recording_without_sensors_has_none_to_take(oxford: Path) -> None:
-    for choose in (choose_gyroscope, choose_fixes, choose_mount):
-        assert choose(open_recording(oxford), "auto") == (None, [])
+    for choose in (choose_gyroscope, choose_fixes):
+        assert choose(open_recording(oxford), "auto") == Reading(None)
+    assert choose_mount(open_recording(oxford), "auto") is None
 
 
 def test_named_files_and_numbers_are_taken_instead(recording: Recording, tmp_path: Path) -> None:
-    gyroscope, _ = choose_gyroscope(recording, str(write_imu_csv(tmp_path / "mine.csv")))
-    fixes, _ = choose_fixes(recording, str(write_gnss_csv(tmp_path / "gnss.csv")))
-    mount, _ = choose_mount(recording, "-1.5,0.4,90")
+    gyroscope = choose_gyroscope(recording, str(write_imu_csv(tmp_path / "mine.csv"))).sensor
+    fixes = choose_fixes(recording, str(write_gnss_csv(tmp_path / "gnss.csv"))).sensor
+    mount = choose_mount(recording, "-1.5,0.4,90")
     assert gyroscope is not None and gyroscope.source == str(tmp_path / "mine.csv")
     assert fixes is not None and fixes.source == str(tmp_path / "gnss.csv")
     assert mount is not None
@@ -56,25 +59,47 @@ def test_named_files_and_numbers_are_taken_instead(recording: Recording, tmp_pat
 
 def test_what_is_left_out_of_a_named_file_is_told(recording: Recording, tmp_path: Path) -> None:
     rows = [f"{t},0,0,{'x' if k == 3 else 0.1}" for k, t in enumerate(stamps(9).tolist())]
-    gyroscope, notes = choose_gyroscope(recording, str(write_imu_csv(tmp_path / "mine.csv", *rows)))
-    assert gyroscope is not None and len(gyroscope) == 8 and any("1 of 9 rows is left out" in note for note in notes)
+    chosen = choose_gyroscope(recording, str(write_imu_csv(tmp_path / "mine.csv", *rows)))
+    assert chosen.sensor is not None and len(chosen.sensor) == 8
+    assert any("1 of 9 rows is left out" in fault for fault in chosen.faults)
 
 
 def test_fixes_that_made_the_truth_are_taken_only_where_their_file_is_named(recording: Recording) -> None:
-    fixes, notes = choose_fixes(replace(recording, fixes=some_fixes(made_truth=True)), "auto")
-    assert fixes is None and len(notes) == 1 and "ground truth was made from them; name the file to use them" in notes[0]
+    chosen = choose_fixes(replace(recording, fixes=some_fixes(made_truth=True)), "auto")
+    assert chosen.sensor is None and len(chosen.faults) == 1
+    assert "ground truth was made from them; name the file to use them" in chosen.faults[0]
 
 
 def test_sensors_of_another_time_are_not_used(recording: Recording, tmp_path: Path) -> None:
     late, gone = replace(a_gyroscope(), stamps_us=stamps() + LATE_US), replace(some_fixes(), stamps_us=stamps(5) + LATE_US)
     other = replace(recording, gyroscope=late, fixes=gone)
     for choose in (choose_gyroscope, choose_fixes):
-        taken, notes = choose(other, "auto")
-        assert taken is None and len(notes) == 1 and "no time with the radar" in notes[0]
+        chosen = choose(other, "auto")
+        assert chosen.sensor is None and len(chosen.faults) == 1 and "no time with the radar" in chosen.faults[0]
     file = write_imu_csv(tmp_path / "mine.csv", *(f"{t},0,0,0" for t in (stamps() + LATE_US).tolist()))
     with pytest.raises(DataError, match="shares no time with the recording") as caught:
         choose_gyroscope(recording, str(file))
     assert str(START_US) in caught.value.remedy
+
+
+@pytest.mark.parametrize(("unit", "us"), [("seconds", 1e6), ("milliseconds", 1e3), ("nanoseconds", 1e-3)])
+def test_stamps_in_another_unit_than_microseconds_are_said_to_look_like_it(
+    recording: Recording, tmp_path: Path, unit: str, us: float
+) -> None:
+    times = np.linspace(recording.start_us, recording.end_us, 100) / us
+    imu = write_imu_csv(tmp_path / "mine.csv", *(f"{t:.6f},0,0,0" for t in times))
+    gnss = write_gnss_csv(tmp_path / "gnss.csv", *(f"{t:.6f},43.0,-79.0,2.5" for t in times))
+    for choose, file in ((choose_gyroscope, imu), (choose_fixes, gnss)):
+        with pytest.raises(DataError, match=f"recording: its stamps look like {unit}; give them in microseconds, of"):
+            choose(recording, str(file))
+
+
+def test_stamps_since_another_zero_look_like_no_other_unit(recording: Recording, tmp_path: Path) -> None:
+    from_zero = replace(recording, stamps_us=recording.stamps_us - recording.start_us)
+    for start_us in (3_000_000, 1_000_000_000):
+        file = write_imu_csv(tmp_path / "mine.csv", *(f"{t},0,0,0" for t in stamps(40, 10_000, start_us).tolist()))
+        with pytest.raises(DataError, match=r"with the recording; give one of"):
+            choose_gyroscope(from_zero, str(file))
 
 
 @pytest.mark.parametrize("text", ["1,2", "1,2,left", "1500,0,0", "0,0,nan", "autos"])
@@ -99,6 +124,13 @@ def test_other_sensors_are_another_run(oxford: Path, monkeypatch: pytest.MonkeyP
     assert usual.sensors.gyroscope is not None and usual.sensors.fixes is not None and usual.sensors.mount is None
     assert usual.key == open_job(oxford, Config()).key
     assert open_job(oxford, Config(), inputs=inputs).key != usual.key
+
+
+def test_what_is_assumed_of_a_named_file_is_a_note_and_what_is_left_out_a_warning(oxford: Path, tmp_path: Path) -> None:
+    rows = [f"{t},0,0,{'x' if k == 3 else 23.0}" for k, t in enumerate(stamps(9).tolist())]
+    job = open_job(oxford, Config(), inputs=Inputs(imu=str(write_imu_csv(tmp_path / "mine.csv", *rows))))
+    assert [note for note in job.recording.notes if "degrees per second" in note]
+    assert len(job.warnings) == 1 and "1 of 9 rows is left out" in job.warnings[0]
 
 
 def test_a_batch_takes_them_beside_its_file(tmp_path: Path) -> None:

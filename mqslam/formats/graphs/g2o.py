@@ -53,6 +53,8 @@ class _Edge(NamedTuple):
 
 _PLANAR: Final = _Kind("VERTEX_SE2", "EDGE_SE2", 3, 3)
 _SPATIAL: Final = _Kind("VERTEX_SE3:QUAT", "EDGE_SE3:QUAT", 7, 6)
+_TAGS: Final = ("VERTEX", "EDGE", "FIX")  # begin the lines of any g2o file, also those that are not understood here
+_TRAJECTORY_WIDTHS: Final = (8, 12)  # numbers in a line of TUM (a stamp, a place and a quaternion) and of KITTI (a matrix)
 _LARGEST_NUMBER: Final = 2**56 - 1  # by definition: GTSAM keeps letters in the bits above
 _TURNED: Final = [3, 4, 5, 0, 1, 2]  # GTSAM has the rotation first, g2o the place
 _REMEDY: Final = f"give a graph of {_PLANAR.vertex} and {_PLANAR.edge}, or of {_SPATIAL.vertex} and {_SPATIAL.edge}"
@@ -136,6 +138,8 @@ def read_g2o(path: Path) -> StoredGraph:
 
     words = [(number, line.split()) for number, line in enumerate(read_text(path).splitlines(), 1)]
     lines = [(number, some) for number, some in words if some and not some[0].startswith("#")]
+    if lines and not any(some[0].startswith(_TAGS) for _, some in lines):
+        raise DataError(path, f"is no g2o graph{_guess_content(lines[0][1])}", _REMEDY)
     kind = _SPATIAL if any(some[0] == _SPATIAL.vertex for _, some in lines) else _PLANAR
     poses, edges, held = _parse_lines(path, lines, kind)
     informations = _make_informations(path, edges, kind)
@@ -173,8 +177,20 @@ def read_text(path: Path) -> str:
     """
     try:
         return path.read_text(encoding="utf-8")
+    except FileNotFoundError as error:
+        raise DataError(path, "does not exist", "check the path") from error
     except (OSError, UnicodeDecodeError) as error:
         raise DataError(path, "is not a readable text file", _REMEDY) from error
+
+
+def _guess_content(words: Sequence[str]) -> str:
+    """Returns what a file looks like that is no graph, from the words of its first line; "" where that cannot be told."""
+    try:
+        for word in words:
+            float(word)
+    except ValueError:
+        return ""
+    return ", but looks like a trajectory" if len(words) in _TRAJECTORY_WIDTHS else ", but looks like a table of numbers"
 
 
 def _parse_lines(

@@ -74,6 +74,8 @@ def _read_again(path: Path, kind: str) -> str:
     Raises:
         DataError: the file cannot be read, or that process does not come to its end.
     """
+    if not path.exists():
+        raise DataError(path, "does not exist", "check the path")
     if not recognises(path):
         raise DataError(path, f"is not a gtsam.{kind} in GTSAM's text form", _REMEDY)
     code = f"from {__name__} import write_again; write_again()"

@@ -14,6 +14,7 @@ import numpy as np
 from mqslam.core.sensors.fixes import Fixes
 from mqslam.core.sensors.gyroscope import Gyroscope
 from mqslam.errors import DataError
+from mqslam.formats.sensors import fixes_csv, gyroscope_csv
 from mqslam.formats.sensors.reading import Reading, make_fixes, make_gyroscope
 from mqslam.formats.sensors.sensor_table import Header, read_sensor_table
 
@@ -38,7 +39,7 @@ def read_mulran_imu(header: Header) -> Reading[Gyroscope]:
     Raises:
         DataError: the file has no rates, as in the first version of the dataset, or fewer than two rows can be used.
     """
-    _require_columns(header, _IMU_COLUMNS)
+    _require_columns(header, _IMU_COLUMNS, gyroscope_csv.REMEDY)
     table = read_sensor_table(header, (0, *_RATES))
     note = f"the axes of {header.path} are taken as those of the vehicle"
     return make_gyroscope(header.path, str(header.path), table, note)
@@ -53,15 +54,21 @@ def read_mulran_fixes(header: Header) -> Reading[Fixes]:
     Raises:
         DataError: columns are missing, or no row can be used.
     """
-    _require_columns(header, _GPS_COLUMNS)
+    _require_columns(header, _GPS_COLUMNS, fixes_csv.REMEDY)
     table = read_sensor_table(header, (0, *_PLACE, *_VARIANCES))
     spread = np.sqrt(np.maximum(table.columns[:, 2:].mean(axis=1), 0.0))
     columns = np.column_stack([table.columns[:, :2], spread])
     return make_fixes(header.path, str(header.path), table.with_columns(columns), made_truth=True)
 
 
-def _require_columns(header: Header, count: int) -> None:
-    """Raises DataError unless a table has at least as many columns."""
+def _require_columns(header: Header, count: int, remedy: str) -> None:
+    """Raises DataError unless a table has at least as many columns.
+
+    Args:
+        header: the first line of the table, which holds numbers already.
+        count: columns of MulRan's file.
+        remedy: what a user can do whose file is not MulRan's.
+    """
     if len(header.names) < count:
-        remedy = f"give a file of {count} columns, as MulRan's later versions have it"
+        remedy = f"{remedy}; or one of {count} columns without a header, as MulRan's later versions have it"
         raise DataError(header.path, f"has {len(header.names)} columns in its first line", remedy)

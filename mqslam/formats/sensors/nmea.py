@@ -12,6 +12,7 @@ from datetime import UTC, datetime
 from functools import reduce
 from operator import xor
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -27,6 +28,20 @@ _FIRST_YEAR = 1980  # GPS time begins here: years of two digits are those since 
 _LONGEST_SENTENCE = 1000  # characters; the standard allows 82, and no receiver writes many more
 
 
+class _Sentence(NamedTuple):
+    """A sentence of a log.
+
+    Args:
+        kind: its three letters, such as `GGA`.
+        fields: the words after its name.
+        is_sound: whether its checksum is right.
+    """
+
+    kind: str
+    fields: list[str]
+    is_sound: bool
+
+
 @dataclass(slots=True)
 class _Log:
     """The sentences of a log.
@@ -36,6 +51,8 @@ class _Log:
         stamps_us: [us] of the fixes.
         places: latitude and longitude [degrees] of the fixes.
         damaged: number of sentences that cannot be used.
+        positions: number of positions, sound or not.
+        unchecked: number of positions whose checksum is wrong or missing.
         unfixed: number of positions that are no fixes.
     """
 
@@ -43,10 +60,37 @@ class _Log:
     stamps_us: list[int] = field(default_factory=list)
     places: list[tuple[float, float]] = field(default_factory=list)
     damaged: int = 0
+    positions: int = 0
+    unchecked: int = 0
     unfixed: int = 0
 
-    def take(self, kind: str, fields: Sequence[str]) -> None:
-        """Takes in a sentence: a date moves the anchor, and a position becomes a fix.
+    def add(self, sentence: _Sentence) -> None:
+        """Takes in a sentence, or counts it as damaged."""
+        is_position = sentence.kind == "GGA"
+        self.positions += is_position
+        if not sentence.is_sound:
+            self.unchecked += is_position
+            self.damaged += 1
+            return
+        try:
+            self._take(sentence.kind, sentence.fields)
+        except (ValueError, IndexError, OverflowError):
+            self.damaged += 1
+
+    def describe_lack(self) -> str:
+        """Returns why a log holds no fix, in words."""
+        if not self.positions:
+            return "holds no GGA sentence"
+        counts = {
+            "with a wrong or missing checksum": self.unchecked,
+            "in which the receiver states no fix": self.unfixed,
+            "with a damaged field": self.positions - self.unchecked - self.unfixed,
+        }
+        reasons = ", ".join(f"{count} {what}" for what, count in counts.items() if count)
+        return f"holds {count_of(self.positions, 'GGA sentence')} and no fix: {reasons}"
+
+    def _take(self, kind: str, fields: Sequence[str]) -> None:
+        """Takes in a sound sentence: a date moves the anchor, and a position becomes a fix.
 
         Raises:
             ValueError: a field is no number.
@@ -80,18 +124,13 @@ def read_nmea(path: Path, start_us: int) -> Reading[Fixes]:
     Raises:
         DataError: the log cannot be read, or holds no fix.
     """
-    dates = (_read_date_or_none(kind, fields) for kind, fields in _list_sentences(path) if kind)
+    dates = (_read_date_or_none(some.kind, some.fields) for some in _list_sentences(path) if some.is_sound)
     first = next((date for date in dates if date is not None), None)
     log = _Log(start_us if first is None else first)
-    for kind, fields in _list_sentences(path):
-        try:
-            if not kind:
-                raise ValueError
-            log.take(kind, fields)
-        except (ValueError, IndexError, OverflowError):
-            log.damaged += 1
+    for sentence in _list_sentences(path):
+        log.add(sentence)
     if not log.stamps_us:
-        raise DataError(path, "holds no GGA sentence with a fix", "give the log of a receiver that writes GGA")
+        raise DataError(path, log.describe_lack(), "give the log as a receiver with fixes writes it: GGA with checksums")
     places = np.array(log.places, dtype=np.float64)
     columns = np.column_stack([places, np.full(len(places), np.nan)])
     made = make_fixes(path, str(path), SensorTable(np.array(log.stamps_us, dtype=np.int64), columns))
@@ -106,8 +145,8 @@ def read_nmea(path: Path, start_us: int) -> Reading[Fixes]:
     return Reading(made.sensor, tuple(notes), tuple(faults))
 
 
-def _list_sentences(path: Path) -> Iterator[tuple[str, list[str]]]:
-    """Lists kind and fields of the sentences of a log; the kind is "" where the checksum is wrong or missing.
+def _list_sentences(path: Path) -> Iterator[_Sentence]:
+    """Lists the sentences of a log, also those whose checksum is wrong or missing.
 
     Raises:
         DataError: the log cannot be read.
@@ -118,10 +157,10 @@ def _list_sentences(path: Path) -> Iterator[tuple[str, list[str]]]:
                 _, dollar, sentence = line.partition("$")
                 if not dollar:
                     continue
-                body, _, checksum = sentence.strip().rpartition("*")
-                name, *fields = body[:_LONGEST_SENTENCE].split(",")
-                sound = len(body) <= _LONGEST_SENTENCE and checksum.upper() == f"{reduce(xor, body.encode(), 0):02X}"
-                yield name[2:] if sound else "", fields
+                body, star, checksum = sentence.strip().rpartition("*")
+                is_sound = len(body) <= _LONGEST_SENTENCE and checksum.upper() == f"{reduce(xor, body.encode(), 0):02X}"
+                name, *fields = (body if star else checksum)[:_LONGEST_SENTENCE].split(",")
+                yield _Sentence(name[2:], fields, is_sound)
     except OSError as error:
         raise DataError(path, f"cannot be read ({error.strerror})", "check its permissions") from error
 

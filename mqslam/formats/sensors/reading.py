@@ -18,17 +18,17 @@ from mqslam.formats.shared.stamps import mark_increasing
 
 _FASTEST_TURN = np.pi  # no vehicle turns faster than half round in a second [rad/s]: such readings are in another unit
 _SPIKES = 1e-3  # share of readings that may be faster all the same: a gyroscope that is knocked
-_Sensor = TypeVar("_Sensor")
+_Sensor = TypeVar("_Sensor", covariant=True)
 
 
 @dataclass(frozen=True, slots=True)
 class Reading(Generic[_Sensor]):
-    """A sensor that was read.
+    """A sensor that was read, or all that a run uses.
 
     Args:
-        sensor: its readings.
+        sensor: its readings; None where a run uses none.
         notes: how they were understood.
-        faults: which rows were left out, and why.
+        faults: which rows were left out or why the sensor is not used.
     """
 
     sensor: _Sensor
@@ -51,7 +51,9 @@ def make_gyroscope(path: Path, source: str, table: SensorTable, *notes: str) -> 
     finite = np.asarray(np.isfinite(table.columns).all(axis=1))
     kept, faults = _choose_rows(source, table, finite, "numbers that are not finite")
     if np.count_nonzero(kept) < 2:
-        raise DataError(path, f"holds {np.count_nonzero(kept)} readings of a gyroscope", "a gyroscope needs two at least")
+        has = "finite rates" if np.count_nonzero(finite) < 2 else "a later stamp than those before it"
+        problem = _describe_unusable(table, int(np.count_nonzero(kept)), "reading of a gyroscope", has)
+        raise DataError(path, problem, "a gyroscope needs at least two")
     gyroscope = Gyroscope(table.stamps_us[kept], np.ascontiguousarray(table.columns[kept]), source)
     return Reading(gyroscope, (*notes, *_note_unit(gyroscope)), faults)
 
@@ -75,10 +77,31 @@ def make_fixes(path: Path, source: str, table: SensorTable, *notes: str, made_tr
     on_earth &= (latitudes != 0.0) | (longitudes != 0.0)  # receivers write zeros where they have no fix
     kept, faults = _choose_rows(source, table, np.asarray(on_earth), "no place on the Earth")
     if not kept.any():
-        raise DataError(path, "holds no fix of a GNSS receiver", "give a log with fixes, in degrees")
+        has = "a latitude within 90 degrees and a longitude within 180 degrees that are not both 0"
+        problem = _describe_unusable(table, 0, "position of a GNSS receiver", has)
+        raise DataError(path, problem, "give a log with fixes, in degrees")
     sigmas = np.where(np.isfinite(sigmas) & (sigmas > 0.0), sigmas, np.nan)
     fixes = Fixes(table.stamps_us[kept], latitudes[kept], longitudes[kept], sigmas[kept], source, made_truth)
     return Reading(fixes, notes, faults)
+
+
+def _describe_unusable(table: SensorTable, kept: int, noun: str, has: str) -> str:
+    """Returns how many rows a file holds and how few of them can be used, in words.
+
+    Args:
+        table: the rows.
+        kept: number of rows that can be used.
+        noun: what a row is, in the singular, such as `reading of a gyroscope`.
+        has: what a row must have beside a stamp.
+    """
+    rows = table.unread + len(table.stamps_us)
+    what, _, whose = noun.partition(" ")
+    if not rows:
+        return f"holds no {noun}"
+    if kept == rows:
+        return f"holds only {rows} {noun}"
+    has = f"a stamp and {has}" if table.unread else has
+    return f"holds {count_of(rows, what)} {whose}, of which {f'only {kept}' if kept else 'none'} has {has}"
 
 
 def _choose_rows(
@@ -111,6 +134,6 @@ def _note_unit(gyroscope: Gyroscope) -> list[str]:
     if usual <= _FASTEST_TURN:
         return []
     return [
-        f"the yaw rates in {gyroscope.source} reach {usual:.3g} rad/s, faster than any vehicle turns: they are kept; "
-        "if they are degrees per second, convert them to rad/s"
+        f"the yaw rates in {gyroscope.source} reach {usual:.3g} rad/s, faster than any vehicle turns, and look like degrees "
+        "per second; convert them to rad/s, else the gyroscope cannot agree with the radar and will not be used"
     ]

@@ -53,7 +53,10 @@ class Header:
     @property
     def holds_numbers(self) -> bool:
         """Whether the line is a row of numbers already, and the table has no header."""
-        return self.names[0].lstrip("+-").isdigit()
+        try:
+            return bool(np.isfinite(float(self.names[0])))
+        except ValueError:
+            return False
 
     def find(self, names: Sequence[str], remedy: str) -> list[int]:
         """Finds the columns of some names.
@@ -120,7 +123,7 @@ def _read_numbers(path: Path, columns: Sequence[int], skipped: int, parse: Mappi
         with path.open(encoding="utf-8-sig") as file:
             for _ in range(skipped):
                 file.readline()
-            if not file.readline(1):
+            if not any(line.split("#", 1)[0].strip() for line in file):  # NumPy warns of a file without rows
                 return np.empty((0, len(columns)))
         with path.open(encoding="utf-8-sig") as file:
             words: dict[int | str, Parse] = dict(parse.items())

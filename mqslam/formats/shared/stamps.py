@@ -40,6 +40,26 @@ def guess_unit(largest: float) -> str:
     return "ns" if largest > 1e17 else "us" if largest > 1e14 else "s"
 
 
+def guess_stated_unit(first: int, last: int, start_us: int, end_us: int) -> str:
+    """Guesses the unit of stamps that were taken for microseconds, but lie outside a recording.
+
+    Args:
+        first: the first stamp, as the file states it, to a whole unit.
+        last: the last stamp.
+        start_us: start of the recording [us].
+        end_us: end of the recording [us].
+
+    Returns:
+        `seconds`, `milliseconds` or `nanoseconds` if in this unit they cover at least half of the recording, else "".
+    """
+    for name, unit in (("seconds", "s"), ("milliseconds", "ms"), ("nanoseconds", "ns")):
+        scale = float(UNITS[unit])
+        covered_us = min((last + 1) * scale, end_us) - max((first - 1) * scale, start_us)
+        if covered_us >= 0.5 * (end_us - start_us):
+            return name
+    return ""
+
+
 def parse_stamps(words: Sequence[str], unit: str = "") -> NDArray[np.int64]:
     """Parses decimal numbers as stamps (N,) [us], exactly.
 

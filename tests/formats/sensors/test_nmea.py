@@ -79,6 +79,22 @@ def test_stamps_of_a_logger_before_the_sentences_do_not_matter(tmp_path: Path) -
     assert len(read_fixes(write_lines(tmp_path / "log.txt", *lines), 0).sensor) == 1
 
 
-def test_a_log_without_positions_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(DataError, match="holds no GGA sentence with a fix"):
-        read_fixes(write_lines(tmp_path / "log.nmea", rmc("221319.00", "141123")), 0)
+@pytest.mark.parametrize(
+    ("lines", "problem"),
+    [
+        ([rmc("221319.00", "141123")], "holds no GGA sentence"),
+        (
+            [gga("221320.00")[:-2] + "0G", gga("221321.00")[:-3]],
+            "holds 2 GGA sentences and no fix: 2 with a wrong or missing checksum",
+        ),
+        (
+            [gga("221320.00", 0), gga("2213xx.00"), gga("221321.00")[:-2] + "0G"],
+            "holds 3 GGA sentences and no fix: 1 with a wrong or missing checksum, 1 in which the receiver states no fix, "
+            "1 with a damaged field",
+        ),
+    ],
+)
+def test_a_log_without_a_fix_is_refused_with_the_reason(tmp_path: Path, lines: list[str], problem: str) -> None:
+    with pytest.raises(DataError) as caught:
+        read_fixes(write_lines(tmp_path / "log.nmea", *lines), 0)
+    assert caught.value.problem == problem

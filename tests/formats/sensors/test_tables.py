@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from pathlib import Path
 
 import numpy as np
@@ -88,10 +89,11 @@ def test_what_is_no_place_on_the_earth_is_left_out(tmp_path: Path, place: str) -
     assert len(reading.sensor) == 3 and "1 of 4 rows is left out: they hold no place on the Earth" in reading.faults[0]
 
 
-def test_degrees_per_second_are_noted_and_kept(tmp_path: Path) -> None:
+def test_degrees_per_second_are_read_as_they_are_with_a_note_that_the_gyroscope_will_not_be_used(tmp_path: Path) -> None:
     rows = [f"{t},0,0,{23.0 * np.sin(k / 9)}" for k, t in enumerate(stamps().tolist())]
     reading = read_gyroscope(write_imu_csv(tmp_path / "imu.csv", *rows))
-    assert len(reading.notes) == 1 and "if they are degrees per second, convert them" in reading.notes[0]
+    assert len(reading.notes) == 1 and "look like degrees per second; convert them to rad/s" in reading.notes[0]
+    assert reading.notes[0].endswith("will not be used")
     assert reading.sensor.rates[:, 2].max() == pytest.approx(23.0, rel=0.02)
 
 
@@ -104,14 +106,23 @@ def test_a_single_knock_is_no_other_unit(tmp_path: Path) -> None:
     ("lines", "said"),
     [
         (["t,wx,wy", "1,2,3"], "has no column wz (columns: t, wx, wy)"),
-        (["t,wx,wy,wz"], "holds 0 readings of a gyroscope"),
-        (["t,wx,wy,wz", "1,0,0,0"], "holds 1 readings of a gyroscope"),
+        (["t,wx,wy,wz"], "holds no reading of a gyroscope; a gyroscope needs at least two"),
+        (["t,wx,wy,wz", "", " # nothing"], "holds no reading of a gyroscope"),
+        (["t,wx,wy,wz", "1,0,0,0"], "holds only 1 reading of a gyroscope; a gyroscope needs at least two"),
+        (["t,wx,wy,wz", "1,0,0,nan", "2,0,0,nan"], "holds 2 readings of a gyroscope, of which none has finite rates"),
+        (["t,wx,wy,wz", "1,0,0,nan", "2,0,0,0"], "holds 2 readings of a gyroscope, of which only 1 has finite rates"),
+        (["t,wx,wy,wz", "x,0,0,0", "y,0,0,0"], "2 readings of a gyroscope, of which none has a stamp and finite rates"),
+        (["t,wx,wy,wz", "1,0,0,0", "1,0,0,0"], "of which only 1 has a later stamp than those before it"),
         (["# nothing"], "is empty"),
-        (["1,2,3"], "has 3 columns in its first line"),
+        (["1,2,3,4"], "has 4 columns in its first line; give a CSV whose header is t,wx,wy,wz: microseconds, and rad/s"),
+        (["1600000000.25,2,3,4"], "has 4 columns in its first line; give a CSV whose header is t,wx,wy,wz"),
     ],
 )
-def test_a_file_that_is_no_gyroscopes_is_refused(tmp_path: Path, lines: list[str], said: str) -> None:
-    with pytest.raises(DataError) as caught:
+def test_a_file_that_is_no_gyroscopes_is_refused_without_a_warning_of_numpy(
+    tmp_path: Path, lines: list[str], said: str
+) -> None:
+    with pytest.raises(DataError) as caught, warnings.catch_warnings():
+        warnings.simplefilter("error")
         read_gyroscope(write_lines(tmp_path / "imu.csv", *lines))
     assert said in str(caught.value) and caught.value.path == tmp_path / "imu.csv" and caught.value.remedy
 
@@ -120,9 +131,13 @@ def test_a_file_that_is_no_gyroscopes_is_refused(tmp_path: Path, lines: list[str
     ("lines", "said"),
     [
         (["t,lat,sigma_m", "1,2,3"], "has no column lon"),
-        (["t,lat,lon", "1,100,3"], "holds no fix"),
-        (["t,lat,lon"], "holds no fix"),
-        (["1,2,3"], "has 3 columns in its first line"),
+        (
+            ["t,lat,lon", "1,100,3", "2,0,0"],
+            "holds 2 positions of a GNSS receiver, of which none has a latitude within 90 degrees and a longitude within "
+            "180 degrees that are not both 0; give a log with fixes, in degrees",
+        ),
+        (["t,lat,lon"], "holds no position of a GNSS receiver"),
+        (["1,2,3"], "has 3 columns in its first line; give an NMEA log, or a CSV whose header is t,lat,lon[,sigma_m]"),
     ],
 )
 def test_a_file_without_fixes_is_refused(tmp_path: Path, lines: list[str], said: str) -> None:

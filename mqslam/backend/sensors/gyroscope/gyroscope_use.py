@@ -106,7 +106,8 @@ def _find_fault(
     if not is_told or abs(start.correlation) < settings.least_correlation:
         return "the radar turned too little, or the gyroscope too differently, to tell that both turn together"
     if not 1.0 / settings.largest_scale <= rotation.scale <= settings.largest_scale:
-        unit = ", as if it were in degrees per second" if abs(np.rad2deg(rotation.scale) - 1.0) < 0.1 else ""
+        is_degrees = abs(np.rad2deg(rotation.scale) - 1.0) < 0.25
+        unit = ", as if it were in degrees per second; convert its rates to rad/s" if is_degrees else ""
         return f"the radar turns {rotation.scale:.3g} times as far as it says{unit}"
     if rotation.scale_sigma > settings.largest_scale_sigma:
         return (
