@@ -265,15 +265,15 @@ def _render_sweeps(source: Source, track: Trajectory, settings: Config) -> tuple
 def _check_turns(source: Source, track: Trajectory, settings: Config, notes: list[str], work: Work) -> GyroscopeCheck | None:
     """Returns what a recording's gyroscope says of a trajectory; None where there is none.
 
-    Agreement is only told. Anything else is added to the notes, which become warnings.
+    A contradiction is added to the notes, which become warnings. Agreement, or that there is too little to compare, is told.
     """
     if source.gyroscope is None:
         return None
     checked = check_gyroscope(source.gyroscope, source.scans, track, settings.gyroscope)
-    if checked.agrees:
-        work.tell(checked.statement)
-    else:
+    if checked.agrees is False:
         notes.append(checked.statement)
+    else:
+        work.tell(checked.statement)
     return checked
 
 
