@@ -38,6 +38,6 @@ class AuditReport:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What the reader should know that is no warning: that a gyroscope agrees, or that it shows too little to compare."""
+        """What the reader should know that is no warning: that a gyroscope agrees, or shows too little to compare."""
         check = self.summary.get("gyroscope")
         return () if check is None or check["agrees"] is False else (check["statement"],)
