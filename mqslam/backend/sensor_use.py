@@ -70,12 +70,6 @@ class SensorUse:
     contributions: Mapping[str, Contribution] = field(default_factory=dict)
 
     @property
-    def statements(self) -> list[str]:
-        """What a user should know of all sensors."""
-        mounted = [] if self.mount is None else self.mount.statements
-        return [*mounted, *(statement for use in self._uses for statement in use.statements)]
-
-    @property
     def notes(self) -> list[str]:
         """What a user should know of the sensors that are used, and how far each of them moves the trajectory."""
         used = [statement for use in self._uses if use.edges is not None for statement in use.statements]

@@ -16,7 +16,7 @@ from mqslam.auditing.sources import LIDAR_CONFIG, Source, divide_cloud, is_cloud
 from mqslam.auditing.sweeps import Sweeps, require_covered
 from mqslam.commands.extrinsics import to_pose
 from mqslam.commands.given_covariances import find_claims
-from mqslam.commands.opening import choose_settings, open_data
+from mqslam.commands.opening import carry_to_radar, choose_settings, open_data
 from mqslam.commands.result import JudgedResult
 from mqslam.commands.work import QUIET, Work
 from mqslam.config import Config, set_doppler_beta, set_false_alarms
@@ -301,9 +301,7 @@ def detect_radar(
         MqslamError: the recording cannot be read, carries no such trajectory, or is not covered by it.
     """
     recording = open_data(data, format, range_resolution, settings)
-    odometry, mount = recording.odometry, recording.mount
-    if odometry is not None and mount is not None:
-        odometry = mount.carry_to_radar(odometry)
+    odometry = carry_to_radar(recording.odometry, recording.mount)
     carried = {"odometry": odometry, "ground_truth": recording.ground_truth}
     tracks = {name: track for name, track in carried.items() if track is not None}
     track = given or _pick_carried(data, tracks, name)

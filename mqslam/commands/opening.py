@@ -13,7 +13,7 @@ from mqslam.config import Config, ReadingConfig, load_config
 from mqslam.core.recording import Recording
 from mqslam.core.sensors.fixes import Fixes
 from mqslam.core.sensors.gyroscope import Gyroscope
-from mqslam.core.sensors.mount import Mount
+from mqslam.core.sensors.mount import RADAR, VEHICLE, Mount
 from mqslam.core.sensors.sensors import Sensors
 from mqslam.core.trajectory import Trajectory
 from mqslam.errors import ConfigError, DataError, Remedy, suggest
@@ -21,9 +21,6 @@ from mqslam.formats.recordings import open_recording, read_odometry
 from mqslam.formats.sensors import read_fixes, read_gyroscope
 from mqslam.formats.sensors.reading import Reading
 from mqslam.formats.shared.stamps import guess_stated_unit
-
-RADAR, VEHICLE = "radar", "vehicle"
-"""What the poses that a run writes may be the poses of."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,13 +111,13 @@ def choose_odometry(
                 f"spans {track.stamps_us[0]} to {track.stamps_us[-1]} us, which does not cover the recording",
                 f"give odometry that spans {recording.start_us} to {last} us in the radar's clock",
             )
-        return _carry(track, mount), []
+        return carry_to_radar(track, mount), []
     if recording.odometry is not None and not recording.odometry.covers(recording.start_us, last, reading.track_slack_us):
         return None, ["the recording's odometry does not cover the whole recording and is not used"]
-    return _carry(recording.odometry, mount), []
+    return carry_to_radar(recording.odometry, mount), []
 
 
-def _carry(vehicle: Trajectory | None, mount: Mount | None) -> Trajectory | None:
+def carry_to_radar(vehicle: Trajectory | None, mount: Mount | None) -> Trajectory | None:
     """Returns the poses of the radar on a vehicle; those of the vehicle where it is not known how the radar is mounted."""
     return vehicle if vehicle is None or mount is None else mount.carry_to_radar(vehicle)
 

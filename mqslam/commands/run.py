@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 from mqslam.commands.opening import (
-    RADAR,
     USUAL_INPUTS,
     Inputs,
     check_frame,
@@ -22,6 +21,7 @@ from mqslam.commands.result import RunResult
 from mqslam.commands.work import QUIET, Work
 from mqslam.config import Config
 from mqslam.core.recording import Recording
+from mqslam.core.sensors.mount import RADAR
 from mqslam.core.sensors.sensors import NO_SENSORS, Sensors
 from mqslam.core.trajectory import Trajectory
 from mqslam.errors import Remedy

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from mqslam.core.sensors.mount import VEHICLE
 from mqslam.core.trajectory import Trajectory
 from mqslam.errors import DataError
 from mqslam.formats.maps.nav2_map import read_nav2_map
@@ -61,7 +62,7 @@ def _find_moved(summary: Path) -> str:
     """Returns the frame whose poses a run has, as its summary says."""
     try:
         stated = json.loads(summary.read_text(encoding="utf-8"))
-        of_vehicle = stated.get("frame") == "vehicle"  # a run of an earlier version has the radar's
+        of_vehicle = stated.get("frame") == VEHICLE  # a run of an earlier version has the radar's
     except (OSError, ValueError, AttributeError) as error:
         raise DataError(summary, "is no summary of a run", "run the recording anew") from error
     return VEHICLE_FRAME if of_vehicle else RADAR_FRAME

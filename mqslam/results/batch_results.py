@@ -9,6 +9,7 @@ from typing import Any
 
 from mqslam.auditing.verdict import VerdictStatus
 from mqslam.config import Config
+from mqslam.core.sensors.mount import RADAR
 from mqslam.errors import OutputError, Remedy
 from mqslam.execution.files import write_json, write_text
 from mqslam.results.summary_files import format_csv
@@ -39,7 +40,7 @@ class Order:
     imu: str = "auto"
     gnss: str = "auto"
     extrinsics: str = "auto"
-    frame: str = "radar"
+    frame: str = RADAR
 
 
 @dataclass(frozen=True, slots=True)

@@ -19,6 +19,7 @@ from mqslam.config import dump_yaml, set_doppler_beta
 from mqslam.core import se2
 from mqslam.core.measurement import Measurement
 from mqslam.core.recording import Recording
+from mqslam.core.sensors.mount import RADAR, VEHICLE
 from mqslam.core.sensors.sensor_notes import list_sensor_notes
 from mqslam.core.trajectory import Trajectory
 from mqslam.errors import tolerate
@@ -70,7 +71,7 @@ def summarise(run: Run, recording: Recording) -> dict[str, Any]:
         "mqslam_version": __version__,
         "frontend": run.frontend,
         "before": run.before,
-        "frame": "radar" if run.mount is None else "vehicle",
+        "frame": RADAR if run.mount is None else VEHICLE,
         "doppler_beta": run.doppler_beta,
         "dataset": {
             "format": recording.format,

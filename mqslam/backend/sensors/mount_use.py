@@ -59,10 +59,10 @@ def find_mount(
     estimate = estimate_mount(odometry, measured, stated, settings, AT_ORIGIN if mount is None else mount.pose)
     limits = np.array([stated.mount_known_m, stated.mount_known_m, stated.mount_known_rad])
     if mount is not None:
-        contradiction = None if estimate is None else _contradict(mount, estimate, stated, limits)
-        source = "given" if mount.given else "recording"
-        told = f"the radar sits {_describe_pose(mount.pose)} ({'given' if mount.given else mount.source})"
-        return MountUse(mount.pose, np.full(3, np.nan), source, (told,), contradiction)
+        told = f"the radar sits {_describe_pose(mount.pose)} ({mount.source})"
+        contrary = None if estimate is None else _find_contrary(mount, estimate, stated, limits)
+        source, unknown = "given" if mount.given else "recording", np.full(3, np.nan)
+        return MountUse(mount.pose, unknown, source, (told,), None if contrary is None else f"{told}, but {contrary}")
     if estimate is None:
         return None
     known = estimate.sigmas < limits
@@ -71,17 +71,14 @@ def find_mount(
     return MountUse(pose, sigmas, "estimated from odometry", (_tell_estimate(pose, sigmas),))
 
 
-def _contradict(mount: Mount, estimate: MountEstimate, stated: OdometryConfig, limits: NDArray[np.float64]) -> str | None:
+def _find_contrary(mount: Mount, estimate: MountEstimate, stated: OdometryConfig, limits: NDArray[np.float64]) -> str | None:
     """Returns what odometry says against a stated mount, as far as it knows it; None where it agrees."""
     own = np.array([stated.sigma_mount_m, stated.sigma_mount_m, stated.sigma_mount_rad])
     known = estimate.sigmas < limits
     if not np.any(known & (np.abs(se2.subtract(estimate.pose, mount.pose)) > _BEYOND * np.hypot(own, estimate.sigmas))):
         return None
-    place = f"{_describe_pose(np.where(known, estimate.pose, np.nan), np.where(known, estimate.sigmas, np.nan))}"
-    return (
-        f"the radar sits {_describe_pose(mount.pose)} ({'given' if mount.given else mount.source}), but odometry says "
-        f"{place}: one of the two is wrong, or the odometry is of another point than the vehicle's origin"
-    )
+    place = _describe_pose(np.where(known, estimate.pose, np.nan), np.where(known, estimate.sigmas, np.nan))
+    return f"odometry says {place}: one of the two is wrong, or the odometry is of another point than the vehicle's origin"
 
 
 def _tell_estimate(pose: se2.Array, sigmas: NDArray[np.float64]) -> str:
@@ -111,11 +108,12 @@ def _describe_origin(sigmas: NDArray[np.float64]) -> str:
 def _describe_pose(pose: se2.Array, sigmas: NDArray[np.float64] | None = None) -> str:
     """Returns the parts of a pose on a vehicle that are known, in words, with standard deviations where there are any."""
     x, y, yaw = pose
-    sure = ["", "", ""] if sigmas is None else [f" (± {value:.2g}" for value in (*sigmas[:2], np.degrees(sigmas[2]))]
-    units = ["", "", ""] if sigmas is None else [" m)", " m)", " deg)"]
+    sure = ["", "", ""]
+    if sigmas is not None:
+        sure = [f" (± {sigmas[0]:.2g} m)", f" (± {sigmas[1]:.2g} m)", f" (± {np.degrees(sigmas[2]):.2g} deg)"]
     words = [
-        f"{abs(x):.3g} m{sure[0]}{units[0]} {'ahead of' if x >= 0.0 else 'behind'} the vehicle's origin",
-        f"{abs(y):.3g} m{sure[1]}{units[1]} to the {left_or_right(y)}",
-        f"turned by {abs(np.degrees(yaw)):.3g} deg{sure[2]}{units[2]} to the {left_or_right(yaw)}",
+        f"{abs(x):.3g} m{sure[0]} {'ahead of' if x >= 0.0 else 'behind'} the vehicle's origin",
+        f"{abs(y):.3g} m{sure[1]} to the {left_or_right(y)}",
+        f"turned by {abs(np.degrees(yaw)):.3g} deg{sure[2]} to the {left_or_right(yaw)}",
     ]
     return ", ".join(word for word, value in zip(words, pose.tolist(), strict=True) if np.isfinite(value))

@@ -7,6 +7,9 @@ from dataclasses import dataclass
 from mqslam.core import se2
 from mqslam.core.trajectory import Trajectory
 
+RADAR, VEHICLE = "radar", "vehicle"
+"""What the poses that a run writes may be the poses of."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Mount:

@@ -56,10 +56,10 @@ class Frames:
         if frame and name_frame(frame) == name_frame(self.radar):
             return truth, f"ground truth from {topic} is the pose of the radar"
         on_vehicle = self._find(frame)
-        if self.mount is None or on_vehicle is None:
-            if on_vehicle is not None:
-                return truth, f"ground truth from {topic} is the pose of {frame}; where the radar sits on it is not stated"
+        if on_vehicle is None:
             return truth, f"ground truth from {topic} is taken as the pose of the radar itself"
+        if self.mount is None:
+            return truth, f"ground truth from {topic} is the pose of {frame}; where the radar sits on it is not stated"
         to_radar = se2.compose(se2.inverse(on_vehicle), self.mount.pose)
         carried = Trajectory(truth.stamps_us, se2.compose(truth.poses, to_radar))
         return carried, f"ground truth from {topic} is the pose of {frame}, carried to the radar by {self.mount.source}"

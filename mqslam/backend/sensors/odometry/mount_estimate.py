@@ -105,5 +105,5 @@ def _turn_alike(vehicle: se2.Array, seen: se2.Array) -> se2.Array:
 
 def _find_yaw(vehicle: se2.Array, seen: se2.Array) -> float:
     """Returns the yaw [rad] of the radar on the vehicle that turns the travel of one (N, 3) into that of the other best."""
-    a, b = vehicle, seen
-    return float(np.arctan2(np.sum(b[:, 0] * a[:, 1] - b[:, 1] * a[:, 0]), np.sum(a[:, :2] * b[:, :2])))
+    turned = np.sum(seen[:, 0] * vehicle[:, 1] - seen[:, 1] * vehicle[:, 0])
+    return float(np.arctan2(turned, np.sum(vehicle[:, :2] * seen[:, :2])))

@@ -82,9 +82,7 @@ def _make_row(drive: _Drive, out: Path, name: str, sensors: Sensors) -> Row:
     problem, used = join_sensors(problem, [], sensors, None, drive.scans.start_us, settings)
     write_tum(out / "trajectory.tum", Trajectory(drive.scans.stamps_us, problem.solve_poses([])))
     scored: Score = score(out / "trajectory.tum", drive.recording.path / TRUTH)
-    said = [statement.split(": ", 1)[0] for statement in used.refusals] or [
-        s for s in used.statements[1:] if "GNSS" not in s
-    ]
+    said = [statement.split(": ", 1)[0] for statement in used.refusals] or [s for s in used.notes[1:] if "GNSS" not in s]
     return Row(
         {
             "run": drive.name,
