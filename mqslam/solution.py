@@ -15,6 +15,7 @@ from mqslam.backend.sensor_use import SensorUse
 from mqslam.backend.sensors.odometry.odometry_edges import ODOMETRY
 from mqslam.config import Config
 from mqslam.core import se2
+from mqslam.core.keyframes import KeyframeMap
 from mqslam.core.measurement import Loop, Measurement, Refined
 from mqslam.core.point_map import PointMap
 from mqslam.core.sensors.georeference import Georeference
@@ -87,6 +88,7 @@ class Run(Solution):
 
     Args:
         map_odometry, map_optimised: the recording rendered under both trajectories.
+        kept: the keyframes of the optimised map; None where they could not be made.
         checked: the optimised map judged, of its windows a sample; None where that could not be done.
         runtime_s: runtime of each stage [s].
         unread: the error for each polar scan that could not be read and was left out, by its number.
@@ -96,6 +98,7 @@ class Run(Solution):
 
     map_odometry: PointMap
     map_optimised: PointMap
+    kept: KeyframeMap | None
     checked: Audit | None
     runtime_s: dict[str, float]
     unread: dict[int, DataError]
@@ -122,6 +125,7 @@ class Run(Solution):
             covariances=self.covariances.carry(mount.pose),
             map_odometry=self.map_odometry.carry(start),
             map_optimised=self.map_optimised.carry(start),
+            kept=None if self.kept is None else self.kept.carry(start),
             mount=mount,
         )
 

@@ -14,10 +14,11 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from mqslam.backend.loops.align import score_among
-from mqslam.backend.loops.submap import Drive, pick_spaced
+from mqslam.backend.loops.submap import Drive
 from mqslam.config import EstimatorConfig, RefinementConfig
 from mqslam.core.engine import Engine
 from mqslam.core.scans import Returns
+from mqslam.mapping.keyframing import pick_spaced
 from mqslam.mapping.render import place_along
 from mqslam.psi.place import Beam, PointSet
 from mqslam.psi.scoring.references import References, make_references

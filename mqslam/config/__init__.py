@@ -27,6 +27,7 @@ from mqslam.config.loop_config import LoopConfig, PassConfig, RefinementConfig
 from mqslam.config.map_config import MapConfig
 from mqslam.config.psi_config import PsiConfig
 from mqslam.config.reading_config import ReadingConfig
+from mqslam.config.recognition_config import RecognitionConfig
 from mqslam.config.sensor_config import GnssConfig, GyroscopeConfig, SensorConfig, VelocityConfig
 from mqslam.config.tracker_config import TrackerConfig
 from mqslam.config.yaml_file import parse_yaml
@@ -53,6 +54,7 @@ __all__ = [
     "PassConfig",
     "PsiConfig",
     "ReadingConfig",
+    "RecognitionConfig",
     "RefinementConfig",
     "ScanMatchingConfig",
     "SensorConfig",
@@ -89,6 +91,7 @@ class Config(BaseModel):
     gnss: GnssConfig = GnssConfig()
     velocity: VelocityConfig = VelocityConfig()
     graph: GraphConfig = GraphConfig()
+    recognition: RecognitionConfig = RecognitionConfig()
     loops: LoopConfig = LoopConfig()
     refinement: RefinementConfig = RefinementConfig()
     map: MapConfig = MapConfig()

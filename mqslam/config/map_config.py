@@ -19,6 +19,9 @@ class MapConfig(BaseModel):
     travel_rad: float = Field(
         0.01, ge=0.0, description="A scan is rendered as well once the sensor has turned by this much [rad]."
     )
+    keyframe_m: float = Field(
+        2.5, gt=0.0, description="Path [m] between the scans that the result keeps, in which a recording is localised later."
+    )
     well_seen: float = expert(
         99.0,
         ge=0.0,

@@ -29,6 +29,7 @@ from mqslam.formats.covariances import StampedCovariances, write_covariances
 from mqslam.formats.graphs.g2o import format_g2o
 from mqslam.formats.maps.geojson import write_geojson
 from mqslam.formats.maps.geotiff import write_geotiff
+from mqslam.formats.maps.keyframe_folder import FOLDER, write_keyframes
 from mqslam.formats.maps.nav2_map import write_nav2_map
 from mqslam.formats.ply import Clock, write_ply
 from mqslam.formats.tum import write_tum
@@ -146,6 +147,9 @@ def write_run(folder: Path, run: Run, summary: dict[str, Any], notes: Sequence[s
         write_marginals(folder / "covariances.csv", run.optimised, run.covariances)
     with tolerate("graph.g2o", failures):
         write_text(folder / "graph.g2o", format_g2o(run.graph.factors, run.values, run.graph.size))
+    if run.kept is not None:
+        with tolerate(FOLDER, failures):
+            write_keyframes(folder / FOLDER, run.kept.place_on_earth(run.georeference))
     with tolerate("map.ply", failures):
         stamps_us = run.optimised.stamps_us
         scan_us = int(np.median(np.diff(stamps_us))) if len(stamps_us) > 1 else 0

@@ -17,13 +17,13 @@ from numpy.typing import NDArray
 
 from mqslam.auditing.laying import Laid, lay
 from mqslam.auditing.sweeps import Sweeps
-from mqslam.backend.loops.submap import pick_spaced
 from mqslam.config import AuditConfig, EstimatorConfig
 from mqslam.core import se2
 from mqslam.core.engine import Engine
 from mqslam.core.statistics.median import find_median
 from mqslam.core.stored import release
 from mqslam.execution.progress import Progress
+from mqslam.mapping.keyframing import pick_spaced
 
 _SWEEPS: Final = 500  # sweeps whose ranges are in memory at a time: a matter of memory only
 

@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from mqslam.backend.loops.align import Alignment
-from mqslam.backend.loops.submap import pick_spaced
 from mqslam.config import PassConfig
 from mqslam.core import se2
+from mqslam.mapping.keyframing import pick_spaced
 
 
 def find_passes(

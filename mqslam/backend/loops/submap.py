@@ -4,14 +4,61 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Final, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mqslam.core import se2
+from mqslam.core.keyframes import Keyframes
 from mqslam.core.scans import Returns, Scan, Scans
+from mqslam.mapping.keyframing import place_keyframes
 from mqslam.mapping.render import place_along
 from mqslam.psi.place import Beam, PointSet
+
+_FAR_M: Final = 1e6  # by definition longer than any path that leads from one place to another
+
+
+class Passes(Protocol):
+    """Scans under a trajectory, of which submaps are rendered."""
+
+    @property
+    def poses(self) -> se2.Array:
+        """The poses (N, 3)."""
+
+    @property
+    def travelled(self) -> NDArray[np.float64]:
+        """Length of the path so far (N,) [m]."""
+
+    def render(self, centre: int, chosen: NDArray[np.int64], beam: Beam) -> PointSet:
+        """Renders the returns of some scans, in increasing order, in the frame of one."""
+
+
+@dataclass(frozen=True, slots=True)
+class MappedDrive:
+    """The keyframes of a map as scans under a trajectory.
+
+    Args:
+        keyframes: of the map.
+        poses: (K, 3) where they lie.
+        travelled: (K,) length of the path so far [m]; another recording begins so far on that no path seems to lead to it.
+    """
+
+    keyframes: Keyframes
+    poses: se2.Array
+    travelled: NDArray[np.float64]
+
+    @classmethod
+    def of(cls, keyframes: Keyframes, poses: se2.Array | None = None) -> MappedDrive:
+        """Returns the drive of a map, under poses (K, 3) other than its own if they are given."""
+        starts = np.flatnonzero(np.diff(keyframes.origins)) + 1
+        jumps = np.zeros(len(keyframes))
+        jumps[starts] = np.maximum(keyframes.travelled[starts - 1], 0.0) + _FAR_M
+        return cls(keyframes, keyframes.poses if poses is None else poses, keyframes.travelled + np.cumsum(jumps))
+
+    def render(self, centre: int, chosen: NDArray[np.int64], beam: Beam) -> PointSet:
+        """Renders the returns of some keyframes in the frame of one."""
+        return place_keyframes(self.keyframes, chosen, self.poses[centre], self.poses, beam)
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,16 +83,12 @@ class Drive:
         times = scans.start_times if isinstance(scans, Scans) else np.array([scan.t0 for scan in scans])
         return cls(scans, times, poses, se2.path_lengths(poses))
 
-
-def pick_spaced(travelled: NDArray[np.float64], spacing_m: float) -> NDArray[np.int64]:
-    """Returns indices about spacing_m [m] apart on a path: the first one past every mark along it.
-
-    Args:
-        travelled: (N,) length of the path so far [m].
-        spacing_m: distance between marks [m].
-    """
-    marks = np.floor(travelled / spacing_m)  # number of marks passed so far, besides the one at the beginning
-    return np.flatnonzero(np.diff(marks, prepend=-1.0) > 0.0)
+    def render(self, centre: int, chosen: NDArray[np.int64], beam: Beam) -> PointSet:
+        """Renders the returns of some scans, in increasing order, in the frame of one."""
+        returns = Returns.concatenate([self.scans[k].returns for k in chosen])
+        first, last = max(int(chosen[0]) - 1, 0), min(int(chosen[-1]) + 2, len(self.times))
+        local = se2.between(self.poses[centre], self.poses[first:last])
+        return place_along(returns, self.times[first:last], local, beam)
 
 
 def pick_around(travelled: NDArray[np.float64], centre: int, reach_m: float, spacing_m: float) -> NDArray[np.int64]:
@@ -62,7 +105,7 @@ def pick_around(travelled: NDArray[np.float64], centre: int, reach_m: float, spa
     return np.asarray(chosen[np.abs(travelled[chosen] - travelled[centre]) <= reach_m + spacing_m])
 
 
-def render_submap(drive: Drive, centre: int, reach_m: float, spacing_m: float, beam: Beam) -> PointSet:
+def render_submap(drive: Passes, centre: int, reach_m: float, spacing_m: float, beam: Beam) -> PointSet:
     """Renders the returns of the scans around one, in its frame.
 
     Args:
@@ -72,8 +115,4 @@ def render_submap(drive: Drive, centre: int, reach_m: float, spacing_m: float, b
         spacing_m: path between these scans [m].
         beam: the sensor's errors.
     """
-    chosen = pick_around(drive.travelled, centre, reach_m, spacing_m)
-    returns = Returns.concatenate([drive.scans[k].returns for k in chosen])
-    first, last = max(int(chosen[0]) - 1, 0), min(int(chosen[-1]) + 2, len(drive.times))
-    local = se2.between(drive.poses[centre], drive.poses[first:last])
-    return place_along(returns, drive.times[first:last], local, beam)
+    return drive.render(centre, pick_around(drive.travelled, centre, reach_m, spacing_m), beam)

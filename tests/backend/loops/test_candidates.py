@@ -8,8 +8,9 @@ from support.chains import SURE, chain_of
 from support.passes import CONFIG, path
 
 from mqslam.backend.loops.candidates import Relative, compute_reach, find_candidates
-from mqslam.backend.loops.submap import Drive, pick_spaced
+from mqslam.backend.loops.submap import Drive
 from mqslam.config import LoopConfig
+from mqslam.mapping.keyframing import pick_spaced
 
 RADIUS = 30.0
 LAP_M = 2.0 * np.pi * RADIUS

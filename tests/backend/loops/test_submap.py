@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 from support.passes import path
 
-from mqslam.backend.loops.submap import Drive, pick_spaced, render_submap
+from mqslam.backend.loops.submap import Drive, render_submap
 from mqslam.config import Config
 from mqslam.core import se2
 from mqslam.core.scans import Returns, Scan
+from mqslam.mapping.keyframing import pick_spaced
 from mqslam.psi.place import beam_of
 
 BEAM = beam_of(Config().estimator, 0.0)

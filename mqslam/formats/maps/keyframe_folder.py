@@ -1,0 +1,190 @@
+"""A map's keyframes as a folder that is opened without its recordings; points are read when they are asked for.
+
+    index.json       format, version, sizes, recordings, and the settings that places are described with
+    keyframes.npy    (K,) one record per keyframe
+    points.npy       (M,) one record per return, those of each keyframe in a row
+    places.npy       (P,) number of the keyframe at each place
+    descriptors.npy  (P, R, S) what each place looks like
+
+Files that end in .npy are NumPy's own, so that any program that reads these reads a map.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mqslam.core.keyframes import KEYFRAME_POINT, KeyframeMap, Keyframes, MappedRecording, PlaceTable
+from mqslam.core.sensors.georeference import Georeference
+from mqslam.core.sensors.tangent_plane import TangentPlane
+from mqslam.errors import DataError, OutputError, Remedy
+from mqslam.execution.files import write_aside, write_json
+from mqslam.version import __version__
+
+FOLDER: Final = "keyframes"
+"""Name of the folder within a result."""
+_FORMAT: Final = "mqslam keyframes"
+_VERSION: Final = 1
+_KEYFRAME: Final = np.dtype(
+    [
+        ("recording", "<i4"),
+        ("scan", "<i8"),
+        ("stamp_us", "<i8"),
+        ("pose", "<f8", 3),
+        ("covariance", "<f8", (3, 3)),
+        ("travelled_m", "<f8"),
+        ("first_point", "<i8"),
+        ("end_point", "<i8"),
+    ]
+)
+_REMEDY: Final = "give the folder of a result that `mqslam run` or `mqslam merge` has written"
+
+
+def write_keyframes(folder: Path, made: KeyframeMap) -> None:
+    """Writes the keyframes of a map into a new folder.
+
+    Args:
+        folder: the folder, which must not exist yet.
+        made: the map.
+
+    Raises:
+        OutputError: the folder or a file cannot be written.
+    """
+    keyframes, places = made.keyframes, made.places
+    try:
+        folder.mkdir()
+    except OSError as error:
+        raise OutputError(f"{folder}: cannot be made ({error.strerror})", Remedy.CHOOSE_OUTPUT) from error
+    rows = np.zeros(len(keyframes), _KEYFRAME)
+    rows["recording"], rows["scan"], rows["stamp_us"] = keyframes.origins, keyframes.scans, keyframes.stamps_us
+    rows["pose"], rows["covariance"], rows["travelled_m"] = keyframes.poses, keyframes.covariances, keyframes.travelled
+    rows["first_point"], rows["end_point"] = keyframes.rows.T
+    arrays = {
+        "keyframes": rows,
+        "points": keyframes.points,
+        "places": places.keyframes.astype("<i8"),
+        "descriptors": places.descriptors.astype("<f2"),
+    }
+    for name, array in arrays.items():
+        with write_aside(folder / f"{name}.npy") as aside, aside.open("wb") as file:
+            np.save(file, array)
+    place = keyframes.georeference
+    write_json(
+        folder / "index.json",
+        {
+            "format": _FORMAT,
+            "version": _VERSION,
+            "mqslam_version": __version__,
+            "keyframes": len(keyframes),
+            "points": len(keyframes.points),
+            "places": len(places.keyframes),
+            "recordings": [asdict(recording) for recording in keyframes.recordings],
+            "georeference": None
+            if place is None
+            else {"latitude": place.plane.latitude, "longitude": place.plane.longitude, "pose": place.pose.tolist()},
+            "described_with": places.made_with,
+        },
+    )
+
+
+def find_keyframes(path: Path) -> Path | None:
+    """Returns the folder of keyframes that a path is, or that the result at a path holds; None where there is none."""
+    for folder in (path, path / FOLDER):
+        if (folder / "index.json").is_file():
+            return folder
+    return None
+
+
+def read_keyframes(path: Path) -> KeyframeMap:
+    """Opens a map; its points and descriptors stay on disk until they are asked for.
+
+    Args:
+        path: the folder, or that of the result that holds it.
+
+    Raises:
+        DataError: there is no map, it is damaged, or a newer version has written it.
+    """
+    folder = find_keyframes(path)
+    if folder is None:
+        raise DataError(path, f"holds no map: there is no {FOLDER}/index.json", _REMEDY)
+    index = _read_index(folder / "index.json")
+    rows = _read_array(folder / "keyframes.npy", _KEYFRAME, (index["keyframes"],))
+    points = _read_array(folder / "points.npy", KEYFRAME_POINT, (index["points"],))
+    places = _read_array(folder / "places.npy", np.dtype("<i8"), (index["places"],))
+    descriptors = _read_array(folder / "descriptors.npy", np.dtype("<f2"), (index["places"], None, None))
+    recordings = tuple(MappedRecording(**recording) for recording in index["recordings"])
+    spans = np.column_stack([rows["first_point"], rows["end_point"]])
+    sound = (spans >= 0).all() and (spans <= len(points)).all() and (np.diff(spans) >= 0).all()
+    sound &= np.isin(rows["recording"], np.arange(len(recordings))).all() and np.isfinite(rows["pose"]).all()
+    if not sound:
+        raise DataError(folder / "keyframes.npy", "does not fit the rest of the map", _REMEDY)
+    if not (((places >= 0) & (places < len(rows))).all()):
+        raise DataError(folder / "places.npy", "names keyframes that the map does not have", _REMEDY)
+    where = index["georeference"]
+    keyframes = Keyframes(
+        recordings=recordings,
+        origins=rows["recording"].astype(np.int64),
+        scans=rows["scan"].astype(np.int64),
+        stamps_us=rows["stamp_us"].astype(np.int64),
+        poses=rows["pose"].astype(np.float64),
+        covariances=rows["covariance"].astype(np.float64),
+        travelled=rows["travelled_m"].astype(np.float64),
+        rows=spans.astype(np.int64),
+        points=points,
+        georeference=None
+        if where is None
+        else Georeference(TangentPlane(where["latitude"], where["longitude"]), np.array(where["pose"], dtype=np.float64)),
+    )
+    return KeyframeMap(keyframes, PlaceTable(np.array(places), descriptors, index["described_with"]))
+
+
+def _read_index(path: Path) -> dict[str, Any]:
+    """Reads index.json.
+
+    Raises:
+        DataError: it cannot be read, or another version has written it.
+    """
+    try:
+        index = json.loads(path.read_text(encoding="utf-8"))
+        is_map, version = index["format"] == _FORMAT, int(index["version"])
+    except (OSError, ValueError, TypeError, KeyError) as error:
+        raise DataError(path, "cannot be read as the index of a map", _REMEDY) from error
+    if not is_map:
+        raise DataError(path, "is not the index of a map", _REMEDY)
+    if version != _VERSION:
+        raise DataError(path, f"is of version {version}, and this mqslam reads version {_VERSION}", "make the map again")
+    try:
+        sizes = [int(index[name]) for name in ("keyframes", "points", "places")]
+        recordings = [MappedRecording(**recording) for recording in index["recordings"]]
+        where, described = index["georeference"], index["described_with"]
+        if where is not None and not (
+            all(math.isfinite(float(where[name])) for name in ("latitude", "longitude")) and len(where["pose"]) == 3
+        ):
+            raise ValueError("georeference")
+        if min(sizes) < 0 or not recordings or not isinstance(described, dict):
+            raise ValueError("sizes")
+    except (ValueError, TypeError, KeyError) as error:
+        raise DataError(path, "is damaged", _REMEDY) from error
+    return dict(index)
+
+
+def _read_array(path: Path, kind: np.dtype[Any], shape: tuple[int | None, ...]) -> NDArray[Any]:
+    """Maps an array of a file; None in the shape is any length.
+
+    Raises:
+        DataError: the file does not hold such an array.
+    """
+    try:
+        array: NDArray[Any] = np.load(path, mmap_mode="r" if 0 not in shape else None, allow_pickle=False)
+    except (OSError, ValueError, EOFError) as error:
+        raise DataError(path, "cannot be read", _REMEDY) from error
+    fits = array.dtype == kind and array.ndim == len(shape)
+    if not fits or any(n is not None and n != m for n, m in zip(shape, array.shape, strict=True)):
+        raise DataError(path, f"holds {array.shape} of {array.dtype}, which is not what the index says", _REMEDY)
+    return array

@@ -1,0 +1,115 @@
+"""Makes keyframes of a run, and places their points again wherever the keyframes lie by then."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mqslam.core import se2
+from mqslam.core.keyframes import KEYFRAME_POINT, Keyframes, MappedRecording
+from mqslam.core.scans import Scan, Scans
+from mqslam.core.stored import make_stored, release
+from mqslam.mapping.render import place_along
+from mqslam.psi.place import Beam, PointSet, compute_beam_covariance
+
+
+def pick_spaced(travelled: NDArray[np.float64], spacing_m: float) -> NDArray[np.int64]:
+    """Returns indices about spacing_m [m] apart on a path: the first one past every mark along it.
+
+    Args:
+        travelled: (N,) length of the path so far [m].
+        spacing_m: distance between marks [m].
+    """
+    marks = np.floor(travelled / spacing_m)  # number of marks passed so far, besides the one at the beginning
+    return np.flatnonzero(np.diff(marks, prepend=-1.0) > 0.0)
+
+
+def make_keyframes(
+    scans: Scans,
+    poses: se2.Array,
+    covariances: NDArray[np.float64] | None,
+    recording: MappedRecording,
+    beam: Beam,
+    spacing_m: float,
+) -> Keyframes:
+    """Makes the keyframes of a run: some of its scans, each rendered rigidly in its own frame.
+
+    Args:
+        scans: of the recording.
+        poses: (N, 3) of the radar at the start of each scan, in the frame of the first one.
+        covariances: (N, 3, 3) of these poses in their own frames, or None where they are not known.
+        recording: what the scans are from.
+        beam: the sensor's errors.
+        spacing_m: path between keyframes [m].
+    """
+    travelled, counts = se2.path_lengths(poses), scans.counts
+    seen = np.flatnonzero(counts)
+    chosen = seen[pick_spaced(travelled[seen], spacing_m)]
+    ends = np.concatenate([[0], np.cumsum(counts[chosen])])
+    points = make_stored((int(ends[-1]),), KEYFRAME_POINT)
+    times = scans.start_times
+    for n, k in enumerate(chosen.tolist()):
+        points[ends[n] : ends[n + 1]] = _render(scans[k], k, times, poses, beam)
+        release(points)
+    unknown = np.full((len(chosen), 3, 3), np.nan)
+    return Keyframes(
+        recordings=(recording,),
+        origins=np.zeros(len(chosen), dtype=np.int64),
+        scans=chosen,
+        stamps_us=scans.stamps_us[chosen],
+        poses=poses[chosen],
+        covariances=unknown if covariances is None else covariances[chosen],
+        travelled=travelled[chosen],
+        rows=np.column_stack([ends[:-1], ends[1:]]),
+        points=points,
+    )
+
+
+def _render(scan: Scan, k: int, times: NDArray[np.float64], poses: se2.Array, beam: Beam) -> NDArray[np.void]:
+    """Returns the points (N,) of `KEYFRAME_POINT` of scan k of a trajectory."""
+    returns = scan.returns
+    first, last = max(k - 1, 0), min(k + 2, len(times))
+    local = se2.between(poses[k], poses[first:last])
+    placed = place_along(returns, times[first:last], local, beam)
+    points = np.zeros(len(returns), KEYFRAME_POINT)
+    points["x"], points["y"] = placed.points.T
+    points["range"] = returns.ranges
+    points["ray"] = se2.wrap(se2.smooth(times[first:last], local, returns.times)[:, 2] + returns.azimuths)
+    points["time"] = returns.times - scan.t0
+    points["intensity"] = returns.intensities
+    return points
+
+
+def place_keyframes(
+    keyframes: Keyframes, chosen: Sequence[int] | NDArray[np.int64], frame: se2.Array, poses: se2.Array, beam: Beam
+) -> PointSet:
+    """Renders the points of some keyframes in a frame.
+
+    Args:
+        keyframes: of the map.
+        chosen: numbers of those to render.
+        frame: (3,) pose of the frame in that of the poses.
+        poses: (K, 3) of all keyframes.
+        beam: the sensor's errors.
+
+    Returns:
+        The points, with times [s] since the start of the recording that each is from.
+    """
+    starts_us = np.array([recording.start_us for recording in keyframes.recordings])[keyframes.origins]
+    parts: list[tuple[NDArray[np.float64], ...]] = []
+    for k in chosen:
+        begin, end = keyframes.rows[k]
+        own = keyframes.points[begin:end]
+        pose = se2.between(frame, poses[k])
+        xy = se2.transform(pose, np.column_stack([own["x"], own["y"]]).astype(np.float64))
+        rays = own["ray"].astype(np.float64) + pose[2]
+        start_s = 1e-6 * float(keyframes.stamps_us[k] - starts_us[k])
+        parts.append((xy, own["range"].astype(np.float64), rays, own["time"] + start_s))
+    if not parts:
+        return PointSet(np.empty((0, 2)), np.empty((0, 2, 0)), np.empty((0, 3)), np.empty(0))
+    release(keyframes.points)
+    points, ranges, headings, times = (np.concatenate(column) for column in zip(*parts, strict=True))
+    covariances = np.column_stack(compute_beam_covariance(ranges, np.cos(headings), np.sin(headings), beam))
+    return PointSet(points, np.empty((len(points), 2, 0)), covariances, times)
