@@ -19,7 +19,7 @@ from mqslam.errors import OutputError
 _SMALL = 4_000_000  # bytes; a smaller array stays in memory: a matter of speed only
 
 
-def make_stored(shape: tuple[int, ...], kind: type[np.generic] = np.float64) -> NDArray[Any]:
+def make_stored(shape: tuple[int, ...], kind: type[np.generic] | np.dtype[Any] = np.float64) -> NDArray[Any]:
     """Returns an array of zeros, which lies in a temporary file if it is large.
 
     Raises:
@@ -92,7 +92,7 @@ def release(*parts: NDArray[Any] | memoryview | mmap.mmap) -> None:
             base.madvise(mmap.MADV_DONTNEED)
 
 
-def _map(file: IO[bytes], size: int, kind: type[np.generic]) -> NDArray[Any]:
+def _map(file: IO[bytes], size: int, kind: type[np.generic] | np.dtype[Any]) -> NDArray[Any]:
     return np.frombuffer(mmap.mmap(file.fileno(), size), kind)
 
 
