@@ -1,6 +1,7 @@
 # make demo      set up .venv, simulate a drive, run it and say where the report is
 # make test      check style, types and layers, and run all tests but the slow ones
 # make test-all  run the slow tests, which make test leaves out: whole commands of the README, notebooks, clusters, browsers
+# make docs      build the documentation in build/site, and stop at a link or a name that leads nowhere
 # make lint      check style, types and layers only
 # make bench     make the measurements of BENCHMARKS.md and compare them with the committed ones, which takes six hours: tests/bench/run.py NAME makes one
 # make clean     remove .venv and everything that is built or generated
@@ -15,7 +16,7 @@ KERNELS := $(VENV)/.kernels
 # The tests of a file stay in one process, so that what they share is made once. More than four processes would only make it more often.
 PYTEST := $(BIN)/python -m pytest --numprocesses auto --maxprocesses 4 --dist loadfile
 
-.PHONY: demo test test-all lint types bench clean
+.PHONY: demo docs test test-all lint types bench clean
 
 $(READY): pyproject.toml
 	@$(PYTHON) -c 'import sys; sys.exit(0 if sys.version_info >= (3, 11) else "mqslam needs Python 3.11 or newer: make PYTHON=python3.11 ...")'
@@ -48,6 +49,9 @@ lint: $(READY) types
 types: $(READY)
 	rm -rf build && $(BIN)/pip install --quiet --disable-pip-version-check --no-deps --target $(TYPED) .
 	MYPYPATH=$(TYPED) $(BIN)/mypy --strict -p mqslam
+
+docs: $(READY)
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet
 
 bench: $(READY)
 	$(BIN)/python tests/bench/run.py

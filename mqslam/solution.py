@@ -87,7 +87,8 @@ class Run(Solution):
     """The result of a finished run: the trajectory, its maps, and the check of the map.
 
     Args:
-        map_odometry, map_optimised: the recording rendered under both trajectories.
+        map_odometry: the recording rendered under the trajectory before optimisation.
+        map_optimised: the recording rendered under the optimised trajectory.
         kept: the keyframes of the optimised map; None where they could not be made.
         checked: the optimised map judged, of its windows a sample; None where that could not be done.
         runtime_s: runtime of each stage [s].

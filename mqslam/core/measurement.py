@@ -27,7 +27,8 @@ class Measurement:
     """The sensor's motion from t0 to t1.
 
     Args:
-        t0, t1: [s] since the recording's start.
+        t0: start of the motion [s] since the recording's start.
+        t1: end of the motion [s] since the recording's start.
         pose: (3,) x [m], y [m], yaw [rad] of the pose at t1 in the frame of the pose at t0.
         covariance: (3, 3) of x, y, yaw, in the frame of the pose at t0 [m, m, rad].
         status: how far it can be trusted.

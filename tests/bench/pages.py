@@ -14,7 +14,7 @@ from bench.results import read_result, read_table
 from bench.tables import describe_making, make_table
 
 ROOT = Path(__file__).resolve().parents[2]
-PAGES = (ROOT / "README.md", ROOT / "BENCHMARKS.md")
+PAGES = (ROOT / "README.md", ROOT / "BENCHMARKS.md", ROOT / "docs" / "tutorials" / "compare.md")
 BASELINE = Path(__file__).with_name("baseline")
 LITERATURE = Path(__file__).with_name("literature.json")
 """Figures that others have published, or that were measured elsewhere."""
