@@ -10,17 +10,15 @@ from dataclasses import replace
 from mqslam.auditing.judge import Audit, audit_trajectory
 from mqslam.backend.linear.marginals import compute_all_marginals
 from mqslam.backend.loops.closing import close_loops
-from mqslam.backend.loops.submap import MappedDrive
 from mqslam.backend.measuring import measure
 from mqslam.backend.pose_graph import poses_of
 from mqslam.backend.problem import Problem
-from mqslam.backend.recognition.places import describe_places
+from mqslam.backend.recognition.keeping import keep_map
 from mqslam.backend.refinement import refine
 from mqslam.backend.sensor_use import NO_USE, SensorSettings, join_sensors
 from mqslam.backend.sensors.odometry.odometry_edges import make_odometry_edges, read_odometry_motions, reckon
 from mqslam.config import Config
 from mqslam.core import frontend as frontends
-from mqslam.core.engine import Engine
 from mqslam.core.frontend import Context
 from mqslam.core.keyframes import KeyframeMap, MappedRecording
 from mqslam.core.measurement import LoopSearch, Refined
@@ -32,7 +30,6 @@ from mqslam.detection.stage import detect_all
 from mqslam.errors import EstimationError, FewReturnsError
 from mqslam.execution.kept import LOOPS, MEASURED, REFINED
 from mqslam.execution.runner import Runner
-from mqslam.mapping.keyframing import make_keyframes
 from mqslam.mapping.render import render_track
 from mqslam.psi.doppler import choose_doppler_beta
 from mqslam.psi.place import beam_of
@@ -92,7 +89,10 @@ class Slam:
                     checked = audit_trajectory(scans, solution.optimised, config, solution.beam, runner, optimum)
             kept: KeyframeMap | None = None
             with runner.time_stage("render"), runner.tolerate("the keyframes of the map"):
-                kept = keep_map(scans, solution, config, recording, runner.engine)
+                span = recording.start_us, recording.end_us
+                source = MappedRecording(str(recording.path), *span, recording.revolution_s, beta)
+                track, sure = solution.optimised, solution.covariances
+                kept = keep_map(scans, track, sure, source, config, solution.beam, runner.engine)
         return Run(
             **(vars(solution) | {"warnings": tuple(runner.warnings)}),
             map_odometry=before,
@@ -162,15 +162,3 @@ class Slam:
         with self._runner.time_stage("windows"):
             kept = self._runner.find(MEASURED)
             return kept.doppler_beta if kept else choose_doppler_beta(scans, self._config, self._runner.engine)
-
-
-def keep_map(scans: Scans, solution: Solution, config: Config, recording: Recording, engine: Engine) -> KeyframeMap:
-    """Returns the keyframes of the optimised map, and its places as they look."""
-    sure, poses = solution.covariances, solution.optimised.poses
-    covariances = None if sure.failure is not None or len(sure.indices) != len(poses) else sure.covariances
-    span = recording.start_us, recording.end_us
-    source = MappedRecording(str(recording.path), *span, recording.revolution_s, solution.doppler_beta)
-    keyframes = make_keyframes(scans, poses, covariances, source, solution.beam, config.map.keyframe_m)
-    drive = MappedDrive.of(keyframes)
-    places = describe_places(drive, config.recognition, config.loops.spacing_m, solution.beam, engine)
-    return KeyframeMap(keyframes, places)

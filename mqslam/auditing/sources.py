@@ -19,7 +19,7 @@ from mqslam.core import se2
 from mqslam.core.scans import Scans
 from mqslam.core.sensors.gyroscope import Gyroscope
 from mqslam.core.sensors.lidar import LidarRecording
-from mqslam.core.timed_cloud import TimedCloud
+from mqslam.core.sensors.timed_cloud import TimedCloud
 from mqslam.core.trajectory import Trajectory
 from mqslam.errors import DataError, Remedy
 from mqslam.psi.place import Beam

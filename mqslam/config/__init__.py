@@ -24,10 +24,9 @@ from mqslam.config.frontend_config import (
 )
 from mqslam.config.graph_config import GraphConfig
 from mqslam.config.loop_config import LoopConfig, PassConfig, RefinementConfig
-from mqslam.config.map_config import MapConfig
+from mqslam.config.map_config import MapConfig, RecognitionConfig
 from mqslam.config.psi_config import PsiConfig
 from mqslam.config.reading_config import ReadingConfig
-from mqslam.config.recognition_config import RecognitionConfig
 from mqslam.config.sensor_config import GnssConfig, GyroscopeConfig, SensorConfig, VelocityConfig
 from mqslam.config.tracker_config import TrackerConfig
 from mqslam.config.yaml_file import parse_yaml

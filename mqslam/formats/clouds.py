@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mqslam.core.timed_cloud import TimedCloud
+from mqslam.core.sensors.timed_cloud import TimedCloud
 from mqslam.errors import DataError, MqslamError
 from mqslam.formats.ply import read_clock
 from mqslam.formats.shared import npz

@@ -14,7 +14,7 @@ from mqslam.core.scans import Returns
 from mqslam.core.sensors.fixes import Fixes
 from mqslam.core.sensors.gyroscope import Gyroscope
 from mqslam.core.sensors.lidar import LidarRecording
-from mqslam.core.timed_cloud import TimedCloud
+from mqslam.core.sensors.timed_cloud import TimedCloud
 from mqslam.core.trajectory import Trajectory
 from mqslam.detection.stage import detect_stretch
 from mqslam.formats.covariances import read_covariances

@@ -11,6 +11,7 @@ from scipy.stats import chi2
 
 from mqslam.auditing.judge import Audit
 from mqslam.auditing.laying import Laid, ask_of_single_scans, lay
+from mqslam.auditing.mending.tied_chain import Tie
 from mqslam.auditing.revisits import RevisitAudit
 from mqslam.auditing.spans.measured import pick_ends
 from mqslam.auditing.spans.torn import SpanAudit
@@ -18,7 +19,6 @@ from mqslam.auditing.speeds import contradicts
 from mqslam.auditing.steps import scale_covariances
 from mqslam.auditing.sweeps import Sweeps
 from mqslam.auditing.windows.windows import WindowAudit
-from mqslam.backend.tied_chain import Tie
 from mqslam.config import AuditConfig, EstimatorConfig
 from mqslam.core import se2
 from mqslam.core.engine import Engine

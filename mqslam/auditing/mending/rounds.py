@@ -32,10 +32,10 @@ from mqslam.auditing.mending.evidence import (
     tie_steps,
     tie_windows,
 )
+from mqslam.auditing.mending.tied_chain import Tie, TiedChain
 from mqslam.auditing.sweeps import Sweeps
 from mqslam.auditing.verdict import GRAVEST_FIRST, VerdictStatus
 from mqslam.auditing.windows.windows import share_torn
-from mqslam.backend.tied_chain import Tie, TiedChain
 from mqslam.config import Config
 from mqslam.core import se2
 from mqslam.core.engine import Engine
