@@ -1,4 +1,4 @@
-"""Every command and snippet of the README is run as it is printed, in a folder that holds what it names.
+"""Every command and snippet of the README and of the documentation is run as printed, in a folder that has what it names.
 
 That takes minutes and is slow; that commands and options exist is seen at once.
 """
@@ -23,6 +23,7 @@ from support.commands import mqslam
 from support.drives import street_drive
 from support.sensors import gga, rmc, stamps, write_imu_csv, write_lines
 
+import mqslam as mqslam_package
 from mqslam.config import Config
 from mqslam.core import se2
 from mqslam.core.frontend import Context
@@ -32,20 +33,22 @@ from mqslam.simulator import simulate
 
 ROOT = Path(__file__).parents[1]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
+PAGES = sorted(page for page in (ROOT / "docs").rglob("*.md") if not page.is_symlink())
+TEXT = "\n".join([README, *(page.read_text(encoding="utf-8") for page in PAGES)])
 BINARY = ".venv/bin/mqslam "
 
 
 def commands() -> list[str]:
-    """Lists the lines of the README that a user would type, without their comments."""
-    typed = [line.split("  #")[0].strip() for line in README.splitlines() if line.startswith("    ")]
-    inline = [text for text in re.findall(r"`([^`\n]+)`", README) if text.startswith(BINARY)]
+    """Lists the lines of all pages that a user would type, without their comments."""
+    typed = [line.split("  #")[0].strip() for line in TEXT.splitlines() if line.startswith("    ")]
+    inline = [text for text in re.findall(r"`([^`\n]+)`", TEXT) if text.startswith(BINARY)]
     lines = dict.fromkeys([*typed, *inline])  # each once: the first screen shows some of those that follow
     return [line for line in lines if line.startswith((".venv/", "make "))]
 
 
 def snippets(language: str) -> list[str]:
     """Lists the fenced blocks of a language."""
-    return re.findall(rf"```{language}\n(.*?)```", README, re.DOTALL)
+    return re.findall(rf"```{language}\n(.*?)```", TEXT, re.DOTALL)
 
 
 @pytest.fixture(scope="module")
@@ -127,7 +130,17 @@ def test_a_command_works_as_printed(place: Path, line: str) -> None:
 def test_what_is_typed_besides_is_known() -> None:
     others = {line.split(" #")[0].strip() for line in commands() if not line.startswith(BINARY)}
     assert others <= {"make demo", "make test", ".venv/bin/pip install --editable '.[view]'"}
-    assert (ROOT / ".ci" / "run").read_text().rstrip().endswith("make test\nmake test-all")
+    assert (ROOT / ".ci" / "run").read_text().rstrip().endswith("make test\nmake test-all\nmake docs")
+
+
+def test_the_readme_is_read_in_minutes() -> None:
+    assert len(README.splitlines()) <= 130
+
+
+def test_no_public_name_is_undocumented() -> None:
+    text = (ROOT / "docs" / "reference" / "api.md").read_text(encoding="utf-8")
+    named = {line.split(".")[-1] for line in text.splitlines() if line.startswith("::: ")}
+    assert named >= {name for name in mqslam_package.__all__ if not name.startswith("__")}
 
 
 @pytest.mark.slow
@@ -144,12 +157,12 @@ def test_make_demo_ends_with_a_report(tmp_path: Path) -> None:
 
 def programs() -> list[str]:
     """Lists the programs in Python: a run, and a graph of one's own."""
-    return [text for text in snippets("python") if "import mqslam\n" in text]
+    return list(dict.fromkeys(text for text in snippets("python") if "import mqslam\n" in text))
 
 
 @pytest.mark.slow
 def test_the_program_in_python_runs_as_printed(place: Path) -> None:
-    program, _ = programs()
+    program = next(text for text in programs() if "mqslam.run" in text)
     assert len(program.strip().splitlines()) == 5
     done = subprocess.run([sys.executable, "-c", program], cwd=place, capture_output=True, text=True, timeout=1800)
     assert done.returncode == 0, done.stderr
@@ -158,7 +171,7 @@ def test_the_program_in_python_runs_as_printed(place: Path) -> None:
 
 @pytest.mark.slow
 def test_the_graph_of_ones_own_is_built_as_printed(place: Path) -> None:
-    _, program = programs()
+    program = next(text for text in programs() if "psi_factors" in text)
     done = subprocess.run([sys.executable, "-c", program], cwd=place, capture_output=True, text=True, timeout=1800)
     assert done.returncode == 0, done.stderr
     assert done.stdout.startswith("0 ")  # the street of the test is driven once
@@ -181,12 +194,12 @@ def test_the_front_end_of_ones_own_is_one() -> None:
 def test_files_it_names_are_there() -> None:
     for name in re.findall(r"\]\(([^)#]+)\)", README):
         assert name.startswith("http") or (ROOT / name).exists(), name
-    for name in re.findall(r"`((?:tests|notebooks|mqslam|configs|frontends|factors)/[\w/.-]*)`", README):
+    for name in re.findall(r"`((?:tests|notebooks|mqslam|configs|frontends|factors)/[\w/.-]*)`", TEXT):
         assert (ROOT / name).exists(), name
 
 
 def test_the_table_of_parts_is_the_tree() -> None:
-    table = README.split("\n| part | holds |\n")[1].split("\n\n")[0]
+    table = TEXT.split("\n| part | holds |\n")[1].split("\n\n")[0]
     named = {name.rstrip("/") for line in table.splitlines() for name in re.findall(r"`([^`]+)`", line.split("|")[1])}
     parts = {path for path in (ROOT / "mqslam").iterdir() if path.suffix == ".py" or (path / "__init__.py").is_file()}
     inside = {f"mqslam/{path.name}" for path in parts if path.name != "__init__.py"}

@@ -29,7 +29,14 @@ def describe_settings() -> str:
     lines = ["# Settings", "", "`mqslam config show --all` prints these as YAML, and a file states only what differs.", ""]
     for name, section in Config():
         kind = type(section)
-        lines += [f"## {name}", "", (kind.__doc__ or "").splitlines()[0], "", "| setting | default | what it is |", "|---|---|---|"]
+        lines += [
+            f"## {name}",
+            "",
+            (kind.__doc__ or "").splitlines()[0],
+            "",
+            "| setting | default | what it is |",
+            "|---|---|---|",
+        ]
         values = section.model_dump(mode="json")
         for key, field in kind.model_fields.items():
             description = " ".join((field.description or "").split()).replace("|", "\\|")

@@ -85,7 +85,7 @@ def test_a_recording_of_twelve_hours(tmp_path: Path, monkeypatch: pytest.MonkeyP
 
 
 def test_workers_are_sent_a_recordings_index_once(lane: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """This has no row in the README's table. The index of twelve hours has megabytes, and thousands of stretches use it."""
+    """This has no row in the table of faults. The index of twelve hours has megabytes, and thousands of stretches use it."""
     sent: list[int] = []
 
     class Spied(ProcessPoolExecutor):
