@@ -20,6 +20,7 @@ from mqslam.config.reading_config import ReadingConfig
 from mqslam.core.recording import PolarScan, Recording
 from mqslam.core.trajectory import Trajectory
 from mqslam.errors import DataError
+from mqslam.formats.recordings.bag_configuration import read_bin_size
 from mqslam.formats.recordings.bag_poses import Frames
 from mqslam.formats.sensors.carried import read_carried
 from mqslam.formats.sensors.ros_sensors import RosSensors, list_sensor_messages
@@ -116,7 +117,7 @@ def open_recording(path: Path, sensing: Sensing, settings: ReadingConfig) -> Ros
     with bags.open_bag(path) as reader:
         topic, layout, notes = polar_message.choose_topic(path, reader)
         odometry_topic, truth_topic = _choose_pose_topics(reader)
-        sensors = RosSensors.choose(reader)
+        sensors, stated = RosSensors.choose(reader), read_bin_size(reader)
         index = _read_index(path, reader, (topic, layout), {odometry_topic, truth_topic} - {None}, sensors, settings)
     ordered = mark_increasing(index.stamps_us)
     messages_us = np.array(index.stamps_us, dtype=np.int64)[ordered]
@@ -137,7 +138,11 @@ def open_recording(path: Path, sensing: Sensing, settings: ReadingConfig) -> Ros
         starts, turns = place_turns(arrivals, stamp, find_usual_turns(arrivals, settings), settings)
         notes.append(f"{layout.value} of the images are taken as azimuths; " + note_spread("header", stamp, clockwise))
         notes += smoothed
-    if sensing.range_resolution is None:
+    resolution = sensing.range_resolution
+    if resolution is None and stated is not None:
+        resolution = stated[0]
+        notes.append(f"range resolution {resolution:.6g} m, as {stated[1]} states it")
+    elif resolution is None:
         notes.append(note_resolution(RANGE_RESOLUTION_M))
     odometry, truth = (bags.trajectory_of(index.poses.get(name or "", ())) for name in (odometry_topic, truth_topic))
     for name in (odometry_topic, truth_topic):
@@ -161,7 +166,7 @@ def open_recording(path: Path, sensing: Sensing, settings: ReadingConfig) -> Ros
         format="rosbag",
         stamps_us=starts,
         turns_us=turns,
-        range_resolution=sensing.range_resolution or RANGE_RESOLUTION_M,
+        range_resolution=resolution or RANGE_RESOLUTION_M,
         odometry=odometry,
         ground_truth=truth,
         truth_on_vehicle=truth_on_vehicle,

@@ -1,0 +1,65 @@
+"""The length of a range bin, as Navtech's drivers publish it beside the radar's data.
+
+Drivers of several ages publish a RadarConfigurationMessage or RadarConfigurationMsg, whose `bin_size` is a number or the bytes of
+one, in metres or in tenths of a millimetre. No radar of this kind has bins shorter than 5 mm or longer than 0.5 m, which tells all of
+these apart.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+
+from mqslam.formats.shared.bags import deserialise
+
+if TYPE_CHECKING:
+    from rosbags.highlevel import AnyReader
+
+_NAMES: Final = ("/RadarConfigurationMessage", "/RadarConfigurationMsg")
+_BIN_M: Final = (0.005, 0.5)  # by the hardware: bins are about 4 to 18 cm long
+_PER_M: Final = (1.0, 1e4)  # units in which drivers state it
+
+
+def read_bin_size(reader: AnyReader) -> tuple[float, str] | None:
+    """Reads the length of a range bin [m], and the topic that states it; None where no message does.
+
+    Args:
+        reader: of an open bag.
+    """
+    for connection in reader.connections:
+        if not connection.msgtype.endswith(_NAMES) or not connection.msgcount:
+            continue
+        for _, _, raw in reader.messages([connection]):
+            try:
+                stated = deserialise(reader, connection, raw).bin_size
+            except (ValueError, AttributeError):
+                break
+            length = _interpret(stated)
+            if length is not None:
+                return length, connection.topic
+    return None
+
+
+def _interpret(stated: Any) -> float | None:
+    """Returns a bin's length [m] by a number or by the bytes of one; None where it is none that a radar can have."""
+    for number in _list_numbers(stated):
+        for per_m in _PER_M:
+            if _BIN_M[0] <= number / per_m <= _BIN_M[1]:
+                return number / per_m
+    return None
+
+
+def _list_numbers(stated: Any) -> Iterator[float]:
+    """Yields the numbers that a field may stand for: itself, or its bytes as a number of either order."""
+    if np.ndim(stated) == 0:
+        yield float(stated)
+        return
+    content = np.asarray(stated).astype(np.uint8).tobytes()
+    kinds = {2: "H", 4: "fI", 8: "dQ"}.get(len(content), "")
+    for kind in kinds:
+        for order in ("<", ">"):
+            (number,) = struct.unpack(order + kind, content)
+            yield float(number)
