@@ -1,10 +1,17 @@
-"""Makes the pages that the program itself knows best: its command line and its settings."""
+"""Makes the pages that the program itself knows best, its command line and its settings, and sets equations.
+
+Equations become MathML, which browsers show by themselves, so that nothing is fetched from elsewhere.
+"""
 
 from __future__ import annotations
 
+import html
+import re
 import subprocess
 import sys
+from typing import Any
 
+from latex2mathml.converter import convert
 from mkdocs.config.defaults import MkDocsConfig
 from mkdocs.structure.files import File, Files
 
@@ -43,3 +50,13 @@ def describe_settings() -> str:
             lines.append(f"| `{key}` | `{values[key]}` | {description} |")
         lines.append("")
     return "\n".join(lines)
+
+
+def on_page_content(content: str, **_: Any) -> str:
+    """Returns the content of a page with its equations set."""
+
+    def set_equation(match: re.Match[str]) -> str:
+        display = "block" if match[2] == "[" else "inline"
+        return f'<{match[1]} class="arithmatex">{convert(html.unescape(match[3]).strip(), display=display)}</{match[1]}>'
+
+    return re.sub(r'<(div|span) class="arithmatex">\\([\[(])(.*?)\\[\])]</\1>', set_equation, content, flags=re.DOTALL)

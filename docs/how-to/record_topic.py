@@ -2,8 +2,9 @@
 
 usage: python record_topic.py FOLDER_OF_PNGS RANGE_BIN OUT
 
-FOLDER_OF_PNGS holds one grey image per turn, <stamp in microseconds>.png, with one row per azimuth. RANGE_BIN is the length of a
-range bin in metres, which images do not state. OUT gets the bag and the result of the run. In a node of your own, call `record` with the messages that its subscription delivers.
+FOLDER_OF_PNGS holds one grey image per turn, <stamp in microseconds>.png, with one row per azimuth. RANGE_BIN is the length
+of a range bin in metres, which images do not state. OUT gets the bag and the result of the run. In a node of your own, call
+`record` with the messages that its subscription delivers.
 """
 
 from __future__ import annotations

@@ -24,11 +24,15 @@ from mqslam.core.recording import Recording
 from mqslam.core.sensors.mount import RADAR
 from mqslam.core.sensors.sensors import NO_SENSORS, Sensors
 from mqslam.core.trajectory import Trajectory
-from mqslam.errors import Remedy
+from mqslam.errors import Remedy, tolerate
 from mqslam.execution.checkpoint import hash_run, keep_checkpoint
 from mqslam.execution.files import to_json_values
 from mqslam.execution.folders import check_free, write_folder_aside
 from mqslam.execution.runner import Runner
+from mqslam.formats.recordings.oxford import find_image_folder
+from mqslam.formats.shared.azimuth_rows import stamps_in_us
+from mqslam.formats.shared.row_images import RowImageRecording
+from mqslam.formats.trajectories.boreas_odometry import write_boreas_odometry
 from mqslam.report.run_page import write_run_pages
 from mqslam.results.run_results import add_warnings, summarise, write_run
 from mqslam.results.run_verdict import list_warnings
@@ -185,8 +189,28 @@ def execute(job: Job, out: Path, work: Work, *, resume: bool, how: str = Remedy.
         summary: dict[str, Any] = to_json_values({**summarise(shown, recording), "warnings": warnings, "run_key": job.key})
         with write_folder_aside(out) as folder:
             write_run(folder, shown, summary, recording.notes)
-            add_warnings(folder, summary, recording.notes, write_run_pages(folder, shown, recording, summary))
+            failures = write_run_pages(folder, shown, recording, summary)
+            with tolerate("the file for the leaderboard of Boreas", failures):
+                write_for_leaderboard(folder, job.recording, result.optimised)
+            add_warnings(folder, summary, recording.notes, failures)
     return summary
+
+
+def write_for_leaderboard(folder: Path, recording: Recording, trajectory: Trajectory) -> None:
+    """Writes the odometry of a sequence of Boreas as its leaderboard takes it, named after the sequence; nothing of others.
+
+    Args:
+        folder: of the results.
+        recording: the recording.
+        trajectory: of its radar.
+
+    Raises:
+        OutputError: the file cannot be written.
+    """
+    if recording.format != "boreas" or not isinstance(recording, RowImageRecording):
+        return
+    sequence = find_image_folder(recording.path).resolve().parent.name
+    write_boreas_odometry(folder / f"{sequence}.txt", trajectory, stamps_in_us(recording.names))
 
 
 def find_finished(out: Path, key: str) -> dict[str, Any] | None:
