@@ -1,8 +1,8 @@
 """The length of a range bin, as Navtech's drivers publish it beside the radar's data.
 
 Drivers of several ages publish a RadarConfigurationMessage or RadarConfigurationMsg, whose `bin_size` is a number or the
-bytes of one, in metres or in tenths of a millimetre. No radar of this kind has bins shorter than 5 mm or longer than 0.5 m, which
-tells all of these apart.
+bytes of one, in metres or in tenths of a millimetre. No radar of this kind has bins shorter than 5 mm or longer than 0.5 m,
+which tells all of these apart.
 """
 
 from __future__ import annotations
