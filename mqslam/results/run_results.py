@@ -35,6 +35,7 @@ from mqslam.formats.ply import Clock, write_ply
 from mqslam.formats.tum import write_tum
 from mqslam.mapping.occupancy_grid import make_occupancy_grid
 from mqslam.results.audit_results import summarise_tests
+from mqslam.results.graph_table import format_graph_table
 from mqslam.results.run_verdict import judge_run
 from mqslam.results.sensor_results import summarise_mount, summarise_sensors
 from mqslam.results.unjudged import list_unjudged
@@ -147,6 +148,7 @@ def write_run(folder: Path, run: Run, summary: dict[str, Any], notes: Sequence[s
         write_marginals(folder / "covariances.csv", run.optimised, run.covariances)
     with tolerate("graph.g2o", failures):
         write_text(folder / "graph.g2o", format_g2o(run.graph.factors, run.values, run.graph.size))
+        write_text(folder / "graph.csv", format_graph_table(run))
     if run.kept is not None:
         with tolerate(FOLDER, failures):
             write_keyframes(folder / FOLDER, run.kept.place_on_earth(run.georeference))
