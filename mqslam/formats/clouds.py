@@ -31,7 +31,7 @@ def read_cloud(path: Path, z_range: tuple[float, float] | None = None) -> TimedC
     """Reads a cloud, such as the `map.ply` of a run, as points in the plane in the order of their times.
 
     Times are seconds, above 1e14 microseconds and above 1e17 nanoseconds, unless the field's name ends in a unit (t_us).
-    The `map.ply` of a run states in a comment from when on its times are counted, and how long a scan takes.
+    The `map.ply` of a run states in a comment how long a scan takes, and older ones from when on their times are counted.
 
     Args:
         path: a `.ply`, `.pcd`, `.las`, `.laz` or `.npz` with fields x, y and a time. An `.npz` holds arrays x, y and t, or
@@ -59,8 +59,8 @@ def read_cloud(path: Path, z_range: tuple[float, float] | None = None) -> TimedC
         return cloud
     if clock.start_us + int(cloud.stamps_us[-1]) > LATEST_US:
         raise DataError(path, "states a start beyond any clock", "write it anew")
-    note = f"they are counted from {clock.start_us} us, as the file states"
-    return replace(cloud, stamps_us=cloud.stamps_us + clock.start_us, notes=(*cloud.notes, note), scan_us=clock.scan_us)
+    notes = [f"they are counted from {clock.start_us} us, as the file states"] if clock.start_us else []
+    return replace(cloud, stamps_us=cloud.stamps_us + clock.start_us, notes=(*cloud.notes, *notes), scan_us=clock.scan_us)
 
 
 def _make_cloud(path: Path, columns: Columns, z_range: tuple[float, float] | None) -> TimedCloud:

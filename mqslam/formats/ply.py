@@ -25,7 +25,7 @@ class Clock:
     """How the times of a run's point map relate to the stamps of its trajectory.
 
     Args:
-        start_us: stamp of the recording's start, from which times are counted [us].
+        start_us: stamp from which times are counted [us]: of the recording's start, or 0 where they are stamps themselves.
         scan_us: usual duration of a scan [us].
     """
 
@@ -41,18 +41,20 @@ def write_ply(path: Path, pointmap: PointMap, clock: Clock | None = None) -> Non
     Args:
         path: the file.
         pointmap: the points, with times since the recording's start.
-        clock: of the times, stated in a comment, so that map and trajectory of a run fit together; None states nothing.
+        clock: of the times, which are written in the clock of the run's trajectory, as a comment says, so that the two fit
+            together; None writes the times as they are, and states nothing.
 
     Raises:
         OutputError: the file cannot be written.
     """
+    start_s = 0.0 if clock is None else 1e-6 * clock.start_us
     with write_aside(path) as aside, aside.open("wb") as file:
         file.write(_format_header(len(pointmap), clock).encode("ascii"))
         for block in pointmap.blocks():
             vertices = np.zeros(len(block), dtype=_VERTEX)
             vertices["x"], vertices["y"] = block.points.T
             vertices["intensity"] = block.intensities
-            vertices["time"] = block.times
+            vertices["time"] = block.times + start_s
             vertices["psi"] = block.psi
             file.write(vertices.data)
 
@@ -61,7 +63,7 @@ def _format_header(count: int, clock: Clock | None) -> str:
     """Returns the header of a file with so many points."""
     lines = ["ply", "format binary_little_endian 1.0"]
     if clock is not None:
-        lines.append(f"comment mqslam clock: times are seconds since {clock.start_us} us, a scan takes {clock.scan_us} us")
+        lines.append(f"comment mqslam clock: times are seconds since 0 us, a scan takes {clock.scan_us} us")
     lines.append(f"element vertex {count}")
     lines += [f"property {'double' if kind == '<f8' else 'float'} {name}" for name, kind in _VERTEX]
     return "\n".join([*lines, "end_header", ""])

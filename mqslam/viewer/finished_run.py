@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from mqslam.core.trajectory import Trajectory
 from mqslam.errors import DataError
 from mqslam.formats.graphs.g2o import read_edges
-from mqslam.formats.ply import read_ply
+from mqslam.formats.ply import read_clock, read_ply
 from mqslam.formats.tum import read_tum
 
 _REMEDY = "give the folder of a finished run"
@@ -54,6 +54,9 @@ def read_scene(run: Path) -> Scene:
         raise DataError(run, "holds no map.ply", _REMEDY)
     columns = read_ply(run / "map.ply", ("x", "y", "psi", "intensity", "time"))
     trajectory = read_tum(run / "trajectory.tum")
+    clock = read_clock(run / "map.ply")
+    if clock is not None and clock.start_us == 0:
+        columns["time"] -= 1e-6 * trajectory.stamps_us[0]
     return Scene(
         name=run.resolve().name,
         points=np.column_stack([columns.pop("x"), columns.pop("y")]),
