@@ -89,7 +89,7 @@ def test_only_places_that_may_be_the_answer_are_returned() -> None:
 
 
 def test_of_places_that_show_the_same_only_the_likeliest_is_returned() -> None:
-    places = [place(5), place(5) + [2.0, 0.0], place(5) + [4.0, 0.0], place(1)]
+    places = [*(place(5) + np.array([x, 0.0]) for x in (0.0, 2.0, 4.0)), place(1)]
     same = [np.arange(3)] * 3 + [np.array([3])]
     (found,) = index(places).look_up([places[1]], np.ones((1, 4), dtype=bool), same)
     assert [guess.place for guess in found] == [1, 3]

@@ -1,4 +1,4 @@
-"""Rows of submaps are recognised where they were, at any heading; streets that repeat are ambiguous, and noise is nothing."""
+"""Rows of submaps are recognised where they were, at any heading; places that fit twice are ambiguous."""
 
 from __future__ import annotations
 
