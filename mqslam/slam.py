@@ -6,6 +6,7 @@ recording -> scans -> measurements -> pose graph -> trajectory -> map -> psi
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 
 from mqslam.auditing.judge import Audit, audit_trajectory
 from mqslam.backend.linear.marginals import compute_all_marginals
@@ -14,6 +15,8 @@ from mqslam.backend.measuring import measure
 from mqslam.backend.pose_graph import poses_of
 from mqslam.backend.problem import Problem
 from mqslam.backend.recognition.keeping import keep_map
+from mqslam.backend.recognition.recognise import Means
+from mqslam.backend.recognition.within_run import RunRecogniser
 from mqslam.backend.refinement import refine
 from mqslam.backend.sensor_use import NO_USE, SensorSettings, join_sensors
 from mqslam.backend.sensors.odometry.odometry_edges import make_odometry_edges, read_odometry_motions, reckon
@@ -128,7 +131,10 @@ class Slam:
         search = LoopSearch([], 0)
         if config.loops.enabled:
             with runner.time_stage("loops"), runner.tolerate("the search for loops"):
-                search = runner.make_once(LOOPS, lambda: close_loops(scans, problem, config.estimator, beam, runner))
+                means = Means(config.recognition, config.loops, config.estimator, beam)
+                recogniser = RunRecogniser(means, runner.engine)
+                closing = partial(close_loops, scans, problem, config.estimator, beam, runner, recogniser)
+                search = runner.make_once(LOOPS, closing)
         refined = Refined(search.loops, [])
         with runner.time_stage("refine"), runner.tolerate("the refinement"):
             refined = runner.make_once(REFINED, lambda: refine(before, problem, search.loops, scans, config, beam, runner))

@@ -1,4 +1,4 @@
-"""`mqslam convert`: writes a recording in another layout, or the results of a run as a ROS bag."""
+"""`mqslam convert`: writes a recording in another layout, the results of a run as a ROS bag, or keyframes as points."""
 
 from __future__ import annotations
 
@@ -21,10 +21,11 @@ class MessageKind(StrEnum):
 
 def convert(
     data: Annotated[
-        Path, typer.Argument(metavar="DATA", help="A recording in any layout, or the folder of a finished run.")
+        Path, typer.Argument(metavar="DATA", help="A recording in any layout, the folder of a finished run, or keyframes.")
     ],
     out: Annotated[
-        Path, typer.Argument(metavar="OUT", help="The file (.bag, .mcap, .npz) or folder to write; it must not exist yet.")
+        Path,
+        typer.Argument(metavar="OUT", help="The file (.bag, .mcap, .npz, .ply) or folder to write, not there yet."),
     ],
     to: Annotated[
         str | None,
@@ -47,24 +48,36 @@ def convert(
     """Write a recording in another layout, with its odometry and ground truth if that layout has a place for them.
 
     The folder of a finished run is written as a bag of its results: /path, /tf from map to radar, /map (the occupancy grid)
-    and /points.
+    and /points. The keyframes of a result, or a folder of keyframes alone, are written as a point cloud if OUT ends in .ply.
 
     Example: mqslam convert drive drive.mcap
 
     Example: mqslam convert drive.bag drive_boreas --to boreas
 
     Example: mqslam convert result result.bag
+
+    Example: mqslam convert result/keyframes keyframes.ply
     """
     from rich.console import Console
 
     from mqslam.cli.terminal.console import print_notes, show_progress
+    from mqslam.commands.keyframe_cloud import SUFFIX, write_keyframe_cloud
     from mqslam.commands.opening import open_data
     from mqslam.config import load_config
     from mqslam.errors import ConfigError
     from mqslam.formats.conversion import check_target, find_target, write_recording
+    from mqslam.formats.maps.keyframe_folder import find_keyframes
     from mqslam.formats.result_bags import is_run, write_results
 
     console = Console(stderr=True, markup=False)
+    keyframes = find_keyframes(data)
+    if out.suffix == SUFFIX and to is None and (keyframes is not None or is_run(data)):
+        write_keyframe_cloud(out, data, force=force)
+        if not quiet:
+            console.print(f"wrote {out}", highlight=False, soft_wrap=True)
+        return
+    if keyframes == data:
+        raise ConfigError(f"{data}: holds keyframes, which become a point cloud; end OUT in {SUFFIX}, without --to")
     target = find_target(out, to, message.value)
     check_target(out, target, force=force, recording=data)
     notes: list[str] = []

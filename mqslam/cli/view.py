@@ -20,7 +20,7 @@ class Colour(StrEnum):
 
 
 def view(
-    out: Annotated[Path, typer.Argument(metavar="OUT", help="The folder of a finished run.")],
+    out: Annotated[Path, typer.Argument(metavar="OUT", help="The folder of a finished run, or of keyframes.")],
     colour: Annotated[Colour, typer.Option(help="What colours the points at first.")] = Colour.psi,
     rerun: Annotated[
         bool, typer.Option("--rerun", help="Write OUT/map.rrd and open it in Rerun's viewer (pip install 'mqslam\\[view]').")
@@ -31,24 +31,26 @@ def view(
     """Show the map of a run in a window, with its trajectory (white) and its loops (pink).
 
     Bright points have a high psi, a high intensity or a late time. In the window, the keys P, I and T choose between psi,
-    intensity and time; the wheel zooms, the mouse turns the map, and Q closes the window.
+    intensity and time; the wheel zooms, the mouse turns the map, and Q closes the window. Of a folder that holds keyframes
+    but no map.ply, the keyframes are shown; they have no psi, and are coloured by intensity instead.
 
     Example: mqslam view result --colour time
     """
     from mqslam.viewer.finished_run import read_scene
 
     scene = read_scene(out)
+    by = colour.value if colour.value in scene.values else Colour.intensity.value
     if not rerun:
         from mqslam.viewer.open3d_window import show
 
-        show(scene, colour.value)
+        show(scene, by)
         return
     from mqslam.viewer.display import has_display
     from mqslam.viewer.rerun_log import open_viewer, record
 
     path = out / "map.rrd"
     with record(path) as log:
-        log.add_scene(scene, colour.value)
+        log.add_scene(scene, by)
     outcome = "written; there is no display here, so open it elsewhere with: rerun map.rrd"
     if has_display():
         open_viewer(path)

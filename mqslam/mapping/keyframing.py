@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -106,10 +107,47 @@ def place_keyframes(
         xy = se2.transform(pose, np.column_stack([own["x"], own["y"]]).astype(np.float64))
         rays = own["ray"].astype(np.float64) + pose[2]
         start_s = 1e-6 * float(keyframes.stamps_us[k] - starts_us[k])
-        parts.append((xy, own["range"].astype(np.float64), rays, own["time"] + start_s))
+        parts.append((xy, own["range"].astype(np.float64), rays, own["time"].astype(np.float64) + start_s))
     if not parts:
         return PointSet(np.empty((0, 2)), np.empty((0, 2, 0)), np.empty((0, 3)), np.empty(0))
     release(keyframes.points)
     points, ranges, headings, times = (np.concatenate(column) for column in zip(*parts, strict=True))
     covariances = np.column_stack(compute_beam_covariance(ranges, np.cos(headings), np.sin(headings), beam))
     return PointSet(points, np.empty((len(points), 2, 0)), covariances, times)
+
+
+class KeyframePoints(NamedTuple):
+    """The points of keyframes where the map has them.
+
+    Args:
+        points: (N, 2) [m], map's frame, in the order of the keyframes, those of each in the order of time.
+        times: (N,) [s] since the start of the first recording; each further recording begins a turn after the end of the
+            one before.
+        intensities: (N,) received power, 0..255.
+        starts: (K,) start of each keyframe by the same time [s].
+    """
+
+    points: NDArray[np.float64]
+    times: NDArray[np.float64]
+    intensities: NDArray[np.float64]
+    starts: NDArray[np.float64]
+
+
+def render_keyframes(keyframes: Keyframes) -> KeyframePoints:
+    """Returns all points of keyframes where the map has them."""
+    begin = 0.0
+    begins: list[float] = []
+    for recording in keyframes.recordings:
+        begins.append(begin)
+        begin += 1e-6 * (recording.end_us - recording.start_us) + recording.revolution_s
+    firsts_us = np.array([recording.start_us for recording in keyframes.recordings])
+    starts = 1e-6 * (keyframes.stamps_us - firsts_us[keyframes.origins]) + np.array(begins)[keyframes.origins]
+    points, times, intensities = [np.empty((0, 2))], [np.empty(0)], [np.empty(0)]
+    for k, (first, end) in enumerate(keyframes.rows.tolist()):
+        own = keyframes.points[first:end]
+        own = own[np.argsort(own["time"], kind="stable")]
+        points.append(se2.transform(keyframes.poses[k], np.column_stack([own["x"], own["y"]]).astype(np.float64)))
+        times.append(starts[k] + own["time"].astype(np.float64))
+        intensities.append(own["intensity"].astype(np.float64))
+    release(keyframes.points)
+    return KeyframePoints(np.concatenate(points), np.concatenate(times), np.concatenate(intensities), starts)

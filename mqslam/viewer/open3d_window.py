@@ -62,7 +62,8 @@ def open_window(scene: Scene, colour: str) -> Any:
         return bool(shown.update_geometry(cloud))
 
     for name, key in KEYS.items():
-        shown.register_key_callback(ord(key), partial(colour_by, name))
+        if name in scene.values:
+            shown.register_key_callback(ord(key), partial(colour_by, name))
     colour_by(colour)
     options, view = shown.get_render_option(), shown.get_view_control()
     options.background_color, options.point_size = np.array(GROUND) / 255.0, 2.0
@@ -78,7 +79,7 @@ def _make_lines(scene: Scene) -> list[Any]:
     import open3d as o3d
 
     poses = o3d.utility.Vector3dVector(_lift(scene.trajectory.poses[:, :2], _ABOVE_M))
-    steps = np.arange(len(scene.trajectory) - 1)
+    steps = np.setdiff1d(np.arange(len(scene.trajectory) - 1), scene.starts - 1)  # no line leads to another recording
     shown = []
     for ends, colour in ((np.column_stack([steps, steps + 1]), TRAJECTORY), (scene.loops, LOOPS)):
         if len(ends):

@@ -71,8 +71,10 @@ class RerunLog:
         """
         times, colours = scene.start_times, colour_over_span(scene.values[colour])
         ends = np.append(np.searchsorted(scene.values["time"], times[1:]), len(scene.points))
-        begin = 0
-        for t, pose, end in zip(times.tolist(), scene.trajectory.poses, ends.tolist(), strict=True):
+        begin, starts = 0, set(scene.starts.tolist())
+        for k, (t, pose, end) in enumerate(zip(times.tolist(), scene.trajectory.poses, ends.tolist(), strict=True)):
+            if k in starts:
+                self._last = None  # no line leads to another recording
             self.add_scan(t, pose, scene.points[begin:end], colours[begin:end])
             begin = end
         if len(scene.loops):

@@ -6,8 +6,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from support.keyframe_maps import two_recordings
 
 from mqslam.errors import DataError
+from mqslam.formats.maps.keyframe_folder import write_keyframes
 from mqslam.viewer.colours import colour_between, colour_over_span
 from mqslam.viewer.finished_run import read_scene
 
@@ -23,7 +25,7 @@ def test_a_scene_holds_points_with_their_values_poses_and_loops(finished: Path) 
 
 
 def test_a_folder_without_a_map_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(DataError, match=r"holds no map\.ply; give the folder of a finished run"):
+    with pytest.raises(DataError, match=r"holds no map\.ply and no keyframes; give the folder of a finished run"):
         read_scene(tmp_path)
 
 
@@ -53,3 +55,27 @@ def test_a_few_extreme_values_do_not_take_the_colours_from_the_rest() -> None:
     values = np.append(np.linspace(0.0, 1.0, 999), 1e6)
     assert np.array_equal(colour_over_span(values)[500], colour_between(np.array([0.5]), 0.0, 1.0)[0])
     assert colour_over_span(np.empty(0)).shape == (0, 3)
+
+
+def test_keyframes_alone_are_shown_without_psi_and_without_a_line_between_recordings(tmp_path: Path) -> None:
+    made = two_recordings()
+    write_keyframes(tmp_path / "keyframes", made)
+    for folder in (tmp_path / "keyframes", tmp_path):
+        scene = read_scene(folder)
+        assert scene.points.shape == (12, 2) and set(scene.values) == {"intensity", "time"}
+        assert np.all(np.diff(scene.values["time"]) >= 0.0)
+        np.testing.assert_array_equal(scene.trajectory.poses, made.keyframes.poses)
+        np.testing.assert_allclose(scene.start_times, [0.0, 1.0, 2.0, 3.25, 4.5])
+        assert scene.starts.tolist() == [3] and len(scene.loops) == 0
+
+
+def test_a_map_is_shown_rather_than_the_keyframes_beside_it(finished: Path) -> None:
+    write_keyframes(finished / "keyframes", two_recordings())
+    assert read_scene(finished).points.shape == (16, 2)
+
+
+def test_damaged_keyframes_are_named(tmp_path: Path) -> None:
+    write_keyframes(tmp_path / "keyframes", two_recordings())
+    (tmp_path / "keyframes" / "points.npy").unlink()
+    with pytest.raises(DataError, match=r"points\.npy"):
+        read_scene(tmp_path)

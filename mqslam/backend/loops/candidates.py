@@ -107,7 +107,7 @@ def find_candidates(
     known = _Tried(tried, drive.travelled, settings)
     candidates, unsure = [], []
     for nearest in passes:
-        near = [pair for pair in nearest if _may_meet(relatives[pair], settings)]
+        near = [pair for pair in nearest if may_meet(relatives[pair], settings)]
         for pair in near[: settings.passes]:
             reach_m, reach_rad = compute_reach(relatives[pair], settings)
             if known.covers(pair):
@@ -126,15 +126,15 @@ def compute_reach(relative: Relative, settings: LoopConfig) -> tuple[float, floa
     return max(settings.search_m, settings.sigmas * sigma_m), max(settings.search_rad, settings.sigmas * sigma_rad)
 
 
-def _may_meet(relative: Relative, settings: LoopConfig) -> bool:
-    """Returns whether two scans may lie near enough to each other to show one place."""
+def may_meet(relative: Relative, settings: LoopConfig, slack_m: float = 0.0) -> bool:
+    """Returns whether two scans, or others up to slack_m [m] beside them, may lie near enough to show one place."""
     apart = relative.motion[:2]
     distance = float(np.hypot(*apart))
-    if distance <= settings.reach_m:
+    if distance <= settings.reach_m + slack_m:
         return True
     towards = apart / distance
     sigma = float(np.sqrt(towards @ relative.covariance[:2, :2] @ towards))
-    return distance <= settings.reach_m + settings.sigmas * sigma
+    return distance <= settings.reach_m + slack_m + settings.sigmas * sigma
 
 
 class _Tried:

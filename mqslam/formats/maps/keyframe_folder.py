@@ -163,10 +163,10 @@ def _read_index(path: Path) -> dict[str, Any]:
         sizes = [int(index[name]) for name in ("keyframes", "points", "places")]
         recordings = [MappedRecording(**recording) for recording in index["recordings"]]
         where, described = index["georeference"], index["described_with"]
-        if where is not None and not (
-            all(math.isfinite(float(where[name])) for name in ("latitude", "longitude")) and len(where["pose"]) == 3
-        ):
-            raise ValueError("georeference")
+        if where is not None:
+            numbers = [where["latitude"], where["longitude"], *where["pose"]]
+            if len(numbers) != 5 or not all(math.isfinite(float(number)) for number in numbers):
+                raise ValueError("georeference")
         if min(sizes) < 0 or not recordings or not isinstance(described, dict):
             raise ValueError("sizes")
     except (ValueError, TypeError, KeyError) as error:

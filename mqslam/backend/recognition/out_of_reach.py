@@ -1,0 +1,52 @@
+"""Which places of a drive may be one place without the search around the trajectory reaching from one to the other."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mqslam.backend.loops.candidates import Chain, compute_reach, may_meet
+from mqslam.config import LoopConfig
+from mqslam.mapping.keyframing import pick_spaced
+
+
+def find_out_of_reach(chain: Chain, places: NDArray[np.int64], settings: LoopConfig) -> NDArray[np.bool_]:
+    """Finds the earlier places that each place of a drive may be, as far as its trajectory can tell.
+
+    Only a place is asked about for which the search around the trajectory does not reach to one of these. The trajectory is
+    asked at scans gate_m apart, and at none beyond the first one where it knows all of them well enough against that.
+
+    Args:
+        chain: the trajectory, with its uncertainty.
+        places: (P,) numbers of scans, increasing.
+        settings: of loops.
+
+    Returns:
+        (P, P) whether the place of a row may be the earlier place of a column; rows without any where the search reaches.
+
+    Raises:
+        EstimationError: the uncertainty of the trajectory cannot be computed.
+    """
+    travelled = chain.drive.travelled
+    nodes = pick_spaced(travelled, settings.gate_m)
+    pairs = [(int(nodes[0]), int(b)) for b in nodes[1:]]
+    if not any(_is_unsure(*compute_reach(relative, settings), settings) for relative in chain.relate(pairs)):
+        return np.zeros((len(places), len(places)), dtype=bool)
+    later, earlier = np.tril_indices(len(nodes), -1)
+    apart = travelled[nodes[later]] - travelled[nodes[earlier]] > settings.least_path_m
+    later, earlier = later[apart], earlier[apart]
+    pairs = list(zip(nodes[earlier].tolist(), nodes[later].tolist(), strict=True))
+    meeting, unsure = (np.zeros((len(nodes), len(nodes)), dtype=bool) for _ in range(2))
+    for a, b, relative in zip(earlier, later, chain.relate(pairs), strict=True):
+        # the places of a node lie up to gate_m farther along the path
+        meeting[b, a] = may_meet(relative, settings, settings.gate_m)
+        unsure[b, a] = meeting[b, a] and _is_unsure(*compute_reach(relative, settings), settings)
+    meeting &= unsure.any(axis=1)[:, None]
+    node = np.maximum(np.searchsorted(nodes, places, side="right") - 1, 0)
+    allowed: NDArray[np.bool_] = meeting[np.ix_(node, node)]
+    return allowed & (travelled[places][:, None] - travelled[places][None, :] > settings.least_path_m)
+
+
+def _is_unsure(reach_m: float, reach_rad: float, settings: LoopConfig) -> bool:
+    """Returns whether a search as wide as a trajectory asks for is wider than the settings allow."""
+    return reach_m > settings.gate_m or reach_rad > settings.gate_rad

@@ -1,0 +1,64 @@
+"""Recognition within a run: loops of places that the search around the trajectory does not reach."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mqslam.backend.loops.candidates import Chain
+from mqslam.backend.loops.closing import Recognised
+from mqslam.backend.recognition.out_of_reach import find_out_of_reach
+from mqslam.backend.recognition.place_index import PlaceIndex
+from mqslam.backend.recognition.places import describe_places
+from mqslam.backend.recognition.recognise import Ground, Means, recognise
+from mqslam.core.engine import Engine
+from mqslam.core.measurement import Loop
+from mqslam.mapping.keyframing import pick_spaced
+
+
+@dataclass(frozen=True, slots=True)
+class RunRecogniser:
+    """Recognises earlier places of a drive where its trajectory is too unsure for a search around it to reach them.
+
+    Args:
+        means: settings and sensor.
+        engine: where submaps are compared; the result does not depend on it.
+    """
+
+    means: Means
+    engine: Engine
+
+    def is_needed(self, chain: Chain) -> bool:
+        """Returns whether a trajectory allows that there are such places.
+
+        Raises:
+            EstimationError: the uncertainty of the trajectory cannot be computed.
+        """
+        return bool(find_out_of_reach(chain, self._pick_places(chain), self.means.loops).any())
+
+    def recognise(self, chain: Chain) -> Recognised:
+        """Recognises such places.
+
+        Raises:
+            EstimationError: the uncertainty of the trajectory cannot be computed.
+        """
+        settings, spacing_m = self.means.recognition, self.means.loops.spacing_m
+        places = self._pick_places(chain)
+        allowed = find_out_of_reach(chain, places, self.means.loops)
+        asked = allowed.any(axis=1)
+        if not asked.any():
+            return Recognised([], 0, 0)
+        table = describe_places(chain.drive, settings, spacing_m, self.means.beam, self.engine)
+        ground = Ground(chain.drive, table.keyframes, PlaceIndex(table.descriptors, settings))
+        found = recognise(chain.drive, places[asked], ground, allowed[asked], self.means, self.engine)
+        loops = [
+            Loop(match.place, match.query, match.pose, match.covariance, match.matched, match.psi)
+            for row in found.rows
+            for match in row
+        ]
+        return Recognised(loops, found.compared, len(found.ambiguous))
+
+    def _pick_places(self, chain: Chain) -> NDArray[np.int64]:
+        return pick_spaced(chain.drive.travelled, self.means.recognition.spacing_m)

@@ -1,0 +1,46 @@
+"""The keyframes of a map as one point cloud."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from mqslam.core.point_map import PointMap
+from mqslam.errors import DataError, OutputError, Remedy
+from mqslam.formats.maps.keyframe_folder import find_keyframes, read_keyframes
+from mqslam.formats.ply import Clock, write_ply
+from mqslam.mapping.keyframing import render_keyframes
+
+SUFFIX: Final = ".ply"
+"""How the name of a point cloud ends."""
+
+
+def write_keyframe_cloud(out: Path, folder: Path, *, force: bool = False) -> None:
+    """Writes the points of keyframes, where their map has them, as a PLY like the map of a run; psi is not a number.
+
+    Args:
+        out: the file.
+        folder: the keyframes, or the result that holds them.
+        force: whether what is there may be replaced.
+
+    Raises:
+        DataError: the folder holds no keyframes, or they are damaged.
+        OutputError: something is there and may not be replaced, or the file cannot be written.
+    """
+    if out.is_dir():
+        raise OutputError(f"{out}: exists already and is a folder", Remedy.CHOOSE_OUTPUT)
+    if out.exists() and not force:
+        raise OutputError(f"{out}: exists already", Remedy.CHOOSE_OR_REPLACE_OUTPUT)
+    if find_keyframes(folder) is None:
+        raise DataError(folder, "holds no keyframes to write as points", "give a result that has the folder keyframes")
+    keyframes = read_keyframes(folder).keyframes
+    shown, first = render_keyframes(keyframes), keyframes.recordings[0]
+    unknown, unmatched = np.full(len(shown.points), np.nan), np.zeros(len(shown.points), dtype=np.bool_)
+    clock = Clock(first.start_us, round(1e6 * first.revolution_s))
+    try:
+        out.parent.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise OutputError(f"{out}: cannot be made ({error.strerror})", Remedy.CHOOSE_OUTPUT) from error
+    write_ply(out, PointMap(shown.points, shown.times, shown.intensities, unknown, unmatched), clock)

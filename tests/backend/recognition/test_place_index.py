@@ -1,0 +1,110 @@
+"""Places are described by where returns lie around them, and found again turned, from another lane, and among others."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from mqslam.backend.recognition.descriptor import describe
+from mqslam.backend.recognition.place_index import PlaceIndex
+from mqslam.config import RecognitionConfig
+from mqslam.core import se2
+
+SETTINGS = RecognitionConfig()
+PLACES = 8
+
+
+def place(number: int) -> NDArray[np.float64]:
+    """Returns points (600, 2) [m] that lie in clusters around a place."""
+    rng = np.random.default_rng(number)
+    centres = rng.uniform(-90.0, 90.0, (40, 2))
+    return np.asarray(np.repeat(centres, 15, axis=0) + rng.normal(0.0, 0.5, (600, 2)))
+
+
+def describe_plainly(points: NDArray[np.float64], settings: RecognitionConfig, aside_m: float) -> NDArray[np.float64]:
+    """Describes a place as `describe` does, in NumPy."""
+    x, y = points[:, 0], points[:, 1] - aside_m
+    ranges = np.hypot(x, y)
+    near = ranges < settings.range_m
+    ring = np.floor(ranges[near] / settings.range_m * settings.rings).astype(int)
+    turns = np.arctan2(y[near], x[near]) / (2.0 * np.pi) % 1.0
+    sector = np.floor(turns * settings.sectors).astype(int) % settings.sectors
+    counts = np.zeros((settings.rings, settings.sectors))
+    np.add.at(counts, (ring, sector), 1.0)
+    roots = np.sqrt(counts)
+    return np.asarray(roots / np.linalg.norm(roots))
+
+
+def index(places: list[NDArray[np.float64]], settings: RecognitionConfig = SETTINGS) -> PlaceIndex:
+    """Returns the index of places."""
+    return PlaceIndex(np.array([describe(points, settings) for points in places]), settings)
+
+
+def apart(count: int) -> list[NDArray[np.int64]]:
+    """Returns for each place that it is like itself alone."""
+    return [np.array([k]) for k in range(count)]
+
+
+@pytest.mark.parametrize("aside_m", [0.0, 3.0, -9.0])
+def test_a_description_is_that_of_its_twin(aside_m: float) -> None:
+    described = describe(place(1), SETTINGS, aside_m)
+    assert described.shape == (SETTINGS.rings, SETTINGS.sectors) and described.dtype == np.float32
+    np.testing.assert_allclose(described, describe_plainly(place(1), SETTINGS, aside_m), atol=1e-6)
+
+
+def test_a_place_without_returns_in_range_is_described_by_zeros() -> None:
+    assert not describe(np.empty((0, 2)), SETTINGS).any()
+    assert not describe(np.array([[500.0, 0.0]]), SETTINGS).any()
+
+
+@pytest.mark.parametrize("yaw", [0.0, 0.3, -1.2, 3.1])
+@pytest.mark.parametrize("y", [0.0, -6.0, 9.0])
+def test_a_place_is_found_turned_and_from_the_side(yaw: float, y: float) -> None:
+    places = [place(k) for k in range(PLACES)]
+    pose = np.array([*se2.transform(np.array([0.0, 0.0, yaw]), np.array([[0.0, y]]))[0], yaw])  # y to its own left
+    query = se2.transform(se2.inverse(pose), places[5])
+    (found,) = index(places).look_up([query], np.ones((1, PLACES), dtype=bool), apart(PLACES))
+    off = se2.between(found[0].pose, pose)
+    assert found[0].place == 5 and found[0].likeness > 1.2 * found[1].likeness
+    assert np.hypot(*off[:2]) < 1.0 and abs(se2.wrap(off[2])) < 2.0 * np.pi / SETTINGS.sectors
+
+
+def test_without_sideways_shifts_a_place_seen_from_the_side_looks_less_like_itself() -> None:
+    places = [place(k) for k in range(PLACES)]
+    query, everywhere = places[5] - [0.0, 9.0], np.ones((1, PLACES), dtype=bool)
+    straight = RecognitionConfig(aside_m=0.0)
+    (shifted,), (ahead,) = (
+        index(places, settings).look_up([query], everywhere, apart(PLACES)) for settings in (SETTINGS, straight)
+    )
+    assert ahead[0].likeness < 0.7 * shifted[0].likeness
+
+
+def test_only_places_that_may_be_the_answer_are_returned() -> None:
+    places = [place(k) for k in range(PLACES)]
+    allowed = np.zeros((2, PLACES), dtype=bool)
+    allowed[1, [2, 3]] = True
+    none, some = index(places).look_up([places[5], places[5]], allowed, apart(PLACES))
+    assert none == [] and {guess.place for guess in some} == {2, 3}
+
+
+def test_of_places_that_show_the_same_only_the_likeliest_is_returned() -> None:
+    places = [*(place(5) + np.array([x, 0.0]) for x in (0.0, 2.0, 4.0)), place(1)]
+    same = [np.arange(3)] * 3 + [np.array([3])]
+    (found,) = index(places).look_up([places[1]], np.ones((1, 4), dtype=bool), same)
+    assert [guess.place for guess in found] == [1, 3]
+
+
+def test_many_queries_get_what_each_alone_gets(monkeypatch: pytest.MonkeyPatch) -> None:
+    places = [place(k) for k in range(PLACES)]
+    queries, everywhere = [points - [1.0, 2.0] for points in places], np.ones((PLACES, PLACES), dtype=bool)
+    together = index(places).look_up(queries, everywhere, apart(PLACES))
+    monkeypatch.setattr("mqslam.backend.recognition.place_index._COMPARED", 1)
+    blocks = index(places).look_up(queries, everywhere, apart(PLACES))
+    for one, other in zip(together, blocks, strict=True):
+        assert [(guess.place, *guess.pose) for guess in one] == [(guess.place, *guess.pose) for guess in other]
+
+
+def test_an_index_without_places_finds_none() -> None:
+    empty = PlaceIndex(np.empty((0, SETTINGS.rings, SETTINGS.sectors)), SETTINGS)
+    assert len(empty) == 0 and empty.look_up([place(1)], np.empty((1, 0), dtype=bool), []) == [[]]
