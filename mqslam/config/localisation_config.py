@@ -58,9 +58,19 @@ class LocalisationConfig(BaseModel):
     sample_m: float = expert(
         10.0, gt=0.0, description="Path [m] between the scans that show how sure the localisation is of itself."
     )
+    apart_m: float = expert(
+        5.0,
+        gt=0.0,
+        description="Path [m] between two scans that are laid on keyframes which they do not share, to see how far they "
+        "disagree. Over a shorter path they see the same side of everything and err alike, over a longer one the motions "
+        "between them err, too.",
+    )
     fewest: int = expert(
-        10,
-        ge=1,
-        description="With fewer such scans nothing tells how sure the localisation is of itself, and the covariances are those "
-        "of the curvature alone.",
+        20, ge=1, description="With fewer such pairs the recording does not show how sure the localisation is of itself."
+    )
+    usual_scale: float = expert(
+        10.0,
+        ge=1.0,
+        description="Factor on the variances of psi's curvature where the recording is too short to show it. Drives through "
+        "cities have shown 6 to 13.",
     )

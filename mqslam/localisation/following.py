@@ -14,7 +14,7 @@ from mqslam.core import se2
 from mqslam.core.keyframes import Keyframes
 from mqslam.core.measurement import Measurement
 from mqslam.localisation.localised import ON_MAP, PlaceStatus
-from mqslam.localisation.registering import MapAround, Prediction, Registered, register
+from mqslam.localisation.registering import MapAround, Prediction, Registered, is_away, register
 from mqslam.psi.place import Beam, PointSet
 
 
@@ -60,50 +60,59 @@ class Table:
 
     Args:
         count: number of scans.
+
+    Attributes:
+        poses, covariances, psi, matched, statuses: as in `Localised`.
+        tried: (N,) whether the scan was compared with the map.
+        on_map: (N,) whether it lies on the map.
     """
 
     def __init__(self, count: int) -> None:
         self.poses = np.full((count, 3), np.nan)
         self.covariances = np.full((count, 3, 3), np.nan)
         self.psi, self.matched = np.full(count, np.nan), np.full(count, np.nan)
-        self.tried = np.zeros(count, dtype=np.bool_)
+        self.tried, self.on_map = np.zeros(count, dtype=np.bool_), np.zeros(count, dtype=np.bool_)
         self.statuses = [PlaceStatus.LOST] * count
+
+    def get(self, k: int) -> Prediction:
+        """Returns where scan k lies."""
+        return Prediction(self.poses[k], self.covariances[k])
 
     def put(self, k: int, registered: Registered) -> None:
         """Puts in where scan k lies."""
         self.poses[k], self.covariances[k] = registered.pose, registered.covariance
         self.psi[k], self.matched[k] = registered.psi, registered.matched
         self.statuses[k], self.tried[k] = registered.status, True
+        self.on_map[k] = registered.status in ON_MAP
 
-    @property
-    def on_map(self) -> NDArray[np.bool_]:
-        """Which scans (N,) lie on the map."""
-        return np.array([status in ON_MAP for status in self.statuses], dtype=np.bool_)
+    def forget(self, part: slice) -> None:
+        """Forgets where the scans of a part of the recording lie."""
+        self.poses[part] = self.covariances[part] = self.psi[part] = self.matched[part] = np.nan
+        self.tried[part] = self.on_map[part] = False
 
 
-def follow(setting: Setting, table: Table, start: int, first: Registered, way: int) -> int | None:
-    """Follows scans from one that lies on the map until another one that does, or until too long a way lies on nothing.
+def follow(setting: Setting, table: Table, start: int, way: int, limit: int) -> bool:
+    """Follows scans from one that lies on the map, until too long a way lies on nothing or another one is reached that does.
 
     Scans at the end of which none lies on the map are left as not tried, so that they can be reached from the other side.
 
     Args:
         setting: what scans are followed with.
         table: where each scan lies; it is filled in.
-        start: the scan to begin from.
-        first: where it lies.
+        start: the scan to begin from, which lies on the map.
         way: 1 follows the recording forward in time, -1 backward.
+        limit: the last scan to follow.
 
     Returns:
-        The scan that lay on the map before, or None where there was none.
+        Whether a scan was reached that lies elsewhere, as it was followed from the other side.
     """
     around = MapAround(setting.keyframes, setting.settings, setting.beam)
     travelled = setting.drive.travelled
-    known, last, lost = Prediction(first.pose, first.covariance), start, list[tuple[int, Registered]]()
-    k = start + way
-    while 0 <= k < len(travelled):
+    known, last, lost = table.get(start), start, list[tuple[int, Registered]]()
+    for k in range(start + way, limit + way, way):
         prediction = setting.predict(known, k - way, k)
         if table.tried[k]:
-            return k
+            return table.on_map[k] and is_away(se2.wrapped_between(prediction.pose, table.poses[k]), prediction, setting.settings)
         registered = register(around, setting.render(k), prediction, setting.settings, setting.estimator)
         known = Prediction(registered.pose, registered.covariance)
         lost.append((k, registered))
@@ -113,5 +122,4 @@ def follow(setting: Setting, table: Table, start: int, first: Registered, way: i
             last, lost = k, []
         elif abs(travelled[k] - travelled[last]) > setting.settings.give_up_m:
             break
-        k += way
-    return None
+    return False

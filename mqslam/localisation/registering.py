@@ -119,10 +119,7 @@ def register(
     minimum = minimise_rigidly(guess, scan, references, config, TOLERANCES, _FIRST_STEP)
     moved = se2.wrapped_between(guess, minimum.state)
     matched = float(minimum.evaluation.matched.mean())
-    sigmas = np.sqrt(np.diag(prediction.covariance))
-    allowed_m = settings.aside_m + settings.sigmas * float(np.hypot(sigmas[0], sigmas[1]))
-    allowed_rad = settings.aside_rad + settings.sigmas * float(sigmas[2])
-    if matched < settings.matched or np.hypot(moved[0], moved[1]) > allowed_m or abs(moved[2]) > allowed_rad:
+    if matched < settings.matched or is_away(moved, prediction, settings):
         return Registered(*prediction, PlaceStatus.LOST, np.nan, matched)
     points = move_rigidly(scan, minimum.state)
     own = se2.rotate_covariance(
@@ -138,6 +135,20 @@ def register(
     pose, covariance = _join(Prediction(guess, prediction.covariance), minimum.state, own, spread)
     psi = score_at_pose(references, scan, pose, config)
     return Registered(se2.compose(frame, pose), covariance, PlaceStatus.DEGENERATE, psi, matched)
+
+
+def is_away(moved: se2.Array, prediction: Prediction, settings: LocalisationConfig) -> bool:
+    """Returns whether a pose lies farther from a prediction than the prediction may be off.
+
+    Args:
+        moved: (3,) the pose in the frame of the predicted one.
+        prediction: the prediction.
+        settings: of localisation.
+    """
+    sigmas = np.sqrt(np.diag(prediction.covariance))
+    allowed_m = settings.aside_m + settings.sigmas * float(np.hypot(sigmas[0], sigmas[1]))
+    allowed_rad = settings.aside_rad + settings.sigmas * float(sigmas[2])
+    return bool(np.hypot(moved[0], moved[1]) > allowed_m or abs(moved[2]) > allowed_rad)
 
 
 def _join(
