@@ -25,32 +25,30 @@ class LocalisationConfig(BaseModel):
         0.5,
         gt=0.0,
         lt=1.0,
-        description="Least share of a scan's returns that must lie on the map. Parked cars and traffic that have changed since "
-        "the map was made take away from it.",
+        description="Least share of a scan's returns that must lie on the map. Parked cars and traffic that have changed "
+        "since the map was made take away from it.",
     )
     aside_m: float = Field(
         0.5,
         gt=0.0,
-        description="A scan that psi moves farther than this [m] from its prediction is not believed; what the prediction may "
-        "have drifted is added to it.",
+        description="A scan that psi moves farther than this [m] from its prediction is not believed; what the prediction "
+        "may have drifted is added to it.",
     )
-    aside_rad: float = Field(
-        0.03, gt=0.0, description="Yaw [rad] beyond which a scan is not believed in the same way."
-    )
+    aside_rad: float = Field(0.03, gt=0.0, description="Yaw [rad] beyond which a scan is not believed in the same way.")
     sigmas: float = expert(
         3.0, gt=0.0, description="Standard deviations of the prediction that are added to `aside_m` and `aside_rad`."
     )
     give_up_m: float = Field(
         30.0,
         gt=0.0,
-        description="Path [m] without a scan that lies on the map, after which scans are no longer followed from there. The "
-        "recording is then looked up again beyond it.",
+        description="Path [m] without a scan that lies on the map, after which scans are no longer followed from there. "
+        "The recording is then looked up again beyond it.",
     )
     confirmed: float = expert(
         0.7,
         gt=0.0,
         le=1.0,
-        description="A row of recognised places counts as found if at least this share of the scans along it lies on the map.",
+        description="Least share of the scans along a row of recognised places that must lie on the map for it to be believed.",
     )
     block: int = expert(
         6, ge=2, description="Number of submaps that are looked up at a time, until a row of them is recognised."

@@ -58,7 +58,7 @@ class ColdStart:
     def look_up(self, wanted: NDArray[np.bool_]) -> Iterator[Found]:
         """Yields what looking up some submaps after the other leads to, as long as there are wanted ones.
 
-        A row that reaches from one part into the next is found, too, since the last submaps of each part are looked up again.
+        The last submaps of each part are looked up again in the next one, so that a row that reaches into it is found.
 
         Args:
             wanted: (N,) which scans are still to be found. The caller may change it as it goes on.

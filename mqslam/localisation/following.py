@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mqslam.backend.loops.submap import Drive
 from mqslam.config import EstimatorConfig, LocalisationConfig
@@ -112,7 +111,9 @@ def follow(setting: Setting, table: Table, start: int, way: int, limit: int) -> 
     for k in range(start + way, limit + way, way):
         prediction = setting.predict(known, k - way, k)
         if table.tried[k]:
-            return table.on_map[k] and is_away(se2.wrapped_between(prediction.pose, table.poses[k]), prediction, setting.settings)
+            return table.on_map[k] and is_away(
+                se2.wrapped_between(prediction.pose, table.poses[k]), prediction, setting.settings
+            )
         registered = register(around, setting.render(k), prediction, setting.settings, setting.estimator)
         known = Prediction(registered.pose, registered.covariance)
         lost.append((k, registered))

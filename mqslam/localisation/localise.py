@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from mqslam.backend.loops.submap import Drive
@@ -25,7 +26,7 @@ from mqslam.execution.runner import Runner
 from mqslam.localisation.cold_start import ColdStart
 from mqslam.localisation.following import Setting, Table, follow
 from mqslam.localisation.localised import Localised, PlaceStatus
-from mqslam.localisation.registering import MapAround, Prediction, register
+from mqslam.localisation.registering import MapAround, register
 from mqslam.localisation.surety import measure_scale
 from mqslam.psi.place import Beam
 
@@ -67,7 +68,7 @@ def localise(
         with runner.time_stage("recognise"):
             found = next(parts, None)
     if not rows:
-        raise NotInMapError(_say_what_was_tried(setting.drive, made, looked_up, ambiguous), _REMEDY)
+        raise NotInMapError(_say_what_was_tried(setting.drive, made, config, looked_up, ambiguous), _REMEDY)
     with runner.time_stage("surety"):
         scale, samples = measure_scale(setting, table, runner.engine)
     _fill_in(setting, table, se2.scale_covariance(table.covariances, scale))
@@ -84,6 +85,7 @@ def localise(
         scale=scale,
         samples=samples,
         conflicts=conflicts,
+        is_scale_measured=samples >= config.localisation.fewest,
     )
 
 
@@ -110,13 +112,13 @@ def _seed(setting: Setting, table: Table, start: ColdStart, row: Sequence[PlaceM
 
 
 def _follow_on(setting: Setting, table: Table, row: Sequence[PlaceMatch]) -> int:
-    """Follows scans on from both ends of a row that was found; returns at how many ends they meet scans that lie elsewhere."""
+    """Follows scans on from both ends of a row; returns at how many ends they meet scans that lie elsewhere."""
     along = row[0].query + np.flatnonzero(table.on_map[row[0].query : row[-1].query + 1])
     ends = ((int(along[-1]), 1, len(table.tried) - 1), (int(along[0]), -1, 0))
     return sum(follow(setting, table, start, way, limit) for start, way, limit in ends)
 
 
-def _fill_in(setting: Setting, table: Table, covariances: np.ndarray) -> None:
+def _fill_in(setting: Setting, table: Table, covariances: NDArray[np.float64]) -> None:
     """Predicts the scans that do not lie on the map from the nearest one that does, with its covariance (N, 3, 3)."""
     travelled, known = setting.drive.travelled, table.on_map.copy()
     table.covariances[:] = covariances
@@ -140,10 +142,14 @@ def _fill_in(setting: Setting, table: Table, covariances: np.ndarray) -> None:
         table.statuses[k] = PlaceStatus.OUTSIDE if is_outside else PlaceStatus.LOST
 
 
-def _say_what_was_tried(drive: Drive, made: KeyframeMap, looked_up: int, ambiguous: int) -> str:
+def _say_what_was_tried(drive: Drive, made: KeyframeMap, config: Config, looked_up: int, ambiguous: int) -> str:
     """Returns that a recording is not in a map, and what was tried."""
-    tried = f"{count_of(looked_up, 'submap')} along {drive.travelled[-1]:.0f} m of path"
-    told = f"not in this map: no row of places was recognised ({tried}, looked up in {count_of(len(made.places.keyframes), 'place')}"
-    if ambiguous:
-        told += f"; {ambiguous} of them fit several places about as well"
-    return f"{told})"
+    path_m, settings = float(drive.travelled[-1]), config.recognition
+    if looked_up < settings.row:
+        return (
+            f"not found in this map: its path of {path_m:.0f} m is too short, as {settings.row} places that are "
+            f"{settings.spacing_m:g} m apart must be recognised in a row"
+        )
+    places = count_of(len(made.places.keyframes), "place")
+    told = f"not in this map: no row of places was recognised ({looked_up} submaps along {path_m:.0f} m of path, {places}"
+    return f"{told}; {ambiguous} of them fit several places about as well)" if ambiguous else f"{told})"

@@ -38,9 +38,11 @@ class Localised:
         rows: number of rows of places that were recognised and that scans were followed from.
         looked_up: number of submaps of the recording that were looked up.
         ambiguous: number of these that fit several places of the map about as well.
-        scale: (3,) factors on the variances of psi's curvature, as the recording itself shows them; ones where it is too short.
+        scale: (3,) factors on the variances of psi's curvature, as the recording itself shows them, or as the settings say
+            where it is too short.
         samples: number of comparisons that show these factors.
         conflicts: number of places where scans that were followed from two sides disagree.
+        is_scale_measured: whether the recording shows the factors, rather than the settings.
     """
 
     stamps_us: NDArray[np.int64]
@@ -55,6 +57,7 @@ class Localised:
     scale: NDArray[np.float64]
     samples: int
     conflicts: int
+    is_scale_measured: bool = True
 
     def __len__(self) -> int:
         return len(self.stamps_us)

@@ -126,7 +126,9 @@ def register(
         estimate_covariance(minimum.evaluation, points.points, config.cluster_m), -float(minimum.state[2])
     )
     own = own + _LEAST
-    weak = find_weak_directions(score_against(points, references, annealed_scale(config, 0), ANY_TIME, config), 3, config.observed_share)
+    weak = find_weak_directions(
+        score_against(points, references, annealed_scale(config, 0), ANY_TIME, config), 3, config.observed_share
+    )
     if not len(weak):
         return Registered(
             se2.compose(frame, minimum.state), own, PlaceStatus.CONVERGED, minimum.evaluation.psi / len(scan), matched

@@ -52,9 +52,7 @@ def measure_scale(setting: Setting, table: Table, engine: Engine) -> tuple[NDArr
     return find_usual_scale(squares), len(squares)
 
 
-def _compare(
-    setting: Setting, pairs: list[tuple[tuple[int, Prediction], tuple[int, Prediction]]]
-) -> NDArray[np.float64]:
+def _compare(setting: Setting, pairs: list[tuple[tuple[int, Prediction], tuple[int, Prediction]]]) -> NDArray[np.float64]:
     """Returns the squares (K, 3) by which pairs of scans disagree, in units of the variances of psi's curvature."""
     even = np.arange(len(setting.keyframes)) % 2 == 0
     halves = [MapAround(setting.keyframes, setting.settings, setting.beam, chosen) for chosen in (even, ~even)]
