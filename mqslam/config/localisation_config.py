@@ -48,7 +48,7 @@ class LocalisationConfig(BaseModel):
         0.7,
         gt=0.0,
         le=1.0,
-        description="Least share of the scans along a row of recognised places that must lie on the map for it to be believed.",
+        description="Least share of the scans along a row of recognised places that must lie on the map for it to count.",
     )
     block: int = expert(
         6, ge=2, description="Number of submaps that are looked up at a time, until a row of them is recognised."
