@@ -54,7 +54,7 @@ class LocalisationConfig(BaseModel):
         6, ge=2, description="Number of submaps that are looked up at a time, until a row of them is recognised."
     )
     sample_m: float = expert(
-        10.0, gt=0.0, description="Path [m] between the scans that show how sure the localisation is of itself."
+        20.0, gt=0.0, description="Path [m] between the scans that show how sure the localisation is of itself."
     )
     apart_m: float = expert(
         5.0,

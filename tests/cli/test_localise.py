@@ -59,10 +59,10 @@ def test_the_poses_lie_in_the_maps_frame_with_covariance_and_status(street: Path
     assert {path.name for path in localised.iterdir()} == FILES
     track, truth = read_tum(localised / "trajectory.tum"), read_tum(street / "gt" / "poses_tum.txt")
     off = se2.wrapped_between(truth.at(track.stamps_us), track.poses)
-    rows = list(csv.DictReader((localised / "poses.csv").open()))
+    rows = list(csv.DictReader((localised / "poses.csv").read_text().splitlines()))
     on_map = np.array([row["status"] == "converged" for row in rows])
     assert len(rows) == len(track) and on_map.mean() > 0.9
-    assert np.hypot(off[on_map, 0], off[on_map, 1]).max() < 0.2 and np.abs(off[on_map, 2]).max() < np.radians(0.5)
+    assert np.hypot(off[on_map, 0], off[on_map, 1]).max() < 0.2 and np.abs(off[on_map, 2]).max() < np.radians(1.0)
     assert float(rows[7]["x_m"]) == pytest.approx(track.poses[7, 0], abs=1e-3)
     given = read_covariances(localised / "covariances.csv")
     assert given.stamps_us.tolist() == track.stamps_us.tolist()
@@ -94,7 +94,8 @@ def test_the_recording_of_the_map_is_not_needed(street: Path, mapped: Path, loca
 def test_another_town_is_refused_with_what_was_tried(mapped: Path, tmp_path: Path) -> None:
     other = tmp_path / "other"
     assert mqslam("simulate", other, "--scene", "street", "--duration", 10, "--seed", 7, "--quiet").code == 0
-    result = mqslam("localise", other, "--map", mapped, "--out", tmp_path / "out", "--frontend", "odometry", "--jobs", 1)
+    words = ("localise", other, "--map", mapped, "--out", tmp_path / "out", "--frontend", "odometry")
+    result = mqslam(*words, "--jobs", 1, "--quiet")
     assert result.code == 2 and f"{other}: not in this map" in result.err and result.err.count("\n") == 1
     assert not (tmp_path / "out").exists()
 
