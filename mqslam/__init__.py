@@ -7,7 +7,8 @@
 
 Public names, all typed and silent:
 
-- `run`, `audit`, `compare` take a recording's path and a folder for the results, and return what they have left there.
+- `run`, `audit`, `compare`, `localise` take a recording's path and a folder for the results, and return what they have left
+  there.
 - `open_recording` opens a recording; `load_config` reads settings into a `Config`.
 - `Slam` is the method: it takes an open recording to its optimised map, in memory.
 - `psi_factors`, `loop_factors` and `refine` return measurements, loop closures and single scans among earlier passes as
@@ -30,6 +31,7 @@ if TYPE_CHECKING:
     from mqslam.commands.graphs.loop_factors import loop_factors
     from mqslam.commands.graphs.psi_factors import psi_factors
     from mqslam.commands.graphs.refine import refine
+    from mqslam.commands.localise import localise
     from mqslam.commands.run import run
     from mqslam.commands.work import Work
     from mqslam.config import Config, load_config
@@ -54,6 +56,7 @@ __all__ = [
     "audit",
     "compare",
     "load_config",
+    "localise",
     "loop_factors",
     "open_recording",
     "psi_factors",
@@ -75,6 +78,7 @@ _MODULES = {
     "audit": "commands.audit",
     "compare": "commands.compare",
     "load_config": "config",
+    "localise": "commands.localise",
     "loop_factors": "commands.graphs.loop_factors",
     "open_recording": "formats.recordings",
     "psi_factors": "commands.graphs.psi_factors",

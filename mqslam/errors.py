@@ -106,6 +106,10 @@ class FewReturnsError(EstimationError):
     """Scans that hold too few returns to be matched; what to do depends on how they were detected."""
 
 
+class NotInMapError(EstimationError):
+    """A recording of which no place was recognised in a map."""
+
+
 class FrontEndError(MqslamError):
     """A front end that stopped by a fault of its own."""
 

@@ -63,6 +63,19 @@ class RunResult(JudgedResult):
 
 
 @dataclass(frozen=True)
+class LocaliseResult(Result):
+    """The result of a localisation."""
+
+    def read_trajectory(self) -> Trajectory:
+        """Reads the poses in the map's frame.
+
+        Raises:
+            DataError: the file of the poses cannot be read.
+        """
+        return read_trajectory(self.folder / "trajectory.tum")
+
+
+@dataclass(frozen=True)
 class CompareResult(Result):
     """The result of a comparison.
 

@@ -23,6 +23,7 @@ from mqslam.config.frontend_config import (
     ScanMatchingConfig,
 )
 from mqslam.config.graph_config import GraphConfig
+from mqslam.config.localisation_config import LocalisationConfig
 from mqslam.config.loop_config import LoopConfig, PassConfig, RefinementConfig
 from mqslam.config.map_config import MapConfig, RecognitionConfig
 from mqslam.config.psi_config import PsiConfig
@@ -45,6 +46,7 @@ __all__ = [
     "GraphConfig",
     "GyroscopeConfig",
     "KissIcpConfig",
+    "LocalisationConfig",
     "LoopConfig",
     "MapConfig",
     "MendConfig",
@@ -94,6 +96,7 @@ class Config(BaseModel):
     loops: LoopConfig = LoopConfig()
     refinement: RefinementConfig = RefinementConfig()
     map: MapConfig = MapConfig()
+    localisation: LocalisationConfig = LocalisationConfig()
     audit: AuditConfig = AuditConfig()
     verdict: VerdictConfig = VerdictConfig()
     mend: MendConfig = MendConfig()

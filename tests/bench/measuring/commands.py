@@ -55,6 +55,20 @@ def audit(data: Path, trajectory: Path | str, out: Path) -> dict[str, Any]:
     return read_json(out / "audit.json")
 
 
+@cache
+def localise(data: Path, result: Path, out: Path, *options: str) -> Path:
+    """Localises a recording in the map of a result; returns the folder of the results."""
+    _call("localise", data, "--map", result, "--out", out, *options)
+    return out
+
+
+def is_refused(data: Path, result: Path, out: Path) -> bool:
+    """Returns whether a recording is said to be not in the map of a result."""
+    words = ("localise", data, "--map", result, "--out", out, "--odometry", "none", "--force", "--quiet")
+    done = subprocess.run([str(word) for word in (MQSLAM, *words)], capture_output=True, text=True, check=False)
+    return done.returncode == 2 and "not in this map" in done.stderr
+
+
 def batch(runs: Path, out: Path, *options: str) -> None:
     """Runs a list of recordings."""
     _call("batch", runs, "--out", out, *options)

@@ -1,0 +1,155 @@
+"""Localisation: takes a recording and the map of an earlier run to the recording's poses in that map."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+from pydantic import ValidationError
+
+from mqslam.backend.measuring import measure
+from mqslam.commands.opening import Inputs, choose_settings
+from mqslam.commands.result import LocaliseResult
+from mqslam.commands.run import Job, open_job
+from mqslam.commands.work import QUIET, Work
+from mqslam.config import Config, RecognitionConfig, set_doppler_beta
+from mqslam.core import frontend as frontends
+from mqslam.core.frontend import Context
+from mqslam.core.keyframes import KeyframeMap
+from mqslam.detection.stage import detect_all, warn_of_unread
+from mqslam.errors import DataError, EstimationError, FewReturnsError, NotInMapError
+from mqslam.execution.folders import check_free, write_folder_aside
+from mqslam.execution.runner import Runner
+from mqslam.formats.maps.keyframe_folder import find_keyframes, read_keyframes
+from mqslam.localisation.localise import localise as find_in_map
+from mqslam.localisation.localised import Localised
+from mqslam.psi.place import beam_of
+from mqslam.results.localise_results import summarise, write_localised
+
+_MAP_REMEDY = "give the folder of a result that `mqslam run` has written"
+
+
+def localise(  # noqa: PLR0913 - these are the options of the command, each with its default
+    data: Path | str,
+    out: Path | str,
+    *,
+    map: Path | str,
+    frontend: str = "psi",
+    odometry: str = "auto",
+    imu: str = "auto",
+    extrinsics: str = "auto",
+    config: Config | Path | str | None = None,
+    format: str | None = None,
+    range_resolution: float | None = None,
+    strict: bool = False,
+    force: bool = False,
+    work: Work = QUIET,
+) -> LocaliseResult:
+    """Finds the poses of a recording in the map of an earlier run, from a cold start, and writes them.
+
+    Args:
+        data: the recording.
+        out: folder for the results; it must not exist yet.
+        map: the result of the earlier run, whose keyframes/ is read; the recording that it was made from is not needed.
+        frontend: name of the front end that measures the motions between scans.
+        odometry: `auto` (the recording's own, if it has one), `none`, or the path of a file.
+        imu: `auto` (the recording's own gyroscope, if it has one), `none`, or the path of a file.
+        extrinsics: where the radar sits on the vehicle, as for `run`.
+        config: settings, or the path of a YAML file, or the name of one that ships with mqslam; None takes those that the
+            map was made with.
+        format: layout of the recording; None guesses it.
+        range_resolution: length of a range bin [m], if the recording does not state it or is wrong.
+        strict: whether a polar scan that cannot be read is an error, rather than being left out.
+        force: whether what is at `out` is replaced.
+        work: where the work is done, and who is told about it.
+
+    Returns:
+        What the localisation has left at `out`.
+
+    Raises:
+        NotInMapError: no place of the map was recognised in the recording.
+        MqslamError: the localisation is impossible; it leaves nothing behind then.
+
+    Example:
+        >>> localised = mqslam.localise("second_drive", "localised", map="result")  # doctest: +SKIP
+        >>> print(localised.read_trajectory().poses[0], localised.summary["share_on_map"])  # doctest: +SKIP
+    """
+    data, out, map = Path(data), Path(out), Path(map)
+    check_free(out, force=force, recording=data)
+    made = open_map(map)
+    settings = _choose_settings(config, map, made)
+    job = open_job(
+        data, settings, frontend, Inputs(odometry, imu, "none", extrinsics), format, range_resolution, strict=strict
+    )
+    for note in job.recording.notes:
+        work.tell(note)
+    runner = Runner(work.engine, work.progress)
+    with runner.time_stage("total"):
+        localised, unread = _find(job, made, runner)
+    warnings = [*job.warnings, *warn_of_unread(unread), *runner.warnings]
+    summary = summarise(localised, job.recording, map, made, frontend, runner.runtime_s, warnings)
+    with write_folder_aside(out) as folder:
+        write_localised(folder, localised, settings, made.keyframes.georeference, summary, job.recording.notes)
+    return LocaliseResult(out, summary)
+
+
+def open_map(path: Path) -> KeyframeMap:
+    """Opens the map of a result.
+
+    Raises:
+        DataError: there is none, it is damaged, or its places are described in a way that is not known.
+    """
+    made = read_keyframes(path)
+    if not len(made.keyframes) or not len(made.places.keyframes):
+        raise DataError(path, "is a map without any place", _MAP_REMEDY)
+    try:
+        known = RecognitionConfig.model_validate(made.places.made_with)
+    except ValidationError as error:
+        raise DataError(path, "describes its places by settings that are not known", _MAP_REMEDY) from error
+    if made.places.descriptors.shape[1:] != (known.rings, known.sectors):
+        raise DataError(path, "holds descriptions of places that do not fit its index", _MAP_REMEDY)
+    return made
+
+
+def _choose_settings(config: Config | Path | str | None, map: Path, made: KeyframeMap) -> Config:
+    """Returns the settings that were given, or those that the map was made with, with the Doppler shift that is used.
+
+    Raises:
+        ConfigError: a file does not exist or holds a mistake.
+    """
+    folder = find_keyframes(map)
+    beside = None if folder is None else folder.parent / "config.yaml"
+    if config is None and beside is not None and beside.is_file():
+        config = beside
+    settings = choose_settings(config)
+    if settings.sensor.doppler_beta is not None:
+        return settings
+    return set_doppler_beta(settings, made.keyframes.recordings[-1].doppler_beta)
+
+
+def _find(job: Job, made: KeyframeMap, runner: Runner) -> tuple[Localised, dict[int, DataError]]:
+    """Returns where a recording lies in a map, and why some of its scans cannot be read.
+
+    Raises:
+        NotInMapError: no place of the map was recognised in the recording.
+        EstimationError: no motion can be estimated from the recording.
+    """
+    recording, settings = job.recording, job.settings
+    beta = settings.sensor.doppler_beta or 0.0
+    beam = beam_of(settings.estimator, beta)
+    context = Context(
+        settings, recording.revolution_s, recording.start_us, job.odometry, doppler_beta=beta, sensors=job.sensors
+    )
+    frontends.create(job.frontend, context)  # raises before the recording is read, if it lacks anything
+    scans, detected = detect_all(recording, settings.detector, runner, strict=job.strict, chirps=settings.chirps)
+    runner.runtime_s |= {"read": detected.read_s, "detect": detected.detect_s}
+    try:
+        with runner.time_stage("windows"):
+            motions = measure(job.frontend, scans, replace(context, velocities=detected.velocities), beam, runner)
+    except FewReturnsError as error:
+        raise EstimationError(f"{error}: {detected.counts.remedy}") from error
+    try:
+        localised = find_in_map(scans, motions, made, settings, beam, runner)
+    except NotInMapError as error:
+        raise NotInMapError(f"{recording.path}: {error.message}", *error.remedies) from error
+    return localised, detected.unread

@@ -1,0 +1,84 @@
+"""The cold start: submaps of the recording are looked up in the map, some at a time, until a row of places is recognised."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mqslam.backend.loops.submap import MappedDrive
+from mqslam.backend.recognition.place_index import PlaceIndex
+from mqslam.backend.recognition.recognise import Ground, Means, PlaceMatch, recognise
+from mqslam.config import Config
+from mqslam.core import se2
+from mqslam.core.engine import Engine
+from mqslam.core.keyframes import KeyframeMap
+from mqslam.localisation.following import Setting
+from mqslam.localisation.registering import Prediction
+from mqslam.mapping.keyframing import pick_spaced
+from mqslam.psi.place import Beam
+
+
+@dataclass(frozen=True, slots=True)
+class Found:
+    """What looking up some submaps has led to.
+
+    Args:
+        rows: rows of places that agree.
+        looked_up: number of submaps.
+        ambiguous: number of these that fit several places about as well.
+    """
+
+    rows: list[list[PlaceMatch]]
+    looked_up: int
+    ambiguous: int
+
+
+class ColdStart:
+    """Finds where a recording is in a map without a guess.
+
+    Args:
+        setting: the scans and the map.
+        made: the map with its places.
+        config: all settings.
+        beam: the sensor's errors.
+        engine: where submaps are compared; the result does not depend on it.
+    """
+
+    def __init__(self, setting: Setting, made: KeyframeMap, config: Config, beam: Beam, engine: Engine) -> None:
+        recognition = config.recognition.model_copy(update=made.places.made_with)
+        self._setting, self._engine = setting, engine
+        self._means = Means(recognition, config.loops, config.estimator, beam)
+        index = PlaceIndex(made.places.descriptors, recognition)
+        self._ground = Ground(MappedDrive.of(made.keyframes), made.places.keyframes, index)
+        self._nodes = pick_spaced(setting.drive.travelled, recognition.spacing_m)
+
+    def look_up(self, wanted: NDArray[np.bool_]) -> Iterator[Found]:
+        """Yields what looking up some submaps after the other leads to, as long as there are wanted ones.
+
+        The last submaps of each part are looked up again in the next one, so that a row that reaches into it is found.
+
+        Args:
+            wanted: (N,) which scans are still to be found. The caller may change it as it goes on.
+        """
+        least, block, begin = self._means.recognition.row, self._setting.settings.block, 0
+        while begin < len(self._nodes):
+            part = self._nodes[begin : begin + block]
+            fresh = part if begin == 0 else part[least - 1 :]
+            if wanted[fresh].any():
+                found = recognise(
+                    self._setting.drive,
+                    part,
+                    self._ground,
+                    np.ones((len(part), len(self._ground.places)), dtype=np.bool_),
+                    self._means,
+                    self._engine,
+                )
+                yield Found(found.rows, len(fresh), len(set(found.ambiguous) & set(fresh.tolist())))
+            begin += block - least + 1
+
+    def place(self, match: PlaceMatch) -> Prediction:
+        """Returns where the scan of a match lies in the map."""
+        return Prediction(se2.compose(self._setting.keyframes.poses[match.place], match.pose), match.covariance)

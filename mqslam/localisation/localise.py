@@ -1,0 +1,155 @@
+"""Localisation on one screen: cold start, following, how sure it is, and predictions where the map shows nothing.
+
+Everything happens after the recording. Scans are therefore followed from a recognised place in both directions of time, and
+a place that is recognised late serves the scans before it, too.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from mqslam.backend.loops.submap import Drive
+from mqslam.backend.recognition.recognise import PlaceMatch
+from mqslam.config import Config
+from mqslam.core import se2
+from mqslam.core.keyframes import KeyframeMap
+from mqslam.core.measurement import Measurement
+from mqslam.core.scans import Scans
+from mqslam.core.wording import count_of
+from mqslam.errors import NotInMapError
+from mqslam.execution.runner import Runner
+from mqslam.localisation.cold_start import ColdStart
+from mqslam.localisation.following import Setting, Table, follow
+from mqslam.localisation.localised import Localised, PlaceStatus
+from mqslam.localisation.registering import MapAround, register
+from mqslam.localisation.surety import measure_scale
+from mqslam.psi.place import Beam
+
+_REMEDY: Final = "give the map of a recording that has passed the same streets"
+
+
+def localise(
+    scans: Scans, motions: Sequence[Measurement], made: KeyframeMap, config: Config, beam: Beam, runner: Runner
+) -> Localised:
+    """Returns where the scans of a recording lie in a map, of which nothing is known beforehand.
+
+    Args:
+        scans: N scans of the recording.
+        motions: N - 1 motions between successive scans.
+        made: the map.
+        config: all settings.
+        beam: the sensor's errors.
+        runner: does the work, and times it.
+
+    Raises:
+        NotInMapError: no place of the map was recognised.
+    """
+    poses = se2.chain(motion.pose for motion in motions)
+    setting = Setting(Drive.of(scans, poses), motions, made.keyframes, config.localisation, config.estimator, beam)
+    table, rows, looked_up, ambiguous, conflicts = Table(len(scans)), 0, 0, 0, 0
+    with runner.time_stage("recognise"):
+        start, wanted = ColdStart(setting, made, config, beam, runner.engine), np.ones(len(scans), dtype=np.bool_)
+        parts = start.look_up(wanted)
+        found = next(parts, None)
+    while found is not None:
+        looked_up, ambiguous = looked_up + found.looked_up, ambiguous + found.ambiguous
+        for row in found.rows:
+            with runner.time_stage("follow"):
+                if _seed(setting, table, start, row):
+                    rows += 1
+                    conflicts += _follow_on(setting, table, row)
+        wanted[:] = ~table.tried
+        runner.progress("localise", int(table.tried.sum()), len(scans))
+        with runner.time_stage("recognise"):
+            found = next(parts, None)
+    if not rows:
+        raise NotInMapError(_say_what_was_tried(setting.drive, made, config, looked_up, ambiguous), _REMEDY)
+    with runner.time_stage("surety"):
+        scale, samples = measure_scale(setting, table, runner.engine)
+    _fill_in(setting, table, se2.scale_covariance(table.covariances, scale))
+    return Localised(
+        stamps_us=scans.stamps_us,
+        poses=table.poses,
+        covariances=table.covariances,
+        statuses=tuple(table.statuses),
+        psi=table.psi,
+        matched=table.matched,
+        rows=rows,
+        looked_up=looked_up,
+        ambiguous=ambiguous,
+        scale=scale,
+        samples=samples,
+        conflicts=conflicts,
+        is_scale_measured=samples >= config.localisation.fewest,
+    )
+
+
+def _seed(setting: Setting, table: Table, start: ColdStart, row: Sequence[PlaceMatch]) -> bool:
+    """Follows the scans along a row of recognised places, and returns whether enough of them lie on the map.
+
+    Where they do not, the table is left as it was.
+    """
+    first, last = row[0].query, row[-1].query
+    if table.tried[first : last + 1].any():
+        return False
+    middle = row[len(row) // 2]
+    around = MapAround(setting.keyframes, setting.settings, setting.beam)
+    lying = register(around, setting.render(middle.query), start.place(middle), setting.settings, setting.estimator)
+    if lying.status is not PlaceStatus.CONVERGED:
+        return False
+    table.put(middle.query, lying)
+    for way, limit in ((1, last), (-1, first)):
+        follow(setting, table, middle.query, way, limit)
+    if table.on_map[first : last + 1].mean() >= setting.settings.confirmed:
+        return True
+    table.forget(slice(first, last + 1))
+    return False
+
+
+def _follow_on(setting: Setting, table: Table, row: Sequence[PlaceMatch]) -> int:
+    """Follows scans on from both ends of a row; returns at how many ends they meet scans that lie elsewhere."""
+    along = row[0].query + np.flatnonzero(table.on_map[row[0].query : row[-1].query + 1])
+    ends = ((int(along[-1]), 1, len(table.tried) - 1), (int(along[0]), -1, 0))
+    return sum(follow(setting, table, start, way, limit) for start, way, limit in ends)
+
+
+def _fill_in(setting: Setting, table: Table, covariances: NDArray[np.float64]) -> None:
+    """Predicts the scans that do not lie on the map from the nearest one that does, with its covariance (N, 3, 3)."""
+    travelled, known = setting.drive.travelled, table.on_map.copy()
+    table.covariances[:] = covariances
+    nearest = np.full(len(known), np.inf)
+    for way in (1, -1):
+        source = None
+        for k in range(len(known))[::way]:
+            if known[k]:
+                source, now = k, table.get(k)
+                continue
+            if source is None:
+                continue
+            now = setting.predict(now, k - way, k)
+            away = abs(travelled[k] - travelled[source])
+            if away < nearest[k]:
+                nearest[k] = away
+                table.poses[k], table.covariances[k] = now
+    tree = cKDTree(setting.keyframes.poses[:, :2])
+    for k in np.flatnonzero(~known):
+        is_outside = tree.query(table.poses[k, :2])[0] > setting.settings.reach_m
+        table.statuses[k] = PlaceStatus.OUTSIDE if is_outside else PlaceStatus.LOST
+
+
+def _say_what_was_tried(drive: Drive, made: KeyframeMap, config: Config, looked_up: int, ambiguous: int) -> str:
+    """Returns that a recording is not in a map, and what was tried."""
+    path_m, settings = float(drive.travelled[-1]), config.recognition
+    if looked_up < settings.row:
+        return (
+            f"not found in this map: its path of {path_m:.0f} m is too short, as {settings.row} places that are "
+            f"{settings.spacing_m:g} m apart must be recognised in a row"
+        )
+    places = count_of(len(made.places.keyframes), "place")
+    told = f"not in this map: no row of places was recognised ({looked_up} submaps along {path_m:.0f} m of path, {places}"
+    return f"{told}; {ambiguous} of them fit several places about as well)" if ambiguous else f"{told})"

@@ -1,0 +1,170 @@
+"""`mqslam localise` from the command line: what it writes, what it says, and what it refuses."""
+
+from __future__ import annotations
+
+import csv
+import json
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from support.commands import mqslam, parse_strict_json
+from support.parameters import mostly_slow
+
+import mqslam as api
+from mqslam.backend.loops.submap import MappedDrive
+from mqslam.backend.recognition.places import describe_places
+from mqslam.config import Config, dump_yaml, set_doppler_beta
+from mqslam.core import se2
+from mqslam.core.keyframes import KeyframeMap, MappedRecording
+from mqslam.detection.stage import detect_all
+from mqslam.execution.local_engine import HERE
+from mqslam.formats.covariances import read_covariances
+from mqslam.formats.maps.keyframe_folder import write_keyframes
+from mqslam.formats.recordings import open_recording
+from mqslam.formats.tum import read_tum
+from mqslam.mapping.keyframing import make_keyframes
+from mqslam.psi.place import beam_of
+
+FILES = {"trajectory.tum", "covariances.csv", "poses.csv", "config.yaml", "summary.json", "run.log"}
+
+
+@pytest.fixture(scope="module")
+def mapped(street: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A result that keeps the map of the street under its true poses."""
+    result, config = tmp_path_factory.mktemp("mapped") / "result", set_doppler_beta(Config(), 0.0)
+    result.mkdir()
+    recording, beam = open_recording(street), beam_of(config.estimator, 0.0)
+    scans, _ = detect_all(recording, config.detector)
+    poses = read_tum(street / "gt" / "poses_tum.txt").at(scans.stamps_us)
+    source = MappedRecording(str(street), recording.start_us, recording.end_us, recording.revolution_s, 0.0)
+    keyframes = make_keyframes(scans, poses, None, source, beam, config.map.keyframe_m)
+    places = describe_places(MappedDrive.of(keyframes), config.recognition, config.loops.spacing_m, beam, HERE)
+    write_keyframes(result / "keyframes", KeyframeMap(keyframes, places))
+    (result / "config.yaml").write_text(dump_yaml(config), encoding="utf-8")
+    return result
+
+
+@pytest.fixture(scope="module")
+def localised(street: Path, mapped: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    out = tmp_path_factory.mktemp("localised") / "out"
+    result = mqslam("localise", street, "--map", mapped, "--out", out, "--frontend", "odometry", "--jobs", 1)
+    assert result.code == 0 and "scans converged" in result.out and f"results in {out}" in result.out
+    return out
+
+
+def test_the_poses_lie_in_the_maps_frame_with_covariance_and_status(street: Path, localised: Path) -> None:
+    assert {path.name for path in localised.iterdir()} == FILES
+    track, truth = read_tum(localised / "trajectory.tum"), read_tum(street / "gt" / "poses_tum.txt")
+    off = se2.wrapped_between(truth.at(track.stamps_us), track.poses)
+    rows = list(csv.DictReader((localised / "poses.csv").read_text().splitlines()))
+    on_map = np.array([row["status"] == "converged" for row in rows])
+    assert len(rows) == len(track) and on_map.mean() > 0.9
+    assert np.hypot(off[on_map, 0], off[on_map, 1]).max() < 0.2 and np.abs(off[on_map, 2]).max() < np.radians(1.0)
+    assert float(rows[7]["x_m"]) == pytest.approx(track.poses[7, 0], abs=1e-3)
+    given = read_covariances(localised / "covariances.csv")
+    assert given.stamps_us.tolist() == track.stamps_us.tolist()
+    own = se2.rotate_covariance(given.covariances[7], -float(track.poses[7, 2]))
+    assert float(rows[7]["sigma_along_m"]) == pytest.approx(np.sqrt(own[0, 0]), rel=1e-3)
+
+
+def test_the_summary_says_what_was_found(street: Path, mapped: Path, localised: Path) -> None:
+    summary = parse_strict_json((localised / "summary.json").read_text())
+    assert summary["dataset"]["path"] == str(street) and summary["map"]["path"] == str(mapped)
+    assert sum(summary["scans"].values()) == summary["dataset"]["scans"]
+    assert summary["share_on_map"] == summary["scans"]["converged"] / summary["dataset"]["scans"]
+    assert summary["frontend"] == "odometry" and summary["rows_recognised"] >= 1
+    assert any("too short to show how sure" in warning for warning in summary["warnings"])
+    assert str(street) in (localised / "run.log").read_text()
+
+
+def test_the_recording_of_the_map_is_not_needed(street: Path, mapped: Path, localised: Path, tmp_path: Path) -> None:
+    moved = tmp_path / "map"
+    shutil.copytree(mapped / "keyframes", moved)
+    index = json.loads((moved / "index.json").read_text())
+    index["recordings"][0]["path"] = "/gone"
+    (moved / "index.json").write_text(json.dumps(index))
+    result = api.localise(street, tmp_path / "out", map=moved, frontend="odometry")  # the folder itself, without settings
+    expected = read_tum(localised / "trajectory.tum")
+    np.testing.assert_allclose(result.read_trajectory().poses, expected.poses, rtol=0.0, atol=1e-6)
+
+
+def test_another_town_is_refused_with_what_was_tried(mapped: Path, tmp_path: Path) -> None:
+    other = tmp_path / "other"
+    assert mqslam("simulate", other, "--scene", "street", "--duration", 10, "--seed", 7, "--quiet").code == 0
+    words = ("localise", other, "--map", mapped, "--out", tmp_path / "out", "--frontend", "odometry")
+    result = mqslam(*words, "--jobs", 1, "--quiet")
+    assert result.code == 2 and f"{other}: not in this map" in result.err and result.err.count("\n") == 1
+    assert not (tmp_path / "out").exists()
+
+
+def _remove(folder: Path) -> None:
+    shutil.rmtree(folder / "keyframes")
+
+
+def _make_newer(folder: Path) -> None:
+    path = folder / "keyframes" / "index.json"
+    path.write_text(json.dumps(json.loads(path.read_text()) | {"version": 99}))
+
+
+def _truncate(folder: Path) -> None:
+    path = folder / "keyframes" / "points.npy"
+    path.write_bytes(path.read_bytes()[:-100])
+
+
+def _describe_otherwise(folder: Path) -> None:
+    path = folder / "keyframes" / "index.json"
+    index = json.loads(path.read_text())
+    index["described_with"]["rings"] = 7
+    path.write_text(json.dumps(index))
+
+
+def _describe_by_unknown(folder: Path) -> None:
+    path = folder / "keyframes" / "index.json"
+    index = json.loads(path.read_text())
+    index["described_with"]["colour"] = "red"
+    path.write_text(json.dumps(index))
+
+
+def _break_settings(folder: Path) -> None:
+    (folder / "config.yaml").write_text("nonsense: {}\n")
+
+
+@pytest.mark.parametrize(
+    ("spoil", "message"),
+    [
+        (_remove, "holds no map"),
+        (_make_newer, "is of version 99"),
+        (_truncate, "points.npy"),
+        (_describe_otherwise, "do not fit its index"),
+        (_describe_by_unknown, "settings that are not known"),
+        (_break_settings, "nonsense"),
+    ],
+)
+def test_a_map_that_cannot_be_used_is_named(
+    street: Path, mapped: Path, tmp_path: Path, spoil: Callable[[Path], None], message: str
+) -> None:
+    result_folder = tmp_path / "result"
+    shutil.copytree(mapped, result_folder)
+    spoil(result_folder)
+    result = mqslam("localise", street, "--map", result_folder, "--out", tmp_path / "out", "--frontend", "odometry")
+    assert result.code == 2 and message in result.err and str(result_folder) in result.err
+    assert "Traceback" not in result.err and result.err.count("\n") == 1
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("frontend", mostly_slow(("psi", "kiss_icp"), ("psi",)))
+def test_any_front_end_measures_the_motions(street: Path, mapped: Path, tmp_path: Path, frontend: str) -> None:
+    out = tmp_path / "out"
+    words = ("localise", street, "--map", mapped, "--out", out, "--frontend", frontend, "--odometry", "none", "--quiet")
+    assert mqslam(*words, "--jobs", 1).code == 0
+    track, truth = read_tum(out / "trajectory.tum"), read_tum(street / "gt" / "poses_tum.txt")
+    off = se2.wrapped_between(truth.at(track.stamps_us), track.poses)
+    assert np.median(np.hypot(off[:, 0], off[:, 1])) < 0.1
+
+
+def test_what_is_at_out_is_not_overwritten(street: Path, mapped: Path, localised: Path) -> None:
+    result = mqslam("localise", street, "--map", mapped, "--out", localised)
+    assert result.code == 2 and "exists already" in result.err

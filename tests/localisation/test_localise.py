@@ -1,0 +1,104 @@
+"""A recording is found in the map of another day, and what is not in it is said to be not."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from support.localising import BEAM, CONFIG, Pass, street_map, street_pass
+
+from mqslam.core import se2
+from mqslam.core.scans import Returns, Scan, Scans
+from mqslam.errors import NotInMapError
+from mqslam.execution.local_engine import LocalEngine
+from mqslam.execution.runner import Runner
+from mqslam.localisation.localise import localise
+from mqslam.localisation.localised import Localised, PlaceStatus
+
+MAPPED_S = 14.0
+
+
+def localised(given: Pass, runner: Runner | None = None, mapped_s: float = MAPPED_S) -> Localised:
+    return localise(given.scans, given.motions, street_map(mapped_s), CONFIG, BEAM, runner or Runner())
+
+
+def errors(found: Localised, given: Pass) -> np.ndarray:
+    """Returns by how much (N, 3) poses are off the truth, in their own frames; the map's frame is the world's."""
+    return se2.wrapped_between(given.truth, found.poses)
+
+
+@pytest.fixture(scope="module")
+def later() -> Pass:
+    return street_pass(2, MAPPED_S)
+
+
+@pytest.fixture(scope="module")
+def found(later: Pass) -> Localised:
+    return localised(later)
+
+
+def test_every_scan_of_another_day_is_found_from_a_cold_start(later: Pass, found: Localised) -> None:
+    off = errors(found, later)
+    assert found.on_map.all() and found.rows >= 1 and found.conflicts == 0
+    assert np.hypot(off[:, 0], off[:, 1]).max() < 0.15 and np.abs(off[:, 2]).max() < np.radians(0.5)
+    assert found.stamps_us.tolist() == later.scans.stamps_us.tolist()
+
+
+def test_traffic_that_the_map_does_not_have_changes_little() -> None:
+    busy = street_pass(3, MAPPED_S, movers=6)
+    found = localised(busy)
+    off = errors(found, busy)[found.on_map]
+    assert found.on_map.mean() > 0.9
+    assert np.hypot(off[:, 0], off[:, 1]).max() < 0.3 and np.abs(off[:, 2]).max() < np.radians(0.5)
+
+
+def test_the_result_does_not_depend_on_the_number_of_workers(later: Pass, found: Localised) -> None:
+    with LocalEngine(2) as engine:
+        other = localised(later, Runner(engine))
+    np.testing.assert_array_equal(other.poses, found.poses)
+    np.testing.assert_array_equal(other.covariances, found.covariances)
+
+
+def test_scans_beyond_the_end_of_the_map_are_predictions_that_grow_unsure(later: Pass) -> None:
+    found = localised(later, mapped_s=9.0)
+    outside = np.array([status is PlaceStatus.OUTSIDE for status in found.statuses])
+    away = np.array([np.hypot(*(street_map(9.0).keyframes.poses - pose)[:, :2].T).min() for pose in later.truth])
+    assert outside[-5:].all() and found.on_map[away < 5.0].all()
+    assert not found.on_map[away > CONFIG.localisation.reach_m + CONFIG.localisation.renew_m].any()
+    variances = found.covariances[outside][:, 0, 0]
+    assert np.all(np.diff(variances) > 0.0)
+    off = errors(found, later)[outside]
+    assert np.all(se2.normalise(off, found.covariances[outside]) < 25.0)
+
+
+def test_another_town_is_refused() -> None:
+    with pytest.raises(NotInMapError, match=r"not in this map: .* submaps along .* m of path"):
+        localised(street_pass(2, MAPPED_S, town=5))
+
+
+def test_a_recording_that_hardly_moves_is_said_to_be_too_short(later: Pass) -> None:
+    short = Pass(later.scans[:3], later.truth[:3], later.motions[:2])
+    with pytest.raises(NotInMapError, match="is too short"):
+        localised(short)
+
+
+def test_scans_without_returns_are_predictions(later: Pass) -> None:
+    blind = range(20, 24)
+    scans = tuple(Scan(s.t0, s.t1, Returns.none() if k in blind else s.returns) for k, s in enumerate(later.scans))
+    given = later._replace(scans=Scans(scans, later.scans.start_us, later.scans.revolution_s))
+    found = localised(given)
+    assert [found.statuses[k] for k in blind] == [PlaceStatus.LOST] * len(blind)
+    assert np.isnan(found.psi[list(blind)]).all() and found.on_map.sum() == len(scans) - len(blind)
+    off = errors(found, later)
+    assert np.hypot(off[:, 0], off[:, 1]).max() < 0.25
+
+
+def test_the_covariances_are_those_that_the_recording_shows(later: Pass, found: Localised) -> None:
+    assert found.samples < CONFIG.localisation.fewest and not found.is_scale_measured  # it is short
+    np.testing.assert_array_equal(found.scale, np.full(3, CONFIG.localisation.usual_scale))
+    few = CONFIG.model_copy(update={"localisation": CONFIG.localisation.model_copy(update={"fewest": 3, "sample_m": 3.0})})
+    measured = localise(later.scans, later.motions, street_map(MAPPED_S), few, BEAM, Runner())
+    assert measured.is_scale_measured and np.all(measured.scale >= 1.0)
+    ratio = np.sqrt(measured.scale / found.scale)
+    np.testing.assert_allclose(measured.covariances, found.covariances * np.outer(ratio, ratio), rtol=1e-9)
+    nees = se2.normalise(errors(measured, later), measured.covariances) / 3.0
+    assert 0.2 < nees.mean() < 3.0
