@@ -8,13 +8,12 @@ from __future__ import annotations
 from dataclasses import replace
 from functools import partial
 
-from mqslam.auditing.judge import Audit, audit_trajectory
+from mqslam.auditing.judge import audit_trajectory
 from mqslam.backend.linear.marginals import compute_all_marginals
 from mqslam.backend.loops.closing import close_loops
 from mqslam.backend.measuring import measure
 from mqslam.backend.pose_graph import poses_of
 from mqslam.backend.problem import Problem
-from mqslam.backend.recognition.keeping import keep_map
 from mqslam.backend.recognition.recognise import Means
 from mqslam.backend.recognition.within_run import RunRecogniser
 from mqslam.backend.refinement import refine
@@ -23,7 +22,6 @@ from mqslam.backend.sensors.odometry.odometry_edges import make_odometry_edges, 
 from mqslam.config import Config
 from mqslam.core import frontend as frontends
 from mqslam.core.frontend import Context
-from mqslam.core.keyframes import KeyframeMap, MappedRecording
 from mqslam.core.measurement import LoopSearch, Refined
 from mqslam.core.recording import Recording
 from mqslam.core.scans import Scans
@@ -85,17 +83,13 @@ class Slam:
                 tracks = {"the map before optimisation": solution.odometry, "the map": solution.optimised}
                 maps = [render_track(what, scans, track, config, solution.beam, runner) for what, track in tracks.items()]
                 before, after = runner.follow("render", maps, len(maps))
-            checked: Audit | None = None
+            checked, kept = None, None
             with runner.time_stage("check"), runner.tolerate("the check of the map"):
                 if len(scans) > 1:
                     optimum = None if solution.covariances.failure else (solution.graph, solution.values)
                     checked = audit_trajectory(scans, solution.optimised, config, solution.beam, runner, optimum)
-            kept: KeyframeMap | None = None
             with runner.time_stage("render"), runner.tolerate("the keyframes of the map"):
-                span = recording.start_us, recording.end_us
-                source = MappedRecording(str(recording.path), *span, recording.revolution_s, beta)
-                track, sure = solution.optimised, solution.covariances
-                kept = keep_map(scans, track, sure, source, config, solution.beam, runner.engine)
+                kept = solution.keep_map(scans, recording, runner.engine)
         return Run(
             **(vars(solution) | {"warnings": tuple(runner.warnings)}),
             map_odometry=before,

@@ -11,13 +11,17 @@ from mqslam.auditing.judge import Audit
 from mqslam.auditing.windows.windows import WindowAudit
 from mqslam.backend.linear.marginals import PoseCovariances
 from mqslam.backend.pose_graph import PoseGraph
+from mqslam.backend.recognition.keeping import keep_map
 from mqslam.backend.sensor_use import SensorUse
 from mqslam.backend.sensors.odometry.odometry_edges import ODOMETRY
 from mqslam.config import Config
 from mqslam.core import se2
-from mqslam.core.keyframes import KeyframeMap
+from mqslam.core.engine import Engine
+from mqslam.core.keyframes import KeyframeMap, MappedRecording
 from mqslam.core.measurement import Loop, Measurement, Refined
 from mqslam.core.point_map import PointMap
+from mqslam.core.recording import Recording
+from mqslam.core.scans import Scans
 from mqslam.core.sensors.georeference import Georeference
 from mqslam.core.sensors.mount import Mount
 from mqslam.core.trajectory import Trajectory
@@ -75,6 +79,18 @@ class Solution:
         """Where the optimised map lies on the Earth, if GNSS says so."""
         fixes = self.sensors.fixes
         return None if fixes is None or fixes.edges is None else fixes.edges.find_place(self.values)
+
+    def keep_map(self, scans: Scans, recording: Recording, engine: Engine) -> KeyframeMap:
+        """Returns the keyframes of the optimised map, and its places as they look.
+
+        Args:
+            scans: of the recording.
+            recording: the recording.
+            engine: where places are described; the result does not depend on it.
+        """
+        span = recording.start_us, recording.end_us
+        source = MappedRecording(str(recording.path), *span, recording.revolution_s, self.doppler_beta)
+        return keep_map(scans, self.optimised, self.covariances, source, self.config, self.beam, engine)
 
     @property
     def before(self) -> str:
