@@ -25,6 +25,7 @@ from mqslam.config.frontend_config import (
 from mqslam.config.graph_config import GraphConfig
 from mqslam.config.loop_config import LoopConfig, PassConfig, RefinementConfig
 from mqslam.config.map_config import MapConfig
+from mqslam.config.merge_config import MergeConfig
 from mqslam.config.psi_config import PsiConfig
 from mqslam.config.reading_config import ReadingConfig
 from mqslam.config.recognition_config import RecognitionConfig
@@ -49,6 +50,7 @@ __all__ = [
     "LoopConfig",
     "MapConfig",
     "MendConfig",
+    "MergeConfig",
     "OdometryConfig",
     "Open3dIcpConfig",
     "PassConfig",
@@ -94,6 +96,7 @@ class Config(BaseModel):
     recognition: RecognitionConfig = RecognitionConfig()
     loops: LoopConfig = LoopConfig()
     refinement: RefinementConfig = RefinementConfig()
+    merge: MergeConfig = MergeConfig()
     map: MapConfig = MapConfig()
     audit: AuditConfig = AuditConfig()
     verdict: VerdictConfig = VerdictConfig()

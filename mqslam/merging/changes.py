@@ -1,0 +1,172 @@
+"""Changes: what one recording shows at a place and another one, which looks past it there, does not.
+
+A cell counts as changed if several keyframes of one recording show a return in it, no return of the other recording lies
+near it, and keyframes of the other one see beyond it: nothing nearer hides it, they are no farther from it than those that
+showed it, and they see it from the same side. A thing that its own recording sees only now and then is missed by others,
+too; therefore the number of looks that must miss it follows from the share of its own recording's looks that show it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
+
+from mqslam.config import MergeConfig
+from mqslam.core.keyframes import Keyframes
+from mqslam.core.stored import release
+from mqslam.merging.looks import Views, count_looks, make_views
+from mqslam.merging.rendering import place_points
+
+
+@dataclass(frozen=True, slots=True)
+class Change:
+    """An object that one recording shows and another contradicts.
+
+    Args:
+        shown_by, missed_by: numbers of the two recordings.
+        place: (2,) middle of its cells [m], in the map's frame.
+        size_m: (2,) its extent along x and y [m], at least that of a cell.
+        cells: number of its cells.
+        seen: number of keyframes that show it, in the cell that most show.
+        looks: number of keyframes of the other recording that look past it, in the cell that most do.
+        chance: probability that all these looks miss by chance, in the cell where that is the least likely.
+    """
+
+    shown_by: int
+    missed_by: int
+    place: NDArray[np.float64]
+    size_m: NDArray[np.float64]
+    cells: int
+    seen: int
+    looks: int
+    chance: float
+
+
+@dataclass(frozen=True, slots=True)
+class _Seen:
+    """What a recording shows.
+
+    Args:
+        points: (N, 2) all its points [m].
+        cells: (C, 2) middles of the returns in each cell that several keyframes show [m].
+        pairs: (P, 2) numbers of cells and of keyframes that show them.
+        views: what its keyframes see.
+    """
+
+    points: NDArray[np.float64]
+    cells: NDArray[np.float64]
+    pairs: NDArray[np.int64]
+    views: Views
+
+
+def find_changes(keyframes: Keyframes, settings: MergeConfig) -> list[Change]:
+    """Finds what changed between each two of the recordings of a map, the largest objects first.
+
+    Args:
+        keyframes: of the map.
+        settings: of the merge.
+    """
+    shown = [_collect(keyframes, n, settings) for n in range(len(keyframes.recordings))]
+    pairs = [(a, b) for a in range(len(shown)) for b in range(len(shown)) if a != b]
+    changes = [change for a, b in pairs for change in _compare(shown[a], shown[b], (a, b), settings)]
+    return sorted(changes, key=lambda change: (-change.cells, change.chance, *change.place.tolist()))
+
+
+def _collect(keyframes: Keyframes, recording: int, settings: MergeConfig) -> _Seen:
+    """Returns what a recording shows."""
+    chosen = np.flatnonzero(keyframes.origins == recording)
+    counts = np.diff(keyframes.rows[chosen], axis=1)[:, 0]
+    ends = np.cumsum([0, *counts])
+    points, owner = np.empty((int(ends[-1]), 2)), np.repeat(np.arange(len(chosen)), counts)
+    for n, k in enumerate(chosen):
+        begin, end = keyframes.rows[k]
+        place_points(keyframes.points[begin:end], keyframes.poses[k], points[ends[n] : ends[n + 1]])
+    views = make_views(keyframes, chosen, settings)
+    release(keyframes.points)
+    columns = np.floor(points / settings.cell_m).astype(np.int64)
+    _, cell = np.unique(columns, axis=0, return_inverse=True)
+    cell = cell.reshape(-1)
+    pairs = np.unique(np.column_stack([cell, owner]), axis=0)
+    seen = np.bincount(pairs[:, 0])
+    kept = np.flatnonzero(seen >= settings.seen)
+    number = np.full(len(seen), -1)
+    number[kept] = np.arange(len(kept))
+    middles = np.column_stack([np.bincount(cell, points[:, axis]) for axis in range(2)]) / np.bincount(cell)[:, None]
+    pairs = pairs[number[pairs[:, 0]] >= 0]
+    return _Seen(points, middles[kept], np.column_stack([number[pairs[:, 0]], pairs[:, 1]]), views)
+
+
+def _compare(one: _Seen, other: _Seen, numbers: tuple[int, int], settings: MergeConfig) -> Iterator[Change]:
+    """Yields what a recording shows and another contradicts."""
+    if not len(one.cells) or not len(other.points):
+        return
+    apart, _ = cKDTree(other.points).query(one.cells, distance_upper_bound=settings.near_m)
+    alone = np.flatnonzero(~np.isfinite(apart))
+    if not len(alone):
+        return
+    number = np.full(len(one.cells), -1)
+    number[alone] = np.arange(len(alone))
+    pairs = one.pairs[number[one.pairs[:, 0]] >= 0]
+    cells, shown = one.cells[alone], np.column_stack([number[pairs[:, 0]], pairs[:, 1]])
+    farthest = find_farthest(cells, shown, one.views, settings)
+    hits = np.bincount(shown[:, 0], minlength=len(cells))
+    misses = count_looks(cells, farthest, one.views, settings.reach_m, settings.margin_m)
+    looks = count_looks(cells, farthest, other.views, settings.reach_m, settings.margin_m)
+    share = (hits + 1.0) / (hits + misses + 2.0)  # Laplace's rule: one look of each kind is added
+    chance = (1.0 - share) ** looks
+    changed = np.flatnonzero((looks >= settings.looks) & (chance <= settings.chance))
+    for members in _group(cells[changed], settings.object_m):
+        if len(members) < settings.cells:
+            continue
+        own = changed[members]
+        low, high = cells[own].min(axis=0), cells[own].max(axis=0)
+        yield Change(
+            shown_by=numbers[0],
+            missed_by=numbers[1],
+            place=0.5 * (low + high),
+            size_m=np.maximum(high - low, settings.cell_m),
+            cells=len(own),
+            seen=int(hits[own].max()),
+            looks=int(looks[own].max()),
+            chance=float(chance[own].min()),
+        )
+
+
+def find_farthest(
+    cells: NDArray[np.float64], shown: NDArray[np.int64], views: Views, settings: MergeConfig
+) -> NDArray[np.float64]:
+    """Returns from how far each of C cells was shown [m], by the direction from it to the keyframe, or beside it.
+
+    Args:
+        cells: (C, 2) m.
+        shown: (P, 2) numbers of cells and of keyframes that show them.
+        views: of the keyframes.
+        settings: of the merge.
+
+    Returns:
+        (C, A) for A directions, counter-clockwise from the map's x; zero where it was not shown from there.
+    """
+    towards = views.poses[shown[:, 1], :2] - cells[shown[:, 0]]
+    turn = np.arctan2(towards[:, 1], towards[:, 0]) / (2.0 * np.pi)
+    aspect = np.floor(turn * settings.aspects).astype(np.int64) % settings.aspects
+    farthest = np.zeros((len(cells), settings.aspects))
+    ranges = np.hypot(towards[:, 0], towards[:, 1])
+    for beside in (-1, 0, 1):
+        np.maximum.at(farthest, (shown[:, 0], (aspect + beside) % settings.aspects), ranges)
+    return farthest
+
+
+def _group(cells: NDArray[np.float64], apart_m: float) -> list[NDArray[np.int64]]:
+    """Returns the numbers of cells (N, 2) that are connected by steps of at most apart_m [m], group by group."""
+    if not len(cells):
+        return []
+    i, k = cKDTree(cells).query_pairs(apart_m, output_type="ndarray").reshape(-1, 2).T
+    links = coo_array((np.ones(len(i), dtype=bool), (i, k)), shape=(len(cells), len(cells)))
+    count, labels = connected_components(links, directed=False)
+    return [np.flatnonzero(labels == n) for n in range(count)]
