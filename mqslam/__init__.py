@@ -8,6 +8,7 @@
 Public names, all typed and silent:
 
 - `run`, `audit`, `compare` take a recording's path and a folder for the results, and return what they have left there.
+- `merge` takes the results of several recordings to one map.
 - `open_recording` opens a recording; `load_config` reads settings into a `Config`.
 - `Slam` is the method: it takes an open recording to its optimised map, in memory.
 - `psi_factors`, `loop_factors` and `refine` return measurements, loop closures and single scans among earlier passes as
@@ -30,6 +31,7 @@ if TYPE_CHECKING:
     from mqslam.commands.graphs.loop_factors import loop_factors
     from mqslam.commands.graphs.psi_factors import psi_factors
     from mqslam.commands.graphs.refine import refine
+    from mqslam.commands.merge import merge
     from mqslam.commands.run import run
     from mqslam.commands.work import Work
     from mqslam.config import Config, load_config
@@ -55,6 +57,7 @@ __all__ = [
     "compare",
     "load_config",
     "loop_factors",
+    "merge",
     "open_recording",
     "psi_factors",
     "refine",
@@ -76,6 +79,7 @@ _MODULES = {
     "compare": "commands.compare",
     "load_config": "config",
     "loop_factors": "commands.graphs.loop_factors",
+    "merge": "commands.merge",
     "open_recording": "formats.recordings",
     "psi_factors": "commands.graphs.psi_factors",
     "refine": "commands.graphs.refine",

@@ -14,6 +14,7 @@ from mqslam.cli.compare import compare
 from mqslam.cli.config import config
 from mqslam.cli.convert import convert
 from mqslam.cli.info import info
+from mqslam.cli.merge import merge
 from mqslam.cli.optimise import optimise
 from mqslam.cli.paper import paper
 from mqslam.cli.run import run
@@ -35,6 +36,7 @@ app.command()(run)
 app.command()(view)
 app.command()(compare)
 app.command()(batch)
+app.command()(merge)
 app.command()(audit)
 app.command()(info)
 app.command()(check)
