@@ -16,7 +16,7 @@ from mqslam.execution.runner import Runner
 from mqslam.formats.graphs.g2o import read_g2o
 from mqslam.formats.maps.keyframe_folder import find_keyframes, read_keyframes
 from mqslam.formats.tum import read_tum
-from mqslam.merging.merge import merge_parts
+from mqslam.merging.map_merge import merge_parts
 from mqslam.merging.part import Part, make_part
 from mqslam.report.merge_page import write_merge_page
 from mqslam.results.merge_results import summarise_merge, write_merge

@@ -9,7 +9,7 @@ from typing import Any, Final
 
 from mqslam.config import dump_yaml
 from mqslam.errors import tolerate
-from mqslam.merging.merge import Merged
+from mqslam.merging.map_merge import Merged
 from mqslam.report.content import Figure, Frame, Gallery, Part, Row, Section, Table, Thumbnail, ThumbnailCard, Tile
 from mqslam.report.figures.merge_figures import COLOUR_NAMES, draw_change, draw_links, draw_recordings, split_points
 from mqslam.report.formatting import format_matched, format_value
@@ -155,8 +155,8 @@ def _tabulate_recognition(summary: Mapping[str, Any]) -> Section:
     )
     note = (
         "Submaps of one result are looked up in the other without a guess of where they are. Rows of matches must agree on "
-        "how the two lie to each other, and hardly any may agree on another way. An ambiguous submap fits several places and "
-        "counts for none."
+        "how the two lie to each other, and hardly any may agree on another way. An ambiguous submap fits several places "
+        "and counts for none."
     )
     head = ("looked up", "compared", "matches", "rows", "agree", "agree on the next best relation", "ambiguous")
     return Section("Recognition", (note,), table=Table(head, rows))

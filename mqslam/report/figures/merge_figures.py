@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mqslam.merging.changes import Change
-from mqslam.merging.merge import Merged
+from mqslam.merging.map_merge import Merged
 from mqslam.report.figures.canvas import (
     BLUE,
     GREEN,
