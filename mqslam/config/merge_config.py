@@ -38,7 +38,7 @@ class MergeConfig(BaseModel):
     changes: bool = Field(True, description="Whether changes between the recordings are looked for.")
     cell_m: float = Field(1.0, gt=0.0, description="Side of the cells in which returns are compared for changes [m].")
     near_m: float = Field(
-        1.5,
+        1.0,
         gt=0.0,
         description="No return of the other recording may lie within this distance [m] of what counts as changed.",
     )
@@ -60,7 +60,7 @@ class MergeConfig(BaseModel):
     )
     reach_m: float = Field(60.0, gt=0.0, description="Cells farther from a keyframe than this [m] are not compared with it.")
     margin_m: float = expert(
-        2.0, gt=0.0, description="A ray passes a cell if its first return lies at least this far [m] behind it."
+        1.0, gt=0.0, description="A ray passes a cell if its first return lies at least this far [m] behind it."
     )
     rays: int = expert(360, ge=36, description="Number of sectors around a keyframe of which the first return is kept.")
     aspects: int = expert(

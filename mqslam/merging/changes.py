@@ -116,8 +116,8 @@ def _compare(one: _Seen, other: _Seen, numbers: tuple[int, int], settings: Merge
     cells, shown = one.cells[alone], np.column_stack([number[pairs[:, 0]], pairs[:, 1]])
     farthest = find_farthest(cells, shown, one.views, settings)
     hits = np.bincount(shown[:, 0], minlength=len(cells))
-    misses = count_looks(cells, farthest, one.views, settings.reach_m, settings.margin_m)
-    looks = count_looks(cells, farthest, other.views, settings.reach_m, settings.margin_m)
+    misses = count_looks(cells, farthest, one.views, settings)
+    looks = count_looks(cells, farthest, other.views, settings)
     share = (hits + 1.0) / (hits + misses + 2.0)  # Laplace's rule: one look of each kind is added
     chance = (1.0 - share) ** looks
     changed = np.flatnonzero((looks >= settings.looks) & (chance <= settings.chance))

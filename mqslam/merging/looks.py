@@ -56,21 +56,21 @@ def make_views(keyframes: Keyframes, chosen: NDArray[np.int64], settings: MergeC
 
 
 def count_looks(
-    cells: NDArray[np.float64], farthest: NDArray[np.float64], views: Views, reach_m: float, margin_m: float
+    cells: NDArray[np.float64], farthest: NDArray[np.float64], views: Views, settings: MergeConfig
 ) -> NDArray[np.int64]:
     """Counts the keyframes that look past each of C cells.
 
     A keyframe looks past a cell if the cell is within reach, and was shown from that direction from as far or farther, and
-    the first returns in the directions of the cell, as wide as the margin, all lie behind it.
+    the first returns in all directions of the cell lie behind it, of which there is one at least.
 
     Args:
         cells: (C, 2) m, in the map's frame.
         farthest: (C, A) from how far each was shown, by the direction from it to the keyframe [m].
         views: of the keyframes.
-        reach_m: farthest cell that is compared with a keyframe [m].
-        margin_m: how far behind the cell the first return must lie [m].
+        settings: of the merge.
     """
-    return _count(cells, farthest, views.poses, views.firsts, views.origins, reach_m, margin_m)
+    sizes = settings.reach_m, settings.margin_m, settings.cell_m
+    return np.asarray(_count(cells, farthest, views.poses, views.firsts, views.origins, sizes))
 
 
 @nb.njit(cache=True, nogil=True)
@@ -80,10 +80,10 @@ def _count(
     poses: NDArray[np.float64],
     firsts: NDArray[np.float64],
     origins: NDArray[np.float64],
-    reach_m: float,
-    margin_m: float,
+    sizes: tuple[float, float, float],
 ) -> NDArray[np.int64]:
-    """Does the counting of `count_looks`."""
+    """Does the counting of `count_looks`, of which `sizes` are the settings `reach_m`, `margin_m` and `cell_m`."""
+    reach_m, margin_m, cell_m = sizes
     sectors, aspects, turn = firsts.shape[1], farthest.shape[1], 2.0 * np.pi
     looks = np.zeros(len(cells), np.int64)
     for k in range(len(poses)):
@@ -100,13 +100,14 @@ def _count(
             x, y = x - origins[k, sector, 0], y - origins[k, sector, 1]
             distance = np.hypot(x, y)
             sector = int(np.floor(np.arctan2(y, x) / turn * sectors)) % sectors
-            width = int(np.ceil(0.5 * margin_m / max(distance, margin_m) / turn * sectors))
-            free = True
+            width = int(np.ceil(0.5 * cell_m / max(distance, cell_m) / turn * sectors))
+            free, behind = True, False
             for beside in range(-width, width + 1):
                 first = firsts[k, (sector + beside) % sectors]
                 if first < distance + margin_m:
                     free = False
                     break
-            if free and firsts[k, sector] < np.inf:
+                behind = behind or first < np.inf
+            if free and behind:
                 looks[n] += 1
     return looks

@@ -151,7 +151,12 @@ def merge_parts(parts: Sequence[Part], config: Config, runner: Runner) -> Merged
         map=rendered,
         changes=changes,
         moved_m=moved,
-        warnings=(*runner.warnings, *sure.warnings, *_warn_of_moves(parts, moved, config)),
+        warnings=(
+            *runner.warnings,
+            *sure.warnings,
+            *_warn_of_ambiguity(parts, meetings),
+            *_warn_of_moves(parts, moved, config),
+        ),
     )
 
 
@@ -175,6 +180,16 @@ def _warn_of_moves(parts: Sequence[Part], moved_m: Sequence[float], config: Conf
         "it is not in that file, and takes no part in the merge"
         for part, far in zip(parts, moved_m, strict=True)
         if far > config.merge.moved_m
+    ]
+
+
+def _warn_of_ambiguity(parts: Sequence[Part], meetings: Sequence[Meeting]) -> list[str]:
+    """Returns a warning for each two parts of which more submaps match several places than match one."""
+    return [
+        f"several places fit: {m.ambiguous} submaps of {parts[m.later].folder} match more than one place of "
+        f"{parts[m.earlier].folder} about as well, and {m.matches} match one; the former were not used"
+        for m in meetings
+        if m.ambiguous > m.matches
     ]
 
 

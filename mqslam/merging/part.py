@@ -104,9 +104,11 @@ def list_factors(part: Part, keys: Sequence[int], config: Config) -> list[gtsam.
     factors = []
     for edge in list_edges(part.graph.factors):
         a, b = edge.keys()
+        motion = edge.measured()
+        assert isinstance(motion, gtsam.Pose2)  # `make_part` has looked
         is_loop = max(a, b) < part.scans and (abs(a - b) > 1 or max(a, b) in ends)
         noise = gtsam.noiseModel.Robust.Create(cauchy if is_loop else huber, edge.noiseModel())
-        factors.append(gtsam.BetweenFactorPose2(keys[a], keys[b], edge.measured(), noise))
+        factors.append(gtsam.BetweenFactorPose2(keys[a], keys[b], motion, noise))
     return factors
 
 

@@ -68,6 +68,11 @@ def both(days: Days) -> Path:
     return out
 
 
+def read_rows(path: Path) -> list[dict[str, str]]:
+    """Returns the rows of a table."""
+    return list(csv.DictReader(path.read_text().splitlines()))
+
+
 def find_errors(out: Path, number: int, truth: NDArray[np.float64], first: NDArray[np.float64]) -> NDArray[np.float64]:
     """Returns how far (N,) [m] a trajectory of a merge is from the truth, in the frame of the first true pose (3,)."""
     poses = read_tum(out / f"trajectory_{number}.tum").poses
@@ -93,7 +98,7 @@ def test_every_link_is_true(both: Path, days: Days) -> None:
     truth = np.concatenate([days.truth["monday"], days.truth["friday"]])
     ends = zip(keyframes.origins.tolist(), keyframes.stamps_us.tolist(), strict=True)
     number = {(origin + 1, stamp): scan for (origin, stamp), scan in zip(ends, keyframes.scans.tolist(), strict=True)}
-    rows = list(csv.DictReader((both / "links.csv").open()))
+    rows = read_rows(both / "links.csv")
     assert len(rows) > 10
     for row in rows:
         a, b = (
@@ -112,7 +117,7 @@ def test_psi_across_the_days_falls(both: Path) -> None:
 
 def test_a_vehicle_that_was_parked_on_one_day_is_found_and_nothing_else_large(both: Path, days: Days) -> None:
     place = se2.transform(se2.inverse(days.truth["monday"][0]), VEHICLE[None])[0]
-    rows = list(csv.DictReader((both / "changes.csv").open()))
+    rows = read_rows(both / "changes.csv")
     near = [np.hypot(float(row["x"]) - place[0], float(row["y"]) - place[1]) < 4.0 for row in rows]
     assert [row["shown_by"] for row, is_near in zip(rows, near, strict=True) if is_near] == ["2"]
     assert sum(near) == 1 and len(near) <= 2

@@ -71,7 +71,7 @@ class PlaceIndex:
     def _asides(self) -> NDArray[np.float64]:
         """Sideways shifts [m] at which a submap is looked up."""
         steps = int(self._settings.aside_m / self._settings.aside_step_m)
-        return self._settings.aside_step_m * np.arange(-steps, steps + 1)
+        return np.asarray(self._settings.aside_step_m * np.arange(-steps, steps + 1), dtype=np.float64)
 
     def _compare(
         self, queries: Sequence[NDArray[np.float64]]

@@ -114,7 +114,7 @@ def _compare_tracks(out: Path, truths: tuple[Trajectory, Trajectory]) -> NDArray
 def _count_wrong(path: Path, truths: tuple[Trajectory, Trajectory]) -> int:
     """Returns how many links of a table are off the truth."""
     wrong = 0
-    for row in csv.DictReader(path.open(encoding="utf-8")):
+    for row in csv.DictReader(path.read_text(encoding="utf-8").splitlines()):
         ends = [
             _place(truths[int(row[f"{end}_recording"]) - 1], np.array([int(row[f"{end}_stamp"].replace(".", ""))]))[0]
             for end in ("earlier", "later")
