@@ -90,9 +90,10 @@ def _collect(keyframes: Keyframes, recording: int, settings: MergeConfig) -> _Se
     views = make_views(keyframes, chosen, settings)
     release(keyframes.points)
     columns = np.floor(points / settings.cell_m).astype(np.int64)
-    _, cell = np.unique(columns, axis=0, return_inverse=True)
-    cell = cell.reshape(-1)
-    pairs = np.unique(np.column_stack([cell, owner]), axis=0)
+    columns -= columns.min(axis=0, initial=0)
+    _, cell = np.unique(columns[:, 0] * (columns[:, 1].max(initial=0) + 1) + columns[:, 1], return_inverse=True)
+    both = np.unique(cell * len(chosen) + owner)  # a number for each cell and keyframe, which sorts faster than two
+    pairs = np.column_stack([both // max(len(chosen), 1), both % max(len(chosen), 1)])
     seen = np.bincount(pairs[:, 0])
     kept = np.flatnonzero(seen >= settings.seen)
     number = np.full(len(seen), -1)
