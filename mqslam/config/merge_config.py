@@ -40,7 +40,13 @@ class MergeConfig(BaseModel):
     near_m: float = Field(
         1.0,
         gt=0.0,
-        description="No return of the other recording may lie within this distance [m] of what counts as changed.",
+        description="A return within this distance [m] of a cell shows it.",
+    )
+    also: float = Field(
+        0.3,
+        ge=0.0,
+        description="A cell counts as changed only if the keyframes of the other recording that show it are at most so many "
+        "times as many as those of the first one.",
     )
     seen: int = Field(
         3,
@@ -55,8 +61,8 @@ class MergeConfig(BaseModel):
         1e-3,
         gt=0.0,
         lt=1.0,
-        description="Largest probability that the other recording misses by chance in all its looks what the first one sees "
-        "in the share of its looks that it does.",
+        description="Largest probability that the other recording misses a cell in so many of its looks by chance, given "
+        "the share of the first one's looks that show it.",
     )
     reach_m: float = Field(60.0, gt=0.0, description="Cells farther from a keyframe than this [m] are not compared with it.")
     margin_m: float = expert(

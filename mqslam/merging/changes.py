@@ -1,27 +1,31 @@
 """Changes: what one recording shows at a place and another one, which looks past it there, does not.
 
-A cell counts as changed if several keyframes of one recording show a return in it, no return of the other recording lies
-near it, and keyframes of the other one see beyond it: nothing nearer hides it, they are no farther from it than those that
-showed it, and they see it from the same side. A thing that its own recording sees only now and then is missed by others,
-too; therefore the number of looks that must miss it follows from the share of its own recording's looks that show it.
+A keyframe shows a cell if one of its returns lies near it. It misses the cell if it sees beyond it: nothing nearer hides it,
+the keyframe is no farther from it than those that showed it, and sees it from the same side. A cell counts as changed if
+several keyframes of one recording show it, and the other recording shows it in so small a share of its looks that chance
+does not explain it. A single return says little: traffic and noise leave some in almost every cell of a street.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
+from scipy.stats import binom
 
 from mqslam.config import MergeConfig
 from mqslam.core.keyframes import Keyframes
 from mqslam.core.stored import release
 from mqslam.merging.looks import Views, count_looks, make_views
 from mqslam.merging.rendering import place_points
+
+_AROUND: Final = 4  # cells that one return may show: about as many as there can be within a cell's length
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,7 +39,7 @@ class Change:
         cells: number of its cells.
         seen: number of keyframes that show it, in the cell that most show.
         looks: number of keyframes of the other recording that look past it, in the cell that most do.
-        chance: probability that all these looks miss by chance, in the cell where that is the least likely.
+        chance: probability that so many of these looks miss by chance, in the cell where that is the least likely.
     """
 
     shown_by: int
@@ -54,14 +58,14 @@ class _Seen:
 
     Args:
         points: (N, 2) all its points [m].
-        cells: (C, 2) middles of the returns in each cell that several keyframes show [m].
-        pairs: (P, 2) numbers of cells and of keyframes that show them.
+        owners: (N,) number of the keyframe of each.
+        cells: (C, 2) middles of the returns in each cell in which several keyframes have one [m].
         views: what its keyframes see.
     """
 
     points: NDArray[np.float64]
+    owners: NDArray[np.int64]
     cells: NDArray[np.float64]
-    pairs: NDArray[np.int64]
     views: Views
 
 
@@ -93,34 +97,29 @@ def _collect(keyframes: Keyframes, recording: int, settings: MergeConfig) -> _Se
     columns -= columns.min(axis=0, initial=0)
     _, cell = np.unique(columns[:, 0] * (columns[:, 1].max(initial=0) + 1) + columns[:, 1], return_inverse=True)
     both = np.unique(cell * len(chosen) + owner)  # a number for each cell and keyframe, which sorts faster than two
-    pairs = np.column_stack([both // max(len(chosen), 1), both % max(len(chosen), 1)])
-    seen = np.bincount(pairs[:, 0])
-    kept = np.flatnonzero(seen >= settings.seen)
-    number = np.full(len(seen), -1)
-    number[kept] = np.arange(len(kept))
+    kept = np.flatnonzero(np.bincount(both // max(len(chosen), 1)) >= settings.seen)
     middles = np.column_stack([np.bincount(cell, points[:, axis]) for axis in range(2)]) / np.bincount(cell)[:, None]
-    pairs = pairs[number[pairs[:, 0]] >= 0]
-    return _Seen(points, middles[kept], np.column_stack([number[pairs[:, 0]], pairs[:, 1]]), views)
+    return _Seen(points, owner, middles[kept], views)
 
 
 def _compare(one: _Seen, other: _Seen, numbers: tuple[int, int], settings: MergeConfig) -> Iterator[Change]:
     """Yields what a recording shows and another contradicts."""
     if not len(one.cells) or not len(other.points):
         return
-    apart, _ = cKDTree(other.points).query(one.cells, distance_upper_bound=settings.near_m)
-    alone = np.flatnonzero(~np.isfinite(apart))
-    if not len(alone):
-        return
-    number = np.full(len(one.cells), -1)
-    number[alone] = np.arange(len(alone))
-    pairs = one.pairs[number[one.pairs[:, 0]] >= 0]
-    cells, shown = one.cells[alone], np.column_stack([number[pairs[:, 0]], pairs[:, 1]])
+    shown = _find_shown(one, one.cells, settings.near_m)
+    also = np.bincount(_find_shown(other, one.cells, settings.near_m)[:, 0], minlength=len(one.cells))
+    hits = np.bincount(shown[:, 0], minlength=len(one.cells))
+    rare = np.flatnonzero(also <= settings.also * hits)  # most cells are seen by both; the others are looked at in full
+    number = np.full(len(hits), -1)
+    number[rare] = np.arange(len(rare))
+    shown = shown[number[shown[:, 0]] >= 0]
+    shown[:, 0] = number[shown[:, 0]]
+    cells, hits, also = one.cells[rare], hits[rare], also[rare]
     farthest = find_farthest(cells, shown, one.views, settings)
-    hits = np.bincount(shown[:, 0], minlength=len(cells))
     misses = count_looks(cells, farthest, one.views, settings)
     looks = count_looks(cells, farthest, other.views, settings)
     share = (hits + 1.0) / (hits + misses + 2.0)  # Laplace's rule: one look of each kind is added
-    chance = (1.0 - share) ** looks
+    chance = binom.cdf(also, also + looks, share)
     changed = np.flatnonzero((looks >= settings.looks) & (chance <= settings.chance))
     for members in _group(cells[changed], settings.object_m):
         if len(members) < settings.cells:
@@ -137,6 +136,15 @@ def _compare(one: _Seen, other: _Seen, numbers: tuple[int, int], settings: Merge
             looks=int(looks[own].max()),
             chance=float(chance[own].min()),
         )
+
+
+def _find_shown(seen: _Seen, cells: NDArray[np.float64], near_m: float) -> NDArray[np.int64]:
+    """Returns (P, 2) the numbers of cells (C, 2) and of keyframes with a return near them."""
+    _, near = cKDTree(cells).query(seen.points, k=range(1, _AROUND + 1), distance_upper_bound=near_m)
+    point, which = np.nonzero(near < len(cells))
+    count = len(seen.views.poses)
+    both = np.unique(near[point, which].astype(np.int64) * count + seen.owners[point])
+    return np.column_stack([both // count, both % count])
 
 
 def find_farthest(
