@@ -9,6 +9,7 @@ Public names, all typed and silent:
 
 - `run`, `audit`, `compare`, `localise` take a recording's path and a folder for the results, and return what they have left
   there.
+- `merge` takes the results of several recordings to one map.
 - `open_recording` opens a recording; `load_config` reads settings into a `Config`.
 - `Slam` is the method: it takes an open recording to its optimised map, in memory.
 - `psi_factors`, `loop_factors` and `refine` return measurements, loop closures and single scans among earlier passes as
@@ -32,6 +33,7 @@ if TYPE_CHECKING:
     from mqslam.commands.graphs.psi_factors import psi_factors
     from mqslam.commands.graphs.refine import refine
     from mqslam.commands.localise import localise
+    from mqslam.commands.merge import merge
     from mqslam.commands.run import run
     from mqslam.commands.work import Work
     from mqslam.config import Config, load_config
@@ -58,6 +60,7 @@ __all__ = [
     "load_config",
     "localise",
     "loop_factors",
+    "merge",
     "open_recording",
     "psi_factors",
     "refine",
@@ -80,6 +83,7 @@ _MODULES = {
     "load_config": "config",
     "localise": "commands.localise",
     "loop_factors": "commands.graphs.loop_factors",
+    "merge": "commands.merge",
     "open_recording": "formats.recordings",
     "psi_factors": "commands.graphs.psi_factors",
     "refine": "commands.graphs.refine",

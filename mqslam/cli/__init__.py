@@ -15,6 +15,7 @@ from mqslam.cli.config import config
 from mqslam.cli.convert import convert
 from mqslam.cli.info import info
 from mqslam.cli.localise import localise
+from mqslam.cli.merge import merge
 from mqslam.cli.optimise import optimise
 from mqslam.cli.paper import paper
 from mqslam.cli.run import run
@@ -36,6 +37,7 @@ app.command()(run)
 app.command()(view)
 app.command()(compare)
 app.command()(batch)
+app.command()(merge)
 app.command()(audit)
 app.command()(localise)
 app.command()(info)

@@ -75,6 +75,19 @@ class LocaliseResult(Result):
         return read_trajectory(self.folder / "trajectory.tum")
 
 
+class MergeResult(Result):
+    """The result of a merge."""
+
+    def read_trajectories(self) -> list[Trajectory]:
+        """Reads the trajectory of each recording, all of them in one frame.
+
+        Raises:
+            DataError: a file cannot be read.
+        """
+        count = len(self.summary["recordings"])
+        return [read_trajectory(self.folder / f"trajectory_{n}.tum") for n in range(1, count + 1)]
+
+
 @dataclass(frozen=True)
 class CompareResult(Result):
     """The result of a comparison.

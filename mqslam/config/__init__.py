@@ -26,6 +26,7 @@ from mqslam.config.graph_config import GraphConfig
 from mqslam.config.localisation_config import LocalisationConfig
 from mqslam.config.loop_config import LoopConfig, PassConfig, RefinementConfig
 from mqslam.config.map_config import MapConfig, RecognitionConfig
+from mqslam.config.merge_config import MergeConfig
 from mqslam.config.psi_config import PsiConfig
 from mqslam.config.reading_config import ReadingConfig
 from mqslam.config.sensor_config import GnssConfig, GyroscopeConfig, SensorConfig, VelocityConfig
@@ -50,6 +51,7 @@ __all__ = [
     "LoopConfig",
     "MapConfig",
     "MendConfig",
+    "MergeConfig",
     "OdometryConfig",
     "Open3dIcpConfig",
     "PassConfig",
@@ -95,6 +97,7 @@ class Config(BaseModel):
     recognition: RecognitionConfig = RecognitionConfig()
     loops: LoopConfig = LoopConfig()
     refinement: RefinementConfig = RefinementConfig()
+    merge: MergeConfig = MergeConfig()
     map: MapConfig = MapConfig()
     localisation: LocalisationConfig = LocalisationConfig()
     audit: AuditConfig = AuditConfig()

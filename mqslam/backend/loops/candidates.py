@@ -15,7 +15,7 @@ from scipy.spatial import cKDTree
 
 from mqslam.backend.linear.marginals import Uncertainty
 from mqslam.backend.loops.passes import find_passes
-from mqslam.backend.loops.submap import Drive
+from mqslam.backend.loops.submap import Passes
 from mqslam.backend.pose_graph import PoseGraph
 from mqslam.config import LoopConfig
 from mqslam.core import se2
@@ -60,7 +60,7 @@ class Chain:
         values: the optimum.
     """
 
-    drive: Drive
+    drive: Passes
     graph: PoseGraph
     values: gtsam.Values
 
@@ -80,7 +80,7 @@ class Chain:
 
 
 def find_candidates(
-    chain: Chain, settings: LoopConfig, tried: AbstractSet[tuple[int, int]]
+    chain: Chain, settings: LoopConfig, tried: AbstractSet[tuple[int, int]], groups: NDArray[np.int64] | None = None
 ) -> tuple[list[Candidate], list[tuple[int, int]]]:
     """Finds pairs of scans that may show one place.
 
@@ -92,6 +92,7 @@ def find_candidates(
         chain: the trajectory, with its uncertainty.
         settings: of loops.
         tried: pairs that are not taken again.
+        groups: (N,) group of each scan, if only pairs of different groups are wanted.
 
     Returns:
         candidates, and pairs that cannot be compared because the trajectory is less sure of them than the search reaches.
@@ -102,6 +103,8 @@ def find_candidates(
     widest_m = settings.reach_m + settings.gate_m
     drive = chain.drive
     passes = find_passes(drive.travelled, drive.poses, settings, lambda path_m: np.full_like(path_m, widest_m))
+    if groups is not None:
+        passes = [[(a, b) for a, b in nearest if groups[a] != groups[b]] for nearest in passes]
     pairs = [pair for nearest in passes for pair in nearest]
     relatives = dict(zip(pairs, chain.relate(pairs), strict=True))
     known = _Tried(tried, drive.travelled, settings)

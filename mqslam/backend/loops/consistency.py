@@ -64,7 +64,7 @@ def _find_disagreements(loops: Sequence[Loop], chain: Chain, settings: LoopConfi
     limit = compute_limit(settings)
     for i, k in neighbours:
         earlier, later = (along[pair] for pair in _ends(loops[i], loops[k]))
-        expected = _compose(_compose(_invert(earlier), as_relative(loops[i], settings)), later)
+        expected = compose_relatives(compose_relatives(invert_relative(earlier), as_relative(loops[i], settings)), later)
         if compute_chi_square(expected, as_relative(loops[k], settings)) > limit:
             disagree[i, k] = disagree[k, i] = True
     return disagree
@@ -85,7 +85,7 @@ def _ends(one: Loop, other: Loop) -> tuple[tuple[int, int], tuple[int, int]]:
     return (one.earlier, other.earlier), (one.later, other.later)
 
 
-def _compose(a: Relative, b: Relative) -> Relative:
+def compose_relatives(a: Relative, b: Relative) -> Relative:
     """Returns motion b, in the frame in which motion a ends, as seen from where a begins."""
     motion = se2.compose(a.motion, b.motion)
     x, y, _ = a.motion - motion
@@ -93,6 +93,6 @@ def _compose(a: Relative, b: Relative) -> Relative:
     return Relative(motion, lever @ a.covariance @ lever.T + se2.rotate_covariance(b.covariance, a.motion[2]))
 
 
-def _invert(a: Relative) -> Relative:
+def invert_relative(a: Relative) -> Relative:
     """Returns the motion that undoes motion a."""
     return Relative(se2.inverse(a.motion), se2.covariance_of_inverse(a.motion, a.covariance))

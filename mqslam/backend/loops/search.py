@@ -11,7 +11,7 @@ from mqslam.backend.loops.align import align, score_at_pose
 from mqslam.backend.loops.candidates import Candidate
 from mqslam.backend.loops.consistency import as_relative, compute_chi_square, compute_limit
 from mqslam.backend.loops.passes import does_match, is_unrivalled
-from mqslam.backend.loops.submap import Drive, render_submap
+from mqslam.backend.loops.submap import Passes, render_submap
 from mqslam.config import EstimatorConfig, LoopConfig
 from mqslam.core import se2
 from mqslam.core.engine import Engine
@@ -36,7 +36,7 @@ class Comparison(NamedTuple):
 
 
 def compare_passes(
-    drive: Drive,
+    drive: Passes,
     candidates: Sequence[Candidate],
     settings: LoopConfig,
     estimator: EstimatorConfig,
@@ -62,7 +62,7 @@ def compare_passes(
     return engine.map(_compare, (drive, settings, estimator, beam), candidates, report)
 
 
-def _compare(shared: tuple[Drive, LoopConfig, EstimatorConfig, Beam], candidate: Candidate) -> Comparison:
+def _compare(shared: tuple[Passes, LoopConfig, EstimatorConfig, Beam], candidate: Candidate) -> Comparison:
     """Returns what psi says about a candidate."""
     drive, settings, estimator, beam = shared
     reference, query = _render_submaps(drive, candidate.earlier, candidate.later, settings, beam)
@@ -83,7 +83,7 @@ def _compare(shared: tuple[Drive, LoopConfig, EstimatorConfig, Beam], candidate:
 
 def confirm_by_map(
     loops: Sequence[Loop],
-    drive: Drive,
+    drive: Passes,
     after: se2.Array,
     settings: LoopConfig,
     estimator: EstimatorConfig,
@@ -105,7 +105,7 @@ def confirm_by_map(
     return [loop for loop, keep in zip(loops, better, strict=True) if keep]
 
 
-def _improves(shared: tuple[Drive, se2.Array, LoopConfig, EstimatorConfig, Beam], loop: Loop) -> bool:
+def _improves(shared: tuple[Passes, se2.Array, LoopConfig, EstimatorConfig, Beam], loop: Loop) -> bool:
     """Returns whether psi of the two passes is lower than before, or hardly above both that and the loop's own psi."""
     drive, after, settings, estimator, beam = shared
     reference, query = _render_submaps(drive, loop.earlier, loop.later, settings, beam)
@@ -117,7 +117,7 @@ def _improves(shared: tuple[Drive, se2.Array, LoopConfig, EstimatorConfig, Beam]
     return after_psi < before_psi or after_psi <= settings.kept * min(before_psi, loop.psi)
 
 
-def _render_submaps(drive: Drive, earlier: int, later: int, settings: LoopConfig, beam: Beam) -> tuple[PointSet, PointSet]:
+def _render_submaps(drive: Passes, earlier: int, later: int, settings: LoopConfig, beam: Beam) -> tuple[PointSet, PointSet]:
     """Renders the earlier pass, and the smaller part of the later one that is laid into it."""
     reach_m, spacing_m = settings.submap_m, settings.spacing_m
     return (

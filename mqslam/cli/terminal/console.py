@@ -23,6 +23,7 @@ _TITLES = {
     "detect": "reading and detecting",
     "windows": "measuring motion",
     "loops": "verifying loops",
+    "recognise": "recognising places",
     "refine": "refining by psi",
     "render": "rendering maps",
     "front ends": "running front ends",

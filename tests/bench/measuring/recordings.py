@@ -56,7 +56,15 @@ def simulate(scene: str, realism: str, seed: int, duration_s: float) -> Path:
     return _make([MQSLAM, "simulate"], [*words, "--quiet"], out)
 
 
-def twin(name: str, world: str, seed: int, frames: int | None = None, start: int = 0) -> Path:
+def twin(
+    name: str,
+    world: str,
+    seed: int,
+    frames: int | None = None,
+    start: int = 0,
+    data: Path | None = None,
+    movers: int | None = None,
+) -> Path:
     """Returns some scans of a run of the city twin, or all.
 
     Args:
@@ -65,6 +73,8 @@ def twin(name: str, world: str, seed: int, frames: int | None = None, start: int
         seed: of vehicles, noise and fluctuation.
         frames: number of scans; None takes all.
         start: the first of them.
+        data: folder with the maps of other worlds, or None for the twin's own.
+        movers: number of moving vehicles of the kind world, or None for the usual one.
 
     Raises:
         MissingData: the twin is not on this machine.
@@ -72,8 +82,19 @@ def twin(name: str, world: str, seed: int, frames: int | None = None, start: int
     script = shared(SHARED / "twin" / "make_twin.py")
     words = ["--world", world, "--seed", str(seed), *(["--frames", str(frames)] if frames else [])]
     words += ["--start", str(start)] if start else []
+    words += ["--data", str(data)] if data else []
+    words += [] if movers is None else ["--movers", str(movers)]
     scans = f"{frames or 'all'}{f'-from{start}' if start else ''}"
     return _make([Path(sys.executable), script, name], words, cache() / f"twin-{name}-{world}-{scans}-seed{seed}")
+
+
+def draw_worlds() -> Path:
+    """Returns a folder with the maps of difficult worlds: a tunnel, and blocks whose streets repeat.
+
+    Raises:
+        MissingData: the twin is not on this machine.
+    """
+    return _make([Path(sys.executable), shared(SHARED / "twin" / "worlds.py")], [], cache() / "worlds")
 
 
 def shared(path: Path) -> Path:

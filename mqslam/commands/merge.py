@@ -1,0 +1,127 @@
+"""The merge: takes the results of several recordings to one map."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from mqslam.commands.opening import choose_settings
+from mqslam.commands.result import MergeResult
+from mqslam.commands.work import QUIET, Work
+from mqslam.config import Config
+from mqslam.errors import ConfigError, DataError
+from mqslam.execution.files import to_json_values
+from mqslam.execution.folders import check_free, write_folder_aside
+from mqslam.execution.runner import Runner
+from mqslam.formats.graphs.g2o import read_g2o
+from mqslam.formats.maps.keyframe_folder import find_keyframes, read_keyframes
+from mqslam.formats.tum import read_tum
+from mqslam.merging.map_merge import merge_parts
+from mqslam.merging.part import Part, make_part
+from mqslam.report.merge_page import write_merge_page
+from mqslam.results.merge_results import summarise_merge, write_merge
+from mqslam.results.summary_files import add_warnings
+
+_REMEDY = "give the folder of a result as `mqslam run` or `mqslam merge` has written it"
+
+
+def merge(
+    results: Sequence[Path | str],
+    out: Path | str,
+    *,
+    config: Config | Path | str | None = None,
+    force: bool = False,
+    work: Work = QUIET,
+) -> MergeResult:
+    """Makes one map of the results of several recordings, and says what changed between them.
+
+    Places that the recordings share are recognised without a guess of where they are, and psi lays them on each other. The
+    graphs of all results are optimised as one, with these links between them. The map is in the frame of the first result.
+
+    Args:
+        results: folders of results of `run` or `merge`, two or more.
+        out: folder for the merged result; it must not exist yet.
+        config: settings, or the path of a YAML file, or the name of one that ships with mqslam; None takes those of the
+            first result.
+        force: whether what is at `out` is replaced.
+        work: where the work is done, and who is told about it.
+
+    Returns:
+        What the merge has left at `out`; it can be merged again.
+
+    Raises:
+        MqslamError: a result cannot be used, or shares no place with the others that can be told for sure; nothing is left.
+
+    Example:
+        >>> merged = mqslam.merge(["monday", "friday"], "both")  # doctest: +SKIP
+        >>> print(merged.summary["links"]["count"], merged.report)  # doctest: +SKIP
+    """
+    folders, out = [Path(result) for result in results], Path(out)
+    _check_apart(folders)
+    for folder in folders:
+        check_free(out, force=force, recording=folder)
+    parts = [read_part(folder) for folder in folders]
+    _check_recordings(parts)
+    settings = choose_settings(_find_settings(folders[0]) if config is None else config)
+    runner = Runner(work.engine, work.progress)
+    with runner.time_stage("total"):
+        merged = merge_parts(parts, settings, runner)
+    summary = to_json_values(summarise_merge(merged, runner.runtime_s))
+    for warning in summary["warnings"]:
+        work.tell(warning)
+    with write_folder_aside(out) as folder:
+        write_merge(folder, merged, summary)
+        add_warnings(folder / "summary.json", summary, write_merge_page(folder, merged, summary))
+    return MergeResult(out, summary)
+
+
+def read_part(folder: Path) -> Part:
+    """Reads a result as a part of a merge.
+
+    Args:
+        folder: the result of a run or of a merge.
+
+    Raises:
+        DataError: it lacks a file, or a file is damaged.
+    """
+    if not folder.is_dir():
+        raise DataError(folder, "is no folder" if folder.exists() else "does not exist", _REMEDY)
+    if find_keyframes(folder) is None:
+        problem = "holds no keyframes"
+        remedy = "run the recording again with this version" if (folder / "graph.g2o").is_file() else _REMEDY
+        raise DataError(folder, problem, remedy)
+    kept = read_keyframes(folder)
+    if not (folder / "graph.g2o").is_file():
+        raise DataError(folder, "holds no graph.g2o, by which recordings are merged", _REMEDY)
+    graph = read_g2o(folder / "graph.g2o")
+    count = len(kept.keyframes.recordings)
+    alone = folder / "trajectory.tum"
+    tracks = [alone] if alone.is_file() else [folder / f"trajectory_{n}.tum" for n in range(1, count + 1)]
+    return make_part(folder, kept, [read_tum(track).stamps_us for track in tracks], graph)
+
+
+def _find_settings(folder: Path) -> Path | None:
+    """Returns the settings that a result was made with; None where it does not hold them."""
+    settings = folder / "config.yaml"
+    return settings if settings.is_file() else None
+
+
+def _check_apart(folders: Sequence[Path]) -> None:
+    """Raises ConfigError unless there are two results or more, and each is given once."""
+    if len(folders) < 2:
+        raise ConfigError(f"{len(folders)} result: a merge takes two or more; name the folders of all of them")
+    known = set[Path]()
+    for folder in folders:
+        if folder.resolve() in known:
+            raise ConfigError(f"{folder}: is given twice; give every result once")
+        known.add(folder.resolve())
+
+
+def _check_recordings(parts: Sequence[Part]) -> None:
+    """Raises DataError if two results hold the same recording, whose returns would confirm themselves."""
+    known: dict[tuple[str, int], Path] = {}
+    for part in parts:
+        for recording in part.map.keyframes.recordings:
+            other = known.setdefault((recording.path, recording.start_us), part.folder)
+            if other != part.folder:
+                raise DataError(part.folder, f"holds {recording.path}, as {other} does", "give every recording once")

@@ -1,0 +1,181 @@
+"""Changes: what one recording shows at a place and another one, which looks past it there, does not.
+
+A keyframe shows a cell if one of its returns lies near it. It misses the cell if it sees beyond it: nothing nearer hides it,
+the keyframe is no farther from it than those that showed it, and sees it from the same side. A cell counts as changed if
+several keyframes of one recording show it, and the other recording shows it in so small a share of its looks that chance
+does not explain it. A single return says little: traffic and noise leave some in almost every cell of a street.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
+from scipy.stats import binom
+
+from mqslam.config import MergeConfig
+from mqslam.core.keyframes import Keyframes
+from mqslam.core.stored import release
+from mqslam.merging.looks import Views, count_looks, make_views
+from mqslam.merging.rendering import place_points
+
+_AROUND: Final = 4  # cells that one return may show: about as many as there can be within a cell's length
+
+
+@dataclass(frozen=True, slots=True)
+class Change:
+    """An object that one recording shows and another contradicts.
+
+    Args:
+        shown_by, missed_by: numbers of the two recordings.
+        place: (2,) middle of its cells [m], in the map's frame.
+        size_m: (2,) its extent along x and y [m], at least that of a cell.
+        cells: number of its cells.
+        seen: number of keyframes that show it, in the cell that most show.
+        looks: number of keyframes of the other recording that look past it, in the cell that most do.
+        chance: probability that so many of these looks miss by chance, in the cell where that is the least likely.
+    """
+
+    shown_by: int
+    missed_by: int
+    place: NDArray[np.float64]
+    size_m: NDArray[np.float64]
+    cells: int
+    seen: int
+    looks: int
+    chance: float
+
+
+@dataclass(frozen=True, slots=True)
+class _Seen:
+    """What a recording shows.
+
+    Args:
+        points: (N, 2) all its points [m].
+        owners: (N,) number of the keyframe of each.
+        cells: (C, 2) middles of the returns in each cell in which several keyframes have one [m].
+        views: what its keyframes see.
+    """
+
+    points: NDArray[np.float64]
+    owners: NDArray[np.int64]
+    cells: NDArray[np.float64]
+    views: Views
+
+
+def find_changes(keyframes: Keyframes, settings: MergeConfig) -> list[Change]:
+    """Finds what changed between each two of the recordings of a map, the largest objects first.
+
+    Args:
+        keyframes: of the map.
+        settings: of the merge.
+    """
+    shown = [_collect(keyframes, n, settings) for n in range(len(keyframes.recordings))]
+    pairs = [(a, b) for a in range(len(shown)) for b in range(len(shown)) if a != b]
+    changes = [change for a, b in pairs for change in _compare(shown[a], shown[b], (a, b), settings)]
+    return sorted(changes, key=lambda change: (-change.cells, change.chance, *change.place.tolist()))
+
+
+def _collect(keyframes: Keyframes, recording: int, settings: MergeConfig) -> _Seen:
+    """Returns what a recording shows."""
+    chosen = np.flatnonzero(keyframes.origins == recording)
+    counts = np.diff(keyframes.rows[chosen], axis=1)[:, 0]
+    ends = np.cumsum([0, *counts])
+    points, owner = np.empty((int(ends[-1]), 2)), np.repeat(np.arange(len(chosen)), counts)
+    for n, k in enumerate(chosen):
+        begin, end = keyframes.rows[k]
+        place_points(keyframes.points[begin:end], keyframes.poses[k], points[ends[n] : ends[n + 1]])
+    views = make_views(keyframes, chosen, settings)
+    release(keyframes.points)
+    columns = np.floor(points / settings.cell_m).astype(np.int64)
+    columns -= columns.min(axis=0, initial=0)
+    _, cell = np.unique(columns[:, 0] * (columns[:, 1].max(initial=0) + 1) + columns[:, 1], return_inverse=True)
+    both = np.unique(cell * len(chosen) + owner)  # a number for each cell and keyframe, which sorts faster than two
+    kept = np.flatnonzero(np.bincount(both // max(len(chosen), 1)) >= settings.seen)
+    middles = np.column_stack([np.bincount(cell, points[:, axis]) for axis in range(2)]) / np.bincount(cell)[:, None]
+    return _Seen(points, owner, middles[kept], views)
+
+
+def _compare(one: _Seen, other: _Seen, numbers: tuple[int, int], settings: MergeConfig) -> Iterator[Change]:
+    """Yields what a recording shows and another contradicts."""
+    if not len(one.cells) or not len(other.points):
+        return
+    shown = _find_shown(one, one.cells, settings.near_m)
+    also = np.bincount(_find_shown(other, one.cells, settings.near_m)[:, 0], minlength=len(one.cells))
+    hits = np.bincount(shown[:, 0], minlength=len(one.cells))
+    rare = np.flatnonzero(also <= settings.also * hits)  # most cells are seen by both; the others are looked at in full
+    number = np.full(len(hits), -1)
+    number[rare] = np.arange(len(rare))
+    shown = shown[number[shown[:, 0]] >= 0]
+    shown[:, 0] = number[shown[:, 0]]
+    cells, hits, also = one.cells[rare], hits[rare], also[rare]
+    farthest = find_farthest(cells, shown, one.views, settings)
+    misses = count_looks(cells, farthest, one.views, settings)
+    looks = count_looks(cells, farthest, other.views, settings)
+    share = (hits + 1.0) / (hits + misses + 2.0)  # Laplace's rule: one look of each kind is added
+    chance = binom.cdf(also, also + looks, share)
+    changed = np.flatnonzero((looks >= settings.looks) & (chance <= settings.chance))
+    for members in _group(cells[changed], settings.object_m):
+        if len(members) < settings.cells:
+            continue
+        own = changed[members]
+        low, high = cells[own].min(axis=0), cells[own].max(axis=0)
+        yield Change(
+            shown_by=numbers[0],
+            missed_by=numbers[1],
+            place=0.5 * (low + high),
+            size_m=np.maximum(high - low, settings.cell_m),
+            cells=len(own),
+            seen=int(hits[own].max()),
+            looks=int(looks[own].max()),
+            chance=float(chance[own].min()),
+        )
+
+
+def _find_shown(seen: _Seen, cells: NDArray[np.float64], near_m: float) -> NDArray[np.int64]:
+    """Returns (P, 2) the numbers of cells (C, 2) and of keyframes with a return near them."""
+    _, near = cKDTree(cells).query(seen.points, k=range(1, _AROUND + 1), distance_upper_bound=near_m)
+    point, which = np.nonzero(near < len(cells))
+    count = len(seen.views.poses)
+    both = np.unique(near[point, which].astype(np.int64) * count + seen.owners[point])
+    return np.column_stack([both // count, both % count])
+
+
+def find_farthest(
+    cells: NDArray[np.float64], shown: NDArray[np.int64], views: Views, settings: MergeConfig
+) -> NDArray[np.float64]:
+    """Returns from how far each of C cells was shown [m], by the direction from it to the keyframe, or beside it.
+
+    Args:
+        cells: (C, 2) m.
+        shown: (P, 2) numbers of cells and of keyframes that show them.
+        views: of the keyframes.
+        settings: of the merge.
+
+    Returns:
+        (C, A) for A directions, counter-clockwise from the map's x; zero where it was not shown from there.
+    """
+    towards = views.poses[shown[:, 1], :2] - cells[shown[:, 0]]
+    turn = np.arctan2(towards[:, 1], towards[:, 0]) / (2.0 * np.pi)
+    aspect = np.floor(turn * settings.aspects).astype(np.int64) % settings.aspects
+    farthest = np.zeros((len(cells), settings.aspects))
+    ranges = np.hypot(towards[:, 0], towards[:, 1])
+    for beside in (-1, 0, 1):
+        np.maximum.at(farthest, (shown[:, 0], (aspect + beside) % settings.aspects), ranges)
+    return farthest
+
+
+def _group(cells: NDArray[np.float64], apart_m: float) -> list[NDArray[np.int64]]:
+    """Returns the numbers of cells (N, 2) that are connected by steps of at most apart_m [m], group by group."""
+    if not len(cells):
+        return []
+    i, k = cKDTree(cells).query_pairs(apart_m, output_type="ndarray").reshape(-1, 2).T
+    links = coo_array((np.ones(len(i), dtype=bool), (i, k)), shape=(len(cells), len(cells)))
+    count, labels = connected_components(links, directed=False)
+    return [np.flatnonzero(labels == n) for n in range(count)]

@@ -1,0 +1,309 @@
+"""The merge: parts are recognised in each other, linked, optimised as one graph, and compared for changes.
+
+results -> places recognised -> relations -> joint graph -> links -> one trajectory per recording -> one map -> changes
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import gtsam
+import numpy as np
+from numpy.typing import NDArray
+
+from mqslam.backend.linear.marginals import PoseCovariances, compute_all_marginals
+from mqslam.backend.loops.candidates import Chain
+from mqslam.backend.loops.submap import MappedDrive
+from mqslam.backend.pose_graph import PoseGraph, optimise, pose_of
+from mqslam.backend.recognition.place_index import PlaceIndex
+from mqslam.backend.recognition.recognise import Ground, Means, recognise
+from mqslam.config import Config
+from mqslam.core import se2
+from mqslam.core.keyframes import KeyframeMap
+from mqslam.core.measurement import Loop
+from mqslam.core.point_map import PointMap
+from mqslam.core.trajectory import Trajectory
+from mqslam.errors import EstimationError
+from mqslam.execution.runner import Runner
+from mqslam.mapping.keyframing import pick_spaced
+from mqslam.merging.changes import Change, find_changes
+from mqslam.merging.joining import describe_part, join_keyframes, join_places
+from mqslam.merging.joint_graph import join_graphs
+from mqslam.merging.linking import Links, find_links, score_links
+from mqslam.merging.part import Part, build_alone
+from mqslam.merging.relation import Relation, find_relation
+from mqslam.merging.rendering import render_keyframes
+from mqslam.psi.place import Beam, beam_of
+
+
+@dataclass(frozen=True, slots=True)
+class Meeting:
+    """What recognition says about two parts.
+
+    Args:
+        earlier, later: numbers of the parts.
+        rows: number of rows of matches.
+        matches: number of matches in them.
+        ambiguous: number of submaps that match several places.
+        compared: number of pairs that psi has compared.
+        relation: how the two lie to each other.
+    """
+
+    earlier: int
+    later: int
+    rows: int
+    matches: int
+    ambiguous: int
+    compared: int
+    relation: Relation
+
+
+@dataclass(frozen=True, slots=True)
+class Merged:
+    """Several recordings as one map.
+
+    Args:
+        config: all settings.
+        parts: what was merged.
+        meetings: what recognition says about each two parts.
+        links: between keyframes of different parts.
+        psi: (L, 2) psi per point of each link's passes, with the parts laid on each other as they were and at the optimum.
+        residuals: (L,) of the links at the optimum, in standard deviations.
+        trajectories: of each recording, in one frame.
+        kept: keyframes and places of the map.
+        graph: the joint graph, its links among its factors.
+        values: of its vertices, which are numbered from 0.
+        map: all keyframes rendered.
+        changes: what one recording shows and another contradicts.
+        moved_m: for each part, how far the edges of its graph alone move a pose of it [m].
+        warnings: what could not be done, and why.
+    """
+
+    config: Config
+    parts: tuple[Part, ...]
+    meetings: tuple[Meeting, ...]
+    links: Links
+    psi: NDArray[np.float64]
+    residuals: NDArray[np.float64]
+    trajectories: tuple[Trajectory, ...]
+    kept: KeyframeMap
+    graph: PoseGraph
+    values: gtsam.Values
+    map: PointMap
+    changes: list[Change]
+    moved_m: tuple[float, ...]
+    warnings: tuple[str, ...]
+
+
+def merge_parts(parts: Sequence[Part], config: Config, runner: Runner) -> Merged:
+    """Makes one map of several parts, in the frame of the first one.
+
+    Args:
+        parts: two or more.
+        config: all settings.
+        runner: does the work.
+
+    Raises:
+        EstimationError: a part shares no place with the others that is recognised without doubt.
+    """
+    beam = beam_of(config.estimator, parts[0].map.keyframes.recordings[0].doppler_beta)
+    with runner.time_stage("optimise"):
+        parts = [describe_part(part, config, beam, runner.engine) for part in parts]
+        chains = [_optimise_alone(part, config) for part in parts]
+        moved = tuple(_measure_move(part, chain) for part, chain in zip(parts, chains, strict=True))
+    with runner.time_stage("recognise"):
+        meetings = _introduce(parts, chains, config, beam, runner)
+    keyframes = join_keyframes(parts)
+    groups = np.repeat(np.arange(len(parts)), [len(part.map.keyframes) for part in parts])
+    frames, first = _lay_out(parts, chains, meetings)
+    del chains  # what they have eliminated takes more memory than anything else here
+    joint = join_graphs(parts, frames, config)
+    start = np.concatenate([se2.compose(f, part.map.keyframes.poses) for f, part in zip(frames, parts, strict=True)])
+    with runner.time_stage("links"):
+        links = find_links(keyframes, joint.problem, start, first, groups, config, beam, runner)
+        _check_joined(parts, links.links, groups)
+    with runner.time_stage("optimise"):
+        graph, optimum = joint.problem.optimise(links.links)
+        sure = compute_all_marginals(graph, optimum.values)
+        poses = graph.poses_at(optimum.values)
+        keyframes = replace(keyframes, poses=poses, covariances=_list_covariances(sure, len(keyframes)))
+        factors = joint.problem.make_loop_factors(links.links)
+        residuals = np.sqrt([_square(factor, optimum.values) for factor in factors])
+        psi = score_links(keyframes, links.links, [start, poses], config, beam, runner.engine)
+    with runner.time_stage("render"):
+        rendered = render_keyframes(keyframes, config, beam, runner.engine)
+    changes: list[Change] = []
+    if config.merge.changes:
+        with runner.time_stage("changes"), runner.tolerate("the changes between the recordings"):
+            changes = find_changes(keyframes, config.merge)
+    return Merged(
+        config=config,
+        parts=tuple(parts),
+        meetings=tuple(meetings),
+        links=links,
+        psi=psi,
+        residuals=residuals,
+        trajectories=_list_trajectories(parts, optimum.values),
+        kept=KeyframeMap(keyframes, join_places(parts)),
+        graph=graph,
+        values=optimum.values,
+        map=rendered,
+        changes=changes,
+        moved_m=moved,
+        warnings=(
+            *runner.warnings,
+            *sure.warnings,
+            *_warn_of_ambiguity(parts, meetings),
+            *_warn_of_moves(parts, moved, config),
+        ),
+    )
+
+
+def _optimise_alone(part: Part, config: Config) -> Chain:
+    """Returns a part's own trajectory and how sure its graph is of it."""
+    graph = build_alone(part, config)
+    optimum = optimise(graph)
+    return Chain(MappedDrive.of(part.map.keyframes), graph, optimum.values)
+
+
+def _measure_move(part: Part, chain: Chain) -> float:
+    """Returns how far the optimum of a part's edges is from where its keyframes lie, at most [m]."""
+    off = chain.graph.poses_at(chain.values)[:, :2] - part.map.keyframes.poses[:, :2]
+    return float(np.hypot(off[:, 0], off[:, 1]).max())
+
+
+def _warn_of_moves(parts: Sequence[Part], moved_m: Sequence[float], config: Config) -> list[str]:
+    """Returns a warning for each part that was held by what its file lacks."""
+    return [
+        f"{part.folder}: the edges in its graph.g2o alone move it by up to {far:.2f} m; the gyroscope or GNSS that has held "
+        "it is not in that file, and takes no part in the merge"
+        for part, far in zip(parts, moved_m, strict=True)
+        if far > config.merge.moved_m
+    ]
+
+
+def _warn_of_ambiguity(parts: Sequence[Part], meetings: Sequence[Meeting]) -> list[str]:
+    """Returns a warning for each two parts of which more submaps match several places than match one."""
+    return [
+        f"several places fit: {m.ambiguous} submaps of {parts[m.later].folder} match more than one place of "
+        f"{parts[m.earlier].folder} about as well, and {m.matches} match one; the former were not used"
+        for m in meetings
+        if m.ambiguous > m.matches
+    ]
+
+
+def _introduce(parts: Sequence[Part], chains: Sequence[Chain], config: Config, beam: Beam, runner: Runner) -> list[Meeting]:
+    """Looks each part up in every part before it."""
+    means = Means(config.recognition, config.loops, config.estimator, beam)
+    meetings = []
+    pairs = [(a, b) for b in range(len(parts)) for a in range(b)]
+    for a, b in runner.follow("recognise", pairs, len(pairs)):
+        places, drive = parts[a].map.places, chains[b].drive
+        ground = Ground(chains[a].drive, places.keyframes, PlaceIndex(places.descriptors, config.recognition))
+        queries = pick_spaced(drive.travelled, config.recognition.spacing_m)
+        allowed = np.ones((len(queries), len(places.keyframes)), dtype=bool)
+        found = recognise(drive, queries, ground, allowed, means, runner.engine)
+        relation = find_relation(found.rows, chains[a], chains[b], config.loops, config.merge)
+        matches = sum(map(len, found.rows))
+        meetings.append(Meeting(a, b, len(found.rows), matches, len(found.ambiguous), found.compared, relation))
+    return meetings
+
+
+def _lay_out(
+    parts: Sequence[Part], chains: Sequence[Chain], meetings: Sequence[Meeting]
+) -> tuple[list[se2.Array], list[Loop]]:
+    """Lays the parts on each other, at each step the one of which the most matches agree.
+
+    Returns:
+        the pose (3,) of the frame of each part in that of the first one, and links between keyframes of all parts.
+
+    Raises:
+        EstimationError: a part shares no place with the others.
+    """
+    firsts = np.cumsum([0, *(len(part.map.keyframes) for part in parts)])
+    frames: dict[int, se2.Array] = {0: np.zeros(3)}
+    links = list[Loop]()
+    while len(frames) < len(parts):
+        usable = [m for m in meetings if m.relation.matches and (m.earlier in frames) != (m.later in frames)]
+        if not usable:
+            raise _explain(parts, set(frames), meetings)
+        best = max(usable, key=lambda m: m.relation.agreeing)
+        a, b = best.earlier, best.later
+        poses = chains[a].drive.poses, chains[b].drive.poses
+        found = best.relation.matches
+        at = np.array([se2.compose(poses[0][m.place], m.pose) for m in found])
+        lies = se2.compose(at, se2.inverse(poses[1][[m.query for m in found]]))
+        frame = lies[_find_middle(best, lies, poses[1])]
+        if a in frames:
+            frames[b] = se2.compose(frames[a], frame)
+        else:
+            frames[a] = se2.compose(frames[b], se2.inverse(frame))
+        links += [
+            Loop(int(firsts[a]) + m.place, int(firsts[b]) + m.query, m.pose, m.covariance, m.matched, m.psi) for m in found
+        ]
+    return [frames[n] for n in range(len(parts))], links
+
+
+def _find_middle(meeting: Meeting, lies: se2.Array, poses: se2.Array) -> int:
+    """Returns which of N relations (N, 3) leaves the matched keyframes nearest to where all matches have them."""
+    at = poses[[match.query for match in meeting.relation.matches]]
+    where = np.array([se2.compose(lie, pose) for lie, pose in zip(lies, at, strict=True)])[:, :2]
+    off = [np.median(np.hypot(*(se2.compose(lie, at)[:, :2] - where).T)) for lie in lies]
+    return int(np.argmin(off))
+
+
+def _explain(parts: Sequence[Part], joined: set[int], meetings: Sequence[Meeting]) -> EstimationError:
+    """Returns the error that says why a part could not be joined."""
+    apart = [n for n in range(len(parts)) if n not in joined]
+    own = [m for m in meetings if (m.earlier in joined) != (m.later in joined)]
+    names = ", ".join(str(parts[n].folder) for n in apart)
+    ambiguous, matches = sum(m.ambiguous for m in own), sum(m.matches for m in own)
+    rivals = max((m.relation.rivals for m in own), default=0)
+    why = "no place of it is recognised in the others" if not matches else f"only {matches} matches of places were found"
+    if ambiguous or rivals:
+        why = f"several places fit: {ambiguous} submaps match more than one place about as well"
+        if rivals:
+            agreeing = max(m.relation.agreeing for m in own)
+            why += f", and {agreeing} matches agree on one relation and {rivals} on another"
+    return EstimationError(
+        f"{names}: shares no place with the other recordings that can be told for sure; {why}",
+        "give recordings that pass through the same streets",
+    )
+
+
+def _check_joined(parts: Sequence[Part], links: Sequence[Loop], groups: NDArray[np.int64]) -> None:
+    """Raises EstimationError unless the links that the map has kept still join all parts."""
+    joined = {0}
+    for _ in parts:
+        for link in links:
+            ends = {int(groups[link.earlier]), int(groups[link.later])}
+            joined |= ends if ends & joined else set()
+    apart = [str(parts[n].folder) for n in range(len(parts)) if n not in joined]
+    if apart:
+        raise EstimationError(
+            f"{', '.join(apart)}: the places that it seems to share with the other recordings make no better map",
+            "give recordings that pass through the same streets",
+        )
+
+
+def _list_covariances(sure: PoseCovariances, count: int) -> NDArray[np.float64]:
+    """Returns the covariances (K, 3, 3) of keyframes, NaN where they are not known."""
+    return np.full((count, 3, 3), np.nan) if sure.failure is not None else sure.covariances
+
+
+def _square(factor: gtsam.NonlinearFactor, values: gtsam.Values) -> float:
+    """Returns the square of a between-factor's residual, in its Gaussian noise."""
+    error = factor.noiseModel().noise().whiten(factor.unwhitenedError(values))
+    return float(error @ error)
+
+
+def _list_trajectories(parts: Sequence[Part], values: gtsam.Values) -> tuple[Trajectory, ...]:
+    """Returns the trajectory of each recording, all scans of it."""
+    trajectories, first = [], 0
+    for stamps in (stamps for part in parts for stamps in part.stamps_us):
+        poses = np.array([pose_of(values, k) for k in range(first, first + len(stamps))])
+        poses[:, 2] = np.unwrap(poses[:, 2])
+        trajectories.append(Trajectory(stamps, poses))
+        first += len(stamps)
+    return tuple(trajectories)
