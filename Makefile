@@ -1,6 +1,7 @@
 # make demo      set up .venv, simulate a drive, run it and say where the report is
 # make test      check style, types and layers, and run all tests but the slow ones
 # make test-all  run the slow tests, which make test leaves out: whole commands of the README, notebooks, clusters, browsers
+# make dist      build sdist and wheel, and try both without extras in a clean environment of each Python that mqslam supports
 # make lint      check style, types and layers only
 # make bench     make the measurements of BENCHMARKS.md and compare them with the committed ones, which takes six hours: tests/bench/run.py NAME makes one
 # make clean     remove .venv and everything that is built or generated
@@ -15,7 +16,7 @@ KERNELS := $(VENV)/.kernels
 # The tests of a file stay in one process, so that what they share is made once. More than four processes would only make it more often.
 PYTEST := $(BIN)/python -m pytest --numprocesses auto --maxprocesses 4 --dist loadfile
 
-.PHONY: demo test test-all lint types bench clean
+.PHONY: demo test test-all dist lint types bench clean
 
 $(READY): pyproject.toml
 	@$(PYTHON) -c 'import sys; sys.exit(0 if sys.version_info >= (3, 11) else "mqslam needs Python 3.11 or newer: make PYTHON=python3.11 ...")'
@@ -40,6 +41,9 @@ test: $(READY) lint $(KERNELS)
 test-all: $(READY) $(KERNELS)
 	$(PYTEST) -m slow
 
+dist: $(READY)
+	$(BIN)/python .ci/dist.py
+
 lint: $(READY) types
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check --quiet .
@@ -53,4 +57,4 @@ bench: $(READY)
 	$(BIN)/python tests/bench/run.py
 
 clean:
-	rm -rf $(VENV) build demo .mypy_cache .ruff_cache .pytest_cache *.egg-info
+	rm -rf $(VENV) build dist demo .mypy_cache .ruff_cache .pytest_cache *.egg-info

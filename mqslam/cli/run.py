@@ -63,7 +63,7 @@ def run(
         str | None,
         typer.Option(
             metavar="viewer|FILE.rrd",
-            help="Show the map as it grows in Rerun's viewer, or record it in a file (pip install 'mqslam\\[view]').",
+            help="Show the map as it grows in Rerun's viewer, or record it in a file; this needs the extra `view`.",
         ),
     ] = None,
     resume: Annotated[bool, typer.Option("--resume", help="Continue the unfinished run at --out, if there is one.")] = False,
@@ -124,6 +124,8 @@ def run(
             )
         Console(soft_wrap=True).print(tabulate_summary(summary))
         typer.echo(f"report: {result.report}")
+        if result.evo_command:
+            typer.echo(f"compare with evo: {result.evo_command}")
 
 
 @contextmanager
