@@ -107,12 +107,13 @@ def try_commands(scratch: Path) -> None:
 def name_missing(scratch: Path) -> None:
     """Checks that each command that needs an extra names it."""
     (scratch / "cloud.pcd").write_text("# .PCD v0.7\n")
-    for extra, words in {
-        "open3d": ("compare", "drive", "--frontends", "open3d_icp", "--out", "none"),
-        "clouds": ("audit", "cloud.pcd", "--trajectory", "result/trajectory.tum", "--out", "none"),
+    words_by_extra = {
+        "open3d": ("compare", "drive", "--frontends", "open3d_icp", "--out", "without-open3d"),
+        "clouds": ("audit", "cloud.pcd", "--trajectory", "result/trajectory.tum", "--out", "without-clouds"),
         "view": ("view", "result", "--rerun"),
-        "cluster": ("run", "drive", "--out", "none", "--cluster", "local:2"),
-    }.items():
+        "cluster": ("run", "drive", "--out", "without-cluster", "--cluster", "local:2"),
+    }
+    for extra, words in words_by_extra.items():
         shown = mqslam(scratch, *words, code=2)
         if f"[{extra}]'" not in shown.stderr or "pip install" not in shown.stderr:
             raise Failure(f"{scratch.name}: mqslam {' '.join(words)} does not name the extra {extra}:\n{shown.stderr}")
