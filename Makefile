@@ -2,6 +2,7 @@
 # make test      check style, types and layers, and run all tests but the slow ones
 # make test-all  run the slow tests, which make test leaves out: whole commands of the README, notebooks, clusters, browsers
 # make docs      build the documentation in build/site, and stop at a link or a name that leads nowhere
+# make dist      build sdist and wheel, and try both without extras in a clean environment of each Python that mqslam supports
 # make lint      check style, types and layers only
 # make bench     make the measurements of BENCHMARKS.md and compare them with the committed ones, which takes six hours: tests/bench/run.py NAME makes one
 # make clean     remove .venv and everything that is built or generated
@@ -16,7 +17,7 @@ KERNELS := $(VENV)/.kernels
 # The tests of a file stay in one process, so that what they share is made once. More than four processes would only make it more often.
 PYTEST := $(BIN)/python -m pytest --numprocesses auto --maxprocesses 4 --dist loadfile
 
-.PHONY: demo docs test test-all lint types bench clean
+.PHONY: demo docs test test-all dist lint types bench clean
 
 $(READY): pyproject.toml
 	@$(PYTHON) -c 'import sys; sys.exit(0 if sys.version_info >= (3, 11) else "mqslam needs Python 3.11 or newer: make PYTHON=python3.11 ...")'
@@ -41,6 +42,9 @@ test: $(READY) lint $(KERNELS)
 test-all: $(READY) $(KERNELS)
 	$(PYTEST) -m slow
 
+dist: $(READY)
+	$(BIN)/python .ci/dist.py
+
 lint: $(READY) types
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check --quiet .
@@ -57,4 +61,4 @@ bench: $(READY)
 	$(BIN)/python tests/bench/run.py
 
 clean:
-	rm -rf $(VENV) build demo .mypy_cache .ruff_cache .pytest_cache *.egg-info
+	rm -rf $(VENV) build dist demo .mypy_cache .ruff_cache .pytest_cache *.egg-info

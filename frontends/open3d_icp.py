@@ -16,6 +16,7 @@ from mqslam.core.frontend import Context
 from mqslam.core.measurement import Measurement
 from mqslam.core.scans import Scan
 from mqslam.errors import ConfigError
+from mqslam.execution.extras import describe_missing
 from mqslam.frontends.icp_covariance import Surface
 from mqslam.frontends.scan_matching import match_scans
 from mqslam.frontends.scan_track import Match
@@ -153,7 +154,10 @@ def _import_open3d() -> Any:
     """
     try:
         import open3d
-    except (ImportError, OSError) as error:
+    except ModuleNotFoundError as error:
+        missing, remedy = describe_missing("open3d")
+        raise ConfigError(f"front end open3d_icp: {missing}", remedy) from error
+    except (ImportError, OSError) as error:  # it is there, but a system library that it loads is not
         raise ConfigError(
             f"front end open3d_icp: Open3D cannot be imported ({error}); it needs the system library libusb-1.0-0 "
             "(apt-get install libusb-1.0-0)"

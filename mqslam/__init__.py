@@ -24,7 +24,6 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 from mqslam.execution.kernel_cache import choose_cache
-from mqslam.version import __version__
 
 if TYPE_CHECKING:
     from mqslam.commands.audit import audit
@@ -44,6 +43,7 @@ if TYPE_CHECKING:
     from mqslam.execution.runner import Runner
     from mqslam.formats.recordings import open_recording
     from mqslam.slam import Slam
+    from mqslam.version import __version__
 
 __all__ = [
     "Config",
@@ -78,6 +78,7 @@ _MODULES = {
     "Slam": "slam",
     "Trajectory": "core.trajectory",
     "Work": "commands.work",
+    "__version__": "version",
     "audit": "commands.audit",
     "compare": "commands.compare",
     "load_config": "config",

@@ -98,6 +98,12 @@ def measure_nees(measurements: Sequence[Measurement], truth: Trajectory, start_u
     return float(se2.normalise(errors, covariances).mean() / errors.shape[1])
 
 
+def pair_poses(estimate: Trajectory, truth: Trajectory) -> tuple[Trajectory, Trajectory] | None:
+    """Returns the poses that `evaluate` compares: the estimate at the truth's stamps, and the truth; None below 3."""
+    shared = _share_stamps(estimate, truth)
+    return None if shared is None else (Trajectory(shared[0], shared[1]), Trajectory(shared[0], shared[2]))
+
+
 def align_positions(estimate: Trajectory, truth: Trajectory) -> se2.Array | None:
     """Returns the rigid motion (3,) that lays the estimate's positions best on the truth's; None below 3 shared stamps."""
     shared = _share_stamps(estimate, truth)

@@ -1,3 +1,10 @@
-"""The version of mqslam."""
+"""The version of mqslam, as it was installed: that of a tag, or a development version with the commit."""
 
-__version__ = "0.1.0"
+from __future__ import annotations
+
+from importlib import metadata
+
+try:
+    __version__ = metadata.version("mqslam")
+except metadata.PackageNotFoundError:  # a copy of the sources that was never installed
+    __version__ = "0+unknown"

@@ -130,7 +130,7 @@ def test_a_command_works_as_printed(place: Path, line: str) -> None:
 def test_what_is_typed_besides_is_known() -> None:
     others = {line.split(" #")[0].strip() for line in commands() if not line.startswith(BINARY)}
     assert others <= {"make demo", "make test", ".venv/bin/pip install --editable '.[view]'"}
-    assert (ROOT / ".ci" / "run").read_text().rstrip().endswith("make test\nmake test-all\nmake docs")
+    assert (ROOT / ".ci" / "run").read_text().rstrip().endswith("make test\nmake test-all\nmake docs\nmake dist")
 
 
 def test_the_readme_is_read_in_minutes() -> None:

@@ -63,7 +63,7 @@ def run(
         str | None,
         typer.Option(
             metavar="viewer|FILE.rrd",
-            help="Show the map as it grows in Rerun's viewer, or record it in a file (pip install 'mqslam\\[view]').",
+            help="Show the map as it grows in Rerun's viewer, or record it in a file; this needs the extra `view`.",
         ),
     ] = None,
     resume: Annotated[bool, typer.Option("--resume", help="Continue the unfinished run at --out, if there is one.")] = False,
@@ -124,6 +124,8 @@ def run(
             )
         Console(soft_wrap=True).print(tabulate_summary(summary))
         typer.echo(f"report: {result.report}")
+        if result.evo_command:
+            typer.echo(f"compare with evo: {result.evo_command}")
 
 
 @contextmanager
@@ -182,16 +184,22 @@ def tabulate_summary(summary: dict[str, Any]) -> Table:
                 numbers = (_format(errors[key], "{:.4g}") for errors in (before, after))
                 table.add_row(f"{label} [{unit}]".replace("[", r"\["), *numbers)
     dataset, runtime = summary["dataset"], summary["runtime_s"]
-    speed = dataset["duration_s"] / max(runtime["total"], 1e-9)
     table.caption = (
         f"{dataset['revolutions']} scans, {dataset['duration_s']:.1f} s, {dataset['length_m']:.1f} m; "
-        f"{runtime['total']:.1f} s of computing, {speed:.1f} times real time\n"
+        f"{runtime['total']:.1f} s of computing, {describe_pace(dataset['duration_s'], runtime['total'])}\n"
         + "\n".join(
             f"{name}: {text}" for name, text in [*format_verdict(summary), ("last pose", _format_last_pose(summary))]
         )
     )
     table.caption_justify = "left"
     return table
+
+
+def describe_pace(driven_s: float, computed_s: float) -> str:
+    """Returns how fast a run was, against the drive: how many times real time, or how long a second of driving took."""
+    if computed_s > driven_s:
+        return f"{computed_s / max(driven_s, 1e-9):.1f} s of computing per second of driving"
+    return f"{driven_s / max(computed_s, 1e-9):.1f} times real time"
 
 
 def _format_last_pose(summary: dict[str, Any]) -> str:

@@ -23,7 +23,7 @@ def view(
     out: Annotated[Path, typer.Argument(metavar="OUT", help="The folder of a finished run, or of keyframes.")],
     colour: Annotated[Colour, typer.Option(help="What colours the points at first.")] = Colour.psi,
     rerun: Annotated[
-        bool, typer.Option("--rerun", help="Write OUT/map.rrd and open it in Rerun's viewer (pip install 'mqslam\\[view]').")
+        bool, typer.Option("--rerun", help="Write OUT/map.rrd and open it in Rerun's viewer; this needs the extra `view`.")
     ] = False,
     quiet: Quiet = False,
     verbose: Verbose = False,

@@ -9,6 +9,7 @@ from typing import Any
 from mqslam.auditing.verdict import VerdictStatus
 from mqslam.core.trajectory import Trajectory
 from mqslam.formats.trajectories import read_trajectory
+from mqslam.results.truth_files import name_evo_command
 
 
 @dataclass(frozen=True)
@@ -52,6 +53,11 @@ class JudgedResult(Result):
 @dataclass(frozen=True)
 class RunResult(JudgedResult):
     """The result of a run."""
+
+    @property
+    def evo_command(self) -> str:
+        """The command by which evo computes the ATE of the report; empty where the recording has no ground truth."""
+        return name_evo_command(self.folder)
 
     def read_trajectory(self) -> Trajectory:
         """Reads the optimised trajectory.

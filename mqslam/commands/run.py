@@ -188,7 +188,7 @@ def execute(job: Job, out: Path, work: Work, *, resume: bool, how: str = Remedy.
         shown, recording = job.choose_frame(result)
         summary: dict[str, Any] = to_json_values({**summarise(shown, recording), "warnings": warnings, "run_key": job.key})
         with write_folder_aside(out) as folder:
-            write_run(folder, shown, summary, recording.notes)
+            write_run(folder, shown, summary, recording.notes, recording.ground_truth)
             failures = write_run_pages(folder, shown, recording, summary)
             with tolerate("the file for the leaderboard of Boreas", failures):
                 write_for_leaderboard(folder, job.recording, result.optimised)

@@ -18,6 +18,7 @@ from typing import Any, TypeVar, cast
 
 from mqslam.core.engine import ignore_result
 from mqslam.errors import ClusterError, ConfigError
+from mqslam.execution.extras import describe_missing
 from mqslam.execution.interrupts import shield_from_interrupts
 from mqslam.version import __version__
 
@@ -26,7 +27,8 @@ try:
     from distributed import Client, Future, KilledWorker, LocalCluster
     from distributed.client import FutureCancelledError
 except ImportError as error:
-    raise ClusterError(f"a cluster needs Dask ({error}); install it with pip install 'mqslam[cluster]'") from error
+    missing, remedy = describe_missing("cluster")
+    raise ClusterError(f"a cluster needs Dask: {missing} ({error})", remedy) from error
 
 S = TypeVar("S")
 T = TypeVar("T")

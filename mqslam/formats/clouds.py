@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from mqslam.core.sensors.timed_cloud import TimedCloud
 from mqslam.errors import DataError, MqslamError
+from mqslam.execution.extras import describe_missing
 from mqslam.formats.ply import read_clock
 from mqslam.formats.shared import npz
 from mqslam.formats.shared.stamps import LATEST_US, convert_stamps, time_unit
@@ -128,7 +129,10 @@ def _load_ply(path: Path) -> Columns:
 
 def _load_pcd(path: Path) -> Columns:
     """Loads the fields of a PCD."""
-    from pypcd4.pypcd4 import MetaData, PointCloud
+    try:
+        from pypcd4.pypcd4 import MetaData, PointCloud
+    except ModuleNotFoundError as error:
+        raise _name_missing(path, "pcd") from error
 
     with path.open("rb") as file:
         lines: list[str] = []
@@ -150,7 +154,11 @@ def _load_pcd(path: Path) -> Columns:
 
 def _load_las(path: Path) -> Columns:
     """Loads the dimensions of a LAS or LAZ, with coordinates in metres."""
-    import laspy
+    try:
+        import laspy
+        import lazrs  # noqa: F401 - which laspy looks for only once it unpacks points
+    except ModuleNotFoundError as error:
+        raise _name_missing(path, "las") from error
 
     if not _is_plausible_las(path):
         raise DataError(path, "has a damaged header or chunk table", "copy it anew")
@@ -164,6 +172,12 @@ def _load_las(path: Path) -> Columns:
         raise DataError(path, f"holds {len(cloud.points)} of {header.point_count} points", "copy it anew")
     fields = [name for name in cloud.point_format.dimension_names if name not in "XYZ"]
     return {"x": cloud.x, "y": cloud.y, "z": cloud.z, **{name: cloud[name] for name in fields}}
+
+
+def _name_missing(path: Path, library: str) -> DataError:
+    """Returns the error of a cloud whose library is not installed."""
+    missing, remedy = describe_missing(library)
+    return DataError(path, f"cannot be read here, since {missing}", remedy)
 
 
 def _is_plausible_las(path: Path) -> bool:

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import base64
-import platform
 from collections.abc import Callable, Mapping
 from functools import cache
-from importlib import metadata, resources
+from importlib import resources
 from pathlib import Path
 from typing import Any, Final
 
@@ -15,12 +14,12 @@ from markupsafe import Markup
 
 from mqslam.auditing.verdict import VerdictStatus
 from mqslam.errors import tolerate
+from mqslam.execution.extras import list_versions
 from mqslam.execution.files import write_text
 from mqslam.execution.memory import return_free_memory
 from mqslam.report.content import Content, Frame, Part, Row, Section, Table, Values, Verdict
 from mqslam.report.formatting import ABSENT, format_p_value, format_value
 
-_PACKAGES: Final = ("numpy", "scipy", "numba", "gtsam", "open3d", "kiss-icp", "matplotlib")
 _UNITS: Final = {  # by the endings of names, the longer ones first
     "per_m": " per m",
     "m": " m",
@@ -114,7 +113,7 @@ def _environment() -> Environment:
     )
     environment.filters["data_uri"] = _data_uri
     environment.tests["verdict"] = lambda value: isinstance(value, VerdictStatus)
-    environment.globals |= {"source_of": _source_of, "plotly": _plotly}
+    environment.globals |= {"source_of": _source_of}
     return environment
 
 
@@ -155,20 +154,6 @@ def _source_of(name: str) -> Markup:
     return Markup(resources.files("mqslam.report").joinpath("templates", name).read_text(encoding="utf-8"))
 
 
-@cache
-def _plotly() -> Markup:
-    """Returns the source of plotly.js."""
-    from plotly.offline import get_plotlyjs
-
-    return Markup(get_plotlyjs())
-
-
 def _describe_versions(version: str) -> str:
     """Returns the versions of mqslam, Python and the libraries that decide results."""
-    versions = [f"mqslam {version}", f"Python {platform.python_version()}"]
-    for package in _PACKAGES:
-        try:
-            versions.append(f"{package} {metadata.version(package)}")
-        except metadata.PackageNotFoundError:
-            continue
-    return " · ".join(versions)
+    return " · ".join([f"mqslam {version}", *list_versions()])

@@ -4,9 +4,13 @@ from __future__ import annotations
 
 import csv
 import io
+import platform
 import resource
+import shlex
+import sys
 from collections.abc import Sequence
 from dataclasses import asdict
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Final
 
@@ -24,6 +28,7 @@ from mqslam.core.sensors.sensor_notes import list_sensor_notes
 from mqslam.core.trajectory import Trajectory
 from mqslam.errors import tolerate
 from mqslam.evaluation import evaluate
+from mqslam.execution.extras import list_versions
 from mqslam.execution.files import write_json, write_text
 from mqslam.formats.covariances import StampedCovariances, write_covariances
 from mqslam.formats.graphs.g2o import format_g2o
@@ -38,6 +43,7 @@ from mqslam.results.audit_results import summarise_tests
 from mqslam.results.graph_table import format_graph_table
 from mqslam.results.run_verdict import judge_run
 from mqslam.results.sensor_results import summarise_mount, summarise_sensors
+from mqslam.results.truth_files import TRUTH, write_truth
 from mqslam.results.unjudged import list_unjudged
 from mqslam.solution import Run
 from mqslam.version import __version__
@@ -123,7 +129,7 @@ def summarise(run: Run, recording: Recording) -> dict[str, Any]:
     }
 
 
-def write_run(folder: Path, run: Run, summary: dict[str, Any], notes: Sequence[str]) -> None:
+def write_run(folder: Path, run: Run, summary: dict[str, Any], notes: Sequence[str], truth: Trajectory | None) -> None:
     """Writes every result file of a run but its page into an existing folder, the most valuable ones first.
 
     Covariances, map and graph may fail, by a fault of theirs or of a library or for want of memory. That is a warning,
@@ -134,6 +140,7 @@ def write_run(folder: Path, run: Run, summary: dict[str, Any], notes: Sequence[s
         run: the finished run.
         summary: content of summary.json, with its warnings.
         notes: what a user should know about how the recording was understood, for run.log.
+        truth: ground truth in the frame of the run, or None.
 
     Raises:
         OutputError: a file cannot be written.
@@ -144,6 +151,8 @@ def write_run(folder: Path, run: Run, summary: dict[str, Any], notes: Sequence[s
     write_text(folder / "config.yaml", dump_yaml(set_doppler_beta(run.config, run.doppler_beta)))
     _write_numbers(folder, summary, notes)
     failures: list[str] = []
+    with tolerate(TRUTH, failures):
+        write_truth(folder, run.optimised, truth)
     with tolerate("covariances.csv", failures):
         write_marginals(folder / "covariances.csv", run.optimised, run.covariances)
     with tolerate("graph.g2o", failures):
@@ -225,6 +234,9 @@ def _write_numbers(folder: Path, summary: dict[str, Any], notes: Sequence[str]) 
 def _log_text(summary: dict[str, Any], notes: Sequence[str]) -> str:
     dataset = summary["dataset"]
     lines = [f"mqslam {summary['mqslam_version']} on {dataset['path']} ({dataset['format']})"]
+    lines.append(f"finished: {datetime.now(UTC):%Y-%m-%d %H:%M:%S} UTC")
+    lines.append(f"command: {shlex.join(sys.argv)}")
+    lines.append(f"versions: {', '.join(list_versions())}; {platform.platform()}")
     lines += [f"note: {note}" for note in (*notes, *list_sensor_notes(summary))]
     lines += [f"warning: {warning}" for warning in summary["warnings"]]
     lines.append(f"Doppler shift: {summary['doppler_beta']:.4f} s of range per closing speed")

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mqslam.errors import Remedy, ViewerError
+from mqslam.execution.extras import describe_missing
 from mqslam.viewer.colours import GROUND, LOOPS, TRAJECTORY, colour_over_span
 from mqslam.viewer.display import has_display
 from mqslam.viewer.finished_run import Scene
@@ -27,7 +28,7 @@ def show(scene: Scene, colour: str) -> None:
         colour: what the points are coloured by at first, one of KEYS.
 
     Raises:
-        ViewerError: there is no display.
+        ViewerError: there is no display, or Open3D is not installed.
     """
     shown = open_window(scene, colour)
     while shown.poll_events():  # Open3D's own loop would not react to Ctrl-C
@@ -44,11 +45,17 @@ def open_window(scene: Scene, colour: str) -> Any:
         colour: what the points are coloured by at first, one of KEYS.
 
     Raises:
-        ViewerError: there is no display, or Open3D cannot use it.
+        ViewerError: there is no display, or Open3D cannot use it or is not installed.
     """
     if not has_display():
         raise ViewerError("there is no display to open a window on", Remedy.OPEN_MAP_ELSEWHERE)
-    import open3d as o3d
+    try:
+        import open3d as o3d
+    except ModuleNotFoundError as error:
+        missing, remedy = describe_missing("open3d")
+        raise ViewerError(f"the window is Open3D's, and {missing}", remedy, Remedy.OPEN_MAP_ELSEWHERE) from error
+    except (ImportError, OSError) as error:  # it is there, but a system library that it loads is not
+        raise ViewerError(f"Open3D cannot be imported ({error})", Remedy.OPEN_MAP_ELSEWHERE) from error
 
     shown = o3d.visualization.VisualizerWithKeyCallback()
     if not shown.create_window(f"mqslam {scene.name}", 1280, 900):

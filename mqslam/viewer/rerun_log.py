@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from mqslam.core import se2
 from mqslam.core.scans import Scan
 from mqslam.errors import Remedy, ViewerError
+from mqslam.execution.extras import describe_missing
 from mqslam.execution.files import write_aside
 from mqslam.viewer.colours import GROUND, LOOPS, TRAJECTORY, colour_between, colour_over_span
 from mqslam.viewer.display import has_display
@@ -149,7 +150,7 @@ def _open_recording() -> Any:
     try:
         import rerun as rr
     except ImportError as error:
-        raise ViewerError("Rerun is not installed; pip install 'mqslam[view]'") from error
+        raise ViewerError(*describe_missing("view")) from error
     return rr.RecordingStream("mqslam")
 
 

@@ -11,6 +11,8 @@ from support.commands import mqslam
 from support.recordings import START_US, TURN_US, write_oxford
 
 import mqslam as package
+from mqslam.config import list_shipped
+from mqslam.formats.recordings import FORMATS
 
 HEAVY = (
     "numba",
@@ -169,6 +171,17 @@ def test_help_of_a_command_shows_its_options_units_and_an_example(command: str, 
     for expected in (*OPTIONS[command], *UNITS[command], f"Example: mqslam {command} "):
         assert expected in shown, expected
     assert "\\[" not in shown
+
+
+@pytest.mark.parametrize("command", ["run", "audit", "compare", "info", "check"])
+def test_help_names_every_layout_and_every_configuration(command: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("COLUMNS", "400")
+    shown = mqslam(command, "--help").out
+    for option, names in (("--format", FORMATS), ("--config", list_shipped())):
+        (line,) = (line for line in shown.splitlines() if f"{option} " in line)
+        assert [name for name in names if name not in line] == [], option
+    if command != "audit":  # whose DATA may be a lidar's or a cloud as well
+        assert all(name in shown for name in ("Oxford Radar RobotCar", "Boreas", "MulRan", "RADIATE", ".mcap", ".npz"))
 
 
 def test_the_version_is_the_packages() -> None:

@@ -12,7 +12,8 @@ import pytest
 from rich.console import Console
 from support.commands import mqslam
 
-from mqslam.cli.run import tabulate_summary
+from mqslam.cli.run import describe_pace, tabulate_summary
+from mqslam.cli.terminal.console import show_progress
 
 COMMAND = Path(sys.executable).with_name("mqslam")
 
@@ -46,6 +47,41 @@ def test_a_run_shows_psi_across_passes_where_places_are_passed_twice(across: flo
     Console(file=lines, width=120).print(tabulate_summary(summary))
     rows = [line.split("│") for line in lines.getvalue().splitlines() if "across passes" in line]
     assert [[cell.strip() for cell in row] for row in rows] == [["psi per point across passes", "0.5000", "0.2500"]] * shown
+
+
+@pytest.mark.parametrize(
+    ("computed_s", "said"),
+    [(5.0, "2.0 times real time"), (10.0, "1.0 times real time"), (25.0, "2.5 s of computing per second of driving")],
+)
+def test_a_run_that_is_slower_than_the_drive_says_how_long_a_second_takes(computed_s: float, said: str) -> None:
+    assert describe_pace(10.0, computed_s) == said
+
+
+def show_stages(updates: list[tuple[float, str, int, int]]) -> list[str]:
+    """Returns the lines that a terminal without bars shows, given the time of each update [s]."""
+    lines, now = io.StringIO(), [0.0]
+    with show_progress(Console(file=lines, width=200, get_time=lambda: now[0]), quiet=False) as show:
+        for now[0], stage, done, total in updates:
+            show(stage, done, total)
+    return lines.getvalue().splitlines()
+
+
+def test_progress_says_how_long_a_place_takes_and_the_time_that_is_left() -> None:
+    lines = show_stages([(100.0 + 4.0 * k, "loops", k, 20) for k in range(8)])
+    assert lines[-1] == "verifying loops: 6/20, 4.0 s per place, 56 s left"
+
+
+def test_a_resumed_stage_does_not_count_what_was_done_before() -> None:
+    lines = show_stages([(100.0 + k, "windows", 500 + 4 * k, 1000) for k in range(21)])
+    assert lines[-1] == "measuring motion: 580/1000, 4 scans per s, 105 s left"
+
+
+def test_each_round_of_a_stage_is_timed_anew() -> None:
+    first = [(100.0 + k, "loops", k, 10) for k in range(11)]
+    second = [(120.0 + 6.0 * k, "loops", k, 5) for k in range(5)]
+    lines = show_stages(first + second)
+    assert lines[1] == "verifying loops: 10/10, 1.0 s per place"
+    assert lines[-1] == "verifying loops, round 2: 4/5, 6.0 s per place, 6 s left"
 
 
 @pytest.mark.parametrize("command", ["info", "score"])

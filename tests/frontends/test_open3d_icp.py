@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -30,5 +31,13 @@ def test_generalized_icp_stays_in_the_plane() -> None:
 
 def test_without_open3d_the_error_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "open3d", None)
+    with pytest.raises(ConfigError, match=r"open3d_icp: Open3D is not installed; install it with: .*\[open3d\]"):
+        Open3dIcpFrontEnd(context(Config()))
+
+
+def test_without_its_system_library_the_error_says_what_to_install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "open3d.py").write_text("raise ImportError('libusb-1.0.so.0: cannot open shared object file')\n")
+    monkeypatch.delitem(sys.modules, "open3d", raising=False)
+    monkeypatch.syspath_prepend(str(tmp_path))
     with pytest.raises(ConfigError, match=r"open3d_icp: .*libusb-1\.0-0"):
         Open3dIcpFrontEnd(context(Config()))

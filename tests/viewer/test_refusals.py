@@ -33,7 +33,17 @@ def test_without_rerun_its_installation_is_named(
     before = read_contents(tmp_path)
     live = ["--out", tmp_path / "out", "--live", tmp_path / "live.rrd", "--quiet"]
     said = refusal("view", finished, "--rerun") if command == "view" else refusal("run", street, *live)
-    assert "pip install 'mqslam[view]'" in said and read_contents(tmp_path) == before
+    assert "Rerun is not installed; install it with: " in said and "[view]'" in said
+    assert read_contents(tmp_path) == before
+
+
+def test_without_open3d_a_window_names_its_installation_and_what_there_is_besides(
+    finished: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("mqslam.viewer.open3d_window.has_display", lambda: True)
+    monkeypatch.setitem(sys.modules, "open3d", None)
+    said = refusal("view", finished)
+    assert "Open3D is not installed; install it with: " in said and "[open3d]'" in said and "report.html" in said
 
 
 def test_live_is_the_viewer_or_an_rrd_file(street: Path, tmp_path: Path) -> None:

@@ -15,7 +15,7 @@ from mqslam.viewer.colours import colour_over_span
 from mqslam.viewer.finished_run import read_scene
 from mqslam.viewer.rerun_log import record, stream
 
-chunks = pytest.importorskip("rerun.chunk", reason="Rerun is not installed: pip install 'mqslam[view]'")
+chunks = pytest.importorskip("rerun.chunk", reason="Rerun is not installed: it is in the extra view")
 
 
 def logged(path: Path, entity: str, component: str) -> list[tuple[float | None, Any]]:

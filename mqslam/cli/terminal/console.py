@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
@@ -18,22 +17,25 @@ if TYPE_CHECKING:
     from mqslam.commands.work import Work
     from mqslam.execution.runner import Watch
 
-_TITLES = {
-    "simulate": "simulating",
-    "detect": "reading and detecting",
-    "windows": "measuring motion",
-    "loops": "verifying loops",
-    "recognise": "recognising places",
-    "refine": "refining by psi",
-    "render": "rendering maps",
-    "front ends": "running front ends",
-    "runs": "running recordings",
-    "audit": "judging windows",
-    "steps": "judging steps",
-    "spans": "judging scale and yaw rate",
-    "speeds": "checking the speed",
-    "speeds in gaps": "checking the speed in gaps",
-    "revisits": "judging revisits",
+_STAGES = {  # what a terminal calls a stage, and what it counts
+    "simulate": ("simulating", "scan"),
+    "detect": ("reading and detecting", "scan"),
+    "windows": ("measuring motion", "scan"),
+    "loops": ("verifying loops", "place"),
+    "recognise": ("recognising places", "place"),
+    "refine": ("refining by psi", "scan"),
+    "render": ("rendering maps", "map"),
+    "front ends": ("running front ends", "front end"),
+    "runs": ("running recordings", "recording"),
+    "audit": ("judging windows", "window"),
+    "steps": ("judging steps", "place"),
+    "doubtful steps": ("judging doubtful steps", "place"),
+    "spans": ("judging scale and yaw rate", "span"),
+    "speeds": ("checking the speed", "place"),
+    "speeds in gaps": ("checking the speed in gaps", "place"),
+    "revisits": ("judging revisits", "place"),
+    "scans": ("mending by scans", "scan"),
+    "table1": ("making table 1", "trial"),
 }
 _LINE_EVERY_S = 10.0
 
@@ -115,7 +117,7 @@ def _lines(console: Console) -> Iterator[Progress]:
     def show(stage: str, done: int, total: int) -> None:
         nonlocal printed
         task = stages.update(stage, done, total)
-        now = time.monotonic()
+        now = console.get_time()
         if done < total and now - printed < _LINE_EVERY_S:
             return
         printed = now
@@ -127,7 +129,7 @@ def _lines(console: Console) -> Iterator[Progress]:
 
 
 class _Stages:
-    """The tasks of rich's progress, one per stage.
+    """The tasks of rich's progress, one per stage. A stage that comes in rounds counts, and is timed, anew in each.
 
     Args:
         bars: rich's progress.
@@ -136,21 +138,26 @@ class _Stages:
     def __init__(self, bars: Bars) -> None:
         self._bars = bars
         self._tasks: dict[str, Task] = {}
+        self._rounds: dict[str, int] = {}
 
     def update(self, stage: str, done: int, total: int) -> Task:
         """Sets how far a stage has come, and returns its task with the rate measured so far."""
+        title, noun = _STAGES.get(stage, (stage, "item"))
         if stage not in self._tasks:
-            number = self._bars.add_task(_TITLES.get(stage, stage), total=total, rate="")
+            number = self._bars.add_task(title, total=total, rate="")
             self._tasks[stage] = self._bars.tasks[self._bars.task_ids.index(number)]
+            self._rounds[stage] = 1
         task = self._tasks[stage]
-        if done < task.completed or total != task.total:  # the next round of a stage that comes in rounds
-            self._bars.reset(task.id, total=total)
-        self._bars.update(task.id, completed=done, rate=_describe_rate(task.speed))
+        if done < task.completed or total != task.total:
+            self._rounds[stage] += 1
+            self._bars.reset(task.id, total=total, description=f"{title}, round {self._rounds[stage]}")
+        self._bars.update(task.id, completed=done)  # the rate holds what is done by now
+        self._bars.update(task.id, rate=_describe_rate(task.finished_speed or task.speed, noun))
         return task
 
 
-def _describe_rate(speed: float | None) -> str:
-    """Returns a rate in words, such as `17/s` or `2.3 s each`; nothing while it is not known."""
+def _describe_rate(speed: float | None, noun: str) -> str:
+    """Returns a rate in words, such as `17 scans per s` or `2.3 s per place`; nothing while it is not known."""
     if not speed:
         return ""
-    return f"{speed:.0f}/s" if speed >= 1.0 else f"{1.0 / speed:.1f} s each"
+    return f"{speed:.0f} {noun}s per s" if speed >= 2.0 else f"{1.0 / speed:.1f} s per {noun}"

@@ -47,13 +47,18 @@ def _set_verbosity(verbose: bool) -> bool:
 Data = Annotated[
     Path,
     typer.Argument(
-        metavar="DATA", help="The recording: a folder in a known layout, a ROS bag (.bag, .mcap or folder), or an .npz file."
+        metavar="DATA",
+        help="The recording: a folder in the layout of Oxford Radar RobotCar, Boreas, MulRan or RADIATE, a ROS bag (.bag, "
+        ".mcap, or the folder of a ROS 2 bag), or an .npz file of `convert`.",
     ),
 ]
 Format = Annotated[
     str | None,
     typer.Option(
-        "--format", help="Layout of DATA; it is guessed from the path by default.", autocompletion=_complete_format
+        "--format",
+        metavar="LAYOUT",
+        help="Layout of DATA: boreas, mulran, radiate, oxford, rosbag or native; it is guessed from the path by default.",
+        autocompletion=_complete_format,
     ),
 ]
 RangeResolution = Annotated[
@@ -65,7 +70,9 @@ ConfigOption = Annotated[
     typer.Option(
         "--config",
         "-c",
-        help="Settings: a YAML file, or the name of one that ships with mqslam.",
+        metavar="FILE|NAME",
+        help="Settings: a YAML file, or the name of one that ships with mqslam: boreas, default, lidar, mulran, oxford or "
+        "radiate. Without it the layout tells bins, stamps and direction, and psi measures the radar's Doppler shift.",
         autocompletion=_complete_config,
     ),
 ]

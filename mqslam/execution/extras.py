@@ -1,0 +1,74 @@
+"""The libraries that are installed here: their versions, and what installs those that only some commands need."""
+
+from __future__ import annotations
+
+import json
+import platform
+import shlex
+import sys
+from importlib import metadata
+from pathlib import Path
+from typing import Any, Final
+from urllib.parse import unquote, urlparse
+
+_LIBRARIES: Final = {  # by extra, as pyproject.toml has them: what it brings, and what for
+    "open3d": "Open3D",
+    "pcd": "pypcd4",
+    "las": "laspy with lazrs",
+    "view": "Rerun",
+    "cluster": "Dask",
+}
+_EXTRAS: Final = {"pcd": "clouds", "las": "clouds"}  # of libraries whose extra has another name
+
+
+_DECIDING: Final = ("numpy", "scipy", "numba", "gtsam", "open3d", "kiss-icp", "matplotlib")  # they decide results
+
+
+def list_versions() -> list[str]:
+    """Returns the versions of Python and of the libraries that decide results, as far as these are installed."""
+    versions = [f"Python {platform.python_version()}"]
+    for package in _DECIDING:
+        try:
+            versions.append(f"{package} {metadata.version(package)}")
+        except metadata.PackageNotFoundError:
+            continue
+    return versions
+
+
+def describe_missing(library: str) -> tuple[str, str]:
+    """Returns that a library is not installed, and what installs it, as the two parts of an error's message.
+
+    Args:
+        library: `open3d`, `pcd`, `las`, `view` or `cluster`.
+    """
+    return f"{_LIBRARIES[library]} is not installed", f"install it with: {_name_command(_EXTRAS.get(library, library))}"
+
+
+def _name_command(extra: str) -> str:
+    """Returns a command that adds an extra to this installation, whether it came from a clone, a wheel or a repository.
+
+    The installer leaves in `direct_url.json` (PEP 610) where it took mqslam from. Without that file it came from
+    an index, and nothing says that the index of this machine has mqslam, so that the command names a clone.
+    """
+    pip = f"{shlex.quote(sys.executable)} -m pip install"
+    source = _read_source()
+    url = str(source.get("url", ""))
+    if "vcs_info" in source:
+        vcs = source["vcs_info"]
+        target = f"mqslam[{extra}] @ {vcs.get('vcs', 'git')}+{url}@{vcs.get('commit_id', 'HEAD')}"
+        return f"{pip} {shlex.quote(target)}"
+    place = Path(unquote(urlparse(url).path))
+    if url.startswith("file://") and place.exists():
+        editable = "-e " if source.get("dir_info", {}).get("editable") else ""
+        return f"{pip} {editable}{shlex.quote(f'{place}[{extra}]')}"
+    return f"{pip} -e '.[{extra}]' in the folder of a clone of mqslam"
+
+
+def _read_source() -> dict[str, Any]:
+    """Returns where the installer took mqslam from; nothing where it did not say."""
+    try:
+        text = metadata.distribution("mqslam").read_text("direct_url.json")
+        source = json.loads(text or "{}")
+    except (metadata.PackageNotFoundError, ValueError):
+        return {}
+    return source if isinstance(source, dict) else {}
