@@ -18,7 +18,6 @@ from mqslam.config import Config, dump_yaml
 from mqslam.errors import tolerate
 from mqslam.execution.files import write_bytes
 from mqslam.mapping.measures import Measures
-from mqslam.report.audit_report import AuditReport
 from mqslam.report.content import (
     Figure,
     Frame,
@@ -37,8 +36,9 @@ from mqslam.report.explorers.scene_data import Scene, make_scene
 from mqslam.report.figures.audit_figures import EXPECTED, draw_heat_map, draw_inflation, draw_revisits
 from mqslam.report.figures.crops import draw_crop, make_crops
 from mqslam.report.formatting import ABSENT, describe_motion, format_length, format_three_digits, format_value
+from mqslam.report.inputs.audit_report import AuditReport
 from mqslam.report.page import collect, name_values, section_of, tabulate_tests, verdict_in, version_in, write_page
-from mqslam.report.spots import find_worst_spots, rank_spot, spot_of_window
+from mqslam.report.places.spots import find_worst_spots, rank_spot, spot_of_window
 
 _MEASURES: Final = {
     "map_entropy": ("mean map entropy", " nat"),

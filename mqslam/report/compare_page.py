@@ -9,7 +9,6 @@ from mqslam.auditing.windows.windows import torn_threshold
 from mqslam.config import AuditConfig
 from mqslam.errors import tolerate
 from mqslam.execution.files import write_bytes
-from mqslam.report.compare_report import CompareReport
 from mqslam.report.content import (
     Figure,
     Frame,
@@ -27,6 +26,7 @@ from mqslam.report.explorers.compare_explorer import explore_comparison
 from mqslam.report.explorers.scene_data import Scene, make_scene
 from mqslam.report.figures.compare_figures import draw_inflation, draw_overlay, draw_place, draw_revisits
 from mqslam.report.formatting import ABSENT, format_length
+from mqslam.report.inputs.compare_report import CompareReport
 from mqslam.report.page import collect, name_values, section_of, version_in, write_page
 
 

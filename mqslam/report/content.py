@@ -62,9 +62,9 @@ class Tile:
 
 @dataclass(frozen=True, slots=True)
 class Figure:
-    """A picture as a PNG file with its heading and, where needed, a line about it."""
+    """A picture, as a PNG file or as an SVG element, with its heading and, where needed, a line about it."""
 
-    png: bytes
+    picture: bytes
     heading: str
     caption: str = ""
 
@@ -129,7 +129,7 @@ class Section:
 
     Args:
         heading: the heading.
-        notes: lines of explanation below it.
+        notes: what the reader should know; the first line stands below the heading, the others unfold.
         figures: pictures side by side.
         stacked: pictures one below the other, beside the others.
         table: a table; None without one.

@@ -18,6 +18,7 @@ from mqslam.errors import tolerate
 from mqslam.execution.files import write_text
 from mqslam.execution.memory import return_free_memory
 from mqslam.report.content import Content, Frame, Part, Row, Section, Table, Values, Verdict
+from mqslam.report.figures.svg import is_svg
 from mqslam.report.formatting import ABSENT, format_p_value, format_value
 
 _PACKAGES: Final = ("numpy", "scipy", "numba", "gtsam", "open3d", "kiss-icp", "matplotlib")
@@ -113,6 +114,8 @@ def _environment() -> Environment:
         lstrip_blocks=True,
     )
     environment.filters["data_uri"] = _data_uri
+    environment.filters["inline"] = _inline
+    environment.tests["drawn"] = is_svg
     environment.tests["verdict"] = lambda value: isinstance(value, VerdictStatus)
     environment.globals |= {"source_of": _source_of, "plotly": _plotly}
     return environment
@@ -144,6 +147,11 @@ def tabulate_tests(summary: Mapping[str, Any]) -> Section | None:
     return Section("Tests", tuple(notes), table=Table(head, rows, holds_words=True)) if rows else None
 
 
+def _inline(svg: bytes) -> Markup:
+    """Returns a drawing as it stands in a page, where its words can be searched and copied."""
+    return Markup(svg.decode("utf-8"))
+
+
 def _data_uri(png: bytes) -> Markup:
     """Returns a picture as an address that holds the picture itself."""
     return Markup(f"data:image/png;base64,{base64.b64encode(png).decode('ascii')}")
@@ -157,10 +165,8 @@ def _source_of(name: str) -> Markup:
 
 @cache
 def _plotly() -> Markup:
-    """Returns the source of plotly.js."""
-    from plotly.offline import get_plotlyjs
-
-    return Markup(get_plotlyjs())
+    """Returns the source of plotly.js, of which the bundle with lines and dots alone ships with mqslam."""
+    return _source_of("plotly/plotly-gl2d.min.js")
 
 
 def _describe_versions(version: str) -> str:

@@ -32,12 +32,12 @@ from mqslam.auditing.windows.windows import Undecided
 from mqslam.config import Config
 from mqslam.core import se2
 from mqslam.report.audit_page import write_audit_report
-from mqslam.report.audit_report import AuditReport
 from mqslam.report.explorers.audit_explorer import explore_audit
 from mqslam.report.figures.audit_figures import draw_heat_map, draw_inflation
 from mqslam.report.figures.crops import Crop, make_crop, make_crops
 from mqslam.report.formatting import describe_motion
-from mqslam.report.spots import find_worst_spots
+from mqslam.report.inputs.audit_report import AuditReport
+from mqslam.report.places.spots import find_worst_spots
 
 
 def a_report() -> AuditReport:

@@ -18,8 +18,8 @@ from mqslam.core import se2
 from mqslam.core.point_map import PointMap
 from mqslam.core.trajectory import Trajectory
 from mqslam.report.compare_page import write_compare_report
-from mqslam.report.compare_report import CompareReport
 from mqslam.report.figures.compare_figures import draw_overlay
+from mqslam.report.inputs.compare_report import CompareReport
 
 START_US = 1_600_000_000_000_000
 

@@ -57,8 +57,10 @@ def explore_comparison(
         places=tuple(shown_places),
         lines=(Lines("ground truth", TRUTH_COLOUR, np.asarray(shown), 4.0),) if shown is not None and len(shown) else (),
         first=order.index(0) if places else 0,
-        explained="A click on a dot shows one window under every row, seen from the sensor, ahead to the right: "
-        "the crisper map has the better motion.",
+        explained=(
+            "Click a dot to see one window under every row: the crisper map has the better motion.",
+            "A window is seen from the sensor, ahead to the right.",
+        ),
     )
 
 

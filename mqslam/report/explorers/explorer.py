@@ -4,12 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TypeAlias
+from typing import Final, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mqslam.report.figures.canvas import BLUE, ORANGE
+
+# shapes of dots, so that what is torn can be told from what is not without seeing red and green
+FINE: Final = "circle"
+TORN: Final = "triangle-up"
+UNKNOWN: Final = "square-open"
 
 Points: TypeAlias = NDArray[np.float64]
 Values: TypeAlias = NDArray[np.float64]
@@ -69,6 +74,7 @@ class Curve:
         times: (N,) [s].
         values: (N,).
         dots: whether it is drawn as dots.
+        mark: shape of the dots.
     """
 
     name: str
@@ -76,6 +82,7 @@ class Curve:
     times: Values
     values: Values
     dots: bool = False
+    mark: str = FINE
 
 
 @dataclass(frozen=True, slots=True)
@@ -140,7 +147,9 @@ class Explorer:
         lines: further lines on the map.
         groups: names of the groups of a view's points, as far as they need one.
         first: number of the place shown first.
-        explained: what the reader should know about it.
+        first_is: what the place shown first is; empty where its title says enough.
+        calm: whether the places do not count against the map, so that the place chosen is marked in grey, not in red.
+        explained: what the reader should know about it: a line, and what else there is to know.
     """
 
     layers: tuple[Layer, ...]
@@ -149,7 +158,9 @@ class Explorer:
     lines: tuple[Lines, ...] = ()
     groups: tuple[str, ...] = ()
     first: int = 0
-    explained: str = ""
+    first_is: str = ""
+    calm: bool = False
+    explained: tuple[str, ...] = ()
 
 
 def mix_shades(count: int) -> tuple[str, ...]:

@@ -30,6 +30,7 @@ from mqslam.report.figures.canvas import (
     put_legend_strip,
     use_plain_log,
 )
+from mqslam.report.figures.svg import encode_svg
 from mqslam.report.formatting import format_length
 
 if TYPE_CHECKING:
@@ -98,7 +99,7 @@ def draw_inflation(audit: Audit, settings: AuditConfig) -> bytes:
     axes.axhline(threshold, color=RED, linewidth=1.2, label=f"threshold {threshold:.1f}")
     axes.axhline(EXPECTED, color=INK, linewidth=1.2, linestyle="--", label=f"expected median {EXPECTED:.2f}")
     put_legend_strip(axes, 5)
-    return encode_png(figure)
+    return encode_svg(figure)
 
 
 def draw_revisits(sweeps: Sweeps, audit: Audit, settings: AuditConfig) -> bytes:
@@ -114,7 +115,7 @@ def draw_revisits(sweeps: Sweeps, audit: Audit, settings: AuditConfig) -> bytes:
     axes.axhline(settings.torn_m, color=RED, linewidth=1.2, label=f"tolerance {settings.torn_m:g} m")
     axes.set_xlim(0.0, float(sweeps.travelled[-1]))
     put_legend_strip(axes, 4)
-    return encode_png(figure)
+    return encode_svg(figure)
 
 
 def _make_colours(limit: float) -> ScalarMappable:

@@ -28,6 +28,7 @@ from mqslam.report.figures.canvas import (
     use_plain_log,
 )
 from mqslam.report.figures.crops import are_inside, find_heaviest_square, measure_distances
+from mqslam.report.figures.svg import encode_svg
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -97,7 +98,7 @@ def draw_inflation(rows: Sequence[Judged], threshold: float) -> bytes:
         )
         text.set_path_effects(make_halo())
     _put_legend(axes, [row.row.name + _COUNT for row in rows])
-    return encode_png(figure)
+    return encode_svg(figure)
 
 
 def draw_revisits(rows: Sequence[Judged]) -> bytes:
@@ -112,7 +113,7 @@ def draw_revisits(rows: Sequence[Judged]) -> bytes:
             axes.step(np.maximum(offsets, _LEAST_M), reached, where="post", label=label, linewidth=1.6, **style_of(k))
     axes.set_ylim(0.0, 102.0)
     _put_legend(axes, [row.row.name + _COUNT for row in rows])
-    return encode_png(figure)
+    return encode_svg(figure)
 
 
 def draw_place(rows: Sequence[Judged], number: int, place: Place) -> tuple[bytes, ...]:
