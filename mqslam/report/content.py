@@ -124,6 +124,14 @@ class Table:
 
 
 @dataclass(frozen=True, slots=True)
+class Fold:
+    """A table that unfolds, under a line that says what it holds."""
+
+    line: str
+    table: Table
+
+
+@dataclass(frozen=True, slots=True)
 class Section:
     """Pictures or a table under a heading.
 
@@ -133,6 +141,7 @@ class Section:
         figures: pictures side by side.
         stacked: pictures one below the other, beside the others.
         table: a table; None without one.
+        folded: what there is besides, and need not be seen at once; None without it.
     """
 
     heading: str
@@ -140,6 +149,7 @@ class Section:
     figures: tuple[Figure, ...] = ()
     stacked: tuple[Figure, ...] = ()
     table: Table | None = None
+    folded: Fold | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -153,11 +163,21 @@ class ThumbnailCard:
 
 @dataclass(frozen=True, slots=True)
 class Gallery:
-    """Cards of small pictures under a heading with a line of explanation."""
+    """Cards of small pictures under a heading with a line of explanation.
+
+    Args:
+        heading: the heading.
+        note: the line.
+        cards: those to see at once.
+        folded: those that unfold, under a line that says what they show.
+        line: that line.
+    """
 
     heading: str
     note: str
     cards: tuple[ThumbnailCard, ...]
+    folded: tuple[ThumbnailCard, ...] = ()
+    line: str = ""
 
 
 @dataclass(frozen=True, slots=True)

@@ -14,10 +14,11 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
 from mqslam.auditing.verdict import VerdictStatus
+from mqslam.core.wording import count_of
 from mqslam.errors import tolerate
 from mqslam.execution.files import write_text
 from mqslam.execution.memory import return_free_memory
-from mqslam.report.content import Content, Frame, Part, Row, Section, Table, Values, Verdict
+from mqslam.report.content import Content, Fold, Frame, Part, Row, Section, Table, Values, Verdict
 from mqslam.report.figures.svg import is_svg
 from mqslam.report.formatting import ABSENT, format_p_value, format_value
 
@@ -39,6 +40,8 @@ _TESTS: Final = {  # the tests of a map, and what they cannot see
     "shaking": ("shaking: scans under smoothed poses", "errors that are as smooth as a drive"),
     "revisits": ("revisits: two passes of one place", "anything where no place is passed twice"),
 }
+
+_TEST_HEAD: Final = ("test", "verdict", "p-value", "what it found", "what it cannot see")
 
 
 def collect(name: str, make: Callable[[], Content | None], failures: list[str]) -> Part[Content]:
@@ -133,10 +136,12 @@ def tabulate_tests(summary: Mapping[str, Any]) -> Section | None:
         for name, (label, blind) in _TESTS.items()
         if (test := found.get(name)) is not None
     )
-    head = ("test", "verdict", "p-value", "what it found", "what it cannot see")
+    calm = tuple(row for row in rows if row.values[0] == VerdictStatus.PASS)
+    others = tuple(row for row in rows if row not in calm)
     notes = [
+        "What each test of the map found, and what it cannot see.",
         "The p-value is the probability that a test shows as much anywhere in a map without a fault, as far as the stated "
-        "covariances are right. A small one alone is no fault: what is off must matter, too."
+        "covariances are right. A small one alone is no fault: what is off must matter, too.",
     ]
     if alarms := section_of(summary, "false_alarms"):
         notes.append(
@@ -144,7 +149,11 @@ def tabulate_tests(summary: Mapping[str, Any]) -> Section | None:
             f"{format_p_value(alarms['p_value_below'])} or more, so that chance alone should make them call no more than "
             f"{format_value(100.0 * alarms['rate'])} % of the good maps bad."
         )
-    return Section("Tests", tuple(notes), table=Table(head, rows, holds_words=True)) if rows else None
+    if not rows:
+        return None
+    table, folded = (Table(_TEST_HEAD, some, holds_words=True) if some else None for some in (others, calm))
+    fold = None if folded is None else Fold(f"{count_of(len(calm), 'test')} passed", folded)
+    return Section("Tests", tuple(notes), table=table, folded=fold)
 
 
 def _inline(svg: bytes) -> Markup:

@@ -79,7 +79,7 @@ def _show_spot(sweeps: Sweeps, spot: Spot) -> Place:
     colours = mix_shades(len(crop.before))
     views = (View("as it is", crop.before, colours), View("corrected", crop.after, colours))
     t0 = spot.t0 if spot.kind == "window" else spot.t1 - sweeps.revolution_s
-    return Place(t0, spot.t1, crop.title, crop.text, spot.torn, views)
+    return Place(t0, spot.t1, crop.title, crop.text, spot.torn, views, spot.unknown)
 
 
 def _make_charts(sweeps: Sweeps, audit: Audit, settings: AuditConfig) -> tuple[Chart, ...]:

@@ -126,6 +126,7 @@ class Place:
         title, text: what the place is.
         torn: whether it is marked as torn.
         views: close views side by side, on one extent.
+        unknown: whether it could not be judged.
     """
 
     t0: float
@@ -134,6 +135,12 @@ class Place:
     text: str
     torn: bool
     views: tuple[View, ...]
+    unknown: bool = False
+
+    @property
+    def kind(self) -> str:
+        """What its dot on the map says of it."""
+        return "torn" if self.torn else "unknown" if self.unknown else "fine"
 
 
 @dataclass(frozen=True, slots=True)

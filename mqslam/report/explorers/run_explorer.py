@@ -29,7 +29,7 @@ from mqslam.report.explorers.explorer import (
     join_lines,
 )
 from mqslam.report.figures.audit_figures import EXPECTED
-from mqslam.report.figures.canvas import BLUE, GREEN, INK, ORANGE, RED
+from mqslam.report.figures.canvas import BLUE, GREEN, GREY, INK, ORANGE, RED
 from mqslam.report.formatting import describe_motion, format_length, format_three_digits
 from mqslam.report.inputs.run_report import Report
 from mqslam.report.page import section_of
@@ -45,7 +45,6 @@ _ELLIPSES = 150  # most ellipses that are shown, so that a long path is not cove
 _CORNERS = 24  # corners of an ellipse
 _LEAST_INFLATION = 1e-2  # smaller values are drawn as this on a logarithmic axis
 _ELLIPSE_COLOUR = "#a8327e"
-_UNDECIDED_COLOUR = "#7b8594"
 
 
 def explore_run(report: Report, truth: Trajectory | None) -> Explorer:
@@ -178,7 +177,7 @@ def chart_inflation(rows: list[tuple[str, tuple[WindowAudit, ...], str]], thresh
         kinds = (
             (fine, colour, name, FINE),
             (torn, RED, f"{name}: torn", TORN),
-            (undecided, _UNDECIDED_COLOUR, f"{name}: undecided", UNKNOWN),
+            (undecided, GREY, f"{name}: undecided", UNKNOWN),
         )
         for shown, shade, title, mark in kinds:
             if shown:
@@ -193,7 +192,8 @@ def explain_torn(settings: AuditConfig) -> str:
     """Explains when a window is torn, for those who see dots beyond the threshold."""
     return (
         f"A window is torn where its inflation is above {torn_threshold(settings):.1f} and its correction moves its "
-        f"points by more than {format_length(settings.bend_m)}. Torn places are red triangles, the others blue dots."
+        f"points by more than {format_length(settings.bend_m)}. Torn places are red triangles, "
+        "the others blue dots, and those of which nothing could be decided grey squares."
     )
 
 
@@ -219,7 +219,7 @@ def _show_windows(report: Report) -> tuple[Place, ...]:
     ]
     views = [_view_windows(name, pointmap, track, report.checks) for name, pointmap, track in shown]
     return tuple(
-        Place(window.t0, window.t1, *_describe_window(window), window.torn, both)
+        Place(window.t0, window.t1, *_describe_window(window), window.torn, both, window.undecided is not None)
         for window, both in zip(report.checks, zip(*views, strict=True), strict=True)
     )
 

@@ -15,8 +15,8 @@ from numpy.typing import ArrayLike, NDArray
 from mqslam.core.point_map import pick_thinned
 from mqslam.core.statistics.evenly import pick_evenly
 from mqslam.core.stored import release
-from mqslam.report.explorers.explorer import FINE, TORN, Curve, Explorer, Layer, Place, Points, Values
-from mqslam.report.figures.canvas import BLUE, MAP_SHAPE, OUTERMOST, RED, find_common_view
+from mqslam.report.explorers.explorer import FINE, TORN, UNKNOWN, Curve, Explorer, Layer, Place, Points, Values
+from mqslam.report.figures.canvas import BLUE, GREY, MAP_SHAPE, OUTERMOST, RED, find_common_view
 
 # limits of a page's size: what a browser moves with ease and a page holds in a few megabytes
 MOST_POINTS: Final = 120_000  # points of all layers together
@@ -102,8 +102,8 @@ def _encode(explorer: Explorer, kept: Sequence[NDArray[np.int64]], names: Sequen
         "calm": explorer.calm,
         "spans": spans,
         "units": _TITLES,
-        "colours": {"fine": BLUE, "torn": RED},
-        "marks": {"fine": FINE, "torn": TORN},
+        "colours": {"fine": BLUE, "torn": RED, "unknown": GREY},
+        "marks": {"fine": FINE, "torn": TORN, "unknown": UNKNOWN},
         "view": [view.x0, view.x1, view.y0, view.y1],
     }
 
@@ -147,8 +147,8 @@ def _encode_places(places: Sequence[Place]) -> tuple[list[dict[str, Any]], dict[
                 spans.append([begin, begin + len(parts[-1])])
                 begin = spans[-1][1]
             views.append({"name": view.name, "groups": spans, "colours": view.colours})
-        about = {"t0": place.t0, "t1": place.t1, "title": place.title, "text": place.text, "torn": place.torn}
-        listed.append({**about, "views": views})
+        about = {"t0": place.t0, "t1": place.t1, "title": place.title, "text": place.text}
+        listed.append({**about, "torn": place.torn, "kind": place.kind, "views": views})
     points = np.concatenate(parts) if parts else np.empty((0, 2))
     return listed, _encode_centimetres(points)
 

@@ -13,12 +13,11 @@ from mqslam.core import se2
 from mqslam.core.statistics.evenly import pick_evenly
 from mqslam.core.trajectory import Trajectory
 from mqslam.evaluation import DriftByLength
-from mqslam.report.figures.canvas import BLUE, GREEN, INK, ORANGE, make_chart, put_legend_above
+from mqslam.report.figures.canvas import BLUE, GREEN, INK, ORANGE, make_chart, put_legend_above, use_plain_log
 from mqslam.report.figures.svg import encode_svg
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 Values = NDArray[np.float64]
 
@@ -26,6 +25,7 @@ Values = NDArray[np.float64]
 _PATH: Final = "distance [m]"
 _TURN: Final = "#a8327e"
 _MOST: Final = 1200  # points of a curve that are drawn: more cannot be told apart
+_ALIKE: Final = 10.0  # curves whose medians differ by a larger factor are drawn on a logarithmic axis
 _ROW_IN, _EDGE_IN = 0.5, 0.9  # height of a bar, and of what is around all bars [inch]
 
 
@@ -42,7 +42,10 @@ def draw_errors(curves: Sequence[Curve]) -> bytes:
     """Draws how far trajectories are from ground truth over the path."""
     figure, axes = make_chart("error [m]", _PATH)
     _draw_curves(axes, curves)
-    axes.set_ylim(bottom=0.0)
+    if not _are_alike([curve.y for curve in curves]):
+        use_plain_log(axes, "y")
+    else:
+        axes.set_ylim(bottom=0.0)
     put_legend_above(axes)
     return encode_svg(figure)
 
@@ -62,7 +65,12 @@ def draw_drift(rows: Sequence[tuple[str, str, DriftByLength]]) -> bytes:
         beside.plot(
             drift.lengths_m, drift.rotation_deg_per_100m, "--s", color=colour, markersize=4, linewidth=1.2, label=label
         )
-    _put_both(figure, axes, beside, "rotation [°/100 m]")
+    for one, errors in ((axes, "translation_percent"), (beside, "rotation_deg_per_100m")):
+        if not _are_alike([getattr(drift, errors) for _, _, drift in rows]):
+            use_plain_log(one, "y")
+        else:
+            one.set_ylim(bottom=0.0)
+    _put_both(axes, beside, "rotation [°/100 m]")
     return encode_svg(figure)
 
 
@@ -79,7 +87,7 @@ def draw_correction(path: Values, apart_m: Values, turned_rad: Values) -> bytes:
     _draw_curves(axes, [Curve("moved", BLUE, path, apart_m)])
     _draw_curves(beside, [Curve("turned", _TURN, path, np.rad2deg(turned_rad))], "--")
     axes.set_ylim(bottom=0.0)
-    _put_both(figure, axes, beside, "turned by [°]")
+    _put_both(axes, beside, "turned by [°]")
     return encode_svg(figure)
 
 
@@ -94,8 +102,9 @@ def draw_speed(track: Trajectory) -> bytes:
     figure, axes = make_chart("speed [m/s]", _PATH)
     beside = axes.twinx()
     _draw_curves(axes, [Curve("speed forward", BLUE, path, twists[:, 0])])
+    axes.set_ylim(bottom=min(0.0, float(twists[:, 0].min())))
     _draw_curves(beside, [Curve("yaw rate", _TURN, path, np.rad2deg(twists[:, 2]))], "--")
-    _put_both(figure, axes, beside, "yaw rate [°/s]")
+    _put_both(axes, beside, "yaw rate [°/s]")
     return encode_svg(figure)
 
 
@@ -114,7 +123,7 @@ def draw_sigmas(track: Trajectory, sure: PoseCovariances) -> bytes:
     _draw_curves(beside, [Curve("heading", _TURN, path, np.rad2deg(sigmas[:, 2]))], "--")
     axes.set_ylim(bottom=0.0)
     beside.set_ylim(bottom=0.0)
-    _put_both(figure, axes, beside, "heading, 1σ [°]")
+    _put_both(axes, beside, "heading, 1σ [°]")
     return encode_svg(figure)
 
 
@@ -139,13 +148,19 @@ def draw_contributions(moved_m: Mapping[str, float], turned_rad: Mapping[str, fl
     return encode_svg(figure)
 
 
+def _are_alike(values: Sequence[Values]) -> bool:
+    """Returns whether values are of one size, so that a linear axis shows all of them."""
+    medians = [float(np.median(some)) for some in values]
+    return max(medians) <= _ALIKE * min(medians)
+
+
 def _draw_curves(axes: Axes, curves: Sequence[Curve], style: str = "-") -> None:
     for curve in curves:
         shown = pick_evenly(len(curve.x), _MOST)
         axes.plot(curve.x[shown], curve.y[shown], style, color=curve.colour, linewidth=1.3, label=curve.name)
 
 
-def _put_both(figure: Figure, axes: Axes, beside: Axes, title: str) -> None:
+def _put_both(axes: Axes, beside: Axes, title: str) -> None:
     """Dresses the axis on the right as the one on the left, and puts one legend for both above the plot."""
     beside.spines[["top", "left", "bottom"]].set_visible(False)
     beside.tick_params(colors=INK, labelsize=10)

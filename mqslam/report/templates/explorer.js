@@ -20,7 +20,7 @@
   const bare = { ...settings, displayModeBar: false };
   const base = {
     paper_bgcolor: "rgba(0,0,0,0)", plot_bgcolor: "rgba(0,0,0,0)", font: { color: ink, size: 12 }, hovermode: "closest",
-    legend: { orientation: "h", x: 0, y: 1.01, xanchor: "left", yanchor: "bottom", itemsizing: "constant" },
+    legend: { orientation: "h", x: 0, y: 1.01, xanchor: "left", yanchor: "bottom" },
     modebar: { orientation: "v", bgcolor: "rgba(0,0,0,0)", color: soft, activecolor: ink },
   };
   const axis = (more) => ({ gridcolor: line, zerolinecolor: line, linecolor: line, ...more });
@@ -64,11 +64,12 @@
   }, "line", extra.name, extra.shown);
   const main = layers.find((layer) => layer.shown) || layers[0];
   const middle = (place) => 0.5 * (place.t0 + place.t1);
-  for (const [torn, kind, name, size] of [[false, "fine", "place to click", 8], [true, "torn", "torn place", 12]]) {
-    const places = scene.places.filter((place) => place.torn === torn);
+  const dots = [["fine", "place to click", 8], ["unknown", "undecided place", 9], ["torn", "torn place", 12]];
+  for (const [kind, name, size] of dots) {
+    const places = scene.places.filter((place) => place.kind === kind);
     const spots = places.map((place) => whereAt(main, middle(place)));
     if (spots.length) add({
-      type: "scattergl", mode: "markers", x: spots.map((p) => p[0]), y: spots.map((p) => p[1]), customdata: places.map(middle),
+      type: "scatter", mode: "markers", x: spots.map((p) => p[0]), y: spots.map((p) => p[1]), customdata: places.map(middle),
       text: places.map((place) => plain(place.title)), hovertemplate: "%{text}<extra></extra>",
       marker: { size, symbol: scene.marks[kind], color: scene.colours[kind], line: { width: 1, color: "white" } },
     }, scene.marks[kind], name);
@@ -76,7 +77,7 @@
   const accent = (torn) => (torn && !scene.calm ? scene.colours.torn : soft);
   const firstTorn = scene.places.length > 0 && scene.places[scene.first].torn;
   const chosenTrace = add({
-    type: "scattergl", mode: "markers", x: [], y: [], hoverinfo: "skip",
+    type: "scatter", mode: "markers", x: [], y: [], hoverinfo: "skip",
     marker: { size: 20, symbol: "circle-open", color: accent(firstTorn), line: { width: 3 } },
   }, "ring", "selected place");
   const [x0, x1, y0, y1] = scene.view;
@@ -93,7 +94,7 @@
     charts[`yaxis${id}`] = axis({ title: { text: chart.title }, type: chart.log ? "log" : "linear", ...(chart.log ? { dtick: 1 } : {}),
       domain: [1 - (k + 1) * height + 0.06, 1 - k * height], rangemode: "tozero", exponentformat: "none" });
     for (const curve of chart.curves) curves.push({
-      type: "scattergl", mode: curve.dots ? "markers" : "lines", name: plain(curve.name), x: decoded(curve.times),
+      type: curve.dots ? "scatter" : "scattergl", mode: curve.dots ? "markers" : "lines", name: plain(curve.name), x: decoded(curve.times),
       y: decoded(curve.values), yaxis: `y${id}`, line: { color: curve.colour, width: 1.4 },
       marker: { color: curve.colour, size: curve.mark === scene.marks.torn ? 9 : 6, symbol: curve.mark },
       hovertemplate: `%{x:.1f} s: %{y:.3g}<extra>${plain(curve.name)}</extra>`,
@@ -133,8 +134,7 @@
     const rows = Math.ceil(place.views.length / columns), wide = 1 / columns, tall = 1 / rows, views = [];
     const height = rows * (byId("crop").clientWidth / columns) + 60;
     byId("crop").style.height = `${height}px`;
-    const layout = { ...base, height, margin: { l: 30, r: 10, t: 24, b: 36 }, dragmode: "pan", annotations: [], showlegend: true,
-      legend: { orientation: "h", x: 0, y: 0, yref: "container", yanchor: "bottom" } };
+    const layout = { ...base, height, margin: { l: 30, r: 10, t: 24, b: 24 }, dragmode: "pan", annotations: [], showlegend: false };
     place.views.forEach((view, n) => {
       const id = n ? `${n + 1}` : "", column = n % columns, row = Math.floor(n / columns);
       const across = [column * wide + 0.02, (column + 1) * wide - 0.02];
@@ -148,7 +148,6 @@
         type: "scatter", mode: "markers", name: scene.groups[g] || "", xaxis: `x${id}`, yaxis: `y${id}`, hoverinfo: "skip",
         x: Array.from(crops.subarray(2 * begin, 2 * end).filter((_, i) => i % 2 === 0)),
         y: Array.from(crops.subarray(2 * begin, 2 * end).filter((_, i) => i % 2 === 1)),
-        showlegend: n === 0 && Boolean(scene.groups[g]), legendgroup: `${g}`,
         marker: { size: 3, opacity: 0.7, color: view.colours[g] },
       }));
     });
@@ -202,6 +201,7 @@
 
   // the legend of the map
   const swatches = {
+    "square-open": '<rect x="6" y="2" width="6" height="6" fill="none" stroke-width="2"/>',
     line: '<path d="M0 5H18" fill="none" stroke-width="3"/>', circle: '<circle cx="9" cy="5" r="3"/>',
     "triangle-up": '<path d="M9 0L14 9H4Z"/>', ring: '<circle cx="9" cy="5" r="4" fill="none" stroke-width="2"/>',
   };
@@ -219,6 +219,14 @@
     });
     byId("legend").append(button);
   }
+
+  scene.groups.forEach((name, g) => {
+    const swatch = document.createElement("span");
+    swatch.innerHTML = `<svg width="12" height="10" aria-hidden="true"><circle cx="5" cy="5" r="3"/></svg>`;
+    swatch.firstChild.style.fill = scene.places.length ? scene.places[0].views[0].colours[g] : ink;
+    swatch.append(name);
+    byId("key").append(swatch);
+  });
 
   const plots = [Plotly.newPlot("map", traces, { ...box, showlegend: false }, settings)];
   if (byId("charts")) plots.push(Plotly.newPlot("charts", curves, charts, bare));
