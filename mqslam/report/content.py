@@ -153,6 +153,23 @@ class Section:
 
 
 @dataclass(frozen=True, slots=True)
+class RankedCard:
+    """A row of a comparison with its rank.
+
+    Args:
+        rank: its rank, 1 for the best; rows that cannot be told apart share one.
+        name: its name.
+        verdict: the verdict on its map; None where there is none.
+        values: what it is ranked by and costs: name, value, and whether it is the best.
+    """
+
+    rank: int
+    name: str
+    verdict: str | None
+    values: tuple[tuple[str, str, bool], ...]
+
+
+@dataclass(frozen=True, slots=True)
 class ThumbnailCard:
     """Small pictures of one place under a heading, with a line about them where needed."""
 

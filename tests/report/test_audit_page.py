@@ -255,7 +255,7 @@ def test_a_part_that_cannot_be_drawn_costs_no_other_part(
     report: AuditReport, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("mqslam.report.audit_page.draw_heat_map", lambda *_, **__: 1 / 0)
-    monkeypatch.setattr("mqslam.report.audit_page.make_crops", lambda *_: 1 / 0)
+    monkeypatch.setattr("mqslam.report.sections.audit_places.make_crop", lambda *_: 1 / 0)
     failures = write_audit_report(tmp_path / "partial.html", report)
     why = "could not be made (ZeroDivisionError: division by zero); the other results are whole"
     assert failures == [f"the pictures of the map {why}", f"the pictures of the worst places {why}"]

@@ -85,7 +85,7 @@ def _show_spot(sweeps: Sweeps, spot: Spot) -> Place:
 def _make_charts(sweeps: Sweeps, audit: Audit, settings: AuditConfig) -> tuple[Chart, ...]:
     charts = []
     if audit.windows:
-        charts.append(chart_inflation([("inflation", tuple(audit.windows), BLUE)], torn_threshold(settings)))
+        charts.append(chart_inflation("inflation", audit.windows, BLUE, torn_threshold(settings)))
     curves = []
     kinds = ((False, BLUE, "revisits", FINE), (True, RED, "revisits: torn", TORN))
     for torn, colour, name, mark in kinds:

@@ -157,35 +157,43 @@ def _make_charts(report: Report) -> tuple[Chart, ...]:
     curves.append(Curve("ψ at its minimum", BLUE, times, scores.psi_minimum / points))
     charts = [Chart("ψ per point of a scan", tuple(curves))]
     if checks:
-        charts.append(chart_inflation([("inflation", checks, BLUE)], torn_threshold(report.settings)))
+        charts.append(chart_inflation("inflation", checks, BLUE, torn_threshold(report.settings)))
     return tuple(charts)
 
 
-def chart_inflation(rows: list[tuple[str, tuple[WindowAudit, ...], str]], threshold: float) -> Chart:
-    """Returns the inflation of windows over time.
+def chart_inflation(name: str, windows: Sequence[WindowAudit], colour: str, threshold: float) -> Chart:
+    """Returns the inflation of windows over time: torn ones are red triangles, undecided ones grey squares.
 
     Args:
-        rows: name, windows and colour of each row; the torn windows of a single row are red, the undecided grey.
+        name: name of those that are neither.
+        windows: the windows.
+        colour: colour of those that are neither.
         threshold: inflation beyond which a window is torn.
     """
+    undecided = [w for w in windows if w.undecided is not None]
+    torn = [w for w in windows if w.torn]
+    fine = [w for w in windows if not w.torn and w.undecided is None]
+    kinds = (
+        (fine, colour, name, FINE),
+        (torn, RED, f"{name}: torn", TORN),
+        (undecided, GREY, f"{name}: undecided", UNKNOWN),
+    )
     curves = []
-    for name, windows, colour in rows:
-        alone = len(rows) == 1
-        undecided = [w for w in windows if alone and w.undecided is not None]
-        torn = [w for w in windows if alone and w.torn]
-        fine = [w for w in windows if not (alone and (w.torn or w.undecided is not None))]
-        kinds = (
-            (fine, colour, name, FINE),
-            (torn, RED, f"{name}: torn", TORN),
-            (undecided, GREY, f"{name}: undecided", UNKNOWN),
-        )
-        for shown, shade, title, mark in kinds:
-            if shown:
-                times = np.array([0.5 * (w.t0 + w.t1) for w in shown])
-                values = np.maximum([w.bend.inflation for w in shown], _LEAST_INFLATION)
-                curves.append(Curve(title, shade, times, values, dots=True, mark=mark))
-    levels = ((f"threshold {threshold:.1f}", threshold, RED), (f"expected median {EXPECTED:.2f}", EXPECTED, INK))
-    return Chart("inflation", tuple(curves), levels, log=True)
+    for shown, shade, title, mark in kinds:
+        if shown:
+            times = np.array([0.5 * (w.t0 + w.t1) for w in shown])
+            values = np.maximum([w.bend.inflation for w in shown], _LEAST_INFLATION)
+            curves.append(Curve(title, shade, times, values, dots=True, mark=mark))
+    return Chart("inflation", tuple(curves), list_levels(threshold), log=True)
+
+
+def list_levels(threshold: float) -> tuple[tuple[str, float, str], ...]:
+    """Returns what inflation is to be held against: name, value and colour.
+
+    Args:
+        threshold: inflation beyond which a window is torn.
+    """
+    return (f"threshold {threshold:.1f}", threshold, RED), (f"expected median {EXPECTED:.2f}", EXPECTED, INK)
 
 
 def explain_torn(settings: AuditConfig) -> str:

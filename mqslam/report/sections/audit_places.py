@@ -67,7 +67,7 @@ def show_crops(report: AuditReport) -> Gallery | None:
 
 
 def _tabulate(spots: Sequence[tuple[int, Spot]]) -> Table:
-    return Table(_HEAD, tuple(Row(f"{number}", _list_values(spot)) for number, spot in spots))
+    return Table(_HEAD, tuple(Row(f"{number}", _list_values(spot)) for number, spot in spots), holds_words=True)
 
 
 def _list_values(spot: Spot) -> tuple[str, ...]:
