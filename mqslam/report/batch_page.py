@@ -116,7 +116,9 @@ def _make_tiles(summary: Mapping[str, Any]) -> tuple[Tile, ...]:
 
 def _format_duration(seconds: float) -> str:
     hours, minutes = int(seconds // 3600), int(seconds // 60 % 60)
-    return f"{hours} h {minutes:02} min" if hours else f"{minutes} min {seconds % 60:.0f} s"
+    if hours:
+        return f"{hours} h {minutes:02} min"
+    return f"{minutes} min {seconds % 60:.0f} s" if minutes else f"{seconds:.0f} s"
 
 
 def _tabulate_runs(summary: Mapping[str, Any]) -> Section:
@@ -156,7 +158,8 @@ def _describe_map(run: Mapping[str, Any]) -> str:
     parts = []
     if before and after is not None:
         change = 100.0 * (after - before) / before
-        parts.append(f"ψ per point {abs(change):.0f} % {'less' if change < 0.0 else 'more'} than before optimisation")
+        size = f"{abs(change):.0f} % {'less' if change < 0.0 else 'more'} than" if abs(change) >= 0.5 else "the same as"
+        parts.append(f"ψ per point {size} before optimisation")
     if matched is not None:
         parts.append(f"{100.0 * matched:.0f} % of the points seen twice")
     return ", ".join(parts) or ABSENT

@@ -143,7 +143,8 @@ def _tabulate_rows(report: CompareReport) -> Section | None:
     judges = "against ground truth and without it" if report.ground_truth is not None else "without ground truth"
     note = f"The same returns and the same judges for every row, {judges}. "
     note += "The best value of a column is bold and green; ↓ less is better, ↑ more, → 1 nearer to 1."
-    return Section("Rows", (note,), table=Table(head, tuple(rows)))
+    table = Table(head, tuple(rows))
+    return Section("Rows", (note,), table=table, turned=table.turn())
 
 
 def _show_trajectories(report: CompareReport, threshold: float) -> Section | None:

@@ -122,6 +122,19 @@ class Table:
     rows: tuple[Row, ...]
     holds_words: bool = False
 
+    def turn(self) -> Table:
+        """Returns the same table with rows and columns exchanged."""
+        columns = [row.values for row in self.rows]
+        rows = (
+            Row(
+                name,
+                tuple(values[k] if k < len(values) else "" for values in columns),
+                best=frozenset(n for n, row in enumerate(self.rows) if k in row.best),
+            )
+            for k, name in enumerate(self.head[1:])
+        )
+        return Table((self.head[0], *(row.label for row in self.rows)), tuple(rows), self.holds_words)
+
 
 @dataclass(frozen=True, slots=True)
 class Fold:
@@ -141,6 +154,7 @@ class Section:
         figures: pictures side by side.
         stacked: pictures one below the other, beside the others.
         table: a table; None without one.
+        turned: the same table with rows and columns exchanged, which a phone shows instead; None where it shows the table.
         folded: what there is besides, and need not be seen at once; None without it.
     """
 
@@ -149,6 +163,7 @@ class Section:
     figures: tuple[Figure, ...] = ()
     stacked: tuple[Figure, ...] = ()
     table: Table | None = None
+    turned: Table | None = None
     folded: Fold | None = None
 
 

@@ -16,6 +16,7 @@ from support.reported import (
     audit_of,
     chromium,
     click_curve,
+    find_faults,
     judged_revisit,
     judged_walls,
     judged_window,
@@ -117,6 +118,16 @@ def test_the_worst_place_is_listed_first_with_size_and_direction(written: Path) 
     assert text.index(row) < text.index("4.5 s to 6.0 s")
 
 
+def test_what_is_not_torn_unfolds(written: Path) -> None:
+    page = written.read_text(encoding="utf-8")
+    places = page[page.index("<h2>Worst places</h2>") : page.index("<h2>What could not be matched</h2>")]
+    shown, folded = places.split('<details class="card">')
+    assert ">torn</td>" in shown and ">not torn</td>" not in shown
+    assert ">not torn</td>" in folded and ">torn</td>" not in folded
+    unmatched = page[page.index("<h2>What could not be matched</h2>") : page.index("<h2>Before and after</h2>")]
+    assert "its two passes are not sure" in unmatched and "revisits.csv, rows whose torn is unknown" in unmatched
+
+
 def test_an_undecided_window_is_not_said_to_be_whole(tmp_path: Path) -> None:
     sweeps = swept_walls()
     windows = [judged_window(sweeps, 6 * k, 1.0 + k, (0.02, 0.0, 0.0), False) for k in range(10)]
@@ -147,6 +158,7 @@ def test_the_tests_stand_side_by_side_with_their_p_values(tmp_path: Path) -> Non
     assert "a p-value of 0.0025 or more" in text and "no more than 2 % of the good maps" in text
     assert "p-value" in text and "pass\n0.31\n0 of 10" in text and "warn\n< 0.0001\nthe map jumps" in text
     assert "pass\n–\nit comes back" in text
+    assert text.index("the map jumps") < text.index("2 tests passed") < text.index("0 of 10")
 
 
 def test_measures_of_windows_without_a_value_leave_the_others(written: Path) -> None:
@@ -288,3 +300,9 @@ def test_a_click_on_a_window_shows_it_as_it_is_and_corrected(written: Path) -> N
         views = browser.execute_script("return document.getElementById('crop').layout.annotations.map((a) => a.text)")
         assert views == ["as it is", "corrected"]
         assert browser.get_log("browser") == []
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("scheme", "width"), [("light", 1400), ("dark", 500)])
+def test_axe_finds_no_serious_fault(written: Path, scheme: str, width: int) -> None:
+    assert find_faults(written, scheme, width) == []

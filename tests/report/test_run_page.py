@@ -15,7 +15,17 @@ import pytest
 from numpy.typing import NDArray
 from PIL import Image
 from selenium.webdriver.support.ui import Select, WebDriverWait
-from support.reported import PATIENCE_S, assert_alone, chromium, click_curve, judged_walls, opened, page_of, swept_walls
+from support.reported import (
+    PATIENCE_S,
+    assert_alone,
+    chromium,
+    click_curve,
+    find_faults,
+    judged_walls,
+    opened,
+    page_of,
+    swept_walls,
+)
 
 from mqslam.backend.linear.marginals import PoseCovariances
 from mqslam.config import AuditConfig
@@ -365,3 +375,9 @@ def test_a_map_of_many_points_is_thinned_evenly_and_says_so(tmp_path: Path) -> N
     x = stored["low"] + stored["step"] * np.frombuffer(base64.b64decode(stored["data"]), "<u2")
     counts, _ = np.histogram(x, 10, (0.0, 200.0))
     assert counts.min() > 0.9 * counts.max()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("scheme", "width"), [("light", 1400), ("dark", 500)])
+def test_axe_finds_no_serious_fault(written: Path, scheme: str, width: int) -> None:
+    assert find_faults(written, scheme, width) == []

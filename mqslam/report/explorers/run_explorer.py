@@ -154,8 +154,9 @@ def _make_charts(report: Report) -> tuple[Chart, ...]:
     curves = []
     if np.isfinite(scores.psi_odometry).any():
         curves.append(Curve("ψ under odometry", ORANGE, times, scores.psi_odometry / points))
-    curves.append(Curve("ψ at its minimum", BLUE, times, scores.psi_minimum / points))
-    charts = [Chart("ψ per point of a scan", tuple(curves))]
+    if np.isfinite(scores.psi_minimum).any():
+        curves.append(Curve("ψ at its minimum", BLUE, times, scores.psi_minimum / points))
+    charts = [Chart("ψ per point of a scan", tuple(curves))] if curves else []
     if checks:
         charts.append(chart_inflation("inflation", checks, BLUE, torn_threshold(report.settings)))
     return tuple(charts)

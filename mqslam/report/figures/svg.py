@@ -9,9 +9,6 @@ from typing import TYPE_CHECKING, Final
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-_LOOKS: Final = {"svg.fonttype": "none", "svg.hashsalt": "mqslam"}
-"""Words stay words, and the names of parts depend on nothing but what the parts show."""
-
 _BEGIN: Final = b"<svg"
 _NOT_SHOWN: Final = re.compile(  # what a page does without, or what would act on all of it
     r'<metadata>.*?</metadata>|<style.*?</style>|<!--.*?-->| xmlns(?::\w+)?="[^"]*"| version="[^"]*"', re.DOTALL
@@ -32,7 +29,8 @@ def encode_svg(figure: Figure) -> bytes:
     import matplotlib as mpl
 
     file = io.BytesIO()
-    with mpl.rc_context(_LOOKS):
+    # words stay words, and the names of parts depend on nothing but what the parts show
+    with mpl.rc_context({"svg.fonttype": "none", "svg.hashsalt": "mqslam"}):
         figure.savefig(file, format="svg", transparent=True, metadata={"Date": None, "Creator": None})
     text = file.getvalue().decode("utf-8")
     text = _NOT_SHOWN.sub("", text[text.index(_BEGIN.decode()) :])

@@ -49,7 +49,8 @@ def list_unmatched(report: AuditReport) -> Section | None:
 def show_crops(report: AuditReport) -> Gallery | None:
     """Returns pictures of the worst places before and after their corrections: torn ones at once, the others unfold."""
     spots = find_worst_spots(report.sweeps, report.audit, report.config.audit)
-    torn, fine = [], []
+    torn: list[ThumbnailCard] = []
+    fine: list[ThumbnailCard] = []
     for k, spot in enumerate(spots, 1):
         crop = make_crop(report.sweeps, spot)
         before, after = draw_crop(crop)
