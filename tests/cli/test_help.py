@@ -23,7 +23,6 @@ HEAVY = (
     "plyfile",
     "laspy",
     "rerun",
-    "plotly",
     "dask",
     "distributed",
 )
