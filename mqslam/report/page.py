@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import math
 import platform
 from collections.abc import Callable, Mapping
 from functools import cache
@@ -30,6 +31,7 @@ _UNITS: Final = {  # by the endings of names, the longer ones first
     "mb": " MB",
     "percent": " %",
 }
+_RADIANS_PER_M: Final = {"yaw_per_m": "yaw", "yaw_per_m_sigma": "yaw, sigma"}  # shown in degrees per metre
 _TESTS: Final = {  # the tests of a map, and what they cannot see
     "trajectory": ("trajectory: its poses as they were given", "errors that are as smooth as a drive"),
     "speeds": ("speeds: successive scans searched for each other", "errors that windows are wide enough to measure"),
@@ -82,6 +84,9 @@ def name_values(heading: str, values: Mapping[str, Any]) -> Values:
     rows = []
     for key, value in values.items():
         if isinstance(value, Mapping | list | tuple):
+            continue
+        if key in _RADIANS_PER_M and isinstance(value, float):
+            rows.append((_RADIANS_PER_M[key], format_value(math.degrees(value), " °/m")))
             continue
         ending = next((ending for ending in _UNITS if key.endswith(f"_{ending}")), "")
         name, unit = (key.removesuffix(f"_{ending}"), _UNITS[ending]) if ending else (key, "")

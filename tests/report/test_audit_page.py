@@ -53,6 +53,7 @@ def a_report() -> AuditReport:
             "trajectory": "given & <kept>.tum",
             "windows": {"count": 10, "torn": 1, "inflation_median": 2.4},
             "revisits": {"count": 3, "sure": 2, "torn": 1, "worst_m": None},
+            "pooled": {"spans": 9, "yaw_per_m": 0.001, "yaw_per_m_sigma": 0.0001},
             "per_window": [{"t0": 0.0}],
         },
         sweeps=sweeps,
@@ -165,6 +166,7 @@ def test_measures_of_windows_without_a_value_leave_the_others(written: Path) -> 
     text = page_of(written).text
     assert "joint less separate entropy\n0.2 nat\n0.2 nat\n0.2 nat" in text
     assert "mean plane variance\n0.07 m²" in text
+    assert "yaw\n0.0573 °/m\nyaw, sigma\n0.00573 °/m" in re.sub(r"\n+", "\n", text)
 
 
 def test_every_crop_is_shown_before_and_after_on_one_extent(report: AuditReport, written: Path) -> None:

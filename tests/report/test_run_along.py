@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 import json
 import re
 from dataclasses import replace
@@ -129,6 +130,16 @@ def test_a_line_stands_above_the_map_and_the_rest_unfolds(tmp_path: Path) -> Non
     head = page[page.index('<section class="live">') : page.index('<div id="legend"')]
     before, folded = head.split('<details class="how"><summary>How to read this</summary>')
     assert before.count("<p") == 1 and "Click a dot" in before and "is torn where its inflation" in folded
+
+
+@pytest.mark.slow
+def test_it_prints_on_a4(tmp_path: Path) -> None:
+    write_report(tmp_path / "r.html", a_report())
+    with chromium() as browser:
+        opened(browser, tmp_path / "r.html")
+        printed = browser.execute_cdp_cmd("Page.printToPDF", {"preferCSSPageSize": True})["data"]
+    boxes = re.findall(rb"/MediaBox \[0 0 ([\d.]+) ([\d.]+)\]", base64.b64decode(printed))
+    assert boxes and all((round(float(w)), round(float(h))) == (595, 842) for w, h in boxes)
 
 
 @pytest.mark.slow
