@@ -74,6 +74,61 @@ def evaluate(estimate: Trajectory, truth: Trajectory) -> Evaluation | None:
     )
 
 
+@dataclass(frozen=True, slots=True)
+class DriftByLength:
+    """Errors of KITTI's segments by their length.
+
+    Args:
+        lengths_m: (L,) lengths [m] of which there are segments.
+        translation_percent: (L,) mean translation error [%] of the segments of each length.
+        rotation_deg_per_100m: (L,) their mean rotation error [deg / 100 m].
+        counts: (L,) number of segments of each length.
+    """
+
+    lengths_m: NDArray[np.float64]
+    translation_percent: NDArray[np.float64]
+    rotation_deg_per_100m: NDArray[np.float64]
+    counts: NDArray[np.int64]
+
+
+def measure_drift_by_length(estimate: Trajectory, truth: Trajectory) -> DriftByLength | None:
+    """Compares segments of an estimate with those of ground truth, apart for every length of segment.
+
+    Args:
+        estimate: the trajectory to judge.
+        truth: ground truth.
+
+    Returns:
+        the errors; None where the two share no path of 100 m.
+    """
+    shared = _share_stamps(estimate, truth)
+    segments = None if shared is None else _measure_segments(*shared[1:])
+    if segments is None:
+        return None
+    lengths_m, translation, rotation = segments
+    known, group, counts = np.unique(lengths_m, return_inverse=True, return_counts=True)
+    means = [np.bincount(group, errors) / counts for errors in (translation, rotation)]
+    return DriftByLength(known, 100.0 * means[0], 100.0 * np.rad2deg(means[1]), counts)
+
+
+def trace_errors(estimate: Trajectory, truth: Trajectory) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
+    """Returns how far an estimate is from ground truth along the path, after the best rigid alignment.
+
+    Args:
+        estimate: the trajectory to judge.
+        truth: ground truth.
+
+    Returns:
+        the path (M,) [m] by ground truth, and the position error (M,) [m]; None where the two share fewer than 3 stamps.
+    """
+    shared = _share_stamps(estimate, truth)
+    if shared is None:
+        return None
+    _, estimated, true = shared
+    placed = se2.transform(_fit_rigid_motion(estimated, true), estimated[:, :2])
+    return se2.path_lengths(true), np.hypot(*(placed - true[:, :2]).T)
+
+
 def measure_nees(measurements: Sequence[Measurement], truth: Trajectory, start_us: int) -> float | None:
     """Returns the mean squared error of motions, normalised by their covariances, over its three degrees of freedom.
 
@@ -131,7 +186,15 @@ def _fit_rigid_motion(estimated: se2.Array, true: se2.Array) -> se2.Array:
 
 
 def _measure_drift(estimated: se2.Array, true: se2.Array) -> tuple[float, float] | None:
-    """Returns the mean translation [m/m] and rotation [rad/m] error over KITTI's segments; None where no segment fits.
+    """Returns the mean translation [m/m] and rotation [rad/m] error over KITTI's segments; None where no segment fits."""
+    segments = _measure_segments(estimated, true)
+    return None if segments is None else (float(segments[1].mean()), float(segments[2].mean()))
+
+
+def _measure_segments(
+    estimated: se2.Array, true: se2.Array
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]] | None:
+    """Returns length [m], translation [m/m] and rotation [rad/m] error (N,) of KITTI's segments; None where none fits.
 
     Source: A. Geiger et al., "Are we ready for autonomous driving? The KITTI vision benchmark suite", 2012.
     """
@@ -146,7 +209,7 @@ def _measure_drift(estimated: se2.Array, true: se2.Array) -> tuple[float, float]
     error = se2.between(se2.between(true[i], true[j]), se2.between(estimated[i], estimated[j]))
     translation = np.hypot(error[:, 0], error[:, 1]) / metres
     rotation = np.abs(se2.wrap(error[:, 2])) / metres
-    return float(translation.mean()), float(rotation.mean())
+    return metres, translation, rotation
 
 
 def _rms(values: se2.Array) -> float:

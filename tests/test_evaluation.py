@@ -12,7 +12,7 @@ import pytest
 from mqslam.core import se2
 from mqslam.core.measurement import Measurement
 from mqslam.core.trajectory import Trajectory
-from mqslam.evaluation import align_positions, evaluate, measure_nees
+from mqslam.evaluation import align_positions, evaluate, measure_drift_by_length, measure_nees, trace_errors
 from mqslam.formats.tum import write_tum
 
 JUDGE = Path(__file__).resolve().parents[2] / "shared" / "tools" / "score_run.py"
@@ -179,3 +179,24 @@ def test_there_is_no_nees_without_motions_or_without_errors_to_expect() -> None:
     assert measure_nees(motions_along(truth, 1e-4 * np.eye(3), np.zeros((3, 3))), truth, START_US) is None
     far = motions_along(truth, 1e-4 * np.eye(3), np.eye(3))
     assert measure_nees(far, truth, START_US - 10**12) is None
+
+
+def test_drift_by_length_has_the_mean_of_all_segments_as_the_drift() -> None:
+    truth = drive(winding(60.0))
+    estimate = drive(winding(60.0) * [1.02, 1.0, 1.01])
+    drift, whole = measure_drift_by_length(estimate, truth), evaluate(estimate, truth)
+    assert drift is not None and whole is not None
+    assert drift.lengths_m.tolist() == [100.0 * k for k in range(1, len(drift.lengths_m) + 1)] and len(drift.lengths_m) > 3
+    assert np.all(np.diff(drift.counts) <= 0)
+    assert np.average(drift.translation_percent, weights=drift.counts) == pytest.approx(whole.drift_percent)
+    assert np.average(drift.rotation_deg_per_100m, weights=drift.counts) == pytest.approx(whole.drift_deg_per_100m)
+    assert measure_drift_by_length(drive(winding(5.0)), drive(winding(5.0))) is None
+
+
+def test_the_errors_along_the_path_have_the_ate_as_their_root_mean_square() -> None:
+    truth, estimate = drive(winding(60.0)), drive(winding(60.0) * [1.02, 1.0, 1.01])
+    traced, whole = trace_errors(estimate, truth), evaluate(estimate, truth)
+    assert traced is not None and whole is not None
+    path, errors = traced
+    assert np.sqrt(np.mean(errors**2)) == pytest.approx(whole.ate_rmse_m)
+    assert path[0] == 0.0 and path[-1] == pytest.approx(se2.path_lengths(truth.poses)[-1])

@@ -54,7 +54,8 @@ def test_every_module_and_configuration_is_in_the_wheel(wheel: zipfile.ZipFile) 
         (f"mqslam/{path.relative_to(ROOT)}" if part != "mqslam" else str(path.relative_to(ROOT)))
         for part in PARTS
         for path in (ROOT / part).rglob("*")
-        if path.suffix in (".py", ".yaml", ".typed", ".html", ".css", ".js") and "__pycache__" not in path.parts
+        if path.suffix in (".py", ".yaml", ".typed", ".html", ".css", ".js") or path.name == "LICENSE"
+        if "__pycache__" not in path.parts
     }
     assert {"mqslam/frontends/psi.py", "mqslam/factors/prior.py", "mqslam/configs/oxford.yaml"} <= expected
     assert {name for name in wheel.namelist() if ".dist-info/" not in name} == expected

@@ -152,7 +152,7 @@ def test_make_demo_ends_with_a_report(tmp_path: Path) -> None:
     command = ["make", "--file", str(ROOT / "Makefile"), "--directory", str(tmp_path), f"VENV={environment}", "demo"]
     done = subprocess.run(command, capture_output=True, text=True, timeout=1800, check=True)
     assert "open demo/run/report.html" in done.stdout
-    assert (tmp_path / "demo" / "run" / "report.html").is_file()
+    assert (tmp_path / "demo" / "run" / "report.html").stat().st_size < 5_000_000
 
 
 def programs() -> list[str]:

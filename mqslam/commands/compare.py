@@ -38,7 +38,7 @@ from mqslam.formats.trajectories import read_with_notes
 from mqslam.psi.doppler import choose_doppler_beta
 from mqslam.psi.place import beam_of
 from mqslam.report.compare_page import write_compare_pages
-from mqslam.report.compare_report import report_comparison
+from mqslam.report.inputs.compare_report import report_comparison
 from mqslam.results.compare_results import summarise, tabulate, write_compare
 from mqslam.results.summary_files import add_warnings
 

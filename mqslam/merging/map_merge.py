@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import gtsam
 import numpy as np
@@ -292,7 +293,7 @@ def _list_covariances(sure: PoseCovariances, count: int) -> NDArray[np.float64]:
     return np.full((count, 3, 3), np.nan) if sure.failure is not None else sure.covariances
 
 
-def _square(factor: gtsam.NonlinearFactor, values: gtsam.Values) -> float:
+def _square(factor: Any, values: gtsam.Values) -> float:
     """Returns the square of a between-factor's residual, in its Gaussian noise."""
     error = factor.noiseModel().noise().whiten(factor.unwhitenedError(values))
     return float(error @ error)

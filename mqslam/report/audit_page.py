@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
@@ -17,8 +17,6 @@ from mqslam.auditing.windows.windows import share_torn, torn_threshold
 from mqslam.config import Config, dump_yaml
 from mqslam.errors import tolerate
 from mqslam.execution.files import write_bytes
-from mqslam.mapping.measures import Measures
-from mqslam.report.audit_report import AuditReport
 from mqslam.report.content import (
     Figure,
     Frame,
@@ -28,25 +26,18 @@ from mqslam.report.content import (
     Row,
     Section,
     Table,
-    Thumbnail,
-    ThumbnailCard,
     Tile,
 )
 from mqslam.report.explorers.audit_explorer import explore_audit
 from mqslam.report.explorers.scene_data import Scene, make_scene
 from mqslam.report.figures.audit_figures import EXPECTED, draw_heat_map, draw_inflation, draw_revisits
-from mqslam.report.figures.crops import draw_crop, make_crops
-from mqslam.report.formatting import ABSENT, describe_motion, format_length, format_three_digits, format_value
-from mqslam.report.page import collect, name_values, section_of, tabulate_tests, verdict_in, version_in, write_page
-from mqslam.report.spots import find_worst_spots, rank_spot, spot_of_window
-
-_MEASURES: Final = {
-    "map_entropy": ("mean map entropy", " nat"),
-    "plane_variance": ("mean plane variance", " m²"),
-    "joint_entropy": ("joint less separate entropy", " nat"),
-    "grid_entropy": ("entropy per grid cell", " nat"),
-}
-
+from mqslam.report.formatting import ABSENT, format_length, format_three_digits, format_value
+from mqslam.report.inputs.audit_report import AuditReport
+from mqslam.report.page import collect, section_of, tabulate_tests, verdict_in, version_in, write_page
+from mqslam.report.places.bad_places import list_bad_places, write_bad_places
+from mqslam.report.places.spots import rank_spot, spot_of_window
+from mqslam.report.sections.audit_numbers import list_numbers
+from mqslam.report.sections.audit_places import list_unmatched, list_worst, show_crops
 
 _COMPARED: Final = (  # what is shown before and after mending: its name, where the summary has it, and its unit
     ("windows torn", "windows", "torn", ""),
@@ -69,6 +60,7 @@ class AuditParts:
     map: Part[Section]
     explorer: Part[Scene]
     worst: Part[Section]
+    unmatched: Part[Section]
     crops: Part[Gallery]
     numbers: Part[Numbers]
 
@@ -82,7 +74,7 @@ def write_audit_pages(
     summary: Mapping[str, Any],
     mended: Judged | None = None,
 ) -> list[str]:
-    """Writes an audit's heat map and its page into an existing folder.
+    """Writes an audit's heat map, its bad places as files, and its page into an existing folder.
 
     Args:
         folder: the folder.
@@ -102,6 +94,8 @@ def write_audit_pages(
     failures: list[str] = []
     with tolerate("heatmap.png", failures):
         write_bytes(folder / "heatmap.png", draw_heat_map(sweeps, audit, config.audit))
+    with tolerate("the files of the bad places", failures):
+        write_bad_places(folder, list_bad_places(sweeps, audit, config.audit))
     with tolerate("report.html", failures):
         warnings = (*summary["warnings"], *failures)
         report = AuditReport(title, summary, sweeps, audit, config, warnings, dump_yaml(config), mended)
@@ -130,9 +124,10 @@ def write_audit_report(path: Path, report: AuditReport) -> list[str]:
         tests=collect("the tests", lambda: tabulate_tests(report.summary), failures),
         tiles=collect("the first numbers", lambda: _make_tiles(report), failures),
         explorer=collect("the map to move in", lambda: make_scene(explore_audit(sweeps, audit, settings)), failures),
-        worst=collect("the worst places", lambda: _list_worst(report), failures),
-        crops=collect("the pictures of the worst places", lambda: _show_crops(report), failures),
-        numbers=collect("the tables", lambda: _list_numbers(report), failures),
+        worst=collect("the worst places", lambda: list_worst(report), failures),
+        unmatched=collect("what could not be judged", lambda: list_unmatched(report), failures),
+        crops=collect("the pictures of the worst places", lambda: show_crops(report), failures),
+        numbers=collect("the tables", lambda: list_numbers(report), failures),
     )
     frame = Frame(
         title=report.title,
@@ -240,87 +235,3 @@ def _show_mended(report: AuditReport) -> Section | None:
     verdict = section_of(after, "verdict")
     why = f"The mended trajectory is judged {verdict['status']}: {'; '.join(verdict['reasons'])}."
     return Section("Mended", (str(after["sentence"]), why), figures, table=table)
-
-
-def _list_worst(report: AuditReport) -> Section | None:
-    spots = find_worst_spots(report.sweeps, report.audit, report.config.audit)
-    if not spots:
-        return None
-    rows = tuple(
-        Row(
-            f"{k}",
-            (
-                spot.kind,
-                spot.time,
-                spot.place,
-                format_length(spot.off_m),
-                describe_motion(spot.correction),
-                spot.inflation_text,
-                spot.verdict,
-            ),
-        )
-        for k, spot in enumerate(spots, 1)
-    )
-    note = (
-        "Torn places come first, by how far they are off, then the windows of the largest inflation; all are well apart. "
-        "A correction, as seen from the sensor, moves the end of a window or span against its begin, what follows a jump, "
-        "or the later pass of a revisit."
-    )
-    head = ("", "what", "time", "place", "off by", "correction", "inflation", "verdict")
-    return Section("Worst places", (note,), table=Table(head, rows))
-
-
-def _show_crops(report: AuditReport) -> Gallery | None:
-    cards = []
-    for k, crop in enumerate(make_crops(report.sweeps, report.audit, report.config.audit), 1):
-        before, after = draw_crop(crop)
-        title = f"{k}. {crop.title}"
-        thumbnails = (
-            Thumbnail(before, "as it is", f"{title}, before"),
-            Thumbnail(after, "corrected", f"{title}, after"),
-        )
-        cards.append(ThumbnailCard(title, thumbnails, crop.text))
-    note = (
-        "The points where the correction shows the most, seen from the sensor, ahead to the right. Blue is what was "
-        "seen first, orange what was seen last: a wall in two colours is doubled."
-    )
-    return Gallery("Before and after", note, tuple(cards)) if cards else None
-
-
-def _list_numbers(report: AuditReport) -> Numbers:
-    summary = report.summary
-    dataset = dict(section_of(summary, "dataset"))
-    if isinstance(summary.get("trajectory"), str):
-        dataset["trajectory"] = summary["trajectory"]
-    cards = (
-        name_values("Recording", dataset),
-        name_values("Windows", section_of(summary, "windows")),
-        name_values("Steps", section_of(summary, "steps")),
-        name_values("Spans", section_of(summary, "spans")),
-        name_values("Pooled corrections", section_of(summary, "pooled")),
-        name_values("Revisits", section_of(summary, "revisits")),
-    )
-    note = "The usual measures of a map depend on the place as much as on the trajectory: none judges a map by itself."
-    return Numbers("Measures", _tabulate_measures(report.audit), note, cards)
-
-
-def _tabulate_measures(audit: Audit) -> Table | None:
-    windows = audit.windows
-    if not windows:
-        return None
-    rows = [
-        Row("ψ per point", _list_quantiles([w.bend.psi for w in windows], "")),
-        Row("ψ per point at its best", _list_quantiles([w.bend.psi_best for w in windows], "")),
-        Row("points matched", _list_quantiles([100.0 * w.bend.matched for w in windows], " %")),
-    ]
-    for field in fields(Measures):
-        label, unit = _MEASURES[field.name]
-        rows.append(Row(label, _list_quantiles([getattr(w.measures, field.name) for w in windows], unit)))
-    return Table(("of the windows", "5 %", "median", "95 %"), tuple(rows))
-
-
-def _list_quantiles(values: list[float], unit: str) -> tuple[str, ...]:
-    """Returns the 5 % quantile, median and 95 % quantile of the values that are known, as text."""
-    known = [v for v in values if np.isfinite(v)]
-    quantiles = np.quantile(known, [0.05, 0.5, 0.95]).tolist() if known else [None] * 3
-    return tuple(format_value(quantile, unit) for quantile in quantiles)

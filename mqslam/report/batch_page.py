@@ -10,16 +10,17 @@ from urllib.parse import quote
 
 from mqslam.auditing.verdict import VerdictStatus
 from mqslam.core.trajectory import Trajectory
+from mqslam.core.wording import count_of
 from mqslam.errors import tolerate
 from mqslam.formats.tum import read_tum
-from mqslam.report.content import Frame, Part, Row, Section, Table, Thumbnail, Tile
+from mqslam.report.content import Fold, Frame, Part, Row, Section, Table, Thumbnail, Tile
 from mqslam.report.figures.canvas import BLUE, INK, encode_png, find_common_view, make_square
-from mqslam.report.formatting import format_matched, format_value
+from mqslam.report.formatting import ABSENT, NOT_JUDGED, format_length, format_matched, format_value
 from mqslam.report.page import collect, version_in, write_page
 
-_HEAD: Final = (
+_WORDS: Final = ("run", "verdict", "why", "drive", "map", "against ground truth")
+_NUMBERS: Final = (
     "run",
-    "verdict",
     "scans",
     "duration",
     "path",
@@ -115,19 +116,64 @@ def _make_tiles(summary: Mapping[str, Any]) -> tuple[Tile, ...]:
 
 def _format_duration(seconds: float) -> str:
     hours, minutes = int(seconds // 3600), int(seconds // 60 % 60)
-    return f"{hours} h {minutes:02} min" if hours else f"{minutes} min {seconds % 60:.0f} s"
+    if hours:
+        return f"{hours} h {minutes:02} min"
+    return f"{minutes} min {seconds % 60:.0f} s" if minutes else f"{seconds:.0f} s"
 
 
 def _tabulate_runs(summary: Mapping[str, Any]) -> Section:
-    note = "ψ per point compares two maps of one run, never two runs. A name leads to the report of its run."
-    return Section("Runs", (note,), table=Table(_HEAD, tuple(_make_row(run) for run in summary["runs"])))
+    notes = (
+        "A name leads to the report of its run.",
+        "ψ per point compares two maps of one run, never two runs.",
+    )
+    runs = summary["runs"]
+    table = Table(_WORDS, tuple(map(_describe_run, runs)), holds_words=True)
+    finished = tuple(_list_numbers(run) for run in runs if not run["failure"])
+    folded = Fold("The same in numbers", Table(_NUMBERS, finished)) if finished else None
+    return Section("Runs", notes, table=table, folded=folded)
 
 
-def _make_row(run: Mapping[str, Any]) -> Row:
+def _describe_run(run: Mapping[str, Any]) -> Row:
+    """Returns a run in words."""
     if run["failure"]:
-        return Row(run["name"], (f"failed: {run['failure']}", *[""] * (len(_HEAD) - 2)), _link_to(run))
+        return Row(run["name"], (f"failed: {run['failure']}", *[""] * (len(_WORDS) - 2)), _link_to(run))
+    verdict = VerdictStatus(run["verdict"])
+    why = "no test speaks against the map" if verdict is VerdictStatus.PASS else run["reasons"] or ABSENT
+    return Row(run["name"], (verdict, why, _describe_drive(run), _describe_map(run), _describe_errors(run)), _link_to(run))
+
+
+def _describe_drive(run: Mapping[str, Any]) -> str:
+    if run["length_m"] is None or run["duration_s"] is None:
+        return ABSENT
+    length = f"{run['length_m'] / 1000.0:.2f} km" if run["length_m"] >= 1000.0 else f"{run['length_m']:.0f} m"
+    loops = run["loops"] or 0
+    closed = "no loop closed" if not loops else f"{count_of(loops, 'loop')} closed"
+    return f"{length} in {_format_duration(run['duration_s'])}, {closed}"
+
+
+def _describe_map(run: Mapping[str, Any]) -> str:
+    before, after, matched = run["psi_per_point_odometry"], run["psi_per_point"], run["matched"]
+    if matched == 0.0:
+        return NOT_JUDGED
+    parts = []
+    if before and after is not None:
+        change = 100.0 * (after - before) / before
+        size = f"{abs(change):.0f} % {'less' if change < 0.0 else 'more'} than" if abs(change) >= 0.5 else "the same as"
+        parts.append(f"ψ per point {size} before optimisation")
+    if matched is not None:
+        parts.append(f"{100.0 * matched:.0f} % of the points seen twice")
+    return ", ".join(parts) or ABSENT
+
+
+def _describe_errors(run: Mapping[str, Any]) -> str:
+    if run["ate_rmse_m"] is None:
+        return "there is none"
+    drift = "" if run["drift_percent"] is None else f", drift of {format_value(run['drift_percent'])} %"
+    return f"{format_length(run['ate_rmse_m'])} off (ATE, RMSE){drift}"
+
+
+def _list_numbers(run: Mapping[str, Any]) -> Row:
     values = (
-        VerdictStatus(run["verdict"]),
         format_value(run["revolutions"]),
         format_value(run["duration_s"], " s"),
         format_value(run["length_m"], " m"),
@@ -138,7 +184,7 @@ def _make_row(run: Mapping[str, Any]) -> Row:
         format_value(run["ate_rmse_m"], " m"),
         format_value(run["drift_percent"], " %"),
     )
-    return Row(run["name"], values, _link_to(run))
+    return Row(run["name"], values)
 
 
 def _show_trajectories(summary: Mapping[str, Any], tracks: Mapping[str, Trajectory]) -> tuple[Thumbnail, ...]:

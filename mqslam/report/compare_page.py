@@ -4,18 +4,19 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Final
 
 from mqslam.auditing.windows.windows import torn_threshold
 from mqslam.config import AuditConfig
 from mqslam.errors import tolerate
 from mqslam.execution.files import write_bytes
-from mqslam.report.compare_report import CompareReport
 from mqslam.report.content import (
     Figure,
     Frame,
     Gallery,
     Numbers,
     Part,
+    RankedCard,
     Row,
     Section,
     Table,
@@ -27,13 +28,19 @@ from mqslam.report.explorers.compare_explorer import explore_comparison
 from mqslam.report.explorers.scene_data import Scene, make_scene
 from mqslam.report.figures.compare_figures import draw_inflation, draw_overlay, draw_place, draw_revisits
 from mqslam.report.formatting import ABSENT, format_length
+from mqslam.report.inputs.compare_report import CompareReport
 from mqslam.report.page import collect, name_values, section_of, version_in, write_page
+from mqslam.report.places.standstills import select_moving_places, select_moving_windows
+
+_VERDICT: Final = "verdict"
+_RANKED_BY: Final = ("drift", "ATE", "windows torn", "revisits apart", "time")  # how the columns on a card begin
 
 
 @dataclass(frozen=True, slots=True)
 class CompareParts:
     """The parts of the page, as compare.html shows them."""
 
+    ranks: Part[tuple[RankedCard, ...]]
     rows: Part[Section]
     trajectories: Part[Section]
     explorer: Part[Scene]
@@ -80,6 +87,7 @@ def write_compare_report(path: Path, report: CompareReport) -> list[str]:
     threshold = report.summary.get("threshold") or torn_threshold(AuditConfig())
     parts = CompareParts(
         trajectories=collect("the pictures of the trajectories", lambda: _show_trajectories(report, threshold), failures),
+        ranks=collect("the ranking", lambda: _rank_rows(report), failures),
         rows=collect("the table", lambda: _tabulate_rows(report), failures),
         explorer=collect("the map to move in", lambda: _make_scene(report, threshold), failures),
         places=collect("where the rows differ", lambda: _show_places(report), failures),
@@ -99,7 +107,30 @@ def write_compare_report(path: Path, report: CompareReport) -> list[str]:
 
 def _make_scene(report: CompareReport, threshold: float) -> Scene | None:
     places = (*report.places, *report.stations)
-    return make_scene(explore_comparison(report.rows, places, report.ground_truth, report.start_us, threshold))
+    moving = select_moving_windows(report.rows, report.start_us, report.map)
+    shown = select_moving_places(report.rows, places, report.start_us, report.map)
+    explorer = explore_comparison(report.rows, places, shown, moving, report.ground_truth, report.start_us, threshold)
+    return make_scene(explorer)
+
+
+def _rank_rows(report: CompareReport) -> tuple[RankedCard, ...] | None:
+    """Returns a card per row, the best first; None where the rows are not ranked."""
+    head, *lines = report.table or ((),)
+    cards = []
+    for k, names in enumerate(report.ranks):
+        rank = 1 + sum(map(len, report.ranks[:k]))
+        for number, line in enumerate(lines, 1):
+            if line[0] not in names:
+                continue
+            cells = dict(zip(head, line, strict=False))
+            verdict = next((value for name, value in cells.items() if name.startswith(_VERDICT)), None)
+            shown = [
+                (name, line[column], (number, column) in report.marked)
+                for column, name in enumerate(head)
+                if name.startswith(_RANKED_BY) and column < len(line) and line[column] not in ("", ABSENT, "-")
+            ]
+            cards.append(RankedCard(rank, line[0], verdict, tuple(shown)))
+    return tuple(cards) or None
 
 
 def _tabulate_rows(report: CompareReport) -> Section | None:
@@ -112,7 +143,8 @@ def _tabulate_rows(report: CompareReport) -> Section | None:
     judges = "against ground truth and without it" if report.ground_truth is not None else "without ground truth"
     note = f"The same returns and the same judges for every row, {judges}. "
     note += "The best value of a column is bold and green; ↓ less is better, ↑ more, → 1 nearer to 1."
-    return Section("Rows", (note,), table=Table(head, tuple(rows)))
+    table = Table(head, tuple(rows))
+    return Section("Rows", (note,), table=table, turned=table.turn())
 
 
 def _show_trajectories(report: CompareReport, threshold: float) -> Section | None:
@@ -122,8 +154,9 @@ def _show_trajectories(report: CompareReport, threshold: float) -> Section | Non
     if report.ground_truth is not None:
         caption = "each laid on the ground truth by the best rigid motion"
     trajectories = Figure(draw_overlay(report.rows, report.ground_truth, opaque=False), "Trajectories", caption)
-    caption = "a dot per window and their running median: how far a window's map is from its own best"
-    charts = [Figure(draw_inflation(report.rows, threshold), "Inflation of the windows", caption)]
+    caption = "running median over the windows in which the radar moved: how far a window's map is from its own best"
+    moving = select_moving_windows(report.rows, report.start_us, report.map)
+    charts = [Figure(draw_inflation(report.rows, moving, threshold), "Inflation of the windows", caption)]
     if any(r.revisit.sure for row in report.rows for r in row.audit.revisits):
         caption = "share of the revisits whose two passes are off each other by less, with their number in brackets"
         charts.append(Figure(draw_revisits(report.rows), "Offset of the revisits", caption))

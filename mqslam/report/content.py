@@ -62,9 +62,9 @@ class Tile:
 
 @dataclass(frozen=True, slots=True)
 class Figure:
-    """A picture as a PNG file with its heading and, where needed, a line about it."""
+    """A picture, as a PNG file or as an SVG element, with its heading and, where needed, a line about it."""
 
-    png: bytes
+    picture: bytes
     heading: str
     caption: str = ""
 
@@ -122,6 +122,27 @@ class Table:
     rows: tuple[Row, ...]
     holds_words: bool = False
 
+    def turn(self) -> Table:
+        """Returns the same table with rows and columns exchanged."""
+        columns = [row.values for row in self.rows]
+        rows = (
+            Row(
+                name,
+                tuple(values[k] if k < len(values) else "" for values in columns),
+                best=frozenset(n for n, row in enumerate(self.rows) if k in row.best),
+            )
+            for k, name in enumerate(self.head[1:])
+        )
+        return Table((self.head[0], *(row.label for row in self.rows)), tuple(rows), self.holds_words)
+
+
+@dataclass(frozen=True, slots=True)
+class Fold:
+    """A table that unfolds, under a line that says what it holds."""
+
+    line: str
+    table: Table
+
 
 @dataclass(frozen=True, slots=True)
 class Section:
@@ -129,10 +150,12 @@ class Section:
 
     Args:
         heading: the heading.
-        notes: lines of explanation below it.
+        notes: what the reader should know; the first line stands below the heading, the others unfold.
         figures: pictures side by side.
         stacked: pictures one below the other, beside the others.
         table: a table; None without one.
+        turned: the same table with rows and columns exchanged, which a phone shows instead; None where it shows the table.
+        folded: what there is besides, and need not be seen at once; None without it.
     """
 
     heading: str
@@ -140,6 +163,25 @@ class Section:
     figures: tuple[Figure, ...] = ()
     stacked: tuple[Figure, ...] = ()
     table: Table | None = None
+    turned: Table | None = None
+    folded: Fold | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class RankedCard:
+    """A row of a comparison with its rank.
+
+    Args:
+        rank: its rank, 1 for the best; rows that cannot be told apart share one.
+        name: its name.
+        verdict: the verdict on its map; None where there is none.
+        values: what it is ranked by and costs: name, value, and whether it is the best.
+    """
+
+    rank: int
+    name: str
+    verdict: str | None
+    values: tuple[tuple[str, str, bool], ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -153,11 +195,21 @@ class ThumbnailCard:
 
 @dataclass(frozen=True, slots=True)
 class Gallery:
-    """Cards of small pictures under a heading with a line of explanation."""
+    """Cards of small pictures under a heading with a line of explanation.
+
+    Args:
+        heading: the heading.
+        note: the line.
+        cards: those to see at once.
+        folded: those that unfold, under a line that says what they show.
+        line: that line.
+    """
 
     heading: str
     note: str
     cards: tuple[ThumbnailCard, ...]
+    folded: tuple[ThumbnailCard, ...] = ()
+    line: str = ""
 
 
 @dataclass(frozen=True, slots=True)

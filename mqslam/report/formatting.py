@@ -16,13 +16,13 @@ _SMALLEST_M, _SMALLEST_RAD = 5e-4, 1e-4  # smaller parts of a motion would be wr
 
 
 def format_value(value: Any, unit: str = "") -> str:
-    """Returns a value of a summary as text: four significant digits, thousands separated, a dash where there is none."""
+    """Returns a value of a summary as text: three significant digits, thousands separated, a dash where there is none."""
     if value is None or (isinstance(value, float) and not math.isfinite(value)):
         return ABSENT
     if isinstance(value, int) and not isinstance(value, bool):
         return f"{value:,}{unit}"
     if isinstance(value, float):
-        digits = f"{value:,.0f}" if abs(value) >= 1000 else f"{value:.4g}"
+        digits = f"{value:,.0f}" if abs(value) >= 1000 else f"{value:.3g}"
         return f"{digits}{unit}"
     return f"{value}{unit}"
 

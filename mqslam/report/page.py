@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import math
 from collections.abc import Callable, Mapping
 from functools import cache
 from importlib import resources
@@ -13,11 +14,13 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
 from mqslam.auditing.verdict import VerdictStatus
+from mqslam.core.wording import count_of
 from mqslam.errors import tolerate
 from mqslam.execution.extras import list_versions
 from mqslam.execution.files import write_text
 from mqslam.execution.memory import return_free_memory
-from mqslam.report.content import Content, Frame, Part, Row, Section, Table, Values, Verdict
+from mqslam.report.content import Content, Fold, Frame, Part, Row, Section, Table, Values, Verdict
+from mqslam.report.figures.svg import is_svg
 from mqslam.report.formatting import ABSENT, format_p_value, format_value
 
 _UNITS: Final = {  # by the endings of names, the longer ones first
@@ -27,6 +30,7 @@ _UNITS: Final = {  # by the endings of names, the longer ones first
     "mb": " MB",
     "percent": " %",
 }
+_RADIANS_PER_M: Final = {"yaw_per_m": "yaw", "yaw_per_m_sigma": "yaw, sigma"}  # shown in degrees per metre
 _TESTS: Final = {  # the tests of a map, and what they cannot see
     "trajectory": ("trajectory: its poses as they were given", "errors that are as smooth as a drive"),
     "speeds": ("speeds: successive scans searched for each other", "errors that windows are wide enough to measure"),
@@ -37,6 +41,8 @@ _TESTS: Final = {  # the tests of a map, and what they cannot see
     "shaking": ("shaking: scans under smoothed poses", "errors that are as smooth as a drive"),
     "revisits": ("revisits: two passes of one place", "anything where no place is passed twice"),
 }
+
+_TEST_HEAD: Final = ("test", "verdict", "p-value", "what it found", "what it cannot see")
 
 
 def collect(name: str, make: Callable[[], Content | None], failures: list[str]) -> Part[Content]:
@@ -78,6 +84,9 @@ def name_values(heading: str, values: Mapping[str, Any]) -> Values:
     for key, value in values.items():
         if isinstance(value, Mapping | list | tuple):
             continue
+        if key in _RADIANS_PER_M and isinstance(value, float):
+            rows.append((_RADIANS_PER_M[key], format_value(math.degrees(value), " °/m")))
+            continue
         ending = next((ending for ending in _UNITS if key.endswith(f"_{ending}")), "")
         name, unit = (key.removesuffix(f"_{ending}"), _UNITS[ending]) if ending else (key, "")
         rows.append((name.replace("_", " "), format_value(value, unit)))
@@ -112,6 +121,8 @@ def _environment() -> Environment:
         lstrip_blocks=True,
     )
     environment.filters["data_uri"] = _data_uri
+    environment.filters["inline"] = _inline
+    environment.tests["drawn"] = is_svg
     environment.tests["verdict"] = lambda value: isinstance(value, VerdictStatus)
     environment.globals |= {"source_of": _source_of}
     return environment
@@ -129,10 +140,12 @@ def tabulate_tests(summary: Mapping[str, Any]) -> Section | None:
         for name, (label, blind) in _TESTS.items()
         if (test := found.get(name)) is not None
     )
-    head = ("test", "verdict", "p-value", "what it found", "what it cannot see")
+    calm = tuple(row for row in rows if row.values[0] == VerdictStatus.PASS)
+    others = tuple(row for row in rows if row not in calm)
     notes = [
+        "What each test of the map found, and what it cannot see.",
         "The p-value is the probability that a test shows as much anywhere in a map without a fault, as far as the stated "
-        "covariances are right. A small one alone is no fault: what is off must matter, too."
+        "covariances are right. A small one alone is no fault: what is off must matter, too.",
     ]
     if alarms := section_of(summary, "false_alarms"):
         notes.append(
@@ -140,7 +153,16 @@ def tabulate_tests(summary: Mapping[str, Any]) -> Section | None:
             f"{format_p_value(alarms['p_value_below'])} or more, so that chance alone should make them call no more than "
             f"{format_value(100.0 * alarms['rate'])} % of the good maps bad."
         )
-    return Section("Tests", tuple(notes), table=Table(head, rows, holds_words=True)) if rows else None
+    if not rows:
+        return None
+    table, folded = (Table(_TEST_HEAD, some, holds_words=True) if some else None for some in (others, calm))
+    fold = None if folded is None else Fold(f"{count_of(len(calm), 'test')} passed", folded)
+    return Section("Tests", tuple(notes), table=table, folded=fold)
+
+
+def _inline(svg: bytes) -> Markup:
+    """Returns a drawing as it stands in a page, where its words can be searched and copied."""
+    return Markup(svg.decode("utf-8"))
 
 
 def _data_uri(png: bytes) -> Markup:
@@ -152,6 +174,12 @@ def _data_uri(png: bytes) -> Markup:
 def _source_of(name: str) -> Markup:
     """Returns a style sheet or script as it is."""
     return Markup(resources.files("mqslam.report").joinpath("templates", name).read_text(encoding="utf-8"))
+
+
+@cache
+def _plotly() -> Markup:
+    """Returns the source of plotly.js, of which the bundle with lines and dots alone ships with mqslam."""
+    return _source_of("plotly/plotly-gl2d.min.js")
 
 
 def _describe_versions(version: str) -> str:

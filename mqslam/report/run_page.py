@@ -15,77 +15,19 @@ from mqslam.core.recording import Recording
 from mqslam.core.trajectory import Trajectory
 from mqslam.errors import tolerate
 from mqslam.evaluation import align_positions
-from mqslam.report.content import Figure, Frame, Numbers, Part, Row, Section, Table, Tile, Values
+from mqslam.report.content import Figure, Frame, Numbers, Part, Section, Tile
 from mqslam.report.explorers.run_explorer import explore_run
 from mqslam.report.explorers.scene_data import Scene, make_scene
 from mqslam.report.figures import run_figures
 from mqslam.report.figures.canvas import OUTERMOST
-from mqslam.report.formatting import ABSENT, NOT_JUDGED, format_change, format_matched, format_share, format_value
+from mqslam.report.formatting import NOT_JUDGED, format_change, format_share, format_value
+from mqslam.report.inputs.run_report import Report, report_run
 from mqslam.report.page import collect, section_of, tabulate_tests, verdict_in, version_in, write_page
-from mqslam.report.run_report import Report, report_run
+from mqslam.report.sections.run_along import chart_path
+from mqslam.report.sections.run_numbers import list_numbers
 from mqslam.solution import Run
 
 _SAME_PATH_M: Final = 1e-3  # positions nearer than this are the same in print
-_CARDS: Final = {
-    "dataset": "Recording",
-    "factors": "Graph factors",
-    "evaluation": "Against ground truth",
-    "runtime_s": "Run time",
-}
-_SENSORS: Final = {
-    "mount": "Radar on the vehicle",
-    "gyroscope": "Gyroscope",
-    "gnss": "GNSS",
-    "chirps": "Velocities by chirps",
-}
-_LABELS: Final = {
-    "chirps.factors": ("velocities in the graph", ""),
-    "chirps.scale": ("travel by psi per travel by them", ""),
-    "chirps.sigma_scale": ("± (one sigma)", ""),
-    "chirps.bias_forward_mps": ("bias forward", " m/s"),
-    "chirps.bias_left_mps": ("bias to the left", " m/s"),
-    "chirps.moved_m": ("move the trajectory by (RMS)", " m"),
-    "chirps.turned_rad": ("turn its end by", " rad"),
-    "gyroscope.factors": ("turns in the graph", ""),
-    "gyroscope.axis": ("axis that is the radar's vertical", ""),
-    "gyroscope.scale": ("turns of the radar per turn of its own", ""),
-    "gyroscope.sigma_scale": ("± (one sigma)", ""),
-    "gyroscope.late_s": ("its clock is late by", " s"),
-    "gyroscope.sigma_late_s": ("± (one sigma)", " s"),
-    "gyroscope.bias_radps": ("bias", " rad/s"),
-    "gyroscope.white_noise": ("white noise", " rad/s/√Hz"),
-    "gyroscope.bias_walk": ("walk of the bias", " rad/s/√s"),
-    "gyroscope.moved_m": ("moves the trajectory by (RMS)", " m"),
-    "gyroscope.turned_rad": ("turns its end by", " rad"),
-    "gnss.factors": ("fixes in the graph", ""),
-    "gnss.rejected": ("of them rejected as jumps", ""),
-    "gnss.white_m": ("white noise", " m"),
-    "gnss.walk_m": ("walk of the error", " m/√s"),
-    "gnss.antenna_x_m": ("antenna ahead of the radar", " m"),
-    "gnss.antenna_y_m": ("antenna to the radar's left", " m"),
-    "gnss.sigma_antenna_x_m": ("± ahead (one sigma)", " m"),
-    "gnss.sigma_antenna_y_m": ("± to the left (one sigma)", " m"),
-    "mount.x_m": ("ahead", " m"),
-    "mount.y_m": ("to the left", " m"),
-    "mount.yaw_rad": ("turned to the left", " rad"),
-    "mount.sigma_x_m": ("± ahead (one sigma)", " m"),
-    "mount.sigma_y_m": ("± to the left (one sigma)", " m"),
-    "mount.sigma_yaw_rad": ("± turned (one sigma)", " rad"),
-    "gnss.moved_m": ("moves the trajectory by (RMS)", " m"),
-    "gnss.turned_rad": ("turns its end by", " rad"),
-    "dataset.duration_s": ("duration", " s"),
-    "dataset.length_m": ("length of path", " m"),
-    "factors.loop": ("loop closures", ""),
-    "factors.loop_rejected": ("loop closures rejected", ""),
-    "factors.refinement": ("scans laid into earlier passes", ""),
-    "evaluation.ate_rmse_m": ("ATE, RMSE", " m"),
-    "evaluation.drift_percent": ("drift", " %"),
-    "evaluation.drift_deg_per_100m": ("rotation drift", " °/100 m"),
-    "evaluation.rpe_v_rms": ("speed error, RMS", " m/s"),
-    "evaluation.rpe_w_rms": ("yaw rate error, RMS", " rad/s"),
-    "evaluation.rpe_v_bias": ("speed error, mean", " m/s"),
-    "evaluation.rpe_w_bias": ("yaw rate error, mean", " rad/s"),
-}
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,6 +39,7 @@ class RunParts:
     trajectories: Part[Section]
     explorer: Part[Scene]
     tests: Part[Section]
+    along: Part[Section]
     numbers: Part[Numbers]
 
 
@@ -142,7 +85,8 @@ def write_report(path: Path, report: Report) -> list[str]:
         tiles=collect("the first numbers", lambda: _make_tiles(report), failures),
         explorer=collect("the map to move in", lambda: make_scene(explore_run(report, truth)), failures),
         tests=collect("the tests", lambda: tabulate_tests(report.summary), failures),
-        numbers=collect("the tables", lambda: _list_numbers(report), failures),
+        along=collect("the charts along the path", lambda: chart_path(report), failures),
+        numbers=collect("the tables", lambda: list_numbers(report), failures),
     )
     frame = Frame(
         title=report.title,
@@ -248,54 +192,6 @@ def _align_truth(report: Report) -> Trajectory | None:
     if motion is None:
         return None
     return Trajectory(report.ground_truth.stamps_us, se2.compose(se2.inverse(motion), report.ground_truth.poses))
-
-
-def _list_numbers(report: Report) -> Numbers:
-    cards = []
-    for group, heading in _CARDS.items():
-        unit = " s" if group == "runtime_s" else ""
-        rows = [_label(group, key, value, unit) for key, value in section_of(report.summary, group).items()]
-        if group == "runtime_s" and report.summary.get("peak_rss_mb") is not None:
-            rows.append(("peak memory", format_value(report.summary["peak_rss_mb"], " MB")))
-        cards.append(Values(heading, tuple(rows)))
-    beside = {"mount": section_of(report.summary, "mount"), **section_of(report.summary, "sensors")}
-    cards += [_list_sensor(name, found) for name, found in beside.items() if found]
-    return Numbers("Map quality", _tabulate_quality(report), "", tuple(cards))
-
-
-def _list_sensor(name: str, found: Mapping[str, Any]) -> Values:
-    """Returns the card of the mount or of a sensor beside the radar: what was found of it, and how far it moves poses."""
-    told = {key: value for key, value in found.items() if key != "statements" and value is not None}
-    rows = [_label(name, key, value, "") for key, value in told.items()]
-    return Values(_SENSORS[name], tuple(rows))
-
-
-def _tabulate_quality(report: Report) -> Table:
-    psi = section_of(report.summary, "psi")
-    matched = [psi.get("matched_odometry"), psi.get("matched_optimised")]
-    per_point = [psi.get("per_point_odometry"), psi.get("per_point_optimised")]
-    total = [psi.get("odometry"), psi.get("optimised")]
-    changes = [format_change(*pair) if all(matched) else ABSENT for pair in (total, per_point, matched)]
-    lengths = (format_value(report.odometry.length_m, " m"), format_value(report.optimised.length_m, " m"))
-    across = [psi.get("across_passes_odometry"), psi.get("across_passes_optimised")]
-    passes: tuple[Row, ...] = ()
-    if None not in across:
-        passes = (Row("ψ per point across passes", (*map(format_value, across), format_change(*across))),)
-    rows = (
-        *passes,
-        Row("ψ", (format_value(total[0]), format_value(total[1]), changes[0])),
-        Row("ψ per point", (format_value(per_point[0]), format_value(per_point[1]), changes[1])),
-        Row("points matched", (format_matched(matched[0]), format_matched(matched[1]), changes[2])),
-        Row("points", (f"{len(report.map_odometry):,}", f"{len(report.map_optimised):,}", "")),
-        Row("path", (*lengths, "")),
-    )
-    return Table(("", report.before, "optimised", "change"), rows)
-
-
-def _label(group: str, key: str, value: Any, unit: str) -> tuple[str, str]:
-    """Returns a value of the summary under the name that a reader knows it by."""
-    label, own_unit = _LABELS.get(f"{group}.{key}", (key.replace("_", " "), unit))
-    return label, format_value(value, own_unit)
 
 
 def _is_same_path(a: Trajectory, b: Trajectory) -> bool:

@@ -14,7 +14,8 @@ from mqslam.core.trajectory import Trajectory
 from mqslam.formats.trajectories import write_kitti
 from mqslam.formats.tum import read_tum, write_tum
 
-FILES = {"audit.json", "audit.csv", "steps.csv", "spans.csv", "revisits.csv", "heatmap.png", "report.html", "config.yaml"}
+TABLES = {"audit.csv", "steps.csv", "spans.csv", "revisits.csv", "bad_places.csv", "bad_places.geojson"}
+FILES = {"audit.json", "heatmap.png", "report.html", "config.yaml", *TABLES}
 
 
 @pytest.fixture(scope="module")

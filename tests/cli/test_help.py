@@ -25,7 +25,6 @@ HEAVY = (
     "plyfile",
     "laspy",
     "rerun",
-    "plotly",
     "dask",
     "distributed",
 )

@@ -244,6 +244,8 @@ def test_an_audit_keeps_its_numbers_without_pictures_and_report(
         "steps.csv",
         "spans.csv",
         "revisits.csv",
+        "bad_places.csv",
+        "bad_places.geojson",
         "audit.json",
     }
     said = [

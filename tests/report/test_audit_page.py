@@ -16,6 +16,7 @@ from support.reported import (
     audit_of,
     chromium,
     click_curve,
+    find_faults,
     judged_revisit,
     judged_walls,
     judged_window,
@@ -32,12 +33,12 @@ from mqslam.auditing.windows.windows import Undecided
 from mqslam.config import Config
 from mqslam.core import se2
 from mqslam.report.audit_page import write_audit_report
-from mqslam.report.audit_report import AuditReport
 from mqslam.report.explorers.audit_explorer import explore_audit
 from mqslam.report.figures.audit_figures import draw_heat_map, draw_inflation
 from mqslam.report.figures.crops import Crop, make_crop, make_crops
 from mqslam.report.formatting import describe_motion
-from mqslam.report.spots import find_worst_spots
+from mqslam.report.inputs.audit_report import AuditReport
+from mqslam.report.places.spots import find_worst_spots
 
 
 def a_report() -> AuditReport:
@@ -52,6 +53,7 @@ def a_report() -> AuditReport:
             "trajectory": "given & <kept>.tum",
             "windows": {"count": 10, "torn": 1, "inflation_median": 2.4},
             "revisits": {"count": 3, "sure": 2, "torn": 1, "worst_m": None},
+            "pooled": {"spans": 9, "yaw_per_m": 0.001, "yaw_per_m_sigma": 0.0001},
             "per_window": [{"t0": 0.0}],
         },
         sweeps=sweeps,
@@ -117,6 +119,16 @@ def test_the_worst_place_is_listed_first_with_size_and_direction(written: Path) 
     assert text.index(row) < text.index("4.5 s to 6.0 s")
 
 
+def test_what_is_not_torn_unfolds(written: Path) -> None:
+    page = written.read_text(encoding="utf-8")
+    places = page[page.index("<h2>Worst places</h2>") : page.index("<h2>What could not be matched</h2>")]
+    shown, folded = places.split('<details class="card">')
+    assert ">torn</td>" in shown and ">not torn</td>" not in shown
+    assert ">not torn</td>" in folded and ">torn</td>" not in folded
+    unmatched = page[page.index("<h2>What could not be matched</h2>") : page.index("<h2>Before and after</h2>")]
+    assert "its two passes are not sure" in unmatched and "revisits.csv, rows whose torn is unknown" in unmatched
+
+
 def test_an_undecided_window_is_not_said_to_be_whole(tmp_path: Path) -> None:
     sweeps = swept_walls()
     windows = [judged_window(sweeps, 6 * k, 1.0 + k, (0.02, 0.0, 0.0), False) for k in range(10)]
@@ -147,12 +159,14 @@ def test_the_tests_stand_side_by_side_with_their_p_values(tmp_path: Path) -> Non
     assert "a p-value of 0.0025 or more" in text and "no more than 2 % of the good maps" in text
     assert "p-value" in text and "pass\n0.31\n0 of 10" in text and "warn\n< 0.0001\nthe map jumps" in text
     assert "pass\n–\nit comes back" in text
+    assert text.index("the map jumps") < text.index("2 tests passed") < text.index("0 of 10")
 
 
 def test_measures_of_windows_without_a_value_leave_the_others(written: Path) -> None:
     text = page_of(written).text
     assert "joint less separate entropy\n0.2 nat\n0.2 nat\n0.2 nat" in text
     assert "mean plane variance\n0.07 m²" in text
+    assert "yaw\n0.0573 °/m\nyaw, sigma\n0.00573 °/m" in re.sub(r"\n+", "\n", text)
 
 
 def test_every_crop_is_shown_before_and_after_on_one_extent(report: AuditReport, written: Path) -> None:
@@ -255,7 +269,7 @@ def test_a_part_that_cannot_be_drawn_costs_no_other_part(
     report: AuditReport, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("mqslam.report.audit_page.draw_heat_map", lambda *_, **__: 1 / 0)
-    monkeypatch.setattr("mqslam.report.audit_page.make_crops", lambda *_: 1 / 0)
+    monkeypatch.setattr("mqslam.report.sections.audit_places.make_crop", lambda *_: 1 / 0)
     failures = write_audit_report(tmp_path / "partial.html", report)
     why = "could not be made (ZeroDivisionError: division by zero); the other results are whole"
     assert failures == [f"the pictures of the map {why}", f"the pictures of the worst places {why}"]
@@ -288,3 +302,9 @@ def test_a_click_on_a_window_shows_it_as_it_is_and_corrected(written: Path) -> N
         views = browser.execute_script("return document.getElementById('crop').layout.annotations.map((a) => a.text)")
         assert views == ["as it is", "corrected"]
         assert browser.get_log("browser") == []
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("scheme", "width"), [("light", 1400), ("dark", 500)])
+def test_axe_finds_no_serious_fault(written: Path, scheme: str, width: int) -> None:
+    assert find_faults(written, scheme, width) == []

@@ -10,16 +10,27 @@ import numpy as np
 import pytest
 from PIL import Image
 from selenium.webdriver.support.ui import WebDriverWait
-from support.reported import PATIENCE_S, assert_alone, chromium, click_curve, judged_walls, opened, page_of, swept_walls
+from support.reported import (
+    PATIENCE_S,
+    assert_alone,
+    chromium,
+    click_curve,
+    find_faults,
+    judged_walls,
+    opened,
+    page_of,
+    swept_walls,
+)
 
 from mqslam.comparison.judgement import Judged, Place, compare_pairs
 from mqslam.comparison.rows import Row
 from mqslam.core import se2
 from mqslam.core.point_map import PointMap
 from mqslam.core.trajectory import Trajectory
+from mqslam.evaluation import Evaluation
 from mqslam.report.compare_page import write_compare_report
-from mqslam.report.compare_report import CompareReport
-from mqslam.report.figures.compare_figures import draw_overlay
+from mqslam.report.figures.compare_figures import draw_overlay, smooth_inflation
+from mqslam.report.inputs.compare_report import CompareReport, rank_rows
 
 START_US = 1_600_000_000_000_000
 
@@ -66,6 +77,7 @@ def a_report(truth: Trajectory | None) -> CompareReport:
         marked=frozenset({(1, 1), (1, 2), (2, 2)}),
         warnings=("odometry <img src=x> could not run",),
         settings_yaml="audit:\n  window: 6  # <sweeps>\n",
+        ranks=(("_kiss_$icp$ <icp>",), ("psi",)),
     )
 
 
@@ -100,8 +112,32 @@ def test_the_sentence_that_names_the_best_row_stands_before_the_table(written: P
 
 def test_the_best_values_are_marked_and_no_others(written: Path) -> None:
     text = written.read_text(encoding="utf-8")
-    assert re.findall(r'<td class="best">(.*?)</td>', text) == ["0.5", "2.4", "9"]
-    assert re.findall(r"<td>(1\.1)</td>", text) == ["1.1"]
+    by_row, by_column = ["0.5", "2.4", "9"], ["0.5", "2.4", "9"]
+    assert re.findall(r'<td class="best" [^>]*>(.*?)</td>', text) == by_row + by_column
+    assert re.findall(r"<td data-label=[^>]*>(1\.1)</td>", text) == ["1.1"] * 2
+
+
+def test_cards_rank_the_rows_and_mark_their_best_values(written: Path) -> None:
+    cards = re.findall(r'<span class="rank">(\d+)</span><h3>(.*?)</h3>', written.read_text(encoding="utf-8"))
+    assert [(rank, html.unescape(name)) for rank, name in cards] == [("1", "_kiss_$icp$ <icp>"), ("2", "psi")]
+    assert re.findall(r'<dd class="best">(.*?)</dd>', written.read_text(encoding="utf-8")) == ["0.5"]
+
+
+def test_rows_that_cannot_be_told_apart_share_a_rank() -> None:
+    rows = [judged("psi", bow(0.01)), judged("icp", bow(0.01)), judged("odometry", bow(0.01))]
+    ate = Evaluation(0.1, 0.5, 0.1, 0.0, 0.0, 0.0, 0.0)
+    errors = [ate, ate, replace(ate, drift_percent=2.0)]
+    assert rank_rows([replace(r, after=e) for r, e in zip(rows, errors, strict=True)], 0.95) == (
+        ("psi", "icp"),
+        ("odometry",),
+    )
+
+
+def test_inflation_is_a_running_median_that_one_window_does_not_move() -> None:
+    windows = list(judged_walls(swept_walls()).windows)
+    times, smooth = smooth_inflation(windows)
+    assert max(w.bend.inflation for w in windows) == 120.0 and smooth.max() < 20.0
+    assert times.tolist() == [0.5 * (w.t0 + w.t1) for w in windows]
 
 
 def test_every_place_shows_every_row_on_one_extent(written: Path) -> None:
@@ -154,7 +190,8 @@ def test_a_comparison_of_one_row_without_truth_still_has_a_report(tmp_path: Path
     alone = replace(report, rows=report.rows[:1], failed=(), places=(), agreement=(), summary={"best": None}, warnings=())
     write_compare_report(tmp_path / "alone.html", alone)
     page = page_of(tmp_path / "alone.html")
-    assert set(page.images) == {"Trajectories", "Inflation of the windows", "Offset of the revisits"}
+    assert set(page.images) == {"Trajectories"}
+    assert set(page.drawings) == {"Inflation of the windows", "Offset of the revisits"}
     assert "Could not run" not in page.text and "is best" not in page.text
     assert "all starting from one pose" in page.text
 
@@ -184,3 +221,9 @@ def test_a_click_on_a_window_shows_it_under_every_row(written: Path) -> None:
         views = browser.execute_script("return document.getElementById('crop').layout.annotations.map((a) => a.text)")
         assert [html.unescape(name) for name in views] == [row.row.name for row in a_report(None).rows]
         assert browser.get_log("browser") == []
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("scheme", "width"), [("light", 1400), ("dark", 500)])
+def test_axe_finds_no_serious_fault(written: Path, scheme: str, width: int) -> None:
+    assert find_faults(written, scheme, width) == []

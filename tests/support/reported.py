@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import os
 import re
 import shutil
 from collections.abc import Iterator, Sequence
@@ -36,14 +37,22 @@ from mqslam.mapping.measures import Measures
 WINDOW = 6
 PATIENCE_S = 600.0  # for a browser on a busy machine; it only ends what hangs
 
+AXE = Path(os.environ.get("MQSLAM_AXE", Path(__file__).parents[2] / ".axe" / "node_modules" / "axe-core" / "axe.min.js"))
+RUN_AXE = """
+    const done = arguments[arguments.length - 1];
+    axe.run(document, { resultTypes: ["violations"] }).then(({ violations }) => done(violations.map(
+        ({ id, impact, nodes }) => [impact, `${id}: ${nodes.map((node) => node.target.join(" ")).join(", ")}`])));
+"""
+
 Motion = tuple[float, float, float]
 
 
 @dataclass
 class Page(HTMLParser):
-    """What a browser would see: images, addresses, text and whether every tag that opens closes."""
+    """What a browser would see: images, names of drawings, addresses, text and whether every tag that opens closes."""
 
     images: dict[str, bytes] = field(default_factory=dict)
+    drawings: list[str] = field(default_factory=list)
     addresses: list[str] = field(default_factory=list)
     tags: list[str] = field(default_factory=list)
     text: str = ""
@@ -58,6 +67,8 @@ class Page(HTMLParser):
         self.addresses += [given[name] for name in ("src", "href", "srcset", "action") if name in given]
         if tag == "img":
             self.images[given["alt"]] = base64.b64decode(given["src"].removeprefix("data:image/png;base64,"))
+        if given.get("role") == "img":
+            self.drawings.append(given["aria-label"])
         if tag not in ("meta", "img", "br", "link"):
             self.open_tags.append(tag)
 
@@ -83,7 +94,7 @@ def assert_alone(path: Path) -> None:
     assert page.addresses and all(address.startswith("data:image/png;base64,") for address in page.addresses)
     assert not {"link", "iframe"} & set(page.tags)
     assert "Content-Security-Policy" in text and "default-src 'none'" in text
-    assert not re.search(r"https?://|url\(|@import", re.sub(r"<script.*?</script>", "", text, flags=re.DOTALL))
+    assert not re.search(r"https?://|url\((?!#)|@import", re.sub(r"<script.*?</script>", "", text, flags=re.DOTALL))
 
 
 @contextmanager
@@ -114,6 +125,28 @@ def opened(browser: WebDriver, path: Path) -> None:
     ready = "return document.body.classList.contains('ready')"
     WebDriverWait(browser, PATIENCE_S).until(lambda b: b.execute_script(ready))
     assert browser.get_log("browser") == []
+
+
+def find_faults(path: Path, scheme: str, width: int) -> list[str]:
+    """Returns what axe-core finds in a page that those who do not see or use no mouse would stumble over.
+
+    Args:
+        path: the page.
+        scheme: light or dark.
+        width: of the window [pixels].
+    """
+    if not AXE.is_file():
+        pytest.skip(f"axe-core is not at {AXE}: npm install --prefix .axe axe-core@4, or name its axe.min.js in MQSLAM_AXE")
+    with chromium(width, 1000) as browser:
+        wanted = {"media": "", "features": [{"name": "prefers-color-scheme", "value": scheme}]}
+        browser.execute_cdp_cmd("Emulation.setEmulatedMedia", wanted)
+        if 'id="scene"' in path.read_text(encoding="utf-8"):
+            opened(browser, path)
+        else:
+            browser.get(path.as_uri())
+        browser.execute_script("document.querySelectorAll('details').forEach((fold) => { fold.open = true; });")
+        browser.execute_script(AXE.read_text(encoding="utf-8"))
+        return [fault for impact, fault in browser.execute_async_script(RUN_AXE) if impact in ("serious", "critical")]
 
 
 def click_curve(browser: WebDriver, name: str, number: int) -> float:

@@ -9,7 +9,7 @@ from typing import NamedTuple, Protocol
 from mqslam.backend.loops.candidates import Chain, find_candidates
 from mqslam.backend.loops.consistency import as_relative, compute_chi_square, compute_limit, keep_consistent
 from mqslam.backend.loops.search import compare_passes, confirm_by_map
-from mqslam.backend.loops.submap import Drive
+from mqslam.backend.loops.submap import Drive, Passes
 from mqslam.backend.problem import GraphProblem
 from mqslam.config import EstimatorConfig
 from mqslam.core.measurement import Loop, LoopSearch
@@ -96,7 +96,7 @@ class _Search:
         self._implausible: set[tuple[int, int]] = set()
         self._ambiguous = self._unsure = 0
         self._recognised = self._alike = self._elsewhere = 0  # counts of the recognition
-        self._before: Drive | None = None
+        self._before: Passes | None = None
 
     def look_around(self) -> bool:
         """Looks in rounds for passes around where the trajectory has them; returns whether that does not reach all."""

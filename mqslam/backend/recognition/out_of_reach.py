@@ -36,15 +36,16 @@ def find_out_of_reach(chain: Chain, places: NDArray[np.int64], settings: LoopCon
     apart = travelled[nodes[later]] - travelled[nodes[earlier]] > settings.least_path_m
     later, earlier = later[apart], earlier[apart]
     pairs = list(zip(nodes[earlier].tolist(), nodes[later].tolist(), strict=True))
-    meeting, unsure = (np.zeros((len(nodes), len(nodes)), dtype=bool) for _ in range(2))
+    meeting = np.zeros((len(nodes), len(nodes)), dtype=np.bool_)
+    unsure = meeting.copy()
     for a, b, relative in zip(earlier, later, chain.relate(pairs), strict=True):
         # the places of a node lie up to gate_m farther along the path
         meeting[b, a] = may_meet(relative, settings, settings.gate_m)
         unsure[b, a] = meeting[b, a] and _is_unsure(*compute_reach(relative, settings), settings)
-    meeting &= unsure.any(axis=1)[:, None]
+    meeting &= np.asarray(unsure.any(axis=1))[:, None]
     node = np.maximum(np.searchsorted(nodes, places, side="right") - 1, 0)
     allowed: NDArray[np.bool_] = meeting[np.ix_(node, node)]
-    return allowed & (travelled[places][:, None] - travelled[places][None, :] > settings.least_path_m)
+    return np.asarray(allowed & (travelled[places][:, None] - travelled[places][None, :] > settings.least_path_m))
 
 
 def _is_unsure(reach_m: float, reach_rad: float, settings: LoopConfig) -> bool:

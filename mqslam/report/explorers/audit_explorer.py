@@ -6,14 +6,27 @@ import numpy as np
 
 from mqslam.auditing.judge import Audit
 from mqslam.auditing.sweeps import Sweeps
+from mqslam.auditing.verdict import VerdictStatus
 from mqslam.auditing.windows.windows import torn_threshold
 from mqslam.config import AuditConfig
 from mqslam.core.statistics.evenly import pick_evenly
-from mqslam.report.explorers.explorer import Chart, Curve, Explorer, Layer, Lines, Place, View, join_lines, mix_shades
-from mqslam.report.explorers.run_explorer import chart_inflation, explain_torn
+from mqslam.report.explorers.explorer import (
+    FINE,
+    TORN,
+    Chart,
+    Curve,
+    Explorer,
+    Layer,
+    Lines,
+    Place,
+    View,
+    join_lines,
+    mix_shades,
+)
+from mqslam.report.explorers.run_explorer import chart_inflation, describe_first, explain_torn
 from mqslam.report.figures.canvas import BLUE, RED
 from mqslam.report.figures.crops import make_crop
-from mqslam.report.spots import Spot, rank_spot, spot_of_window, spots_of_torn_pairs
+from mqslam.report.places.spots import Spot, rank_spot, spot_of_window, spots_of_torn_pairs
 
 # limits of the page's size
 _MOST_WINDOWS, _MOST_PAIRS = 120, 40  # windows, and what else is torn, that can be clicked
@@ -34,14 +47,19 @@ def explore_audit(sweeps: Sweeps, audit: Audit, settings: AuditConfig) -> Explor
     torn = [sweeps.poses[[r.revisit.earlier, r.revisit.later], :2] for r in audit.revisits if r.torn]
     lines = (Lines(f"torn revisits ({len(torn)})", RED, join_lines(torn), 2.0),) if torn else ()
     worst = max(range(len(spots)), key=lambda k: rank_spot(spots[k]), default=0)
+    calm = audit.status is VerdictStatus.PASS
     return Explorer(
         layers=(layer,),
         charts=_make_charts(sweeps, audit, settings),
         places=tuple(_show_spot(sweeps, spot) for spot in spots),
         lines=lines,
         first=worst,
-        explained=f"{explain_torn(settings)}A click on a dot shows the place as it is and corrected, "
-        "what was seen first blue, what was seen last orange.",
+        first_is=describe_first(calm, bool(spots) and spots[worst].torn),
+        calm=calm,
+        explained=(
+            "Click a dot to see the place as it is and corrected: what was seen first blue, what was seen last orange.",
+            explain_torn(settings),
+        ),
     )
 
 
@@ -61,19 +79,20 @@ def _show_spot(sweeps: Sweeps, spot: Spot) -> Place:
     colours = mix_shades(len(crop.before))
     views = (View("as it is", crop.before, colours), View("corrected", crop.after, colours))
     t0 = spot.t0 if spot.kind == "window" else spot.t1 - sweeps.revolution_s
-    return Place(t0, spot.t1, crop.title, crop.text, spot.torn, views)
+    return Place(t0, spot.t1, crop.title, crop.text, spot.torn, views, spot.unknown)
 
 
 def _make_charts(sweeps: Sweeps, audit: Audit, settings: AuditConfig) -> tuple[Chart, ...]:
     charts = []
     if audit.windows:
-        charts.append(chart_inflation([("inflation", tuple(audit.windows), BLUE)], torn_threshold(settings)))
+        charts.append(chart_inflation("inflation", audit.windows, BLUE, torn_threshold(settings)))
     curves = []
-    for torn, colour, name in ((False, BLUE, "revisits"), (True, RED, "revisits: torn")):
+    kinds = ((False, BLUE, "revisits", FINE), (True, RED, "revisits: torn", TORN))
+    for torn, colour, name, mark in kinds:
         shown = [r.revisit for r in audit.revisits if r.revisit.sure and r.torn is torn]
         if shown:
             times = np.array([sweeps.times[r.later] for r in shown])
-            curves.append(Curve(name, colour, times, np.maximum([r.distance_m for r in shown], _LEAST_M), dots=True))
+            curves.append(Curve(name, colour, times, np.maximum([r.distance_m for r in shown], _LEAST_M), True, mark))
     if curves:
         level = (f"tolerance {settings.torn_m:g} m", settings.torn_m, RED)
         charts.append(Chart("revisits apart [m]", tuple(curves), (level,), log=True))

@@ -4,12 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TypeAlias
+from typing import Final, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from mqslam.report.figures.canvas import BLUE, ORANGE
+
+# shapes of dots, so that what is torn can be told from what is not without seeing red and green
+FINE: Final = "circle"
+TORN: Final = "triangle-up"
+UNKNOWN: Final = "square-open"
 
 Points: TypeAlias = NDArray[np.float64]
 Values: TypeAlias = NDArray[np.float64]
@@ -69,6 +74,7 @@ class Curve:
         times: (N,) [s].
         values: (N,).
         dots: whether it is drawn as dots.
+        mark: shape of the dots.
     """
 
     name: str
@@ -76,6 +82,7 @@ class Curve:
     times: Values
     values: Values
     dots: bool = False
+    mark: str = FINE
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,6 +126,7 @@ class Place:
         title, text: what the place is.
         torn: whether it is marked as torn.
         views: close views side by side, on one extent.
+        unknown: whether it could not be judged.
     """
 
     t0: float
@@ -127,6 +135,12 @@ class Place:
     text: str
     torn: bool
     views: tuple[View, ...]
+    unknown: bool = False
+
+    @property
+    def kind(self) -> str:
+        """What its dot on the map says of it."""
+        return "torn" if self.torn else "unknown" if self.unknown else "fine"
 
 
 @dataclass(frozen=True, slots=True)
@@ -140,7 +154,9 @@ class Explorer:
         lines: further lines on the map.
         groups: names of the groups of a view's points, as far as they need one.
         first: number of the place shown first.
-        explained: what the reader should know about it.
+        first_is: what the place shown first is; empty where its title says enough.
+        calm: whether the places do not count against the map, so that the place chosen is marked in grey, not in red.
+        explained: what the reader should know about it: a line, and what else there is to know.
     """
 
     layers: tuple[Layer, ...]
@@ -149,7 +165,9 @@ class Explorer:
     lines: tuple[Lines, ...] = ()
     groups: tuple[str, ...] = ()
     first: int = 0
-    explained: str = ""
+    first_is: str = ""
+    calm: bool = False
+    explained: tuple[str, ...] = ()
 
 
 def mix_shades(count: int) -> tuple[str, ...]:

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from mqslam.auditing.verdict import VerdictStatus
 from mqslam.auditing.windows.windows import WindowAudit, torn_threshold
 from mqslam.config import AuditConfig
 from mqslam.core import se2
@@ -13,11 +14,25 @@ from mqslam.core.point_map import PointMap
 from mqslam.core.statistics.evenly import pick_evenly
 from mqslam.core.trajectory import Trajectory
 from mqslam.psi.scoring.neighbours import find_candidates, sort_into_cells
-from mqslam.report.explorers.explorer import Chart, Curve, Explorer, Layer, Lines, Place, Points, View, join_lines
+from mqslam.report.explorers.explorer import (
+    FINE,
+    TORN,
+    UNKNOWN,
+    Chart,
+    Curve,
+    Explorer,
+    Layer,
+    Lines,
+    Place,
+    Points,
+    View,
+    join_lines,
+)
 from mqslam.report.figures.audit_figures import EXPECTED
-from mqslam.report.figures.canvas import BLUE, GREEN, INK, ORANGE, RED
+from mqslam.report.figures.canvas import BLUE, GREEN, GREY, INK, ORANGE, RED
 from mqslam.report.formatting import describe_motion, format_length, format_three_digits
-from mqslam.report.run_report import Report
+from mqslam.report.inputs.run_report import Report
+from mqslam.report.page import section_of
 
 # the looks of the page; no result depends on them
 _HALF_SIDE_M = 30.0  # half the side of what is shown of a place
@@ -30,7 +45,6 @@ _ELLIPSES = 150  # most ellipses that are shown, so that a long path is not cove
 _CORNERS = 24  # corners of an ellipse
 _LEAST_INFLATION = 1e-2  # smaller values are drawn as this on a logarithmic axis
 _ELLIPSE_COLOUR = "#a8327e"
-_UNDECIDED_COLOUR = "#7b8594"
 
 
 def explore_run(report: Report, truth: Trajectory | None) -> Explorer:
@@ -46,7 +60,8 @@ def explore_run(report: Report, truth: Trajectory | None) -> Explorer:
     lines = [ellipses, _draw_loops(report)]
     if truth is not None:
         lines.append(Lines("ground truth", GREEN, truth.poses[:, :2], 4.0, shown=False))
-    worst = max(range(len(report.checks)), key=lambda k: report.checks[k].bend.inflation, default=0)
+    worst = max(range(len(report.checks)), key=lambda k: _rank_window(report.checks[k]), default=0)
+    calm = section_of(report.summary, "verdict").get("status") == VerdictStatus.PASS
     return Explorer(
         layers=(before, after),
         charts=_make_charts(report),
@@ -54,9 +69,31 @@ def explore_run(report: Report, truth: Trajectory | None) -> Explorer:
         lines=tuple(one for one in lines if len(one.points)),
         groups=("this pass", "other passes"),
         first=worst,
-        explained=f"{explained}{explain_torn(report.settings)}"
-        "A click on a dot or a curve shows that place in both maps, as the sensor sees it, ahead to the right.",
+        first_is=describe_first(calm, bool(report.checks) and report.checks[worst].torn),
+        calm=calm,
+        explained=(
+            "Click a dot or a curve to see that place in both maps, as the sensor sees it, ahead to the right.",
+            *explained,
+            explain_torn(report.settings),
+        ),
     )
+
+
+def describe_first(calm: bool, torn: bool) -> str:
+    """Returns what the place shown first is, on a map that is as it should be; nothing on another.
+
+    Args:
+        calm: whether the verdict on the map is pass.
+        torn: whether the place is torn.
+    """
+    if not calm:
+        return ""
+    return "Largest correction (too few are torn to count)" if torn else "Largest correction (harmless)"
+
+
+def _rank_window(window: WindowAudit) -> tuple[bool, float]:
+    """Ranks the torn windows by how far they are off, and the others by inflation."""
+    return window.torn, window.bend.size_m if window.torn else window.bend.inflation
 
 
 def _make_layer(name: str, colour: str, track: Trajectory, pointmap: PointMap, *, shown: bool) -> Layer:
@@ -71,7 +108,7 @@ def _draw_loops(report: Report) -> Lines:
     return Lines(f"loop closures ({len(ends)})", GREEN, join_lines(list(ends)), 2.0)
 
 
-def _draw_ellipses(report: Report) -> tuple[Lines, str]:
+def _draw_ellipses(report: Report) -> tuple[Lines, tuple[str, ...]]:
     """Returns 3-sigma ellipses of the positions, enlarged where they would not be seen, and what to tell the reader."""
     sure = report.covariances
     picked = pick_evenly(len(sure.indices), _ELLIPSES)
@@ -88,20 +125,20 @@ def _draw_ellipses(report: Report) -> tuple[Lines, str]:
     factor = _round_down(_LARGEST * side / largest) if largest > 0.0 else 1.0
     drawn = join_lines([pose[:2] + factor * shape for pose, shape in zip(poses, shapes, strict=True)])
     name = "3σ ellipses" if factor == 1.0 else f"3σ ellipses, {factor:g} times"
-    explained = ""
+    explained = []
     if sure.failure:
-        explained = f"No ellipses are shown: the covariances of the poses are not known ({sure.failure}). "
+        explained.append(f"No ellipses are shown: the covariances of the poses are not known ({sure.failure}).")
     if shapes:
-        explained = (
-            f"The largest 3σ ellipse reaches {format_length(largest)} from its middle, with the first pose held fixed. "
+        explained.append(
+            f"The largest 3σ ellipse reaches {format_length(largest)} from its middle, with the first pose held fixed."
         )
-        if (report.summary.get("last_pose") or {}).get("drift_is_prior"):
-            explained += (
+        if section_of(report.summary, "last_pose").get("drift_is_prior"):
+            explained.append(
                 "Drift that both directions of time have in common cannot be measured in one pass; a prior stands for it "
-                "(graph.common_drift_m and graph.common_drift_rad). "
+                "(graph.common_drift_m and graph.common_drift_rad)."
             )
     shown = len(shapes) > 0 and largest <= max(_COVERING * side, 1.0)
-    return Lines(name, _ELLIPSE_COLOUR, drawn, 1.2, shown), explained
+    return Lines(name, _ELLIPSE_COLOUR, drawn, 1.2, shown), tuple(explained)
 
 
 def _round_down(factor: float) -> float:
@@ -117,41 +154,55 @@ def _make_charts(report: Report) -> tuple[Chart, ...]:
     curves = []
     if np.isfinite(scores.psi_odometry).any():
         curves.append(Curve("ψ under odometry", ORANGE, times, scores.psi_odometry / points))
-    curves.append(Curve("ψ at its minimum", BLUE, times, scores.psi_minimum / points))
-    charts = [Chart("ψ per point of a scan", tuple(curves))]
+    if np.isfinite(scores.psi_minimum).any():
+        curves.append(Curve("ψ at its minimum", BLUE, times, scores.psi_minimum / points))
+    charts = [Chart("ψ per point of a scan", tuple(curves))] if curves else []
     if checks:
-        charts.append(chart_inflation([("inflation", checks, BLUE)], torn_threshold(report.settings)))
+        charts.append(chart_inflation("inflation", checks, BLUE, torn_threshold(report.settings)))
     return tuple(charts)
 
 
-def chart_inflation(rows: list[tuple[str, tuple[WindowAudit, ...], str]], threshold: float) -> Chart:
-    """Returns the inflation of windows over time.
+def chart_inflation(name: str, windows: Sequence[WindowAudit], colour: str, threshold: float) -> Chart:
+    """Returns the inflation of windows over time: torn ones are red triangles, undecided ones grey squares.
 
     Args:
-        rows: name, windows and colour of each row; the torn windows of a single row are red, the undecided grey.
+        name: name of those that are neither.
+        windows: the windows.
+        colour: colour of those that are neither.
         threshold: inflation beyond which a window is torn.
     """
+    undecided = [w for w in windows if w.undecided is not None]
+    torn = [w for w in windows if w.torn]
+    fine = [w for w in windows if not w.torn and w.undecided is None]
+    kinds = (
+        (fine, colour, name, FINE),
+        (torn, RED, f"{name}: torn", TORN),
+        (undecided, GREY, f"{name}: undecided", UNKNOWN),
+    )
     curves = []
-    for name, windows, colour in rows:
-        alone = len(rows) == 1
-        undecided = [w for w in windows if alone and w.undecided is not None]
-        torn = [w for w in windows if alone and w.torn]
-        fine = [w for w in windows if not (alone and (w.torn or w.undecided is not None))]
-        kinds = (fine, colour, name), (torn, RED, f"{name}: torn"), (undecided, _UNDECIDED_COLOUR, f"{name}: undecided")
-        for shown, shade, title in kinds:
-            if shown:
-                times = np.array([0.5 * (w.t0 + w.t1) for w in shown])
-                values = np.maximum([w.bend.inflation for w in shown], _LEAST_INFLATION)
-                curves.append(Curve(title, shade, times, values, dots=True))
-    levels = ((f"threshold {threshold:.1f}", threshold, RED), (f"expected median {EXPECTED:.2f}", EXPECTED, INK))
-    return Chart("inflation", tuple(curves), levels, log=True)
+    for shown, shade, title, mark in kinds:
+        if shown:
+            times = np.array([0.5 * (w.t0 + w.t1) for w in shown])
+            values = np.maximum([w.bend.inflation for w in shown], _LEAST_INFLATION)
+            curves.append(Curve(title, shade, times, values, dots=True, mark=mark))
+    return Chart("inflation", tuple(curves), list_levels(threshold), log=True)
+
+
+def list_levels(threshold: float) -> tuple[tuple[str, float, str], ...]:
+    """Returns what inflation is to be held against: name, value and colour.
+
+    Args:
+        threshold: inflation beyond which a window is torn.
+    """
+    return (f"threshold {threshold:.1f}", threshold, RED), (f"expected median {EXPECTED:.2f}", EXPECTED, INK)
 
 
 def explain_torn(settings: AuditConfig) -> str:
     """Explains when a window is torn, for those who see dots beyond the threshold."""
     return (
         f"A window is torn where its inflation is above {torn_threshold(settings):.1f} and its correction moves its "
-        f"points by more than {format_length(settings.bend_m)}. "
+        f"points by more than {format_length(settings.bend_m)}. Torn places are red triangles, "
+        "the others blue dots, and those of which nothing could be decided grey squares."
     )
 
 
@@ -177,7 +228,7 @@ def _show_windows(report: Report) -> tuple[Place, ...]:
     ]
     views = [_view_windows(name, pointmap, track, report.checks) for name, pointmap, track in shown]
     return tuple(
-        Place(window.t0, window.t1, *_describe_window(window), window.torn, both)
+        Place(window.t0, window.t1, *_describe_window(window), window.torn, both, window.undecided is not None)
         for window, both in zip(report.checks, zip(*views, strict=True), strict=True)
     )
 

@@ -15,14 +15,19 @@ from numpy.typing import ArrayLike, NDArray
 from mqslam.core.point_map import pick_thinned
 from mqslam.core.statistics.evenly import pick_evenly
 from mqslam.core.stored import release
-from mqslam.report.explorers.explorer import Curve, Explorer, Layer, Place, Points, Values
-from mqslam.report.figures.canvas import BLUE, MAP_SHAPE, OUTERMOST, RED, find_common_view
+from mqslam.report.explorers.explorer import FINE, TORN, UNKNOWN, Curve, Explorer, Layer, Place, Points, Values
+from mqslam.report.figures.canvas import BLUE, GREY, MAP_SHAPE, OUTERMOST, RED, find_common_view
 
 # limits of a page's size: what a browser moves with ease and a page holds in a few megabytes
-MOST_POINTS: Final = 200_000  # points of all layers together
-MOST_CROPPED: Final = 500_000  # points of all places together
+MOST_POINTS: Final = 120_000  # points of all layers together
+MOST_CROPPED: Final = 150_000  # points of all places together
+_STEPS: Final = 65_535  # of 16 bits
 _CROP_STEP_M = 0.01  # resolution of the points of a place, which take 16 bits each way
 _TITLES: Final = {"time": "time [s]", "psi": "ψ of the point", "intensity": "intensity"}
+_USE: Final = (
+    "Drag to move and scroll to zoom; with the keyboard, arrows move the map and + and - zoom. A name in the legend shows "
+    "or hides what it names."
+)
 _ENOUGH: Final = 300_000  # values that a colour scale is fitted to
 _UPPERMOST = 0.99  # share of the values within the colour scale
 
@@ -32,12 +37,14 @@ class Scene:
     """The interactive part, ready for the page.
 
     Args:
-        explained: what the reader should know about it.
+        explained: what the reader should know about it: a line, and what else there is to know.
+        has_charts: whether there are curves over time.
         colours: what the points can be coloured by: title of each by its name.
         data: what the page's script reads, as JSON that may stand in HTML.
     """
 
-    explained: str
+    explained: tuple[str, ...]
+    has_charts: bool
     colours: dict[str, str]
     data: Markup
 
@@ -52,18 +59,19 @@ def make_scene(explorer: Explorer) -> Scene | None:
     colours = {name: title for name, title in _TITLES.items() if all(name in layer.values for layer in layers)}
     encoded = _encode(explorer, kept, list(colours))
     data = htmlsafe_json_dumps(encoded, separators=(",", ":"), allow_nan=False)
-    return Scene(_describe_thinning(layers, kept) + explorer.explained, colours, data)
+    explained = (*explorer.explained, _USE, *_describe_thinning(layers, kept))
+    return Scene(explained, bool(explorer.charts), colours, data)
 
 
-def _describe_thinning(layers: Sequence[Layer], kept: Sequence[NDArray[np.int64]]) -> str:
+def _describe_thinning(layers: Sequence[Layer], kept: Sequence[NDArray[np.int64]]) -> tuple[str, ...]:
     shown, total = sum(map(len, kept)), sum(len(layer.points) for layer in layers)
-    use = "Drag to move, scroll to zoom; a click on a name in the legend shows or hides it. "
     if shown == total:
-        return use
-    return (
+        return ()
+    told = (
         f"{shown:,} of {total:,} points{' of all maps' if len(layers) > 1 else ''} are shown, one per cell of a raster; "
-        f"printed, the page shows pictures of all points. {use}"
+        "printed, the page shows pictures of all points."
     )
+    return (told,)
 
 
 def _encode(explorer: Explorer, kept: Sequence[NDArray[np.int64]], names: Sequence[str]) -> dict[str, Any]:
@@ -90,9 +98,12 @@ def _encode(explorer: Explorer, kept: Sequence[NDArray[np.int64]], names: Sequen
         "crops": crops,
         "groups": list(explorer.groups),
         "first": explorer.first,
+        "first_is": explorer.first_is,
+        "calm": explorer.calm,
         "spans": spans,
         "units": _TITLES,
-        "colours": {"fine": BLUE, "torn": RED},
+        "colours": {"fine": BLUE, "torn": RED, "unknown": GREY},
+        "marks": {"fine": FINE, "torn": TORN, "unknown": UNKNOWN},
         "view": [view.x0, view.x1, view.y0, view.y1],
     }
 
@@ -106,7 +117,8 @@ def _encode_layer(layer: Layer, chosen: NDArray[np.int64], spans: dict[str, tupl
         "path_times": _encode_floats(layer.path_times),
         "path_x": _encode_floats(layer.path[:, 0]),
         "path_y": _encode_floats(layer.path[:, 1]),
-        **_encode_xy(layer.points[chosen]),
+        "x": _encode_fine(layer.points[chosen, 0]),
+        "y": _encode_fine(layer.points[chosen, 1]),
         "values": {name: _encode_shares(layer.values[name][chosen], span) for name, span in spans.items()},
     }
     release(layer.points, *layer.values.values())
@@ -115,7 +127,8 @@ def _encode_layer(layer: Layer, chosen: NDArray[np.int64], spans: dict[str, tupl
 
 def _encode_curve(curve: Curve) -> dict[str, Any]:
     times, values = _encode_floats(curve.times), _encode_floats(curve.values)
-    return {"name": curve.name, "colour": curve.colour, "dots": curve.dots, "times": times, "values": values}
+    shape = {"dots": curve.dots, "mark": curve.mark}
+    return {"name": curve.name, "colour": curve.colour, **shape, "times": times, "values": values}
 
 
 def _encode_places(places: Sequence[Place]) -> tuple[list[dict[str, Any]], dict[str, Any]]:
@@ -134,8 +147,8 @@ def _encode_places(places: Sequence[Place]) -> tuple[list[dict[str, Any]], dict[
                 spans.append([begin, begin + len(parts[-1])])
                 begin = spans[-1][1]
             views.append({"name": view.name, "groups": spans, "colours": view.colours})
-        about = {"t0": place.t0, "t1": place.t1, "title": place.title, "text": place.text, "torn": place.torn}
-        listed.append({**about, "views": views})
+        about = {"t0": place.t0, "t1": place.t1, "title": place.title, "text": place.text}
+        listed.append({**about, "torn": place.torn, "kind": place.kind, "views": views})
     points = np.concatenate(parts) if parts else np.empty((0, 2))
     return listed, _encode_centimetres(points)
 
@@ -157,6 +170,13 @@ def _encode_xy(points: Points) -> dict[str, Any]:
 
 def _encode_floats(values: ArrayLike) -> dict[str, Any]:
     return _encode_array(np.asarray(values, dtype="<f4"), "f4", 0.0, 1.0)
+
+
+def _encode_fine(values: Values) -> dict[str, Any]:
+    """Returns values in 16 bits each, in steps of their span: a centimetre where it is 600 m."""
+    low, high = (float(values.min()), float(values.max())) if len(values) else (0.0, 0.0)
+    step = max(high - low, 1e-9) / _STEPS
+    return _encode_array(np.round((values - low) / step).astype("<u2"), "u2", low, step)
 
 
 def _encode_shares(values: Values, span: tuple[float, float]) -> dict[str, Any]:

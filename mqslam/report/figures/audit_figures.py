@@ -15,6 +15,7 @@ from mqslam.auditing.windows.windows import WindowAudit, torn_threshold
 from mqslam.config import AuditConfig
 from mqslam.report.figures.canvas import (
     BLUE,
+    GREY,
     INK,
     MAP_SHAPE,
     OUTERMOST,
@@ -30,6 +31,7 @@ from mqslam.report.figures.canvas import (
     put_legend_strip,
     use_plain_log,
 )
+from mqslam.report.figures.svg import encode_svg
 from mqslam.report.formatting import format_length
 
 if TYPE_CHECKING:
@@ -39,7 +41,6 @@ if TYPE_CHECKING:
 
 EXPECTED: Final = float(chi2.median(3))  # median inflation where the trajectory is right: three parameters are corrected
 # the looks of the figures; no result depends on them
-_GROUND_INK = "#7b8594"
 _DECADES = 2.0  # powers of ten of inflation that the colours show below the threshold, and above it
 _FINE = ("#123f86", "#6db3ea")  # colours up to the threshold
 _TORN = ("#f6bd3c", "#b8640a", "#432104")  # colours beyond it
@@ -61,9 +62,9 @@ def draw_heat_map(sweeps: Sweeps, audit: Audit, settings: AuditConfig | None = N
     view = find_common_view([sweeps.points, sweeps.poses[:, :2]], MAP_SHAPE, OUTERMOST)
     figure, axes = make_world(view, _STRIP_IN)
     (counts,), well_seen = count_points(axes, view, [sweeps.points])
-    lay_ink(axes, view, counts, well_seen, _GROUND_INK)
+    lay_ink(axes, view, counts, well_seen, GREY)
     axes.plot(*sweeps.poses[:, :2].T, color="white", linewidth=4.5, solid_joinstyle="round")
-    axes.plot(*sweeps.poses[:, :2].T, color=_GROUND_INK, linewidth=1.0)
+    axes.plot(*sweeps.poses[:, :2].T, color=GREY, linewidth=1.0)
     threshold = torn_threshold(settings or AuditConfig())
     colours = _make_colours(threshold)
     decided = [window for window in audit.windows if window.undecided is None]
@@ -92,13 +93,13 @@ def draw_inflation(audit: Audit, settings: AuditConfig) -> bytes:
     drawn = np.maximum(inflation, _LEAST_INFLATION)
     if undecided.any():
         label = f"undecided ({undecided.sum()})"
-        axes.plot(time[undecided], drawn[undecided], "o", color=_GROUND_INK, markersize=4, fillstyle="none", label=label)
+        axes.plot(time[undecided], drawn[undecided], "o", color=GREY, markersize=4, fillstyle="none", label=label)
     _draw_marks(axes, time[~undecided], drawn[~undecided], torn[~undecided], "window")
     threshold = torn_threshold(settings)
     axes.axhline(threshold, color=RED, linewidth=1.2, label=f"threshold {threshold:.1f}")
     axes.axhline(EXPECTED, color=INK, linewidth=1.2, linestyle="--", label=f"expected median {EXPECTED:.2f}")
     put_legend_strip(axes, 5)
-    return encode_png(figure)
+    return encode_svg(figure)
 
 
 def draw_revisits(sweeps: Sweeps, audit: Audit, settings: AuditConfig) -> bytes:
@@ -109,12 +110,12 @@ def draw_revisits(sweeps: Sweeps, audit: Audit, settings: AuditConfig) -> bytes:
     use_plain_log(axes, "y")
     x, y = _offsets_over_path(sweeps, unsure)
     if len(x):
-        axes.plot(x, y, "o", color=_GROUND_INK, markersize=4, fillstyle="none", label=f"not sure ({len(x)})")
+        axes.plot(x, y, "o", color=GREY, markersize=4, fillstyle="none", label=f"not sure ({len(x)})")
     _draw_marks(axes, *_offsets_over_path(sweeps, sure), np.array([r.torn for r in sure], dtype=np.bool_), "revisit")
     axes.axhline(settings.torn_m, color=RED, linewidth=1.2, label=f"tolerance {settings.torn_m:g} m")
     axes.set_xlim(0.0, float(sweeps.travelled[-1]))
     put_legend_strip(axes, 4)
-    return encode_png(figure)
+    return encode_svg(figure)
 
 
 def _make_colours(limit: float) -> ScalarMappable:

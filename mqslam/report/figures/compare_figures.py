@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import median_filter
 
+from mqslam.auditing.windows.windows import WindowAudit
 from mqslam.comparison.judgement import Judged, Place
 from mqslam.core import se2
 from mqslam.core.trajectory import Trajectory
@@ -28,6 +29,7 @@ from mqslam.report.figures.canvas import (
     use_plain_log,
 )
 from mqslam.report.figures.crops import are_inside, find_heaviest_square, measure_distances
+from mqslam.report.figures.svg import encode_svg
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -70,25 +72,26 @@ def draw_overlay(rows: Sequence[Judged], truth: Trajectory | None, *, opaque: bo
     return encode_png(figure, opaque)
 
 
-def draw_inflation(rows: Sequence[Judged], threshold: float) -> bytes:
-    """Draws the inflation of all rows' windows over time: a dot each, and their running median as a line.
+def smooth_inflation(windows: Sequence[WindowAudit]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Returns the middles (W,) [s] of windows and the running median (W,) of their inflation."""
+    times = np.array([0.5 * (w.t0 + w.t1) for w in windows])
+    inflation = np.maximum([w.bend.inflation for w in windows], _LEAST_INFLATION)
+    return times, np.asarray(median_filter(inflation, min(_MEDIAN_OF, max(len(inflation), 1)), mode="nearest"))
+
+
+def draw_inflation(rows: Sequence[Judged], windows: Sequence[Sequence[WindowAudit]], threshold: float) -> bytes:
+    """Draws the running median of the inflation of all rows' windows over time.
 
     Args:
         rows: the rows that ran.
+        windows: of each row, those that are drawn.
         threshold: inflation beyond which a window is torn.
     """
     figure, axes = _make_row_chart(rows, "inflation")
     use_plain_log(axes, "y")
-    for k, row in enumerate(rows):
-        windows = row.audit.windows
-        if not windows:
-            continue
-        time = np.array([0.5 * (w.t0 + w.t1) for w in windows])
-        inflation = np.maximum([w.bend.inflation for w in windows], _LEAST_INFLATION)
-        drawn = style_of(k)
-        axes.plot(time, inflation, ".", color=drawn["color"], markersize=3, markeredgewidth=0, alpha=0.35)
-        smooth = median_filter(inflation, min(_MEDIAN_OF, len(inflation)), mode="nearest")
-        axes.plot(time, smooth, label=_escape(row.row.name), linewidth=1.6, **drawn)
+    for k, (row, shown) in enumerate(zip(rows, windows, strict=True)):
+        if shown:
+            axes.plot(*smooth_inflation(shown), label=_escape(row.row.name), linewidth=1.6, **style_of(k))
     levels = ((EXPECTED, f"expected {EXPECTED:.2f}", INK), (threshold, f"threshold {threshold:.1f}", RED))
     for height, name, colour in levels:
         axes.axhline(height, color=colour, linewidth=1.0, alpha=0.6)
@@ -97,7 +100,7 @@ def draw_inflation(rows: Sequence[Judged], threshold: float) -> bytes:
         )
         text.set_path_effects(make_halo())
     _put_legend(axes, [row.row.name + _COUNT for row in rows])
-    return encode_png(figure)
+    return encode_svg(figure)
 
 
 def draw_revisits(rows: Sequence[Judged]) -> bytes:
@@ -112,7 +115,7 @@ def draw_revisits(rows: Sequence[Judged]) -> bytes:
             axes.step(np.maximum(offsets, _LEAST_M), reached, where="post", label=label, linewidth=1.6, **style_of(k))
     axes.set_ylim(0.0, 102.0)
     _put_legend(axes, [row.row.name + _COUNT for row in rows])
-    return encode_png(figure)
+    return encode_svg(figure)
 
 
 def draw_place(rows: Sequence[Judged], number: int, place: Place) -> tuple[bytes, ...]:

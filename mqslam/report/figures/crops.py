@@ -16,7 +16,7 @@ from mqslam.auditing.windows.inflation import centre_window, twist_points
 from mqslam.config import AuditConfig
 from mqslam.core import se2
 from mqslam.report.figures.canvas import BLUE, ORANGE, View, encode_png, find_common_view, make_square
-from mqslam.report.spots import WORST, Spot, find_worst_spots
+from mqslam.report.places.spots import WORST, Spot, find_worst_spots
 
 # how a crop is placed in its picture; nothing but the picture depends on these
 _REACH_M = 80.0  # farther points are not looked at

@@ -23,7 +23,8 @@ from mqslam.report.figures.canvas import (
     make_world,
     put_legend_above,
 )
-from mqslam.report.run_report import ScanScores
+from mqslam.report.figures.svg import encode_svg
+from mqslam.report.inputs.run_report import ScanScores
 
 ODOMETRY_COLOUR, OPTIMISED_COLOUR, TRUTH_COLOUR = ORANGE, BLUE, GREEN
 
@@ -86,7 +87,7 @@ def draw_psi(scores: ScanScores) -> bytes:
         axes.plot(unused, height, "|", color=RED, markersize=9, transform=axes.get_xaxis_transform(), label=label)
     axes.set_ylim(bottom=0.0)
     put_legend_above(axes)
-    return encode_png(figure)
+    return encode_svg(figure)
 
 
 def draw_matched(scores: ScanScores) -> bytes:
@@ -96,4 +97,4 @@ def draw_matched(scores: ScanScores) -> bytes:
     axes.fill_between(time, 100.0 * scores.matched, color=OPTIMISED_COLOUR, alpha=0.15, linewidth=0)
     axes.plot(time, 100.0 * scores.matched, color=OPTIMISED_COLOUR, linewidth=1.2)
     axes.set_ylim(0.0, 100.0)
-    return encode_png(figure)
+    return encode_svg(figure)

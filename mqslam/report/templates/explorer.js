@@ -43,36 +43,45 @@
     const k = nearest(layer.pathTimes, time);
     return [layer.pathX[k], layer.pathY[k]];
   };
-  const traces = [];
-  const pointTraces = layers.map((layer) => traces.push({
-    type: "scattergl", mode: "markers", name: plain(`${layer.name}: map`), x: layer.x, y: layer.y, hoverinfo: "skip",
-    marker: { size: 2, color: layer.ink || ink, opacity: 0.5 }, visible: layer.shown ? true : "legendonly",
-  }) - 1);
-  for (const layer of layers) traces.push({
-    type: "scattergl", mode: "lines", name: plain(layer.name), x: layer.pathX, y: layer.pathY, customdata: layer.pathTimes,
+  // every trace has an entry in the legend, which is made of buttons, so that the keyboard reaches them
+  const traces = [], entries = [];
+  const add = (trace, shape, name, shown = true) => {
+    const k = traces.push({ ...trace, name: plain(name), visible: shown, showlegend: false }) - 1;
+    entries.push({ k, name, shown, shape, colour: (trace.line || {}).color || trace.marker.color });
+    return k;
+  };
+  const pointTraces = layers.map((layer) => add({
+    type: "scattergl", mode: "markers", x: layer.x, y: layer.y, hoverinfo: "skip",
+    marker: { size: 2, color: layer.ink || ink, opacity: 0.5 },
+  }, "circle", `${layer.name}: map`, layer.shown));
+  for (const layer of layers) add({
+    type: "scattergl", mode: "lines", x: layer.pathX, y: layer.pathY, customdata: layer.pathTimes,
     line: { color: layer.colour, width: 2 }, hovertemplate: `%{customdata:.1f} s<extra>${plain(layer.name)}</extra>`,
-  });
-  for (const extra of scene.lines) traces.push({
-    type: "scattergl", mode: "lines", name: plain(extra.name), x: decoded(extra.x), y: decoded(extra.y), hoverinfo: "skip",
-    line: { color: extra.colour, width: extra.width }, visible: extra.shown ? true : "legendonly",
-  });
+  }, "line", layer.name);
+  for (const extra of scene.lines) add({
+    type: "scattergl", mode: "lines", x: decoded(extra.x), y: decoded(extra.y), hoverinfo: "skip",
+    line: { color: extra.colour, width: extra.width },
+  }, "line", extra.name, extra.shown);
   const main = layers.find((layer) => layer.shown) || layers[0];
   const middle = (place) => 0.5 * (place.t0 + place.t1);
-  const spots = scene.places.map((place) => whereAt(main, middle(place)));
-  if (spots.length) traces.push({
-    type: "scattergl", mode: "markers", name: "places to click", x: spots.map((p) => p[0]), y: spots.map((p) => p[1]),
-    customdata: scene.places.map(middle), text: scene.places.map((place) => plain(place.title)), hovertemplate: "%{text}<extra></extra>",
-    marker: {
-      size: 7, color: scene.places.map((place) => (place.torn ? scene.colours.torn : scene.colours.fine)),
-      line: { width: 1, color: "white" },
-    },
-  });
-  const chosenTrace = traces.push({
-    type: "scattergl", mode: "markers", x: [], y: [], hoverinfo: "skip", showlegend: false,
-    marker: { size: 20, symbol: "circle-open", color: scene.colours.torn, line: { width: 3 } },
-  }) - 1;
+  const dots = [["fine", "place to click", 8], ["unknown", "undecided place", 9], ["torn", "torn place", 12]];
+  for (const [kind, name, size] of dots) {
+    const places = scene.places.filter((place) => place.kind === kind);
+    const spots = places.map((place) => whereAt(main, middle(place)));
+    if (spots.length) add({
+      type: "scatter", mode: "markers", x: spots.map((p) => p[0]), y: spots.map((p) => p[1]), customdata: places.map(middle),
+      text: places.map((place) => plain(place.title)), hovertemplate: "%{text}<extra></extra>",
+      marker: { size, symbol: scene.marks[kind], color: scene.colours[kind], line: { width: 1, color: "white" } },
+    }, scene.marks[kind], name);
+  }
+  const accent = (torn) => (torn && !scene.calm ? scene.colours.torn : soft);
+  const firstTorn = scene.places.length > 0 && scene.places[scene.first].torn;
+  const chosenTrace = add({
+    type: "scatter", mode: "markers", x: [], y: [], hoverinfo: "skip",
+    marker: { size: 20, symbol: "circle-open", color: accent(firstTorn), line: { width: 3 } },
+  }, "ring", "selected place");
   const [x0, x1, y0, y1] = scene.view;
-  const box = { ...base, margin: { l: 56, r: 10, t: 30, b: 40 }, dragmode: "pan",
+  const box = { ...base, margin: { l: 56, r: 10, t: 10, b: 40 }, dragmode: "pan",
     xaxis: axis({ title: { text: "x [m]" }, range: [x0, x1] }),
     yaxis: axis({ title: { text: "y [m]" }, range: [y0, y1], scaleanchor: "x", scaleratio: 1 }) };
 
@@ -85,9 +94,10 @@
     charts[`yaxis${id}`] = axis({ title: { text: chart.title }, type: chart.log ? "log" : "linear", ...(chart.log ? { dtick: 1 } : {}),
       domain: [1 - (k + 1) * height + 0.06, 1 - k * height], rangemode: "tozero", exponentformat: "none" });
     for (const curve of chart.curves) curves.push({
-      type: "scattergl", mode: curve.dots ? "markers" : "lines", name: plain(curve.name), x: decoded(curve.times),
+      type: curve.dots ? "scatter" : "scattergl", mode: curve.dots ? "markers" : "lines", name: plain(curve.name), x: decoded(curve.times),
       y: decoded(curve.values), yaxis: `y${id}`, line: { color: curve.colour, width: 1.4 },
-      marker: { color: curve.colour, size: 6 }, hovertemplate: `%{x:.1f} s: %{y:.4g}<extra>${plain(curve.name)}</extra>`,
+      marker: { color: curve.colour, size: curve.mark === scene.marks.torn ? 9 : 6, symbol: curve.mark },
+      hovertemplate: `%{x:.1f} s: %{y:.3g}<extra>${plain(curve.name)}</extra>`,
     });
     for (const level of chart.levels) {
       charts.shapes.push({ type: "line", xref: "paper", x0: 0, x1: 1, yref: `y${id}`, y0: level.value, y1: level.value,
@@ -105,11 +115,13 @@
     chosen = (k + scene.places.length) % scene.places.length;
     const place = scene.places[chosen], time = middle(place);
     const at = layers.map((layer) => whereAt(layer, time));
-    Plotly.restyle("map", { x: [at.map((p) => p[0])], y: [at.map((p) => p[1])] }, [chosenTrace]);
+    const colour = accent(place.torn);
+    Plotly.restyle("map", { x: [at.map((p) => p[0])], y: [at.map((p) => p[1])], "marker.color": colour }, [chosenTrace]);
     const mark = { type: "rect", xref: "x", yref: "paper", x0: place.t0, x1: place.t1, y0: 0, y1: 1, layer: "below",
-      line: { width: 1, color: scene.colours.torn }, fillcolor: scene.colours.torn, opacity: 0.25 };
-    Plotly.relayout("charts", { shapes: [...charts.shapes, mark] });
-    byId("place").textContent = place.title;
+      line: { width: 1, color: colour }, fillcolor: colour, opacity: 0.25 };
+    if (byId("charts")) Plotly.relayout("charts", { shapes: [...charts.shapes, mark] });
+    const first = chosen === scene.first && scene.first_is ? `${scene.first_is}: ` : "";
+    byId("place").textContent = first + place.title;
     byId("about").textContent = place.text;
     const low = [Infinity, Infinity], high = [-Infinity, -Infinity];
     for (const view of place.views) for (const [begin, end] of view.groups) for (let i = 2 * begin; i < 2 * end; i += 1) {
@@ -122,8 +134,7 @@
     const rows = Math.ceil(place.views.length / columns), wide = 1 / columns, tall = 1 / rows, views = [];
     const height = rows * (byId("crop").clientWidth / columns) + 60;
     byId("crop").style.height = `${height}px`;
-    const layout = { ...base, height, margin: { l: 30, r: 10, t: 24, b: 36 }, dragmode: "pan", annotations: [], showlegend: true,
-      legend: { orientation: "h", x: 0, y: 0, yref: "container", yanchor: "bottom" } };
+    const layout = { ...base, height, margin: { l: 30, r: 10, t: 24, b: 24 }, dragmode: "pan", annotations: [], showlegend: false };
     place.views.forEach((view, n) => {
       const id = n ? `${n + 1}` : "", column = n % columns, row = Math.floor(n / columns);
       const across = [column * wide + 0.02, (column + 1) * wide - 0.02];
@@ -137,7 +148,6 @@
         type: "scatter", mode: "markers", name: scene.groups[g] || "", xaxis: `x${id}`, yaxis: `y${id}`, hoverinfo: "skip",
         x: Array.from(crops.subarray(2 * begin, 2 * end).filter((_, i) => i % 2 === 0)),
         y: Array.from(crops.subarray(2 * begin, 2 * end).filter((_, i) => i % 2 === 1)),
-        showlegend: n === 0 && Boolean(scene.groups[g]), legendgroup: `${g}`,
         marker: { size: 3, opacity: 0.7, color: view.colours[g] },
       }));
     });
@@ -164,13 +174,65 @@
       "marker.colorbar": scaled ? { title: { text: scene.units[name], side: "right" }, thickness: 12, len: 0.6 } : {},
     }, [pointTraces[k]]));
   });
+  const showWhole = () => Plotly.relayout("map", { "xaxis.range": [x0, x1], "yaxis.range": [y0, y1] });
   byId("previous").addEventListener("click", () => show(chosen - 1));
   byId("next").addEventListener("click", () => show(chosen + 1));
-  byId("whole").addEventListener("click", () =>
-    Plotly.relayout("map", { "xaxis.range": [x0, x1], "yaxis.range": [y0, y1] }));
-  Promise.all([Plotly.newPlot("map", traces, box, settings), Plotly.newPlot("charts", curves, charts, bare)]).then(() => {
+  byId("whole").addEventListener("click", showWhole);
+
+  // the keyboard: a step is a tenth of what is seen
+  const move = (across, up, zoom) => {
+    const { xaxis, yaxis } = byId("map")._fullLayout;
+    const moved = ({ range: [low, high] }, step) => {
+      const half = 0.5 * (high - low) * zoom, centre = 0.5 * (low + high) + 0.1 * step * (high - low);
+      return [centre - half, centre + half];
+    };
+    Plotly.relayout("map", { "xaxis.range": moved(xaxis, across), "yaxis.range": moved(yaxis, up) });
+  };
+  const keys = {
+    ArrowLeft: () => move(-1, 0, 1), ArrowRight: () => move(1, 0, 1), ArrowUp: () => move(0, 1, 1), ArrowDown: () => move(0, -1, 1),
+    "+": () => move(0, 0, 0.8), "-": () => move(0, 0, 1.25), 0: showWhole, n: () => show(chosen + 1), p: () => show(chosen - 1),
+  };
+  byId("map").addEventListener("keydown", (event) => {
+    const act = keys[event.key];
+    if (!act || event.ctrlKey || event.metaKey || event.altKey) return;
+    event.preventDefault();
+    act();
+  });
+
+  // the legend of the map
+  const swatches = {
+    "square-open": '<rect x="6" y="2" width="6" height="6" fill="none" stroke-width="2"/>',
+    line: '<path d="M0 5H18" fill="none" stroke-width="3"/>', circle: '<circle cx="9" cy="5" r="3"/>',
+    "triangle-up": '<path d="M9 0L14 9H4Z"/>', ring: '<circle cx="9" cy="5" r="4" fill="none" stroke-width="2"/>',
+  };
+  for (const entry of entries) {
+    const button = document.createElement("button");
+    button.type = "button";
+    button.setAttribute("aria-pressed", String(entry.shown));
+    button.innerHTML = `<svg width="18" height="10" aria-hidden="true">${swatches[entry.shape]}</svg>`;
+    button.firstChild.style.color = entry.colour;
+    button.append(entry.name);
+    button.addEventListener("click", () => {
+      const shown = button.getAttribute("aria-pressed") !== "true";
+      button.setAttribute("aria-pressed", String(shown));
+      Plotly.restyle("map", { visible: shown }, [entry.k]);
+    });
+    byId("legend").append(button);
+  }
+
+  scene.groups.forEach((name, g) => {
+    const swatch = document.createElement("span");
+    swatch.innerHTML = `<svg width="12" height="10" aria-hidden="true"><circle cx="5" cy="5" r="3"/></svg>`;
+    swatch.firstChild.style.fill = scene.places.length ? scene.places[0].views[0].colours[g] : ink;
+    swatch.append(name);
+    byId("key").append(swatch);
+  });
+
+  const plots = [Plotly.newPlot("map", traces, { ...box, showlegend: false }, settings)];
+  if (byId("charts")) plots.push(Plotly.newPlot("charts", curves, charts, bare));
+  Promise.all(plots).then(() => {
     byId("map").on("plotly_click", choose);
-    byId("charts").on("plotly_click", choose);
+    if (byId("charts")) byId("charts").on("plotly_click", choose);
     show(scene.first);
     document.body.classList.add("ready");
   });

@@ -44,6 +44,7 @@ class Spot:
         torn: whether it counts as torn.
         verdict: whether it is torn, or why that is not known.
         text: size and direction of the correction, in words.
+        unknown: whether nothing could be decided about it.
     """
 
     kind: str
@@ -59,6 +60,7 @@ class Spot:
     torn: bool
     verdict: str
     text: str
+    unknown: bool = False
 
     @property
     def place(self) -> str:
@@ -123,6 +125,7 @@ def spot_of_window(window: WindowAudit) -> Spot:
         torn=window.torn,
         verdict=verdict,
         text=f"{text} Inflation {format_three_digits(bend.inflation)}{known}.",
+        unknown=window.undecided is not None,
     )
 
 

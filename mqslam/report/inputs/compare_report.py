@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
+from mqslam.comparison.best import Standing, find_best
 from mqslam.comparison.comparison import Comparison
 from mqslam.comparison.judgement import Judged, Place
 from mqslam.comparison.rows import Row
-from mqslam.config import dump_yaml
+from mqslam.config import MapConfig, dump_yaml
 from mqslam.core.trajectory import Trajectory
 from mqslam.evaluation import Evaluation
 
@@ -33,6 +34,8 @@ class CompareReport:
         warnings: what the reader has to know before the numbers.
         settings_yaml: every setting used, as in config.yaml.
         notes: what the reader should know about how the recording was understood.
+        ranks: names of the rows, the best first; rows that cannot be told apart share a rank.
+        map: settings that say from when on a trajectory has moved.
     """
 
     title: str
@@ -49,6 +52,8 @@ class CompareReport:
     warnings: tuple[str, ...]
     settings_yaml: str
     notes: tuple[str, ...] = ()
+    ranks: tuple[tuple[str, ...], ...] = ()
+    map: MapConfig = field(default_factory=MapConfig)
 
 
 def report_comparison(
@@ -78,4 +83,25 @@ def report_comparison(
         warnings=tuple(summary["warnings"]),
         settings_yaml=dump_yaml(comparison.settings),
         notes=recording.notes,
+        ranks=rank_rows(tuple(comparison.judged.values()), comparison.settings.verdict.confidence),
+        map=comparison.settings.map,
     )
+
+
+def rank_rows(rows: Sequence[Judged], confidence: float) -> tuple[tuple[str, ...], ...]:
+    """Ranks rows: the best of all, then the best of those that are left, and so on.
+
+    Args:
+        rows: those that ran.
+        confidence: of the bounds of a share, on either side.
+
+    Returns:
+        the names of each rank; rows that cannot be told apart share one.
+    """
+    left = [Standing.of(row) for row in rows]
+    ranks = []
+    while left:
+        best = find_best(left, confidence)
+        ranks.append(best.rows if best is not None else (left[0].name,))
+        left = [standing for standing in left if standing.name not in ranks[-1]]
+    return tuple(ranks)

@@ -1,0 +1,76 @@
+"""What an audit's page shows of single places: those that are torn first, and those that could not be judged."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Final
+
+from mqslam.report.content import Fold, Gallery, Row, Section, Table, Thumbnail, ThumbnailCard
+from mqslam.report.figures.crops import draw_crop, make_crop
+from mqslam.report.formatting import describe_motion, format_length
+from mqslam.report.inputs.audit_report import AuditReport
+from mqslam.report.places.bad_places import NAMES
+from mqslam.report.places.spots import Spot, find_worst_spots
+from mqslam.report.places.unmatched import find_unmatched
+
+_HEAD: Final = ("", "what", "time", "place", "off by", "correction", "inflation", "verdict")
+_FINE: Final = "The largest corrections of what is not torn"
+
+
+def list_worst(report: AuditReport) -> Section | None:
+    """Returns the worst places as a table: torn ones at once, the others unfold."""
+    spots = find_worst_spots(report.sweeps, report.audit, report.config.audit)
+    if not spots:
+        return None
+    torn, fine = ([(k, spot) for k, spot in enumerate(spots, 1) if spot.torn is wanted] for wanted in (True, False))
+    notes = (
+        "Torn places come first, by how far they are off." if torn else "No place is torn.",
+        "After them come the windows of the largest inflation; all are well apart.",
+        "A correction, as seen from the sensor, moves the end of a window or span against its begin, what follows a jump, "
+        "or the later pass of a revisit.",
+        f"{' and '.join(NAMES)} beside this page hold all places that are torn or of which nothing could be decided.",
+    )
+    folded = Fold(_FINE, _tabulate(fine)) if fine else None
+    return Section("Worst places", notes, table=_tabulate(torn) if torn else None, folded=folded)
+
+
+def list_unmatched(report: AuditReport) -> Section | None:
+    """Returns what could not be judged, where it is, and where to look; None where all could be judged."""
+    places = find_unmatched(report.sweeps, report.audit)
+    blind = tuple(str(line) for line in report.summary.get("not_judged") or ())
+    if not places and not blind:
+        return None
+    rows = tuple(Row(place.what, (place.time, place.where, place.why, place.look)) for place in places)
+    table = Table(("what", "time", "place", "why", "where to look"), rows, holds_words=True) if rows else None
+    notes = ("Nothing is said of these places: they are neither good nor bad.", *blind)
+    return Section("What could not be matched", notes, table=table)
+
+
+def show_crops(report: AuditReport) -> Gallery | None:
+    """Returns pictures of the worst places before and after their corrections: torn ones at once, the others unfold."""
+    spots = find_worst_spots(report.sweeps, report.audit, report.config.audit)
+    torn: list[ThumbnailCard] = []
+    fine: list[ThumbnailCard] = []
+    for k, spot in enumerate(spots, 1):
+        crop = make_crop(report.sweeps, spot)
+        before, after = draw_crop(crop)
+        title = f"{k}. {crop.title}"
+        thumbnails = (
+            Thumbnail(before, "as it is", f"{title}, before"),
+            Thumbnail(after, "corrected", f"{title}, after"),
+        )
+        (torn if spot.torn else fine).append(ThumbnailCard(title, thumbnails, crop.text))
+    note = (
+        "The points where the correction shows the most, seen from the sensor, ahead to the right. Blue is what was "
+        "seen first, orange what was seen last: a wall in two colours is doubled."
+    )
+    return Gallery("Before and after", note, tuple(torn), tuple(fine), _FINE) if spots else None
+
+
+def _tabulate(spots: Sequence[tuple[int, Spot]]) -> Table:
+    return Table(_HEAD, tuple(Row(f"{number}", _list_values(spot)) for number, spot in spots), holds_words=True)
+
+
+def _list_values(spot: Spot) -> tuple[str, ...]:
+    off, motion = format_length(spot.off_m), describe_motion(spot.correction)
+    return (spot.kind, spot.time, spot.place, off, motion, spot.inflation_text, spot.verdict)
