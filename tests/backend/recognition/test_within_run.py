@@ -23,8 +23,8 @@ from mqslam.mapping.keyframing import pick_spaced
 
 CONFIG = Config()
 MEANS = Means(CONFIG.recognition, CONFIG.loops, CONFIG.estimator, BEAM)
-UNSURE, SURE = (0.1, 0.1, 0.02), (0.01, 0.01, 1e-4)
-BIAS = 0.6 / 170  # [rad] per scan; the lap is off by more than 40 m where it comes back
+UNSURE, SURE = (0.1, 0.1, 0.04), (0.01, 0.01, 1e-4)
+BIAS = 1.0 / 170  # [rad] per scan; the end of the lap is off by more than 50 m against its beginning
 
 
 @lru_cache(maxsize=4)
