@@ -137,7 +137,7 @@ def _fill_in(setting: Setting, table: Table, covariances: NDArray[np.float64]) -
                 nearest[k] = away
                 table.poses[k], table.covariances[k] = now
     tree = cKDTree(setting.keyframes.poses[:, :2])
-    for k in np.flatnonzero(~known):
+    for k in np.flatnonzero(~known).tolist():
         is_outside = tree.query(table.poses[k, :2])[0] > setting.settings.reach_m
         table.statuses[k] = PlaceStatus.OUTSIDE if is_outside else PlaceStatus.LOST
 
