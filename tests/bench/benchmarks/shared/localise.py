@@ -27,8 +27,8 @@ def _measure(out: Path) -> list[Row]:
 
 
 BENCHMARK = Benchmark(
-    what="A drive of the hard city twin localised in the map of another day, by radar alone and on one job. Errors are "
-    "those against the nearest keyframe of the map. Cold starts have half a minute of the recording each.",
+    what="A drive of the hard city twin localised in the map of another day, by radar alone, on one job. Errors are those "
+    "against the nearest keyframe of the map. Cold starts have half a minute of the recording.",
     data="twin",
     seeds=(1, 2, _OTHER_TOWN),
     columns=(
