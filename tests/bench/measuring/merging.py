@@ -26,7 +26,7 @@ _SAME_M, _SAME_RAD = 3.0, 0.3  # two scans whose true poses are so near to each 
 _WRONG_M, _WRONG_RAD = 1.0, 0.03  # a link that is off by more than this is wrong
 COLUMNS = (
     label("case", "case"),
-    Column("outcome", "outcome", "{}"),
+    Column("outcome", "outcome", "{}", label=True),
     Column("rms_m", "runs against each other, RMS [m]", "{:.3f}", Goal.LOW),
     Column("worst_m", "at most [m]", "{:.2f}"),
     Column("links", "links", "{:.0f}"),
