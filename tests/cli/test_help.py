@@ -40,6 +40,8 @@ OPTIONS = {
         "--extrinsics",
         "--format",
         "--range-resolution",
+        "--start",
+        "--end",
         "--jobs",
         "--cluster",
         "--live",
