@@ -12,6 +12,7 @@ from mqslam.cli.terminal.options import (
     Cluster,
     ConfigOption,
     Data,
+    End,
     Force,
     Format,
     Imu,
@@ -20,6 +21,7 @@ from mqslam.cli.terminal.options import (
     Odometry,
     Quiet,
     RangeResolution,
+    Start,
     Verbose,
 )
 from mqslam.cli.terminal.remedies import name_options
@@ -54,6 +56,8 @@ def compare(
     imu: Imu = "auto",
     format: Format = None,
     range_resolution: RangeResolution = None,
+    start: Start = None,
+    end: End = None,
     jobs: Jobs = CORES,
     cluster: Cluster = None,
     resume: Annotated[
@@ -93,6 +97,8 @@ def compare(
             config=config,
             format=format,
             range_resolution=range_resolution,
+            start_s=start,
+            end_s=end,
             resume=resume,
             force=force,
             work=work,

@@ -15,6 +15,7 @@ from mqslam.cli.terminal.options import (
     Cluster,
     ConfigOption,
     Data,
+    End,
     Extrinsics,
     Force,
     Format,
@@ -27,6 +28,7 @@ from mqslam.cli.terminal.options import (
     Odometry,
     Quiet,
     RangeResolution,
+    Start,
     Verbose,
 )
 from mqslam.cli.terminal.remedies import name_options
@@ -51,6 +53,8 @@ def run(
     frame: Frame = "radar",
     format: Format = None,
     range_resolution: RangeResolution = None,
+    start: Start = None,
+    end: End = None,
     jobs: Jobs = CORES,
     cluster: Cluster = None,
     strict: Annotated[
@@ -105,6 +109,8 @@ def run(
             config=settings,
             format=format,
             range_resolution=range_resolution,
+            start_s=start,
+            end_s=end,
             strict=strict,
             resume=resume,
             force=force,

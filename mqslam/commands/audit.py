@@ -16,11 +16,12 @@ from mqslam.auditing.sources import LIDAR_CONFIG, Source, divide_cloud, is_cloud
 from mqslam.auditing.sweeps import Sweeps, require_covered
 from mqslam.commands.extrinsics import to_pose
 from mqslam.commands.given_covariances import find_claims
-from mqslam.commands.opening import carry_to_radar, choose_settings, open_data
+from mqslam.commands.opening import WHOLE, Span, carry_to_radar, choose_settings, open_data
 from mqslam.commands.result import JudgedResult
 from mqslam.commands.work import QUIET, Work
 from mqslam.config import Config, set_doppler_beta, set_false_alarms
 from mqslam.core import se2
+from mqslam.core.recording import Recording
 from mqslam.core.sensors.timed_cloud import TimedCloud
 from mqslam.core.trajectory import Trajectory
 from mqslam.core.wording import left_or_right
@@ -59,6 +60,8 @@ def audit(  # noqa: PLR0913 - these are the options of an audit, each with its d
     config: Config | Path | str | None = None,
     format: str | None = None,
     range_resolution: float | None = None,
+    start_s: float | None = None,
+    end_s: float | None = None,
     mend: bool = False,
     force: bool = False,
     work: Work = QUIET,
@@ -83,6 +86,8 @@ def audit(  # noqa: PLR0913 - these are the options of an audit, each with its d
         config: settings, or the path of a YAML file, or the name of one that ships with mqslam; None takes the defaults.
         format: layout of the recording; None guesses it.
         range_resolution: length of a range bin [m], if the recording does not state it or is wrong.
+        start_s: scans that begin earlier are left out [s since the recording's start]; None takes all.
+        end_s: scans that begin then or later are left out [s since the recording's start]; None takes all.
         mend: whether the trajectory is mended by what the audit finds, written as mended.tum with the stamps and in the
             frame of the given one, and audited in turn; the verdict stays that on the given one.
         force: whether what is at `out` is replaced.
@@ -100,7 +105,7 @@ def audit(  # noqa: PLR0913 - these are the options of an audit, each with its d
     """
     data, out = Path(data), Path(out)
     check_free(out, force=force, recording=data)
-    _require_rate(false_alarms)
+    _check_options(data, format, false_alarms, (start_s, end_s))
     mount = None if extrinsics is None else to_pose(extrinsics)
     if mount is not None and covariances is not None:
         raise ConfigError("covariances are those of the sensor's poses; extrinsics say otherwise; leave out one of the two")
@@ -114,7 +119,7 @@ def audit(  # noqa: PLR0913 - these are the options of an audit, each with its d
         settings = choose_settings(config, None if cloud.is_of_radar else LIDAR_CONFIG)
         sweeps = _divide(cloud, given, settings)
         notes, kind, place = list(cloud.notes), data.suffix.lower()[1:], partial(_divide_moved, cloud, given, settings)
-    elif format is None and data.exists() and lidars.recognises(data):
+    elif _is_lidar(data, format):
         settings = choose_settings(config, LIDAR_CONFIG)
         source = make_lidar_source(lidars.read_lidar(data, settings.reading))
         track = given or _pick_carried(data, source.tracks, name)
@@ -122,7 +127,9 @@ def audit(  # noqa: PLR0913 - these are the options of an audit, each with its d
         place = partial(_place_alone, source, settings)
     else:
         settings = choose_settings(config)
-        source, track, settings = detect_radar(data, given, name, settings, format, range_resolution, work)
+        source, track, settings = detect_radar(
+            open_data(data, format, range_resolution, settings, span=(start_s, end_s)), given, name, settings, work
+        )
         sweeps, notes, kind = *_render_sweeps(source, track, settings), source.format
         turning = _check_turns(source, track, settings, notes, work)
         place = partial(_place_alone, source, settings)
@@ -166,6 +173,18 @@ def audit(  # noqa: PLR0913 - these are the options of an audit, each with its d
     for warning in summary["warnings"][len(notes) :]:
         work.tell(warning)
     return JudgedResult(out, summary)
+
+
+def _check_options(data: Path, format: str | None, false_alarms: float | None, span: Span) -> None:
+    """Raises ConfigError if the rate of false alarms is none, or a stretch is chosen of what is no radar's recording."""
+    _require_rate(false_alarms)
+    if span != WHOLE and (is_cloud(data) or _is_lidar(data, format)):
+        raise ConfigError(f"{data}: a stretch can be chosen of a radar's recording only; audit all of this one")
+
+
+def _is_lidar(data: Path, format: str | None) -> bool:
+    """Returns whether the data is a lidar's recording."""
+    return format is None and data.exists() and lidars.recognises(data)
 
 
 def _require_rate(false_alarms: float | None) -> None:
@@ -278,33 +297,28 @@ def _check_turns(source: Source, track: Trajectory, settings: Config, notes: lis
 
 
 def detect_radar(
-    data: Path,
+    recording: Recording,
     given: Trajectory | None,
     name: str,
     settings: Config,
-    format: str | None,
-    range_resolution: float | None,
     work: Work,
 ) -> tuple[Source, Trajectory, Config]:
     """Returns the scans of a radar recording, the trajectory, and the settings with the Doppler shift that was used.
 
     Args:
-        data: the recording.
+        recording: the recording.
         given: poses of the sensor; None takes those that the recording carries.
         name: of the trajectory that the recording carries.
         settings: all of them.
-        format: layout of the recording; None guesses it.
-        range_resolution: length of a range bin [m]; None takes what the recording states.
         work: where the returns are detected, and who is told about it.
 
     Raises:
-        MqslamError: the recording cannot be read, carries no such trajectory, or is not covered by it.
+        MqslamError: a scan cannot be read, or the recording carries no such trajectory, or is not covered by it.
     """
-    recording = open_data(data, format, range_resolution, settings)
     odometry = carry_to_radar(recording.odometry, recording.mount)
     carried = {"odometry": odometry, "ground_truth": recording.ground_truth}
     tracks = {name: track for name, track in carried.items() if track is not None}
-    track = given or _pick_carried(data, tracks, name)
+    track = given or _pick_carried(recording.path, tracks, name)
     require_covered(make_scans(recording), track, settings.audit)  # a mistake is raised before the recording is read
     scans, detected = detect_all(recording, settings.detector, Runner(work.engine, work.progress))
     notes = (*recording.notes, *recording.faults, *warn_of_unread(detected.unread))

@@ -59,6 +59,8 @@ def compare(  # noqa: PLR0913 - these are the options of a comparison, each with
     config: Config | Path | str | None = None,
     format: str | None = None,
     range_resolution: float | None = None,
+    start_s: float | None = None,
+    end_s: float | None = None,
     resume: bool = False,
     force: bool = False,
     work: Work = QUIET,
@@ -79,6 +81,8 @@ def compare(  # noqa: PLR0913 - these are the options of a comparison, each with
         config: settings, or the path of a YAML file, or the name of one that ships with mqslam; None takes the defaults.
         format: layout of the recording; None guesses it.
         range_resolution: length of a range bin [m], if the recording does not state it or is wrong.
+        start_s: scans that begin earlier are left out [s since the recording's start]; None takes all.
+        end_s: scans that begin then or later are left out [s since the recording's start]; None takes all.
         resume: whether an unfinished comparison at `out` is continued.
         force: whether what is at `out` is replaced.
         work: where the work is done, and who is told about it.
@@ -100,7 +104,7 @@ def compare(  # noqa: PLR0913 - these are the options of a comparison, each with
     _check_names(frontends, odometry_only=odometry_only)
     given, told = _make_given_rows(trajectories or {}, frontends)
     check_free(out, force=force, resume=resume, recording=data)
-    recording = open_data(data, format, range_resolution, settings)
+    recording = open_data(data, format, range_resolution, settings, span=(start_s, end_s))
     track, notes = choose_odometry(recording, odometry, settings.reading, recording.mount)
     notes += told
     chosen = _choose_gyroscope(recording, imu, frontends)

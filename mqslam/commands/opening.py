@@ -18,6 +18,7 @@ from mqslam.core.sensors.sensors import Sensors
 from mqslam.core.trajectory import Trajectory
 from mqslam.errors import ConfigError, DataError, Remedy, suggest
 from mqslam.formats.recordings import open_recording, read_odometry
+from mqslam.formats.recordings.clipped import clip
 from mqslam.formats.sensors import read_fixes, read_gyroscope
 from mqslam.formats.sensors.reading import Reading
 from mqslam.formats.shared.stamps import guess_stated_unit
@@ -43,6 +44,8 @@ class Inputs:
 
 
 USUAL_INPUTS = Inputs()
+Span = tuple[float | None, float | None]  # begin and end of a stretch [s] since the recording's start; None: the recording's
+WHOLE: Span = (None, None)
 
 
 def choose_settings(config: Config | Path | str | None, default: str | None = None) -> Config:
@@ -59,7 +62,13 @@ def choose_settings(config: Config | Path | str | None, default: str | None = No
 
 
 def open_data(
-    data: Path, format: str | None, range_resolution: float | None, settings: Config, *, strict: bool = False
+    data: Path,
+    format: str | None,
+    range_resolution: float | None,
+    settings: Config,
+    *,
+    strict: bool = False,
+    span: Span = WHOLE,
 ) -> Recording:
     """Opens the recording that a command was given; the command's range resolution takes precedence over the settings'.
 
@@ -69,9 +78,10 @@ def open_data(
         range_resolution: length of a range bin [m], or None.
         settings: all settings.
         strict: whether a recording with any fault is refused.
+        span: the stretch that is used.
 
     Raises:
-        ConfigError: the format is unknown, or the range resolution is not a length.
+        ConfigError: the format is unknown, the range resolution is not a length, or the stretch holds no scan.
         DataError: the recording cannot be used, or has any fault if strict.
     """
     sensor = settings.sensor
@@ -81,7 +91,7 @@ def open_data(
     )
     if strict and recording.faults:
         raise DataError(data, recording.faults[0], Remedy.LEAVE_STRICT_OUT)
-    return recording
+    return clip(recording, *span)
 
 
 def choose_odometry(

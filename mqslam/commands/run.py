@@ -9,7 +9,9 @@ from typing import Any
 
 from mqslam.commands.opening import (
     USUAL_INPUTS,
+    WHOLE,
     Inputs,
+    Span,
     check_frame,
     choose_odometry,
     choose_sensors,
@@ -53,6 +55,8 @@ def run(  # noqa: PLR0913 - these are the options of a run, each with its defaul
     config: Config | Path | str | None = None,
     format: str | None = None,
     range_resolution: float | None = None,
+    start_s: float | None = None,
+    end_s: float | None = None,
     strict: bool = False,
     resume: bool = False,
     force: bool = False,
@@ -74,6 +78,8 @@ def run(  # noqa: PLR0913 - these are the options of a run, each with its defaul
         config: settings, or the path of a YAML file, or the name of one that ships with mqslam; None takes the defaults.
         format: layout of the recording; None guesses it.
         range_resolution: length of a range bin [m], if the recording does not state it or is wrong.
+        start_s: scans that begin earlier are left out [s since the recording's start]; None takes all.
+        end_s: scans that begin then or later are left out [s since the recording's start]; None takes all.
         strict: whether a polar scan that cannot be read is an error, rather than being left out.
         resume: whether an unfinished run at `out` is continued.
         force: whether what is at `out` is replaced.
@@ -93,7 +99,7 @@ def run(  # noqa: PLR0913 - these are the options of a run, each with its defaul
     settings = choose_settings(config)
     check_free(out, force=force, resume=resume, recording=data)
     inputs = Inputs(odometry, imu, gnss, extrinsics, frame)
-    job = open_job(data, settings, frontend, inputs, format, range_resolution, strict=strict)
+    job = open_job(data, settings, frontend, inputs, format, range_resolution, strict=strict, span=(start_s, end_s))
     for note in job.recording.notes:
         work.tell(note)
     return RunResult(out, execute(job, out, work, resume=resume))
@@ -147,6 +153,7 @@ def open_job(
     range_resolution: float | None = None,
     *,
     strict: bool = False,
+    span: Span = WHOLE,
 ) -> Job:
     """Opens a recording and chooses its odometry and sensors; the arguments are those of `run`.
 
@@ -155,7 +162,7 @@ def open_job(
             unknown or that of a vehicle on which nobody says where the radar sits.
         DataError: the recording, the odometry or a sensor's file cannot be used.
     """
-    recording = open_data(data, format, range_resolution, settings, strict=strict)
+    recording = open_data(data, format, range_resolution, settings, strict=strict, span=span)
     chosen = choose_sensors(recording, inputs)
     sensors = chosen.sensor
     track, unused = choose_odometry(recording, inputs.odometry, settings.reading, sensors.mount)

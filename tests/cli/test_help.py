@@ -39,6 +39,8 @@ OPTIONS = {
         "--extrinsics",
         "--format",
         "--range-resolution",
+        "--start",
+        "--end",
         "--jobs",
         "--cluster",
         "--live",

@@ -30,6 +30,7 @@ from mqslam.formats.tum import read_tum
 FILES = {
     "summary.json",
     "trajectory.tum",
+    "ground_truth.tum",
     "odometry.tum",
     "measurements.csv",
     "covariances.csv",
@@ -280,6 +281,7 @@ def test_the_settings_used_are_written_and_read_back_equal(result: Path, without
 def test_report_and_log_tell_the_verdict(result: Path) -> None:
     summary = summary_of(result)
     report, log = (result / "report.html").read_text(), (result / "run.log").read_text()
+    assert "\ncommand: " in log and "\nversions: Python 3." in log and "gtsam 4" in log and "\nfinished: 20" in log
     assert report.lower().startswith("<!doctype html") and report.rstrip().endswith("</html>")
     assert_alone(result / "report.html")
     assert summary["verdict"]["reasons"][0] in report

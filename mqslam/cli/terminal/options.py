@@ -65,6 +65,14 @@ RangeResolution = Annotated[
     float | None,
     typer.Option("--range-resolution", help=r"Length of a range bin \[m], if DATA does not state it or is wrong."),
 ]
+Start = Annotated[
+    float | None,
+    typer.Option("--start", metavar="SECONDS", help="Leave out scans that begin earlier, counted from the start of DATA."),
+]
+End = Annotated[
+    float | None,
+    typer.Option("--end", metavar="SECONDS", help="Leave out scans that begin then or later, counted likewise."),
+]
 ConfigOption = Annotated[
     str | None,
     typer.Option(

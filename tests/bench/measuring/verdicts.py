@@ -13,7 +13,7 @@ from evo.core.trajectory import PoseTrajectory3D
 from mqslam.auditing import judge
 from mqslam.auditing.sources import place_source
 from mqslam.commands.audit import detect_radar
-from mqslam.commands.opening import choose_settings
+from mqslam.commands.opening import choose_settings, open_data
 from mqslam.commands.work import Work
 from mqslam.core import se2
 from mqslam.core.trajectory import Trajectory
@@ -24,7 +24,8 @@ from mqslam.psi.place import beam_of
 def judge_tracks(data: Path, tracks: Mapping[str, PoseTrajectory3D]) -> Iterator[tuple[str, str]]:
     """Yields the name of every trajectory of a recording and the verdict on the map that it makes."""
     work = Work(LocalEngine(os.cpu_count() or 1))
-    source, _, settings = detect_radar(data, None, "ground_truth", choose_settings(None), None, None, work)
+    settings = choose_settings(None)
+    source, _, settings = detect_radar(open_data(data, None, None, settings), None, "ground_truth", settings, work)
     beam = beam_of(settings.estimator, settings.sensor.doppler_beta or 0.0)
     for name, track in tracks.items():
         stamps = np.round(1e6 * track.timestamps).astype(np.int64)

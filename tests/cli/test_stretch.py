@@ -1,0 +1,46 @@
+"""`--start` and `--end` take a stretch of a recording through run, audit and compare."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+from support.commands import mqslam
+
+from mqslam.formats.recordings import open_recording
+from mqslam.formats.tum import read_tum
+
+SPAN = ("--start", "2", "--end", "5.9")
+
+
+def test_a_run_an_audit_and_a_comparison_take_the_scans_of_a_stretch(street: Path, tmp_path: Path) -> None:
+    (tmp_path / "quick.yaml").write_text("sensor: {doppler_beta: 0.0}\n")
+    quick = ("--config", tmp_path / "quick.yaml", "--jobs", "1", "--quiet", *SPAN)
+    recording = open_recording(street)
+    chosen = (recording.start_times >= 2.0) & (recording.start_times < 5.9)
+    out = {name: tmp_path / name for name in ("ran", "audited", "compared")}
+    ran = mqslam("run", street, "--out", out["ran"], "--frontend", "odometry", *quick)
+    audited = mqslam("audit", street, "--trajectory", "ground_truth", "--out", out["audited"], *quick)
+    compared = mqslam("compare", street, "--out", out["compared"], "--frontends", "odometry", "--odometry-only", *quick)
+    assert (ran.code, audited.code, compared.code) == (0, 0, 0), (ran, audited, compared)
+    track = read_tum(out["ran"] / "trajectory.tum")
+    np.testing.assert_array_equal(track.stamps_us, recording.stamps_us[chosen])
+    summary = json.loads((out["ran"] / "summary.json").read_text())
+    assert summary["evaluation"]["ate_rmse_m"] < 0.5  # the truth of the same stretch
+    assert "scans from 2 s to 5.9 s are used" in (out["ran"] / "run.log").read_text()
+    assert "scans from 2 s to 5.9 s are used" in (out["audited"] / "audit.json").read_text()
+    (row,) = json.loads((out["compared"] / "compare.json").read_text())["rows"]
+    assert row["failure"] is None and row["ate_rmse_m"] < 0.5
+
+
+def test_a_stretch_without_scans_is_refused_and_leaves_nothing(street: Path, tmp_path: Path) -> None:
+    shown = mqslam("run", street, "--out", tmp_path / "out", "--start", "900", "--quiet")
+    assert shown.code == 2 and "no scan begins in it, since the recording takes 12.0 s" in shown.err
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_stretch_of_a_cloud_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "map.ply").write_text("ply\n")
+    shown = mqslam("audit", tmp_path / "map.ply", "--trajectory", "t.tum", "--out", tmp_path / "out", "--start", "1")
+    assert shown.code == 2 and "map.ply" in shown.err
