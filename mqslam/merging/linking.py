@@ -114,7 +114,7 @@ def score_links(
     Returns:
         psi per point (L, T) of each link at each of the T sets of poses.
     """
-    drives = [MappedDrive.of(keyframes, some) for some in poses]
+    drives: list[Passes] = [MappedDrive.of(keyframes, some) for some in poses]
     scores = engine.map(_score, (drives, config.loops, config.estimator, beam), list(links))
     return np.array(scores).reshape(len(links), len(drives))
 

@@ -13,12 +13,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mqslam.backend.linear.marginals import PoseCovariances, compute_all_marginals
-from mqslam.backend.loops.candidates import Chain
+from mqslam.backend.loops.candidates import Chain, Relative
+from mqslam.backend.loops.consistency import as_relative, compute_chi_square
 from mqslam.backend.loops.submap import MappedDrive
 from mqslam.backend.pose_graph import PoseGraph, optimise, pose_of
 from mqslam.backend.recognition.place_index import PlaceIndex
 from mqslam.backend.recognition.recognise import Ground, Means, recognise
-from mqslam.config import Config
+from mqslam.config import Config, LoopConfig
 from mqslam.core import se2
 from mqslam.core.keyframes import KeyframeMap
 from mqslam.core.measurement import Loop
@@ -128,8 +129,7 @@ def merge_parts(parts: Sequence[Part], config: Config, runner: Runner) -> Merged
         sure = compute_all_marginals(graph, optimum.values)
         poses = graph.poses_at(optimum.values)
         keyframes = replace(keyframes, poses=poses, covariances=_list_covariances(sure, len(keyframes)))
-        factors = joint.problem.make_loop_factors(links.links)
-        residuals = np.sqrt([_square(factor, optimum.values) for factor in factors])
+        residuals = _measure_residuals(links.links, poses, config.loops)
         psi = score_links(keyframes, links.links, [start, poses], config, beam, runner.engine)
     with runner.time_stage("render"):
         rendered = render_keyframes(keyframes, config, beam, runner.engine)
@@ -292,10 +292,12 @@ def _list_covariances(sure: PoseCovariances, count: int) -> NDArray[np.float64]:
     return np.full((count, 3, 3), np.nan) if sure.failure is not None else sure.covariances
 
 
-def _square(factor: gtsam.NonlinearFactor, values: gtsam.Values) -> float:
-    """Returns the square of a between-factor's residual, in its Gaussian noise."""
-    error = factor.noiseModel().noise().whiten(factor.unwhitenedError(values))
-    return float(error @ error)
+def _measure_residuals(links: Sequence[Loop], poses: se2.Array, settings: LoopConfig) -> NDArray[np.float64]:
+    """Returns the residual (L,) of each link at poses (K, 3) of the keyframes, in standard deviations."""
+    lies = [se2.between(poses[link.earlier], poses[link.later]) for link in links]
+    known = np.zeros((3, 3))
+    squares = [compute_chi_square(Relative(p, known), as_relative(k, settings)) for p, k in zip(lies, links, strict=True)]
+    return np.sqrt(squares)
 
 
 def _list_trajectories(parts: Sequence[Part], values: gtsam.Values) -> tuple[Trajectory, ...]:

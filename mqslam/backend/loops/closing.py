@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from mqslam.backend.loops.candidates import Chain, find_candidates
 from mqslam.backend.loops.consistency import keep_consistent
 from mqslam.backend.loops.search import compare_passes, confirm_by_map
-from mqslam.backend.loops.submap import Drive
+from mqslam.backend.loops.submap import Drive, Passes
 from mqslam.backend.problem import GraphProblem
 from mqslam.config import EstimatorConfig
 from mqslam.core.measurement import Loop, LoopSearch
@@ -37,7 +37,7 @@ def close_loops(scans: Scans, problem: GraphProblem, estimator: EstimatorConfig,
     compared: set[tuple[int, int]] = set()
     decided: set[tuple[int, int]] = set()
     ambiguous = 0
-    before: Drive | None = None
+    before: Passes | None = None
     for _ in range(settings.rounds):
         chain = _optimise(scans, problem, loops)
         before = chain.drive if before is None else before
