@@ -58,11 +58,12 @@ class MergeConfig(BaseModel):
         3, ge=1, description="So many keyframes of the other recording must look past the cell at something behind it."
     )
     chance: float = Field(
-        1e-3,
+        0.05,
         gt=0.0,
         lt=1.0,
-        description="Largest probability that the other recording misses a cell in so many of its looks by chance, given "
-        "the share of the first one's looks that show it.",
+        description="Probability that chance alone makes any cell of a recording count as changed, if looks were "
+        "independent: a cell counts if the other recording would show it in so few looks by chance with at most this probability divided "
+        "by the number of cells.",
     )
     reach_m: float = Field(60.0, gt=0.0, description="Cells farther from a keyframe than this [m] are not compared with it.")
     margin_m: float = expert(
