@@ -62,8 +62,8 @@ class MergeConfig(BaseModel):
         gt=0.0,
         lt=1.0,
         description="Probability that chance alone makes any cell of a recording count as changed, if looks were "
-        "independent: a cell counts if the other recording would show it in so few looks by chance with at most this probability divided "
-        "by the number of cells.",
+        "independent: for each cell, this divided by their number is the largest probability that the other recording shows "
+        "it in so few looks by chance.",
     )
     reach_m: float = Field(60.0, gt=0.0, description="Cells farther from a keyframe than this [m] are not compared with it.")
     margin_m: float = expert(
