@@ -31,8 +31,8 @@ if TYPE_CHECKING:
     from mqslam.commands.graphs.loop_factors import loop_factors
     from mqslam.commands.graphs.psi_factors import psi_factors
     from mqslam.commands.graphs.refine import refine
-    from mqslam.commands.localise import localise
-    from mqslam.commands.merge import merge
+    from mqslam.commands.maps.localise import localise
+    from mqslam.commands.maps.merge import merge
     from mqslam.commands.run import run
     from mqslam.commands.work import Work
     from mqslam.config import Config, load_config
@@ -82,9 +82,9 @@ _MODULES = {
     "audit": "commands.audit",
     "compare": "commands.compare",
     "load_config": "config",
-    "localise": "commands.localise",
+    "localise": "commands.maps.localise",
     "loop_factors": "commands.graphs.loop_factors",
-    "merge": "commands.merge",
+    "merge": "commands.maps.merge",
     "open_recording": "formats.recordings",
     "psi_factors": "commands.graphs.psi_factors",
     "refine": "commands.graphs.refine",

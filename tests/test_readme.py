@@ -210,7 +210,7 @@ def examples() -> list[str]:
     """Lists the examples in the help of the commands, but for those that the README has."""
     lines = [
         line.split("Example: ")[1].strip()
-        for file in sorted((ROOT / "mqslam" / "cli").glob("*.py"))
+        for file in sorted((ROOT / "mqslam" / "cli").rglob("*.py"))
         for line in file.read_text(encoding="utf-8").splitlines()
         if "Example: mqslam " in line
     ]

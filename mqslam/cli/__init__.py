@@ -14,15 +14,15 @@ from mqslam.cli.compare import compare
 from mqslam.cli.config import config
 from mqslam.cli.convert import convert
 from mqslam.cli.info import info
-from mqslam.cli.localise import localise
-from mqslam.cli.merge import merge
+from mqslam.cli.maps.localise import localise
+from mqslam.cli.maps.merge import merge
+from mqslam.cli.maps.view import view
 from mqslam.cli.optimise import optimise
 from mqslam.cli.paper import paper
 from mqslam.cli.run import run
 from mqslam.cli.score import score
 from mqslam.cli.simulate import simulate
 from mqslam.cli.terminal.remedies import name_options
-from mqslam.cli.view import view
 from mqslam.errors import MqslamError
 from mqslam.execution.interrupts import Interrupted, raise_interrupts
 

@@ -118,7 +118,7 @@ def audit(
     from mqslam.cli.terminal.console import set_up_work
     from mqslam.cli.terminal.remedies import name_options
     from mqslam.commands.audit import audit as do
-    from mqslam.commands.extrinsics import parse_extrinsics
+    from mqslam.commands.inputs.extrinsics import parse_extrinsics
     from mqslam.errors import ConfigError
     from mqslam.execution.files import to_json
 

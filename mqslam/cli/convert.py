@@ -61,8 +61,8 @@ def convert(
     from rich.console import Console
 
     from mqslam.cli.terminal.console import print_notes, show_progress
-    from mqslam.commands.keyframe_cloud import SUFFIX, write_keyframe_cloud
-    from mqslam.commands.opening import open_data
+    from mqslam.commands.inputs.opening import open_data
+    from mqslam.commands.maps.keyframe_cloud import SUFFIX, write_keyframe_cloud
     from mqslam.config import load_config
     from mqslam.errors import ConfigError
     from mqslam.formats.conversion import check_target, find_target, write_recording

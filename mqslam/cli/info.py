@@ -26,7 +26,7 @@ def info(
     Example: mqslam info drive
     """
     from mqslam.commands.info import describe_lidar, describe_radar
-    from mqslam.commands.opening import open_data
+    from mqslam.commands.inputs.opening import open_data
     from mqslam.config import load_config
     from mqslam.formats import lidars
 

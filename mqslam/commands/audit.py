@@ -14,9 +14,9 @@ from mqslam.auditing.mending.rounds import Judged, Mended
 from mqslam.auditing.mending.rounds import mend as mend_trajectory
 from mqslam.auditing.sources import LIDAR_CONFIG, Source, divide_cloud, is_cloud, make_lidar_source, move_cloud, place_source
 from mqslam.auditing.sweeps import Sweeps, require_covered
-from mqslam.commands.extrinsics import to_pose
-from mqslam.commands.given_covariances import find_claims
-from mqslam.commands.opening import WHOLE, Span, carry_to_radar, choose_settings, open_data
+from mqslam.commands.inputs.extrinsics import to_pose
+from mqslam.commands.inputs.given_covariances import find_claims
+from mqslam.commands.inputs.opening import WHOLE, Span, carry_to_radar, choose_settings, open_data
 from mqslam.commands.result import JudgedResult
 from mqslam.commands.work import QUIET, Work
 from mqslam.config import Config, set_doppler_beta, set_false_alarms

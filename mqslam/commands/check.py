@@ -9,7 +9,7 @@ from pathlib import Path
 from mqslam.check.checks import CheckSettings, check_recording
 from mqslam.check.finding import Finding, Verdict
 from mqslam.check.statistics import Statistics, measure_statistics
-from mqslam.commands.opening import choose_odometry, choose_settings, open_data
+from mqslam.commands.inputs.opening import choose_odometry, choose_settings, open_data
 from mqslam.commands.work import QUIET, Work
 from mqslam.config import Config
 from mqslam.psi.place import beam_of

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from mqslam.commands.opening import (
+from mqslam.commands.inputs.opening import (
     USUAL_INPUTS,
     WHOLE,
     Inputs,

@@ -23,10 +23,8 @@ from mqslam.config.frontend_config import (
     ScanMatchingConfig,
 )
 from mqslam.config.graph_config import GraphConfig
-from mqslam.config.localisation_config import LocalisationConfig
 from mqslam.config.loop_config import LoopConfig, PassConfig, RefinementConfig
-from mqslam.config.map_config import MapConfig, RecognitionConfig
-from mqslam.config.merge_config import MergeConfig
+from mqslam.config.map_config import LocalisationConfig, MapConfig, MergeConfig, RecognitionConfig
 from mqslam.config.psi_config import PsiConfig
 from mqslam.config.reading_config import ReadingConfig
 from mqslam.config.sensor_config import GnssConfig, GyroscopeConfig, SensorConfig, VelocityConfig

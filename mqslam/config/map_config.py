@@ -1,4 +1,4 @@
-"""Settings of the rendered map, and of how its places are found again."""
+"""Settings of maps: how they are rendered, how their places are found again, and how they are used and joined later."""
 
 from __future__ import annotations
 
@@ -74,3 +74,143 @@ class RecognitionConfig(BaseModel):
         ge=0.0,
         description="Share of the path between two matches by which they may disagree besides, as odometry errs.",
     )
+
+
+class LocalisationConfig(BaseModel):
+    """How the scans of a recording are laid into the map of another one."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    reach_m: float = Field(
+        15.0, gt=0.0, description="A scan is compared with the map's keyframes within this distance of it [m]."
+    )
+    renew_m: float = expert(
+        2.5,
+        gt=0.0,
+        description="The keyframes around the vehicle are chosen anew once it has moved this far [m]. More of it is faster, "
+        "and lays scans on keyframes that are less well centred around them.",
+    )
+    matched: float = Field(
+        0.5,
+        gt=0.0,
+        lt=1.0,
+        description="Least share of a scan's returns that must lie on the map. Parked cars and traffic that have changed "
+        "since the map was made take away from it.",
+    )
+    aside_m: float = Field(
+        0.5,
+        gt=0.0,
+        description="A scan that psi moves farther than this [m] from its prediction is not believed; what the prediction "
+        "may have drifted is added to it.",
+    )
+    aside_rad: float = Field(0.03, gt=0.0, description="Yaw [rad] beyond which a scan is not believed in the same way.")
+    sigmas: float = expert(
+        3.0, gt=0.0, description="Standard deviations of the prediction that are added to `aside_m` and `aside_rad`."
+    )
+    give_up_m: float = Field(
+        30.0,
+        gt=0.0,
+        description="Path [m] without a scan that lies on the map, after which scans are no longer followed from there. "
+        "The recording is then looked up again beyond it.",
+    )
+    confirmed: float = expert(
+        0.7,
+        gt=0.0,
+        le=1.0,
+        description="Least share of the scans along a row of recognised places that must lie on the map for it to count.",
+    )
+    block: int = expert(
+        6, ge=2, description="Number of submaps that are looked up at a time, until a row of them is recognised."
+    )
+    sample_m: float = expert(
+        20.0, gt=0.0, description="Path [m] between the scans that show how sure the localisation is of itself."
+    )
+    apart_m: float = expert(
+        5.0,
+        gt=0.0,
+        description="Path [m] between two scans that are laid on keyframes which they do not share, to see how far they "
+        "disagree. Over a shorter path they see the same side of everything and err alike, over a longer one the motions "
+        "between them err, too.",
+    )
+    fewest: int = expert(
+        20, ge=1, description="With fewer such pairs the recording does not show how sure the localisation is of itself."
+    )
+    usual_scale: float = expert(
+        10.0,
+        ge=1.0,
+        description="Factor on the variances of psi's curvature where the recording is too short to show it. Drives through "
+        "cities have shown 6 to 13.",
+    )
+
+
+class MergeConfig(BaseModel):
+    """How several recordings become one map, and what changed between them."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    fewest: int = Field(
+        5,
+        ge=2,
+        description="Least number of matches of places that must agree on how two recordings lie to each other.",
+    )
+    rival: float = Field(
+        2.0,
+        ge=1.0,
+        description="So many times as many matches must agree on how two recordings lie to each other as agree on any other "
+        "way; otherwise several places fit, and nothing is linked.",
+    )
+    rounds: int = Field(
+        2,
+        ge=1,
+        description="Number of searches for further links; each starts from the poses that the links found before have "
+        "corrected.",
+    )
+    moved_m: float = Field(
+        0.5,
+        gt=0.0,
+        description="If the edges in a result's graph alone move a pose farther than this [m], a warning says that what is "
+        "no edge, such as GNSS, has held the result.",
+    )
+    changes: bool = Field(True, description="Whether changes between the recordings are looked for.")
+    cell_m: float = Field(1.0, gt=0.0, description="Side of the cells in which returns are compared for changes [m].")
+    near_m: float = Field(
+        1.0,
+        gt=0.0,
+        description="A return within this distance [m] of a cell shows it.",
+    )
+    also: float = Field(
+        0.3,
+        ge=0.0,
+        description="A cell counts as changed only if the keyframes of the other recording that show it are at most so many "
+        "times as many as those of the first one.",
+    )
+    seen: int = Field(
+        3,
+        ge=2,
+        description="So many keyframes of a recording must show a return in a cell, so that traffic, which moves on, and "
+        "noise do not count.",
+    )
+    looks: int = Field(
+        3, ge=1, description="So many keyframes of the other recording must look past the cell at something behind it."
+    )
+    chance: float = Field(
+        0.05,
+        gt=0.0,
+        lt=1.0,
+        description="Probability that chance alone makes any cell of a recording count as changed, if looks were "
+        "independent: for each cell, this divided by their number is the largest probability that the other recording shows "
+        "it in so few looks by chance.",
+    )
+    reach_m: float = Field(60.0, gt=0.0, description="Cells farther from a keyframe than this [m] are not compared with it.")
+    margin_m: float = expert(
+        1.0, gt=0.0, description="A ray passes a cell if its first return lies at least this far [m] behind it."
+    )
+    rays: int = expert(360, ge=36, description="Number of sectors around a keyframe of which the first return is kept.")
+    aspects: int = expert(
+        12,
+        ge=4,
+        description="Number of directions from which a cell is seen that are told apart: a surface that one recording sees "
+        "from one side need not show from the other.",
+    )
+    object_m: float = expert(2.5, gt=0.0, description="Changed cells this near to each other [m] are one object.")
+    cells: int = expert(2, ge=1, description="An object has at least so many changed cells.")

@@ -44,7 +44,8 @@ class Keyframes:
     Args:
         recordings: the recordings that they are from.
         origins: (K,) number of the recording of each.
-        scans: (K,) number of each among the scans of its recording.
+        scans: (K,) number of each among the scans of its recording; in a merged map among those of all recordings, as its
+            graph numbers them.
         stamps_us: (K,) start of each [us], in the clock of its recording.
         poses: (K, 3) of the radar at these stamps, in the map's frame [m, m, rad].
         covariances: (K, 3, 3) of these poses against the map's first one, in their own frames; NaN where they are not known.

@@ -120,7 +120,7 @@ def _compare(one: _Seen, other: _Seen, numbers: tuple[int, int], settings: Merge
     looks = count_looks(cells, farthest, other.views, settings)
     share = (hits + 1.0) / (hits + misses + 2.0)  # Laplace's rule: one look of each kind is added
     chance = binom.cdf(also, also + looks, share)
-    changed = np.flatnonzero((looks >= settings.looks) & (chance <= settings.chance))
+    changed = np.flatnonzero((looks >= settings.looks) & (chance <= settings.chance / len(one.cells)))
     for members in _group(cells[changed], settings.object_m):
         if len(members) < settings.cells:
             continue

@@ -13,7 +13,7 @@ from mqslam.backend.loops.align import score_at_pose
 from mqslam.backend.loops.candidates import Chain, find_candidates
 from mqslam.backend.loops.consistency import keep_consistent
 from mqslam.backend.loops.search import compare_passes, confirm_by_map
-from mqslam.backend.loops.submap import MappedDrive, render_submap
+from mqslam.backend.loops.submap import MappedDrive, Passes, render_submap
 from mqslam.backend.problem import GraphProblem
 from mqslam.config import Config, EstimatorConfig, LoopConfig
 from mqslam.core import se2
@@ -114,12 +114,12 @@ def score_links(
     Returns:
         psi per point (L, T) of each link at each of the T sets of poses.
     """
-    drives = [MappedDrive.of(keyframes, some) for some in poses]
+    drives: list[Passes] = [MappedDrive.of(keyframes, some) for some in poses]
     scores = engine.map(_score, (drives, config.loops, config.estimator, beam), list(links))
     return np.array(scores).reshape(len(links), len(drives))
 
 
-def _score(shared: tuple[list[MappedDrive], LoopConfig, EstimatorConfig, Beam], link: Loop) -> list[float]:
+def _score(shared: tuple[list[Passes], LoopConfig, EstimatorConfig, Beam], link: Loop) -> list[float]:
     drives, loops, estimator, beam = shared
     last = drives[-1]  # submaps are rendered once, so that only the pose between them differs
     references = make_references(render_submap(last, link.earlier, loops.submap_m, loops.spacing_m, beam))

@@ -7,19 +7,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import gtsam
 import numpy as np
 from numpy.typing import NDArray
 
 from mqslam.backend.linear.marginals import PoseCovariances, compute_all_marginals
-from mqslam.backend.loops.candidates import Chain
+from mqslam.backend.loops.candidates import Chain, Relative
+from mqslam.backend.loops.consistency import as_relative, compute_chi_square
 from mqslam.backend.loops.submap import MappedDrive
 from mqslam.backend.pose_graph import PoseGraph, optimise, pose_of
-from mqslam.backend.recognition.place_index import PlaceIndex
-from mqslam.backend.recognition.recognise import Ground, Means, recognise
-from mqslam.config import Config
+from mqslam.config import Config, LoopConfig
 from mqslam.core import se2
 from mqslam.core.keyframes import KeyframeMap
 from mqslam.core.measurement import Loop
@@ -27,37 +25,14 @@ from mqslam.core.point_map import PointMap
 from mqslam.core.trajectory import Trajectory
 from mqslam.errors import EstimationError
 from mqslam.execution.runner import Runner
-from mqslam.mapping.keyframing import pick_spaced
 from mqslam.merging.changes import Change, find_changes
 from mqslam.merging.joining import describe_part, join_keyframes, join_places
 from mqslam.merging.joint_graph import join_graphs
 from mqslam.merging.linking import Links, find_links, score_links
+from mqslam.merging.meetings import Meeting, introduce, lay_out
 from mqslam.merging.part import Part, build_alone
-from mqslam.merging.relation import Relation, find_relation
 from mqslam.merging.rendering import render_keyframes
-from mqslam.psi.place import Beam, beam_of
-
-
-@dataclass(frozen=True, slots=True)
-class Meeting:
-    """What recognition says about two parts.
-
-    Args:
-        earlier, later: numbers of the parts.
-        rows: number of rows of matches.
-        matches: number of matches in them.
-        ambiguous: number of submaps that match several places.
-        compared: number of pairs that psi has compared.
-        relation: how the two lie to each other.
-    """
-
-    earlier: int
-    later: int
-    rows: int
-    matches: int
-    ambiguous: int
-    compared: int
-    relation: Relation
+from mqslam.psi.place import beam_of
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,10 +89,10 @@ def merge_parts(parts: Sequence[Part], config: Config, runner: Runner) -> Merged
         chains = [_optimise_alone(part, config) for part in parts]
         moved = tuple(_measure_move(part, chain) for part, chain in zip(parts, chains, strict=True))
     with runner.time_stage("recognise"):
-        meetings = _introduce(parts, chains, config, beam, runner)
+        meetings = introduce(parts, chains, config, beam, runner)
     keyframes = join_keyframes(parts)
     groups = np.repeat(np.arange(len(parts)), [len(part.map.keyframes) for part in parts])
-    frames, first = _lay_out(parts, chains, meetings)
+    frames, first = lay_out(parts, chains, meetings)
     del chains  # what they have eliminated takes more memory than anything else here
     joint = join_graphs(parts, frames, config)
     start = np.concatenate([se2.compose(f, part.map.keyframes.poses) for f, part in zip(frames, parts, strict=True)])
@@ -129,8 +104,7 @@ def merge_parts(parts: Sequence[Part], config: Config, runner: Runner) -> Merged
         sure = compute_all_marginals(graph, optimum.values)
         poses = graph.poses_at(optimum.values)
         keyframes = replace(keyframes, poses=poses, covariances=_list_covariances(sure, len(keyframes)))
-        factors = joint.problem.make_loop_factors(links.links)
-        residuals = np.sqrt([_square(factor, optimum.values) for factor in factors])
+        residuals = _measure_residuals(links.links, poses, config.loops)
         psi = score_links(keyframes, links.links, [start, poses], config, beam, runner.engine)
     with runner.time_stage("render"):
         rendered = render_keyframes(keyframes, config, beam, runner.engine)
@@ -194,85 +168,6 @@ def _warn_of_ambiguity(parts: Sequence[Part], meetings: Sequence[Meeting]) -> li
     ]
 
 
-def _introduce(parts: Sequence[Part], chains: Sequence[Chain], config: Config, beam: Beam, runner: Runner) -> list[Meeting]:
-    """Looks each part up in every part before it."""
-    means = Means(config.recognition, config.loops, config.estimator, beam)
-    meetings = []
-    pairs = [(a, b) for b in range(len(parts)) for a in range(b)]
-    for a, b in runner.follow("recognise", pairs, len(pairs)):
-        places, drive = parts[a].map.places, chains[b].drive
-        ground = Ground(chains[a].drive, places.keyframes, PlaceIndex(places.descriptors, config.recognition))
-        queries = pick_spaced(drive.travelled, config.recognition.spacing_m)
-        allowed = np.ones((len(queries), len(places.keyframes)), dtype=bool)
-        found = recognise(drive, queries, ground, allowed, means, runner.engine)
-        relation = find_relation(found.rows, chains[a], chains[b], config.loops, config.merge)
-        matches = sum(map(len, found.rows))
-        meetings.append(Meeting(a, b, len(found.rows), matches, len(found.ambiguous), found.compared, relation))
-    return meetings
-
-
-def _lay_out(
-    parts: Sequence[Part], chains: Sequence[Chain], meetings: Sequence[Meeting]
-) -> tuple[list[se2.Array], list[Loop]]:
-    """Lays the parts on each other, at each step the one of which the most matches agree.
-
-    Returns:
-        the pose (3,) of the frame of each part in that of the first one, and links between keyframes of all parts.
-
-    Raises:
-        EstimationError: a part shares no place with the others.
-    """
-    firsts = np.cumsum([0, *(len(part.map.keyframes) for part in parts)])
-    frames: dict[int, se2.Array] = {0: np.zeros(3)}
-    links = list[Loop]()
-    while len(frames) < len(parts):
-        usable = [m for m in meetings if m.relation.matches and (m.earlier in frames) != (m.later in frames)]
-        if not usable:
-            raise _explain(parts, set(frames), meetings)
-        best = max(usable, key=lambda m: m.relation.agreeing)
-        a, b = best.earlier, best.later
-        poses = chains[a].drive.poses, chains[b].drive.poses
-        found = best.relation.matches
-        at = np.array([se2.compose(poses[0][m.place], m.pose) for m in found])
-        lies = se2.compose(at, se2.inverse(poses[1][[m.query for m in found]]))
-        frame = lies[_find_middle(best, lies, poses[1])]
-        if a in frames:
-            frames[b] = se2.compose(frames[a], frame)
-        else:
-            frames[a] = se2.compose(frames[b], se2.inverse(frame))
-        links += [
-            Loop(int(firsts[a]) + m.place, int(firsts[b]) + m.query, m.pose, m.covariance, m.matched, m.psi) for m in found
-        ]
-    return [frames[n] for n in range(len(parts))], links
-
-
-def _find_middle(meeting: Meeting, lies: se2.Array, poses: se2.Array) -> int:
-    """Returns which of N relations (N, 3) leaves the matched keyframes nearest to where all matches have them."""
-    at = poses[[match.query for match in meeting.relation.matches]]
-    where = np.array([se2.compose(lie, pose) for lie, pose in zip(lies, at, strict=True)])[:, :2]
-    off = [np.median(np.hypot(*(se2.compose(lie, at)[:, :2] - where).T)) for lie in lies]
-    return int(np.argmin(off))
-
-
-def _explain(parts: Sequence[Part], joined: set[int], meetings: Sequence[Meeting]) -> EstimationError:
-    """Returns the error that says why a part could not be joined."""
-    apart = [n for n in range(len(parts)) if n not in joined]
-    own = [m for m in meetings if (m.earlier in joined) != (m.later in joined)]
-    names = ", ".join(str(parts[n].folder) for n in apart)
-    ambiguous, matches = sum(m.ambiguous for m in own), sum(m.matches for m in own)
-    rivals = max((m.relation.rivals for m in own), default=0)
-    why = "no place of it is recognised in the others" if not matches else f"only {matches} matches of places were found"
-    if ambiguous or rivals:
-        why = f"several places fit: {ambiguous} submaps match more than one place about as well"
-        if rivals:
-            agreeing = max(m.relation.agreeing for m in own)
-            why += f", and {agreeing} matches agree on one relation and {rivals} on another"
-    return EstimationError(
-        f"{names}: shares no place with the other recordings that can be told for sure; {why}",
-        "give recordings that pass through the same streets",
-    )
-
-
 def _check_joined(parts: Sequence[Part], links: Sequence[Loop], groups: NDArray[np.int64]) -> None:
     """Raises EstimationError unless the links that the map has kept still join all parts."""
     joined = {0}
@@ -293,10 +188,12 @@ def _list_covariances(sure: PoseCovariances, count: int) -> NDArray[np.float64]:
     return np.full((count, 3, 3), np.nan) if sure.failure is not None else sure.covariances
 
 
-def _square(factor: Any, values: gtsam.Values) -> float:
-    """Returns the square of a between-factor's residual, in its Gaussian noise."""
-    error = factor.noiseModel().noise().whiten(factor.unwhitenedError(values))
-    return float(error @ error)
+def _measure_residuals(links: Sequence[Loop], poses: se2.Array, settings: LoopConfig) -> NDArray[np.float64]:
+    """Returns the residual (L,) of each link at poses (K, 3) of the keyframes, in standard deviations."""
+    lies = [se2.between(poses[link.earlier], poses[link.later]) for link in links]
+    known = np.zeros((3, 3))
+    squares = [compute_chi_square(Relative(p, known), as_relative(k, settings)) for p, k in zip(lies, links, strict=True)]
+    return np.sqrt(squares)
 
 
 def _list_trajectories(parts: Sequence[Part], values: gtsam.Values) -> tuple[Trajectory, ...]:

@@ -18,7 +18,8 @@ from mqslam.formats.ply import Clock, write_ply
 from mqslam.formats.tum import write_tum
 from mqslam.mapping.occupancy_grid import make_occupancy_grid
 from mqslam.merging.changes import Change
-from mqslam.merging.map_merge import Meeting, Merged
+from mqslam.merging.map_merge import Merged
+from mqslam.merging.meetings import Meeting
 from mqslam.results.summary_files import format_csv
 from mqslam.version import __version__
 

@@ -15,7 +15,7 @@ from support.commands import mqslam as command
 from support.day_results import write_day
 
 import mqslam
-from mqslam.commands.merge import read_part
+from mqslam.commands.maps.merge import read_part
 from mqslam.core import se2
 from mqslam.errors import ConfigError, DataError, EstimationError
 from mqslam.execution.local_engine import LocalEngine

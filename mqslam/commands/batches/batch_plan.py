@@ -8,7 +8,7 @@ from typing import Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from mqslam.commands.extrinsics import parse_extrinsics, to_pose
+from mqslam.commands.inputs.extrinsics import parse_extrinsics, to_pose
 from mqslam.config import list_shipped, load_config
 from mqslam.config.yaml_file import parse_yaml
 from mqslam.core import frontend as frontends

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from mqslam.commands.opening import Inputs
+from mqslam.commands.inputs.opening import Inputs
 from mqslam.commands.run import Job, execute, find_finished, open_job
 from mqslam.commands.work import Work
 from mqslam.core.engine import Engine

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeAlias
 
-from mqslam.commands.opening import choose_settings, open_data
+from mqslam.commands.inputs.opening import choose_settings, open_data
 from mqslam.commands.work import Work
 from mqslam.config import Config
 from mqslam.core.frontend import Context

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from mqslam.commands.extrinsics import parse_extrinsics, to_pose
+from mqslam.commands.inputs.extrinsics import parse_extrinsics, to_pose
 from mqslam.config import Config, ReadingConfig, load_config
 from mqslam.core.recording import Recording
 from mqslam.core.sensors.fixes import Fixes

@@ -34,7 +34,7 @@ def merge(
     from rich.console import Console
 
     from mqslam.cli.terminal.console import set_up_work
-    from mqslam.commands.merge import merge as do
+    from mqslam.commands.maps.merge import merge as do
     from mqslam.execution.files import to_json
 
     console = Console(stderr=True, markup=False)

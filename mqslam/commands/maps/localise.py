@@ -8,7 +8,7 @@ from pathlib import Path
 from pydantic import ValidationError
 
 from mqslam.backend.measuring import measure
-from mqslam.commands.opening import Inputs, choose_settings
+from mqslam.commands.inputs.opening import Inputs, choose_settings
 from mqslam.commands.result import LocaliseResult
 from mqslam.commands.run import Job, open_job
 from mqslam.commands.work import QUIET, Work

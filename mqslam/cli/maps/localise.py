@@ -76,7 +76,7 @@ def localise(
     from rich.console import Console
 
     from mqslam.cli.terminal.console import set_up_work
-    from mqslam.commands.localise import localise as do
+    from mqslam.commands.maps.localise import localise as do
     from mqslam.execution.files import to_json
 
     console = Console(stderr=True, markup=False)

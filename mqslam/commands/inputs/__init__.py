@@ -1,0 +1,1 @@
+"""What commands are given: recordings, settings, trajectories, mounts and covariances."""

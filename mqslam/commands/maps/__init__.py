@@ -1,0 +1,1 @@
+"""Commands that take maps which runs have left."""
