@@ -176,12 +176,6 @@ def _source_of(name: str) -> Markup:
     return Markup(resources.files("mqslam.report").joinpath("templates", name).read_text(encoding="utf-8"))
 
 
-@cache
-def _plotly() -> Markup:
-    """Returns the source of plotly.js, of which the bundle with lines and dots alone ships with mqslam."""
-    return _source_of("plotly/plotly-gl2d.min.js")
-
-
 def _describe_versions(version: str) -> str:
     """Returns the versions of mqslam, Python and the libraries that decide results."""
     return " · ".join([f"mqslam {version}", *list_versions()])
