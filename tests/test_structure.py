@@ -43,7 +43,7 @@ def test_no_test_file_is_long() -> None:
 
 def test_no_two_modules_share_a_name() -> None:
     """Other than those of the commands, each of which has a function to call and words to print."""
-    names = [path.stem for path in modules() if path.parent.name != "cli" and path.stem != "__init__"]
+    names = [path.stem for path in modules() if "cli" not in path.parts and path.stem != "__init__"]
     assert [name for name, count in Counter(names).items() if count > 1] == []
 
 
