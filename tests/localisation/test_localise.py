@@ -11,8 +11,8 @@ from mqslam.core.scans import Returns, Scan, Scans
 from mqslam.errors import NotInMapError
 from mqslam.execution.local_engine import LocalEngine
 from mqslam.execution.runner import Runner
-from mqslam.localisation.localise import localise
 from mqslam.localisation.localised import Localised, PlaceStatus
+from mqslam.localisation.recording_in_map import localise
 
 MAPPED_S = 14.0
 

@@ -15,8 +15,8 @@ from mqslam.config import Config
 from mqslam.core import se2
 from mqslam.core.engine import Engine
 from mqslam.core.keyframes import KeyframeMap
-from mqslam.localisation.following import Setting
 from mqslam.localisation.registering import Prediction
+from mqslam.localisation.scan_by_scan import Setting
 from mqslam.mapping.keyframing import pick_spaced
 from mqslam.psi.place import Beam
 

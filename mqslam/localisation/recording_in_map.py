@@ -23,10 +23,10 @@ from mqslam.core.scans import Scans
 from mqslam.core.wording import count_of
 from mqslam.errors import NotInMapError
 from mqslam.execution.runner import Runner
-from mqslam.localisation.cold_start import ColdStart
-from mqslam.localisation.following import Setting, Table, follow
 from mqslam.localisation.localised import Localised, PlaceStatus
+from mqslam.localisation.lookup import ColdStart
 from mqslam.localisation.registering import MapAround, register
+from mqslam.localisation.scan_by_scan import Setting, Table, follow
 from mqslam.localisation.surety import measure_scale
 from mqslam.psi.place import Beam
 
