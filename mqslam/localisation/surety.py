@@ -19,7 +19,7 @@ from mqslam.core.engine import Engine
 from mqslam.core.statistics.chances import find_usual_scale
 from mqslam.localisation.localised import PlaceStatus
 from mqslam.localisation.registering import MapAround, Prediction, Registered, register
-from mqslam.localisation.scan_following import Setting, Table
+from mqslam.localisation.scan_by_scan import Setting, Table
 from mqslam.mapping.keyframing import pick_spaced
 
 _BATCH: Final = 64  # pairs that one call compares: a matter of speed only

@@ -12,7 +12,7 @@ from mqslam.errors import NotInMapError
 from mqslam.execution.local_engine import LocalEngine
 from mqslam.execution.runner import Runner
 from mqslam.localisation.localised import Localised, PlaceStatus
-from mqslam.localisation.locating import localise
+from mqslam.localisation.recording_in_map import localise
 
 MAPPED_S = 14.0
 

@@ -22,7 +22,7 @@ from mqslam.execution.folders import check_free, write_folder_aside
 from mqslam.execution.runner import Runner
 from mqslam.formats.maps.keyframe_folder import find_keyframes, read_keyframes
 from mqslam.localisation.localised import Localised
-from mqslam.localisation.locating import localise as find_in_map
+from mqslam.localisation.recording_in_map import localise as find_in_map
 from mqslam.psi.place import beam_of
 from mqslam.results.localise_results import summarise, write_localised
 

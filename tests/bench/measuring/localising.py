@@ -25,7 +25,7 @@ from mqslam.formats.covariances import read_covariances
 from mqslam.formats.maps.keyframe_folder import read_keyframes
 from mqslam.formats.recordings import open_recording
 from mqslam.formats.tum import read_tum
-from mqslam.localisation.locating import localise as find_in_map
+from mqslam.localisation.recording_in_map import localise as find_in_map
 from mqslam.psi.place import beam_of
 
 NEAR_M, NEAR_DEG = 0.3, 0.5
