@@ -16,11 +16,7 @@ from mqslam.core import se2
 from mqslam.core.engine import Engine
 from mqslam.core.keyframes import KeyframeMap
 from mqslam.localisation.registering import Prediction
-<<<<<<<< HEAD:mqslam/localisation/place_finding.py
-from mqslam.localisation.scan_following import Setting
-========
 from mqslam.localisation.scan_by_scan import Setting
->>>>>>>> localise:mqslam/localisation/lookup.py
 from mqslam.mapping.keyframing import pick_spaced
 from mqslam.psi.place import Beam
 

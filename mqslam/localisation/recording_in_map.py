@@ -24,15 +24,9 @@ from mqslam.core.wording import count_of
 from mqslam.errors import NotInMapError
 from mqslam.execution.runner import Runner
 from mqslam.localisation.localised import Localised, PlaceStatus
-<<<<<<<< HEAD:mqslam/localisation/locating.py
-from mqslam.localisation.place_finding import ColdStart
-from mqslam.localisation.registering import MapAround, register
-from mqslam.localisation.scan_following import Setting, Table, follow
-========
 from mqslam.localisation.lookup import ColdStart
 from mqslam.localisation.registering import MapAround, register
 from mqslam.localisation.scan_by_scan import Setting, Table, follow
->>>>>>>> localise:mqslam/localisation/recording_in_map.py
 from mqslam.localisation.surety import measure_scale
 from mqslam.psi.place import Beam
 
