@@ -29,7 +29,19 @@ from mqslam.results.summary_files import add_warnings
 from mqslam.simulator import SensorModel, simulate
 
 ESSENTIAL = {"trajectory.tum", "odometry.tum", "measurements.csv", "config.yaml", "summary.json", "run.log"}
-OTHERS = {"covariances.csv", "graph.g2o", "map.ply", "map.pgm", "map.yaml", "report.html", "ground_truth.tum"}
+OTHERS = {
+    *(
+        "covariances.csv",
+        "graph.g2o",
+        "graph.csv",
+        "map.ply",
+        "map.pgm",
+        "map.yaml",
+        "keyframes",
+        "report.html",
+        "ground_truth.tum",
+    )
+}
 
 
 @pytest.fixture(scope="module")
@@ -75,7 +87,7 @@ def test_files_that_cannot_be_made_cost_no_other(drive: Path, tmp_path: Path, mo
     monkeypatch.setattr("mqslam.report.run_page.write_report", failing(MemoryError()))
     shown = run(drive, tmp_path / "out")
     assert shown.code == 0
-    assert {path.name for path in (tmp_path / "out").iterdir()} == ESSENTIAL | {"ground_truth.tum"}
+    assert {path.name for path in (tmp_path / "out").iterdir()} == ESSENTIAL | {"ground_truth.tum", "keyframes"}
     lost = ("covariances.csv", "graph.g2o", "map.ply", "map.pgm", "report.html")
     assert_said(
         shown, tmp_path / "out", *(f"{name} could not be made (MemoryError); the other results are whole" for name in lost)
