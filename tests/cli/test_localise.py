@@ -28,7 +28,7 @@ from mqslam.formats.tum import read_tum
 from mqslam.mapping.keyframing import make_keyframes
 from mqslam.psi.place import beam_of
 
-FILES = {"trajectory.tum", "covariances.csv", "poses.csv", "config.yaml", "summary.json", "run.log"}
+FILES = {"trajectory.tum", "covariances.csv", "poses.csv", "config.yaml", "summary.json", "run.log", "report.html"}
 
 
 @pytest.fixture(scope="module")

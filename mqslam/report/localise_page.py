@@ -1,0 +1,104 @@
+"""The page of a localisation."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+from mqslam.config import Config, dump_yaml
+from mqslam.core.keyframes import KeyframeMap
+from mqslam.errors import tolerate
+from mqslam.localisation.localised import Localised
+from mqslam.report.content import Figure, Frame, Part, Row, Section, Table, Tile
+from mqslam.report.figures.localise_figures import draw_overlap, draw_scans_in_map, draw_surety
+from mqslam.report.formatting import format_matched, format_value
+from mqslam.report.page import collect, version_in, write_page
+
+_MEANINGS: Final = {
+    "converged": "the scan lies on the map",
+    "degenerate": "the map does not show one direction; along it the motion counts",
+    "lost": "too little of the scan lies on the map; the pose is a prediction",
+    "outside": "the map has nothing there; the pose is a prediction",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class LocaliseParts:
+    """The parts of the page, as localise.html shows them."""
+
+    tiles: Part[tuple[Tile, ...]]
+    map: Part[Section]
+    path: Part[Section]
+    statuses: Part[Section]
+
+
+def write_localise_page(
+    folder: Path, localised: Localised, made: KeyframeMap, config: Config, summary: Mapping[str, Any]
+) -> list[str]:
+    """Writes the page of a localisation into an existing folder, as one HTML file that opens without a network.
+
+    Args:
+        folder: the folder.
+        localised: where the scans lie.
+        made: the map.
+        config: all settings.
+        summary: content of summary.json.
+
+    Returns:
+        what could not be made, and why.
+
+    Raises:
+        OutputError: the file cannot be written.
+    """
+    failures: list[str] = []
+    parts = LocaliseParts(
+        tiles=collect("the first numbers", lambda: _make_tiles(summary), failures),
+        map=collect("the picture of the map", lambda: _show_map(made, localised), failures),
+        path=collect("the charts along the path", lambda: _show_path(localised), failures),
+        statuses=collect("the table of the scans", lambda: _tabulate_statuses(summary), failures),
+    )
+    dataset, share = summary["dataset"], float(summary["share_on_map"])
+    frame = Frame(
+        title=f"Localisation of {Path(dataset['path']).name} in {Path(summary['map']['path']).name}",
+        settings_yaml=dump_yaml(config),
+        version=version_in(summary),
+        warnings=(*summary["warnings"], *failures),
+        conclusion=f"{format_matched(share)} of {format_value(dataset['scans'])} scans lie on the map.",
+    )
+    with tolerate("report.html", failures):
+        write_page(folder / "report.html", "localise.html", frame, parts)
+    return failures
+
+
+def _make_tiles(summary: Mapping[str, Any]) -> tuple[Tile, ...]:
+    sigma = summary["median_sigma"]
+    return (
+        Tile(format_matched(summary["share_on_map"]), "of all scans on the map"),
+        Tile(format_value(sigma["along_m"], " m"), "along the heading, one sigma, median"),
+        Tile(format_value(sigma["across_m"], " m"), "across it"),
+        Tile(format_value(math.degrees(sigma["yaw_rad"]), "°"), "heading"),
+        Tile(format_matched(summary["matched"]), "of the returns on the map"),
+        Tile(format_value(summary["psi_per_point"]), "ψ per point on the map"),
+    )
+
+
+def _show_map(made: KeyframeMap, localised: Localised) -> Section:
+    note = "black is the map, dots are scans by their status"
+    return Section("Map", (), (Figure(draw_scans_in_map(made.keyframes, localised), "Scans in the map", note),))
+
+
+def _show_path(localised: Localised) -> Section:
+    surety = "against the map around each pose, in its own frame; how far the map is bent over kilometres is not in it"
+    figures = (
+        Figure(draw_surety(localised), "How sure the poses are", surety),
+        Figure(draw_overlap(localised), "Overlap", "share of each scan's returns that lie on the map"),
+    )
+    return Section("Along the recording", (), figures)
+
+
+def _tabulate_statuses(summary: Mapping[str, Any]) -> Section:
+    rows = tuple(Row(name, (format_value(count), _MEANINGS[name])) for name, count in summary["scans"].items())
+    return Section("Scans", (), table=Table(("status", "scans", "meaning"), rows))
