@@ -18,7 +18,7 @@ from mqslam.formats.maps.keyframe_folder import find_keyframes, read_keyframes
 from mqslam.formats.tum import read_tum
 from mqslam.merging.map_merge import merge_parts
 from mqslam.merging.part import Part, make_part
-from mqslam.report.merge_page import write_merge_page
+from mqslam.report.maps.merge_page import write_merge_page
 from mqslam.results.merge_results import summarise_merge, write_merge
 from mqslam.results.summary_files import add_warnings
 

@@ -1,0 +1,1 @@
+"""Pages of commands that take maps which runs have left."""
