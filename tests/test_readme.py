@@ -242,6 +242,10 @@ def test_an_example_of_the_help_works_as_printed(
         Path("drive").symlink_to(place / "DATA")
     if words[-2:] != ["--out", "result"]:
         Path("result").symlink_to(place / "finished")
+    if words[0] == "merge":
+        pytest.skip("needs the results of two drives: tests/merging has them")
+    if words[0] == "localise":
+        Path("second_drive").symlink_to(place / "DATA")
     if "drive.bag" in words:
         assert mqslam("convert", "drive", "drive.bag", "--quiet").code == 0
     if words[0] == "view":
