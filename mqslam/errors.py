@@ -39,6 +39,7 @@ class Remedy(StrEnum):
     GIVE_VALUES = "give the file of its values"
     LEAVE_STRICT_OUT = "mend it, or run without strict to leave out what cannot be read"
     NAME_LAYOUT = "name its layout"
+    NAME_TOPIC = "name the radar's topic"
     MEND_FRONT_END = "mend it, whose traceback is in the log, or choose another front end"
     OPEN_MAP_ELSEWHERE = "look at report.html, or write the map for Rerun's viewer and open it elsewhere"
     RECORD_LIVE_VIEW = "record the live view into a file and open it elsewhere"

@@ -22,9 +22,11 @@ from mqslam.cli.terminal.options import (
     Quiet,
     RangeResolution,
     Start,
+    Topic,
     Verbose,
 )
 from mqslam.cli.terminal.remedies import name_options
+from mqslam.cli.terminal.topics import state_topics
 
 _ASCII_ARROWS = str.maketrans({"↓": "v", "↑": "^", "→": "->"})  # for terminals that know no other letters
 
@@ -56,6 +58,7 @@ def compare(
     imu: Imu = "auto",
     format: Format = None,
     range_resolution: RangeResolution = None,
+    topic: Topic = None,
     start: Start = None,
     end: End = None,
     jobs: Jobs = CORES,
@@ -80,10 +83,11 @@ def compare(
 
     from mqslam.cli.terminal.console import set_up_work
     from mqslam.commands.compare import compare as do
+    from mqslam.config import load_config
     from mqslam.execution.files import to_json
 
     console = Console(stderr=True, markup=False)
-    given = _parse_trajectories(trajectory or [])
+    given, settings = _parse_trajectories(trajectory or []), state_topics(load_config(config), topic)
     with set_up_work(console, cluster, jobs, quiet=quiet, silent=quiet or as_json) as work:
         result = do(
             data,
@@ -94,7 +98,7 @@ def compare(
             kiss_config=kiss_config,
             odometry=odometry,
             imu=imu,
-            config=config,
+            config=settings,
             format=format,
             range_resolution=range_resolution,
             start_s=start,

@@ -9,7 +9,8 @@ from typing import Annotated
 
 import typer
 
-from mqslam.cli.terminal.options import ConfigOption, Format, Quiet, RangeResolution, Verbose
+from mqslam.cli.terminal.options import ConfigOption, Format, Quiet, RangeResolution, Topic, Verbose
+from mqslam.cli.terminal.topics import state_topics
 
 
 class MessageKind(StrEnum):
@@ -41,6 +42,7 @@ def convert(
     config: ConfigOption = None,
     format: Format = None,
     range_resolution: RangeResolution = None,
+    topic: Topic = None,
     force: Annotated[bool, typer.Option("--force", help="Replace whatever is at OUT.")] = False,
     quiet: Quiet = False,
     verbose: Verbose = False,
@@ -88,7 +90,8 @@ def convert(
             )
         write_results(out, data, target.name)
     else:
-        recording = open_data(data, format, range_resolution, load_config(config))
+        settings = state_topics(load_config(config), topic)
+        recording = open_data(data, format, range_resolution, settings)
         with show_progress(console, quiet) as show:
             notes = write_recording(recording, out, target, partial(show, "converting"))
         notes = [*recording.notes, *recording.faults, *notes]

@@ -7,7 +7,8 @@ from typing import Any
 
 import typer
 
-from mqslam.cli.terminal.options import ConfigOption, Data, Format, Json, Quiet, RangeResolution, Verbose
+from mqslam.cli.terminal.options import ConfigOption, Data, Format, Json, Quiet, RangeResolution, Topic, Verbose
+from mqslam.cli.terminal.topics import state_topics
 
 _LISTED = 5  # gaps that a person is shown one by one
 
@@ -17,6 +18,7 @@ def info(
     config: ConfigOption = None,
     format: Format = None,
     range_resolution: RangeResolution = None,
+    topic: Topic = None,
     as_json: Json = False,
     quiet: Quiet = False,
     verbose: Verbose = False,
@@ -30,7 +32,7 @@ def info(
     from mqslam.config import load_config
     from mqslam.formats import lidars
 
-    settings = load_config(config)
+    settings = state_topics(load_config(config), topic)
     if format is None and data.exists() and lidars.recognises(data):
         facts = describe_lidar(lidars.read_lidar(data, settings.reading))
         rows = _list_lidar_rows(facts)

@@ -29,9 +29,11 @@ from mqslam.cli.terminal.options import (
     Quiet,
     RangeResolution,
     Start,
+    Topic,
     Verbose,
 )
 from mqslam.cli.terminal.remedies import name_options
+from mqslam.cli.terminal.topics import state_topics
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -53,6 +55,7 @@ def run(
     frame: Frame = "radar",
     format: Format = None,
     range_resolution: RangeResolution = None,
+    topic: Topic = None,
     start: Start = None,
     end: End = None,
     jobs: Jobs = CORES,
@@ -91,7 +94,7 @@ def run(
     from mqslam.core.sensors.sensor_notes import list_sensor_notes
     from mqslam.execution.files import to_json
 
-    settings = load_config(config)
+    settings = state_topics(load_config(config), topic)
     console = Console(stderr=True, markup=False)
     with (
         open_watch(live, force=force) as watch,

@@ -38,6 +38,12 @@ class SensorConfig(BaseModel):
         "start in other bags.",
     )
 
+    radar_topic: str | None = Field(
+        None, description="Topic of a bag's polar scans. null chooses it by type and name, or by the shape of its images."
+    )
+    odometry_topic: str | None = Field(None, description="Topic of a bag's odometry. null chooses it by type and name.")
+    truth_topic: str | None = Field(None, description="Topic of a bag's ground truth. null chooses it by type and name.")
+
     doppler_stretches: int = expert(
         4, ge=1, description="Number of stretches of a recording on which psi measures the Doppler shift."
     )

@@ -65,6 +65,15 @@ RangeResolution = Annotated[
     float | None,
     typer.Option("--range-resolution", help=r"Length of a range bin \[m], if DATA does not state it or is wrong."),
 ]
+Topic = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--topic",
+        metavar="TOPIC",
+        help="Topic of the radar in a bag, where its type and name do not tell; odometry=TOPIC and truth=TOPIC name those "
+        "of odometry and ground truth. Repeat it for several.",
+    ),
+]
 Start = Annotated[
     float | None,
     typer.Option("--start", metavar="SECONDS", help="Leave out scans that begin earlier, counted from the start of DATA."),

@@ -29,6 +29,7 @@ _WORDS: dict[str, str] = {
     Remedy.GIVE_TRAJECTORY_OR_NAME: "give --trajectory FILE, or the name of one that the recording carries in its place",
     Remedy.GIVE_VALUES: "give --values FILE",
     Remedy.LEAVE_STRICT_OUT: "mend it, or leave --strict out",
+    Remedy.NAME_TOPIC: "name the radar's with --topic TOPIC",
     Remedy.NAME_LAYOUT: "name its layout by --format",
     Remedy.MEND_FRONT_END: "mend it, whose traceback -v shows, or choose another --frontend",
     Remedy.OPEN_MAP_ELSEWHERE: "look at report.html, or give --rerun and open map.rrd elsewhere",

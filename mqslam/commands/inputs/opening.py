@@ -21,6 +21,7 @@ from mqslam.formats.recordings import open_recording, read_odometry
 from mqslam.formats.recordings.clipped import clip
 from mqslam.formats.sensors import read_fixes, read_gyroscope
 from mqslam.formats.sensors.reading import Reading
+from mqslam.formats.shared.sensing import Topics
 from mqslam.formats.shared.stamps import guess_stated_unit
 
 
@@ -87,7 +88,13 @@ def open_data(
     sensor = settings.sensor
     resolution = sensor.range_resolution_m if range_resolution is None else range_resolution
     recording = open_recording(
-        data, format, resolution, clockwise=sensor.clockwise, stamp=sensor.stamp, settings=settings.reading
+        data,
+        format,
+        resolution,
+        clockwise=sensor.clockwise,
+        stamp=sensor.stamp,
+        topics=Topics(sensor.radar_topic, sensor.odometry_topic, sensor.truth_topic),
+        settings=settings.reading,
     )
     if strict and recording.faults:
         raise DataError(data, recording.faults[0], Remedy.LEAVE_STRICT_OUT)

@@ -10,7 +10,7 @@ from mqslam.config.reading_config import USUAL_READING, ReadingConfig
 from mqslam.core.recording import Recording
 from mqslam.errors import ConfigError, DataError, Remedy, suggest
 from mqslam.formats.odometry_files import read_odometry
-from mqslam.formats.shared.sensing import Sensing, Stamp, is_bin_length
+from mqslam.formats.shared.sensing import USUAL_TOPICS, Sensing, Stamp, Topics, is_bin_length
 from mqslam.formats.shared.target import Target
 
 __all__ = ["FORMATS", "list_targets", "open_recording", "read_odometry"]
@@ -46,6 +46,7 @@ def open_recording(
     *,
     clockwise: bool | None = None,
     stamp: Stamp | None = None,
+    topics: Topics = USUAL_TOPICS,
     settings: ReadingConfig = USUAL_READING,
 ) -> Recording:
     """Opens a recording without reading its polar scans.
@@ -57,6 +58,7 @@ def open_recording(
         clockwise: whether the radar turns clockwise, where azimuths carry no angles; None takes the layout's default.
         stamp: whether the stamp of a polar scan is its start or its end, where azimuths carry no stamps; None takes the
             layout's default.
+        topics: of a bag, where their types and names do not tell which ones are meant.
         settings: how recordings are understood where they do not say.
 
     Raises:
@@ -73,7 +75,9 @@ def open_recording(
         if path.is_dir() and not any(path.iterdir()):
             raise DataError(path, "is an empty folder", "give the folder or file that holds the recording")
         layout = _load(format) if format else _guess_layout(path)
-        return layout.open_recording(path, Sensing(range_resolution, clockwise, stamp), settings)
+        if topics != USUAL_TOPICS and layout is not _load("rosbag"):
+            raise DataError(path, "is no bag, and has no topics", "leave the topics out")
+        return layout.open_recording(path, Sensing(range_resolution, clockwise, stamp, topics), settings)
     except OSError as error:
         raise DataError(path, f"cannot be read ({error.strerror or error})", "check its permissions") from error
 

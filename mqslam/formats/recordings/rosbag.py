@@ -30,7 +30,7 @@ from mqslam.formats.shared.azimuth_rows import azimuth_stamps, note_spread, spre
 from mqslam.formats.shared.bag_writer import KINDS, RADAR_FRAME, VEHICLE_FRAME, Bag, write_bag
 from mqslam.formats.shared.bags import B_SCAN_TYPE, COMPRESSED_TYPE, IMAGE_TYPE, ODOMETRY_TYPE
 from mqslam.formats.shared.polar_message import Layout
-from mqslam.formats.shared.sensing import Sensing, note_resolution
+from mqslam.formats.shared.sensing import Sensing, Topics, note_resolution
 from mqslam.formats.shared.stamps import mark_increasing
 from mqslam.formats.shared.target import Message, Target
 from mqslam.formats.shared.turns import find_usual_turns, place_turns
@@ -115,8 +115,8 @@ def open_recording(path: Path, sensing: Sensing, settings: ReadingConfig) -> Ros
         DataError: the bag cannot be read, has no radar topic, or a radar message cannot be used.
     """
     with bags.open_bag(path) as reader:
-        topic, layout, notes = polar_message.choose_topic(path, reader)
-        odometry_topic, truth_topic = _choose_pose_topics(reader)
+        topic, layout, notes = polar_message.choose_topic(path, reader, sensing.topics.radar)
+        odometry_topic, truth_topic = _choose_pose_topics(path, reader, sensing.topics)
         sensors, stated = RosSensors.choose(reader), read_bin_size(reader)
         index = _read_index(path, reader, (topic, layout), {odometry_topic, truth_topic} - {None}, sensors, settings)
     ordered = mark_increasing(index.stamps_us)
@@ -201,13 +201,22 @@ class _Index:
     frames: dict[str, str] = field(default_factory=dict)
 
 
-def _choose_pose_topics(reader: AnyReader) -> tuple[str | None, str | None]:
-    """Chooses the topics of odometry and of ground truth, by type and name."""
+def _choose_pose_topics(path: Path, reader: AnyReader, named: Topics) -> tuple[str | None, str | None]:
+    """Chooses the topics of odometry and of ground truth: those that are named, else by type and name.
+
+    Raises:
+        DataError: a topic that is named holds no poses.
+    """
     typed = [c for c in reader.connections if c.msgtype in (bags.ODOMETRY_TYPE, bags.POSE_TYPE)]
-    truths = [c.topic for c in typed if bags.TRUTH_NAME.search(c.topic.lower())]
-    drives = [c.topic for c in typed if c.msgtype == bags.ODOMETRY_TYPE and c.topic not in truths]
+    for topic in (named.odometry, named.truth):
+        if topic is not None and topic not in [c.topic for c in typed]:
+            there = ", ".join(sorted({c.topic for c in typed})[:12]) or "none"
+            raise DataError(path, f"has no poses on {topic}", f"name one of its topics of poses: {there}")
+    chosen = (named.odometry, named.truth)
+    truths = [c.topic for c in typed if bags.TRUTH_NAME.search(c.topic.lower()) and c.topic not in chosen]
+    drives = [c.topic for c in typed if c.msgtype == bags.ODOMETRY_TYPE and c.topic not in (*truths, *chosen)]
     drives.sort(key=lambda topic: "odom" not in topic.lower())
-    return next(iter(drives), None), next(iter(truths), None)
+    return named.odometry or next(iter(drives), None), named.truth or next(iter(truths), None)
 
 
 def _read_index(

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mqslam.core.recording import PolarScan, Recording
-from mqslam.errors import DataError
+from mqslam.errors import DataError, Remedy
 from mqslam.formats.shared.azimuth_rows import (
     METADATA_BYTES,
     Azimuths,
@@ -59,26 +59,39 @@ class Layout(Enum):
         return self in (Layout.OXFORD_ROWS, Layout.B_SCAN)
 
 
-def choose_topic(path: Path, reader: AnyReader) -> tuple[str, Layout, list[str]]:
+def choose_topic(path: Path, reader: AnyReader, named: str | None = None) -> tuple[str, Layout, list[str]]:
     """Chooses the radar's topic; returns it with the layout of its messages and a note on the choice.
 
+    Args:
+        path: of the bag.
+        reader: of the bag.
+        named: the topic that the user names, if any.
+
     Raises:
-        DataError: no topic holds polar scans, or several could.
+        DataError: no topic holds polar scans, or several could, or the named one has no images.
     """
     filled = [connection for connection in reader.connections if connection.msgcount]
     images = [connection for connection in filled if connection.msgtype in (IMAGE_TYPE, COMPRESSED_TYPE)]
+    b_scans = [connection for connection in filled if connection.msgtype == B_SCAN_TYPE]
+    if named is not None:
+        meant = [connection for connection in (*images, *b_scans) if connection.topic == named]
+        if not meant:
+            there = ", ".join(sorted({c.topic for c in (*images, *b_scans)})[:12]) or "none"
+            raise DataError(path, f"has no polar scans on {named}", f"name one of its topics of images: {there}")
+        return named, _find_layout(path, reader, meant[0]), [f"radar from {named}, as asked"]
     ranked = [(rank, c) for c in images if (rank := _rank_topic(c.topic)) is not None]
-    named = [c for _, c in sorted(ranked, key=lambda entry: entry[0])]
-    named += [connection for connection in filled if connection.msgtype == B_SCAN_TYPE]
-    if named:
-        chosen, note = named[0], f"radar from {named[0].topic}"
+    usual = [c for _, c in sorted(ranked, key=lambda entry: entry[0])] + b_scans
+    if usual:
+        chosen, note = usual[0], f"radar from {usual[0].topic}"
     else:
         alike = {c.topic: c for c in images if _looks_like_radar(_read_first(reader, c))}
         if len(alike) != 1:
             raise DataError(
                 path,
                 f"has {'several topics that could be' if alike else 'no'} radar (topics: {list_topics(reader)})",
-                f"give a bag with {IMAGE_TYPE} or CompressedImage on /Navtech/Polar or /radar/polar, or {B_SCAN_TYPE}",
+                Remedy.NAME_TOPIC
+                if alike
+                else f"give a bag with {IMAGE_TYPE} or CompressedImage on /Navtech/Polar or /radar/polar, or {B_SCAN_TYPE}",
             )
         chosen = next(iter(alike.values()))
         note = f"radar from {chosen.topic}, the only topic with images shaped like a radar's"

@@ -15,6 +15,24 @@ def is_bin_length(metres: float) -> bool:
 
 
 @dataclass(frozen=True, slots=True)
+class Topics:
+    """Topics of a bag that a user names; None leaves the choice of one to its type and name.
+
+    Args:
+        radar: of the polar scans.
+        odometry: of the odometry.
+        truth: of the ground truth.
+    """
+
+    radar: str | None = None
+    odometry: str | None = None
+    truth: str | None = None
+
+
+USUAL_TOPICS = Topics()
+
+
+@dataclass(frozen=True, slots=True)
 class Sensing:
     """Assumptions about a radar; None leaves one to the recording or to its layout's default.
 
@@ -22,11 +40,13 @@ class Sensing:
         range_resolution: length of a range bin [m].
         clockwise: whether the radar turns clockwise, seen from above.
         stamp: whether the only stamp of a polar scan is its start or its end.
+        topics: of a bag.
     """
 
     range_resolution: float | None = None
     clockwise: bool | None = None
     stamp: Stamp | None = None
+    topics: Topics = USUAL_TOPICS
 
     def note_unused(self) -> list[str]:
         """Notes which of these have no effect, in a recording whose azimuths carry angles and stamps of their own."""
