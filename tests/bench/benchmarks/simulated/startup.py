@@ -1,6 +1,6 @@
 """Processor time until a command answers, compared with that of importing the libraries that every radar program needs.
 
-The size of an installation without extras is measured and bounded by `make dist`.
+`install` measures what an installation takes on disk.
 """
 
 from __future__ import annotations
