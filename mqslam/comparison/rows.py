@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import resource
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -18,6 +17,7 @@ from mqslam.core.scans import Scans
 from mqslam.core.trajectory import Trajectory
 from mqslam.errors import describe_error
 from mqslam.execution.local_engine import DIED, LocalEngine
+from mqslam.execution.memory import find_peak_mb
 from mqslam.execution.progress import Progress
 from mqslam.execution.runner import Runner
 from mqslam.slam import Slam
@@ -119,7 +119,7 @@ def run_front_end(task: FrontEndTask, named: tuple[str, Context]) -> Row:
                 tuple(measurements),
                 measure_s=time.perf_counter() - begin,
                 back_end_s=0.0,
-                peak_rss_mb=_peak_mb(),
+                peak_rss_mb=find_peak_mb(),
             )
         with LocalEngine(task.jobs) as engine:
             runner = Runner(engine)
@@ -135,7 +135,7 @@ def run_front_end(task: FrontEndTask, named: tuple[str, Context]) -> Row:
             solution.loops_rejected,
             spent["windows"],
             spent["optimise"] + spent["loops"] + spent["refine"],
-            _peak_mb(),
+            find_peak_mb(),
             (*solution.warnings, *solution.sensors.notes),
             solution.covariances,
         )
@@ -146,8 +146,3 @@ def run_front_end(task: FrontEndTask, named: tuple[str, Context]) -> Row:
 def make_given_row(name: str, trajectory: Trajectory) -> Row:
     """Returns the row of a trajectory that another program made."""
     return Row(name, None, trajectory, trajectory)
-
-
-def _peak_mb() -> float:
-    """Returns the largest memory that this process has used [MB]."""
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0

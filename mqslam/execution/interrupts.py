@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from sys import UnraisableHookArgs
 
 _SIGNALS = (signal.SIGINT, signal.SIGTERM)
+_HAS_ALARMS = hasattr(signal, "SIGALRM")  # which Windows has not
 _AGAIN_S = 0.05  # after which an interrupt that was lost is raised again
 
 
@@ -37,10 +38,10 @@ def raise_interrupts() -> Iterator[None]:
     """Makes SIGINT and SIGTERM end all workers and raise `Interrupted` in the main thread, while the block lasts.
 
     A signal that is ignored, as shells do for their background jobs, stays ignored. Python drops an exception that is raised
-    while it deletes an object; an interrupt that is lost so is raised again a moment later.
+    while it deletes an object; an interrupt that is lost so is raised again a moment later, where the system has alarms.
     """
     hook = sys.unraisablehook
-    alarm = signal.getsignal(signal.SIGALRM)
+    alarm = signal.getsignal(signal.SIGALRM) if _HAS_ALARMS else None
     before = {number: signal.getsignal(number) for number in _SIGNALS}
     taken = [number for number in _SIGNALS if before[number] is not signal.SIG_IGN]
     received: list[int] = []
@@ -57,7 +58,7 @@ def raise_interrupts() -> Iterator[None]:
         raise Interrupted(received[0])
 
     def keep_interrupt(dropped: UnraisableHookArgs) -> None:
-        if isinstance(dropped.exc_value, Interrupted):
+        if _HAS_ALARMS and isinstance(dropped.exc_value, Interrupted):
             signal.signal(signal.SIGALRM, stop_again)
             signal.setitimer(signal.ITIMER_REAL, _AGAIN_S)
         else:
@@ -77,7 +78,7 @@ def raise_interrupts() -> Iterator[None]:
         raise
     finally:
         sys.unraisablehook = hook
-        if received:
+        if _HAS_ALARMS and received:
             signal.setitimer(signal.ITIMER_REAL, 0.0)
             signal.signal(signal.SIGALRM, alarm)
         for number in taken:
@@ -87,6 +88,9 @@ def raise_interrupts() -> Iterator[None]:
 @contextmanager
 def shield_from_interrupts() -> Iterator[None]:
     """Hides SIGINT from processes that the block starts: the terminal sends it to all, but the main process ends them."""
+    if not hasattr(signal, "pthread_sigmask"):  # as on Windows
+        yield
+        return
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         yield

@@ -1,9 +1,38 @@
-"""Memory that a stage has freed but that the process still holds."""
+"""The largest memory that processes have held or may hold, and what they hold of memory that a stage has freed."""
 
 from __future__ import annotations
 
 import ctypes
 import os
+import sys
+
+try:
+    import resource
+except ModuleNotFoundError:  # as on Windows
+    resource = None  # type: ignore[assignment]
+
+_UNIT_MB = 2.0**-20 if sys.platform == "darwin" else 2.0**-10  # macOS counts bytes, others count kilobytes
+
+
+def find_peak_mb(*, children: bool = False) -> float | None:
+    """Returns the largest memory that this process, or any of it and its ended children, has held [MB].
+
+    Args:
+        children: whether children count, too.
+
+    Returns:
+        The memory, or None where the system does not tell.
+    """
+    if resource is None:
+        return None
+    whose = (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN) if children else (resource.RUSAGE_SELF,)
+    return max(resource.getrusage(who).ru_maxrss for who in whose) * _UNIT_MB
+
+
+def bound_memory(most_bytes: int) -> None:
+    """Lets this process have no more memory than that, where the system can see to it."""
+    if resource is not None:
+        resource.setrlimit(resource.RLIMIT_AS, (most_bytes, most_bytes))
 
 
 def return_free_memory() -> None:

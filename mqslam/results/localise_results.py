@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import resource
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
@@ -17,6 +16,7 @@ from mqslam.core.sensors.georeference import Georeference
 from mqslam.core.trajectory import Trajectory
 from mqslam.core.wording import count_of
 from mqslam.execution.files import write_json, write_text
+from mqslam.execution.memory import find_peak_mb
 from mqslam.formats.covariances import StampedCovariances, write_covariances
 from mqslam.formats.maps.geojson import write_geojson
 from mqslam.formats.tum import write_tum
@@ -78,7 +78,7 @@ def summarise(
         "psi_per_point": float(np.nanmean(localised.psi[on_map])),
         "matched": float(np.nanmean(localised.matched[on_map])),
         "runtime_s": {name: runtime_s.get(name, 0.0) for name in _STAGES},
-        "peak_rss_mb": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0,
+        "peak_rss_mb": find_peak_mb(),
         "warnings": [*recording.faults, *warnings, *_list_warnings(localised)],
     }
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import csv
 import io
 import platform
-import resource
 import shlex
 import sys
 from collections.abc import Sequence
@@ -30,6 +29,7 @@ from mqslam.errors import tolerate
 from mqslam.evaluation import evaluate
 from mqslam.execution.extras import list_versions
 from mqslam.execution.files import write_json, write_text
+from mqslam.execution.memory import find_peak_mb
 from mqslam.formats.covariances import StampedCovariances, write_covariances
 from mqslam.formats.graphs.g2o import format_g2o
 from mqslam.formats.maps.geojson import write_geojson
@@ -125,7 +125,7 @@ def summarise(run: Run, recording: Recording) -> dict[str, Any]:
             name: run.runtime_s.get(name, 0.0)
             for name in ("read", "detect", "windows", "loops", "refine", "optimise", "render", "check", "total")
         },
-        "peak_rss_mb": _measure_peak_memory(),
+        "peak_rss_mb": find_peak_mb(children=True),
     }
 
 
@@ -265,10 +265,3 @@ def _list_errors(trajectory: Trajectory, truth: Trajectory | None) -> dict[str, 
     """Returns the errors of a trajectory against ground truth; None where they cannot be had."""
     errors = None if truth is None else evaluate(trajectory, truth)
     return None if errors is None else asdict(errors)
-
-
-def _measure_peak_memory() -> float:
-    """Returns the largest memory that any process of this run has held [MB]."""
-    own = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    workers = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss
-    return max(own, workers) / 1024.0

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from mqslam.errors import DataError
+from mqslam.execution.memory import bound_memory
 from mqslam.formats.graphs.stored_graph import StoredGraph
 
 if TYPE_CHECKING:
@@ -58,11 +59,9 @@ def write_again() -> None:
     GTSAM ends with the process where an archive is damaged in some ways. Therefore another process reads it first, and what
     that has understood and written is read here.
     """
-    import resource
-
     import gtsam
 
-    resource.setrlimit(resource.RLIMIT_AS, (_BYTES, _BYTES))
+    bound_memory(_BYTES)
     content = getattr(gtsam, sys.argv[1])()
     content.deserialize(sys.stdin.read())
     sys.stdout.write(content.serialize())
