@@ -141,6 +141,12 @@ def set_doppler_beta(config: Config, doppler_beta: float) -> Config:
     return config.model_copy(update={"sensor": config.sensor.model_copy(update={"doppler_beta": doppler_beta})})
 
 
+def forget_topics(config: Config) -> Config:
+    """Returns the settings without the topics of a bag, as another recording needs them."""
+    named = {"radar_topic": None, "odometry_topic": None, "truth_topic": None}
+    return config.model_copy(update={"sensor": config.sensor.model_copy(update=named)})
+
+
 def set_false_alarms(config: Config, rate: float) -> Config:
     """Returns the settings with another rate of false alarms per recording."""
     return config.model_copy(update={"verdict": config.verdict.model_copy(update={"false_alarms": rate})})

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 from support.commands import mqslam, parse_strict_json
 from support.parameters import mostly_slow
 
@@ -89,6 +90,27 @@ def test_the_recording_of_the_map_is_not_needed(street: Path, mapped: Path, loca
     result = api.localise(street, tmp_path / "out", map=moved, frontend="odometry")  # the folder itself, without settings
     expected = read_tum(localised / "trajectory.tum")
     np.testing.assert_allclose(result.read_trajectory().poses, expected.poses, rtol=0.0, atol=1e-6)
+
+
+def test_a_stretch_of_a_recording_lies_where_the_whole_does(
+    street: Path, mapped: Path, localised: Path, tmp_path: Path
+) -> None:
+    words = ("--frontend", "odometry", "--start", 5, "--end", 20, "--jobs", 1, "--quiet")
+    assert mqslam("localise", street, "--map", mapped, "--out", tmp_path / "out", *words).code == 0
+    whole, part = (read_tum(folder / "trajectory.tum") for folder in (localised, tmp_path / "out"))
+    assert (
+        5.0 <= (part.stamps_us[0] - whole.stamps_us[0]) * 1e-6 < part.stamps_us[-1] * 1e-6 - whole.stamps_us[0] * 1e-6 < 20.0
+    )
+    np.testing.assert_allclose(part.poses, whole.at(part.stamps_us), atol=0.2)
+
+
+def test_topics_of_the_maps_own_bag_are_not_asked_of_another_recording(street: Path, mapped: Path, tmp_path: Path) -> None:
+    shutil.copytree(mapped, tmp_path / "result")
+    settings = yaml.safe_load((mapped / "config.yaml").read_text())
+    settings["sensor"]["radar_topic"] = "/front"
+    (tmp_path / "result" / "config.yaml").write_text(yaml.safe_dump(settings))
+    words = ("--frontend", "odometry", "--end", 15, "--jobs", 1, "--quiet")
+    assert mqslam("localise", street, "--map", tmp_path / "result", "--out", tmp_path / "out", *words).code == 0
 
 
 def test_another_town_is_refused_with_what_was_tried(mapped: Path, tmp_path: Path) -> None:

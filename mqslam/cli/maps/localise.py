@@ -12,6 +12,7 @@ from mqslam.cli.terminal.options import (
     CORES,
     Cluster,
     Data,
+    End,
     Extrinsics,
     Force,
     Format,
@@ -22,6 +23,7 @@ from mqslam.cli.terminal.options import (
     Odometry,
     Quiet,
     RangeResolution,
+    Start,
     Verbose,
 )
 
@@ -53,6 +55,8 @@ def localise(
     extrinsics: Extrinsics = "auto",
     format: Format = None,
     range_resolution: RangeResolution = None,
+    start: Start = None,
+    end: End = None,
     jobs: Jobs = CORES,
     cluster: Cluster = None,
     strict: Annotated[
@@ -92,6 +96,8 @@ def localise(
             config=config,
             format=format,
             range_resolution=range_resolution,
+            start_s=start,
+            end_s=end,
             strict=strict,
             force=force,
             work=work,

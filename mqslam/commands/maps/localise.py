@@ -12,7 +12,7 @@ from mqslam.commands.inputs.opening import Inputs, choose_settings
 from mqslam.commands.result import LocaliseResult
 from mqslam.commands.run import Job, open_job
 from mqslam.commands.work import QUIET, Work
-from mqslam.config import Config, RecognitionConfig, set_doppler_beta
+from mqslam.config import Config, RecognitionConfig, forget_topics, load_config, set_doppler_beta
 from mqslam.core import frontend as frontends
 from mqslam.core.frontend import Context
 from mqslam.core.keyframes import KeyframeMap
@@ -43,6 +43,8 @@ def localise(  # noqa: PLR0913 - these are the options of the command, each with
     config: Config | Path | str | None = None,
     format: str | None = None,
     range_resolution: float | None = None,
+    start_s: float | None = None,
+    end_s: float | None = None,
     strict: bool = False,
     force: bool = False,
     work: Work = QUIET,
@@ -61,6 +63,8 @@ def localise(  # noqa: PLR0913 - these are the options of the command, each with
             map was made with.
         format: layout of the recording; None guesses it.
         range_resolution: length of a range bin [m], if the recording does not state it or is wrong.
+        start_s: scans that begin earlier are left out [s since the recording's start]; None takes all.
+        end_s: scans that begin then or later are left out, counted likewise.
         strict: whether a polar scan that cannot be read is an error, rather than being left out.
         force: whether what is at `out` is replaced.
         work: where the work is done, and who is told about it.
@@ -80,9 +84,8 @@ def localise(  # noqa: PLR0913 - these are the options of the command, each with
     check_free(out, force=force, recording=data)
     made = open_map(map)
     settings = _choose_settings(config, map, made)
-    job = open_job(
-        data, settings, frontend, Inputs(odometry, imu, "none", extrinsics), format, range_resolution, strict=strict
-    )
+    inputs = Inputs(odometry, imu, "none", extrinsics)
+    job = open_job(data, settings, frontend, inputs, format, range_resolution, strict=strict, span=(start_s, end_s))
     for note in job.recording.notes:
         work.tell(note)
     runner = Runner(work.engine, work.progress)
@@ -120,14 +123,17 @@ def open_map(path: Path) -> KeyframeMap:
 def _choose_settings(config: Config | Path | str | None, map: Path, made: KeyframeMap) -> Config:
     """Returns the settings that were given, or those that the map was made with, with the Doppler shift that is used.
 
+    The topics of the bag that the map was made from are no topics of another recording.
+
     Raises:
         ConfigError: a file does not exist or holds a mistake.
     """
     folder = find_keyframes(map)
     beside = None if folder is None else folder.parent / "config.yaml"
     if config is None and beside is not None and beside.is_file():
-        config = beside
-    settings = choose_settings(config)
+        settings = forget_topics(load_config(beside))
+    else:
+        settings = choose_settings(config)
     if settings.sensor.doppler_beta is not None:
         return settings
     return set_doppler_beta(settings, made.keyframes.recordings[-1].doppler_beta)
