@@ -30,7 +30,8 @@ from mqslam.localisation.scan_by_scan import Setting, Table, follow
 from mqslam.localisation.surety import measure_scale
 from mqslam.psi.place import Beam
 
-_REMEDY: Final = "give the map of a recording that has passed the same streets"
+_OTHER_MAP: Final = "give the map of a recording that has passed the same streets"
+_LONGER: Final = "give a longer recording, or more of it"
 
 
 def localise(
@@ -68,7 +69,7 @@ def localise(
         with runner.time_stage("recognise"):
             found = next(parts, None)
     if not rows:
-        raise NotInMapError(_say_what_was_tried(setting.drive, made, config, looked_up, ambiguous), _REMEDY)
+        raise NotInMapError(*_say_what_was_tried(setting.drive, made, config, looked_up, ambiguous))
     with runner.time_stage("surety"):
         scale, samples = measure_scale(setting, table, runner.engine)
     _fill_in(setting, table, se2.scale_covariance(table.covariances, scale))
@@ -142,14 +143,18 @@ def _fill_in(setting: Setting, table: Table, covariances: NDArray[np.float64]) -
         table.statuses[k] = PlaceStatus.OUTSIDE if is_outside else PlaceStatus.LOST
 
 
-def _say_what_was_tried(drive: Drive, made: KeyframeMap, config: Config, looked_up: int, ambiguous: int) -> str:
-    """Returns that a recording is not in a map, and what was tried."""
+def _say_what_was_tried(drive: Drive, made: KeyframeMap, config: Config, looked_up: int, ambiguous: int) -> tuple[str, str]:
+    """Returns why a recording is nowhere in a map, with what was tried, and what the user can do."""
     path_m, settings = float(drive.travelled[-1]), config.recognition
     if looked_up < settings.row:
-        return (
+        too_short = (
             f"not found in this map: its path of {path_m:.0f} m is too short, as {settings.row} places that are "
             f"{settings.spacing_m:g} m apart must be recognised in a row"
         )
-    places = count_of(len(made.places.keyframes), "place")
-    told = f"not in this map: no row of places was recognised ({looked_up} submaps along {path_m:.0f} m of path, {places}"
-    return f"{told}; {ambiguous} of them fit several places about as well)" if ambiguous else f"{told})"
+        return too_short, _LONGER
+    along, places = f"submaps along {path_m:.0f} m of path", count_of(len(made.places.keyframes), "place")
+    if 2 * ambiguous > looked_up:
+        fit = f"{ambiguous} of {looked_up} {along} fit more than one of {places} about as well"
+        return f"several places of this map fit, and nothing tells which one it is ({fit})", _LONGER
+    fits = f"; {ambiguous} of them fit several places about as well" if ambiguous else ""
+    return f"not in this map: no row of places was recognised ({looked_up} {along}, {places}{fits})", _OTHER_MAP

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from support.localising import BEAM, CONFIG, Pass, street_map, street_pass
 
 from mqslam.core import se2
+from mqslam.core.keyframes import KeyframeMap
 from mqslam.core.scans import Returns, Scan, Scans
 from mqslam.errors import NotInMapError
 from mqslam.execution.local_engine import LocalEngine
@@ -73,6 +76,35 @@ def test_scans_beyond_the_end_of_the_map_are_predictions_that_grow_unsure(later:
 def test_another_town_is_refused() -> None:
     with pytest.raises(NotInMapError, match=r"not in this map: .* submaps along .* m of path"):
         localised(street_pass(2, MAPPED_S, town=5))
+
+
+def test_where_two_places_of_a_map_look_the_same_none_is_chosen(later: Pass) -> None:
+    twice = show_twice(street_map(MAPPED_S), np.array([400.0, 0.0, 1.0]))
+    with pytest.raises(NotInMapError, match=r"several places of this map fit, .*\d+ of \d+ submaps .* give a longer") as no:
+        localise(later.scans, later.motions, twice, CONFIG, BEAM, Runner())
+    assert "not in this map" not in str(no.value)
+
+
+def show_twice(made: KeyframeMap, other: np.ndarray) -> KeyframeMap:
+    """Returns a map that has what another one shows twice, the second time in a frame of pose (3,)."""
+    first, second, count = made.keyframes, made.carry(other).keyframes, len(made.keyframes)
+    keyframes = replace(
+        first,
+        recordings=first.recordings * 2,
+        origins=np.repeat([0, 1], count),
+        scans=np.concatenate([first.scans, first.scans + first.scans[-1] + 1]),
+        stamps_us=np.tile(first.stamps_us, 2),
+        poses=np.vstack([first.poses, second.poses]),
+        covariances=np.tile(first.covariances, (2, 1, 1)),
+        travelled=np.tile(first.travelled, 2),
+        rows=np.vstack([first.rows, first.rows]),
+    )
+    places = replace(
+        made.places,
+        keyframes=np.concatenate([made.places.keyframes, made.places.keyframes + count]),
+        descriptors=np.tile(made.places.descriptors, (2, 1, 1)),
+    )
+    return KeyframeMap(keyframes, places)
 
 
 def test_a_recording_that_hardly_moves_is_said_to_be_too_short(later: Pass) -> None:
