@@ -13,6 +13,7 @@ import pytest
 import yaml
 from support.commands import mqslam, parse_strict_json
 from support.parameters import mostly_slow
+from support.reported import find_faults
 
 import mqslam as api
 from mqslam.backend.loops.submap import MappedDrive
@@ -69,6 +70,12 @@ def test_the_poses_lie_in_the_maps_frame_with_covariance_and_status(street: Path
     assert given.stamps_us.tolist() == track.stamps_us.tolist()
     own = se2.rotate_covariance(given.covariances[7], -float(track.poses[7, 2]))
     assert float(rows[7]["sigma_along_m"]) == pytest.approx(np.sqrt(own[0, 0]), rel=1e-3)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("scheme", "width"), [("light", 1400), ("dark", 500)])
+def test_axe_finds_no_serious_fault_in_the_page(localised: Path, scheme: str, width: int) -> None:
+    assert find_faults(localised / "report.html", scheme, width) == []
 
 
 def test_the_summary_says_what_was_found(street: Path, mapped: Path, localised: Path) -> None:

@@ -13,6 +13,7 @@ import pytest
 from numpy.typing import NDArray
 from support.commands import mqslam as command
 from support.day_results import write_day
+from support.reported import find_faults
 
 import mqslam
 from mqslam.commands.maps.merge import read_part
@@ -160,6 +161,13 @@ def test_the_command_prints_what_it_has_made(days: Days, tmp_path: Path) -> None
     assert "could not" not in page and page.count("data:image/png") >= 2
     again = command("merge", days["monday"], days["friday"], "--out", tmp_path / "out", "--jobs", 1)
     assert again.code == 2 and "exists already" in again.err
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("scheme", "width"), [("light", 1400), ("dark", 500)])
+def test_axe_finds_no_serious_fault_in_the_page(days: Days, tmp_path: Path, scheme: str, width: int) -> None:
+    mqslam.merge([days["monday"], days["friday"]], tmp_path / "out")
+    assert find_faults(tmp_path / "out" / "report.html", scheme, width) == []
 
 
 def test_a_single_result_and_a_repeated_one_are_refused(days: Days, tmp_path: Path) -> None:

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 # the looks of the figures; no result depends on them
 INK = "#1c2430"
-BLUE, ORANGE, GREEN, RED = "#1d5fd1", "#d9620d", "#16803c", "#c81e1e"
+BLUE, ORANGE, GREEN, RED, VIOLET = "#1d5fd1", "#d9620d", "#16803c", "#c81e1e", "#7a3db8"
 GREY = "#7b8594"
 OUTERMOST = 0.005  # share of a map's points that may lie beyond each edge of its picture
 MAP_SHAPE = (0.5, 1.3)  # least and greatest height of a map's picture, per width

@@ -13,11 +13,12 @@ from mqslam.merging.map_merge import Merged
 from mqslam.report.figures.canvas import (
     BLUE,
     GREEN,
-    INK,
+    GREY,
     MAP_SHAPE,
     ORANGE,
     OUTERMOST,
     RED,
+    VIOLET,
     View,
     count_points,
     encode_png,
@@ -28,8 +29,8 @@ from mqslam.report.figures.canvas import (
 )
 
 # the looks of the figures; no result depends on them
-_COLOURS: Final = (BLUE, ORANGE, GREEN, INK)
-COLOUR_NAMES: Final = ("blue", "orange", "green", "black")
+_COLOURS: Final = (BLUE, ORANGE, GREEN, VIOLET)
+COLOUR_NAMES: Final = ("blue", "orange", "green", "violet")
 _SIDE_M: Final = 40.0  # side of the picture of a change
 
 
@@ -63,11 +64,11 @@ def draw_links(merged: Merged) -> bytes:
     tracks, poses = merged.trajectories, merged.kept.keyframes.poses
     view = find_common_view([track.poses[:, :2] for track in tracks], MAP_SHAPE)
     figure, axes = make_world(view)
-    for n, track in enumerate(tracks):
-        axes.plot(track.poses[:, 0], track.poses[:, 1], color=_COLOURS[n % len(_COLOURS)], linewidth=1.2)
     for link in merged.links.links:
         ends = poses[[link.earlier, link.later]]
-        axes.plot(ends[:, 0], ends[:, 1], color=INK, linewidth=1.6)
+        axes.plot(ends[:, 0], ends[:, 1], color=GREY, linewidth=1.6)
+    for n, track in enumerate(tracks):
+        axes.plot(track.poses[:, 0], track.poses[:, 1], color=_COLOURS[n % len(_COLOURS)], linewidth=1.0)
     return encode_png(figure)
 
 

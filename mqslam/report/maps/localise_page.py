@@ -86,7 +86,7 @@ def _make_tiles(summary: Mapping[str, Any]) -> tuple[Tile, ...]:
 
 
 def _show_map(made: KeyframeMap, localised: Localised) -> Section:
-    note = "black is the map, dots are scans by their status"
+    note = "the map in grey, and on it the scans by their status"
     return Section("Map", (), (Figure(draw_scans_in_map(made.keyframes, localised), "Scans in the map", note),))
 
 

@@ -16,7 +16,7 @@ from mqslam.report.formatting import format_matched, format_value
 from mqslam.report.page import collect, version_in, write_page
 
 _SHOWN: Final = 12  # changes that have a picture of their own: a matter of the page's length only
-_LISTED: Final = 200  # changes that are in the table of the page; changes.csv has all
+_LISTED: Final = 25  # changes that are in the table of the page; changes.csv has all
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,7 +84,7 @@ def _show_map(merged: Merged) -> Section:
     colours = ", ".join(f"{COLOUR_NAMES[n % len(COLOUR_NAMES)]} is recording {n + 1}" for n in range(len(points)))
     figures = (
         Figure(draw_recordings(points, merged.changes), "Map", f"{colours}; red circles are changes"),
-        Figure(draw_links(merged), "Trajectories", "black lines are links between the recordings"),
+        Figure(draw_links(merged), "Trajectories", "a grey line ties two places that are linked"),
     )
     return Section("Map", (), figures)
 
@@ -97,7 +97,7 @@ def _tabulate_changes(summary: Mapping[str, Any]) -> Section:
     )
     notes = [note] if changes else [note, "None was found."]
     if len(changes) > _LISTED:
-        notes.append(f"The first {_LISTED} of {len(changes)} are listed; changes.csv has all of them.")
+        notes.append(f"The {_LISTED} largest of {len(changes)} are listed; changes.csv has all of them.")
     rows = tuple(
         Row(
             str(n),
