@@ -14,7 +14,7 @@ _LONGEST = 800  # characters of a message; what it quotes from a damaged file ma
 
 
 class Remedy(StrEnum):
-    """The remedies that a user has for errors, in plain words; the command line names its options instead."""
+    """The remedies that a user has, in errors and notes, in plain words; the command line names its options instead."""
 
     CHOOSE_OUTPUT = "choose another output"
     CHOOSE_OR_REMOVE_OUTPUT = "choose another output or remove this one"
@@ -41,6 +41,8 @@ class Remedy(StrEnum):
     NAME_LAYOUT = "name its layout"
     NAME_TOPIC = "name the radar's topic"
     MEND_FRONT_END = "mend it, whose traceback is in the log, or choose another front end"
+    OVERRIDE_RANGE_RESOLUTION = "sensor.range_resolution_m overrides it"
+    READ_WITH_RANGE_RESOLUTION = "read the result with sensor.range_resolution_m:"
     OPEN_MAP_ELSEWHERE = "look at report.html, or write the map for Rerun's viewer and open it elsewhere"
     RECORD_LIVE_VIEW = "record the live view into a file and open it elsewhere"
     REPLACE_UNFINISHED_OUTPUT = "choose another output, or replace the unfinished run instead of resuming it"

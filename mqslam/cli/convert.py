@@ -47,7 +47,7 @@ def convert(
     quiet: Quiet = False,
     verbose: Verbose = False,
 ) -> None:
-    """Write a recording in another layout, with its odometry and ground truth if that layout has a place for them.
+    """Write a recording in another layout, with the odometry, ground truth and sensors that mqslam writes there.
 
     The folder of a finished run is written as a bag of its results: /path, /tf from map to radar, /map (the occupancy grid)
     and /points. The keyframes of a result, or a folder of keyframes alone, are written as a point cloud if OUT ends in .ply.

@@ -8,6 +8,7 @@ from typing import Any
 import typer
 
 from mqslam.cli.terminal.options import ConfigOption, Data, Format, Json, Quiet, RangeResolution, Topic, Verbose
+from mqslam.cli.terminal.remedies import name_options
 from mqslam.cli.terminal.topics import state_topics
 
 _LISTED = 5  # gaps that a person is shown one by one
@@ -61,7 +62,7 @@ def _list_radar_rows(facts: dict[str, Any]) -> list[tuple[str, str]]:
         ("GNSS", _describe_sensor(facts["gnss"], "fix")),
         ("mount", _describe_mount(facts["mount"])),
         ("gaps", _describe_gaps(facts["gaps"])),
-        *(("note", note) for note in facts["notes"]),
+        *(("note", name_options(note)) for note in facts["notes"]),
         *(("fault", fault) for fault in facts["faults"]),
     ]
 
@@ -88,7 +89,7 @@ def _list_lidar_rows(facts: dict[str, Any]) -> list[tuple[str, str]]:
         ("returns", f"{facts['returns']:.0f} per scan, up to {facts['max_range_m']:.1f} m away"),
         ("odometry", _describe_extent(facts["odometry"])),
         ("poses", _describe_extent(facts["recording"])),
-        *(("note", note) for note in facts["notes"]),
+        *(("note", name_options(note)) for note in facts["notes"]),
     ]
 
 

@@ -32,7 +32,6 @@ from mqslam.cli.terminal.options import (
     Topic,
     Verbose,
 )
-from mqslam.cli.terminal.remedies import name_options
 from mqslam.cli.terminal.topics import state_topics
 
 if TYPE_CHECKING:
@@ -125,7 +124,7 @@ def run(
     elif not quiet:
         for warning in summary["warnings"]:
             console.print(f"warning: {warning}", style="yellow", highlight=False, soft_wrap=True)
-        print_notes(console, map(name_options, list_sensor_notes(summary)))
+        print_notes(console, list_sensor_notes(summary))
         if settings.sensor.doppler_beta is None and summary["doppler_beta"]:
             beta = summary["doppler_beta"]
             print_notes(

@@ -15,6 +15,7 @@ from mqslam.formats.recordings.watched import watch
 from mqslam.formats.shared.target import Message, Target
 
 _FOLDER = "oxford"  # layout of a folder, where none is named
+_LEFT = "is left behind: mqslam does not write it in this layout"
 
 
 def find_target(out: Path, name: str | None = None, message: Message = "image") -> Target:
@@ -78,7 +79,7 @@ def write_recording(recording: Recording, out: Path, target: Target, progress: C
         progress: called with (polar scans written, polar scans in all).
 
     Returns:
-        Notes for the user: what the layout has no place for, and how to read the result.
+        Notes for the user: what is not written in the layout, and how to read the result.
 
     Raises:
         DataError: a polar scan cannot be read, or the layout cannot hold the recording.
@@ -102,7 +103,7 @@ def _drop_single(track: Trajectory | None) -> Trajectory | None:
 
 
 def _list_losses(recording: Recording, target: Target, unmarked: int) -> list[str]:
-    """Lists what of a recording a layout has no place for, and how to read the rest.
+    """Lists what of a recording is not written in a layout, and how to read the rest.
 
     Args:
         recording: the recording.
@@ -111,19 +112,19 @@ def _list_losses(recording: Recording, target: Target, unmarked: int) -> list[st
     """
     notes = []
     if recording.odometry is not None and not target.odometry:
-        notes.append(f"odometry is left behind: {target.name} has no place for it")
+        notes.append(f"odometry {_LEFT}")
     if recording.ground_truth is not None and not target.truth:
-        notes.append(f"ground truth is left behind: {target.name} has no place for it")
+        notes.append(f"ground truth {_LEFT}")
     if recording.ground_truth is not None and recording.truth_on_vehicle and target.truth and not target.is_bag:
         notes.append(f"ground truth is of the vehicle, which {target.name} cannot say: it will be read as that of the radar")
     carried = (("the gyroscope", recording.gyroscope), ("GNSS", recording.fixes), ("the radar's mount", recording.mount))
     for name, sensor in carried:
         if sensor is not None and not target.sensors:
-            notes.append(f"{name} is left behind: {target.name} has no place for it")
+            notes.append(f"{name} {_LEFT}")
     if unmarked:
         notes.append(f"{unmarked} azimuths marked as not measured lose that mark: the layout has no place for it")
     assumed = target.assumed_resolution(recording) if target.assumed_resolution else None
     if assumed is not None and recording.range_resolution != assumed:
-        given = f"sensor: {{range_resolution_m: {recording.range_resolution:.9g}}}"
-        notes.append(f"{target.name} does not say how long a range bin is: read the result with {given}")
+        remedy = f"{Remedy.READ_WITH_RANGE_RESOLUTION} {recording.range_resolution:.9g}"
+        notes.append(f"{target.name} does not say how long a range bin is: {remedy}")
     return notes

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
 from pathlib import Path
 from typing import Any
 
@@ -54,6 +55,16 @@ def test_settings_of_the_sensor_reach_the_recording(tmp_path: Path) -> None:
     recording = open_recording(tmp_path / "out")
     assert recording.range_resolution == 0.5
     np.testing.assert_allclose(recording.stamps_us - left_turn().stamps_us, 250_000, rtol=0.0, atol=1)
+
+
+def test_notes_name_the_option_that_states_range_bins(oxford: Path, tmp_path: Path) -> None:
+    words = ("--to", "mulran", "--range-resolution", 0.175)
+    assert ": read the result with --range-resolution 0.175\n" in mqslam("convert", oxford, tmp_path / "out", *words).err
+    (tmp_path / "bare" / "radar").mkdir(parents=True)
+    for image in (oxford / "radar").glob("*.png"):
+        shutil.copy(image, tmp_path / "bare" / "radar")
+    for shown in (mqslam("info", tmp_path / "bare").out, mqslam("convert", tmp_path / "bare", tmp_path / "a.npz").err):
+        assert ": --range-resolution overrides it\n" in shown and "sensor." not in shown
 
 
 def test_the_drivers_messages_can_be_had(oxford: Path, tmp_path: Path) -> None:

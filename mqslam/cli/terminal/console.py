@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
 
+from mqslam.cli.terminal.remedies import name_options
 from mqslam.execution.progress import Progress, ignore_progress
 
 if TYPE_CHECKING:
@@ -41,9 +42,14 @@ _LINE_EVERY_S = 10.0
 
 
 def print_notes(console: Console, notes: Iterable[str]) -> None:
-    """Prints what a user should know, one unwrapped line per note, so that programs can read it too."""
+    """Prints what a user should know, one unwrapped line per note, so that programs can read it too.
+
+    Args:
+        console: the terminal.
+        notes: texts whose remedies are put in the words of the command line.
+    """
     for note in notes:
-        console.print(f"note: {note}", highlight=False, soft_wrap=True)
+        console.print(f"note: {name_options(note)}", highlight=False, soft_wrap=True)
 
 
 def format_verdict(summary: Mapping[str, Any]) -> list[tuple[str, str]]:

@@ -1,4 +1,4 @@
-"""The remedies of errors in the words of the command line: which option to give."""
+"""The remedies in errors and notes in the words of the command line: which option to give."""
 
 from __future__ import annotations
 
@@ -32,6 +32,8 @@ _WORDS: dict[str, str] = {
     Remedy.NAME_TOPIC: "name the radar's with --topic TOPIC",
     Remedy.NAME_LAYOUT: "name its layout by --format",
     Remedy.MEND_FRONT_END: "mend it, whose traceback -v shows, or choose another --frontend",
+    Remedy.OVERRIDE_RANGE_RESOLUTION: "--range-resolution overrides it",
+    Remedy.READ_WITH_RANGE_RESOLUTION: "read the result with --range-resolution",
     Remedy.OPEN_MAP_ELSEWHERE: "look at report.html, or give --rerun and open map.rrd elsewhere",
     Remedy.RECORD_LIVE_VIEW: "give --live FILE.rrd and open the file elsewhere",
     Remedy.REPLACE_UNFINISHED_OUTPUT: "choose another --out, or give --force instead of --resume",
@@ -42,11 +44,11 @@ _ANY = re.compile("|".join(re.escape(remedy) for remedy in sorted(_WORDS, key=le
 
 
 def name_options(text: str, command: str = "") -> str:
-    """Returns an error's text with each remedy in it in the words of the command line.
+    """Returns an error or a note with each remedy in it in the words of the command line.
 
     Args:
-        text: text of the error.
-        command: name of the command that failed.
+        text: of the error or the note.
+        command: name of the command that it comes from.
     """
     output = "OUT" if command in _OUT_IS_ARGUMENT else "--out"
     return _ANY.sub(lambda remedy: _WORDS[remedy[0]].replace("--out", output), text)

@@ -9,6 +9,7 @@ from typing import Protocol, cast
 from mqslam.config.reading_config import USUAL_READING, ReadingConfig
 from mqslam.core.recording import Recording
 from mqslam.errors import ConfigError, DataError, Remedy, suggest
+from mqslam.execution.checkpoint import FOLDER
 from mqslam.formats.odometry_files import read_odometry
 from mqslam.formats.shared.sensing import USUAL_TOPICS, Sensing, Stamp, Topics, is_bin_length
 from mqslam.formats.shared.target import Target
@@ -92,12 +93,24 @@ def _load(format: str) -> Layout:
     return cast(Layout, importlib.import_module(FORMATS[format]))
 
 
+def _is_result(path: Path) -> bool:
+    """Returns whether a path is a folder that a command has written its result into, or the keyframes of one."""
+    summaries = ("summary.json", "audit.json", "compare.json")
+    written = (path / "config.yaml").is_file() and any((path / name).is_file() for name in summaries)
+    return written or all((path / name).is_file() for name in ("index.json", "keyframes.npy"))
+
+
 def _guess_layout(path: Path) -> Layout:
     """Returns the first layout that recognises the path."""
     for format in FORMATS:
         layout = _load(format)
         if layout.recognises(path):
             return layout
+    if _is_result(path):
+        raise DataError(path, "is a result of mqslam, not a recording", "give the recording that it was made from")
+    if (path / FOLDER).is_dir():
+        remedy = "give the recording that it is made from, or resume the run before its result is used"
+        raise DataError(path, "is an unfinished run of mqslam, not a recording", remedy)
     lidars = importlib.import_module("mqslam.formats.lidars")
     if lidars.recognises(path):
         raise DataError(path, "is a lidar's recording", "give a radar's; a lidar's can be audited")

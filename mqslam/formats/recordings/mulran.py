@@ -40,6 +40,7 @@ RANGE_RESOLUTION_M = 0.0595  # published with the data set
 _ROWS, _COLUMNS = "polar_oxford_form", "polar"
 _BASE_TO_RADAR = (1.50, -0.04, float(np.deg2rad(0.9)))
 """Pose of the radar on the vehicle [m, m, rad]: calib_base2radar.txt of the dataset, of which z is left out."""
+_MOUNT_SOURCE = "the calibration that MulRan publishes, since no file of a recording states it"
 
 
 def recognises(path: Path) -> bool:
@@ -83,7 +84,7 @@ def _read_sensors(images: Path) -> Carried:
     return read_carried(
         lambda: read_mulran_imu(read_header(imu, "repair or remove it")) if imu else None,
         lambda: read_mulran_fixes(read_header(gps, "repair or remove it")) if gps else None,
-        lambda: Mount(np.array(_BASE_TO_RADAR), "calib_base2radar.txt of the MulRan dataset"),
+        lambda: Mount(np.array(_BASE_TO_RADAR), _MOUNT_SOURCE),
     )
 
 

@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
+from mqslam.errors import Remedy
+
 Stamp = Literal["start", "end"]
 _FINEST_M, _COARSEST_M = 1e-3, 100.0  # no radar's range bins are shorter or longer; other numbers are mistakes
 
@@ -56,4 +58,4 @@ class Sensing:
 
 def note_resolution(metres: float, why: str = "") -> str:
     """Words the note that a length of range bins [m] is assumed, with the reason for the number."""
-    return f"range resolution {metres} m is assumed{why}: sensor.range_resolution_m overrides it"
+    return f"range resolution {metres} m is assumed{why}: {Remedy.OVERRIDE_RANGE_RESOLUTION}"

@@ -23,9 +23,9 @@ class Target:
             should know about what was lost, and raises a DataError where the layout cannot hold the recording and an
             OutputError where it cannot be written.
         suffix: of the file, "" for a folder.
-        odometry: whether the layout has a place for odometry.
-        truth: whether it has one for ground truth.
-        sensors: whether it has one for a gyroscope, GNSS fixes and the radar's mount.
+        odometry: whether odometry is written in the layout.
+        truth: whether ground truth is.
+        sensors: whether the gyroscope, GNSS fixes and the radar's mount are.
         validity: whether it can say that an azimuth was not measured.
         assumed_resolution: length of a range bin [m] that readers assume for a recording; None where the layout states it.
         message: how a bag holds polar scans; other layouts are written in one way.

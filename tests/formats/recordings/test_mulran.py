@@ -83,6 +83,11 @@ def test_a_pose_that_comes_twice_is_taken_once(columns: Path) -> None:
     assert truth is not None and len(truth) == len(lines)
 
 
+def test_the_mount_is_said_to_be_the_published_one(columns: Path) -> None:
+    mount = open_recording(columns).mount
+    assert mount is not None and mount.source.startswith("the calibration that MulRan publishes")
+
+
 @pytest.mark.parametrize("line", ["1600000000000000417,1,2", "1600000000000000417" + ",nan" * 12, "t,1,2,3"])
 def test_broken_poses_are_left_out_by_name(columns: Path, line: str) -> None:
     write_mulran_poses(columns, left_turn())

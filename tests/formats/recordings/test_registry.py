@@ -9,6 +9,7 @@ import pytest
 from support.commands import mqslam
 
 from mqslam.errors import ConfigError, DataError
+from mqslam.execution.checkpoint import FOLDER
 from mqslam.formats.conversion import find_target
 from mqslam.formats.recordings import FORMATS, list_targets, open_recording
 
@@ -65,3 +66,20 @@ def test_an_unknown_layout_is_answered_with_the_nearest(tmp_path: Path) -> None:
         find_target(tmp_path / "out", "borea")
     with pytest.raises(DataError, match="is an empty folder"):
         open_recording(tmp_path)
+
+
+@pytest.mark.parametrize(
+    "names", [("summary.json", "config.yaml"), ("audit.json", "config.yaml"), ("index.json", "keyframes.npy")]
+)
+def test_a_result_in_place_of_a_recording_is_named_as_one(tmp_path: Path, names: tuple[str, ...]) -> None:
+    for name in names:
+        (tmp_path / name).touch()
+    with pytest.raises(DataError, match="is a result of mqslam, not a recording; give the recording that it was made from"):
+        open_recording(tmp_path)
+
+
+def test_an_unfinished_run_in_place_of_a_recording_is_named_as_one(tmp_path: Path) -> None:
+    (tmp_path / "result" / FOLDER).mkdir(parents=True)
+    for command in (("info",), ("convert", tmp_path / "out.bag")):
+        shown = mqslam(command[0], tmp_path / "result", *command[1:])
+        assert shown.code == 2 and "result: is an unfinished run of mqslam, not a recording" in shown.err
