@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import hashlib
 import os
-import shutil
 import subprocess
 import sys
 import tempfile
@@ -109,12 +108,13 @@ def shared(path: Path) -> Path:
 
 
 def _make(begin: list[Path | str], options: list[str], out: Path) -> Path:
-    """Makes a recording by a command, whole or not at all, unless it is there."""
+    """Makes a recording by a command, whole or not at all, unless it is there or made at the same time by another process."""
     if not out.exists():
-        aside = out.with_name(f".{out.name}")
-        shutil.rmtree(aside, ignore_errors=True)
-        subprocess.run([*begin, aside, *options], check=True, stdout=subprocess.DEVNULL)
-        aside.rename(out)
+        with tempfile.TemporaryDirectory(prefix=f".{out.name}-", dir=out.parent) as scratch:
+            made = Path(scratch, out.name)
+            subprocess.run([*begin, made, *options], check=True, stdout=subprocess.DEVNULL)
+            if not out.exists():
+                made.rename(out)
     return out
 
 
