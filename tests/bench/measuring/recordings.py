@@ -108,7 +108,7 @@ def shared(path: Path) -> Path:
 
 
 def _make(begin: list[Path | str], options: list[str], out: Path) -> Path:
-    """Makes a recording by a command, whole or not at all, unless it is there or made at the same time by another process."""
+    """Makes a recording by a command, whole or not at all, unless it is there or another process has made it meanwhile."""
     if not out.exists():
         with tempfile.TemporaryDirectory(prefix=f".{out.name}-", dir=out.parent) as scratch:
             made = Path(scratch, out.name)
