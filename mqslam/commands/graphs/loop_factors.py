@@ -18,8 +18,16 @@ from mqslam.config import Config
 from mqslam.core.frontend import measure_motions
 from mqslam.core.measurement import Loop, MotionTable
 from mqslam.core.trajectory import Trajectory
+from mqslam.core.wording import count_of
 from mqslam.errors import ConfigError
 from mqslam.factors.loop_between import loop_between
+
+
+class LoopFactors(list[tuple[Between, Loop]]):
+    """The factors of loop closures, each with the loop that it states."""
+
+    def __repr__(self) -> str:
+        return f"LoopFactors({count_of(len(self), 'loop')})"
 
 
 def loop_factors(
@@ -31,7 +39,7 @@ def loop_factors(
     config: Config | Path | str | None = None,
     pose: Pose = gtsam.Pose2,
     work: Work = QUIET,
-) -> list[tuple[Between, Loop]]:
+) -> LoopFactors:
     """Searches a recording for loop closures around a trajectory, as a run does, and returns their factors.
 
     Passes of a place are compared as far around the trajectory as it may be wrong. A loop is a match by psi that the
@@ -55,9 +63,9 @@ def loop_factors(
         work: where the work is done, and who is told about it, also about pairs of passes that could not be tied.
 
     Returns:
-        A (factor, loop) for each loop. The loop holds the numbers of its two scans, and the pose of the later one in the
-        frame of the earlier one with its covariance [m, m, rad]. To that the factor adds the settings' `loops.floor_m` and
-        `floor_rad`, and a Cauchy loss that keeps a wrong loop from bending the graph.
+        A list with a (factor, loop) for each loop. The loop holds the numbers of its two scans, and the pose of the later
+        one in the frame of the earlier one with its covariance [m, m, rad]. To that the factor adds the settings'
+        `loops.floor_m` and `floor_rad`, and a Cauchy loss that keeps a wrong loop from bending the graph.
 
     Raises:
         ConfigError: a key, a value or a setting is wrong.
@@ -86,9 +94,9 @@ def loop_factors(
         search = close_loops(scans, problem, settings.estimator, radar.beam, runner)
     for warning in search.warnings:
         work.tell(warning)
-    return [
+    return LoopFactors(
         (lift(loop_between(listed[loop.earlier], listed[loop.later], loop, settings.loops)), loop) for loop in search.loops
-    ]
+    )
 
 
 def _state_as_odometry(radar: Radar, trajectory: Trajectory) -> Problem:

@@ -19,9 +19,10 @@ from mqslam.commands.work import QUIET, Work
 from mqslam.config import Config, set_doppler_beta
 from mqslam.core import se2
 from mqslam.core.frontend import find_entry_point, measure_motions
-from mqslam.core.measurement import Measurement, MotionTable
+from mqslam.core.measurement import Measurement, MotionTable, Status
 from mqslam.core.scans import Scans
 from mqslam.core.trajectory import Trajectory
+from mqslam.core.wording import count_of
 
 Stated = tuple[Between, Measurement]
 
@@ -50,6 +51,11 @@ class PsiFactors(Sequence[Stated]):
 
     def __len__(self) -> int:
         return len(self.pairs)
+
+    def __repr__(self) -> str:
+        scans, submaps = count_of(len(self.scan_keys), "scan"), count_of(len(self.submap_keys), "submap")
+        degenerate = sum(measurement.status is Status.DEGENERATE for _, measurement in self.pairs)
+        return f"PsiFactors({count_of(len(self), 'factor')} of {scans} in {submaps}, {degenerate} of them degenerate)"
 
     @overload
     def __getitem__(self, k: int) -> Stated: ...

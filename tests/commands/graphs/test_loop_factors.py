@@ -93,6 +93,7 @@ def test_a_graph_of_ones_own_gets_the_loops_of_a_run(street: Drive, pose: type) 
     pairs = loop_factors(scans_of(street), values, A, graph=graph, config=CONFIG)
     assert len(pairs) >= 5 and graph.size() == len(street.poses)
     assert_same([loop for _, loop in pairs], known_loops(street), 1e-4)
+    assert repr(pairs) == f"LoopFactors({len(pairs)} loops)"
     for factor, loop in pairs:
         known = loop_between(A(loop.earlier), A(loop.later), loop, CONFIG.loops)
         expected = known if pose is gtsam.Pose2 else lifted_between(known, CONFIG.graph)

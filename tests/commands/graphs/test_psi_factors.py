@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import gtsam
 import numpy as np
@@ -14,6 +14,7 @@ from mqslam.commands.graphs.psi_factors import PsiFactors, psi_factors
 from mqslam.config import Config, LoopConfig, SensorConfig
 from mqslam.core import se2
 from mqslam.core.frontend import Context
+from mqslam.core.measurement import Status
 from mqslam.core.scans import Scans
 from mqslam.core.trajectory import Trajectory
 from mqslam.detection.stage import detect_all
@@ -79,6 +80,15 @@ def test_the_optimum_and_its_covariances_are_those_of_a_run_without_loops(street
     for k, known in zip(run.covariances.indices, run.covariances.covariances, strict=True):
         sigmas = np.sqrt(np.diag(known))
         np.testing.assert_allclose(marginals.marginalCovariance(A(k)), known, atol=1e-3 * sigmas.max() ** 2, rtol=1e-3)
+
+
+def test_factors_are_printed_in_a_line(street: Street) -> None:
+    factors = street.factors(wheels=False)
+    submaps = len(factors.submap_keys)
+    assert repr(factors) == f"PsiFactors({len(factors)} factors of {SCANS} scans in {submaps} submaps, 0 of them degenerate)"
+    factor, measurement = factors[0]
+    blind = replace(factors, pairs=[(factor, replace(measurement, status=Status.DEGENERATE)), *factors[1:]])
+    assert repr(blind).endswith("submaps, 1 of them degenerate)")
 
 
 def test_poses_in_space_lie_where_the_planar_ones_do_and_are_as_sure(street: Street) -> None:
