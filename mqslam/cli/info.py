@@ -95,7 +95,9 @@ def _list_lidar_rows(facts: dict[str, Any]) -> list[tuple[str, str]]:
 
 def _describe_extent(track: dict[str, Any] | None) -> str:
     """Returns the size of a trajectory in words."""
-    return "none" if track is None else f"{track['poses']} poses, {track['length_m']:.1f} m"
+    from mqslam.core.wording import count_of
+
+    return "none" if track is None else f"{count_of(track['poses'], 'pose')}, {track['length_m']:.1f} m"
 
 
 def _describe_sensor(sensor: dict[str, Any] | None, reading: str) -> str:

@@ -44,6 +44,7 @@ def optimise(
     Example: mqslam optimise result/graph.g2o --out optimised.g2o
     """
     from mqslam.commands.graphs.optimise import optimise_file
+    from mqslam.core.wording import count_of
     from mqslam.execution.files import to_json
 
     facts = optimise_file(graph, out, values=values, force=force)
@@ -52,10 +53,13 @@ def optimise(
     elif not quiet:
         where = {2: "in the plane", 3: "in space"}[facts["dimensions"]]
         rows = [
-            ("graph", f"{facts['poses']} poses {where}, {facts['factors']} factors"),
+            ("graph", f"{count_of(facts['poses'], 'pose')} {where}, {count_of(facts['factors'], 'factor')}"),
             ("error", f"{facts['error_before']:.6g} before, {facts['error_after']:.6g} after"),
         ]
         if facts["out"] and out is not None:
-            left_out = f", without {facts['left_out']} factors that are no edges between poses" if facts["left_out"] else ""
+            left_out = ""
+            if facts["left_out"]:
+                what = "is no edge" if facts["left_out"] == 1 else "are no edges"
+                left_out = f", without {count_of(facts['left_out'], 'factor')} that {what} between poses"
             rows.append(("wrote", facts["out"] + (left_out if out.suffix == ".g2o" else "")))
         typer.echo("\n".join(f"{name:<8}{value}" for name, value in rows))

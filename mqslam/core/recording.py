@@ -58,6 +58,7 @@ class Recording(ABC):
         stamps_us: (N,) int64 [us], stamp of the first azimuth of every polar scan, strictly increasing.
         turns_us: (N,) int64 [us], how long each turn takes: until the next one begins, unless a gap follows.
         range_resolution: length of a range bin [m].
+        is_resolution_assumed: whether nothing states that length, and it is the usual one of the layout.
         odometry: dead-reckoned poses the recording carries, or None: those of the vehicle's frame where the recording has a
             mount, else taken as those of the radar.
         ground_truth: poses of the radar that are known better than any estimate, for evaluation only, or None.
@@ -75,6 +76,7 @@ class Recording(ABC):
     stamps_us: NDArray[np.int64]
     turns_us: NDArray[np.int64]
     range_resolution: float
+    is_resolution_assumed: bool = field(default=False, kw_only=True)
     odometry: Trajectory | None = None
     ground_truth: Trajectory | None = None
     truth_on_vehicle: bool = False

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mqslam.core.sensors.timed_cloud import TimedCloud
+from mqslam.core.wording import count_of
 from mqslam.errors import DataError, MqslamError
 from mqslam.execution.extras import describe_missing
 from mqslam.formats.ply import read_clock
@@ -79,7 +80,7 @@ def _make_cloud(path: Path, columns: Columns, z_range: tuple[float, float] | Non
     notes = [_note_precision(path, name, times)] if times.dtype == np.float32 and len(times) else []
     whole = np.isfinite(x) & np.isfinite(y) & np.isfinite(times)
     if dropped := len(x) - int(np.count_nonzero(whole)):
-        notes.append(f"{dropped} points that are not finite are left out")
+        notes.append(f"{count_of(dropped, 'point')} without finite coordinates and time: left out")
     if z is not None and z_range is not None:
         whole &= (z >= z_range[0]) & (z <= z_range[1])
         notes.append(f"{np.count_nonzero(whole)} of {len(x)} points have z from {z_range[0]:g} m to {z_range[1]:g} m")

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from mqslam.core.recording import Recording
 from mqslam.core.trajectory import Trajectory
+from mqslam.core.wording import count_of
 from mqslam.errors import ConfigError, OutputError, Remedy, suggest
 from mqslam.execution.folders import check_free, check_writable
 from mqslam.formats.recordings import list_targets
@@ -122,7 +123,7 @@ def _list_losses(recording: Recording, target: Target, unmarked: int) -> list[st
         if sensor is not None and not target.sensors:
             notes.append(f"{name} {_LEFT}")
     if unmarked:
-        notes.append(f"{unmarked} azimuths marked as not measured lose that mark: the layout has no place for it")
+        notes.append(f"{count_of(unmarked, 'azimuth')} marked as not measured: the layout has no place for that mark")
     assumed = target.assumed_resolution(recording) if target.assumed_resolution else None
     if assumed is not None and recording.range_resolution != assumed:
         remedy = f"{Remedy.READ_WITH_RANGE_RESOLUTION} {recording.range_resolution:.9g}"

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import shutil
+import sys
 from pathlib import Path
 from shlex import quote
 from typing import Final
@@ -14,6 +16,7 @@ from mqslam.formats.tum import write_tum
 
 TRUTH: Final = "ground_truth.tum"
 AT_TRUTH: Final = "trajectory_at_truth.tum"
+_EVO: Final = "evo_ape"
 
 
 def write_truth(folder: Path, estimate: Trajectory, truth: Trajectory | None) -> None:
@@ -40,8 +43,13 @@ def write_truth(folder: Path, estimate: Trajectory, truth: Trajectory | None) ->
 
 
 def name_evo_command(folder: Path) -> str:
-    """Returns the command by which evo computes the ATE of the report; empty where a run had no ground truth."""
+    """Returns the command by which evo computes the ATE of the report; empty where a run had no ground truth.
+
+    Where a shell would not find evo, but it is installed beside the Python that runs this, its whole path is named.
+    """
     if not (folder / TRUTH).is_file():
         return ""
     estimate = AT_TRUTH if (folder / AT_TRUTH).is_file() else "trajectory.tum"
-    return f"evo_ape tum {quote(str(folder / TRUTH))} {quote(str(folder / estimate))} -a"
+    beside = Path(sys.executable).with_name(_EVO)
+    tool = str(beside) if shutil.which(_EVO) is None and beside.is_file() else _EVO
+    return f"{quote(tool)} tum {quote(str(folder / TRUTH))} {quote(str(folder / estimate))} -a"

@@ -39,12 +39,12 @@ def test_stamps_that_repeat_or_run_backward(drive: Path, tmp_path: Path) -> None
     listing.write_text("\n".join([*lines[5:], *lines[:5], lines[7]]) + "\n")
     assert open_recording(drive).stamps_us.tolist() == expected.stamps_us.tolist()
     shown = run_quickly(drive, tmp_path / "out")
-    assert shown.code == 0 and "radar.timestamps runs backward 1 times" in shown.err
-    assert "radar.timestamps lists 1 stamps more than once" in shown.err
+    assert shown.code == 0 and "radar.timestamps runs backward 1 time" in shown.err
+    assert "radar.timestamps lists 1 stamp more than once" in shown.err
     assert_refused(run_quickly(drive, tmp_path / "strict", "--strict"), "runs backward")
     bag = write_stray(tmp_path, expected)
     assert open_recording(bag).stamps_us.tolist() == np.delete(expected.stamps_us, 4).tolist()
-    assert "the stamps of 1 messages on /Navtech/Polar repeat or run backward" in open_recording(bag).faults[0]
+    assert "the stamps of 1 message on /Navtech/Polar repeat or run backward" in open_recording(bag).faults[0]
     listing = write_radiate(tmp_path / "city", left_turn()) / "Navtech_Polar.txt"
     listing.write_text(re.sub(r"(Frame: 000004 Time: )\d+", r"\g<1>1234567890", listing.read_text()))
     assert "the stamp of frame 000004 repeats or runs backward" in open_recording(tmp_path / "city").faults[0]

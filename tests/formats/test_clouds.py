@@ -166,7 +166,7 @@ def test_points_that_are_not_finite_are_left_out_with_a_note(tmp_path: Path) -> 
     broken = {"x": [*X, np.nan, 1, 1], "y": [*Y, 1, np.inf, 1], "t": [*T, 1, 1, np.nan]}
     np.savez(tmp_path / "map.npz", **{name: np.array(values) for name, values in broken.items()})
     cloud = read_cloud(tmp_path / "map.npz")
-    assert len(cloud) == 4 and "3 points that are not finite are left out" in cloud.notes
+    assert len(cloud) == 4 and "3 points without finite coordinates and time: left out" in cloud.notes
 
 
 def test_times_too_coarse_for_single_precision_are_noted_or_refused(tmp_path: Path) -> None:

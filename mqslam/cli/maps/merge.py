@@ -49,11 +49,13 @@ def merge(
 
 def _format_lines(summary: dict[str, Any]) -> list[str]:
     """Returns the lines that a person reads first."""
+    from mqslam.core.wording import count_of
+
     links, psi, changes = summary["links"], summary["psi"], summary["changes"]
     rows = [
         ("merged", summary["conclusion"]),
         ("links", f"{links['count']}, with a median residual of {links['residual_median']:.2f} standard deviations"),
         ("psi across", f"{psi['across_before']:.4f} per point before, {psi['across_after']:.4f} after"),
-        ("changes", f"{len(changes)} objects that one recording shows and another contradicts"),
+        ("changes", f"{count_of(len(changes), 'object')} that one recording shows and another contradicts"),
     ]
     return [f"{name:<12}{value}" for name, value in rows]

@@ -18,6 +18,7 @@ from mqslam.core import se2
 from mqslam.core.scans import Returns
 from mqslam.core.sensors.lidar import LidarRecording, stamp_scans
 from mqslam.core.trajectory import Trajectory
+from mqslam.core.wording import count_of
 from mqslam.errors import DataError
 from mqslam.formats.lidars.carmen_lines import CarmenLog, OdometryLine, ScanLine, read_log
 from mqslam.formats.shared.stamps import mark_increasing, parse_stamps
@@ -82,7 +83,7 @@ def _choose_scans(path: Path, log: CarmenLog, kind: str) -> tuple[NDArray[np.int
         problem = f"holds {len(rows)} scans with stamps that increase (messages: {there[:200]})"
         raise DataError(path, problem, "give a CARMEN log with FLASER or ROBOTLASER1 lines")
     if dropped := len(log.scans[kind]) - len(rows):
-        notes.append(f"{dropped} scans whose stamps repeat or run backward are left out")
+        notes.append(f"{count_of(dropped, 'scan')} with a stamp that repeats or runs backward: left out")
     scans = [log.scans[kind][row] for row in rows]
     if odd := {len(scan.ranges) for scan in scans} - {180, 181, 360, 361} if kind == "FLASER" else set():
         notes.append(f"scans of {min(odd)} readings are taken to span 180 degrees")

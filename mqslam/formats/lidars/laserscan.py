@@ -15,6 +15,7 @@ from mqslam.core import se2
 from mqslam.core.scans import Returns
 from mqslam.core.sensors.lidar import LidarRecording, stamp_scans
 from mqslam.core.trajectory import Trajectory
+from mqslam.core.wording import count_of
 from mqslam.errors import DataError
 from mqslam.formats.lidars.mounts import Mounts
 from mqslam.formats.shared import bags
@@ -78,7 +79,7 @@ def read_lidar(path: Path, settings: ReadingConfig = USUAL_READING) -> LidarReco
         raise DataError(path, problem, "give a bag in which the lidar moves and sees something")
     notes = [f"scans from {topic}"]
     if dropped := len(index.scans) - len(scans):
-        notes.append(f"{dropped} scans whose stamps repeat or run backward are left out")
+        notes.append(f"{count_of(dropped, 'scan')} with a stamp that repeats or runs backward: left out")
     mount = index.mounts.find(index.sensor_frame, index.body_frame)
     if mount and mount.upside_down:
         notes.append("the lidar is mounted upside down: its angles are mirrored")

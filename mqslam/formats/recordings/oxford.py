@@ -10,6 +10,7 @@ from __future__ import annotations
 import itertools
 import json
 from collections.abc import Iterable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +24,7 @@ from mqslam.core.sensors.fixes import Fixes
 from mqslam.core.sensors.gyroscope import Gyroscope
 from mqslam.core.sensors.mount import Mount
 from mqslam.core.trajectory import Trajectory
+from mqslam.core.wording import count_of, is_or_are
 from mqslam.errors import DataError, Remedy
 from mqslam.execution.files import write_text
 from mqslam.execution.folders import write_folder_aside
@@ -87,7 +89,7 @@ def open_recording(path: Path, sensing: Sensing, settings: ReadingConfig) -> Row
         faults=(*faults, *unread, *unused),
     )
     carried = read_carried(lambda: _read_gyroscope(root), lambda: _read_fixes(root), lambda: _read_mount(root))
-    return carried.add_to(recording)
+    return carried.add_to(replace(recording, is_resolution_assumed=bool(assumed)))
 
 
 def find_image_folder(path: Path) -> Path:
@@ -117,11 +119,13 @@ def _list_names(root: Path, folder: Path) -> tuple[NDArray[np.int64], list[str],
         skipped = len(listed) - len(kept)
         notes.append(f"{skipped} of {len(listed)} polar scans in radar.timestamps have no image and are skipped")
     if extra := len(present - {stamp for stamp, _ in listed}):
-        notes.append(f"{extra} images are not listed in radar.timestamps and are left out")
+        notes.append(f"{count_of(extra, 'image')} in radar/ {is_or_are(extra)} not listed in radar.timestamps: left out")
     backward = [later for earlier, later in itertools.pairwise(kept) if later < earlier]
     twice = len(kept) - len(set(kept))
-    faults = [f"radar.timestamps runs backward {len(backward)} times, first at {backward[0]}: sorted"] if backward else []
-    faults += [f"radar.timestamps lists {twice} stamps more than once: read once"] if twice else []
+    faults = []
+    if backward:
+        faults.append(f"radar.timestamps runs backward {count_of(len(backward), 'time')}, first at {backward[0]}: sorted")
+    faults += [f"radar.timestamps lists {count_of(twice, 'stamp')} more than once: read once"] if twice else []
     return np.unique(np.array(kept, dtype=np.int64)), notes, faults
 
 

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from mqslam.config.reading_config import ReadingConfig
 from mqslam.core.recording import PolarScan, Recording
 from mqslam.core.trajectory import Trajectory
+from mqslam.core.wording import count_of, is_or_are
 from mqslam.errors import DataError
 from mqslam.formats.recordings.bag_configuration import read_bin_size
 from mqslam.formats.recordings.bag_poses import Frames
@@ -121,10 +122,11 @@ def open_recording(path: Path, sensing: Sensing, settings: ReadingConfig) -> Ros
         index = _read_index(path, reader, (topic, layout), {odometry_topic, truth_topic} - {None}, sensors, settings)
     ordered = mark_increasing(index.stamps_us)
     messages_us = np.array(index.stamps_us, dtype=np.int64)[ordered]
-    unread = f"{index.unread} messages on {topic} could not be read and are left out: {index.error}"
+    left_out = f"could not be read and {is_or_are(index.unread)} left out: {index.error}"
+    unread = f"{count_of(index.unread, 'message')} on {topic} {left_out}"
     faults = [unread] if index.unread else []
     if skipped := len(ordered) - len(messages_us):
-        faults.append(f"the stamps of {skipped} messages on {topic} repeat or run backward: left out")
+        faults.append(f"the stamps of {count_of(skipped, 'message')} on {topic} repeat or run backward: left out")
     clockwise = sensing.clockwise is not False
     if layout.stamps_azimuths:
         measured = [turn for turn, kept in zip(index.measured_turns_us, ordered.tolist(), strict=True) if kept]
@@ -167,6 +169,7 @@ def open_recording(path: Path, sensing: Sensing, settings: ReadingConfig) -> Ros
         stamps_us=starts,
         turns_us=turns,
         range_resolution=resolution or RANGE_RESOLUTION_M,
+        is_resolution_assumed=resolution is None,
         odometry=odometry,
         ground_truth=truth,
         truth_on_vehicle=truth_on_vehicle,

@@ -107,6 +107,9 @@ def test_jumps_are_rejected_and_counted() -> None:
     jumps = use.edges.count_rejected(optimum.values)
     assert jumps == pytest.approx(30, abs=4)  # five jumps of six fixes each
     assert f"of which {jumps} are jumps and hardly count" in judged(use).statements[0]
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(type(use.edges), "count_rejected", lambda *_: 1)
+        assert judged(use).statements[0].endswith(", of which 1 is a jump and hardly counts")
     place = use.edges.find_place(optimum.values)
     np.testing.assert_allclose(place.pose[2], LIES[2], atol=0.01)
     np.testing.assert_allclose(PLANE.project(*place.locate(np.zeros((1, 2))).T), [LIES[:2]], atol=2.0)

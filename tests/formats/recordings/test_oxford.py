@@ -252,7 +252,7 @@ def test_a_list_that_goes_back_or_repeats_is_sorted_and_said(oxford: Path) -> No
     assert_same(recording, expected)
     assert recording.faults == (
         f"radar.timestamps runs backward 5 times, first at {START_US + 4 * TURN_US}: sorted",
-        "radar.timestamps lists 1 stamps more than once: read once",
+        "radar.timestamps lists 1 stamp more than once: read once",
     )
 
 

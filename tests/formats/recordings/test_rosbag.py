@@ -250,7 +250,7 @@ def test_a_message_that_is_no_polar_scan_is_left_out_and_named_by_topic_and_time
     recording = open_recording(tmp_path / "drive.bag")
     assert len(list(recording.polar_scans())) == len(recording) == 5
     (fault,) = recording.faults
-    assert "1 messages on /Navtech/Polar could not be read and are left out: " in fault
+    assert "1 message on /Navtech/Polar could not be read and is left out: " in fault
     assert f"drive.bag: {logged} is an image in '16UC1'" in fault
 
 

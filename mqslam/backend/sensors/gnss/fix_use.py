@@ -108,7 +108,8 @@ class FixUse:
         if jumps > settings.most_jumps * number:
             return FixUse.refuse(self.source, f"{jumps} of {number} contradict the radar's motion, wherever the map lies")
         said = f"the GNSS fixes ({self.source}) are used, {number} of them"
-        counted = f"{said}, of which {jumps} are jumps and hardly count" if jumps else said
+        rejected = "1 is a jump and hardly counts" if jumps == 1 else f"{jumps} are jumps and hardly count"
+        counted = f"{said}, of which {rejected}" if jumps else said
         return replace(self, statements=(counted, *self.statements))
 
 
