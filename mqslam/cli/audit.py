@@ -37,7 +37,8 @@ def audit(
         typer.Option(
             "--trajectory",
             "-t",
-            help="A file (TUM, CSV, KITTI with --times, a bag), the folder of a result of mqslam, KISS-SLAM, CFEAR or "
+            help=r"A file (TUM, a CSV whose header names t or timestamp, in a unit such as t\[us], x, y and yaw, KITTI with "
+            "--times, a bag), the folder of a result of mqslam, KISS-SLAM, CFEAR or "
             "TBV, or one that DATA has: odometry, ground_truth or recording, which is a lidar log's own and the default.",
         ),
     ] = None,
