@@ -204,6 +204,7 @@ def _format_revisits(revisits: dict[str, Any] | None) -> str:
 def _format_lines(summary: dict[str, Any]) -> list[str]:
     """Returns the lines that a person reads first: the verdict, and what is torn worst."""
     from mqslam.cli.terminal.console import format_verdict
+    from mqslam.core.wording import list_judged
 
     windows, revisits = summary["windows"], summary["revisits"]
     inflation = "no windows"
@@ -236,7 +237,7 @@ def _format_lines(summary: dict[str, Any]) -> list[str]:
         windows, verdict = mended["windows"], mended["verdict"]
         rows += [
             ("mended", mended["sentence"]),
-            ("verdict then", f"{verdict['status']}: {'; '.join(verdict['reasons'])}"),
+            ("verdict then", f"{verdict['status']}: {'; '.join(list_judged(verdict['reasons'], summary['not_judged']))}"),
             ("windows then", f"{windows['torn']} of {windows['count']} torn{_count_undecided(windows['undecided'])}"),
             ("revisits then", _format_revisits(mended["revisits"])),
         ]

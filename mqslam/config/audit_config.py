@@ -287,6 +287,12 @@ class VerdictConfig(BaseModel):
         description="Ratio of psi per point after optimisation to that before, above which optimisation made the map worse. "
         "Passes that loops lay on each other cost a little more than each pass alone.",
     )
+    wrong_scale: float = Field(
+        0.1,
+        gt=0.0,
+        description="A run whose speed differs from odometry's by a larger share has the wrong length of range bins, or "
+        "odometry the wrong scale. Worn tyres and slip are a few percent.",
+    )
 
     @property
     def share_of_false_alarms(self) -> float:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection, Sequence
+
 
 def count_of(number: int, noun: str) -> str:
     """Returns a number with its noun, such as `1 scan` or `2 scans`."""
@@ -16,3 +18,8 @@ def is_or_are(number: int) -> str:
 def left_or_right(value: float) -> str:
     """Returns the side to which a positive value means left."""
     return "left" if value >= 0.0 else "right"
+
+
+def list_judged(reasons: Sequence[str], unjudged: Collection[str]) -> list[str]:
+    """Returns the reasons of a verdict without those that say what could not be judged; all where there are no others."""
+    return [reason for reason in reasons if reason not in unjudged] or list(reasons)

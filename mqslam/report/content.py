@@ -23,10 +23,11 @@ class Part(Generic[Content]):
 
 @dataclass(frozen=True, slots=True)
 class Verdict:
-    """The verdict on a map, with its reasons."""
+    """The verdict on a map, with its reasons, and apart from these what could not be judged."""
 
     status: str
     reasons: tuple[str, ...]
+    unjudged: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)

@@ -14,7 +14,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
 from mqslam.auditing.verdict import VerdictStatus
-from mqslam.core.wording import count_of
+from mqslam.core.wording import count_of, list_judged
 from mqslam.errors import tolerate
 from mqslam.execution.extras import list_versions
 from mqslam.execution.files import write_text
@@ -102,7 +102,10 @@ def section_of(summary: Mapping[str, Any], key: str) -> Mapping[str, Any]:
 def verdict_in(summary: Mapping[str, Any]) -> Verdict:
     """Returns the verdict that a summary holds, or the verdict that there is none."""
     verdict = section_of(summary, "verdict")
-    return Verdict(str(verdict.get("status") or "no verdict"), tuple(str(r) for r in verdict.get("reasons") or ()))
+    given = verdict.get("reasons"), summary.get("not_judged")
+    reasons, unjudged = ([str(line) for line in lines or ()] for lines in given)
+    status = str(verdict.get("status") or "no verdict")
+    return Verdict(status, tuple(list_judged(reasons, unjudged)), tuple(unjudged))
 
 
 def version_in(summary: Mapping[str, Any]) -> str:

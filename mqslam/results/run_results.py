@@ -25,6 +25,7 @@ from mqslam.core.recording import Recording
 from mqslam.core.sensors.mount import RADAR, VEHICLE
 from mqslam.core.sensors.sensor_notes import list_sensor_notes
 from mqslam.core.trajectory import Trajectory
+from mqslam.core.wording import list_judged
 from mqslam.errors import tolerate
 from mqslam.evaluation import evaluate
 from mqslam.execution.extras import list_versions
@@ -41,6 +42,7 @@ from mqslam.formats.tum import write_tum
 from mqslam.mapping.occupancy_grid import make_occupancy_grid
 from mqslam.results.audit_results import summarise_tests
 from mqslam.results.graph_table import format_graph_table
+from mqslam.results.run_scale import list_unknown_scale
 from mqslam.results.run_verdict import judge_run
 from mqslam.results.sensor_results import summarise_mount, summarise_sensors
 from mqslam.results.truth_files import TRUTH, write_truth
@@ -108,7 +110,7 @@ def summarise(run: Run, recording: Recording) -> dict[str, Any]:
         },
         **(summarise_tests(run.checked, run.config.verdict) if run.checked else {}),
         "verdict": {"status": status, "reasons": reasons},
-        "not_judged": list_unjudged(run.checked) if run.checked else [],
+        "not_judged": [*(list_unjudged(run.checked) if run.checked else []), *list_unknown_scale(run, recording)],
         "last_pose": _describe_last_pose(run),
         "factors": {
             "odometry": run.odometry_factors,
@@ -241,7 +243,9 @@ def _log_text(summary: dict[str, Any], notes: Sequence[str]) -> str:
     lines += [f"warning: {warning}" for warning in summary["warnings"]]
     lines.append(f"Doppler shift: {summary['doppler_beta']:.4f} s of range per closing speed")
     lines += [f"{stage}: {seconds:.2f} s" for stage, seconds in summary["runtime_s"].items()]
-    lines.append(f"verdict: {summary['verdict']['status']}: {'; '.join(summary['verdict']['reasons'])}")
+    verdict, unjudged = summary["verdict"], summary["not_judged"]
+    lines.append(f"verdict: {verdict['status']}: {'; '.join(list_judged(verdict['reasons'], unjudged))}")
+    lines += [f"not judged: {line}" for line in unjudged]
     return "\n".join(lines) + "\n"
 
 

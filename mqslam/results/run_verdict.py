@@ -16,6 +16,7 @@ from mqslam.core.measurement import Measurement, Status
 from mqslam.core.recording import Recording
 from mqslam.detection.stage import warn_of_unread
 from mqslam.mapping.render import select_moving
+from mqslam.results.run_scale import judge_scale
 from mqslam.solution import Run
 
 _LISTED: Final = 5  # gaps that are named one by one, so that the warnings stay readable
@@ -32,7 +33,7 @@ def judge_run(run: Run) -> tuple[VerdictStatus, list[str]]:
         seen = judge_windows([], len(run.optimised), run.config.audit.window, run.config.verdict)
     else:
         seen = list(chain.from_iterable(run.checked.tests.values()))
-    others = [*_judge_track(run), *_judge_whole_map(run)]
+    others = [*judge_scale(run), *_judge_track(run), *_judge_whole_map(run)]
     if not run.checks:
         others = [replace(f, status=VerdictStatus.NOT_JUDGED) if f.status is VerdictStatus.WARN else f for f in others]
     return verdict_of([*_judge_passes(run), *seen, *others])  # psi across passes sees a torn map: it leads

@@ -13,6 +13,8 @@ from mqslam.backend.sensors.chirps.velocity_use import VelocityUse
 from mqslam.config import Config
 from mqslam.core.measurement import Measurement, Refined, Status
 from mqslam.core.point_map import PointMap
+from mqslam.core.trajectory import Trajectory
+from mqslam.results.run_scale import list_unknown_scale, measure_ratio
 from mqslam.results.run_verdict import _warn_of_gaps, _warn_of_stretches, find_stops, judge_run, list_warnings
 
 PASS, WARN, FAIL, NOT_JUDGED = VerdictStatus
@@ -38,6 +40,11 @@ def pointmap(psi, matched=0.9, count=100):
     return PointMap(np.zeros((count, 2)), zeros, zeros, np.full(count, psi), np.arange(count) < matched * count)
 
 
+def driven(scans, step_m=1.0):
+    """Returns a trajectory straight ahead."""
+    return Trajectory(250_000 * np.arange(scans), np.c_[step_m * np.arange(scans), np.zeros((scans, 2))])
+
+
 def run(scans, *, lost=0, degenerate=0, torn=0, before=0.5, after=0.4, **others):
     """Returns the parts of a run of so many scans that the verdict looks at."""
     statuses = [Status.LOST] * lost + [Status.DEGENERATE] * degenerate + [Status.CONVERGED] * (scans - 1 - lost - degenerate)
@@ -55,7 +62,8 @@ def run(scans, *, lost=0, degenerate=0, torn=0, before=0.5, after=0.4, **others)
         map_optimised=after if isinstance(after, PointMap) else pointmap(after),
         loops=[],
         **{
-            "optimised": range(scans),
+            "optimised": driven(scans),
+            "odometry": driven(scans),
             "odometry_factors": 1,
             "refined": Refined([], []),
             "unoptimised": None,
@@ -150,3 +158,25 @@ def test_of_many_gaps_the_first_are_named_and_the_others_counted() -> None:
     assert len(named) == 6
     assert named[0] == "radar gap of 0.25 s after scan 0 (counted from 0)"
     assert named[-1] == "7 more radar gaps; 3.00 s are missing in all"
+
+
+@pytest.mark.parametrize("step_m", [0.25, 0.85, 1.0, 1.05, 4.0])
+def test_a_trajectory_of_another_scale_than_odometry_does_not_pass(step_m: float) -> None:
+    found, is_right = run(240, odometry=driven(240, step_m)), abs(np.log(step_m)) < 0.09
+    status, reasons = judge_run(found)
+    assert status is (PASS if is_right else WARN)
+    said = [reason for reason in reasons if "times as fast as odometry" in reason]
+    assert not said if is_right else f"{1.0 / step_m:.3g} times as fast" in said[0] and f"bins {step_m:.3g} times" in said[0]
+
+
+def test_a_scale_that_nothing_shows_is_not_judged_where_the_length_of_a_bin_is_assumed() -> None:
+    assumed = SimpleNamespace(is_resolution_assumed=True, range_resolution=0.0438)
+    stated = SimpleNamespace(is_resolution_assumed=False, range_resolution=0.0438)
+    alone, beside = run(240, odometry_factors=0), run(240)
+    assert "0.0438 m, is assumed" in list_unknown_scale(alone, assumed)[0]
+    assert list_unknown_scale(alone, stated) == list_unknown_scale(beside, assumed) == []
+
+
+def test_odometry_that_stands_or_is_short_shows_no_scale() -> None:
+    assert measure_ratio(run(240, optimised=driven(240, 0.0), odometry=driven(240, 0.0))) is None
+    assert measure_ratio(run(4)) is None and measure_ratio(run(240, odometry_factors=0)) is None

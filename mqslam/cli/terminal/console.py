@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 from rich.console import Console
 
 from mqslam.cli.terminal.remedies import name_options
+from mqslam.core.wording import list_judged
 from mqslam.execution.progress import Progress, ignore_progress
 
 if TYPE_CHECKING:
@@ -59,8 +60,8 @@ def format_verdict(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
         summary: content of audit.json or summary.json.
     """
     verdict, unjudged = summary["verdict"], summary["not_judged"]
-    reasons = [reason for reason in verdict["reasons"] if reason not in unjudged]
-    lines = [("verdict", f"{verdict['status']}: {'; '.join(reasons or verdict['reasons'])}")]
+    reasons = name_options("; ".join(list_judged(verdict["reasons"], unjudged)))
+    lines = [("verdict", f"{verdict['status']}: {reasons}")]
     return [*lines, ("not judged", "; ".join(unjudged))] if unjudged else lines
 
 

@@ -17,7 +17,7 @@ from mqslam.core import frontend as frontends
 from mqslam.core.frontend import Context
 from mqslam.core.keyframes import KeyframeMap
 from mqslam.detection.stage import detect_all, warn_of_unread
-from mqslam.errors import DataError, EstimationError, FewReturnsError, NotInMapError
+from mqslam.errors import DataError, EstimationError, FewReturnsError, NotInMapError, Remedy
 from mqslam.execution.files import write_json
 from mqslam.execution.folders import check_free, write_folder_aside
 from mqslam.execution.runner import Runner
@@ -163,5 +163,7 @@ def _find(job: Job, made: KeyframeMap, runner: Runner) -> tuple[Localised, dict[
     try:
         localised = find_in_map(scans, motions, made, settings, beam, runner)
     except NotInMapError as error:
-        raise NotInMapError(f"{recording.path}: {error.message}", *error.remedies) from error
+        assumed = f"the length of a range bin, {recording.range_resolution:g} m, is assumed: {Remedy.GIVE_RANGE_RESOLUTION}"
+        hints = (assumed,) if recording.is_resolution_assumed else ()
+        raise NotInMapError(f"{recording.path}: {error.message}", *error.remedies, *hints) from error
     return localised, detected.unread

@@ -1,0 +1,57 @@
+"""The scale of a run's map, held against odometry: psi is the same for a map and a scaled copy of it."""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mqslam.auditing.verdict import Finding, VerdictStatus
+from mqslam.core.recording import Recording
+from mqslam.core.trajectory import Trajectory
+from mqslam.errors import Remedy
+from mqslam.solution import Run
+
+_SPAN_US: Final = 1_000_000  # over which speeds are compared [us]: long against what single motions err by
+
+
+def judge_scale(run: Run) -> list[Finding]:
+    """Returns that odometry contradicts the trajectory's scale; nothing where it does not, or there is too little of it."""
+    ratio = measure_ratio(run)
+    if ratio is None or 1.0 / (1.0 + run.config.verdict.wrong_scale) <= ratio <= 1.0 + run.config.verdict.wrong_scale:
+        return []
+    reason = (
+        f"the trajectory is {ratio:.3g} times as fast as odometry, whose scale is wrong, or range bins {1.0 / ratio:.3g} "
+        f"times as long would fit: {Remedy.GIVE_RANGE_RESOLUTION}"
+    )
+    return [Finding(VerdictStatus.WARN, reason)]
+
+
+def list_unknown_scale(run: Run, recording: Recording) -> list[str]:
+    """Returns that nothing shows the scale, where the length of range bins is assumed and no odometry is held against it."""
+    if not recording.is_resolution_assumed or measure_ratio(run) is not None:
+        return []
+    length = f"the length of a range bin, {recording.range_resolution:g} m, is assumed"
+    return [f"{length}, and nothing shows whether the scale of the map is right"]
+
+
+def measure_ratio(run: Run) -> float | None:
+    """Returns how many times as fast as odometry the trajectory is; None where the run has no odometry, or hardly moves."""
+    if not run.odometry_factors:
+        return None
+    settings, stamps = run.config.check, run.optimised.stamps_us
+    ends = np.searchsorted(stamps, stamps + _SPAN_US)
+    begins = np.flatnonzero(ends < len(stamps))
+    speeds = [_find_speeds(track, begins, ends[begins]) for track in (run.optimised, run.odometry)]
+    fast = np.maximum(*speeds) > settings.least_speed
+    if np.count_nonzero(fast) < settings.fewest_steps:
+        return None
+    own, given = (float(np.median(speed[fast])) for speed in speeds)
+    return own / given if min(own, given) > 0.0 else None
+
+
+def _find_speeds(track: Trajectory, begins: NDArray[np.int64], ends: NDArray[np.int64]) -> NDArray[np.float64]:
+    """Returns the mean speeds (N,) [m/s] between scans, along the straight line."""
+    moved = track.poses[ends, :2] - track.poses[begins, :2]
+    return np.asarray(np.hypot(moved[:, 0], moved[:, 1]) / ((track.stamps_us[ends] - track.stamps_us[begins]) * 1e-6))
