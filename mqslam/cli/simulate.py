@@ -41,7 +41,13 @@ def simulate(
     imu: Annotated[str, typer.Option(help="Grade of the gyroscope: mems, good or none.")] = "mems",
     imu_rate: Annotated[float, typer.Option(help=r"Readings of the gyroscope per second, 50 to 200 \[1/s].")] = 100.0,
     imu_late: Annotated[float, typer.Option(help=r"How late the gyroscope's clock is \[s].")] = 0.0,
-    seed: Annotated[int, typer.Option(help="Seed of the scene and the noise; the same seed gives the same bytes.")] = 1,
+    seed: Annotated[
+        int,
+        typer.Option(
+            help="Seed of the scene and the noise; the same seed gives the same bytes, and with another --movers the same "
+            "streets."
+        ),
+    ] = 1,
     jobs: Jobs = CORES,
     quiet: Quiet = False,
     verbose: Verbose = False,

@@ -117,6 +117,14 @@ def test_bytes_depend_on_the_arguments_and_not_on_the_jobs(tmp_path: Path, scene
     assert all(one[name] != other[name] for name in one if name.startswith("radar/"))
 
 
+@pytest.mark.parametrize("scene", ["street", "city"])
+def test_other_movers_drive_in_the_same_streets(tmp_path: Path, scene: str) -> None:
+    one, two = (simulate(tmp_path / str(movers), **SMALL, scene=scene, movers=movers) for movers in (2, 5))
+    assert np.array_equal(one.scene.walls, two.scene.walls) and np.array_equal(one.scene.poles, two.scene.poles)
+    np.testing.assert_array_equal(one.drive.poses(np.arange(5.0)), two.drive.poses(np.arange(5.0)))
+    assert len(one.scene.movers) != len(two.scene.movers)
+
+
 def test_progress_counts_the_polar_scans(tmp_path: Path) -> None:
     seen: list[tuple[int, int]] = []
     simulate(tmp_path / "out", **SMALL, progress=lambda done, total: seen.append((done, total)))
