@@ -172,6 +172,12 @@ class MergeConfig(BaseModel):
         "no edge, such as GNSS, has held the result.",
     )
     changes: bool = Field(True, description="Whether changes between the recordings are looked for.")
+    sure_m: float = Field(
+        0.5,
+        gt=0.0,
+        description="Changes are looked for only where it is known to within this standard deviation how the recordings lie "
+        "to each other [m], half of near_m: far from all links they may lie apart by more than a parked car.",
+    )
     cell_m: float = Field(1.0, gt=0.0, description="Side of the cells in which returns are compared for changes [m].")
     near_m: float = Field(
         1.0,

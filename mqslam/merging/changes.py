@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import combinations
 from typing import Final
 
 import numpy as np
@@ -69,22 +70,29 @@ class _Seen:
     views: Views
 
 
-def find_changes(keyframes: Keyframes, settings: MergeConfig) -> list[Change]:
+def find_changes(keyframes: Keyframes, sigmas: NDArray[np.float64], settings: MergeConfig) -> list[Change]:
     """Finds what changed between each two of the recordings of a map, the largest objects first.
+
+    Only keyframes take part of which it is known well enough how the other recording lies to them.
 
     Args:
         keyframes: of the map.
+        sigmas: (R, K) how well that is known [m], for each recording and keyframe.
         settings: of the merge.
     """
-    shown = [_collect(keyframes, n, settings) for n in range(len(keyframes.recordings))]
-    pairs = [(a, b) for a in range(len(shown)) for b in range(len(shown)) if a != b]
-    changes = [change for a, b in pairs for change in _compare(shown[a], shown[b], (a, b), settings)]
+    changes: list[Change] = []
+    for a, b in combinations(range(len(keyframes.recordings)), 2):
+        sure = [
+            np.flatnonzero((keyframes.origins == n) & (sigmas[other] <= settings.sure_m)) for n, other in ((a, b), (b, a))
+        ]
+        one, other = (_collect(keyframes, chosen, settings) for chosen in sure)
+        changes += _compare(one, other, (a, b), settings)
+        changes += _compare(other, one, (b, a), settings)
     return sorted(changes, key=lambda change: (-change.cells, change.chance, *change.place.tolist()))
 
 
-def _collect(keyframes: Keyframes, recording: int, settings: MergeConfig) -> _Seen:
-    """Returns what a recording shows."""
-    chosen = np.flatnonzero(keyframes.origins == recording)
+def _collect(keyframes: Keyframes, chosen: NDArray[np.int64], settings: MergeConfig) -> _Seen:
+    """Returns what some keyframes (K,) of a recording show."""
     counts = np.diff(keyframes.rows[chosen], axis=1)[:, 0]
     ends = np.cumsum([0, *counts])
     points, owner = np.empty((int(ends[-1]), 2)), np.repeat(np.arange(len(chosen)), counts)

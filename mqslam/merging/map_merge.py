@@ -32,6 +32,7 @@ from mqslam.merging.linking import Links, find_links, score_links
 from mqslam.merging.meetings import Meeting, introduce, lay_out
 from mqslam.merging.part import Part, build_alone
 from mqslam.merging.rendering import render_keyframes
+from mqslam.merging.sureness import measure_sureness
 from mqslam.psi.place import beam_of
 
 
@@ -52,6 +53,7 @@ class Merged:
         values: of its vertices, which are numbered from 0.
         map: all keyframes rendered.
         changes: what one recording shows and another contradicts.
+        sigmas: (R, K) how well it is known, for each recording and keyframe, how the two lie to each other [m].
         moved_m: for each part, how far the edges of its graph alone move a pose of it [m].
         warnings: what could not be done, and why.
     """
@@ -68,6 +70,7 @@ class Merged:
     values: gtsam.Values
     map: PointMap
     changes: list[Change]
+    sigmas: NDArray[np.float64]
     moved_m: tuple[float, ...]
     warnings: tuple[str, ...]
 
@@ -108,10 +111,11 @@ def merge_parts(parts: Sequence[Part], config: Config, runner: Runner) -> Merged
         psi = score_links(keyframes, links.links, [start, poses], config, beam, runner.engine)
     with runner.time_stage("render"):
         rendered = render_keyframes(keyframes, config, beam, runner.engine)
-    changes: list[Change] = []
-    if config.merge.changes:
-        with runner.time_stage("changes"), runner.tolerate("the changes between the recordings"):
-            changes = find_changes(keyframes, config.merge)
+    changes, sigmas = list[Change](), np.full((len(keyframes.recordings), len(keyframes)), np.inf)
+    with runner.time_stage("changes"), runner.tolerate("the changes between the recordings"):
+        sigmas = measure_sureness(keyframes, Chain(MappedDrive.of(keyframes), graph, optimum.values), config.merge)
+        if config.merge.changes:
+            changes = find_changes(keyframes, sigmas, config.merge)
     return Merged(
         config=config,
         parts=tuple(parts),
@@ -125,6 +129,7 @@ def merge_parts(parts: Sequence[Part], config: Config, runner: Runner) -> Merged
         values=optimum.values,
         map=rendered,
         changes=changes,
+        sigmas=sigmas,
         moved_m=moved,
         warnings=(
             *runner.warnings,

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 
 from mqslam.config import dump_yaml
 from mqslam.core.measurement import Loop
+from mqslam.core.wording import count_of
 from mqslam.errors import tolerate
 from mqslam.execution.files import write_json, write_text
 from mqslam.formats.graphs.g2o import format_poses_and_edges
@@ -22,6 +23,8 @@ from mqslam.merging.map_merge import Merged
 from mqslam.merging.meetings import Meeting
 from mqslam.results.summary_files import format_csv
 from mqslam.version import __version__
+
+_ALIKE: Final = 0.005  # share of psi by which it may differ and is called the same: a matter of words only
 
 
 def summarise_merge(merged: Merged, runtime_s: dict[str, float]) -> dict[str, Any]:
@@ -49,6 +52,7 @@ def summarise_merge(merged: Merged, runtime_s: dict[str, float]) -> dict[str, An
             "residual_median": float(np.median(merged.residuals)),
             "residual_largest": float(merged.residuals.max()),
         },
+        "sureness": _summarise_sureness(merged),
         "psi": {
             "across_before": float(merged.psi[:, 0].mean()),
             "across_after": float(merged.psi[:, 1].mean()),
@@ -65,11 +69,26 @@ def summarise_merge(merged: Merged, runtime_s: dict[str, float]) -> dict[str, An
 def conclude(merged: Merged) -> str:
     """Returns the sentence that says what the merge has made."""
     length = sum(trajectory.length_m for trajectory in merged.trajectories)
-    return (
-        f"{len(merged.trajectories)} recordings with {length / 1000.0:.2f} km of path are one map: "
-        f"{len(merged.links.links)} links between them, and psi across them fell from {merged.psi[:, 0].mean():.4f} to "
-        f"{merged.psi[:, 1].mean():.4f} per point"
-    )
+    before, after = merged.psi.mean(axis=0).tolist()
+    is_alike = abs(after - before) < _ALIKE * before
+    psi = f"is {after:.3g} per point, as before" if is_alike else f"went from {before:.3g} to {after:.3g} per point"
+    links = count_of(len(merged.links.links), "link")
+    told = f"{len(merged.trajectories)} recordings with {length / 1000.0:.2f} km of path are one map: {links} between them"
+    sure = _summarise_sureness(merged)
+    if sure["median_m"] is None:
+        return f"{told}, psi across them {psi}"
+    sigmas = f"one sigma, median; {sure['largest_m']:.2g} m at worst"
+    return f"{told}, psi across them {psi}; what both see lies within {sure['median_m']:.2g} m of each other ({sigmas})"
+
+
+def _summarise_sureness(merged: Merged) -> dict[str, float | None]:
+    """Returns how well it is known how recordings lie to each other, and the share of keyframes that show changes."""
+    apart = merged.sigmas[merged.kept.keyframes.origins != np.arange(len(merged.sigmas))[:, None]]
+    sigmas = apart[np.isfinite(apart)]
+    if not len(sigmas):
+        return {"median_m": None, "largest_m": None, "share_compared": None}
+    compared = float((sigmas <= merged.config.merge.sure_m).mean())
+    return {"median_m": float(np.median(sigmas)), "largest_m": float(sigmas.max()), "share_compared": compared}
 
 
 def write_merge(folder: Path, merged: Merged, summary: dict[str, Any]) -> None:

@@ -17,6 +17,7 @@ from support.reported import find_faults
 
 import mqslam
 from mqslam.commands.maps.merge import read_part
+from mqslam.config import Config
 from mqslam.core import se2
 from mqslam.errors import ConfigError, DataError, EstimationError
 from mqslam.execution.local_engine import LocalEngine
@@ -141,6 +142,19 @@ def test_three_results_are_merged_at_once_and_by_any_number_of_workers(days: Day
         mqslam.merge(folders, tmp_path / "two", work=mqslam.Work(engine))
     for name in ("links.csv", "trajectory_3.tum", "graph.g2o", "changes.csv", "map.ply"):
         assert (tmp_path / "one" / name).read_bytes() == (tmp_path / "two" / name).read_bytes()
+
+
+def test_changes_are_looked_for_only_where_it_is_known_how_the_recordings_lie(
+    days: Days, both: Path, tmp_path: Path
+) -> None:
+    told = json.loads((both / "summary.json").read_text())
+    assert read_rows(both / "changes.csv") and told["sureness"]["share_compared"] > 0.9
+    assert 0.0 < told["sureness"]["median_m"] <= told["sureness"]["largest_m"]
+    assert "what both see lies within" in told["conclusion"]
+    unsure = Config.model_validate({"merge": {"sure_m": 1e-6}})
+    mqslam.merge([days["monday"], days["friday"]], tmp_path / "out", config=unsure)
+    assert read_rows(tmp_path / "out" / "changes.csv") == []
+    assert json.loads((tmp_path / "out" / "summary.json").read_text())["sureness"]["share_compared"] == 0.0
 
 
 def test_a_foreign_city_is_refused_and_nothing_is_left(days: Days, tmp_path: Path) -> None:

@@ -93,7 +93,8 @@ def _tabulate_changes(summary: Mapping[str, Any]) -> Section:
     changes = summary["changes"]
     note = (
         "An object that several keyframes of one recording show, where the other one shows nothing and looks past the "
-        "place, from the same side and from no farther away, at something behind it."
+        "place, from the same side and from no farther away, at something behind it. It is looked for only where "
+        "it is known well enough how the recordings lie to each other, which far from all links it is not."
     )
     notes = [note] if changes else [note, "None was found."]
     if len(changes) > _LISTED:
