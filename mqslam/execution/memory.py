@@ -6,11 +6,6 @@ import ctypes
 import os
 import sys
 
-try:
-    import resource
-except ModuleNotFoundError:  # as on Windows
-    resource = None  # type: ignore[assignment]
-
 _UNIT_MB = 2.0**-20 if sys.platform == "darwin" else 2.0**-10  # macOS counts bytes, others count kilobytes
 
 
@@ -23,15 +18,19 @@ def find_peak_mb(*, children: bool = False) -> float | None:
     Returns:
         The memory, or None where the system does not tell.
     """
-    if resource is None:
+    if sys.platform == "win32":
         return None
+    import resource
+
     whose = (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN) if children else (resource.RUSAGE_SELF,)
     return max(resource.getrusage(who).ru_maxrss for who in whose) * _UNIT_MB
 
 
 def bound_memory(most_bytes: int) -> None:
     """Lets this process have no more memory than that, where the system can see to it."""
-    if resource is not None:
+    if sys.platform != "win32":
+        import resource
+
         resource.setrlimit(resource.RLIMIT_AS, (most_bytes, most_bytes))
 
 
