@@ -138,13 +138,17 @@ def list_shipped() -> list[str]:
 
 def set_doppler_beta(config: Config, doppler_beta: float) -> Config:
     """Returns the settings with the Doppler shift [s] that was used, as the config.yaml of a result states them."""
-    return config.model_copy(update={"sensor": config.sensor.model_copy(update={"doppler_beta": doppler_beta})})
+    return set_sensor(config, doppler_beta=doppler_beta)
 
 
 def forget_topics(config: Config) -> Config:
     """Returns the settings without the topics of a bag, as another recording needs them."""
-    named = {"radar_topic": None, "odometry_topic": None, "truth_topic": None}
-    return config.model_copy(update={"sensor": config.sensor.model_copy(update=named)})
+    return set_sensor(config, radar_topic=None, odometry_topic=None, truth_topic=None)
+
+
+def set_sensor(config: Config, **changed: float | str | None) -> Config:
+    """Returns the settings with others of the section `sensor`, which are taken as they are."""
+    return config.model_copy(update={"sensor": config.sensor.model_copy(update=changed)})
 
 
 def set_false_alarms(config: Config, rate: float) -> Config:

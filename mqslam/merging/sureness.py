@@ -32,9 +32,10 @@ def measure_sureness(keyframes: Keyframes, chain: Chain, settings: MergeConfig) 
         own, others = (np.flatnonzero((keyframes.origins == r) == mine) for mine in (True, False))
         sigmas[r, own] = 0.0
         apart, nearest = cKDTree(keyframes.poses[own, :2]).query(keyframes.poses[others, :2])
-        for k, n in zip(others[apart <= 2.0 * settings.reach_m], own[nearest[apart <= 2.0 * settings.reach_m]], strict=True):
+        seen = apart <= 2.0 * settings.reach_m
+        for k, n in zip(others[seen].tolist(), own[nearest[seen]].tolist(), strict=True):
             where.append((r, k))
-            pairs.append((min(int(k), int(n)), max(int(k), int(n))))
+            pairs.append((min(k, n), max(k, n)))
     for (r, k), relative in zip(where, chain.relate(pairs), strict=True):
         covariance = relative.covariance
         across = settings.reach_m**2 * covariance[2, 2]

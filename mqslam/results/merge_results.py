@@ -29,10 +29,10 @@ _ALIKE: Final = 0.005  # share of psi by which it may differ and is called the s
 
 def summarise_merge(merged: Merged, runtime_s: dict[str, float]) -> dict[str, Any]:
     """Returns the content of summary.json."""
-    recordings, links = merged.kept.keyframes.recordings, merged.links
+    recordings, links, sureness = merged.kept.keyframes.recordings, merged.links, _summarise_sureness(merged)
     return {
         "mqslam_version": __version__,
-        "conclusion": conclude(merged),
+        "conclusion": _conclude(merged, sureness),
         "results": [str(part.folder) for part in merged.parts],
         "recordings": [
             {
@@ -52,7 +52,7 @@ def summarise_merge(merged: Merged, runtime_s: dict[str, float]) -> dict[str, An
             "residual_median": float(np.median(merged.residuals)),
             "residual_largest": float(merged.residuals.max()),
         },
-        "sureness": _summarise_sureness(merged),
+        "sureness": sureness,
         "psi": {
             "across_before": float(merged.psi[:, 0].mean()),
             "across_after": float(merged.psi[:, 1].mean()),
@@ -66,7 +66,7 @@ def summarise_merge(merged: Merged, runtime_s: dict[str, float]) -> dict[str, An
     }
 
 
-def conclude(merged: Merged) -> str:
+def _conclude(merged: Merged, sure: dict[str, float | None]) -> str:
     """Returns the sentence that says what the merge has made."""
     length = sum(trajectory.length_m for trajectory in merged.trajectories)
     before, after = merged.psi.mean(axis=0).tolist()
@@ -74,7 +74,6 @@ def conclude(merged: Merged) -> str:
     psi = f"is {after:.3g} per point, as before" if is_alike else f"went from {before:.3g} to {after:.3g} per point"
     links = count_of(len(merged.links.links), "link")
     told = f"{len(merged.trajectories)} recordings with {length / 1000.0:.2f} km of path are one map: {links} between them"
-    sure = _summarise_sureness(merged)
     if sure["median_m"] is None:
         return f"{told}, psi across them {psi}"
     sigmas = f"one sigma, median; {sure['largest_m']:.2g} m at worst"

@@ -21,6 +21,7 @@ def state_topics(settings: Config, topics: Sequence[str] | None) -> Config:
     Raises:
         ConfigError: a topic is of nothing known, is empty, or is named twice.
     """
+    from mqslam.config import set_sensor
     from mqslam.errors import ConfigError, suggest
 
     named: dict[str, str] = {}
@@ -34,4 +35,4 @@ def state_topics(settings: Config, topics: Sequence[str] | None) -> Config:
             problem = "names the topic twice" if topic else "names no topic"
             raise ConfigError(f"--topic {text}: {problem}; give each as {of}=TOPIC, once")
         named[_SETTINGS[of]] = topic
-    return settings.model_copy(update={"sensor": settings.sensor.model_copy(update=named)})
+    return set_sensor(settings, **named)

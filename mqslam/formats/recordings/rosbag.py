@@ -212,9 +212,8 @@ def _choose_pose_topics(path: Path, reader: AnyReader, named: Topics) -> tuple[s
     """
     typed = [c for c in reader.connections if c.msgtype in (bags.ODOMETRY_TYPE, bags.POSE_TYPE)]
     for topic in (named.odometry, named.truth):
-        if topic is not None and topic not in [c.topic for c in typed]:
-            there = ", ".join(sorted({c.topic for c in typed})[:12]) or "none"
-            raise DataError(path, f"has no poses on {topic}", f"name one of its topics of poses: {there}")
+        if topic is not None:
+            bags.require_topic(path, topic, typed, "poses", "poses")
     chosen = (named.odometry, named.truth)
     truths = [c.topic for c in typed if bags.TRUTH_NAME.search(c.topic.lower()) and c.topic not in chosen]
     drives = [c.topic for c in typed if c.msgtype == bags.ODOMETRY_TYPE and c.topic not in (*truths, *chosen)]

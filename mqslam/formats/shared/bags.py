@@ -90,6 +90,26 @@ def list_topics(reader: AnyReader) -> str:
     return ", ".join(f"{c.topic} [{c.msgtype}]" for c in reader.connections[:12]) or "none"
 
 
+def require_topic(path: Path, topic: str, there: Iterable[Connection], what: str, kind: str) -> Connection:
+    """Returns the connection of a topic that the user names.
+
+    Args:
+        path: of the bag.
+        topic: its name.
+        there: the connections that could be meant.
+        what: is read from it, for the error.
+        kind: of messages that have it, for the error.
+
+    Raises:
+        DataError: none of the connections has that topic; the error lists theirs, twelve at most.
+    """
+    by_topic = {connection.topic: connection for connection in reversed(list(there))}
+    if topic not in by_topic:
+        listed = ", ".join(sorted(by_topic)[:12]) or "none"
+        raise DataError(path, f"has no {what} on {topic}", f"name one of its topics of {kind}: {listed}")
+    return by_topic[topic]
+
+
 def name_frame(name: str) -> str:
     """Returns a frame's name as ROS 2 writes it: ROS 1 allowed a slash before."""
     return name.lstrip("/")

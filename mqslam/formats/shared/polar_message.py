@@ -27,7 +27,15 @@ from mqslam.formats.shared.azimuth_rows import (
     repair_azimuths,
 )
 from mqslam.formats.shared.bag_writer import RADAR_FRAME, Bag
-from mqslam.formats.shared.bags import B_SCAN_TYPE, COMPRESSED_TYPE, IMAGE_TYPE, deserialise, list_topics, name_message
+from mqslam.formats.shared.bags import (
+    B_SCAN_TYPE,
+    COMPRESSED_TYPE,
+    IMAGE_TYPE,
+    deserialise,
+    list_topics,
+    name_message,
+    require_topic,
+)
 from mqslam.formats.shared.images import decode_grey
 from mqslam.formats.shared.sensing import Stamp
 
@@ -74,11 +82,8 @@ def choose_topic(path: Path, reader: AnyReader, named: str | None = None) -> tup
     images = [connection for connection in filled if connection.msgtype in (IMAGE_TYPE, COMPRESSED_TYPE)]
     b_scans = [connection for connection in filled if connection.msgtype == B_SCAN_TYPE]
     if named is not None:
-        meant = [connection for connection in (*images, *b_scans) if connection.topic == named]
-        if not meant:
-            there = ", ".join(sorted({c.topic for c in (*images, *b_scans)})[:12]) or "none"
-            raise DataError(path, f"has no polar scans on {named}", f"name one of its topics of images: {there}")
-        return named, _find_layout(path, reader, meant[0]), [f"radar from {named}, as asked"]
+        meant = require_topic(path, named, (*images, *b_scans), "polar scans", "images")
+        return named, _find_layout(path, reader, meant), [f"radar from {named}, as asked"]
     ranked = [(rank, c) for c in images if (rank := _rank_topic(c.topic)) is not None]
     usual = [c for _, c in sorted(ranked, key=lambda entry: entry[0])] + b_scans
     if usual:
