@@ -81,7 +81,10 @@ def _conclude(merged: Merged, sure: dict[str, float | None]) -> str:
 
 
 def _summarise_sureness(merged: Merged) -> dict[str, float | None]:
-    """Returns how well it is known how recordings lie to each other, and the share of keyframes that show changes."""
+    """Returns how well it is known how the recordings lie to each other, and at which share of keyframes well enough.
+
+    Changes are looked for at these keyframes alone.
+    """
     apart = merged.sigmas[merged.kept.keyframes.origins != np.arange(len(merged.sigmas))[:, None]]
     sigmas = apart[np.isfinite(apart)]
     if not len(sigmas):
