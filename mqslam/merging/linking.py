@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mqslam.backend.loops.align import score_at_pose
-from mqslam.backend.loops.candidates import Chain, find_candidates
+from mqslam.backend.loops.candidates import find_candidates
+from mqslam.backend.loops.chain import Chain
 from mqslam.backend.loops.consistency import keep_consistent
 from mqslam.backend.loops.search import compare_passes, confirm_by_map
 from mqslam.backend.loops.submap import MappedDrive, Passes, render_submap

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mqslam.backend.linear.marginals import PoseCovariances, compute_all_marginals
-from mqslam.backend.loops.candidates import Chain, Relative
+from mqslam.backend.loops.chain import Chain, Relative
 from mqslam.backend.loops.consistency import as_relative, compute_chi_square
 from mqslam.backend.loops.submap import MappedDrive
 from mqslam.backend.pose_graph import PoseGraph, optimise, pose_of

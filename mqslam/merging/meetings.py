@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mqslam.backend.loops.candidates import Chain
+from mqslam.backend.loops.chain import Chain
 from mqslam.backend.recognition.place_index import PlaceIndex
 from mqslam.backend.recognition.recognise import Ground, Means, recognise
 from mqslam.config import Config

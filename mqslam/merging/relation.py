@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mqslam.backend.loops.candidates import Chain, Relative
+from mqslam.backend.loops.chain import Chain, Relative
 from mqslam.backend.loops.consistency import (
     as_relative,
     compose_relatives,

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from mqslam.backend.loops.candidates import Chain
+from mqslam.backend.loops.chain import Chain
 from mqslam.config import MergeConfig
 from mqslam.core.keyframes import Keyframes
 

@@ -6,7 +6,7 @@ import gtsam
 import numpy as np
 from support.passes import CONFIG
 
-from mqslam.backend.loops.candidates import Chain
+from mqslam.backend.loops.chain import Chain
 from mqslam.backend.loops.submap import Drive
 from mqslam.backend.pose_graph import PoseGraph
 from mqslam.backend.recognition.recognise import PlaceMatch

@@ -9,7 +9,9 @@ import numpy as np
 from gtsam.symbol_shorthand import X
 from support.passes import CONFIG
 
-from mqslam.backend.loops.candidates import Candidate, Chain, Relative
+from mqslam.backend.loops.candidates import Candidate
+from mqslam.backend.loops.chain import Chain, Relative
+from mqslam.backend.loops.layout import Layout
 from mqslam.backend.loops.submap import Drive
 from mqslam.backend.pose_graph import build_pose_graph
 from mqslam.core import se2
@@ -41,8 +43,9 @@ def candidate_of(
     drive: Drive, pair: tuple[int, int], sigma_m: float, reach: tuple[float, float] = (15.0, 0.03)
 ) -> Candidate:
     """Returns a pair of scans as a candidate, of whose relative position the trajectory is as sure as asked."""
-    covariance = np.diag([sigma_m**2, sigma_m**2, (0.01 * sigma_m) ** 2])
-    return Candidate(*pair, *reach, Relative(se2.between(drive.poses[pair[0]], drive.poses[pair[1]]), covariance))
+    covariance, rigid = np.diag([sigma_m**2, sigma_m**2, (0.01 * sigma_m) ** 2]), np.zeros((3, 3))
+    chain = Relative(se2.between(drive.poses[pair[0]], drive.poses[pair[1]]), covariance)
+    return Candidate(*pair, *reach, chain, Layout(rigid, rigid))
 
 
 def fenced_street(period_m: float, seed: int) -> Drive:

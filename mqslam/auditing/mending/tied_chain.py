@@ -11,7 +11,7 @@ from gtsam.symbol_shorthand import X
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
-from mqslam.backend.loops.candidates import Chain
+from mqslam.backend.loops.chain import Chain
 from mqslam.backend.loops.consistency import as_relative, compute_chi_square, keep_consistent
 from mqslam.backend.loops.submap import Drive
 from mqslam.backend.pose_graph import build_pose_graph, optimise, poses_of

@@ -2,35 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from collections.abc import Set as AbstractSet
-from dataclasses import dataclass
-from functools import cached_property
 from typing import NamedTuple
 
-import gtsam
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from mqslam.backend.linear.marginals import Uncertainty
+from mqslam.backend.loops.chain import Chain, Relative
+from mqslam.backend.loops.layout import Layout, compute_layouts
 from mqslam.backend.loops.passes import find_passes
-from mqslam.backend.loops.submap import Passes
-from mqslam.backend.pose_graph import PoseGraph
 from mqslam.config import LoopConfig
-from mqslam.core import se2
-
-
-class Relative(NamedTuple):
-    """What the trajectory says about the pose of a scan in the frame of another.
-
-    Args:
-        motion: (3,) the pose.
-        covariance: (3, 3) of the pose [m, m, rad].
-    """
-
-    motion: se2.Array
-    covariance: NDArray[np.float64]
 
 
 class Candidate(NamedTuple):
@@ -41,6 +23,7 @@ class Candidate(NamedTuple):
         reach_m: how far the search for the later scan must look around where the trajectory has it [m].
         reach_rad: the same in yaw [rad].
         chain: what the trajectory says about the later scan's pose in the frame of the earlier one.
+        layout: what it leaves unsure about how the scans around either of them lie.
     """
 
     earlier: int
@@ -48,35 +31,7 @@ class Candidate(NamedTuple):
     reach_m: float
     reach_rad: float
     chain: Relative
-
-
-@dataclass(frozen=True)
-class Chain:
-    """A trajectory and how sure it is of itself.
-
-    Args:
-        drive: scans under the trajectory.
-        graph: the graph that the trajectory optimises.
-        values: the optimum.
-    """
-
-    drive: Passes
-    graph: PoseGraph
-    values: gtsam.Values
-
-    def relate(self, pairs: Sequence[tuple[int, int]]) -> list[Relative]:
-        """Returns what the trajectory says about pairs of scans, the second of each in the frame of the first.
-
-        Raises:
-            EstimationError: the covariances cannot be computed.
-        """
-        covariances = self._uncertainty.relate(pairs)
-        poses = self.drive.poses
-        return [Relative(se2.between(poses[a], poses[b]), c) for (a, b), c in zip(pairs, covariances, strict=True)]
-
-    @cached_property
-    def _uncertainty(self) -> Uncertainty:
-        return Uncertainty(self.graph, self.values)
+    layout: Layout
 
 
 def find_candidates(
@@ -108,7 +63,7 @@ def find_candidates(
     pairs = [pair for nearest in passes for pair in nearest]
     relatives = dict(zip(pairs, chain.relate(pairs), strict=True))
     known = _Tried(tried, drive.travelled, settings)
-    candidates, unsure = [], []
+    found, unsure = [], []
     for nearest in passes:
         near = [pair for pair in nearest if may_meet(relatives[pair], settings)]
         for pair in near[: settings.passes]:
@@ -118,7 +73,12 @@ def find_candidates(
             if reach_m > settings.gate_m or reach_rad > settings.gate_rad:
                 unsure.append(pair)
             else:
-                candidates.append(Candidate(*pair, reach_m, reach_rad, relatives[pair]))
+                found.append((pair, reach_m, reach_rad))
+    layouts = compute_layouts(chain, [pair for pair, _, _ in found], settings)
+    candidates = [
+        Candidate(*pair, reach_m, reach_rad, relatives[pair], layout)
+        for (pair, reach_m, reach_rad), layout in zip(found, layouts, strict=True)
+    ]
     return candidates, unsure
 
 

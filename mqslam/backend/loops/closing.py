@@ -6,7 +6,8 @@ import logging
 from collections.abc import Sequence
 from typing import NamedTuple, Protocol
 
-from mqslam.backend.loops.candidates import Chain, find_candidates
+from mqslam.backend.loops.candidates import find_candidates
+from mqslam.backend.loops.chain import Chain
 from mqslam.backend.loops.consistency import as_relative, compute_chi_square, compute_limit, keep_consistent
 from mqslam.backend.loops.search import compare_passes, confirm_by_map
 from mqslam.backend.loops.submap import Drive, Passes

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
-from mqslam.backend.loops.candidates import Chain, Relative
+from mqslam.backend.loops.chain import Chain, Relative
 from mqslam.config import LoopConfig
 from mqslam.core import se2
 from mqslam.core.measurement import Loop

@@ -75,7 +75,8 @@ def _compare(shared: tuple[Passes, LoopConfig, EstimatorConfig, Beam], candidate
         return Comparison()
     if not is_unrivalled(alignment, settings):
         return Comparison(ambiguous=True)
-    loop = Loop(candidate.earlier, candidate.later, alignment.pose, alignment.covariance, alignment.matched, alignment.psi)
+    covariance = candidate.layout.widen(alignment.pose, alignment.covariance)
+    loop = Loop(candidate.earlier, candidate.later, alignment.pose, covariance, alignment.matched, alignment.psi)
     if compute_chi_square(candidate.chain, as_relative(loop, settings)) > compute_limit(settings):
         return Comparison(implausible=True)
     return Comparison(loop)

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from mqslam.backend.loops.candidates import Chain, compute_reach, may_meet
+from mqslam.backend.loops.candidates import compute_reach, may_meet
+from mqslam.backend.loops.chain import Chain
 from mqslam.config import LoopConfig
 from mqslam.mapping.keyframing import pick_spaced
 

@@ -7,8 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mqslam.backend.loops.candidates import Chain
+from mqslam.backend.loops.chain import Chain
 from mqslam.backend.loops.closing import Recognised
+from mqslam.backend.loops.layout import compute_layouts
 from mqslam.backend.recognition.out_of_reach import find_out_of_reach
 from mqslam.backend.recognition.place_index import PlaceIndex
 from mqslam.backend.recognition.places import describe_places
@@ -53,10 +54,11 @@ class RunRecogniser:
         table = describe_places(chain.drive, settings, spacing_m, self.means.beam, self.engine)
         ground = Ground(chain.drive, table.keyframes, PlaceIndex(table.descriptors, settings))
         found = recognise(chain.drive, places[asked], ground, allowed[asked], self.means, self.engine)
+        matches = [match for row in found.rows for match in row]
+        layouts = compute_layouts(chain, [(match.place, match.query) for match in matches], self.means.loops)
         loops = [
-            Loop(match.place, match.query, match.pose, match.covariance, match.matched, match.psi)
-            for row in found.rows
-            for match in row
+            Loop(m.place, m.query, m.pose, layout.widen(m.pose, m.covariance), m.matched, m.psi)
+            for m, layout in zip(matches, layouts, strict=True)
         ]
         return Recognised(loops, found.compared, len(found.ambiguous))
 

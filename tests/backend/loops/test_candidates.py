@@ -7,7 +7,8 @@ import pytest
 from support.chains import SURE, chain_of
 from support.passes import CONFIG, path
 
-from mqslam.backend.loops.candidates import Relative, compute_reach, find_candidates
+from mqslam.backend.loops.candidates import compute_reach, find_candidates
+from mqslam.backend.loops.chain import Relative
 from mqslam.backend.loops.submap import Drive
 from mqslam.config import LoopConfig
 from mqslam.mapping.keyframing import pick_spaced

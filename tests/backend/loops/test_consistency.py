@@ -7,7 +7,7 @@ import pytest
 from support.chains import SURE, chain_of
 from support.passes import CONFIG, path
 
-from mqslam.backend.loops.candidates import Chain
+from mqslam.backend.loops.chain import Chain
 from mqslam.backend.loops.consistency import keep_consistent
 from mqslam.backend.loops.submap import Drive
 from mqslam.core import se2

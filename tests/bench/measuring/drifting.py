@@ -8,8 +8,10 @@ import numpy as np
 from bench.benchmark import Cell
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
+from scipy.stats import chi2
 
 from mqslam.backend.loops.closing import close_loops
+from mqslam.backend.loops.consistency import as_relative
 from mqslam.backend.problem import Problem
 from mqslam.backend.recognition.recognise import Means
 from mqslam.backend.recognition.within_run import RunRecogniser
@@ -25,8 +27,10 @@ from mqslam.psi.place import beam_of
 
 NEAR_M, PATH_M, SPACING_M = 10.0, 60.0, 10.0
 """A revisit is a place so near to an earlier one, with so much path between them; places are so far apart [m]."""
-WRONG_M, WRONG_RAD = 1.0, 0.03
-"""A match that is off by more than one of these is wrong."""
+FAR_M, FAR_RAD = 1.0, 0.03
+"""A loop that is off by more than one of these is far off."""
+CHANCE = 0.999
+"""Probability of the chi-square quantile beyond which its own covariance does not explain how far off a loop is."""
 _SCALE, _OFF_M = 0.05, 100.0  # how wrong the odometry is: as a share of the way, and at the first revisit
 _NOISE_SHARE, _NOISE_RATE = 0.02, 0.01  # of each motion, and of its yaw rate [rad/s]
 _STEPS_RATE = np.arange(0.0, 0.01, 1e-5)  # biases of the yaw rate that are tried [rad/s]
@@ -36,13 +40,17 @@ class Judged(NamedTuple):
     """Relative poses against the truth.
 
     Args:
-        wrong: number of wrong ones.
+        wrong: number of those that are far off, and farther than they state.
+        far: number of those that are far off, whatever they state.
         worst_m, worst_rad: largest error; None of none.
+        nees: mean of the squared errors in units of their covariances, which is 1 if these are right; None of none.
     """
 
     wrong: int
+    far: int
     worst_m: float | None
     worst_rad: float | None
+    nees: float | None
 
 
 def find_revisits(truth: se2.Array) -> list[tuple[int, int]]:
@@ -56,13 +64,21 @@ def find_revisits(truth: se2.Array) -> list[tuple[int, int]]:
     return pairs
 
 
-def judge_poses(earlier: se2.Array, later: se2.Array, poses: se2.Array) -> Judged:
-    """Compares poses (K, 3) of later scans in the frames of earlier ones with those of the true poses (K, 3) of both."""
+def judge_poses(earlier: se2.Array, later: se2.Array, poses: se2.Array, covariances: NDArray[np.float64]) -> Judged:
+    """Compares poses (K, 3) of later scans in the frames of earlier ones with those of the true poses (K, 3) of both.
+
+    Args:
+        earlier, later: true poses.
+        poses: relative poses.
+        covariances: (K, 3, 3) of the relative poses.
+    """
     if not len(poses):
-        return Judged(0, None, None)
+        return Judged(0, 0, None, None, None)
     off = se2.wrapped_between(se2.between(earlier, later), poses)
-    off_m, off_rad = np.hypot(off[:, 0], off[:, 1]), np.abs(off[:, 2])
-    return Judged(int(((off_m > WRONG_M) | (off_rad > WRONG_RAD)).sum()), float(off_m.max()), float(off_rad.max()))
+    off_m, off_rad, squares = np.hypot(off[:, 0], off[:, 1]), np.abs(off[:, 2]), se2.normalise(off, covariances)
+    far = (off_m > FAR_M) | (off_rad > FAR_RAD)
+    wrong = far & (squares > chi2.ppf(CHANCE, 3))
+    return Judged(int(wrong.sum()), int(far.sum()), float(off_m.max()), float(off_rad.max()), float(squares.mean()) / 3.0)
 
 
 def lose_way(truth: se2.Array, times: NDArray[np.float64], seed: int) -> se2.Array:
@@ -120,7 +136,8 @@ def measure_lost(
         np.array([getattr(loop, end) for loop in search.loops], dtype=np.int64) for end in ("earlier", "later")
     )
     poses = np.array([loop.pose for loop in search.loops]).reshape(-1, 3)
-    judged, revisits = judge_poses(truth[earlier], truth[later], poses), find_revisits(truth)
+    covariances = np.array([as_relative(loop, config.loops).covariance for loop in search.loops]).reshape(-1, 3, 3)
+    judged, revisits = judge_poses(truth[earlier], truth[later], poses, covariances), find_revisits(truth)
     travelled = se2.path_lengths(truth)
     found = [np.abs(travelled[later] - travelled[k]).min(initial=np.inf) <= SPACING_M for _, k in revisits]
     after, (a, b) = problem.solve_poses(search.loops), revisits[0]
@@ -128,8 +145,10 @@ def measure_lost(
     return {
         "loops": len(search.loops),
         "wrong": judged.wrong,
+        "far": judged.far,
         "worst_m": judged.worst_m,
         "worst_rad": judged.worst_rad,
+        "nees": judged.nees,
         "found": float(np.mean(found)),
         "ambiguous": search.ambiguous,
         "off_m": float(np.hypot(off[0], off[1])),

@@ -32,8 +32,11 @@ def test_seeds_differ_and_repeat() -> None:
     assert np.array_equal(one, again) and not np.allclose(one, other)
 
 
-def test_matches_that_are_off_are_counted() -> None:
+def test_loops_that_are_off_are_counted() -> None:
     poses = se2.between(TRUTH[:3], TRUTH[1:4]) + np.array([[0.0, 0.9, 0.0], [1.1, 0.0, 0.0], [0.0, 0.0, -0.04]])
-    judged = judge_poses(TRUTH[:3], TRUTH[1:4], poses)
-    assert judged.wrong == 2 and judged.worst_m == pytest.approx(1.1) and judged.worst_rad == pytest.approx(0.04)
-    assert judge_poses(TRUTH[:0], TRUTH[:0], np.empty((0, 3))) == (0, None, None)
+    sure, unsure = np.diag([0.1, 0.1, 0.001]) ** 2, np.diag([0.1, 0.1, 0.02]) ** 2
+    judged = judge_poses(TRUTH[:3], TRUTH[1:4], poses, np.array([sure, sure, unsure]))
+    assert (judged.wrong, judged.far) == (1, 2)  # the last one is far off, but says that it may be
+    assert judged.worst_m == pytest.approx(1.1) and judged.worst_rad == pytest.approx(0.04)
+    assert judged.nees == pytest.approx((81.0 + 121.0 + 4.0) / 9.0)
+    assert judge_poses(TRUTH[:0], TRUTH[:0], np.empty((0, 3)), np.empty((0, 3, 3))) == (0, 0, None, None, None)
