@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Final
+from dataclasses import asdict, dataclass
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,6 +41,12 @@ class Evaluation:
     rpe_w_rms: float
     rpe_v_bias: float
     rpe_w_bias: float
+
+
+def list_errors(estimate: Trajectory, truth: Trajectory | None) -> dict[str, Any] | None:
+    """Returns the errors of an estimate against ground truth by name; None where they cannot be had."""
+    errors = None if truth is None else evaluate(estimate, truth)
+    return None if errors is None else asdict(errors)
 
 
 def evaluate(estimate: Trajectory, truth: Trajectory) -> Evaluation | None:

@@ -72,6 +72,11 @@ class RunResult(JudgedResult):
 class LocaliseResult(Result):
     """The result of a localisation."""
 
+    @property
+    def evo_command(self) -> str:
+        """The command by which evo computes the ATE of the report; empty where the recording has no ground truth."""
+        return name_evo_command(self.folder)
+
     def read_trajectory(self) -> Trajectory:
         """Reads the poses in the map's frame.
 

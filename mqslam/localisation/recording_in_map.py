@@ -52,7 +52,7 @@ def localise(
     """
     poses = se2.chain(motion.pose for motion in motions)
     setting = Setting(Drive.of(scans, poses), motions, made.keyframes, config.localisation, config.estimator, beam)
-    table, rows, looked_up, ambiguous, conflicts = Table(len(scans)), 0, 0, 0, 0
+    table, rows, looked_up, ambiguous, conflicts = Table(len(scans), runner.progress), 0, 0, 0, 0
     with runner.time_stage("recognise"):
         start, wanted = ColdStart(setting, made, config, beam, runner.engine), np.ones(len(scans), dtype=np.bool_)
         parts = start.look_up(wanted)
@@ -65,7 +65,6 @@ def localise(
                     rows += 1
                     conflicts += _follow_on(setting, table, row)
         wanted[:] = ~table.tried
-        runner.progress("localise", int(table.tried.sum()), len(scans))
         with runner.time_stage("recognise"):
             found = next(parts, None)
     if not rows:

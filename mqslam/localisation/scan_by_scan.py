@@ -12,6 +12,7 @@ from mqslam.config import EstimatorConfig, LocalisationConfig
 from mqslam.core import se2
 from mqslam.core.keyframes import Keyframes
 from mqslam.core.measurement import Measurement
+from mqslam.execution.progress import Progress, ignore_progress
 from mqslam.localisation.localised import ON_MAP, PlaceStatus
 from mqslam.localisation.registering import MapAround, Prediction, Registered, is_away, register
 from mqslam.psi.place import Beam, PointSet
@@ -59,6 +60,7 @@ class Table:
 
     Args:
         count: number of scans.
+        progress: called as scans are compared with the map.
 
     Attributes:
         poses, covariances, psi, matched, statuses: as in `Localised`.
@@ -66,7 +68,8 @@ class Table:
         on_map: (N,) whether it lies on the map.
     """
 
-    def __init__(self, count: int) -> None:
+    def __init__(self, count: int, progress: Progress = ignore_progress) -> None:
+        self._progress = progress
         self.poses = np.full((count, 3), np.nan)
         self.covariances = np.full((count, 3, 3), np.nan)
         self.psi, self.matched = np.full(count, np.nan), np.full(count, np.nan)
@@ -83,6 +86,7 @@ class Table:
         self.psi[k], self.matched[k] = registered.psi, registered.matched
         self.statuses[k], self.tried[k] = registered.status, True
         self.on_map[k] = registered.status in ON_MAP
+        self._progress("localise", int(self.tried.sum()), len(self.tried))
 
     def forget(self, part: slice) -> None:
         """Forgets where the scans of a part of the recording lie."""

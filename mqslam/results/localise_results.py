@@ -15,6 +15,7 @@ from mqslam.core.recording import Recording
 from mqslam.core.sensors.georeference import Georeference
 from mqslam.core.trajectory import Trajectory
 from mqslam.core.wording import count_of
+from mqslam.evaluation import list_errors
 from mqslam.execution.files import write_json, write_text
 from mqslam.execution.memory import find_peak_mb
 from mqslam.formats.covariances import StampedCovariances, write_covariances
@@ -22,6 +23,7 @@ from mqslam.formats.maps.geojson import write_geojson
 from mqslam.formats.tum import write_tum
 from mqslam.localisation.localised import Localised, PlaceStatus
 from mqslam.results.summary_files import format_csv
+from mqslam.results.truth_files import write_truth
 from mqslam.version import __version__
 
 _STAGES: Final = ("read", "detect", "windows", "recognise", "follow", "surety", "total")
@@ -77,6 +79,7 @@ def summarise(
         "covariance_pairs": localised.samples,
         "psi_per_point": float(np.nanmean(localised.psi[on_map])),
         "matched": float(np.nanmean(localised.matched[on_map])),
+        "evaluation": list_errors(Trajectory(localised.stamps_us, localised.poses), recording.ground_truth),
         "runtime_s": {name: runtime_s.get(name, 0.0) for name in _STAGES},
         "peak_rss_mb": find_peak_mb(),
         "warnings": [*recording.faults, *warnings, *_list_warnings(localised)],
@@ -112,7 +115,7 @@ def write_localised(
     settings: Config,
     place: Georeference | None,
     summary: Mapping[str, Any],
-    notes: Sequence[str],
+    recording: Recording,
 ) -> None:
     """Writes every result file of a localisation into an existing folder.
 
@@ -122,7 +125,7 @@ def write_localised(
         settings: all settings that were used.
         place: where the map lies on the Earth, or None.
         summary: content of summary.json.
-        notes: what a user should know about how the recording was understood, for run.log.
+        recording: what was localised.
 
     Raises:
         OutputError: a file cannot be written.
@@ -137,7 +140,8 @@ def write_localised(
     write_text(folder / "config.yaml", dump_yaml(settings))
     if place is not None:
         write_geojson(folder / "trajectory.geojson", track, place)
-    write_text(folder / "run.log", _log_text(summary, notes))
+    write_truth(folder, track, recording.ground_truth)
+    write_text(folder / "run.log", _log_text(summary, recording.notes))
     write_json(folder / "summary.json", summary)
 
 

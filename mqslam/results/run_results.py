@@ -8,7 +8,6 @@ import platform
 import shlex
 import sys
 from collections.abc import Sequence
-from dataclasses import asdict
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Final
@@ -27,7 +26,7 @@ from mqslam.core.sensors.sensor_notes import list_sensor_notes
 from mqslam.core.trajectory import Trajectory
 from mqslam.core.wording import list_judged
 from mqslam.errors import tolerate
-from mqslam.evaluation import evaluate
+from mqslam.evaluation import list_errors
 from mqslam.execution.extras import list_versions
 from mqslam.execution.files import write_json, write_text
 from mqslam.execution.memory import find_peak_mb
@@ -121,8 +120,8 @@ def summarise(run: Run, recording: Recording) -> dict[str, Any]:
         },
         "sensors": summarise_sensors(run),
         "mount": None if run.sensors.mount is None else summarise_mount(run.sensors.mount),
-        "evaluation": _list_errors(run.optimised, truth),
-        "evaluation_odometry": _list_errors(run.odometry, truth),
+        "evaluation": list_errors(run.optimised, truth),
+        "evaluation_odometry": list_errors(run.odometry, truth),
         "runtime_s": {
             name: run.runtime_s.get(name, 0.0)
             for name in ("read", "detect", "windows", "loops", "refine", "optimise", "render", "check", "total")
@@ -263,9 +262,3 @@ def _describe_last_pose(run: Run) -> dict[str, Any] | None:
     is_placed = run.sensors.fixes is not None and run.sensors.fixes.edges is not None
     drift_is_prior = prior and pieces > 1 and not run.loops and not is_placed
     return {"sigma_along_m": along, "sigma_across_m": across, "sigma_yaw_rad": yaw, "drift_is_prior": drift_is_prior}
-
-
-def _list_errors(trajectory: Trajectory, truth: Trajectory | None) -> dict[str, Any] | None:
-    """Returns the errors of a trajectory against ground truth; None where they cannot be had."""
-    errors = None if truth is None else evaluate(trajectory, truth)
-    return None if errors is None else asdict(errors)

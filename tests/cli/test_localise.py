@@ -30,7 +30,16 @@ from mqslam.formats.tum import read_tum
 from mqslam.mapping.keyframing import make_keyframes
 from mqslam.psi.place import beam_of
 
-FILES = {"trajectory.tum", "covariances.csv", "poses.csv", "config.yaml", "summary.json", "run.log", "report.html"}
+FILES = {
+    "trajectory.tum",
+    "covariances.csv",
+    "poses.csv",
+    "config.yaml",
+    "summary.json",
+    "run.log",
+    "report.html",
+    "ground_truth.tum",
+}
 
 
 @pytest.fixture(scope="module")
@@ -53,7 +62,7 @@ def mapped(street: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 def localised(street: Path, mapped: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     out = tmp_path_factory.mktemp("localised") / "out"
     result = mqslam("localise", street, "--map", mapped, "--out", out, "--frontend", "odometry", "--jobs", 1)
-    assert result.code == 0 and "scans converged" in result.out and f"results in {out}" in result.out
+    assert result.code == 0 and "scans converged" in result.out and f"report: {out}/report.html" in result.out
     return out
 
 
@@ -108,6 +117,25 @@ def test_a_stretch_of_a_recording_lies_where_the_whole_does(
     begin, end = 1e-6 * (part.stamps_us[[0, -1]] - whole.stamps_us[0])
     assert 5.0 <= begin < 6.0 and 10.0 < end < 11.0
     np.testing.assert_allclose(part.poses, whole.at(part.stamps_us), atol=0.2)
+
+
+def test_the_errors_against_the_truth_are_those_that_evo_computes(localised: Path) -> None:
+    summary = json.loads((localised / "summary.json").read_text())
+    metrics, sync, files = (
+        pytest.importorskip(f"evo.{name}") for name in ("core.metrics", "core.sync", "tools.file_interface")
+    )
+    names = "trajectory.tum", "ground_truth.tum"
+    given, true = (files.read_tum_trajectory_file(localised / name) for name in names)
+    true, given = sync.associate_trajectories(true, given, max_diff=1e-4)
+    given.align(true)
+    ape = metrics.APE(metrics.PoseRelation.translation_part)
+    ape.process_data((true, given))
+    assert summary["evaluation"]["ate_rmse_m"] == pytest.approx(ape.get_statistic(metrics.StatisticsType.rmse), abs=1e-6)
+
+
+def test_a_topic_that_is_of_nothing_is_refused(street: Path, mapped: Path, tmp_path: Path) -> None:
+    result = mqslam("localise", street, "--map", mapped, "--out", tmp_path / "out", "--topic", "lidar=/front")
+    assert result.code == 2 and "--topic lidar=/front: is of nothing that is read" in result.err
 
 
 def test_topics_of_the_maps_own_bag_are_not_asked_of_another_recording(street: Path, mapped: Path, tmp_path: Path) -> None:

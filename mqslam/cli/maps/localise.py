@@ -24,8 +24,10 @@ from mqslam.cli.terminal.options import (
     Quiet,
     RangeResolution,
     Start,
+    Topic,
     Verbose,
 )
+from mqslam.cli.terminal.topics import state_topics
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -55,6 +57,7 @@ def localise(
     extrinsics: Extrinsics = "auto",
     format: Format = None,
     range_resolution: RangeResolution = None,
+    topic: Topic = None,
     start: Start = None,
     end: End = None,
     jobs: Jobs = CORES,
@@ -81,8 +84,11 @@ def localise(
 
     from mqslam.cli.terminal.console import set_up_work
     from mqslam.commands.maps.localise import localise as do
+    from mqslam.commands.maps.localise import read_map_settings
+    from mqslam.config import load_config
     from mqslam.execution.files import to_json
 
+    settings = state_topics(read_map_settings(map) if config is None else load_config(config), topic)
     console = Console(stderr=True, markup=False)
     with set_up_work(console, cluster, jobs, quiet=quiet, silent=quiet or as_json) as work:
         result = do(
@@ -93,7 +99,7 @@ def localise(
             odometry=odometry,
             imu=imu,
             extrinsics=extrinsics,
-            config=config,
+            config=settings,
             format=format,
             range_resolution=range_resolution,
             start_s=start,
@@ -108,7 +114,9 @@ def localise(
         for warning in result.warnings:
             console.print(f"warning: {warning}", style="yellow", highlight=False, soft_wrap=True)
         Console(soft_wrap=True).print(_tabulate(result.summary))
-        typer.echo(f"results in {out}")
+        typer.echo(f"report: {result.report}")
+        if result.evo_command:
+            typer.echo(f"compare with evo: {result.evo_command}")
 
 
 def _tabulate(summary: dict[str, Any]) -> Table:
@@ -124,6 +132,8 @@ def _tabulate(summary: dict[str, Any]) -> Table:
     table.add_row("usual sigma along, across", f"{sigma['along_m']:.3f} m, {sigma['across_m']:.3f} m")
     table.add_row("usual sigma of the heading", f"{math.degrees(sigma['yaw_rad']):.3f} deg")
     table.add_row("matched points", f"{summary['matched']:.1%}")
+    if summary["evaluation"]:
+        table.add_row("ATE after alignment, all scans", f"{summary['evaluation']['ate_rmse_m']:.3f} m")
     dataset, total = summary["dataset"], summary["runtime_s"]["total"]
     speed = dataset["duration_s"] / max(total, 1e-9)
     table.caption = (

@@ -25,6 +25,7 @@ _STAGES = {  # what a terminal calls a stage, and what it counts
     "windows": ("measuring motion", "scan"),
     "loops": ("verifying loops", "place"),
     "recognise": ("recognising places", "place"),
+    "localise": ("finding scans in the map", "scan"),
     "refine": ("refining by psi", "scan"),
     "render": ("rendering maps", "map"),
     "front ends": ("running front ends", "front end"),

@@ -94,7 +94,7 @@ def localise(  # noqa: PLR0913 - these are the options of the command, each with
     warnings = [*job.warnings, *warn_of_unread(unread), *runner.warnings]
     summary = summarise(localised, job.recording, map, made, frontend, runner.runtime_s, warnings)
     with write_folder_aside(out) as folder:
-        write_localised(folder, localised, settings, made.keyframes.georeference, summary, job.recording.notes)
+        write_localised(folder, localised, settings, made.keyframes.georeference, summary, job.recording)
         failures = write_localise_page(folder, localised, made, settings, summary)
         if failures:
             summary["warnings"] += failures
@@ -120,20 +120,26 @@ def open_map(path: Path) -> KeyframeMap:
     return made
 
 
-def _choose_settings(config: Config | Path | str | None, map: Path, made: KeyframeMap) -> Config:
-    """Returns the settings that were given, or those that the map was made with, with the Doppler shift that is used.
+def read_map_settings(map: Path) -> Config:
+    """Returns the settings that a map was made with, or the default ones where they are not kept with it.
 
     The topics of the bag that the map was made from are no topics of another recording.
 
     Raises:
-        ConfigError: a file does not exist or holds a mistake.
+        ConfigError: the file holds a mistake.
     """
     folder = find_keyframes(map)
     beside = None if folder is None else folder.parent / "config.yaml"
-    if config is None and beside is not None and beside.is_file():
-        settings = forget_topics(load_config(beside))
-    else:
-        settings = choose_settings(config)
+    return forget_topics(load_config(beside)) if beside is not None and beside.is_file() else load_config()
+
+
+def _choose_settings(config: Config | Path | str | None, map: Path, made: KeyframeMap) -> Config:
+    """Returns the settings that were given, or those of the map, with the Doppler shift that is used.
+
+    Raises:
+        ConfigError: a file does not exist or holds a mistake.
+    """
+    settings = read_map_settings(map) if config is None else choose_settings(config)
     if settings.sensor.doppler_beta is not None:
         return settings
     return set_doppler_beta(settings, made.keyframes.recordings[-1].doppler_beta)

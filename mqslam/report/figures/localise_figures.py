@@ -15,6 +15,7 @@ from mqslam.report.figures.canvas import (
     ORANGE,
     OUTERMOST,
     RED,
+    VIOLET,
     count_points,
     encode_png,
     find_common_view,
@@ -30,7 +31,7 @@ _LOOKS: Final = {
     PlaceStatus.CONVERGED: (BLUE, "."),
     PlaceStatus.DEGENERATE: (ORANGE, "s"),
     PlaceStatus.LOST: (RED, "^"),
-    PlaceStatus.OUTSIDE: (RED, "x"),
+    PlaceStatus.OUTSIDE: (VIOLET, "x"),
 }
 
 
@@ -53,11 +54,15 @@ def draw_surety(localised: Localised) -> bytes:
     """Draws the standard deviation of each pose on the map over time."""
     seconds = 1e-6 * (localised.stamps_us - localised.stamps_us[0])
     sigmas = np.sqrt(np.einsum("nii->ni", localised.covariances))
-    sigmas[~localised.on_map] = np.nan
     figure, axes = make_chart("standard deviation [m]")
     for column, (name, colour) in enumerate((("along", BLUE), ("across", ORANGE))):
-        axes.plot(seconds, sigmas[:, column], color=colour, linewidth=1.0, label=name)
-    axes.set_ylim(bottom=0.0)
+        for chosen, style in ((localised.on_map, "-"), (~localised.on_map, ":")):
+            shown = np.where(chosen, sigmas[:, column], np.nan)
+            axes.plot(seconds, shown, style, color=colour, linewidth=1.0, label=name if style == "-" else None)
+    if localised.on_map.any() and not localised.on_map.all():  # predictions are unsure by metres, poses by millimetres
+        axes.set_yscale("log")
+    else:
+        axes.set_ylim(bottom=0.0)
     put_legend_above(axes)
     return encode_svg(figure)
 

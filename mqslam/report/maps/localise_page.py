@@ -74,14 +74,15 @@ def write_localise_page(
 
 
 def _make_tiles(summary: Mapping[str, Any]) -> tuple[Tile, ...]:
-    sigma = summary["median_sigma"]
+    sigma, errors = summary["median_sigma"], summary["evaluation"]
     return (
         Tile(format_matched(summary["share_on_map"]), "of all scans on the map"),
-        Tile(format_value(sigma["along_m"], " m"), "along the heading, one sigma, median"),
-        Tile(format_value(sigma["across_m"], " m"), "across it"),
+        Tile(format_value(1e3 * sigma["along_m"], " mm"), "along the heading, one sigma, median"),
+        Tile(format_value(1e3 * sigma["across_m"], " mm"), "across it"),
         Tile(format_value(math.degrees(sigma["yaw_rad"]), "°"), "heading"),
         Tile(format_matched(summary["matched"]), "of the returns on the map"),
         Tile(format_value(summary["psi_per_point"]), "ψ per point on the map"),
+        *(() if errors is None else (Tile(format_value(errors["ate_rmse_m"], " m"), "ATE of all scans, after alignment"),)),
     )
 
 
@@ -91,7 +92,10 @@ def _show_map(made: KeyframeMap, localised: Localised) -> Section:
 
 
 def _show_path(localised: Localised) -> Section:
-    surety = "against the map around each pose, in its own frame; how far the map is bent over kilometres is not in it"
+    surety = (
+        "against the map around each pose, in its own frame; how far the map is bent over kilometres is not in it; "
+        "dotted where the pose is a prediction"
+    )
     figures = (
         Figure(draw_surety(localised), "How sure the poses are", surety),
         Figure(draw_overlap(localised), "Overlap", "share of each scan's returns that lie on the map"),
@@ -101,4 +105,4 @@ def _show_path(localised: Localised) -> Section:
 
 def _tabulate_statuses(summary: Mapping[str, Any]) -> Section:
     rows = tuple(Row(name, (format_value(count), _MEANINGS[name])) for name, count in summary["scans"].items())
-    return Section("Scans", (), table=Table(("status", "scans", "meaning"), rows))
+    return Section("Scans", (), table=Table(("status", "scans", "meaning"), rows, holds_words=True))

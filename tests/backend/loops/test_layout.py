@@ -1,4 +1,4 @@
-"""What the layout of submaps leaves unsure: on one side all of it, on both sides less; simulated odometry errs by as much."""
+"""What the layout of submaps leaves unsure: all of one side's errors, less of two sides'; as simulated motions err."""
 
 from __future__ import annotations
 
