@@ -65,7 +65,10 @@ def check_gyroscope(gyroscope: Gyroscope, scans: Scans, trajectory: Trajectory, 
     turns = turns._replace(variances=np.full(len(yaws), spread**2 + _LEAST_VARIANCE))
     found = calibrate(gyroscope, start, turns, settings)
     faults, remark = _list_faults(found.rotation, settings), _describe_scale(found.rotation, settings)
-    agreed = f"agrees with the trajectory: over a scan both differ by {np.rad2deg(spread):.2g} deg{remark}"
+    agreed = (
+        f"agrees with the trajectory: over a scan both differ by {np.rad2deg(spread):.2g} deg; "
+        f"{_describe_bias(found.rotation)}{remark}"
+    )
     outcome = f"contradicts the trajectory: {'; '.join(faults)}" if faults else agreed
     return GyroscopeCheck(source, f"the gyroscope ({source}) {outcome}", not faults, found.rotation, spread)
 
@@ -83,6 +86,12 @@ def _list_faults(rotation: Rotation, settings: GyroscopeConfig) -> list[str]:
             f"the trajectory's stamps are {abs(late_s):.2f} s {'later' if late_s > 0.0 else 'earlier'} than its own"
         )
     return faults
+
+
+def _describe_bias(rotation: Rotation) -> str:
+    """Returns what was taken as a gyroscope's bias, in words: a constant error of the trajectory's yaw rate hides in it."""
+    rate = abs(float(np.rad2deg(rotation.bias)))
+    return f"a constant {rate:.2g} deg/s is taken as its bias, in which a constant error of the trajectory's yaw rate hides"
 
 
 def _describe_scale(rotation: Rotation, settings: GyroscopeConfig) -> str:

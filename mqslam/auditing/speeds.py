@@ -237,8 +237,10 @@ def judge_speeds(checks: Sequence[SpeedCheck | None], capture: CaptureRange, lim
     off = [check for check in sure if contradicts(check, capture)]
     share = Share(len(off), len(sure))
     if not off:
-        most = f"{capture.speed_mps:.2g} m/s, the most that windows measure"
-        reason = f"the scans confirm the speed at {count_of(share.total, 'place')}, to within {most}"
+        reason = (
+            f"the scans confirm the speed at {count_of(share.total, 'place')} to within {capture.speed_mps:.2g} m/s, and "
+            "windows measure the rest"
+        )
         return [Finding(VerdictStatus.PASS, reason)]
     median = float(np.median([check.error_mps for check in off]))
     reason = (

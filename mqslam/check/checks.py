@@ -16,6 +16,18 @@ from mqslam.core.trajectory import Trajectory
 from mqslam.psi.place import Beam
 
 
+class Checked(NamedTuple):
+    """What the checks of a recording have led to.
+
+    Args:
+        findings: one per check.
+        read: number of polar scans that were read for them.
+    """
+
+    findings: tuple[Finding, ...]
+    read: int
+
+
 class CheckSettings(NamedTuple):
     """The sections of the settings that the checks take."""
 
@@ -32,7 +44,7 @@ def check_recording(
     settings: CheckSettings,
     beam: Beam,
     progress: Callable[[int, int], object],
-) -> list[Finding]:
+) -> Checked:
     """Checks whether a recording contradicts what was assumed to read it. Ground truth is not looked at.
 
     Args:
@@ -45,11 +57,12 @@ def check_recording(
     check, reading, detector, tracker, estimator = settings
     stretches = read_stretches(recording, odometry, check, detector, progress)
     followed = follow(recording, stretches, check, tracker, estimator, beam)
-    return [
+    findings = (
         check_stamps(recording, stretches, check, reading),
         check_azimuths(stretches, check),
         check_order(followed, check),
         check_mirror(recording, followed, odometry, check),
         check_stamp(recording, followed, odometry, check),
         check_scale(recording, followed, odometry, check),
-    ]
+    )
+    return Checked(findings, sum(len(stretch.scans) for stretch in stretches))

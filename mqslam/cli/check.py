@@ -58,10 +58,14 @@ def check(
         outcome = do(data, odometry=odometry, config=config, format=format, range_resolution=range_resolution, work=work)
     if as_json:
         checks = [asdict(finding) for finding in outcome.findings]
-        typer.echo(json.dumps({"suspicious": outcome.suspicious, "notes": outcome.notes, "checks": checks}, indent=1))
+        told = {"suspicious": outcome.suspicious, "notes": outcome.notes, "read": outcome.read, "scans": outcome.scans}
+        typer.echo(json.dumps(told | {"checks": checks}, indent=1))
     else:
         for finding in outcome.findings:
             typer.echo(f"{finding.name:<24}{finding.verdict:<18}{finding.text}")
+        if outcome.read < outcome.scans:
+            rest = "a damaged one among the others shows in mqslam run, which reads all"
+            typer.echo(f"{outcome.read} of {outcome.scans} scans were read; {rest}")
         if outcome.warning is not None:
             typer.echo(outcome.warning)
     if outcome.suspicious:

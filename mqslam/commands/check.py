@@ -22,10 +22,14 @@ class Check:
     Args:
         findings: one per check.
         notes: what a user should know about how the recording was understood.
+        read: number of polar scans that were read.
+        scans: number of polar scans in the recording.
     """
 
     findings: tuple[Finding, ...]
     notes: tuple[str, ...]
+    read: int
+    scans: int
 
     @property
     def suspicious(self) -> bool:
@@ -71,14 +75,14 @@ def check(
     notes = [*recording.notes, *notes]
     for note in notes:
         work.tell(note)
-    findings = check_recording(
+    findings, read = check_recording(
         recording,
         track,
         CheckSettings(settings.check, settings.reading, settings.detector, settings.tracker, settings.estimator),
         beam_of(settings.estimator, settings.sensor.doppler_beta or 0.0),
         partial(work.progress, "detect"),
     )
-    return Check(tuple(findings), tuple(notes))
+    return Check(findings, tuple(notes), read, len(recording))
 
 
 def describe_statistics(

@@ -30,6 +30,7 @@ from mqslam.results.audit_rows import (
     list_step,
     list_window,
 )
+from mqslam.results.run_log import format_log, list_verdict
 from mqslam.results.summary_files import format_csv
 from mqslam.results.unjudged import list_uncovered, list_unjudged
 from mqslam.version import __version__
@@ -237,7 +238,16 @@ def write_audit(folder: Path, config: Config, summary: Mapping[str, Any]) -> Non
     write_text(folder / "revisits.csv", _format_csv(summary["per_revisit"], RevisitRow))
     write_text(folder / "steps.csv", _format_csv(summary["per_step"], StepRow))
     write_text(folder / "spans.csv", _format_csv(summary["per_span"], SpanRow))
+    write_text(folder / "run.log", _format_log(summary))
     write_json(folder / "audit.json", summary)
+
+
+def _format_log(summary: Mapping[str, Any]) -> str:
+    """Returns the text of run.log."""
+    dataset, trajectory = summary["dataset"], summary["trajectory"]
+    under = "" if trajectory is None else f" under {trajectory}"
+    title = f"mqslam {summary['mqslam_version']}: audit of {dataset['path']} ({dataset['format']}){under}"
+    return format_log(title, [*(f"warning: {warning}" for warning in summary["warnings"]), *list_verdict(summary)])
 
 
 def _format_csv(rows: Sequence[Mapping[str, Any]], columns: type) -> str:

@@ -4,11 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
-import platform
-import shlex
-import sys
 from collections.abc import Sequence
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Final
 
@@ -24,10 +20,8 @@ from mqslam.core.recording import Recording
 from mqslam.core.sensors.mount import RADAR, VEHICLE
 from mqslam.core.sensors.sensor_notes import list_sensor_notes
 from mqslam.core.trajectory import Trajectory
-from mqslam.core.wording import list_judged
 from mqslam.errors import tolerate
 from mqslam.evaluation import list_errors
-from mqslam.execution.extras import list_versions
 from mqslam.execution.files import write_json, write_text
 from mqslam.execution.memory import find_peak_mb
 from mqslam.formats.covariances import StampedCovariances, write_covariances
@@ -41,6 +35,7 @@ from mqslam.formats.tum import write_tum
 from mqslam.mapping.occupancy_grid import make_occupancy_grid
 from mqslam.results.audit_results import summarise_tests
 from mqslam.results.graph_table import format_graph_table
+from mqslam.results.run_log import format_log, list_stages, list_verdict
 from mqslam.results.run_scale import list_unknown_scale
 from mqslam.results.run_verdict import judge_run
 from mqslam.results.sensor_results import summarise_mount, summarise_sensors
@@ -234,18 +229,11 @@ def _write_numbers(folder: Path, summary: dict[str, Any], notes: Sequence[str]) 
 
 def _log_text(summary: dict[str, Any], notes: Sequence[str]) -> str:
     dataset = summary["dataset"]
-    lines = [f"mqslam {summary['mqslam_version']} on {dataset['path']} ({dataset['format']})"]
-    lines.append(f"finished: {datetime.now(UTC):%Y-%m-%d %H:%M:%S} UTC")
-    lines.append(f"command: {shlex.join(sys.argv)}")
-    lines.append(f"versions: {', '.join(list_versions())}; {platform.platform()}")
-    lines += [f"note: {note}" for note in (*notes, *list_sensor_notes(summary))]
+    lines = [f"note: {note}" for note in (*notes, *list_sensor_notes(summary))]
     lines += [f"warning: {warning}" for warning in summary["warnings"]]
     lines.append(f"Doppler shift: {summary['doppler_beta']:.4f} s of range per closing speed")
-    lines += [f"{stage}: {seconds:.2f} s" for stage, seconds in summary["runtime_s"].items()]
-    verdict, unjudged = summary["verdict"], summary["not_judged"]
-    lines.append(f"verdict: {verdict['status']}: {'; '.join(list_judged(verdict['reasons'], unjudged))}")
-    lines += [f"not judged: {line}" for line in unjudged]
-    return "\n".join(lines) + "\n"
+    lines += [*list_stages(summary), *list_verdict(summary)]
+    return format_log(f"mqslam {summary['mqslam_version']} on {dataset['path']} ({dataset['format']})", lines)
 
 
 def _describe_last_pose(run: Run) -> dict[str, Any] | None:

@@ -26,7 +26,11 @@ CONFIG = Config()
 def written(folder: Path, audit: Audit, sweeps: Sweeps) -> tuple[dict[str, Any], list[str], list[str]]:
     """Writes an audit, and returns its JSON and what its tables say of windows and revisits being torn."""
     folder.mkdir()
-    write_audit(folder, CONFIG, summarise(audit, sweeps, CONFIG.audit, CONFIG.verdict, {"path": "drive"}, "given"))
+    write_audit(
+        folder,
+        CONFIG,
+        summarise(audit, sweeps, CONFIG.audit, CONFIG.verdict, {"path": "drive", "format": "native"}, "given"),
+    )
     tables = []
     for name in ("audit.csv", "revisits.csv"):
         tables.append([row["torn"] for row in csv.DictReader((folder / name).read_text().splitlines())])
@@ -75,7 +79,13 @@ def test_without_a_trajectory_there_is_no_path_and_no_revisit(tmp_path: Path) ->
 
 
 def test_a_table_without_rows_still_names_its_columns(tmp_path: Path) -> None:
-    write_audit(tmp_path, CONFIG, {"per_window": [], "per_revisit": [], "per_step": [], "per_span": []})
+    rows = {"per_window": [], "per_revisit": [], "per_step": [], "per_span": []}
+    judged = {"verdict": {"status": "not judged", "reasons": ["no points"]}, "not_judged": [], "warnings": ["few points"]}
+    origin = {"mqslam_version": "1", "dataset": {"path": "drive", "format": "native"}, "trajectory": None}
+    write_audit(tmp_path, CONFIG, {**rows, **judged, **origin})
+    log = (tmp_path / "run.log").read_text()
+    assert log.startswith("mqslam 1: audit of drive (native)\nfinished: ") and "\ncommand: " in log and "\nversions: " in log
+    assert "warning: few points\nverdict: not judged: no points\n" in log
     for name, columns in {
         "audit": "t0,t1,x,y,yaw,torn",
         "revisits": "t_earlier,t_later",

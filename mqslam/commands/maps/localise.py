@@ -26,7 +26,7 @@ from mqslam.localisation.localised import Localised
 from mqslam.localisation.recording_in_map import localise as find_in_map
 from mqslam.psi.place import beam_of
 from mqslam.report.maps.localise_page import write_localise_page
-from mqslam.results.localise_results import summarise, write_localised
+from mqslam.results.maps.localise_results import summarise, write_localised
 
 _MAP_REMEDY = "give the folder of a result that `mqslam run` has written"
 

@@ -19,7 +19,7 @@ from mqslam.formats.tum import read_tum
 from mqslam.merging.map_merge import merge_parts
 from mqslam.merging.part import Part, make_part
 from mqslam.report.maps.merge_page import write_merge_page
-from mqslam.results.merge_results import summarise_merge, write_merge
+from mqslam.results.maps.merge_results import summarise_merge, write_merge
 from mqslam.results.summary_files import add_warnings
 
 _REMEDY = "give the folder of a result as `mqslam run` or `mqslam merge` has written it"

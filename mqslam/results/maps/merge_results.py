@@ -21,6 +21,7 @@ from mqslam.mapping.occupancy_grid import make_occupancy_grid
 from mqslam.merging.changes import Change
 from mqslam.merging.map_merge import Merged
 from mqslam.merging.meetings import Meeting
+from mqslam.results.run_log import format_log, list_stages
 from mqslam.results.summary_files import format_csv
 from mqslam.version import __version__
 
@@ -180,13 +181,11 @@ def _describe_change(change: Change) -> dict[str, Any]:
 
 def _format_log(summary: dict[str, Any]) -> str:
     """Returns the text of run.log."""
-    lines = [f"mqslam {summary['mqslam_version']}: merge of {', '.join(summary['results'])}"]
-    lines += [f"warning: {warning}" for warning in summary["warnings"]]
+    title = f"mqslam {summary['mqslam_version']}: merge of {', '.join(summary['results'])}"
+    lines = [f"warning: {warning}" for warning in summary["warnings"]]
     lines += [
         f"recognition of {m['later']} in {m['earlier']}: {m['matches']} matches in {m['rows']} rows, {m['agreeing']} agree, "
         f"{m['rivals']} on the likeliest other relation; {m['ambiguous']} submaps match several places"
         for m in summary["recognition"]
     ]
-    lines += [f"{stage}: {seconds:.2f} s" for stage, seconds in summary["runtime_s"].items()]
-    lines.append(summary["conclusion"])
-    return "\n".join(lines) + "\n"
+    return format_log(title, [*lines, *list_stages(summary), summary["conclusion"]])

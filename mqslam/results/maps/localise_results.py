@@ -22,6 +22,7 @@ from mqslam.formats.covariances import StampedCovariances, write_covariances
 from mqslam.formats.maps.geojson import write_geojson
 from mqslam.formats.tum import write_tum
 from mqslam.localisation.localised import Localised, PlaceStatus
+from mqslam.results.run_log import format_log, list_stages
 from mqslam.results.summary_files import format_csv
 from mqslam.results.truth_files import write_truth
 from mqslam.version import __version__
@@ -174,9 +175,8 @@ def _format(value: float) -> str:
 
 def _log_text(summary: Mapping[str, Any], notes: Sequence[str]) -> str:
     dataset = summary["dataset"]
-    lines = [f"mqslam {summary['mqslam_version']} on {dataset['path']} ({dataset['format']}) in {summary['map']['path']}"]
-    lines += [f"note: {note}" for note in notes]
+    title = f"mqslam {summary['mqslam_version']} on {dataset['path']} ({dataset['format']}) in {summary['map']['path']}"
+    lines = [f"note: {note}" for note in notes]
     lines += [f"warning: {warning}" for warning in summary["warnings"]]
     lines += [f"{status}: {number} scans" for status, number in summary["scans"].items()]
-    lines += [f"{stage}: {seconds:.2f} s" for stage, seconds in summary["runtime_s"].items()]
-    return "\n".join(lines) + "\n"
+    return format_log(title, [*lines, *list_stages(summary)])

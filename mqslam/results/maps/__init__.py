@@ -1,0 +1,1 @@
+"""Results of commands that take maps which runs have left."""
