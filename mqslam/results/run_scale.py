@@ -1,4 +1,4 @@
-"""The scale of a run's map, held against odometry: psi is the same for a map and a scaled copy of it."""
+"""The scale of a run's map, held against odometry and GNSS: psi is the same for a map and a scaled copy of it."""
 
 from __future__ import annotations
 
@@ -8,6 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mqslam.auditing.verdict import Finding, VerdictStatus
+from mqslam.backend.sensors.gnss.fix_use import FixUse
+from mqslam.config import VerdictConfig
 from mqslam.core.recording import Recording
 from mqslam.core.trajectory import Trajectory
 from mqslam.errors import Remedy
@@ -17,20 +19,34 @@ _SPAN_US: Final = 1_000_000  # over which speeds are compared [us]: long against
 
 
 def judge_scale(run: Run) -> list[Finding]:
-    """Returns that odometry contradicts the trajectory's scale; nothing where it does not, or there is too little of it."""
-    ratio = measure_ratio(run)
-    if ratio is None or 1.0 / (1.0 + run.config.verdict.wrong_scale) <= ratio <= 1.0 + run.config.verdict.wrong_scale:
-        return []
-    reason = (
-        f"the trajectory is {ratio:.3g} times as fast as odometry, whose scale is wrong, or range bins {1.0 / ratio:.3g} "
-        f"times as long would fit: {Remedy.GIVE_RANGE_RESOLUTION}"
-    )
-    return [Finding(VerdictStatus.WARN, reason)]
+    """Returns that odometry or fixes contradict the trajectory's scale; nothing where they do not, or there are too few."""
+    reasons, ratio, fixes = [], measure_ratio(run), run.sensors.fixes
+    if ratio is not None and _is_wrong(ratio, run.config.verdict):
+        reasons.append(
+            f"the trajectory is {ratio:.3g} times as fast as odometry, whose scale is wrong, or range bins "
+            f"{1.0 / ratio:.3g} times as long would fit: {Remedy.GIVE_RANGE_RESOLUTION}"
+        )
+    if fixes is not None and fixes.stretch is not None and _is_wrong(fixes.stretch, run.config.verdict):
+        reasons.append(
+            f"GNSS fixes lie {fixes.stretch:.3g} times as far apart as the trajectory has them, and range bins as many "
+            f"times as long would fit: {Remedy.GIVE_RANGE_RESOLUTION}"
+        )
+    return [Finding(VerdictStatus.WARN, reason) for reason in reasons]
+
+
+def _shows_scale(fixes: FixUse | None) -> bool:
+    """Returns whether fixes show the scale: they are used, or contradict it."""
+    return fixes is not None and (fixes.edges is not None or fixes.stretch is not None)
+
+
+def _is_wrong(ratio: float, limits: VerdictConfig) -> bool:
+    """Returns whether a ratio of two scales is too far from 1."""
+    return not 1.0 / (1.0 + limits.wrong_scale) <= ratio <= 1.0 + limits.wrong_scale
 
 
 def list_unknown_scale(run: Run, recording: Recording) -> list[str]:
-    """Returns that nothing shows the scale, where the length of range bins is assumed and no odometry is held against it."""
-    if not recording.is_resolution_assumed or measure_ratio(run) is not None:
+    """Returns that nothing shows the scale, where the length of range bins is assumed and nothing is held against it."""
+    if not recording.is_resolution_assumed or measure_ratio(run) is not None or _shows_scale(run.sensors.fixes):
         return []
     length = f"the length of a range bin, {recording.range_resolution:g} m, is assumed"
     return [f"{length}, and nothing shows whether the scale of the map is right"]

@@ -10,6 +10,7 @@ from mqslam.auditing.findings import judge_windows
 from mqslam.auditing.verdict import VerdictStatus
 from mqslam.backend.sensor_use import SensorUse
 from mqslam.backend.sensors.chirps.velocity_use import VelocityUse
+from mqslam.backend.sensors.gnss.fix_use import FixUse
 from mqslam.config import Config
 from mqslam.core.measurement import Measurement, Refined, Status
 from mqslam.core.point_map import PointMap
@@ -45,6 +46,9 @@ def driven(scans, step_m=1.0):
     return Trajectory(250_000 * np.arange(scans), np.c_[step_m * np.arange(scans), np.zeros((scans, 2))])
 
 
+ASSUMED = SimpleNamespace(is_resolution_assumed=True, range_resolution=0.0438)
+
+
 def run(scans, *, lost=0, degenerate=0, torn=0, before=0.5, after=0.4, **others):
     """Returns the parts of a run of so many scans that the verdict looks at."""
     statuses = [Status.LOST] * lost + [Status.DEGENERATE] * degenerate + [Status.CONVERGED] * (scans - 1 - lost - degenerate)
@@ -65,6 +69,7 @@ def run(scans, *, lost=0, degenerate=0, torn=0, before=0.5, after=0.4, **others)
             "optimised": driven(scans),
             "odometry": driven(scans),
             "odometry_factors": 1,
+            "sensors": SensorUse(),
             "refined": Refined([], []),
             "unoptimised": None,
             "unread": {},
@@ -169,12 +174,21 @@ def test_a_trajectory_of_another_scale_than_odometry_does_not_pass(step_m: float
     assert not said if is_right else f"{1.0 / step_m:.3g} times as fast" in said[0] and f"bins {step_m:.3g} times" in said[0]
 
 
+@pytest.mark.parametrize("stretch", [None, 0.8, 0.95, 1.05, 1.3])
+def test_fixes_that_lie_farther_apart_than_the_trajectory_has_them_do_not_pass(stretch: float | None) -> None:
+    fixes = FixUse("gnss.csv", (), None, None, stretch)
+    status, reasons = judge_run(run(240, sensors=SensorUse(fixes=fixes)))
+    said = [reason for reason in reasons if "GNSS fixes lie" in reason]
+    assert (status, len(said)) == ((WARN, 1) if stretch in (0.8, 1.3) else (PASS, 0))
+    unknown = list_unknown_scale(run(240, odometry_factors=0, sensors=SensorUse(fixes=fixes)), ASSUMED)
+    assert bool(unknown) is (stretch is None)  # fixes that are refused for another reason show nothing
+
+
 def test_a_scale_that_nothing_shows_is_not_judged_where_the_length_of_a_bin_is_assumed() -> None:
-    assumed = SimpleNamespace(is_resolution_assumed=True, range_resolution=0.0438)
     stated = SimpleNamespace(is_resolution_assumed=False, range_resolution=0.0438)
     alone, beside = run(240, odometry_factors=0), run(240)
-    assert "0.0438 m, is assumed" in list_unknown_scale(alone, assumed)[0]
-    assert list_unknown_scale(alone, stated) == list_unknown_scale(beside, assumed) == []
+    assert "0.0438 m, is assumed" in list_unknown_scale(alone, ASSUMED)[0]
+    assert list_unknown_scale(alone, stated) == list_unknown_scale(beside, ASSUMED) == []
 
 
 def test_odometry_that_stands_or_is_short_shows_no_scale() -> None:

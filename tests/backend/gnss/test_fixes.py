@@ -100,6 +100,21 @@ def test_fixes_mend_the_drift_of_a_trajectory(receiver: Receiver) -> None:
     assert alone > 1.0
 
 
+@pytest.mark.parametrize("scale", [0.7, 0.85, 1.2])
+def test_a_trajectory_of_a_wrong_scale_is_not_blamed_on_the_fixes(scale: float) -> None:
+    motions = [replace(m, pose=m.pose * [scale, scale, 1.0]) for m in measured(800)]
+    use = join_fixes(fixed(Receiver(jump_m=20.0), 800), START_US, motions, np.zeros(2), SETTINGS)
+    assert use.stretch == pytest.approx(1.0 / scale, rel=0.02)
+    if use.edges is None:
+        assert f"they lie {use.stretch:.3g} times as far apart as the trajectory has them" in use.statements[0]
+
+
+@pytest.mark.parametrize("turned", [0.0, 2e-5, 1e-3])
+def test_a_trajectory_that_drifts_is_of_no_wrong_scale(turned: float) -> None:
+    stretch = joined(Receiver(jump_m=20.0), turned=turned).stretch
+    assert stretch is None or stretch == pytest.approx(1.0, abs=0.1)
+
+
 def test_jumps_are_rejected_and_counted() -> None:
     use, config = joined(Receiver(jump_m=25.0)), Config()
     assert use.edges is not None

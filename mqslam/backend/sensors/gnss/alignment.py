@@ -35,6 +35,34 @@ def align(points: NDArray[np.float64], fixes: NDArray[np.float64]) -> se2.Array:
     return pose
 
 
+def measure_stretch(points: NDArray[np.float64], fixes: NDArray[np.float64]) -> float | None:
+    """Measures how many times as far apart fixes lie as a trajectory has them.
+
+    Args:
+        points: (N, 2) m, where the trajectory has the antenna, as for `align`.
+        fixes: (N, 2) m, likewise.
+
+    Returns:
+        the median over pairs of fixes that are far apart; None where such a scale does not halve the median residual.
+    """
+    lags = [len(points) // share for share in (2, 4, 8) if len(points) // share > 0]
+    own, given = (
+        np.concatenate([np.hypot(*(places[lag:] - places[:-lag]).T) for lag in lags]) if lags else np.empty(0)
+        for places in (points, fixes)
+    )
+    far = own > 0.5 * own.max(initial=0.0)
+    if not far.any():
+        return None
+    stretch = float(np.median(given[far] / own[far]))
+    as_it_is, stretched = (_measure_residual(scale * points, fixes) for scale in (1.0, stretch))
+    return stretch if stretched < 0.5 * as_it_is else None
+
+
+def _measure_residual(points: NDArray[np.float64], fixes: NDArray[np.float64]) -> float:
+    """Returns the median distance [m] between fixes and a trajectory that is laid on them."""
+    return float(np.median(np.hypot(*(fixes - se2.transform(align(points, fixes), points)).T)))
+
+
 def _fit(points: NDArray[np.float64], fixes: NDArray[np.float64], weights: NDArray[np.float64]) -> se2.Array:
     """Returns the rigid motion (3,) that is the weighted least-squares fit (Umeyama, 1991, without scale)."""
     a, b = (np.average(values, axis=0, weights=weights) for values in (points, fixes))

@@ -11,7 +11,7 @@ import numpy as np
 from gtsam.symbol_shorthand import E, X
 from numpy.typing import NDArray
 
-from mqslam.backend.sensors.gnss.alignment import align
+from mqslam.backend.sensors.gnss.alignment import align, measure_stretch
 from mqslam.backend.sensors.gnss.antenna import Antenna, estimate_antenna
 from mqslam.backend.sensors.gnss.fix_noise import FixNoise, measure_fix_noise
 from mqslam.config import GnssConfig
@@ -21,6 +21,7 @@ from mqslam.core.sensors.fixes import Fixes
 from mqslam.core.sensors.georeference import Georeference
 from mqslam.core.sensors.tangent_plane import TangentPlane
 from mqslam.core.wording import left_or_right
+from mqslam.errors import Remedy
 from mqslam.factors.gnss_position import gnss_position, plane_walk
 
 _ROUNDS: Final = 3  # of antenna and noise, which settle in fewer
@@ -88,17 +89,25 @@ class FixUse:
         statements: what a user should know, in whole sentences; once jumps are judged, the first says whether they are used.
         edges: the fixes; None where they are not used.
         antenna: where the antenna sits in the radar's frame, as the fixes say; None where it is known, or they are not used.
+        stretch: how many times as far apart the fixes lie as the trajectory has them; None where its scale fits them.
     """
 
     source: str
     statements: tuple[str, ...]
     edges: FixEdges | None = None
     antenna: Antenna | None = None
+    stretch: float | None = None
 
     @classmethod
-    def refuse(cls, source: str, why: str) -> FixUse:
+    def refuse(cls, source: str, why: str, stretch: float | None = None) -> FixUse:
         """Returns that fixes are not used, and why."""
-        return cls(source, (f"the GNSS fixes ({source}) are not used: {why}",))
+        scaled = ""
+        if stretch is not None:
+            scaled = (
+                f"; they lie {stretch:.3g} times as far apart as the trajectory has them, so that not they but the length "
+                f"of a range bin may be wrong: {Remedy.GIVE_RANGE_RESOLUTION}"
+            )
+        return cls(source, (f"the GNSS fixes ({source}) are not used: {why}{scaled}",), stretch=stretch)
 
     def judge_jumps(self, values: gtsam.Values, settings: GnssConfig) -> FixUse:
         """Returns the use with how many fixes are jumps in an optimised graph; too many of them contradict the radar."""
@@ -106,7 +115,8 @@ class FixUse:
             return self
         number, jumps = len(self.edges.scans), self.edges.count_rejected(values)
         if jumps > settings.most_jumps * number:
-            return FixUse.refuse(self.source, f"{jumps} of {number} contradict the radar's motion, wherever the map lies")
+            why = f"{jumps} of {number} contradict the radar's motion, wherever the map lies"
+            return FixUse.refuse(self.source, why, self.stretch)
         said = f"the GNSS fixes ({self.source}) are used, {number} of them"
         rejected = "1 is a jump and hardly counts" if jumps == 1 else f"{jumps} are jumps and hardly count"
         counted = f"{said}, of which {rejected}" if jumps else said
@@ -131,8 +141,8 @@ def join_fixes(
         settings: of GNSS.
     """
 
-    def refuse(why: str) -> FixUse:
-        return FixUse.refuse(fixes.source, why)
+    def refuse(why: str, stretch: float | None = None) -> FixUse:
+        return FixUse.refuse(fixes.source, why, stretch)
 
     if not motions:
         return refuse("there is no motion that they could be held against")
@@ -145,12 +155,14 @@ def join_fixes(
     positions = plane.project(fixes.latitudes[inside], fixes.longitudes[inside])
     sensor = se2.interpolate(starts, chain, times)
     on_map, lies, residuals = _lay(sensor, np.zeros(2) if antenna is None else antenna, positions)
+    stretch = measure_stretch(on_map, positions)
     usual_m, path_m = float(np.median(np.hypot(*residuals.T))), float(se2.step_lengths(chain).sum())
     spread_m = float(np.hypot(*np.ptp(on_map, axis=0)))
     if usual_m > settings.largest_share * path_m or spread_m < settings.least_spread * usual_m:
         return refuse(
             f"half of them lie more than {usual_m:.1f} m from the trajectory, whose path is {path_m:.0f} m long and "
-            f"spreads over {spread_m:.0f} m"
+            f"spreads over {spread_m:.0f} m",
+            stretch,
         )
     noise = measure_fix_noise(times, residuals, fixes.sigmas_m[inside], settings.alike_s)
     found: Antenna | None = None
@@ -163,7 +175,8 @@ def join_fixes(
     if noise.walk_m > settings.largest_walk_m:
         return refuse(
             f"they wander about the trajectory by {noise.walk_m:.1f} m in a second, so that they are of another drive, or "
-            "their clock is not that of the recording"
+            "their clock is not that of the recording",
+            stretch,
         )
     knots = np.unique(np.floor(times / settings.knot_s), return_inverse=True)[1]  # none for times without a fix
     middles = np.bincount(knots, times) / np.bincount(knots)
@@ -179,7 +192,7 @@ def join_fixes(
             f"they show that the antenna sits {abs(x):.2f} m {'ahead of' if x >= 0.0 else 'behind'} the radar and "
             f"{abs(y):.2f} m to its {left_or_right(y)} (± {found.sigmas[0]:.2g} m and ± {found.sigmas[1]:.2g} m)"
         )
-    return FixUse(fixes.source, tuple(told), edges, found)
+    return FixUse(fixes.source, tuple(told), edges, found, stretch)
 
 
 def _lay(
