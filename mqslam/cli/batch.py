@@ -37,7 +37,7 @@ def batch(
     """
     from rich.console import Console
 
-    from mqslam.cli.terminal.console import set_up_work
+    from mqslam.cli.terminal.console import print_warnings, set_up_work
     from mqslam.commands.batch import run_batch
     from mqslam.execution.files import to_json
 
@@ -50,8 +50,7 @@ def batch(
     elif not quiet:
         Console(soft_wrap=True).print(_tabulate(summary))
         typer.echo(f"report: {result.report}")
-        for warning in summary["warnings"]:
-            console.print(f"warning: {warning}", style="yellow", highlight=False, soft_wrap=True)
+        print_warnings(console, summary["warnings"])
     for run in summary["runs"]:
         if run["failure"] and not as_json:
             console.print(f"{run['name']} failed: {name_options(run['failure'])}", highlight=False, soft_wrap=True)

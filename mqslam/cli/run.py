@@ -87,7 +87,7 @@ def run(
     """
     from rich.console import Console
 
-    from mqslam.cli.terminal.console import print_notes, set_up_work
+    from mqslam.cli.terminal.console import print_notes, print_warnings, set_up_work
     from mqslam.commands.run import run as do
     from mqslam.config import load_config
     from mqslam.core.sensors.sensor_notes import list_sensor_notes
@@ -122,8 +122,7 @@ def run(
     if as_json:
         typer.echo(to_json(summary))
     elif not quiet:
-        for warning in summary["warnings"]:
-            console.print(f"warning: {warning}", style="yellow", highlight=False, soft_wrap=True)
+        print_warnings(console, summary["warnings"])
         print_notes(console, list_sensor_notes(summary))
         if settings.sensor.doppler_beta is None and summary["doppler_beta"]:
             beta = summary["doppler_beta"]

@@ -82,7 +82,7 @@ def localise(
     """
     from rich.console import Console
 
-    from mqslam.cli.terminal.console import set_up_work
+    from mqslam.cli.terminal.console import print_warnings, set_up_work
     from mqslam.commands.maps.localise import localise as do
     from mqslam.commands.maps.localise import read_map_settings
     from mqslam.config import load_config
@@ -111,8 +111,7 @@ def localise(
     if as_json:
         typer.echo(to_json(result.summary))
     elif not quiet:
-        for warning in result.warnings:
-            console.print(f"warning: {warning}", style="yellow", highlight=False, soft_wrap=True)
+        print_warnings(console, result.warnings)
         Console(soft_wrap=True).print(_tabulate(result.summary))
         typer.echo(f"report: {result.report}")
         if result.evo_command:

@@ -41,6 +41,7 @@ _STAGES = {  # what a terminal calls a stage, and what it counts
     "table1": ("making table 1", "trial"),
 }
 _LINE_EVERY_S = 10.0
+_LEAST_TIMED_S = 0.5  # a stage that reports only at its end has no rate
 
 
 def print_notes(console: Console, notes: Iterable[str]) -> None:
@@ -52,6 +53,12 @@ def print_notes(console: Console, notes: Iterable[str]) -> None:
     """
     for note in notes:
         console.print(f"note: {name_options(note)}", highlight=False, soft_wrap=True)
+
+
+def print_warnings(console: Console, warnings: Iterable[str]) -> None:
+    """Prints what a user should know before the numbers, like notes, in the colour of warnings."""
+    for warning in warnings:
+        console.print(f"warning: {name_options(warning)}", style="yellow", highlight=False, soft_wrap=True)
 
 
 def format_verdict(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
@@ -160,7 +167,9 @@ class _Stages:
             self._rounds[stage] += 1
             self._bars.reset(task.id, total=total, description=f"{title}, round {self._rounds[stage]}")
         self._bars.update(task.id, completed=done)  # the rate holds what is done by now
-        self._bars.update(task.id, rate=_describe_rate(task.finished_speed or task.speed, noun))
+        elapsed = task.finished_time if task.finished_time is not None else task.elapsed
+        timed = elapsed is not None and elapsed >= _LEAST_TIMED_S
+        self._bars.update(task.id, rate=_describe_rate(task.finished_speed or task.speed, noun) if timed else "")
         return task
 
 
