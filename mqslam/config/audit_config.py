@@ -290,8 +290,9 @@ class VerdictConfig(BaseModel):
     wrong_scale: float = Field(
         0.1,
         gt=0.0,
-        description="A run whose speed differs from odometry's by a larger share has the wrong length of range bins, or "
-        "odometry the wrong scale. Worn tyres and slip are a few percent.",
+        description="A run whose speed differs from odometry's by a larger share, or the distances between GNSS fixes from "
+        "those in the trajectory, has the wrong length of range bins, or odometry the wrong scale. Worn tyres and slip are "
+        "a few percent.",
     )
 
     @property
