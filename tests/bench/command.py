@@ -9,6 +9,7 @@ fills the pages from it.
 from __future__ import annotations
 
 import argparse
+import shutil
 import traceback
 from pathlib import Path
 
@@ -66,7 +67,8 @@ def _run(name: str, out: Path, *, write: bool) -> tuple[list[str], list[str]]:
     benchmark, before = load_benchmark(name), BASELINE / f"{name}.json"
     begin = Took.now()
     work = out / name
-    work.mkdir(parents=True, exist_ok=True)
+    shutil.rmtree(work, ignore_errors=True)  # what an earlier measurement has left
+    work.mkdir(parents=True)
     rows = benchmark.measure(work)
     result = make_result(name, benchmark, rows, Took.now().since(begin))
     print(benchmark.what, make_table(result, {}), f"({describe_time(result)})", sep="\n\n", flush=True)
