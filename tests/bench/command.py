@@ -67,7 +67,8 @@ def _run(name: str, out: Path, *, write: bool) -> tuple[list[str], list[str]]:
     benchmark, before = load_benchmark(name), BASELINE / f"{name}.json"
     begin = Took.now()
     work = out / name
-    shutil.rmtree(work, ignore_errors=True)  # what an earlier measurement has left
+    if work.exists():
+        shutil.rmtree(work)  # what an earlier measurement has left
     work.mkdir(parents=True)
     rows = benchmark.measure(work)
     result = make_result(name, benchmark, rows, Took.now().since(begin))
