@@ -39,6 +39,7 @@ class Remedy(StrEnum):
     GIVE_VALUES = "give the file of its values"
     LEAVE_STRICT_OUT = "mend it, or run without strict to leave out what cannot be read"
     NAME_LAYOUT = "name its layout"
+    NAME_TARGET = "name the layout to write"
     NAME_TOPIC = "name the radar's topic"
     MEND_FRONT_END = "mend it, whose traceback is in the log, or choose another front end"
     OVERRIDE_RANGE_RESOLUTION = "sensor.range_resolution_m overrides it"

@@ -45,6 +45,8 @@ def judge_windows(windows: Sequence[WindowAudit], scans: int, size: int, setting
         reason = f"none of {count_of(len(windows), 'window')} could be decided"
     elif status is VerdictStatus.NOT_JUDGED:
         reason += f", too few to judge the map by: the share of torn ones may be {torn.describe_range(settings)}"
+    elif status is VerdictStatus.PASS and torn.count:
+        reason += f", which is no evidence of more than {settings.windows_warn:.0%}"
     if 0 < torn.total < len(windows):
         reason += f", {len(windows) - torn.total} undecided"
     findings = [Finding(status, reason, p_value=find_smallest(window.p_value for window in windows))]
@@ -77,9 +79,20 @@ def judge_steps(steps: Sequence[StepAudit], jumps: Sequence[StepAudit], settings
         return Finding(VerdictStatus.PASS, reason, p_value=find_smallest(step.p_value for step in shown))
     worst = max(jumps, key=lambda step: step.laid.size_m)
     others = f" and at {count_of(len(jumps) - 1, 'other place')}" if len(jumps) > 1 else ""
-    reason = f"the map jumps by {worst.laid.size_m:.2f} m at {worst.t:.1f} s{others}"
+    reason = f"the map {_describe_jump(worst)} at {worst.t:.1f} s{others}"
     status = VerdictStatus.FAIL if worst.laid.size_m > settings.torn_m else VerdictStatus.WARN
     return Finding(status, reason, p_value=find_smallest(step.p_value for step in steps if step.judged))
+
+
+def _describe_jump(step: StepAudit) -> str:
+    """Returns what a step does to a map, in words: most of what moves points may be a turn."""
+    offset, size_m = step.laid.offset, step.laid.size_m
+    moved_m = float(np.hypot(offset[0], offset[1]))
+    if moved_m > 0.5 * size_m:
+        return f"jumps by {size_m:.2f} m"
+    return (
+        f"turns by {np.degrees(abs(offset[2])):.1f} deg and jumps by {moved_m:.2f} m, which moves points by {size_m:.2f} m,"
+    )
 
 
 def find_torn_steps(steps: Sequence[StepAudit], settings: AuditConfig, limits: VerdictConfig) -> list[StepAudit]:
@@ -147,7 +160,7 @@ def judge_pooled(
     if delay is not None:
         reasons.append(_wish_stamps(delay))
     if not reasons:
-        reason = "scale, direction of travel and yaw rate fit what the sensor sees"
+        reason = "scale (against the sensor's own ranges), direction of travel and yaw rate fit what the sensor sees"
         return Finding(VerdictStatus.PASS, reason, p_value=p_value)
     reason = ", and ".join(reasons)
     if (_SIDE in biases or lever is not None) and extrinsics is not None:
@@ -203,7 +216,7 @@ def _wish_length(bias: float, sigma: float) -> str:
 def _wish_side(bias: float, sigma: float) -> str:
     turn = f"{np.degrees(abs(bias)):.2f} degrees (± {np.degrees(sigma):.2f})"
     farther = f"the sensor moves {turn} farther to the {left_or_right(bias)} than the trajectory says"
-    return f"{farther}: its mount is turned by as much"
+    return f"{farther}, as it would if its mount were turned by as much, or wheels slipped sideways"
 
 
 def _wish_turn(bias: float, sigma: float) -> str:

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mqslam.backend.sensors.gyroscope.gyroscope_start import Turns, find_start
 from mqslam.backend.sensors.gyroscope.rotation import Rotation, calibrate
@@ -15,6 +16,7 @@ from mqslam.core.sensors.gyroscope import Gyroscope
 from mqslam.core.statistics.gross import SIGMAS_PER_DEVIATION
 from mqslam.core.trajectory import Trajectory
 
+_SPARSE: Final = 0.7  # poses per scan, below which a trajectory is interpolated between poses: one and a half turns apart
 _LEAST_VARIANCE: Final = 1e-12  # numerical: a trajectory that agrees exactly [rad^2]
 
 
@@ -50,7 +52,7 @@ def check_gyroscope(gyroscope: Gyroscope, scans: Scans, trajectory: Trajectory, 
         settings: of the gyroscope.
     """
     source = gyroscope.source
-    inside = scans.stamps_us[(trajectory.stamps_us[0] <= scans.stamps_us) & (scans.stamps_us <= trajectory.stamps_us[-1])]
+    inside = _pick_stamps(scans.stamps_us, trajectory.stamps_us)
     if len(inside) <= settings.fewest:
         return GyroscopeCheck(source, f"the gyroscope ({source}) covers too little of the trajectory to check it", None)
     times, yaws = (inside - scans.start_us) * 1e-6, np.diff(np.unwrap(trajectory.at(inside)[:, 2]))
@@ -66,11 +68,20 @@ def check_gyroscope(gyroscope: Gyroscope, scans: Scans, trajectory: Trajectory, 
     found = calibrate(gyroscope, start, turns, settings)
     faults, remark = _list_faults(found.rotation, settings), _describe_scale(found.rotation, settings)
     agreed = (
-        f"agrees with the trajectory: over a scan both differ by {np.rad2deg(spread):.2g} deg; "
+        f"agrees with the trajectory from scan to scan, within {np.rad2deg(spread):.2g} deg; "
         f"{_describe_bias(found.rotation)}{remark}"
     )
     outcome = f"contradicts the trajectory: {'; '.join(faults)}" if faults else agreed
     return GyroscopeCheck(source, f"the gyroscope ({source}) {outcome}", not faults, found.rotation, spread)
+
+
+def _pick_stamps(scans_us: NDArray[np.int64], poses_us: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Returns the stamps [us] between which turns are compared: those of scans, or of poses that are sparser than these.
+
+    Between sparse poses a trajectory turns as it is interpolated, and not as the sensor did.
+    """
+    stamps, others = (scans_us, poses_us) if len(poses_us) >= _SPARSE * len(scans_us) else (poses_us, scans_us)
+    return stamps[(others[0] <= stamps) & (stamps <= others[-1])]
 
 
 def _list_faults(rotation: Rotation, settings: GyroscopeConfig) -> list[str]:
@@ -91,7 +102,7 @@ def _list_faults(rotation: Rotation, settings: GyroscopeConfig) -> list[str]:
 def _describe_bias(rotation: Rotation) -> str:
     """Returns what was taken as a gyroscope's bias, in words: a constant error of the trajectory's yaw rate hides in it."""
     rate = abs(float(np.rad2deg(rotation.bias)))
-    return f"a constant {rate:.2g} deg/s is taken as its bias, in which a constant error of the trajectory's yaw rate hides"
+    return f"a steady drift of yaw it does not show, since a constant {rate:.2g} deg/s is taken as its bias"
 
 
 def _describe_scale(rotation: Rotation, settings: GyroscopeConfig) -> str:

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from mqslam.cli.terminal.fail_on import FailOn, choose_exit_code
 from mqslam.cli.terminal.options import (
     CORES,
     Cluster,
@@ -23,7 +24,7 @@ from mqslam.cli.terminal.options import (
 )
 
 if TYPE_CHECKING:
-    from mqslam.auditing.verdict import VerdictStatus
+    pass
 
 
 def audit(
@@ -81,13 +82,7 @@ def audit(
             "covariances may together call a good recording's map bad; 0.01 by default.",
         ),
     ] = None,
-    fail_on: Annotated[
-        Literal["warn", "fail"] | None,
-        typer.Option(
-            help="Exit with 1 if the verdict on the trajectory as it is given is this or worse, and with 3 if the map could "
-            "not be judged."
-        ),
-    ] = None,
+    fail_on: FailOn = None,
     mend: Annotated[
         bool,
         typer.Option(
@@ -161,15 +156,6 @@ def audit(
         typer.echo(f"results in {out}; open {result.report} in a browser")
     if fail_on is not None:
         raise typer.Exit(choose_exit_code(result.verdict, fail_on))
-
-
-def choose_exit_code(status: VerdictStatus, fail_on: Literal["warn", "fail"]) -> int:
-    """Returns the exit code of --fail-on; a map that could not be judged has a code of its own."""
-    from mqslam.auditing.verdict import VerdictStatus
-
-    if status is VerdictStatus.NOT_JUDGED:
-        return 3
-    return int(status is VerdictStatus.FAIL or (status is VerdictStatus.WARN and fail_on == "warn"))
 
 
 def _parse_heights(text: str | None) -> tuple[float, float] | None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -10,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from mqslam.cli.terminal.fail_on import FailOn, choose_exit_code
 from mqslam.cli.terminal.options import (
     CORES,
     Cluster,
@@ -72,6 +72,7 @@ def run(
             help="Show the map as it grows in Rerun's viewer, or record it in a file; this needs the extra `view`.",
         ),
     ] = None,
+    fail_on: FailOn = None,
     resume: Annotated[bool, typer.Option("--resume", help="Continue the unfinished run at --out, if there is one.")] = False,
     force: Force = False,
     as_json: Json = False,
@@ -133,6 +134,8 @@ def run(
         typer.echo(f"report: {result.report}")
         if result.evo_command:
             typer.echo(f"compare with evo: {result.evo_command}")
+    if fail_on is not None:
+        raise typer.Exit(choose_exit_code(result.verdict, fail_on))
 
 
 @contextmanager
@@ -164,6 +167,7 @@ def tabulate_summary(summary: dict[str, Any]) -> Table:
     from rich.table import Table
 
     from mqslam.cli.terminal.console import format_verdict
+    from mqslam.core.wording import describe_last_pose
 
     table = Table(title=None, show_edge=False, pad_edge=False)
     table.add_column("")
@@ -195,7 +199,8 @@ def tabulate_summary(summary: dict[str, Any]) -> Table:
         f"{dataset['revolutions']} scans, {dataset['duration_s']:.1f} s, {dataset['length_m']:.1f} m; "
         f"{runtime['total']:.1f} s of computing, {describe_pace(dataset['duration_s'], runtime['total'])}\n"
         + "\n".join(
-            f"{name}: {text}" for name, text in [*format_verdict(summary), ("last pose", _format_last_pose(summary))]
+            f"{name}: {text}"
+            for name, text in [*format_verdict(summary), ("last pose", describe_last_pose(summary["last_pose"]))]
         )
     )
     table.caption_justify = "left"
@@ -207,18 +212,6 @@ def describe_pace(driven_s: float, computed_s: float) -> str:
     if computed_s > driven_s:
         return f"{computed_s / max(driven_s, 1e-9):.1f} s of computing per second of driving"
     return f"{driven_s / max(computed_s, 1e-9):.1f} times real time"
-
-
-def _format_last_pose(summary: dict[str, Any]) -> str:
-    """Returns how sure a run is of its last pose, in words."""
-    last = summary["last_pose"]
-    if last is None:
-        return "how sure it is, is not known"
-    along, across, yaw = last["sigma_along_m"], last["sigma_across_m"], math.degrees(last["sigma_yaw_rad"])
-    sure = f"± {along:.2g} m along, {across:.2g} m across, {yaw:.2g} deg heading (one sigma, seen from the first pose)"
-    if not last["drift_is_prior"]:
-        return sure
-    return f"{sure}; no loop closes, so the drift that all motions have in common is a prior in it, not measured"
 
 
 def _format(value: float | None, form: str) -> str:

@@ -42,13 +42,14 @@ from mqslam.results.summary_files import add_warnings
 
 _LONGEST_OFFSET_S = 1e11  # beyond any clock, three thousand years: such an offset is in another unit, or no number
 CARRIED = ("recording", "odometry", "ground_truth")  # the names of trajectories that a recording may carry
+_OWN = CARRIED[0]
 
 
 def audit(  # noqa: PLR0913 - these are the options of an audit, each with its default
     data: Path | str,
     out: Path | str,
     *,
-    trajectory: Trajectory | Path | str = "recording",
+    trajectory: Trajectory | Path | str = _OWN,
     times: Path | None = None,
     topic: str | None = None,
     frame: str | None = None,
@@ -254,7 +255,8 @@ def _pick_carried(path: Path, tracks: dict[str, Trajectory], name: str) -> Traje
     if name not in tracks:
         has = f"it carries {', '.join(tracks)}" if tracks else "it carries none"
         remedy = Remedy.GIVE_TRAJECTORY_OR_NAME if tracks else Remedy.GIVE_TRAJECTORY
-        raise ConfigError(f"{path}: has no trajectory '{name}' ({has})", remedy)
+        lacks = "no trajectory of its own" if name == _OWN else f"no trajectory '{name}'"
+        raise ConfigError(f"{path}: has {lacks} ({has})", remedy)
     return tracks[name]
 
 

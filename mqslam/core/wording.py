@@ -1,8 +1,10 @@
-"""Words in messages: singular and plural, left and right."""
+"""Words in messages: singular and plural, left and right, and how sure a pose is."""
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+import math
+from collections.abc import Collection, Mapping, Sequence
+from typing import Any
 
 
 def count_of(number: int, noun: str) -> str:
@@ -23,3 +25,18 @@ def left_or_right(value: float) -> str:
 def list_judged(reasons: Sequence[str], unjudged: Collection[str]) -> list[str]:
     """Returns the reasons of a verdict without those that say what could not be judged; all where there are no others."""
     return [reason for reason in reasons if reason not in unjudged] or list(reasons)
+
+
+def describe_last_pose(last: Mapping[str, Any] | None) -> str:
+    """Returns how sure a run is of its last pose, in words.
+
+    Args:
+        last: `last_pose` of its summary.
+    """
+    if last is None:
+        return "how sure it is, is not known"
+    along, across, yaw = last["sigma_along_m"], last["sigma_across_m"], math.degrees(last["sigma_yaw_rad"])
+    sure = f"± {along:.2g} m along, {across:.2g} m across, {yaw:.2g} deg heading (one sigma, seen from the first pose)"
+    if not last["drift_is_prior"]:
+        return sure
+    return f"{sure}; no loop closes, so the drift that all motions have in common is a prior in it, not measured"

@@ -34,7 +34,7 @@ def find_target(out: Path, name: str | None = None, message: Message = "image") 
     if name is None:
         name = next((target.name for target in targets if target.suffix == out.suffix), None) if out.suffix else _FOLDER
         if name is None:
-            remedy = "end it in .bag, .mcap or .npz, or name a layout"
+            remedy = f"end it in .bag, .mcap or .npz, or {Remedy.NAME_TARGET}"
             raise ConfigError(f"{out}: '{out.suffix}' is the suffix of no layout; {remedy}")
     ways = {target.message: target for target in targets if target.name == name}
     if not ways:

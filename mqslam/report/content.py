@@ -23,11 +23,19 @@ class Part(Generic[Content]):
 
 @dataclass(frozen=True, slots=True)
 class Verdict:
-    """The verdict on a map, with its reasons, and apart from these what could not be judged."""
+    """The verdict on a map, with its reasons, and apart from these what could not be judged.
+
+    Args:
+        status: the verdict.
+        reasons: why it is that.
+        unjudged: what could not be judged.
+        meaning: what it means for the reader, in a sentence.
+    """
 
     status: str
     reasons: tuple[str, ...]
     unjudged: tuple[str, ...] = ()
+    meaning: str = ""
 
 
 @dataclass(frozen=True, slots=True)

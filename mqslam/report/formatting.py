@@ -19,7 +19,9 @@ def format_value(value: Any, unit: str = "") -> str:
     """Returns a value of a summary as text: three significant digits, thousands separated, a dash where there is none."""
     if value is None or (isinstance(value, float) and not math.isfinite(value)):
         return ABSENT
-    if isinstance(value, int) and not isinstance(value, bool):
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, int):
         return f"{value:,}{unit}"
     if isinstance(value, float):
         digits = f"{value:,.0f}" if abs(value) >= 1000 else f"{value:.3g}"

@@ -30,6 +30,12 @@ _UNITS: Final = {  # by the endings of names, the longer ones first
     "mb": " MB",
     "percent": " %",
 }
+_MEANINGS: Final = {
+    "pass": "No test shows a fault of this map, and the tests would have shown a bad one.",
+    "warn": "Something is wrong with this map or the run; the reasons say what, and the map shows where.",
+    "fail": "Do not trust this map; the reasons say what is wrong, and the map shows where.",
+    "not judged": "There is too little evidence to say whether this map is good.",
+}
 _RADIANS_PER_M: Final = {"yaw_per_m": "yaw", "yaw_per_m_sigma": "yaw, sigma"}  # shown in degrees per metre
 _TESTS: Final = {  # the tests of a map, and what they cannot see
     "trajectory": ("trajectory: its poses as they were given", "errors that are as smooth as a drive"),
@@ -105,7 +111,7 @@ def verdict_in(summary: Mapping[str, Any]) -> Verdict:
     given = verdict.get("reasons"), summary.get("not_judged")
     reasons, unjudged = ([str(line) for line in lines or ()] for lines in given)
     status = str(verdict.get("status") or "no verdict")
-    return Verdict(status, tuple(list_judged(reasons, unjudged)), tuple(unjudged))
+    return Verdict(status, tuple(list_judged(reasons, unjudged)), tuple(unjudged), _MEANINGS.get(status, ""))
 
 
 def version_in(summary: Mapping[str, Any]) -> str:

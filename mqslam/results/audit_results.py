@@ -124,22 +124,24 @@ def summarise_mended(mended: Mended, given: Mapping[str, Any], config: Config) -
     judged = mended.result
     own = summarise(judged.audit, judged.sweeps, config.audit, config.verdict, given["dataset"], given["trajectory"])
     return {
-        "sentence": describe_mended(mended, given),
+        "sentence": describe_mended(mended, given, config.verdict),
         "rounds": mended.rounds,
         "ties": mended.ties,
         "loops": mended.loops,
         "moved_m": mended.moved_m,
+        "stretch": mended.stretch,
         "worse": mended.is_worse,
         **{name: value for name, value in own.items() if name not in _OF_BOTH},
     }
 
 
-def describe_mended(mended: Mended, given: Mapping[str, Any]) -> str:
+def describe_mended(mended: Mended, given: Mapping[str, Any], limits: VerdictConfig) -> str:
     """Returns what mending has led to, as a sentence.
 
     Args:
         mended: the trajectory and its audit.
         given: content of audit.json on the trajectory as it was given.
+        limits: of the verdict, which say what change of the scale is worth a word.
     """
     before = given["verdict"]["status"]
     if not mended.rounds and before == VerdictStatus.NOT_JUDGED:
@@ -151,8 +153,11 @@ def describe_mended(mended: Mended, given: Mapping[str, Any]) -> str:
         return (
             f"Mending failed: the mended trajectory is judged worse ({after}) than the given one ({before}). Keep that one."
         )
-    held = f"{count_of(mended.ties, 'motion')} and {count_of(mended.loops, 'revisit')} hold the mended trajectory"
-    return f"{held}, which moves poses by up to {mended.moved_m:.2f} m: the verdict was {before} and is {after}."
+    held = f"{count_of(mended.ties, 'motion')} and {count_of(mended.loops, 'revisit')} by psi hold the mended trajectory"
+    longer = ""
+    if abs(mended.stretch - 1.0) > limits.scale_warn:
+        longer = f" and makes the path {mended.stretch:.3f} times as long, to fit the sensor's ranges"
+    return f"{held}, which moves poses by up to {mended.moved_m:.2f} m{longer}: the verdict was {before} and is {after}."
 
 
 def _summarise_speeds(audit: Audit) -> dict[str, Any]:

@@ -23,13 +23,13 @@ def judge_scale(run: Run) -> list[Finding]:
     reasons, ratio, fixes = [], measure_ratio(run), run.sensors.fixes
     if ratio is not None and _is_wrong(ratio, run.config.verdict):
         reasons.append(
-            f"the trajectory is {ratio:.3g} times as fast as odometry, whose scale is wrong, or range bins "
+            f"the trajectory is {ratio:.3g} times as fast as odometry: its scale is wrong, or range bins "
             f"{1.0 / ratio:.3g} times as long would fit: {Remedy.GIVE_RANGE_RESOLUTION}"
         )
     if fixes is not None and fixes.stretch is not None and _is_wrong(fixes.stretch, run.config.verdict):
         reasons.append(
-            f"GNSS fixes lie {fixes.stretch:.3g} times as far apart as the trajectory has them, and range bins as many "
-            f"times as long would fit: {Remedy.GIVE_RANGE_RESOLUTION}"
+            f"GNSS fixes lie {fixes.stretch:.3g} times as far apart as the trajectory has them: range bins "
+            f"{fixes.stretch:.3g} times as long would fit: {Remedy.GIVE_RANGE_RESOLUTION}"
         )
     return [Finding(VerdictStatus.WARN, reason) for reason in reasons]
 
@@ -45,11 +45,12 @@ def _is_wrong(ratio: float, limits: VerdictConfig) -> bool:
 
 
 def list_unknown_scale(run: Run, recording: Recording) -> list[str]:
-    """Returns that nothing shows the scale, where the length of range bins is assumed and nothing is held against it."""
-    if not recording.is_resolution_assumed or measure_ratio(run) is not None or _shows_scale(run.sensors.fixes):
+    """Returns on what the scale of the map rests, where nothing is held against it: psi is the same for a scaled copy."""
+    if measure_ratio(run) is not None or _shows_scale(run.sensors.fixes):
         return []
-    length = f"the length of a range bin, {recording.range_resolution:g} m, is assumed"
-    return [f"{length}, and nothing shows whether the scale of the map is right"]
+    known = "assumed" if recording.is_resolution_assumed else "stated"
+    length = f"range bins of {recording.range_resolution:.4g} m, as is {known}"
+    return [f"the scale of the map rests on {length}: neither odometry nor GNSS is held against it"]
 
 
 def measure_ratio(run: Run) -> float | None:

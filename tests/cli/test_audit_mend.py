@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from support.commands import mqslam, read_contents
 
+from mqslam.config import Config
 from mqslam.core import se2
 from mqslam.core.trajectory import Trajectory
 from mqslam.formats.tum import read_tum, write_tum
@@ -75,9 +76,20 @@ def test_a_trajectory_without_a_fault_is_written_as_it_is(street: Path, quick: P
 
 
 def test_a_map_that_was_not_judged_is_not_said_to_need_no_mending() -> None:
-    untouched = SimpleNamespace(rounds=0)
-    assert "nothing to mend" in describe_mended(untouched, {"verdict": {"status": "pass"}})
-    assert "could not judge enough to mend" in describe_mended(untouched, {"verdict": {"status": "not judged"}})
+    untouched, limits = SimpleNamespace(rounds=0), Config().verdict
+    assert "nothing to mend" in describe_mended(untouched, {"verdict": {"status": "pass"}}, limits)
+    assert "could not judge enough to mend" in describe_mended(untouched, {"verdict": {"status": "not judged"}}, limits)
+
+
+@pytest.mark.parametrize("stretch", [1.0, 1.028, 0.99])
+def test_a_trajectory_that_is_mended_in_its_scale_is_said_to_be(stretch: float) -> None:
+    audited = SimpleNamespace(audit=SimpleNamespace(status="pass"))
+    mended = SimpleNamespace(rounds=1, result=audited, is_worse=False, ties=3, loops=1, moved_m=2.45, stretch=stretch)
+    sentence = describe_mended(mended, {"verdict": {"status": "fail"}}, Config().verdict)
+    assert sentence.startswith(
+        "3 motions and 1 revisit by psi hold the mended trajectory, which moves poses by up to 2.45 m"
+    )
+    assert (f"makes the path {stretch:.3f} times as long, to fit the sensor's ranges" in sentence) is (stretch != 1.0)
 
 
 def test_the_trajectory_of_a_cloud_is_mended_and_a_cloud_alone_cannot_be(street: Path, quick: Path, tmp_path: Path) -> None:

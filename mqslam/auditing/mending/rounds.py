@@ -83,6 +83,7 @@ class Mended:
         ties: number of motions near each other on the path that the result's graph holds.
         loops: number of revisits that it holds.
         moved_m: how far a pose of the result is from where it was given, at most [m].
+        stretch: how many times as long its path is as that which was given.
         is_worse: whether it is judged worse than what was given.
     """
 
@@ -91,6 +92,7 @@ class Mended:
     ties: int = 0
     loops: int = 0
     moved_m: float = 0.0
+    stretch: float = 1.0
     is_worse: bool = False
 
 
@@ -133,7 +135,8 @@ def mend(
         mended = Judged(track, sweeps, judge(sweeps))
         if best is None or mended.rank < best.result.rank:
             moved_m = float(np.hypot(*(track.poses - given.trajectory.poses)[:, :2].T).max())
-            best = Mended(mended, number + 1, ties, loops, moved_m, mended.rank > given.rank)
+            stretch = track.length_m / given.trajectory.length_m if given.trajectory.length_m else 1.0
+            best = Mended(mended, number + 1, ties, loops, moved_m, stretch, mended.rank > given.rank)
         if mended.audit.status is VerdictStatus.PASS:
             break
         if mended.whole <= current.whole and mended.torn >= current.torn:

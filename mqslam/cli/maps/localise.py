@@ -128,7 +128,9 @@ def _tabulate(summary: dict[str, Any]) -> Table:
     for status, number in summary["scans"].items():
         table.add_row(f"scans {status}", str(number))
     sigma = summary["median_sigma"]
-    table.add_row("usual sigma along, across", f"{sigma['along_m']:.3f} m, {sigma['across_m']:.3f} m")
+    table.add_row(
+        "usual sigma against the map around, along and across", f"{sigma['along_m']:.3f} m, {sigma['across_m']:.3f} m"
+    )
     table.add_row("usual sigma of the heading", f"{math.degrees(sigma['yaw_rad']):.3f} deg")
     table.add_row("matched points", f"{summary['matched']:.1%}")
     if summary["evaluation"]:

@@ -31,6 +31,7 @@ _WORDS: dict[str, str] = {
     Remedy.LEAVE_STRICT_OUT: "mend it, or leave --strict out",
     Remedy.NAME_TOPIC: "name the radar's with --topic TOPIC",
     Remedy.NAME_LAYOUT: "name its layout by --format",
+    Remedy.NAME_TARGET: "name the layout to write by --to",
     Remedy.MEND_FRONT_END: "mend it, whose traceback -v shows, or choose another --frontend",
     Remedy.OVERRIDE_RANGE_RESOLUTION: "--range-resolution overrides it",
     Remedy.READ_WITH_RANGE_RESOLUTION: "read the result with --range-resolution",

@@ -100,6 +100,8 @@ def _read(graph: Path, values: Path | None) -> StoredGraph:
     Raises:
         DataError: it cannot be read, or lacks its values, or has them already.
     """
+    if not graph.exists():
+        raise DataError(graph, "does not exist", "check the path")
     if not gtsam_text.recognises(graph):
         if values is not None:
             raise DataError(values, f"is not needed: {graph} holds its own values", "leave it out")

@@ -7,6 +7,7 @@ readings of other sensors in `applanix/` and `imu/`.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -33,6 +34,7 @@ from mqslam.formats.shared.target import Target
 
 UPGRADE_US = 1_632_182_400_000_000
 """2021-09-21, when another radar was mounted."""
+_RADAR = "Boreas's radar at that date"
 RANGE_RESOLUTION_BEFORE_M = 0.0596
 RANGE_RESOLUTION_M = 0.04381
 """Lengths of a range bin [m] that the data set publishes for the two radars."""
@@ -60,15 +62,10 @@ def open_recording(path: Path, sensing: Sensing, settings: ReadingConfig) -> Row
     images = index_rows(folder, list_stamps(folder), settings)
     poses = folder.parent / "applanix" / "radar_poses.csv"
     truth, faults = read_beside(lambda: _read_poses(poses) if poses.exists() else None)
-    recording = images.to_recording(
-        path,
-        "boreas",
-        sensing.range_resolution or _find_resolution(int(images.stamps_us[0])),
-        ground_truth=truth,
-        notes=sensing.note_unused(),
-        faults=faults,
-    )
-    return _read_sensors(folder.parent).add_to(recording)
+    resolution, assumed = sensing.choose_resolution(_find_resolution(int(images.stamps_us[0])), _RADAR)
+    notes = [*assumed, *sensing.note_unused()]
+    recording = images.to_recording(path, "boreas", resolution, ground_truth=truth, notes=notes, faults=faults)
+    return _read_sensors(folder.parent).add_to(replace(recording, is_resolution_assumed=bool(assumed)))
 
 
 def _read_sensors(root: Path) -> Carried:

@@ -36,6 +36,7 @@ from mqslam.formats.shared.row_images import index_rows
 from mqslam.formats.shared.sensing import Sensing
 from mqslam.formats.shared.target import Target
 
+_RADAR = "MulRan's radar"
 RANGE_RESOLUTION_M = 0.0595  # published with the data set
 _ROWS, _COLUMNS = "polar_oxford_form", "polar"
 _BASE_TO_RADAR = (1.50, -0.04, float(np.deg2rad(0.9)))
@@ -69,12 +70,14 @@ def open_recording(path: Path, sensing: Sensing, settings: ReadingConfig) -> Rec
     truth, faults = read_beside(lambda: _read_poses(poses) if poses else None)
     names = list_stamps(folder)
     if folder.resolve().name == _ROWS:
-        resolution, notes = sensing.range_resolution or RANGE_RESOLUTION_M, sensing.note_unused()
+        resolution, assumed = sensing.choose_resolution(RANGE_RESOLUTION_M, _RADAR)
+        notes = [*assumed, *sensing.note_unused()]
         images = index_rows(folder, names, settings)
         rows = images.to_recording(path, "mulran", resolution, ground_truth=truth, notes=notes, faults=faults)
-        return _read_sensors(folder).add_to(rows)
+        return _read_sensors(folder).add_to(replace(rows, is_resolution_assumed=bool(assumed)))
     columns = ColumnImages(folder, names)
-    recording = open_columns(path, "mulran", columns, stamps_in_us(names), RANGE_RESOLUTION_M, sensing, settings)
+    usual = RANGE_RESOLUTION_M, _RADAR
+    recording = open_columns(path, "mulran", columns, stamps_in_us(names), usual, sensing, settings)
     return _read_sensors(folder).add_to(replace(recording, ground_truth=truth, faults=(*faults, *recording.faults)))
 
 

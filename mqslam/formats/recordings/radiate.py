@@ -23,6 +23,7 @@ from mqslam.formats.shared.sensing import Sensing
 from mqslam.formats.shared.stamps import mark_increasing, parse_stamps
 from mqslam.formats.shared.target import Target
 
+_RADAR = "RADIATE's radar"
 RANGE_RESOLUTION_M = 100.0 / 576.0  # the images reach 100 m in 576 bins
 _DIGITS = 6
 _LINE = re.compile(r"\s*Frame:\s*(\d{1,18})\s+Time:\s*(\d+(?:\.\d+)?)\s*")
@@ -70,7 +71,7 @@ def open_recording(path: Path, sensing: Sensing, settings: ReadingConfig) -> Col
     skipped = [f"{missing} of {len(frames)} frames in {listing.name} have no image and are skipped"] if missing else []
     notes = (*skipped, _OTHER_CLOCK)
     images = ColumnImages(folder, names, _DIGITS)
-    recording = open_columns(path, "radiate", images, stamps, RANGE_RESOLUTION_M, sensing, settings)
+    recording = open_columns(path, "radiate", images, stamps, (RANGE_RESOLUTION_M, _RADAR), sensing, settings)
     return replace(recording, notes=(*notes, *recording.notes), faults=(*faults, *recording.faults))
 
 

@@ -90,7 +90,7 @@ def open_columns(
     format: str,
     images: ColumnImages,
     named_us: NDArray[np.int64],
-    range_resolution: float,
+    usual_resolution: tuple[float, str],
     sensing: Sensing,
     settings: ReadingConfig,
 ) -> ColumnImageRecording:
@@ -101,7 +101,7 @@ def open_columns(
         format: name of its layout.
         images: the images.
         named_us: (N,) increasing stamps of the polar scans [us]: their ends, unless `sensing` says otherwise.
-        range_resolution: length of a range bin [m], unless `sensing` says otherwise.
+        usual_resolution: length of a range bin [m], unless `sensing` says otherwise, and whose radar has such bins.
         sensing: what the user says; the radar turns clockwise, unless it says otherwise.
         settings: how recordings are understood.
 
@@ -114,14 +114,16 @@ def open_columns(
     stamp = sensing.stamp or "end"
     clockwise = sensing.clockwise is not False
     arrivals, smoothed = smooth_arrivals(named_us[skipped:], settings)
+    resolution, assumed = sensing.choose_resolution(*usual_resolution)
     starts, turns = place_turns(arrivals, stamp, find_usual_turns(arrivals, settings), settings)
     return ColumnImageRecording(
         path=path,
         format=format,
         stamps_us=starts,
         turns_us=turns,
-        range_resolution=sensing.range_resolution or range_resolution,
-        notes=(note_spread("file", stamp, clockwise), *smoothed),
+        range_resolution=resolution,
+        is_resolution_assumed=bool(assumed),
+        notes=(*assumed, note_spread("file", stamp, clockwise), *smoothed),
         faults=tuple(missing),
         images=images.leave_out(skipped),
         shape=shape,

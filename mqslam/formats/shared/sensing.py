@@ -50,6 +50,17 @@ class Sensing:
     stamp: Stamp | None = None
     topics: Topics = USUAL_TOPICS
 
+    def choose_resolution(self, usual_m: float, whose: str) -> tuple[float, list[str]]:
+        """Returns the length of a range bin [m], with a note where it is the usual one of a layout.
+
+        Args:
+            usual_m: the usual one [m].
+            whose: names the radar that has such bins.
+        """
+        if self.range_resolution is not None:
+            return self.range_resolution, []
+        return usual_m, [note_resolution(usual_m, f", as {whose} has it")]
+
     def note_unused(self) -> list[str]:
         """Notes which of these have no effect, in a recording whose azimuths carry angles and stamps of their own."""
         given = [name for name in ("clockwise", "stamp") if getattr(self, name) is not None]
@@ -58,4 +69,4 @@ class Sensing:
 
 def note_resolution(metres: float, why: str = "") -> str:
     """Words the note that a length of range bins [m] is assumed, with the reason for the number."""
-    return f"range resolution {metres} m is assumed{why}: {Remedy.OVERRIDE_RANGE_RESOLUTION}"
+    return f"range resolution {metres:.4g} m is assumed{why}: {Remedy.OVERRIDE_RANGE_RESOLUTION}"

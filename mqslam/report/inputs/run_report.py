@@ -17,6 +17,7 @@ from mqslam.core.point_map import PointMap
 from mqslam.core.recording import Recording
 from mqslam.core.sensors.sensor_notes import list_sensor_notes
 from mqslam.core.trajectory import Trajectory
+from mqslam.core.wording import describe_last_pose
 from mqslam.mapping.render import select_moving
 from mqslam.solution import Run
 
@@ -128,6 +129,6 @@ def report_run(run: Run, recording: Recording, summary: Mapping[str, Any]) -> Re
         covariances=run.covariances,
         warnings=tuple(summary["warnings"]),
         settings_yaml=dump_yaml(set_doppler_beta(run.config, run.doppler_beta)),
-        notes=(*recording.notes, *list_sensor_notes(summary)),
+        notes=(f"last pose: {describe_last_pose(summary.get('last_pose'))}", *recording.notes, *list_sensor_notes(summary)),
         stood_still=len(moved) > 1 and moved.sum() == 1,
     )

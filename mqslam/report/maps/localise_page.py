@@ -77,7 +77,7 @@ def _make_tiles(summary: Mapping[str, Any]) -> tuple[Tile, ...]:
     sigma, errors = summary["median_sigma"], summary["evaluation"]
     return (
         Tile(format_matched(summary["share_on_map"]), "of all scans on the map"),
-        Tile(format_value(1e3 * sigma["along_m"], " mm"), "along the heading, one sigma, median"),
+        Tile(format_value(1e3 * sigma["along_m"], " mm"), "along the heading against the map around (median of one sigma)"),
         Tile(format_value(1e3 * sigma["across_m"], " mm"), "across it"),
         Tile(format_value(math.degrees(sigma["yaw_rad"]), "°"), "heading"),
         Tile(format_matched(summary["matched"]), "of the returns on the map"),
