@@ -55,7 +55,8 @@ def check_gyroscope(gyroscope: Gyroscope, scans: Scans, trajectory: Trajectory, 
     inside = _pick_stamps(scans.stamps_us, trajectory.stamps_us)
     if len(inside) <= settings.fewest:
         return GyroscopeCheck(source, f"the gyroscope ({source}) covers too little of the trajectory to check it", None)
-    times, yaws = (inside - scans.start_us) * 1e-6, np.diff(np.unwrap(trajectory.at(inside)[:, 2]))
+    times = np.asarray((inside - scans.start_us) * 1e-6, dtype=np.float64)
+    yaws = np.diff(np.unwrap(trajectory.at(inside)[:, 2]))
     variances = np.full(len(yaws), np.median(np.abs(yaws)) ** 2 + _LEAST_VARIANCE)
     turns = Turns(times[:-1], times[1:], yaws, variances, np.ones(len(yaws), dtype=np.bool_), 0.0)
     start = find_start(gyroscope, scans.start_us, turns, settings.longest_delay_s)
@@ -68,7 +69,7 @@ def check_gyroscope(gyroscope: Gyroscope, scans: Scans, trajectory: Trajectory, 
     found = calibrate(gyroscope, start, turns, settings)
     faults, remark = _list_faults(found.rotation, settings), _describe_scale(found.rotation, settings)
     agreed = (
-        f"agrees with the trajectory from scan to scan, within {np.rad2deg(spread):.2g} deg; "
+        f"agrees with the trajectory step by step, within {np.rad2deg(spread):.2g} deg; "
         f"{_describe_bias(found.rotation)}{remark}"
     )
     outcome = f"contradicts the trajectory: {'; '.join(faults)}" if faults else agreed
@@ -80,8 +81,9 @@ def _pick_stamps(scans_us: NDArray[np.int64], poses_us: NDArray[np.int64]) -> ND
 
     Between sparse poses a trajectory turns as it is interpolated, and not as the sensor did.
     """
-    stamps, others = (scans_us, poses_us) if len(poses_us) >= _SPARSE * len(scans_us) else (poses_us, scans_us)
-    return stamps[(others[0] <= stamps) & (stamps <= others[-1])]
+    first, last = max(scans_us[0], poses_us[0]), min(scans_us[-1], poses_us[-1])
+    scans, poses = (np.asarray(us[(first <= us) & (us <= last)], dtype=np.int64) for us in (scans_us, poses_us))
+    return poses if len(poses) < _SPARSE * len(scans) else scans
 
 
 def _list_faults(rotation: Rotation, settings: GyroscopeConfig) -> list[str]:

@@ -32,8 +32,15 @@ def checked(track: Trajectory, unit: Unit | None = None) -> GyroscopeCheck:
 
 def test_a_trajectory_that_turns_as_the_radar_did_agrees() -> None:
     check = checked(trajectory())
-    assert check.agrees is True and "agrees with the trajectory: over a scan both differ by 0." in check.statement
+    assert check.agrees is True and "agrees with the trajectory step by step, within 0." in check.statement
     assert check.differ_rad == pytest.approx(np.sqrt(2.0) * 1e-3, rel=0.3)
+
+
+@pytest.mark.parametrize("every", [2, 4, 8])
+def test_sparse_poses_of_a_trajectory_that_turns_as_the_radar_did_agree(every: int) -> None:
+    dense = trajectory()
+    sparse = Trajectory(dense.stamps_us[::every], dense.poses[::every])
+    assert checked(sparse).agrees is True, checked(sparse).statement
 
 
 @pytest.mark.parametrize(
