@@ -216,7 +216,7 @@ def _wish_length(bias: float, sigma: float) -> str:
 def _wish_side(bias: float, sigma: float) -> str:
     turn = f"{np.degrees(abs(bias)):.2f} degrees (± {np.degrees(sigma):.2f})"
     farther = f"the sensor moves {turn} farther to the {left_or_right(bias)} than the trajectory says"
-    return f"{farther}, as it would if its mount were turned by as much, or wheels slipped sideways"
+    return f"{farther}: wheels slip sideways, or its mount is turned by as much"
 
 
 def _wish_turn(bias: float, sigma: float) -> str:

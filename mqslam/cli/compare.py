@@ -112,7 +112,7 @@ def compare(
     elif not quiet:
         _print_table(result.table, result.marked)
         for row in result.summary["rows"]:
-            if row["verdict"] in ("warn", "fail"):
+            if row.get("verdict") in ("warn", "fail"):
                 typer.echo(f"{row['name']} is judged {row['verdict']}: {name_options(row['reasons'])}")
         typer.echo(f"results in {out}; open {result.report} in a browser")
         if result.conclusion:

@@ -31,7 +31,7 @@ _UNITS: Final = {  # by the endings of names, the longer ones first
     "percent": " %",
 }
 _MEANINGS: Final = {
-    "pass": "No test shows a fault of this map, and the tests would have shown a bad one.",
+    "pass": "No test shows evidence of a fault of this map, and the tests would have shown a bad one.",
     "warn": "Something is wrong with this map or the run; the reasons say what, and the map shows where.",
     "fail": "Do not trust this map; the reasons say what is wrong, and the map shows where.",
     "not judged": "There is too little evidence to say whether this map is good.",

@@ -156,7 +156,7 @@ def describe_mended(mended: Mended, given: Mapping[str, Any], limits: VerdictCon
     held = f"{count_of(mended.ties, 'motion')} and {count_of(mended.loops, 'revisit')} by psi hold the mended trajectory"
     longer = ""
     if abs(mended.stretch - 1.0) > limits.scale_warn:
-        longer = f" and makes the path {mended.stretch:.3f} times as long, to fit the sensor's ranges"
+        longer = f" and makes the path {mended.stretch:.3f} times as long"
     return f"{held}, which moves poses by up to {mended.moved_m:.2f} m{longer}: the verdict was {before} and is {after}."
 
 

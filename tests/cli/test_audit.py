@@ -149,7 +149,7 @@ def test_a_trajectory_of_another_clock_takes_an_offset(finished: Path, tmp_path:
 @pytest.mark.parametrize(
     ("options", "said"),
     [
-        ((), "has no trajectory 'recording' (it carries odometry, ground_truth); give --trajectory FILE"),
+        ((), "has no trajectory of its own (it carries odometry, ground_truth); give --trajectory FILE"),
         (("--trajectory", "nowhere.tum"), "nowhere.tum: "),
         (("--trajectory", "ground_trut"), "ground_trut: does not exist; check the path, or did you mean ground_truth?"),
         (("--time-offset", "2.5"), "belong to a trajectory from a file"),

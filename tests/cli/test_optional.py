@@ -252,6 +252,7 @@ def test_an_audit_keeps_its_numbers_without_pictures_and_report(
     assert shown.code == 3 and shown.out.startswith("verdict       not judged: 0 of 4 windows are torn, too few to judge")
     assert {path.name for path in (tmp_path / "out").iterdir()} == {
         "config.yaml",
+        "run.log",
         "audit.csv",
         "steps.csv",
         "spans.csv",

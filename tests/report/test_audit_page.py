@@ -91,9 +91,9 @@ def test_what_is_written_by_others_is_escaped(written: Path) -> None:
     assert not re.search(r"<(img src=x|torn|run|kept|sweeps|01)>", written.read_text(encoding="utf-8"))
 
 
-def test_warnings_stand_before_the_verdict_and_the_verdict_before_the_numbers(written: Path) -> None:
+def test_the_verdict_stands_before_the_warnings_and_these_before_the_numbers(written: Path) -> None:
     text = page_of(written).text
-    assert text.index("<img src=x>") < text.index("warn\n") < text.index("of windows torn: 1 of 10") < text.index("Heat map")
+    assert text.index("warn\n") < text.index("<img src=x>") < text.index("of windows torn: 1 of 10") < text.index("Heat map")
 
 
 @pytest.mark.parametrize("agrees", [True, False, None])

@@ -145,10 +145,11 @@ def test_both_maps_and_all_curves_are_pictures_of_one_size_each(written: Path) -
     assert images["Under odometry"] != images["Optimised"]
 
 
-def test_warnings_stand_before_the_verdict_and_are_escaped(written: Path) -> None:
+def test_the_verdict_stands_before_the_warnings_which_are_escaped(written: Path) -> None:
     text = page_of(written).text
     first = text.index("polar scan 7 <img src=x> is truncated")
-    assert first < text.index("warn\n") < text.index("torn near t = 31 s & 40 s") < text.index("Map quality")
+    assert text.index("warn\n") < text.index("torn near t = 31 s & 40 s") < first < text.index("Map quality")
+    assert text.index("warn\nSomething is wrong with this map or the run") < first
     assert "<img src=x>" not in written.read_text(encoding="utf-8")
 
 
@@ -156,7 +157,7 @@ def test_notes_on_the_recording_stand_below_the_warnings(written: Path, tmp_path
     note = "range resolution 0.0438 m is <assumed>"
     write_report(tmp_path / "noted.html", replace(a_report(), notes=(note,)))
     text = page_of(tmp_path / "noted.html").text
-    assert text.index("odometry ends & the run goes on") < text.index(note) < text.index("warn\n")
+    assert text.index("warn\n") < text.index("odometry ends & the run goes on") < text.index(note)
     assert "Notes" not in page_of(written).text
 
 

@@ -184,11 +184,17 @@ def test_fixes_that_lie_farther_apart_than_the_trajectory_has_them_do_not_pass(s
     assert bool(unknown) is (stretch is None)  # fixes that are refused for another reason show nothing
 
 
-def test_a_scale_that_nothing_shows_is_not_judged_where_the_length_of_a_bin_is_assumed() -> None:
+def test_on_what_the_scale_rests_is_said_where_nothing_is_held_against_it() -> None:
     stated = SimpleNamespace(is_resolution_assumed=False, range_resolution=0.0438)
     alone, beside = run(240, odometry_factors=0), run(240)
-    assert "0.0438 m, is assumed" in list_unknown_scale(alone, ASSUMED)[0]
-    assert list_unknown_scale(alone, stated) == list_unknown_scale(beside, ASSUMED) == []
+    assert "range bins of 0.0438 m, as is assumed: neither" in list_unknown_scale(alone, ASSUMED)[0]
+    assert "range bins of 0.0438 m, as is stated: neither" in list_unknown_scale(alone, stated)[0]
+    assert list_unknown_scale(beside, stated) == list_unknown_scale(beside, ASSUMED) == []
+
+
+def test_a_whole_map_that_only_seems_blurred_where_passes_meet_is_judged_by_psi_across_them() -> None:
+    status, reasons = judge_run(run(240, after=0.6, refined=Refined([], [], 0.9, 0.6, 0.45)))
+    assert status is PASS and any("psi per point is 1.20 times" in reason for reason in reasons)
 
 
 def test_odometry_that_stands_or_is_short_shows_no_scale() -> None:

@@ -26,7 +26,11 @@ def note_of(folder: Path, word: str) -> str:
 
 def test_a_drive_in_boreas_layout_is_the_drive(boreas: Path) -> None:
     recording = open_recording(boreas)
-    assert recording.format == "boreas" and not recording.notes
+    assert recording.format == "boreas" and recording.is_resolution_assumed
+    (note,) = recording.notes
+    assert note.startswith("range resolution 0.0596 m is assumed, as Boreas's radar at that date has it")
+    stated = open_recording(recording.path, range_resolution=0.06)
+    assert not stated.notes and not stated.is_resolution_assumed
     assert_alike(recording, left_turn())
     assert_same(recording, pickle.loads(pickle.dumps(recording)))
     assert_same(recording, open_recording(boreas / "radar"))
@@ -98,7 +102,7 @@ def test_falling_chirps_only_or_an_unused_byte_are_all_kept(tmp_path: Path) -> N
 def test_a_few_unmarked_rows_were_not_measured(tmp_path: Path) -> None:
     measured = np.arange(AZIMUTHS) != 7
     recording = open_recording(write_boreas(tmp_path / "drive", left_turn(), measured))
-    assert not recording.notes
+    assert len(recording.notes) == 1  # that the length of a range bin is assumed
     np.testing.assert_array_equal(recording[2].valid, measured)
 
 

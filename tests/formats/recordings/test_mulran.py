@@ -37,7 +37,9 @@ def test_polar_images_are_the_drive_spread_over_turns_that_end_at_their_names(co
     recording = open_recording(columns)
     assert (recording.format, recording.range_resolution) == ("mulran", 0.0595)
     assert_alike(recording, left_turn())
-    (note,) = recording.notes
+    assumed, note = recording.notes
+    assert recording.is_resolution_assumed
+    assert assumed.startswith("range resolution 0.0595 m is assumed, as MulRan's radar has it")
     assert note.startswith("azimuths carry no stamps of their own and are spread evenly over the turn; ")
     assert "file stamps are taken as the end" in note
     assert_same(recording, pickle.loads(pickle.dumps(recording)))
@@ -47,13 +49,13 @@ def test_polar_images_are_the_drive_spread_over_turns_that_end_at_their_names(co
 def test_oxford_rows_are_the_drive_by_their_own_stamps(tmp_path: Path, inside: str) -> None:
     recording = open_recording(write_mulran_rows(tmp_path / "KAIST03", left_turn(), inside))
     assert (recording.format, recording.range_resolution) == ("mulran", 0.0595)
-    assert not recording.notes
+    assert recording.is_resolution_assumed and len(recording.notes) == 1
     assert_alike(recording, left_turn())
 
 
 def test_rows_with_own_stamps_go_before_columns_without(columns: Path) -> None:
     write_mulran_rows(columns, left_turn())
-    assert not open_recording(columns).notes
+    assert len(open_recording(columns).notes) == 1  # that the length of a range bin is assumed
 
 
 @pytest.mark.parametrize("inside", [".", "sensor_data/radar", "sensor_data/radar/polar"])
