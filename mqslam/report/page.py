@@ -152,7 +152,7 @@ def tabulate_tests(summary: Mapping[str, Any]) -> Section | None:
     calm = tuple(row for row in rows if row.values[0] == VerdictStatus.PASS)
     others = tuple(row for row in rows if row not in calm)
     notes = [
-        "What each test of the map found, and what it cannot see.",
+        "What each test of the map found, and what it cannot see. Findings about the run stand with the verdict only.",
         "The p-value is the probability that a test shows as much anywhere in a map without a fault, as far as the stated "
         "covariances are right. A small one alone is no fault: what is off must matter, too.",
     ]
