@@ -30,6 +30,7 @@ _UNITS: Final = {  # by the endings of names, the longer ones first
     "mb": " MB",
     "percent": " %",
 }
+_PARTLY: Final = "No test shows evidence of a fault of this map; what could not be judged stands below."
 _MEANINGS: Final = {
     "pass": "No test shows evidence of a fault of this map, and the tests would have shown a bad one.",
     "warn": "Something is wrong with this map or the run; the reasons say what, and the map shows where.",
@@ -111,7 +112,8 @@ def verdict_in(summary: Mapping[str, Any]) -> Verdict:
     given = verdict.get("reasons"), summary.get("not_judged")
     reasons, unjudged = ([str(line) for line in lines or ()] for lines in given)
     status = str(verdict.get("status") or "no verdict")
-    return Verdict(status, tuple(list_judged(reasons, unjudged)), tuple(unjudged), _MEANINGS.get(status, ""))
+    meaning = _PARTLY if status == VerdictStatus.PASS and unjudged else _MEANINGS.get(status, "")
+    return Verdict(status, tuple(list_judged(reasons, unjudged)), tuple(unjudged), meaning)
 
 
 def version_in(summary: Mapping[str, Any]) -> str:

@@ -153,6 +153,20 @@ def test_the_verdict_stands_before_the_warnings_which_are_escaped(written: Path)
     assert "<img src=x>" not in written.read_text(encoding="utf-8")
 
 
+@pytest.mark.parametrize("unjudged", [[], ["drift"]])
+def test_a_pass_promises_no_more_than_was_judged(tmp_path: Path, unjudged: list[str]) -> None:
+    report = a_report()
+    summary = {
+        **report.summary,
+        "verdict": {"status": "pass", "reasons": ["0 of 10 windows are torn"]},
+        "not_judged": unjudged,
+    }
+    write_report(tmp_path / "passed.html", replace(report, summary=summary))
+    text = page_of(tmp_path / "passed.html").text
+    assert ("the tests would have shown a bad one" in text) is not bool(unjudged)
+    assert ("what could not be judged stands below" in text) is bool(unjudged)
+
+
 def test_notes_on_the_recording_stand_below_the_warnings(written: Path, tmp_path: Path) -> None:
     note = "range resolution 0.0438 m is <assumed>"
     write_report(tmp_path / "noted.html", replace(a_report(), notes=(note,)))
