@@ -104,7 +104,7 @@ def _list_faults(rotation: Rotation, settings: GyroscopeConfig) -> list[str]:
 def _describe_bias(rotation: Rotation) -> str:
     """Returns what was taken as a gyroscope's bias, in words: a constant error of the trajectory's yaw rate hides in it."""
     rate = abs(float(np.rad2deg(rotation.bias)))
-    return f"a steady drift of yaw it does not show, since a constant {rate:.2g} deg/s is taken as its bias"
+    return f"it does not show a steady drift of yaw, since a constant {rate:.2g} deg/s is taken as its bias"
 
 
 def _describe_scale(rotation: Rotation, settings: GyroscopeConfig) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 
@@ -22,9 +22,6 @@ from mqslam.cli.terminal.options import (
     Start,
     Verbose,
 )
-
-if TYPE_CHECKING:
-    pass
 
 
 def audit(
