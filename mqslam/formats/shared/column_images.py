@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +16,7 @@ from mqslam.errors import DataError
 from mqslam.formats.shared.arrivals import smooth_arrivals
 from mqslam.formats.shared.azimuth_rows import note_spread, spread_azimuths
 from mqslam.formats.shared.images import read_first, read_grey, write_png
+from mqslam.formats.shared.lost_columns import Restorer
 from mqslam.formats.shared.sensing import Sensing
 from mqslam.formats.shared.turns import find_usual_turns, place_turns
 
@@ -73,16 +74,31 @@ class ColumnImageRecording(Recording):
     clockwise: bool
 
     def polar_scans(self, start: int = 0, stop: int | None = None) -> Iterator[PolarScan]:
-        """Reads the polar scans start <= k < stop, one after the other."""
+        """Reads the polar scans start <= k < stop, one after the other.
+
+        Columns are put where they belong if the recorder lost azimuths, which are then marked as not measured.
+        """
+        restorer = Restorer(self._read_neighbour)
         for k in range(len(self))[start:stop]:
             image = self.images.path(int(self.images.names[k]))
             pixels = read_grey(image)
             if pixels.shape != self.shape:
                 sizes = [f"{rows} ranges by {columns} azimuths" for rows, columns in (pixels.shape, self.shape)]
                 raise DataError(image, f"holds {sizes[0]}, the first image {sizes[1]}", "leave it out of the recording")
+            pixels, measured = restorer.restore(k, pixels)
             stamp, duration = int(self.stamps_us[k]), int(self.turns_us[k])
             azimuths = spread_azimuths(pixels.shape[1], stamp, duration, clockwise=self.clockwise)
-            yield azimuths.to_polar_scan(np.ascontiguousarray(pixels.T), self.start_us)
+            polar_scan = azimuths.to_polar_scan(np.ascontiguousarray(pixels.T), self.start_us)
+            yield replace(polar_scan, valid=polar_scan.valid & measured)
+
+    def _read_neighbour(self, k: int) -> NDArray[np.uint8] | None:
+        """Reads image k; None if there is none, or if it cannot be read."""
+        if not 0 <= k < len(self):
+            return None
+        try:
+            return read_grey(self.images.path(int(self.images.names[k])))
+        except DataError:
+            return None
 
 
 def open_columns(
