@@ -20,7 +20,7 @@ from mqslam.execution.folders import write_folder_aside
 from mqslam.formats.shared.column_images import ColumnImageRecording, ColumnImages, open_columns, write_columns
 from mqslam.formats.shared.images import list_numbers
 from mqslam.formats.shared.sensing import Sensing
-from mqslam.formats.shared.stamps import mark_increasing, parse_stamps
+from mqslam.formats.shared.stamps import parse_stamps
 from mqslam.formats.shared.target import Target
 
 _RADAR = "RADIATE's radar"
@@ -61,17 +61,14 @@ def open_recording(path: Path, sensing: Sensing, settings: ReadingConfig) -> Col
         faults.append(
             f"{listing.name} does not list its frames in order, first at {_format_name(frames[backward[0] + 1])}: sorted"
         )
-    order = order[mark_increasing(stamps[order].tolist()) & np.append(True, np.diff(frames[order]) > 0)[: len(order)]]
-    if dropped := sorted(set(frames.tolist()) - set(frames[order].tolist())):
-        others = f" and of {len(dropped) - 1} others" if len(dropped) > 1 else ""
-        faults.append(f"the stamp of frame {_format_name(dropped[0])}{others} repeats or runs backward: left out")
+    order = order[np.append(True, np.diff(frames[order]) > 0)[: len(order)]]
     present = order[np.isin(frames[order], list(there))]
     names, stamps = frames[present], stamps[present]
     missing = len(order) - len(names)
     skipped = [f"{missing} of {len(frames)} frames in {listing.name} have no image and are skipped"] if missing else []
     notes = (*skipped, _OTHER_CLOCK)
     images = ColumnImages(folder, names, _DIGITS)
-    recording = open_columns(path, "radiate", images, stamps, (RANGE_RESOLUTION_M, _RADAR), sensing, settings)
+    recording = open_columns(path, "radiate", images, stamps, names, (RANGE_RESOLUTION_M, _RADAR), sensing, settings)
     return replace(recording, notes=(*notes, *recording.notes), faults=(*faults, *recording.faults))
 
 
