@@ -265,7 +265,7 @@ def _choose_fit(
     members = _mark_members(tied) & (known == 1.0)
     cost_stray = 2.0 * np.log(turn) - np.log(2.0 * np.pi) - 1.0
     low, high = np.log10(settings.roughest_ratio), np.log10(settings.smoothest_ratio)
-    weights, fits, costs = known, [], []
+    weights, fits, costs = known, list[_Fit](), list[float]()
     for ratio in np.logspace(high, low, 1 + round(high - low)).tolist():
         for _ in range(_ROUNDS):
             fit, used = _fit_delays(bends, tied, weights, ratio), weights
@@ -277,8 +277,7 @@ def _choose_fit(
                 break
         fits.append(fit)
         costs.append(fit.cost + cost_stray * np.count_nonzero(members & (used < 1.0)))
-    roughest = np.flatnonzero(np.array(costs) < min(costs) + settings.equal_likelihood)[-1]
-    return fits[roughest]
+    return fits[int(np.flatnonzero(np.array(costs) < min(costs) + settings.equal_likelihood)[-1])]
 
 
 @dataclass(frozen=True, slots=True)
