@@ -34,6 +34,7 @@ _ROUNDS = 8  # most rounds of looking for such stamps; it takes two or three
 _PROBES = 64  # polar scans whose variances stand for those of all
 _LOW = 0.2  # quantile of some stamps below which hardly any is late
 _NEAR = 3  # breaks fewer polar scans apart than this may be one
+_AVERAGED = 37  # turns over which their usual duration is averaged: the median of nine still shows the jitter of stamps
 _MOST_EARLY = 0.5  # a stamp that is more turns than this before its turn's end is damaged, since nothing arrives early
 _MOST_MISSING = 100  # turns in a hole of the numbers; where more are missing, nothing ties both sides
 
@@ -195,8 +196,11 @@ def _find_ties(stamps_us: NDArray[np.int64], usual: NDArray[np.float64], setting
         usual: (N - 1,) how long a turn usually takes at each step between them [us].
         settings: how recordings are understood.
     """
-    from scipy.ndimage import maximum_filter1d
+    from scipy.ndimage import maximum_filter1d, uniform_filter1d
 
+    alike = np.abs(np.diff(np.log(usual))) < np.log(settings.alike)
+    rates = np.split(usual, np.flatnonzero(~alike) + 1)
+    usual = np.concatenate([uniform_filter1d(rate, min(_AVERAGED, len(rate)), mode="nearest") for rate in rates])
     count = settings.scans_around_break
     steps = np.diff(stamps_us)
     behind = (stamps_us - stamps_us[0]) - np.concatenate([[0.0], np.cumsum(usual)])
@@ -211,7 +215,6 @@ def _find_ties(stamps_us: NDArray[np.int64], usual: NDArray[np.float64], setting
     least_us = max(settings.break_spreads * spread, settings.least_jitter_s * 1e6)
     jump = (np.abs(excess) > least_us) & (lasting > settings.break_lasts * np.abs(excess))
     jump[: count // 2], jump[-count // 2 :] = False, False  # too few scans on one side to tell a break from late scans
-    alike = np.abs(np.diff(np.log(usual))) < np.log(settings.alike)
     broken = gap | jump
     # late polar scans beside a break make others, which are smaller and not of whole turns
     sizes = np.where(broken, np.abs(excess), 0.0)

@@ -1,11 +1,13 @@
 from __future__ import annotations
 
 import pickle
+import re
 from pathlib import Path
 
 import numpy as np
 import pytest
 from PIL import Image
+from support.conversions import spinning
 from support.layouts import assert_alike, left_turn, write_radiate
 from support.recordings import assert_same
 
@@ -90,6 +92,17 @@ def test_a_frame_without_a_stamp_in_order_is_left_out_and_said(radiate: Path, li
     edit(radiate / "Navtech_Polar.txt", 3, line)
     recording = open_recording(radiate)
     assert len(list(recording.polar_scans())) == left and fault in recording.faults
+
+
+def test_nanoseconds_are_read_without_their_leading_zeros(tmp_path: Path) -> None:
+    drive = write_radiate(tmp_path / "city_1_0", spinning([250_000 * k - 190_000 for k in range(40)], 250_000))
+    expected = open_recording(drive)
+    file = drive / "Navtech_Polar.txt"
+    text, count = re.subn(r"\.0+(?=\d)", ".", file.read_text())
+    file.write_text(text)
+    recording = open_recording(drive)
+    assert count >= 5 and recording.faults == ()
+    np.testing.assert_array_equal(recording.stamps_us, expected.stamps_us)
 
 
 def test_the_stamp_of_a_frame_that_arrives_after_the_next_one_is_put_back(radiate: Path) -> None:
