@@ -1,5 +1,7 @@
 """The layout RADIATE: `Navtech_Polar/000001.png`, one column per azimuth, with arrival stamps in `Navtech_Polar.txt`.
 
+The readings of its sensors lie in `GPS_IMU_Twist/`.
+
 Source: github.com/marcelsheeny/radiate_sdk, README.md.
 """
 
@@ -12,9 +14,13 @@ import numpy as np
 
 from mqslam.config.reading_config import ReadingConfig
 from mqslam.core.recording import Recording
+from mqslam.core.sensors.sensors import NO_SENSORS
 from mqslam.errors import DataError
 from mqslam.execution.files import write_text
 from mqslam.execution.folders import write_folder_aside
+from mqslam.formats.odometry_files import read_beside
+from mqslam.formats.sensors.carried import Carried, read_carried
+from mqslam.formats.sensors.radiate_sensors import NAME, make_radiate_fixes, make_radiate_gyroscope, read_radiate_messages
 from mqslam.formats.shared.column_images import ColumnImageRecording, ColumnImages, open_columns, write_columns
 from mqslam.formats.shared.frame_listing import DIGITS, read_listing
 from mqslam.formats.shared.images import list_numbers
@@ -23,7 +29,7 @@ from mqslam.formats.shared.target import Target
 
 _RADAR = "RADIATE's radar"
 RANGE_RESOLUTION_M = 100.0 / 576.0  # the images reach 100 m in 576 bins
-_OTHER_CLOCK = "GPS and IMU run on another clock: neither odometry nor ground truth is taken from them"
+_OTHER_CLOCK = "GPS and IMU run on another clock, which a run finds: neither odometry nor ground truth is taken from them"
 
 
 def recognises(path: Path) -> bool:
@@ -62,10 +68,19 @@ def open_recording(path: Path, sensing: Sensing, settings: ReadingConfig) -> Col
     names, stamps = frames[present], stamps[present]
     missing = len(order) - len(names)
     skipped = [f"{missing} of {len(frames)} frames in {listing.name} have no image and are skipped"] if missing else []
-    notes = (*skipped, _OTHER_CLOCK)
+    notes = (*skipped, *([_OTHER_CLOCK] if (folder.parent / NAME).exists() else []))
     images = ColumnImages(folder, names, DIGITS)
     recording = open_columns(path, "radiate", images, stamps, names, (RANGE_RESOLUTION_M, _RADAR), sensing, settings)
-    return replace(recording, notes=(*notes, *recording.notes), faults=(*faults, *recording.faults))
+    recording = replace(recording, notes=(*notes, *recording.notes), faults=(*faults, *recording.faults))
+    return _read_sensors(folder.parent).add_to(recording)
+
+
+def _read_sensors(root: Path) -> Carried:
+    """Reads the sensors of the recording in a folder."""
+    messages, faults = read_beside(lambda: read_radiate_messages(root))
+    if messages is None:
+        return Carried(NO_SENSORS, (), tuple(faults))
+    return read_carried(lambda: make_radiate_gyroscope(root, messages), lambda: make_radiate_fixes(root, messages))
 
 
 def _find_image_folder(path: Path) -> Path:
