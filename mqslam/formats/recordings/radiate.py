@@ -22,9 +22,9 @@ from mqslam.formats.odometry_files import read_beside
 from mqslam.formats.sensors.carried import Carried, read_carried
 from mqslam.formats.sensors.radiate_sensors import NAME, make_radiate_fixes, make_radiate_gyroscope, read_radiate_messages
 from mqslam.formats.shared.column_images import ColumnImageRecording, ColumnImages, open_columns, write_columns
-from mqslam.formats.shared.frame_listing import DIGITS, read_listing
 from mqslam.formats.shared.images import list_numbers
 from mqslam.formats.shared.sensing import Sensing
+from mqslam.formats.shared.stamps import FRAME_DIGITS, read_listing
 from mqslam.formats.shared.target import Target
 
 _RADAR = "RADIATE's radar"
@@ -54,7 +54,7 @@ def open_recording(path: Path, sensing: Sensing, settings: ReadingConfig) -> Col
     listing = folder.parent / "Navtech_Polar.txt"
     frames, stamps = read_listing(listing)
     faults = []
-    there = {int(name) for name in list_numbers(folder) if len(name) == DIGITS}
+    there = {int(name) for name in list_numbers(folder) if len(name) == FRAME_DIGITS}
     if unlisted := sorted(there - set(frames.tolist())):
         others = f" and {len(unlisted) - 1} others" if len(unlisted) > 1 else ""
         faults.append(f"{listing.name} has no line for frame {_format_name(unlisted[0])}{others}: left out")
@@ -69,7 +69,7 @@ def open_recording(path: Path, sensing: Sensing, settings: ReadingConfig) -> Col
     missing = len(order) - len(names)
     skipped = [f"{missing} of {len(frames)} frames in {listing.name} have no image and are skipped"] if missing else []
     notes = (*skipped, *([_OTHER_CLOCK] if (folder.parent / NAME).exists() else []))
-    images = ColumnImages(folder, names, DIGITS)
+    images = ColumnImages(folder, names, FRAME_DIGITS)
     recording = open_columns(path, "radiate", images, stamps, names, (RANGE_RESOLUTION_M, _RADAR), sensing, settings)
     recording = replace(recording, notes=(*notes, *recording.notes), faults=(*faults, *recording.faults))
     return _read_sensors(folder.parent).add_to(recording)
@@ -90,7 +90,7 @@ def _find_image_folder(path: Path) -> Path:
 
 def _format_name(frame: int) -> str:
     """Formats the number of a frame as the name of its image."""
-    return f"{frame:0{DIGITS}d}"
+    return f"{frame:0{FRAME_DIGITS}d}"
 
 
 def write(out: Path, recording: Recording) -> list[str]:
