@@ -77,7 +77,7 @@ def open_recording(path: Path, sensing: Sensing, settings: ReadingConfig) -> Rec
         return _read_sensors(folder).add_to(replace(rows, is_resolution_assumed=bool(assumed)))
     columns = ColumnImages(folder, names)
     usual = RANGE_RESOLUTION_M, _RADAR
-    recording = open_columns(path, "mulran", columns, stamps_in_us(names), usual, sensing, settings)
+    recording = open_columns(path, "mulran", columns, stamps_in_us(names), None, usual, sensing, settings)
     return _read_sensors(folder).add_to(replace(recording, ground_truth=truth, faults=(*faults, *recording.faults)))
 
 
