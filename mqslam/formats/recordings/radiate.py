@@ -28,7 +28,7 @@ from mqslam.formats.shared.stamps import FRAME_DIGITS, read_listing
 from mqslam.formats.shared.target import Target
 
 _RADAR = "RADIATE's radar"
-RANGE_RESOLUTION_M = 100.0 / 576.0  # the images reach 100 m in 576 bins
+RANGE_RESOLUTION_M = 0.175  # of the CTS350-X as RADIATE uses it; 576 such bins reach 100.8 m
 _OTHER_CLOCK = "GPS and IMU run on another clock, which a run finds: neither odometry nor ground truth is taken from them"
 
 

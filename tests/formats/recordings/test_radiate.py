@@ -29,7 +29,7 @@ def edit(listing: Path, number: int, line: str) -> None:
 def test_images_are_the_drive_spread_over_turns_that_end_at_their_arrival(radiate: Path) -> None:
     recording = open_recording(radiate)
     assert recording.format == "radiate"
-    assert recording.range_resolution == pytest.approx(100 / 576)
+    assert recording.range_resolution == pytest.approx(0.175)
     assert_alike(recording, left_turn())
     assert recording.odometry is None and recording.ground_truth is None
     assert_same(recording, pickle.loads(pickle.dumps(recording)))
