@@ -16,9 +16,20 @@ PARTS = [PACKAGE, ROOT / "factors", ROOT / "frontends"]
 OPTION = re.compile(r"(?<![\w-])--[a-z][a-z-]+")
 
 
+def entries(folder: Path) -> list[str]:
+    """Returns the names of the files and folders that a folder holds."""
+    return [path.name for path in folder.iterdir() if path.name != "__pycache__"]
+
+
 def modules() -> list[Path]:
     """Returns all modules of the package."""
     return [path for part in PARTS for path in part.rglob("*.py")]
+
+
+def test_no_folder_is_crowded() -> None:
+    assert len(entries(PACKAGE)) <= 26
+    folders = {path.parent for path in modules()} - {PACKAGE}
+    assert {str(folder): len(entries(folder)) for folder in folders if len(entries(folder)) > 15} == {}
 
 
 def test_the_method_fits_on_a_screen() -> None:

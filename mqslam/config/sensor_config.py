@@ -75,8 +75,8 @@ class GyroscopeConfig(BaseModel):
     longest_delay_s: float = Field(
         3.0,
         gt=0.0,
-        description="Largest error of the gyroscope's clock, late or early, that is looked for [s]. In RADIATE it is one "
-        "of 1.6 to 1.8 s.",
+        description="Largest error of the gyroscope's clock, late or early, that is looked for [s]. That of "
+        "RADIATE's clock is 1.8 s.",
     )
     fewest: int = expert(
         40,

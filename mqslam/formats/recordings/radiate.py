@@ -19,12 +19,12 @@ from mqslam.errors import DataError
 from mqslam.execution.files import write_text
 from mqslam.execution.folders import write_folder_aside
 from mqslam.formats.odometry_files import read_beside
+from mqslam.formats.recordings.column_images import ColumnImageRecording, ColumnImages, open_columns, write_columns
 from mqslam.formats.sensors.carried import Carried, read_carried
 from mqslam.formats.sensors.radiate_sensors import NAME, make_radiate_fixes, make_radiate_gyroscope, read_radiate_messages
-from mqslam.formats.shared.column_images import ColumnImageRecording, ColumnImages, open_columns, write_columns
 from mqslam.formats.shared.images import list_numbers
 from mqslam.formats.shared.sensing import Sensing
-from mqslam.formats.shared.stamps import FRAME_DIGITS, read_listing
+from mqslam.formats.shared.stamps import FRAME_DIGITS, format_frame, read_listing
 from mqslam.formats.shared.target import Target
 
 _RADAR = "RADIATE's radar"
@@ -57,11 +57,11 @@ def open_recording(path: Path, sensing: Sensing, settings: ReadingConfig) -> Col
     there = {int(name) for name in list_numbers(folder) if len(name) == FRAME_DIGITS}
     if unlisted := sorted(there - set(frames.tolist())):
         others = f" and {len(unlisted) - 1} others" if len(unlisted) > 1 else ""
-        faults.append(f"{listing.name} has no line for frame {_format_name(unlisted[0])}{others}: left out")
+        faults.append(f"{listing.name} has no line for frame {format_frame(unlisted[0])}{others}: left out")
     order = np.argsort(frames, kind="stable")
     if backward := np.flatnonzero(np.diff(frames) <= 0).tolist():
         faults.append(
-            f"{listing.name} does not list its frames in order, first at {_format_name(frames[backward[0] + 1])}: sorted"
+            f"{listing.name} does not list its frames in order, first at {format_frame(frames[backward[0] + 1])}: sorted"
         )
     order = order[np.append(True, np.diff(frames[order]) > 0)[: len(order)]]
     present = order[np.isin(frames[order], list(there))]
@@ -88,11 +88,6 @@ def _find_image_folder(path: Path) -> Path:
     return path.resolve() if path.resolve().name == "Navtech_Polar" else path / "Navtech_Polar"
 
 
-def _format_name(frame: int) -> str:
-    """Formats the number of a frame as the name of its image."""
-    return f"{frame:0{FRAME_DIGITS}d}"
-
-
 def write(out: Path, recording: Recording) -> list[str]:
     """Writes a recording as a folder, whole or not at all, one polar scan in memory at a time.
 
@@ -103,7 +98,7 @@ def write(out: Path, recording: Recording) -> list[str]:
         DataError: a polar scan cannot be read, or polar images cannot hold it.
         OutputError: the folder cannot be written.
     """
-    names = [_format_name(number) for number in range(1, len(recording) + 1)]
+    names = [format_frame(number) for number in range(1, len(recording) + 1)]
     lines = [
         f"Frame: {name} Time: {end // 1_000_000}.{end % 1_000_000:06d}000\n"
         for name, end in zip(names, recording.ends_us.tolist(), strict=True)

@@ -17,7 +17,7 @@ from mqslam.core.sensors.fixes import Fixes
 from mqslam.core.sensors.gyroscope import Gyroscope
 from mqslam.formats.sensors.reading import Reading, make_fixes, make_gyroscope
 from mqslam.formats.sensors.sensor_table import SensorTable
-from mqslam.formats.shared.stamps import FRAME_DIGITS, read_listing
+from mqslam.formats.shared.stamps import format_frame, read_listing
 
 NAME = "GPS_IMU_Twist"
 _PLACE, _EAST, _NORTH, _RATES = 0, 1, 2, 5  # lines: position, two rows of its covariance, turn rates
@@ -41,7 +41,7 @@ def read_radiate_messages(root: Path) -> SensorTable | None:
         return None
     frames, stamps = read_listing(root / f"{NAME}.txt")
     new = np.append(True, np.diff(stamps) != 0)[: len(stamps)]
-    rows = [_read_message(folder / f"{frame:0{FRAME_DIGITS}d}.txt") for frame in frames[new].tolist()]
+    rows = [_read_message(folder / f"{format_frame(frame)}.txt") for frame in frames[new].tolist()]
     return SensorTable(stamps[new], np.array(rows).reshape(-1, 6))
 
 

@@ -124,6 +124,11 @@ def mark_increasing(stamps_us: Sequence[int]) -> NDArray[np.bool_]:
     return mask
 
 
+def format_frame(frame: int) -> str:
+    """Formats the number of a frame as the name of its file."""
+    return str(frame).zfill(FRAME_DIGITS)
+
+
 def read_listing(listing: Path) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Reads frames (N,) and when they arrived (N,) [us] from lines `Frame: 000001 Time: 1574859771.744660272`.
 

@@ -10,10 +10,12 @@ range. Where that cannot be, azimuths are missing.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
+
+from mqslam.errors import DataError
 
 Image = NDArray[np.uint8]
 """Received power (R, A), one row per range bin and one column per azimuth."""
@@ -27,80 +29,58 @@ _STALE = 0.53  # a column that changes less since the turn before, as a share of
 #               change by at most half of that, by noise that the recorder adds, and others by more than 0.6 of it
 _ALIKE = 0.75  # copies also change by less than this share of their own spread; where there is only noise, the change is 1.4
 _MOST_LOST = 3  # seldom does a turn lose more azimuths
-_KEPT = 8  # images that are kept in memory; five are looked at for each
-
-
-@dataclass(frozen=True, slots=True)
-class _Prepared:
-    """An image that is ready to be compared.
-
-    Args:
-        pixels: the image.
-        bands: (bands, rows, A) its power in bands of range; each column of a band has mean zero and length one.
-        lost: number of azimuths that were lost.
-    """
-
-    pixels: Image
-    bands: NDArray[np.float32]
-    lost: int
+_KEPT = 8  # images that are kept in memory; six are looked at for each
 
 
 class Restorer:
-    """Puts the columns of a series of images where they belong.
+    """Puts the columns of a series of images of one size where they belong, and reads each image once.
 
     Args:
-        read: reads image k; None if there is none, or if it cannot be read.
+        read: reads image k; raises DataError if it cannot be read.
+        count: number of images.
     """
 
-    def __init__(self, read: Callable[[int], Image | None]) -> None:
-        self._read = read
-        self._images: dict[int, Image | None] = {}
-        self._prepared: dict[int, _Prepared | None] = {}
-        self._sources: dict[int, NDArray[np.int64]] = {}
+    def __init__(self, read: Callable[[int], Image], count: int) -> None:
+        keep = lru_cache(maxsize=_KEPT)
+        self._image, self._number = keep(read), count
+        self._lost, self._bands = keep(self._count), keep(self._cut)
+        self._first_source = keep(lambda k: self._find_source(k, self._spread_evenly))
 
-    def restore(self, k: int, image: Image) -> tuple[Image, NDArray[np.bool_]]:
+    def restore(self, k: int) -> tuple[Image, NDArray[np.bool_]]:
         """Puts the columns of image k where they belong.
 
         Returns:
             The image (R, A), black where azimuths were lost, and the mask (A,) of the azimuths that were not lost.
+
+        Raises:
+            DataError: the image cannot be read.
         """
-        for kept in (self._images, self._prepared, self._sources):
-            for old in [index for index in kept if not k - _KEPT < index < k + _KEPT]:
-                del kept[old]
-        self._images[k] = image
-        prepared = self._prepare(k)
-        if prepared is None or not prepared.lost:
+        image = self._image(k)
+        if not self._lost(k):
             return image, np.ones(image.shape[1], dtype=np.bool_)
-        source = self._find_source(k, self._find_first_source)
+        source = self._find_source(k, self._first_source)
         measured = source >= 0
         return np.where(measured, image[:, source], 0).astype(np.uint8), measured
 
-    def _look_up(self, k: int) -> Image | None:
-        """Returns image k."""
-        if k not in self._images:
-            self._images[k] = self._read(k) if k >= 0 else None
-        return self._images[k]
+    def _is_there(self, k: int) -> bool:
+        """Returns whether there is an image k that can be read."""
+        try:
+            return 0 <= k < self._number and self._image(k).size > 0
+        except DataError:
+            return False
 
-    def _prepare(self, k: int) -> _Prepared | None:
-        """Returns image k, ready to be compared; None if there is none."""
-        if k not in self._prepared:
-            image, before = self._look_up(k), self._look_up(k - 1)
-            lost = 0 if image is None or before is None or image.shape != before.shape else count_lost(before, image)
-            self._prepared[k] = None if image is None else _Prepared(image, _cut_bands(image), lost)
-        return self._prepared[k]
+    def _count(self, k: int) -> int:
+        """Counts the azimuths that image k lost; none where the image before is missing."""
+        return count_lost(self._image(k - 1), self._image(k)) if self._is_there(k - 1) else 0
 
-    def _find_first_source(self, k: int) -> NDArray[np.int64]:
-        """Finds which column of image k shows each azimuth, from neighbours whose losses are spread evenly."""
-        if k not in self._sources:
-            self._sources[k] = self._find_source(k, self._spread_evenly)
-        return self._sources[k]
+    def _cut(self, k: int) -> NDArray[np.float32]:
+        """Returns the power (bands, rows, A) of image k in bands of range."""
+        return _cut_bands(self._image(k))
 
     def _spread_evenly(self, k: int) -> NDArray[np.int64]:
-        """Returns which column of image k shows each azimuth if losses are spread evenly over the turn."""
-        prepared = self._prepare(k)
-        assert prepared is not None  # only neighbours that are there are asked for
-        azimuths = prepared.pixels.shape[1]
-        return _list_sources(azimuths, np.arange(1, prepared.lost + 1) * azimuths // (prepared.lost + 1))
+        """Returns which column (A,) of image k shows each azimuth if losses are spread evenly over the turn."""
+        azimuths, lost = self._image(k).shape[1], self._lost(k)
+        return _list_sources(azimuths, np.arange(1, lost + 1) * azimuths // (lost + 1))
 
     def _find_source(self, k: int, of_neighbour: Callable[[int], NDArray[np.int64]]) -> NDArray[np.int64]:
         """Returns which column (A,) of image k shows each azimuth, -1 where it was lost.
@@ -109,17 +89,14 @@ class Restorer:
             k: number of the image.
             of_neighbour: the same of an image before or after, as far as it is known.
         """
-        prepared, before, after = (self._prepare(i) for i in (k, k - 1, k + 1))
-        assert prepared is not None
-        shape = prepared.pixels.shape
-        if not prepared.lost or any(other is None or other.pixels.shape != shape for other in (before, after)):
+        beside = (k - 1, k + 1)
+        if not self._lost(k) or not all(self._is_there(other) for other in beside):
             return self._spread_evenly(k)
-        sides = []
-        for index, other in ((k - 1, before), (k + 1, after)):
-            assert other is not None
-            nearest = np.maximum.accumulate(of_neighbour(index))  # a lost azimuth looks like the one before it
-            sides.append(other.bands[:, :, np.maximum(nearest, 0)])
-        return _list_sources(shape[1], place_losses(sides[0], prepared.bands, sides[1], prepared.lost))
+        # a lost azimuth looks like the one before it
+        sources = (np.maximum(np.maximum.accumulate(of_neighbour(other)), 0) for other in beside)
+        before, after = (self._bands(other)[:, :, source] for other, source in zip(beside, sources, strict=True))
+        bands = self._bands(k)
+        return _list_sources(bands.shape[2], place_losses(before, bands, after, self._lost(k)))
 
 
 def count_lost(before: Image, image: Image) -> int:
@@ -133,8 +110,7 @@ def count_lost(before: Image, image: Image) -> int:
 
     # after a turn that lost azimuths, most columns show another azimuth than before
     usual = min(float(np.median(measure_change(shift))) for shift in range(-_MOST_LOST, _MOST_LOST + 1))
-    change = measure_change(0)
-    copied = (change < _STALE * usual) & (change < _ALIKE * new.std(axis=0))
+    copied = measure_change(0) < np.minimum(_STALE * usual, _ALIKE * new.std(axis=0))
     return int(np.argmin(copied[::-1]))
 
 

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,7 +12,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from mqslam.formats.shared.lost_columns import Restorer, count_lost
+from mqslam.errors import DataError
+from mqslam.formats.recordings.lost_columns import Restorer, count_lost
 
 Image = NDArray[np.uint8]
 ROWS, AZIMUTHS, TURNS = 128, 200, 7
@@ -50,8 +52,16 @@ def record(images: Sequence[Image], lost: dict[int, list[int]]) -> list[Image]:
     return recorded
 
 
-def reader_of(images: Sequence[Image]) -> Callable[[int], Image | None]:
-    return lambda k: images[k] if 0 <= k < len(images) else None
+def restorer_of(images: Sequence[Image | None]) -> Restorer:
+    """Returns what restores images, of which some cannot be read."""
+
+    def read(k: int) -> Image:
+        image = images[k]
+        if image is None:
+            raise DataError(Path(f"{k}.png"), "is damaged", "copy it anew")
+        return image
+
+    return Restorer(read, len(images))
 
 
 @given(seed=st.integers(0, 10_000), speed=st.floats(0.0, 4.0), place=st.integers(0, AZIMUTHS - 1))
@@ -59,7 +69,7 @@ def test_a_lost_azimuth_is_counted_and_the_others_are_kept(seed: int, speed: flo
     images = drive_past(seed, speed)
     recorded = record(images, {3: [place]})
     assert [count_lost(*pair) for pair in itertools.pairwise(recorded)] == [0, 0, 1, 0, 0, 0]
-    restored, measured = Restorer(reader_of(recorded)).restore(3, recorded[3])
+    restored, measured = restorer_of(recorded).restore(3)
     found = int(np.flatnonzero(~measured)[0])
     assert not restored[:, found].any()
     azimuths = np.arange(AZIMUTHS)
@@ -73,7 +83,7 @@ def test_the_place_of_a_lost_azimuth_is_found(speed: float) -> None:
     errors = []
     for seed, place in enumerate(places):
         recorded = record(drive_past(seed, speed), {3: [place]})
-        _, measured = Restorer(reader_of(recorded)).restore(3, recorded[3])
+        _, measured = restorer_of(recorded).restore(3)
         errors.append(abs(int(np.flatnonzero(~measured)[0]) - place))
     assert np.median(errors) <= 5
     assert np.mean(errors) <= 0.1 * AZIMUTHS  # chance makes a third of a turn
@@ -84,9 +94,9 @@ def test_losses_of_turns_in_a_row_are_told_apart() -> None:
     for seed in range(6):
         lost = {2: [40], 3: [90, 150], 4: [20]}
         recorded = record(drive_past(seed, 1.0), lost)
-        restorer = Restorer(reader_of(recorded))
+        restorer = restorer_of(recorded)
         for turn in range(1, TURNS - 1):
-            _, measured = restorer.restore(turn, recorded[turn])
+            _, measured = restorer.restore(turn)
             found = np.flatnonzero(~measured)
             assert len(found) == len(lost.get(turn, []))
             errors += np.abs(found - lost.get(turn, [])).tolist()
@@ -96,9 +106,9 @@ def test_losses_of_turns_in_a_row_are_told_apart() -> None:
 @pytest.mark.parametrize("speed", [0.0, 3.0])
 def test_whole_turns_stay_as_they_are(speed: float) -> None:
     images = drive_past(8, speed)
-    restorer = Restorer(reader_of(images))
+    restorer = restorer_of(images)
     for turn, image in enumerate(images):
-        restored, measured = restorer.restore(turn, image)
+        restored, measured = restorer.restore(turn)
         assert measured.all()
         assert np.array_equal(restored, image)
 
@@ -113,13 +123,13 @@ def test_losses_are_spread_evenly_where_an_image_beside_is_missing() -> None:
     recorded = record(drive_past(2, 2.0), {3: [10]})
     beside: list[Image | None] = [*recorded]
     beside[4] = None
-    _, measured = Restorer(lambda k: beside[k]).restore(3, recorded[3])
+    _, measured = restorer_of(beside).restore(3)
     assert np.flatnonzero(~measured).tolist() == [AZIMUTHS // 2]
 
 
 def test_the_result_does_not_depend_on_where_reading_begins() -> None:
     recorded = record(drive_past(9, 2.0), {1: [30], 2: [100], 3: [60], 4: [11, 12], 5: [150]})
-    whole = Restorer(reader_of(recorded))
+    whole = restorer_of(recorded)
     for turn in range(TURNS):
-        alone = Restorer(reader_of(recorded)).restore(turn, recorded[turn])
-        assert np.array_equal(whole.restore(turn, recorded[turn])[0], alone[0])
+        alone = restorer_of(recorded).restore(turn)
+        assert np.array_equal(whole.restore(turn)[0], alone[0])

@@ -13,10 +13,10 @@ from mqslam.config.reading_config import ReadingConfig
 from mqslam.core import se2
 from mqslam.core.recording import PolarScan, Recording
 from mqslam.errors import DataError
+from mqslam.formats.recordings.lost_columns import Restorer
 from mqslam.formats.shared.arrivals import estimate_arrivals
 from mqslam.formats.shared.azimuth_rows import note_spread, spread_azimuths
 from mqslam.formats.shared.images import read_first, read_grey, write_png
-from mqslam.formats.shared.lost_columns import Restorer
 from mqslam.formats.shared.sensing import Sensing
 from mqslam.formats.shared.turns import find_usual_turns, place_turns
 
@@ -78,27 +78,26 @@ class ColumnImageRecording(Recording):
 
         Columns are put where they belong if the recorder lost azimuths, which are then marked as not measured.
         """
-        restorer = Restorer(self._read_neighbour)
+        restorer = Restorer(self._read_image, len(self))
         for k in range(len(self))[start:stop]:
-            image = self.images.path(int(self.images.names[k]))
-            pixels = read_grey(image)
-            if pixels.shape != self.shape:
-                sizes = [f"{rows} ranges by {columns} azimuths" for rows, columns in (pixels.shape, self.shape)]
-                raise DataError(image, f"holds {sizes[0]}, the first image {sizes[1]}", "leave it out of the recording")
-            pixels, measured = restorer.restore(k, pixels)
+            pixels, measured = restorer.restore(k)
             stamp, duration = int(self.stamps_us[k]), int(self.turns_us[k])
             azimuths = spread_azimuths(pixels.shape[1], stamp, duration, clockwise=self.clockwise)
             polar_scan = azimuths.to_polar_scan(np.ascontiguousarray(pixels.T), self.start_us)
             yield replace(polar_scan, valid=polar_scan.valid & measured)
 
-    def _read_neighbour(self, k: int) -> NDArray[np.uint8] | None:
-        """Reads image k; None if there is none, or if it cannot be read."""
-        if not 0 <= k < len(self):
-            return None
-        try:
-            return read_grey(self.images.path(int(self.images.names[k])))
-        except DataError:
-            return None
+    def _read_image(self, k: int) -> NDArray[np.uint8]:
+        """Reads image k (R, A).
+
+        Raises:
+            DataError: it cannot be read, or differs in size from the first one.
+        """
+        image = self.images.path(int(self.images.names[k]))
+        pixels = read_grey(image)
+        if pixels.shape != self.shape:
+            sizes = [f"{rows} ranges by {columns} azimuths" for rows, columns in (pixels.shape, self.shape)]
+            raise DataError(image, f"holds {sizes[0]}, the first image {sizes[1]}", "leave it out of the recording")
+        return pixels
 
 
 def open_columns(
