@@ -9,6 +9,7 @@ from dataclasses import replace
 from functools import partial
 
 from mqslam.auditing.judge import audit_trajectory
+from mqslam.auditing.mending.along import measure_along
 from mqslam.backend.linear.marginals import compute_all_marginals
 from mqslam.backend.loops.closing import close_loops
 from mqslam.backend.measuring import measure
@@ -29,7 +30,7 @@ from mqslam.core.sensors.sensors import NO_SENSORS, Sensors
 from mqslam.core.trajectory import Trajectory
 from mqslam.detection.stage import detect_all
 from mqslam.errors import EstimationError, FewReturnsError
-from mqslam.execution.kept import LOOPS, MEASURED, REFINED
+from mqslam.execution.kept import ALONG, LOOPS, MEASURED, REFINED
 from mqslam.execution.runner import Runner
 from mqslam.mapping.render import render_track
 from mqslam.psi.doppler import choose_doppler_beta
@@ -122,6 +123,10 @@ class Slam:
                 sections = SensorSettings(config.gyroscope, config.gnss, config.velocity, config.odometry)
                 sensors, velocities = context.sensors, context.velocities
                 problem, used = join_sensors(problem, odometry, sensors, velocities, scans.start_us, sections)
+        with runner.time_stage("along"), runner.tolerate("the ties along the path"):
+            track = Trajectory(scans.stamps_us, problem.solve_poses([]))
+            along = runner.make_once(ALONG, lambda: measure_along(scans, track, config, beam, runner))
+            problem = replace(problem, along=along)
         search = LoopSearch([], 0)
         if config.loops.enabled:
             with runner.time_stage("loops"), runner.tolerate("the search for loops"):
@@ -149,6 +154,7 @@ class Slam:
             values=optimum.values,
             covariances=covariances,
             odometry_factors=len(edges),
+            along=problem.along,
             loops=search.loops,
             loops_rejected=search.tried - len(search.loops),
             refined=refined,

@@ -44,6 +44,7 @@ class Solution:
         values: the optimised values.
         covariances: of all optimised poses, or why they are not known.
         odometry_factors: number of odometry edges in the graph.
+        along: scans that lie a little apart on the path, laid on each other.
         loops: loop closures that were found; where the refinement has measured the same passes, its ties replace them.
         loops_rejected: number of loop candidates that psi, the graph or the map did not keep.
         refined: the refinement after the loops, and psi across passes.
@@ -62,6 +63,7 @@ class Solution:
     values: gtsam.Values
     covariances: PoseCovariances
     odometry_factors: int
+    along: Sequence[Loop]
     loops: list[Loop]
     loops_rejected: int
     refined: Refined

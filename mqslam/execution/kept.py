@@ -129,5 +129,6 @@ def _list_fields(kind: type) -> list[str]:
 
 
 MEASURED = Kept("measurements.npz", [*_list_fields(Measurement), "doppler_beta"], _pack_measured, _unpack_measured)
+ALONG = Kept("along.npz", _list_fields(Loop), _stack_loops, _split_loops)
 LOOPS = Kept("loops.npz", [*_list_fields(Loop), *_COUNTS], _pack_loops, _unpack_loops)
 REFINED = Kept("refinement.npz", [*_list_fields(Loop), "staying", "psi_across", "refused"], _pack_refined, _unpack_refined)

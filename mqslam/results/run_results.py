@@ -109,6 +109,7 @@ def summarise(run: Run, recording: Recording) -> dict[str, Any]:
         "factors": {
             "odometry": run.odometry_factors,
             "psi": len(run.measurements),
+            "along": len(run.along),
             "loop": len(run.loops),
             "loop_rejected": run.loops_rejected,
             "refinement": len(run.refined.ties),
@@ -119,7 +120,7 @@ def summarise(run: Run, recording: Recording) -> dict[str, Any]:
         "evaluation_odometry": list_errors(run.odometry, truth),
         "runtime_s": {
             name: run.runtime_s.get(name, 0.0)
-            for name in ("read", "detect", "windows", "loops", "refine", "optimise", "render", "check", "total")
+            for name in ("read", "detect", "windows", "along", "loops", "refine", "optimise", "render", "check", "total")
         },
         "peak_rss_mb": find_peak_mb(children=True),
     }
