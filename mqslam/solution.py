@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Final
 
 import gtsam
 
@@ -28,6 +29,9 @@ from mqslam.core.trajectory import Trajectory
 from mqslam.errors import DataError
 from mqslam.psi.place import Beam, beam_of
 
+PSI: Final = "psi"
+"""The front end that measures motion by map quality."""
+
 
 @dataclass(frozen=True)
 class Solution:
@@ -37,8 +41,10 @@ class Solution:
         frontend: name of the front end.
         config: all settings, as they were given.
         doppler_beta: range shift per closing speed [s], as the settings state it or as it was measured.
+        doppler_sigma: standard deviation of a shift that was measured [s]; zero elsewhere.
         measurements: the front end's relative motions, one per pair of successive scans.
-        odometry: trajectory before optimisation: the odometry given, or the front end's measurements chained.
+        odometry: trajectory before loops and sensors: the odometry given, or psi's motions joined with the ties along the
+            path, or another front end's motions chained.
         optimised: trajectory after optimisation.
         graph: all factors, and the values that the optimisation started from.
         values: the optimised values.
@@ -56,6 +62,7 @@ class Solution:
     frontend: str
     config: Config
     doppler_beta: float
+    doppler_sigma: float
     measurements: Sequence[Measurement]
     odometry: Trajectory
     optimised: Trajectory
@@ -97,7 +104,9 @@ class Solution:
     @property
     def before(self) -> str:
         """The trajectory before optimisation in words."""
-        return ODOMETRY if self.odometry_factors or self.frontend == ODOMETRY else f"{self.frontend}, chained"
+        if self.odometry_factors or self.frontend == ODOMETRY:
+            return ODOMETRY
+        return "psi, along the path" if self.frontend == PSI and self.along else f"{self.frontend}, chained"
 
 
 @dataclass(frozen=True)
