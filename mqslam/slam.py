@@ -6,9 +6,10 @@ recording -> scans -> measurements -> pose graph -> trajectory -> map -> psi
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Final
 
 from mqslam.auditing.judge import audit_trajectory
-from mqslam.auditing.mending.along import measure_along
+from mqslam.auditing.mending.along import measure_along, straighten
 from mqslam.backend.linear.marginals import compute_all_marginals
 from mqslam.backend.measuring import find_doppler, measure
 from mqslam.backend.pose_graph import poses_of
@@ -31,7 +32,10 @@ from mqslam.execution.kept import ALONG, LOOPS, REFINED
 from mqslam.execution.runner import Runner
 from mqslam.mapping.render import render_track
 from mqslam.psi.place import beam_of
-from mqslam.solution import PSI, Run, Solution
+from mqslam.solution import Run, Solution
+
+PSI: Final = "psi"
+"""The front end that measures motion by map quality."""
 
 
 class Slam:
@@ -111,21 +115,21 @@ class Slam:
         config, runner, beam = self._config, self._runner, beam_of(self._config.estimator, context.doppler_beta)
         with runner.time_stage("windows"):
             measurements = measure(self._name, scans, context, beam, runner)
+        with runner.time_stage("along"), runner.tolerate("the ties along the path"):
+            if self._name == PSI:
+                alone = Problem(measurements, [], config.graph, config.loops)
+                track = Trajectory(scans.stamps_us, alone.solve_poses([]))
+                ties = runner.make_once(ALONG, lambda: measure_along(scans, track, config, beam, runner))
+                measurements = straighten(measurements, alone.solve_poses([], ties))
         with runner.time_stage("optimise"):
             odometry = read_odometry_motions(scans, context, self._name)
             edges = make_odometry_edges(odometry, measurements, config.odometry, config.graph, context.sensors.mount)
             before = reckon(scans, odometry or measurements)
             problem, used = Problem(measurements, edges, config.graph, config.loops), NO_USE
-        with runner.time_stage("along"), runner.tolerate("the ties along the path"):
-            track = Trajectory(scans.stamps_us, problem.solve_poses([]))
-            along = runner.make_once(ALONG, lambda: measure_along(scans, track, config, beam, runner))
-            problem = replace(problem, along=along)
-            if along and self._name == PSI and not odometry:
-                before = Trajectory(scans.stamps_us, problem.solve_poses([]))
-        with runner.time_stage("optimise"), runner.tolerate("the sensors beside the radar"):
-            sections = SensorSettings(config.gyroscope, config.gnss, config.velocity, config.odometry)
-            sensors, velocities = context.sensors, context.velocities
-            problem, used = join_sensors(problem, odometry, sensors, velocities, scans.start_us, sections)
+            with runner.tolerate("the sensors beside the radar"):
+                sections = SensorSettings(config.gyroscope, config.gnss, config.velocity, config.odometry)
+                sensors, velocities = context.sensors, context.velocities
+                problem, used = join_sensors(problem, odometry, sensors, velocities, scans.start_us, sections)
         search = LoopSearch([], 0)
         if config.loops.enabled:
             with runner.time_stage("loops"), runner.tolerate("the search for loops"):
@@ -151,7 +155,6 @@ class Slam:
             values=optimum.values,
             covariances=covariances,
             odometry_factors=len(edges),
-            along=problem.along,
             loops=search.loops,
             loops_rejected=search.tried - len(search.loops),
             refined=refined,

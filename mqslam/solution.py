@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Final
 
 import gtsam
 
@@ -29,9 +28,6 @@ from mqslam.core.trajectory import Trajectory
 from mqslam.errors import DataError
 from mqslam.psi.place import Beam, beam_of
 
-PSI: Final = "psi"
-"""The front end that measures motion by map quality."""
-
 
 @dataclass(frozen=True)
 class Solution:
@@ -43,14 +39,12 @@ class Solution:
         doppler_beta: range shift per closing speed [s], as the settings state it or as it was measured.
         doppler_sigma: standard deviation of a shift that was measured [s]; zero elsewhere.
         measurements: the front end's relative motions, one per pair of successive scans.
-        odometry: trajectory before loops and sensors: the odometry given, or psi's motions joined with the ties along the
-            path, or another front end's motions chained.
+        odometry: trajectory before loops and sensors: the odometry given, or the measurements chained.
         optimised: trajectory after optimisation.
         graph: all factors, and the values that the optimisation started from.
         values: the optimised values.
         covariances: of all optimised poses, or why they are not known.
         odometry_factors: number of odometry edges in the graph.
-        along: scans that lie a little apart on the path, laid on each other.
         loops: loop closures that were found; where the refinement has measured the same passes, its ties replace them.
         loops_rejected: number of loop candidates that psi, the graph or the map did not keep.
         refined: the refinement after the loops, and psi across passes.
@@ -70,7 +64,6 @@ class Solution:
     values: gtsam.Values
     covariances: PoseCovariances
     odometry_factors: int
-    along: Sequence[Loop]
     loops: list[Loop]
     loops_rejected: int
     refined: Refined
@@ -104,9 +97,7 @@ class Solution:
     @property
     def before(self) -> str:
         """The trajectory before optimisation in words."""
-        if self.odometry_factors or self.frontend == ODOMETRY:
-            return ODOMETRY
-        return "psi, along the path" if self.frontend == PSI and self.along else f"{self.frontend}, chained"
+        return ODOMETRY if self.odometry_factors or self.frontend == ODOMETRY else f"{self.frontend}, chained"
 
 
 @dataclass(frozen=True)

@@ -61,7 +61,6 @@ class Problem(GraphProblem):
         turns: the turns of a gyroscope between the same scans, or None.
         fixes: positions of scans that a GNSS receiver has fixed, or None.
         travels: motions that say nothing of the turn, by the number of the scan that each starts at, or None.
-        along: scans that lie a little apart on the path, laid on each other.
     """
 
     measurements: Sequence[Measurement]
@@ -71,16 +70,13 @@ class Problem(GraphProblem):
     turns: TurnEdges | None = None
     fixes: FixEdges | None = None
     travels: Mapping[int, Measurement] | None = None
-    along: Sequence[Loop] = ()
 
     def build_graph(self, loops: Sequence[Loop], ties: Sequence[Loop] = ()) -> PoseGraph:
         """Returns the graph with the given loops and ties of the refinement; it starts from the chained measurements."""
         settings = self.graph_settings
         factors: list[gtsam.NonlinearFactor] = [*self.make_factors(X, M)]
         factors += [loop_between(X(loop.earlier), X(loop.later), loop, self.loop_settings) for loop in loops]
-        factors += [
-            psi_between(X(tie.earlier), X(tie.later), tie.pose, tie.covariance, settings) for tie in (*self.along, *ties)
-        ]
+        factors += [psi_between(X(tie.earlier), X(tie.later), tie.pose, tie.covariance, settings) for tie in ties]
         chain = se2.chain(m.pose for m in self.measurements)
         factors += [odometry_between(X(k), X(k + 1), travel, settings) for k, travel in (self.travels or {}).items()]
         if self.turns is not None:

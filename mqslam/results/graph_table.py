@@ -23,7 +23,6 @@ def format_graph_table(run: Run) -> str:
         run: the finished run.
     """
     size, stamps_us = run.graph.size, run.optimised.stamps_us.tolist()
-    along = {(tie.earlier, tie.later) for tie in run.along}
     text = io.StringIO()
     rows = csv.writer(text, lineterminator="\n")
     rows.writerow(_COLUMNS)
@@ -31,9 +30,7 @@ def format_graph_table(run: Run) -> str:
         ends = [_number(key, size) for key in factor.keys()]
         loss, parameter = _describe_loss(factor.noiseModel(), run.config)
         stamps = [stamps_us[end] if end < size else "" for end in ends]
-        rows.writerow(
-            [k, *ends, "along" if tuple(ends) in along else _name_kind(ends, size, loss), loss, parameter, *stamps]
-        )
+        rows.writerow([k, *ends, _name_kind(ends, size, loss), loss, parameter, *stamps])
     return text.getvalue()
 
 

@@ -110,7 +110,6 @@ def summarise(run: Run, recording: Recording) -> dict[str, Any]:
         "factors": {
             "odometry": run.odometry_factors,
             "psi": len(run.measurements),
-            "along": len(run.along),
             "loop": len(run.loops),
             "loop_rejected": run.loops_rejected,
             "refinement": len(run.refined.ties),

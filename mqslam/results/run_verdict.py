@@ -161,7 +161,7 @@ def _judge_whole_map(run: Run) -> list[Finding]:
 
 def _can_compare(run: Run) -> bool:
     """Returns whether optimisation had something to do, and psi can tell what it made of the map."""
-    if run.unoptimised is not None or not (run.odometry_factors or run.along or run.loops):
+    if run.unoptimised is not None or not (run.odometry_factors or run.loops):
         return False
     return bool(run.checks) and bool(run.map_optimised.matched_share)
 

@@ -209,7 +209,7 @@ def test_a_resumed_run_repeats_no_finished_stage_and_ends_the_same(
         recording, None
     )
     monkeypatch.setattr(doppler_module, "measure_doppler", lambda *_: pytest.fail("measured again"))
-    monkeypatch.setattr(slam_module, "close_loops", lambda *_: pytest.fail("searched again"))
+    monkeypatch.setattr(slam_module, "find_loops", lambda *_: pytest.fail("searched again"))
     monkeypatch.setattr(SimulatedRecording, "polar_scans", lambda *_: pytest.fail("read again"))
     again = Slam(config, "psi", Runner(checkpoint=resumed(tmp_path / "out"))).run(recording, None)
     assert again.config == first.config and again.doppler_beta == first.doppler_beta == 0.0123

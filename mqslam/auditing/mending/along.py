@@ -2,13 +2,14 @@
 
 Odometry matches a scan to a map that was made by its own errors, so that a scan that was turned wrongly turns all later
 ones. What an audit would measure shows it: the scans before every place laid on those after it, and the two ends of every
-span. Both are measured here of the chain that the graph begins with, and become factors of the graph.
+span. The motions are straightened by both. They are no surer for it, since the ties are of the same returns.
 """
 
 from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
@@ -20,7 +21,8 @@ from mqslam.auditing.spans.torn import audit_spans
 from mqslam.auditing.steps import audit_steps, pick_sides
 from mqslam.auditing.sweeps import place_sweeps
 from mqslam.config import Config
-from mqslam.core.measurement import Loop
+from mqslam.core import se2
+from mqslam.core.measurement import Loop, Measurement, MotionTable
 from mqslam.core.scans import Scans
 from mqslam.core.trajectory import Trajectory
 from mqslam.execution.runner import Runner
@@ -58,6 +60,12 @@ def measure_along(scans: Scans, trajectory: Trajectory, config: Config, beam: Be
     begins = (pick_ends((tie.a, tie.b), often)[0] for tie in through)
     ties = _share([tie for _, tie in across], before) + _share(through, begins)
     return [Loop(inside[tie.a], inside[tie.b], tie.pose, tie.covariance, np.nan, np.nan) for tie in ties]
+
+
+def straighten(measurements: Sequence[Measurement], poses: se2.Array) -> MotionTable:
+    """Returns motions between successive scans that lead through other poses (N, 3) of them, as sure as they were."""
+    motions = se2.between(poses[:-1], poses[1:])
+    return MotionTable(replace(m, pose=motion) for m, motion in zip(measurements, motions, strict=True))
 
 
 def _share(ties: Sequence[Tie], sides: Iterable[range]) -> list[Tie]:
