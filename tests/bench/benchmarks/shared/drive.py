@@ -9,7 +9,7 @@ from bench.benchmark import Benchmark, Bound, Cell, Column, Row, label
 from bench.measuring.commands import FRONT_ENDS, OURS, read_json, run
 from bench.measuring.gps import COLUMNS, real_drive, score_drive
 
-_ALONE, _TURNED, _PLACED = "radar alone", "with gyroscope", "with gyroscope and GNSS"
+_ALONE, _TURNED, _PLACED = "none", "gyroscope", "gyroscope and GNSS"
 _SENSORS = {_ALONE: (), _TURNED: ("--imu", "auto"), _PLACED: ("--imu", "auto", "--gnss", "auto")}
 _DEFAULT = "default"
 _THRESHOLDS = (60.0, 80.0, 100.0)  # of intensity; peers are a lottery on weak returns, so that each gets several chances
