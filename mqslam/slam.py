@@ -9,7 +9,7 @@ from dataclasses import replace
 from typing import Final
 
 from mqslam.auditing.judge import audit_trajectory
-from mqslam.auditing.mending.along import measure_along, straighten
+from mqslam.auditing.mending.along import straighten
 from mqslam.backend.linear.marginals import compute_all_marginals
 from mqslam.backend.measuring import find_doppler, measure
 from mqslam.backend.pose_graph import poses_of
@@ -28,7 +28,7 @@ from mqslam.core.sensors.sensors import NO_SENSORS, Sensors
 from mqslam.core.trajectory import Trajectory
 from mqslam.detection.stage import detect_all
 from mqslam.errors import EstimationError, FewReturnsError
-from mqslam.execution.kept import ALONG, LOOPS, REFINED
+from mqslam.execution.kept import LOOPS, REFINED
 from mqslam.execution.runner import Runner
 from mqslam.mapping.render import render_track
 from mqslam.psi.place import beam_of
@@ -117,10 +117,7 @@ class Slam:
             measurements = measure(self._name, scans, context, beam, runner)
         with runner.time_stage("along"), runner.tolerate("the ties along the path"):
             if self._name == PSI:
-                alone = Problem(measurements, [], config.graph, config.loops)
-                track = Trajectory(scans.stamps_us, alone.solve_poses([]))
-                ties = runner.make_once(ALONG, lambda: measure_along(scans, track, config, beam, runner))
-                measurements = straighten(measurements, alone.solve_poses([], ties))
+                measurements = straighten(measurements, scans, config, beam, runner)
         with runner.time_stage("optimise"):
             odometry = read_odometry_motions(scans, context, self._name)
             edges = make_odometry_edges(odometry, measurements, config.odometry, config.graph, context.sensors.mount)

@@ -4,13 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 
 import gtsam
-import numpy as np
-from numpy.typing import NDArray
 
-from mqslam.backend.linear.marginals import Uncertainty
 from mqslam.backend.pose_graph import Optimum, PoseGraph
 from mqslam.backend.problem import GraphProblem
 from mqslam.config import GraphConfig, LoopConfig
@@ -73,21 +69,3 @@ class GivenGraph(GraphProblem):
                 "give values for all its variables, and factors that determine them, such as a prior on the first pose",
             )
         return graph, optimum
-
-    def estimate_own_covariances(self) -> NDArray[np.float64]:
-        """Returns half of the covariance of each scan against the neighbour that the graph is surer of, in its own frame.
-
-        Half, since both scans err. The surer neighbour, since a graph of submaps has what its map drifts between some scans
-        and not between others.
-
-        Raises:
-            EstimationError: the graph does not tell it.
-        """
-        graph, optimum = self.optimise([])
-        scans = range(graph.size)
-        pairs = [*pairwise(scans), *((b, a) for a, b in pairwise(scans))]
-        following, preceding = np.split(Uncertainty(graph, optimum.values).relate(pairs), 2)
-        after, before = np.concatenate([following, following[-1:]]), np.concatenate([preceding[:1], preceding])
-        after[-1], before[0] = before[-1], after[0]
-        is_surer = np.linalg.det(after) <= np.linalg.det(before)
-        return np.asarray(0.5 * np.where(is_surer[:, None, None], after, before))

@@ -6,6 +6,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import pairwise
 
 import gtsam
 import numpy as np
@@ -13,6 +14,7 @@ from gtsam.symbol_shorthand import M, X
 from numpy.typing import NDArray
 
 from mqslam.backend.drift import widen_ties
+from mqslam.backend.linear.marginals import Uncertainty
 from mqslam.backend.pose_graph import Optimum, PoseGraph, build_pose_graph, optimise
 from mqslam.backend.sensors.gnss.fix_use import FixEdges
 from mqslam.backend.sensors.gyroscope.turn_edges import TurnEdges
@@ -34,10 +36,6 @@ class GraphProblem(ABC):
     def build_graph(self, loops: Sequence[Loop], ties: Sequence[Loop] = ()) -> PoseGraph:
         """Returns the graph with the given loops and ties of the refinement."""
 
-    @abstractmethod
-    def estimate_own_covariances(self) -> NDArray[np.float64]:
-        """Returns the covariance (N, 3, 3) of each scan in its surroundings, in its own frame [m, m, rad]."""
-
     def optimise(self, loops: Sequence[Loop], ties: Sequence[Loop] = ()) -> tuple[PoseGraph, Optimum]:
         """Returns the graph with the given loops and ties, and its optimum."""
         graph = self.build_graph(loops, ties)
@@ -47,6 +45,24 @@ class GraphProblem(ABC):
         """Returns the optimised poses (N, 3) with the given loops and ties [m, m, rad]."""
         graph, optimum = self.optimise(loops, ties)
         return graph.poses_at(optimum.values)
+
+    def estimate_own_covariances(self) -> NDArray[np.float64]:
+        """Returns half of the covariance of each scan against the neighbour that the graph is surer of, in its own frame.
+
+        Half, since both scans err. The surer neighbour, since a graph of submaps has what its map drifts between some scans
+        and not between others.
+
+        Raises:
+            EstimationError: the graph does not tell it.
+        """
+        graph, optimum = self.optimise([])
+        scans = range(graph.size)
+        pairs = [*pairwise(scans), *((b, a) for a, b in pairwise(scans))]
+        following, preceding = np.split(Uncertainty(graph, optimum.values).relate(pairs), 2)
+        after, before = np.concatenate([following, following[-1:]]), np.concatenate([preceding[:1], preceding])
+        after[-1], before[0] = before[-1], after[0]
+        is_surer = np.linalg.det(after) <= np.linalg.det(before)
+        return np.asarray(0.5 * np.where(is_surer[:, None, None], after, before))
 
 
 @dataclass(frozen=True)
@@ -127,11 +143,6 @@ class Problem(GraphProblem):
             for first, last, placed in spans
         ]
         return [*stated, *(m for _, m in self._list_apart()), *self.odometry]
-
-    def estimate_own_covariances(self) -> NDArray[np.float64]:
-        """Returns half of the covariance of each motion, which has two ends, in the frame of the scan that it starts at."""
-        halves = [0.5 * motion.covariance for motion in self.measurements]
-        return np.array([*halves, halves[-1]])
 
     @cached_property
     def submaps(self) -> Submaps:

@@ -89,8 +89,9 @@ def refine(
 
     closed = psi_under(drive.poses)
     best = Refined(list(loops), [], psi_under(before.poses), closed, closed)
-    variances = problem.estimate_own_covariances()
-    for number in range(settings.rounds if loops else 0):
+    rounds = settings.rounds if loops else 0
+    variances = problem.estimate_own_covariances() if rounds else np.empty((0, 3, 3))
+    for number in range(rounds):
         crossings = select_tied(find_crossings(drive, EVERY_SCAN_M, apart_m, settings), drive, loops, apart_m)
         measured = engine.map(measure_crossing, _Setting(drive, variances, config, beam), crossings)
         ties = list(chain.from_iterable(runner.follow("refine", measured, len(crossings))))

@@ -20,11 +20,13 @@ from mqslam.auditing.spans.measured import lay_spans, pick_ends
 from mqslam.auditing.spans.torn import audit_spans
 from mqslam.auditing.steps import audit_steps, pick_sides
 from mqslam.auditing.sweeps import place_sweeps
+from mqslam.backend.problem import Problem
 from mqslam.config import Config
 from mqslam.core import se2
-from mqslam.core.measurement import Loop, Measurement, MotionTable
+from mqslam.core.measurement import Loop, MotionTable
 from mqslam.core.scans import Scans
 from mqslam.core.trajectory import Trajectory
+from mqslam.execution.kept import ALONG
 from mqslam.execution.runner import Runner
 from mqslam.psi.place import Beam
 
@@ -62,8 +64,20 @@ def measure_along(scans: Scans, trajectory: Trajectory, config: Config, beam: Be
     return [Loop(inside[tie.a], inside[tie.b], tie.pose, tie.covariance, np.nan, np.nan) for tie in ties]
 
 
-def straighten(measurements: Sequence[Measurement], poses: se2.Array) -> MotionTable:
-    """Returns motions between successive scans that lead through other poses (N, 3) of them, as sure as they were."""
+def straighten(measurements: MotionTable, scans: Scans, config: Config, beam: Beam, runner: Runner) -> MotionTable:
+    """Returns psi's motions between successive scans as the ties along the path correct them, as sure as they were.
+
+    Args:
+        measurements: psi's motions.
+        scans: of the recording.
+        config: all settings.
+        beam: the sensor's errors.
+        runner: where scans are laid; it keeps the ties.
+    """
+    alone = Problem(measurements, [], config.graph, config.loops)
+    track = Trajectory(scans.stamps_us, alone.solve_poses([]))
+    ties = runner.make_once(ALONG, lambda: measure_along(scans, track, config, beam, runner))
+    poses = alone.solve_poses([], ties)
     motions = se2.between(poses[:-1], poses[1:])
     return MotionTable(replace(m, pose=motion) for m, motion in zip(measurements, motions, strict=True))
 

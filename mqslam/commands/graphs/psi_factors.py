@@ -11,6 +11,7 @@ import gtsam
 import numpy as np
 from gtsam.symbol_shorthand import M, X
 
+from mqslam.auditing.mending.along import straighten
 from mqslam.backend.problem import Problem
 from mqslam.backend.sensors.odometry.odometry_edges import make_odometry_edges, read_odometry_motions
 from mqslam.commands.graphs.keys import Between, Keys, Pose, check_apart, choose_lift, list_keys
@@ -23,6 +24,7 @@ from mqslam.core.measurement import Measurement, MotionTable, Status
 from mqslam.core.scans import Scans
 from mqslam.core.trajectory import Trajectory
 from mqslam.core.wording import count_of
+from mqslam.slam import PSI
 
 Stated = tuple[Between, Measurement]
 
@@ -158,6 +160,11 @@ def psi_factors(
         lift, scan_keys = choose_lift(pose, settings.graph), list_keys(keys, len(scans))
         context = radar.make_context(odometry)
         measurements = MotionTable(radar.runner.follow("windows", measure_motions(frontend, context, scans), len(scans) - 1))
+        if frontend == PSI:
+            with radar.runner.tolerate("the ties along the path"):
+                measurements = straighten(measurements, scans, settings, radar.beam, radar.runner)
+            for warning in radar.runner.warnings:
+                work.tell(warning)
         motions = read_odometry_motions(scans, context, frontend)
         edges = make_odometry_edges(motions, measurements, settings.odometry, settings.graph)
     problem = Problem(measurements, edges, settings.graph, settings.loops)
