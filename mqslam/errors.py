@@ -48,6 +48,7 @@ class Remedy(StrEnum):
     RECORD_LIVE_VIEW = "record the live view into a file and open it elsewhere"
     REPLACE_UNFINISHED_OUTPUT = "choose another output, or replace the unfinished run instead of resuming it"
     RESUME = "resume the run to continue it"
+    WAIT_OR_CHOOSE_OUTPUT = "wait until that has ended, or choose another output"
 
 
 class MqslamError(Exception):

@@ -65,7 +65,7 @@ def _top(
 
     Exit codes: 0 done; 1 check found something suspicious, the verdict of run or audit is as bad as --fail-on or worse, or a
     run of batch failed; 2 a mistake in the command or its input, described in one line; 3 the map that run or audit should
-    judge with --fail-on could not be judged; 130 and 143 interrupted.
+    judge with --fail-on could not be judged; 129, 130 and 143 interrupted.
 
     Example: mqslam run drive --out result
     """

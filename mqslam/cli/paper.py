@@ -55,11 +55,11 @@ def figures(
 
     Example: mqslam paper figures --out figures
     """
-    from mqslam.execution.folders import check_free
+    from mqslam.execution.folders import claim_folder
     from mqslam.psi.published.paper_figures import write_figures
 
-    check_free(out, force=force)
-    captions = write_figures(out, seed)
+    with claim_folder(out, force=force):
+        captions = write_figures(out, seed)
     if as_json:
         typer.echo(json.dumps([{"path": str(path), "text": text} for path, text in captions], indent=1))
     elif not quiet:

@@ -29,7 +29,7 @@ from mqslam.core.trajectory import Trajectory
 from mqslam.errors import Remedy, tolerate
 from mqslam.execution.checkpoint import hash_run, keep_checkpoint
 from mqslam.execution.files import to_json_values
-from mqslam.execution.folders import check_free, write_folder_aside
+from mqslam.execution.folders import claim_folder, write_folder_aside
 from mqslam.execution.runner import Runner
 from mqslam.formats.recordings.oxford import find_image_folder
 from mqslam.formats.shared.azimuth_rows import stamps_in_us
@@ -97,12 +97,12 @@ def run(  # noqa: PLR0913 - these are the options of a run, each with its defaul
     """
     data, out = Path(data), Path(out)
     settings = choose_settings(config)
-    check_free(out, force=force, resume=resume, recording=data)
     inputs = Inputs(odometry, imu, gnss, extrinsics, frame)
-    job = open_job(data, settings, frontend, inputs, format, range_resolution, strict=strict, span=(start_s, end_s))
-    for note in job.recording.notes:
-        work.tell(note)
-    return RunResult(out, execute(job, out, work, resume=resume))
+    with claim_folder(out, force=force, resume=resume, sources=[data]):
+        job = open_job(data, settings, frontend, inputs, format, range_resolution, strict=strict, span=(start_s, end_s))
+        for note in job.recording.notes:
+            work.tell(note)
+        return RunResult(out, execute(job, out, work, resume=resume))
 
 
 @dataclass(frozen=True)

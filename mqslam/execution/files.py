@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import errno
 import json
 import math
 import os
@@ -20,6 +21,8 @@ from mqslam.errors import OutputError, Remedy
 def write_aside(path: Path) -> Iterator[Path]:
     """Yields a temporary path beside `path`, which takes the name of `path` when the block ends without an error.
 
+    The file has reached the disk before it takes that name, and others may read it as the user's umask says.
+
     Raises:
         OutputError: the folder cannot be written to, or the disk is full.
     """
@@ -31,18 +34,41 @@ def write_aside(path: Path) -> Iterator[Path]:
     aside = Path(name)
     try:
         yield aside
-        aside.chmod(0o644)
+        aside.chmod(0o666 & ~_read_umask())
+        flush(aside)
         aside.replace(path)
+        flush(path.parent)
     except OSError as error:
         raise OutputError(f"{path}: cannot be written ({error.strerror})", Remedy.FREE_SPACE) from error
     finally:
         aside.unlink(missing_ok=True)
 
 
+def flush(path: Path) -> None:
+    """Has the system write a file, or the names in a folder, to the disk; folders only where the system can do so."""
+    if path.is_dir() and os.name == "nt":
+        return
+    handle = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(handle)
+    except OSError as error:
+        if error.errno != errno.EINVAL:  # a file system that has nothing to flush
+            raise
+    finally:
+        os.close(handle)
+
+
+def _read_umask() -> int:
+    """Returns what the user takes from the permissions of new files; the system tells it only to those who set it."""
+    mask = os.umask(0o077)
+    os.umask(mask)
+    return mask
+
+
 def write_text(path: Path, text: str) -> None:
-    """Writes a UTF-8 text file, whole or not at all."""
+    """Writes a UTF-8 text file, whole or not at all; bytes of a path that are no UTF-8 become escapes."""
     with write_aside(path) as aside:
-        aside.write_text(text, encoding="utf-8")
+        aside.write_text(text, encoding="utf-8", errors="backslashreplace")
 
 
 def write_json(path: Path, content: Mapping[str, Any]) -> None:

@@ -1,4 +1,4 @@
-"""Handling of Ctrl-C and SIGTERM: workers end, files stay whole, and the command says in one line that it was stopped."""
+"""Handling of Ctrl-C, SIGTERM and SIGHUP: workers end, files stay whole, and one line says that the command was stopped."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from sys import UnraisableHookArgs
 
-_SIGNALS = (signal.SIGINT, signal.SIGTERM)
+_SIGNALS = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name))
 _HAS_ALARMS = hasattr(signal, "SIGALRM")  # which Windows has not
 _AGAIN_S = 0.05  # after which an interrupt that was lost is raised again
 
@@ -35,7 +35,7 @@ class Interrupted(BaseException):
 
 @contextmanager
 def raise_interrupts() -> Iterator[None]:
-    """Makes SIGINT and SIGTERM end all workers and raise `Interrupted` in the main thread, while the block lasts.
+    """Makes SIGINT, SIGTERM and SIGHUP end all workers and raise `Interrupted` in the main thread, while the block lasts.
 
     A signal that is ignored, as shells do for their background jobs, stays ignored. Python drops an exception that is raised
     while it deletes an object; an interrupt that is lost so is raised again a moment later, where the system has alarms.

@@ -369,10 +369,11 @@ def test_a_run_shows_progress_a_table_and_the_report(
 def test_force_replaces_an_earlier_result_whole(street: Path, quick: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
     out.mkdir()
-    (out / "earlier").write_text("gone")
+    (out / "mended.tum").write_text("gone")
+    (out / "notes.txt").write_text("kept")
     done = mqslam("run", street, "--out", out, "--frontend", "odometry", "--config", quick, "--force", "--quiet")
     assert (done.code, done.out, done.err) == (0, "", "")
-    assert {path.name for path in out.iterdir()} == FILES | PLACED and list(tmp_path.iterdir()) == [out]
+    assert {path.name for path in out.iterdir()} == FILES | PLACED | {"notes.txt"} and list(tmp_path.iterdir()) == [out]
 
 
 def test_odometry_that_stops_early_is_not_used_and_said(street: Path, quick: Path, tmp_path: Path) -> None:

@@ -19,7 +19,7 @@ from mqslam.core.keyframes import KeyframeMap
 from mqslam.detection.stage import detect_all, warn_of_unread
 from mqslam.errors import DataError, EstimationError, FewReturnsError, NotInMapError, Remedy
 from mqslam.execution.files import write_json
-from mqslam.execution.folders import check_free, write_folder_aside
+from mqslam.execution.folders import claim_folder, write_folder_aside
 from mqslam.execution.runner import Runner
 from mqslam.formats.maps.keyframe_folder import find_keyframes, read_keyframes
 from mqslam.localisation.localised import Localised
@@ -81,25 +81,25 @@ def localise(  # noqa: PLR0913 - these are the options of the command, each with
         >>> print(localised.read_trajectory().poses[0], localised.summary["share_on_map"])  # doctest: +SKIP
     """
     data, out, map = Path(data), Path(out), Path(map)
-    check_free(out, force=force, recording=data)
-    made = open_map(map)
-    settings = _choose_settings(config, map, made)
-    inputs = Inputs(odometry, imu, "none", extrinsics)
-    job = open_job(data, settings, frontend, inputs, format, range_resolution, strict=strict, span=(start_s, end_s))
-    for note in job.recording.notes:
-        work.tell(note)
-    runner = Runner(work.engine, work.progress)
-    with runner.time_stage("total"):
-        localised, unread = _find(job, made, runner)
-    warnings = [*job.warnings, *warn_of_unread(unread), *runner.warnings]
-    summary = summarise(localised, job.recording, map, made, frontend, runner.runtime_s, warnings)
-    with write_folder_aside(out) as folder:
-        write_localised(folder, localised, settings, made.keyframes.georeference, summary, job.recording)
-        failures = write_localise_page(folder, localised, made, settings, summary)
-        if failures:
-            summary["warnings"] += failures
-            write_json(folder / "summary.json", summary)
-    return LocaliseResult(out, summary)
+    with claim_folder(out, force=force, sources=[data]):
+        made = open_map(map)
+        settings = _choose_settings(config, map, made)
+        inputs = Inputs(odometry, imu, "none", extrinsics)
+        job = open_job(data, settings, frontend, inputs, format, range_resolution, strict=strict, span=(start_s, end_s))
+        for note in job.recording.notes:
+            work.tell(note)
+        runner = Runner(work.engine, work.progress)
+        with runner.time_stage("total"):
+            localised, unread = _find(job, made, runner)
+        warnings = [*job.warnings, *warn_of_unread(unread), *runner.warnings]
+        summary = summarise(localised, job.recording, map, made, frontend, runner.runtime_s, warnings)
+        with write_folder_aside(out) as folder:
+            write_localised(folder, localised, settings, made.keyframes.georeference, summary, job.recording)
+            failures = write_localise_page(folder, localised, made, settings, summary)
+            if failures:
+                summary["warnings"] += failures
+                write_json(folder / "summary.json", summary)
+        return LocaliseResult(out, summary)
 
 
 def open_map(path: Path) -> KeyframeMap:
