@@ -12,6 +12,7 @@ import yaml
 from numpy.typing import NDArray
 from pydantic import ValidationError
 
+from mqslam import untrusted
 from mqslam.config import KissIcpConfig
 from mqslam.core import se2
 from mqslam.core.frontend import Context
@@ -127,7 +128,7 @@ def _load_config(path: Path) -> Any:
     from kiss_icp.kiss_icp import KissICP
 
     try:
-        tree = yaml.safe_load(path.read_text(encoding="utf-8"))
+        tree = yaml.safe_load(untrusted.read_document(path))
         config = _make_repeatable(load_config(path))
         KissICP(config)  # refuses what the loader lets pass, such as null for a number
     except (OSError, UnicodeDecodeError, yaml.YAMLError, TypeError) as error:

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from mqslam import untrusted
 from mqslam.commands.inputs.opening import (
     USUAL_INPUTS,
     WHOLE,
@@ -26,7 +27,7 @@ from mqslam.core.recording import Recording
 from mqslam.core.sensors.mount import RADAR
 from mqslam.core.sensors.sensors import NO_SENSORS, Sensors
 from mqslam.core.trajectory import Trajectory
-from mqslam.errors import Remedy, tolerate
+from mqslam.errors import DataError, Remedy, tolerate
 from mqslam.execution.checkpoint import hash_run, keep_checkpoint
 from mqslam.execution.files import to_json_values
 from mqslam.execution.folders import claim_folder, write_folder_aside
@@ -223,7 +224,7 @@ def write_for_leaderboard(folder: Path, recording: Recording, trajectory: Trajec
 def find_finished(out: Path, key: str) -> dict[str, Any] | None:
     """Returns the summary of the run that `out` holds, if it is whole and has the same key, or None."""
     try:
-        summary = json.loads((out / "summary.json").read_text(encoding="utf-8"))
-    except (OSError, ValueError):
+        summary = json.loads(untrusted.read_document(out / "summary.json"))
+    except (OSError, ValueError, DataError):
         return None
     return summary if isinstance(summary, dict) and summary.get("run_key") == key else None

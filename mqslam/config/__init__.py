@@ -10,6 +10,7 @@ from typing import Any
 import yaml
 from pydantic import BaseModel, ConfigDict
 
+from mqslam import untrusted
 from mqslam.config.audit_config import AuditConfig, CompareConfig, MendConfig, VerdictConfig
 from mqslam.config.check_config import CheckConfig
 from mqslam.config.detector_config import ChirpConfig, DetectorConfig
@@ -29,7 +30,7 @@ from mqslam.config.psi_config import PsiConfig
 from mqslam.config.reading_config import ReadingConfig
 from mqslam.config.sensor_config import GnssConfig, GyroscopeConfig, SensorConfig, VelocityConfig
 from mqslam.config.tracker_config import TrackerConfig
-from mqslam.config.yaml_file import parse_yaml
+from mqslam.config.yaml_file import MOST_BYTES, parse_yaml
 from mqslam.errors import ConfigError, suggest
 
 __all__ = [
@@ -120,11 +121,13 @@ def load_config(name: str | Path | None = None) -> Config:
     shipped = resources.files("mqslam.configs") / f"{name}.yaml"
     try:
         if path.is_file():
-            content = path.read_bytes()
+            content: str | bytes = untrusted.read_document(path, MOST_BYTES)
         elif shipped.is_file():
             content = shipped.read_bytes()
         else:
             raise ConfigError(f"{name}: no such configuration and no such file; {suggest(path.stem, list_shipped())}")
+    except UnicodeDecodeError as error:
+        raise ConfigError(f"{name}: is not a readable YAML file ({error})") from error
     except (OSError, ValueError) as error:
         raise ConfigError(f"{name}: cannot be read ({error})") from error
     return parse_yaml(Config, name, content)

@@ -9,6 +9,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from mqslam import untrusted
 from mqslam.core import se2
 from mqslam.core.trajectory import Trajectory
 from mqslam.errors import DataError
@@ -21,6 +22,7 @@ _LEAST_SLIDE = 1e-9  # sideways speeds below this [m/s] are rounding errors
 _Read = TypeVar("_Read")
 
 
+@untrusted.reads_file
 def read_odometry(path: Path) -> Trajectory:
     """Reads an odometry file: TUM, or CSV with the header `t,v,omega` and optionally `vy`.
 
@@ -31,7 +33,7 @@ def read_odometry(path: Path) -> Trajectory:
         DataError: the file cannot be read, is in neither layout or holds a non-number, or its stamps do not increase.
     """
     try:
-        with path.open(encoding="utf-8") as lines:
+        with untrusted.open_text(path) as lines:
             first = next((line for line in lines if line.strip() and not line.lstrip().startswith("#")), "")
     except FileNotFoundError as error:
         raise DataError(path, "does not exist", "check the path of the odometry, or take the recording's own") from error
@@ -55,6 +57,7 @@ def read_beside(read: Callable[[], _Read]) -> tuple[_Read | None, list[str]]:
         return None, [f"{error.path} {error.problem}: left out"]
 
 
+@untrusted.reads_file
 def read_numbers(path: Path, columns: list[int]) -> NDArray[np.float64]:
     """Reads columns (N, len(columns)) of a CSV whose first line is a header.
 
@@ -64,6 +67,7 @@ def read_numbers(path: Path, columns: list[int]) -> NDArray[np.float64]:
     return _read_table(path, _read_rows(path)[1:], columns)
 
 
+@untrusted.reads_file
 def read_stamped(path: Path, columns: list[int]) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
     """Reads stamps (N,) [us] and columns (N, len(columns)) of a CSV with or without a header.
 
@@ -85,7 +89,7 @@ def read_stamped(path: Path, columns: list[int]) -> tuple[NDArray[np.int64], NDA
 def _read_rows(path: Path) -> list[str]:
     """Reads the lines of a text file that are neither empty nor a comment."""
     try:
-        text = path.read_text(encoding="utf-8").split("\n")
+        text = untrusted.read_text(path).split("\n")
     except (OSError, ValueError) as error:
         raise _no_table(path, error) from error
     return [line for line in text if line.strip() and not line.startswith("#")]

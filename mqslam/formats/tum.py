@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from mqslam import untrusted
 from mqslam.core.trajectory import Trajectory
 from mqslam.errors import DataError
 from mqslam.execution.files import write_text
@@ -22,6 +23,7 @@ def write_tum(path: Path, trajectory: Trajectory) -> None:
     write_text(path, "".join(lines))
 
 
+@untrusted.reads_file
 def read_tum(path: Path) -> Trajectory:
     """Reads a TUM file: `t[s] x y z qx qy qz qw`, `#` starts a comment; z, roll and pitch are dropped.
 
@@ -32,7 +34,7 @@ def read_tum(path: Path) -> Trajectory:
     stamps: list[int] = []
     poses: list[tuple[float, float, float]] = []
     try:
-        text = path.read_text(encoding="utf-8")
+        text = untrusted.read_text(path)
     except (OSError, UnicodeDecodeError) as error:
         raise DataError(path, "is not a readable text file", "give a TUM trajectory") from error
     for number, line in enumerate(text.splitlines(), 1):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import re
+import shutil
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
 from itertools import pairwise
@@ -379,8 +380,9 @@ def test_force_replaces_an_earlier_result_whole(street: Path, quick: Path, tmp_p
 def test_odometry_that_stops_early_is_not_used_and_said(street: Path, quick: Path, tmp_path: Path) -> None:
     drive = tmp_path / "drive"
     drive.mkdir()
-    for name in ("radar", "radar.timestamps", "simulation.json"):
-        (drive / name).symlink_to(street / name)
+    (drive / "radar").symlink_to(street / "radar")
+    for name in ("radar.timestamps", "simulation.json"):
+        shutil.copy(street / name, drive / name)
     (drive / "odom.csv").write_text("\n".join((street / "odom.csv").read_text().splitlines()[:50]) + "\n")
     shown = mqslam("run", drive, "--out", tmp_path / "out", "--config", quick)
     assert shown.code == 0 and shown.err.count("odometry does not cover the whole recording") == 1

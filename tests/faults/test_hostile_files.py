@@ -108,6 +108,61 @@ def test_a_name_that_leaves_the_recording(drive: Path, tmp_path: Path) -> None:
     assert not (tmp_path / "out").exists()
 
 
+def test_a_link_a_pipe_or_a_device_in_place_of_a_file(drive: Path, tmp_path: Path) -> None:
+    """Every kind of both is in `tests/test_untrusted.py`."""
+    secret = tmp_path / "secret"
+    secret.write_text("t,v,omega\n0,1,0\n")
+    for name in ("radar.timestamps", "recording.json", "odom.csv", "imu.csv", "gnss.csv", "gt/poses_tum.txt"):
+        for place in (lambda file: file.symlink_to(secret), os.mkfifo, lambda file: file.symlink_to("/dev/zero")):
+            copy = shutil.copytree(drive, tmp_path / "copy")
+            (copy / name).unlink(missing_ok=True)
+            place(copy / name)
+            shown = mqslam("info", copy)
+            assert f"{copy / name}" in shown.out + shown.err, name
+            assert "is a link out of the recording" in shown.out + shown.err or "is a pipe" in shown.out + shown.err
+            shutil.rmtree(copy)
+    os.mkfifo(tmp_path / "pipe")
+    for named in (tmp_path / "pipe", "/dev/zero"):
+        for option in ("--odometry", "--imu", "--gnss", "--config"):
+            shown = mqslam("run", drive, "--out", tmp_path / "out", option, named, "--quiet")
+            assert_refused(shown, str(named))
+        assert_refused(mqslam("audit", drive, "--trajectory", named, "--out", tmp_path / "out", "--quiet"), str(named))
+        assert_refused(mqslam("batch", named, "--out", tmp_path / "out"), str(named))
+        assert_refused(mqslam("info", named), str(named))
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_line_without_an_end(drive: Path, tmp_path: Path) -> None:
+    (drive / "odom.csv").write_bytes(b"t,v,omega" + b"9" * 3_000_000)
+    shown = mqslam("info", drive)
+    assert shown.code == 0 and "odom.csv has a line of over 1000000 bytes: left out" in shown.out
+    assert_refused(run_quickly(drive, tmp_path / "out", "--strict"), "odom.csv has a line of over 1000000 bytes")
+
+
+def test_a_file_on_which_a_library_crashes(tmp_path: Path) -> None:
+    """LAZ files and GTSAM's archives are read in a process of its own: `tests/execution/test_apart.py`."""
+    crash = Path(__file__).parents[1] / "support" / "files" / "crash.laz"
+    shown = mqslam("audit", crash, "--out", tmp_path / "out", "--quiet")
+    assert_refused(shown, "crash.laz: is not a readable .laz (the library that reads it crashed)")
+
+
+def test_an_error_that_a_reader_lets_through(drive: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Every kind of error is in `tests/test_untrusted.py`."""
+
+    def fail(*_: object) -> None:
+        raise OverflowError("Python int too large to convert to C long")
+
+    with monkeypatch.context() as patch:
+        patch.setattr("mqslam.formats.recordings.oxford.index_rows", fail)
+        said = f"{drive}: is damaged or of another kind (OverflowError: Python int too large to convert to C long)"
+        assert_refused(run_quickly(drive, tmp_path / "out"), said)
+        assert_refused(mqslam("info", drive), said)
+    bag = write_bag(open_recording(write_oxford(tmp_path / "few")), bag_path(tmp_path, "mcap"), "mcap")
+    monkeypatch.setattr("mqslam.formats.recordings.rosbag._read_index", fail)
+    assert_refused(mqslam("info", bag), f"{bag}: ", "Python int too large")
+    assert not (tmp_path / "out").exists()
+
+
 @pytest.mark.parametrize("attack", ["object/apply", "object/new", "name"])
 def test_yaml_that_would_execute(drive: Path, tmp_path: Path, attack: str) -> None:
     touched, evil, kiss = tmp_path / "executed", tmp_path / "evil.yaml", tmp_path / "kiss.yaml"

@@ -155,7 +155,12 @@ def test_a_cluster_that_is_lost(drive: Path, tmp_path: Path, crew: Cluster, monk
 def test_a_terminal_that_is_closed(drive: Path, tmp_path: Path) -> None:
     """It sends SIGHUP, which nohup has a command ignore."""
     out = tmp_path / "out"
-    process = subprocess.Popen([INSTALLED, "run", drive, "--out", out], stderr=subprocess.PIPE, text=True)
+    process = subprocess.Popen(
+        [INSTALLED, "run", drive, "--out", out],
+        stderr=subprocess.PIPE,
+        text=True,
+        preexec_fn=lambda: signal.signal(signal.SIGHUP, signal.SIG_DFL),  # what runs the tests may ignore it
+    )
     assert process.stderr is not None
     while (line := process.stderr.readline()) and "reading and detecting: 30/30" not in line:
         pass

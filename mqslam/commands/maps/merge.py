@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
+from mqslam import untrusted
 from mqslam.commands.inputs.opening import choose_settings
 from mqslam.commands.result import MergeResult
 from mqslam.commands.work import QUIET, Work
@@ -74,6 +75,7 @@ def merge(
         return MergeResult(out, summary)
 
 
+@untrusted.reads_file
 def read_part(folder: Path) -> Part:
     """Reads a result as a part of a merge.
 

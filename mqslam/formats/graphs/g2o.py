@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from mqslam import untrusted
 from mqslam.errors import DataError
 from mqslam.formats.graphs.stored_graph import StoredGraph
 
@@ -124,6 +125,7 @@ def replace_poses(text: str, values: gtsam.Values) -> str:
     return "\n".join(lines) + "\n"
 
 
+@untrusted.reads_file
 def read_g2o(path: Path) -> StoredGraph:
     """Reads a graph of planar poses, or of poses in space.
 
@@ -155,6 +157,7 @@ def read_g2o(path: Path) -> StoredGraph:
     return StoredGraph(factors, values, tuple(sorted(poses)), tuple(sorted(held)) or (min(poses),))
 
 
+@untrusted.reads_file
 def read_edges(path: Path) -> tuple[list[tuple[int, int]], int]:
     """Reads which pairs of poses the edges of a run's graph join, in the order of the file, and how many poses there are.
 
@@ -162,7 +165,7 @@ def read_edges(path: Path) -> tuple[list[tuple[int, int]], int]:
         DataError: the file cannot be read or is no graph.
     """
     try:
-        words = [line.split() for line in path.read_text(encoding="utf-8").splitlines()]
+        words = [line.split() for line in untrusted.read_text(path).splitlines()]
         edges = [(int(w[1]), int(w[2])) for w in words if w and w[0] == _PLANAR.edge]
         return edges, sum(bool(w) and w[0] == _PLANAR.vertex for w in words)
     except (OSError, ValueError, IndexError) as error:
@@ -176,7 +179,7 @@ def read_text(path: Path) -> str:
         DataError: the file cannot be read or is no text.
     """
     try:
-        return path.read_text(encoding="utf-8")
+        return untrusted.read_text(path)
     except FileNotFoundError as error:
         raise DataError(path, "does not exist", "check the path") from error
     except (OSError, UnicodeDecodeError) as error:

@@ -20,6 +20,7 @@ from typing import IO
 import numpy as np
 from numpy.typing import NDArray
 
+from mqslam import untrusted
 from mqslam.errors import DataError
 
 _LONGEST_LINE = 1 << 20  # [bytes] longer lines would fill the memory
@@ -118,7 +119,7 @@ def _read_lines(path: Path) -> Iterator[tuple[int, str]]:
     """Reads the lines of a log with their numbers; a line is never held beyond a mebibyte."""
     limit = _LONGEST_LINE + _MOST_EXPANSION * path.stat().st_size if path.exists() else 0
     try:
-        with path.open("rb") as plain, gzip.open(plain) if _is_gzip(plain) else plain as lines:
+        with untrusted.check_file(path).open("rb") as plain, gzip.open(plain) if _is_gzip(plain) else plain as lines:
             number = unpacked = 0
             while line := lines.readline(_LONGEST_LINE):
                 number += 1

@@ -20,6 +20,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from mqslam import untrusted
 from mqslam.core.keyframes import KEYFRAME_POINT, KeyframeMap, Keyframes, MappedRecording, PlaceTable
 from mqslam.core.sensors.georeference import Georeference
 from mqslam.core.sensors.tangent_plane import TangentPlane
@@ -101,6 +102,7 @@ def find_keyframes(path: Path) -> Path | None:
     return None
 
 
+@untrusted.reads_file
 def read_keyframes(path: Path) -> KeyframeMap:
     """Opens a map; its points and descriptors stay on disk until they are asked for.
 
@@ -144,6 +146,7 @@ def read_keyframes(path: Path) -> KeyframeMap:
     return KeyframeMap(keyframes, PlaceTable(np.array(places), descriptors, index["described_with"]))
 
 
+@untrusted.reads_file
 def _read_index(path: Path) -> dict[str, Any]:
     """Reads index.json.
 
@@ -151,7 +154,7 @@ def _read_index(path: Path) -> dict[str, Any]:
         DataError: it cannot be read, or another version has written it.
     """
     try:
-        index = json.loads(path.read_text(encoding="utf-8"))
+        index = json.loads(untrusted.read_document(path))
         is_map, version = index["format"] == _FORMAT, int(index["version"])
     except (OSError, ValueError, TypeError, KeyError) as error:
         raise DataError(path, "cannot be read as the index of a map", _REMEDY) from error
@@ -174,6 +177,7 @@ def _read_index(path: Path) -> dict[str, Any]:
     return dict(index)
 
 
+@untrusted.reads_file
 def _read_array(path: Path, kind: np.dtype[Any], shape: tuple[int | None, ...]) -> NDArray[Any]:
     """Maps an array of a file; None in the shape is any length.
 
@@ -181,7 +185,9 @@ def _read_array(path: Path, kind: np.dtype[Any], shape: tuple[int | None, ...]) 
         DataError: the file does not hold such an array.
     """
     try:
-        array: NDArray[Any] = np.load(path, mmap_mode="r" if 0 not in shape else None, allow_pickle=False)
+        array: NDArray[Any] = np.load(
+            untrusted.check_file(path), mmap_mode="r" if 0 not in shape else None, allow_pickle=False
+        )
     except (OSError, ValueError, EOFError) as error:
         raise DataError(path, "cannot be read", _REMEDY) from error
     fits = array.dtype == kind and array.ndim == len(shape)

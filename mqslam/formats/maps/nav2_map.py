@@ -9,6 +9,7 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
+from mqslam import untrusted
 from mqslam.core import se2
 from mqslam.core.point_map import OccupancyGrid
 from mqslam.core.sensors.georeference import Georeference
@@ -76,6 +77,7 @@ def write_nav2_map(folder: Path, grid: OccupancyGrid, place: Georeference | None
     write_text(folder / "map.yaml", yaml.safe_dump(settings, sort_keys=False, default_flow_style=None))
 
 
+@untrusted.reads_file
 def read_nav2_map(file: Path) -> Nav2Map:
     """Reads a `map.yaml` and the image it names, as map_server would.
 
@@ -83,8 +85,10 @@ def read_nav2_map(file: Path) -> Nav2Map:
         DataError: the files are no such map.
     """
     try:
-        settings = yaml.safe_load(file.read_text(encoding="utf-8"))
-        magic, width, height, most, pixels = (file.parent / settings["image"]).read_bytes().split(maxsplit=4)
+        settings = yaml.safe_load(untrusted.read_document(file))
+        magic, width, height, most, pixels = (
+            untrusted.check_file(file.parent / settings["image"]).read_bytes().split(maxsplit=4)
+        )
         if (magic, most) != (b"P5", b"255"):
             raise ValueError("its image is not 8-bit grey")
         image = np.frombuffer(pixels, dtype=np.uint8).reshape(int(height), int(width))

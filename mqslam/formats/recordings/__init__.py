@@ -6,6 +6,7 @@ import importlib
 from pathlib import Path
 from typing import Protocol, cast
 
+from mqslam import untrusted
 from mqslam.config.reading_config import USUAL_READING, ReadingConfig
 from mqslam.core.recording import Recording
 from mqslam.errors import ConfigError, DataError, Remedy, suggest
@@ -70,17 +71,17 @@ def open_recording(
         raise ConfigError(f"range resolution {range_resolution}: is no length of a range bin; give metres, such as 0.0438")
     if format is not None and format not in FORMATS:
         raise ConfigError(f"format '{format}': is unknown; {suggest(format, FORMATS)}")
-    try:
+    with untrusted.blame_file(path), untrusted.stay_within(path):
         if not path.exists():
             raise DataError(path, "does not exist", "check the path")
         if path.is_dir() and not any(path.iterdir()):
             raise DataError(path, "is an empty folder", "give the folder or file that holds the recording")
+        for file in (path / "Navtech_Polar.txt",) if path.is_dir() else (path,):  # others are checked where they are read
+            untrusted.check_file(file)
         layout = _load(format) if format else _guess_layout(path)
         if topics != USUAL_TOPICS and layout is not _load("rosbag"):
             raise DataError(path, "is no bag, and has no topics", "leave the topics out")
         return layout.open_recording(path, Sensing(range_resolution, clockwise, stamp, topics), settings)
-    except OSError as error:
-        raise DataError(path, f"cannot be read ({error.strerror or error})", "check its permissions") from error
 
 
 def list_targets() -> list[Target]:

@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mqslam import untrusted
 from mqslam.config.reading_config import ReadingConfig
 from mqslam.core import se2
 from mqslam.core.recording import PolarScan, Recording
@@ -109,7 +110,7 @@ def _list_names(root: Path, folder: Path) -> tuple[NDArray[np.int64], list[str],
         return names, [], []
     present = set(names.tolist())
     try:
-        rows = [line.split() for line in listing.read_text(encoding="utf-8").splitlines() if line.strip()]
+        rows = [line.split() for line in untrusted.read_text(listing).splitlines() if line.strip()]
         listed = [(int(row[0]), row[1:2] != ["0"]) for row in rows]
     except (OSError, ValueError) as error:
         raise DataError(listing, "has lines other than '<t> 1'", "repair it, or remove it to use all images") from error
@@ -137,7 +138,7 @@ def _find_resolution(root: Path, given: float | None) -> tuple[float, list[str]]
         if not file.exists():
             continue
         try:
-            value = float(json.loads(file.read_text(encoding="utf-8"))["range_resolution_m"])
+            value = float(json.loads(untrusted.read_document(file))["range_resolution_m"])
             if not is_bin_length(value):
                 raise ValueError(value)
         except (OSError, ValueError, KeyError, TypeError, RecursionError) as error:
@@ -172,7 +173,7 @@ def _read_mount(root: Path) -> Mount | None:
     """Reads where the radar sits, which a converted recording may state."""
     file = root / _RECORDING
     try:
-        stated = json.loads(file.read_text(encoding="utf-8")) if file.exists() else {}
+        stated = json.loads(untrusted.read_document(file)) if file.exists() else {}
         if _MOUNT not in stated:
             return None
         pose = np.array([float(stated[_MOUNT][key]) for key in ("x_m", "y_m", "yaw_rad")])

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any, get_args
 import numpy as np
 from numpy.typing import NDArray
 
+from mqslam import untrusted
 from mqslam.config.reading_config import ReadingConfig
 from mqslam.core.recording import PolarScan, Recording
 from mqslam.core.trajectory import Trajectory
@@ -65,6 +66,7 @@ class RosbagRecording(Recording):
     logged_ns: NDArray[np.int64]
     clockwise: bool
 
+    @untrusted.reads_recording
     def polar_scans(self, start: int = 0, stop: int | None = None) -> Iterator[PolarScan]:
         """Reads the polar scans start <= k < stop, one after the other."""
         wanted = range(len(self))[start:stop]

@@ -16,6 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from mqslam import untrusted
 from mqslam.core.sensors.fixes import Fixes
 from mqslam.core.wording import count_of, is_or_are
 from mqslam.errors import DataError
@@ -152,7 +153,7 @@ def _list_sentences(path: Path) -> Iterator[_Sentence]:
         DataError: the log cannot be read.
     """
     try:
-        with path.open(encoding="ascii", errors="replace") as lines:
+        with untrusted.open_text(path, "ascii", "replace") as lines:
             for line in lines:
                 _, dollar, sentence = line.partition("$")
                 if not dollar:

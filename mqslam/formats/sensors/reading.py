@@ -14,6 +14,7 @@ from mqslam.core.sensors.gyroscope import Gyroscope
 from mqslam.core.wording import count_of, is_or_are
 from mqslam.errors import DataError
 from mqslam.formats.sensors.sensor_table import SensorTable
+from mqslam.formats.shared.poses import mark_places
 from mqslam.formats.shared.stamps import mark_increasing
 
 _FASTEST_TURN = np.pi  # no vehicle turns faster than half round in a second [rad/s]: such readings are in another unit
@@ -48,7 +49,7 @@ def make_gyroscope(path: Path, source: str, table: SensorTable, *notes: str) -> 
     Raises:
         DataError: fewer than two rows can be used.
     """
-    finite = np.asarray(np.isfinite(table.columns).all(axis=1))
+    finite = mark_places(table.columns)
     kept, faults = _choose_rows(source, table, finite, "numbers that are not finite")
     if np.count_nonzero(kept) < 2:
         has = "finite rates" if np.count_nonzero(finite) < 2 else "a later stamp than those before it"

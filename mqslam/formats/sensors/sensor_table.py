@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from mqslam import untrusted
 from mqslam.errors import DataError
 from mqslam.formats.shared.stamps import LATEST_US, UNITS, guess_unit
 
@@ -78,7 +79,7 @@ def read_header(path: Path, remedy: str) -> Header:
         DataError: there is none, or the file does not exist or is no text.
     """
     try:
-        with path.open(encoding="utf-8-sig") as file:
+        with untrusted.open_text(path, "utf-8-sig") as file:
             number = 0
             while line := file.readline(_LONGEST_LINE):
                 number += 1
@@ -120,12 +121,12 @@ def read_sensor_table(
 def _read_numbers(path: Path, columns: Sequence[int], skipped: int, parse: Mapping[int, Parse]) -> NDArray[np.float64]:
     """Reads columns (N, len(columns)) of all lines but the first ones; NaN where a cell is no number."""
     try:
-        with path.open(encoding="utf-8-sig") as file:
+        with untrusted.open_text(path, "utf-8-sig") as file:
             for _ in range(skipped):
                 file.readline()
             if not any(line.split("#", 1)[0].strip() for line in file):  # NumPy warns of a file without rows
                 return np.empty((0, len(columns)))
-        with path.open(encoding="utf-8-sig") as file:
+        with untrusted.open_text(path, "utf-8-sig") as file:
             words: dict[int | str, Parse] = dict(parse.items())
             return np.loadtxt(
                 file, delimiter=",", converters=words or None, skiprows=skipped, usecols=list(columns), ndmin=2
@@ -139,7 +140,7 @@ def _read_numbers(path: Path, columns: Sequence[int], skipped: int, parse: Mappi
 def _read_lines(path: Path, columns: Sequence[int], skipped: int, parse: Mapping[int, Parse]) -> NDArray[np.float64]:
     """Reads what `_read_numbers` does, line by line."""
     rows: list[list[float]] = []
-    with path.open(encoding="utf-8-sig", errors="replace") as file:
+    with untrusted.open_text(path, "utf-8-sig", "replace") as file:
         for number, line in enumerate(file):
             if number < skipped or not line.strip() or line.startswith("#"):
                 continue

@@ -10,10 +10,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from mqslam import untrusted
 from mqslam.core.trajectory import Trajectory
 from mqslam.core.wording import count_of, is_or_are
 from mqslam.errors import DataError, MqslamError
-from mqslam.formats.shared.poses import yaw_of_quaternion
+from mqslam.formats.shared.bag_bounds import bound_rosbags
+from mqslam.formats.shared.poses import mark_places, yaw_of_quaternion
 
 if TYPE_CHECKING:
     from rosbags.highlevel import AnyReader
@@ -50,6 +52,10 @@ def open_bag(path: Path) -> Iterator[AnyReader]:
     from rosbags.highlevel import AnyReader
     from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
+    for file in path.iterdir() if path.is_dir() else (path,):
+        if not file.is_dir():
+            untrusted.check_file(file)
+    bound_rosbags()
     store = get_typestore(Stores.ROS2_HUMBLE)
     store.register(get_types_from_msg(B_SCAN_DEFINITION, B_SCAN_TYPE))
     try:
@@ -130,7 +136,7 @@ def pose_of(message_type: str, message: Any) -> PoseRow:
 
 def trajectory_of(rows: Iterable[PoseRow]) -> Trajectory | None:
     """Returns the finite poses in the order of their stamps, or None where there are not two."""
-    kept = sorted({row[0]: row for row in rows if np.isfinite(row[1:]).all()}.values())
+    kept = sorted({row[0]: row for row in rows if mark_places(np.array(row[1:]))}.values())
     if len(kept) < 2:
         return None
     return Trajectory(np.array([row[0] for row in kept], dtype=np.int64), np.array([row[1:] for row in kept]))
@@ -138,7 +144,7 @@ def trajectory_of(rows: Iterable[PoseRow]) -> Trajectory | None:
 
 def note_left_out(rows: Sequence[PoseRow], topic: str | None) -> list[str]:
     """Returns what to tell of poses that `trajectory_of` leaves out: one line, or none."""
-    left_out = sum(not np.isfinite(row[1:]).all() for row in rows)
+    left_out = sum(not mark_places(np.array(row[1:])) for row in rows)
     return describe_left_out(left_out, f"{left_out} of {count_of(len(rows), 'pose')} on {topic}")
 
 

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from mqslam import untrusted
 from mqslam.config.reading_config import ReadingConfig
 from mqslam.core import se2
 from mqslam.core.recording import PolarScan, Recording
@@ -72,6 +73,7 @@ class ColumnImageRecording(Recording):
     shape: tuple[int, int]
     clockwise: bool
 
+    @untrusted.reads_recording
     def polar_scans(self, start: int = 0, stop: int | None = None) -> Iterator[PolarScan]:
         """Reads the polar scans start <= k < stop, one after the other."""
         for k in range(len(self))[start:stop]:

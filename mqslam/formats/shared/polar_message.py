@@ -36,7 +36,7 @@ from mqslam.formats.shared.bags import (
     name_message,
     require_topic,
 )
-from mqslam.formats.shared.images import decode_grey
+from mqslam.formats.shared.images import check_size, decode_grey
 from mqslam.formats.shared.sensing import Stamp
 
 if TYPE_CHECKING:
@@ -140,6 +140,7 @@ def read_pixels(image: Any) -> NDArray[np.uint8]:
         raise ValueError(f"is an image in {image.encoding!r}, not mono8")
     height, width, step = int(image.height), int(image.width), int(image.step)
     data = np.asarray(image.data, dtype=np.uint8)
+    check_size(height, width)
     if height < 1 or width < 1 or step < width or data.size != height * step:
         raise ValueError(f"holds {data.size} bytes for {height} rows of {width} pixels")
     return data.reshape(height, step)[:, :width]

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from mqslam import untrusted
 from mqslam.config.reading_config import ReadingConfig
 from mqslam.core.recording import PolarScan, Recording
 from mqslam.core.trajectory import Trajectory
@@ -106,6 +107,7 @@ class RowImageRecording(Recording):
     folder: RowFolder
     names: NDArray[np.int64]
 
+    @untrusted.reads_recording
     def polar_scans(self, start: int = 0, stop: int | None = None) -> Iterator[PolarScan]:
         """Reads the polar scans start <= k < stop, one after the other."""
         for name in self.names[start:stop].tolist():

@@ -11,6 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+_TOO_LARGE = "holds stamps too large for any clock"
+_MOST_DIGITS = 40  # before the point; a larger number would overflow
 UNITS = {"s": Decimal(10**6), "ms": Decimal(1000), "us": Decimal(1), "ns": Decimal("0.001")}
 LATEST_US = 2**62
 """Stamps beyond this [us] are beyond any clock: they are damaged, and would overflow."""
@@ -76,9 +78,11 @@ def parse_stamps(words: Sequence[str], unit: str = "") -> NDArray[np.int64]:
         raise ValueError("holds stamps that are no numbers") from None
     if not all(value.is_finite() for value in values):
         raise ValueError("holds stamps that are not finite")
+    if any(value.adjusted() > _MOST_DIGITS for value in values):
+        raise ValueError(_TOO_LARGE)
     scale = UNITS[unit or guess_unit(float(max(map(abs, values), default=Decimal(0))))]
     if any(abs(value) * scale > LATEST_US for value in values):
-        raise ValueError("holds stamps too large for any clock")
+        raise ValueError(_TOO_LARGE)
     return np.array([int((value * scale).to_integral_value()) for value in values], dtype=np.int64)
 
 
@@ -91,7 +95,7 @@ def convert_stamps(values: NDArray[Any], unit: str = "") -> tuple[NDArray[np.int
     largest = float(np.abs(values.astype(np.float64)).max(initial=0.0))
     unit = unit or guess_unit(largest)
     if largest * float(UNITS[unit]) > LATEST_US:
-        raise ValueError("holds stamps too large for any clock")
+        raise ValueError(_TOO_LARGE)
     if unit == "ns" and np.issubdtype(values.dtype, np.integer):
         return (values // 1000).astype(np.int64), unit
     if unit == "us" and np.issubdtype(values.dtype, np.integer):

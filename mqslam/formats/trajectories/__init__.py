@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from mqslam import untrusted
 from mqslam.core.trajectory import Trajectory
 from mqslam.errors import DataError
 from mqslam.formats.shared import bags
@@ -44,6 +45,7 @@ def read_trajectory(path: Path, times: Path | None = None, topic: str | None = N
     return read_with_notes(path, times, topic, frame)[0]
 
 
+@untrusted.reads_file
 def read_with_notes(
     path: Path, times: Path | None = None, topic: str | None = None, frame: str | None = None
 ) -> tuple[Trajectory, list[str]]:

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from mqslam import untrusted
 from mqslam.core import se2
 from mqslam.core.trajectory import Trajectory
 from mqslam.errors import DataError
@@ -62,7 +63,7 @@ def read_array(path: Path, times: Path | None) -> Trajectory:
     """
     times = _require_times(path, times)
     try:
-        matrices = np.load(path, mmap_mode="r", allow_pickle=False)  # maps no more than the file has
+        matrices = np.load(untrusted.check_file(path), mmap_mode="r", allow_pickle=False)  # maps no more than the file has
     except FileNotFoundError as error:
         raise DataError(path, "does not exist", "check the path") from error
     except Exception as error:  # the header is parsed as a Python literal
