@@ -12,13 +12,12 @@ import yaml
 from numpy.typing import NDArray
 from pydantic import ValidationError
 
-from mqslam import untrusted
 from mqslam.config import KissIcpConfig
 from mqslam.core import se2
 from mqslam.core.frontend import Context
 from mqslam.core.measurement import Measurement
 from mqslam.core.scans import Scan
-from mqslam.errors import ConfigError
+from mqslam.errors import ConfigError, untrusted
 from mqslam.frontends.icp_covariance import Surface
 from mqslam.frontends.scan_matching import match_scans
 from mqslam.frontends.scan_track import Match

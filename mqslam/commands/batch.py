@@ -10,7 +10,7 @@ from mqslam.commands.batches.batch_schedule import AGAIN, run_all
 from mqslam.commands.result import Result
 from mqslam.commands.work import QUIET, Work
 from mqslam.errors import ClusterError
-from mqslam.execution.locks import lock_output
+from mqslam.execution.guards.locks import lock_output
 from mqslam.report.batch_page import write_batch_pages
 from mqslam.results.batch_results import Order, check_batch, summarise, write_batch
 from mqslam.results.summary_files import add_warnings

@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from mqslam import untrusted
 from mqslam.commands.inputs.opening import (
     USUAL_INPUTS,
     WHOLE,
@@ -27,7 +26,7 @@ from mqslam.core.recording import Recording
 from mqslam.core.sensors.mount import RADAR
 from mqslam.core.sensors.sensors import NO_SENSORS, Sensors
 from mqslam.core.trajectory import Trajectory
-from mqslam.errors import DataError, Remedy, tolerate
+from mqslam.errors import DataError, Remedy, tolerate, untrusted
 from mqslam.execution.checkpoint import hash_run, keep_checkpoint
 from mqslam.execution.files import to_json_values
 from mqslam.execution.folders import claim_folder, write_folder_aside

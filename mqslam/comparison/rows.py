@@ -16,8 +16,8 @@ from mqslam.core.measurement import Measurement
 from mqslam.core.scans import Scans
 from mqslam.core.trajectory import Trajectory
 from mqslam.errors import describe_error
+from mqslam.execution.guards.memory import find_peak_mb
 from mqslam.execution.local_engine import DIED, LocalEngine
-from mqslam.execution.memory import find_peak_mb
 from mqslam.execution.progress import Progress
 from mqslam.execution.runner import Runner
 from mqslam.slam import Slam

@@ -10,7 +10,6 @@ from typing import Any
 import yaml
 from pydantic import BaseModel, ConfigDict
 
-from mqslam import untrusted
 from mqslam.config.audit_config import AuditConfig, CompareConfig, MendConfig, VerdictConfig
 from mqslam.config.check_config import CheckConfig
 from mqslam.config.detector_config import ChirpConfig, DetectorConfig
@@ -31,7 +30,7 @@ from mqslam.config.reading_config import ReadingConfig
 from mqslam.config.sensor_config import GnssConfig, GyroscopeConfig, SensorConfig, VelocityConfig
 from mqslam.config.tracker_config import TrackerConfig
 from mqslam.config.yaml_file import MOST_BYTES, parse_yaml
-from mqslam.errors import ConfigError, suggest
+from mqslam.errors import ConfigError, suggest, untrusted
 
 __all__ = [
     "AuditConfig",

@@ -25,8 +25,8 @@ from mqslam.core.sensors.sensors import NO_SENSORS, Sensors
 from mqslam.core.trajectory import Trajectory
 from mqslam.errors import ClusterError, FrontEndError, MqslamError, OutputError, Remedy, WorkerError
 from mqslam.execution.files import write_aside, write_text
+from mqslam.execution.guards.written import CHECKPOINT, remove_checkpoint
 from mqslam.execution.kept import Kept
-from mqslam.execution.written import CHECKPOINT, remove_checkpoint
 from mqslam.version import __version__
 
 R = TypeVar("R")

@@ -14,8 +14,15 @@ from pathlib import Path, PurePosixPath
 
 from mqslam.errors import OutputError, Remedy
 from mqslam.execution.files import flush
-from mqslam.execution.locks import Lock, lock_output
-from mqslam.execution.written import CHECKPOINT, carry_over, list_entries, list_written, remove_checkpoint, remove_entries
+from mqslam.execution.guards.locks import Lock, lock_output
+from mqslam.execution.guards.written import (
+    CHECKPOINT,
+    carry_over,
+    list_entries,
+    list_written,
+    remove_checkpoint,
+    remove_entries,
+)
 
 _UNFINISHED, _REPLACED = "unfinished", "replaced"  # suffixes of the folders beside a result, and the lock's words for them
 

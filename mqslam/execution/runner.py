@@ -16,9 +16,9 @@ from mqslam.core.engine import Engine
 from mqslam.core.scans import Scan
 from mqslam.errors import tolerate
 from mqslam.execution.checkpoint import Checkpoint
+from mqslam.execution.guards.memory import return_free_memory
 from mqslam.execution.kept import Kept
 from mqslam.execution.local_engine import HERE
-from mqslam.execution.memory import return_free_memory
 from mqslam.execution.progress import Progress, ignore_progress
 
 S = TypeVar("S")

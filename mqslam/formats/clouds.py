@@ -10,13 +10,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mqslam import untrusted
 from mqslam.core.sensors.timed_cloud import TimedCloud
 from mqslam.core.wording import count_of
-from mqslam.errors import DataError, MqslamError
+from mqslam.errors import DataError, MqslamError, untrusted
 from mqslam.execution.extras import describe_missing
+from mqslam.formats.lidars import laz
 from mqslam.formats.ply import read_clock
-from mqslam.formats.shared import laz, npz
+from mqslam.formats.shared import npz
 from mqslam.formats.shared.poses import mark_places
 from mqslam.formats.shared.stamps import LATEST_US, convert_stamps, time_unit
 

@@ -12,7 +12,7 @@ from mqslam.core.trajectory import Trajectory
 from mqslam.core.wording import count_of
 from mqslam.errors import ConfigError, OutputError, Remedy, suggest
 from mqslam.execution.folders import check_writable, claim_folder
-from mqslam.execution.locks import lock_output
+from mqslam.execution.guards.locks import lock_output
 from mqslam.formats.recordings import list_targets
 from mqslam.formats.recordings.watched import watch
 from mqslam.formats.shared.target import Message, Target

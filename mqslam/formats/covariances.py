@@ -9,8 +9,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from mqslam import untrusted
-from mqslam.errors import DataError
+from mqslam.errors import DataError, untrusted
 from mqslam.execution.files import write_text
 from mqslam.formats.shared.stamps import LATEST_US
 

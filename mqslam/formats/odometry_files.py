@@ -9,10 +9,9 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from mqslam import untrusted
 from mqslam.core import se2
 from mqslam.core.trajectory import Trajectory
-from mqslam.errors import DataError
+from mqslam.errors import DataError, untrusted
 from mqslam.execution.files import write_text
 from mqslam.formats.shared.poses import make_trajectory
 from mqslam.formats.shared.stamps import LATEST_US, parse_stamps

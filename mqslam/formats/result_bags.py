@@ -8,10 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from mqslam import untrusted
 from mqslam.core.sensors.mount import VEHICLE
 from mqslam.core.trajectory import Trajectory
-from mqslam.errors import DataError
+from mqslam.errors import DataError, untrusted
 from mqslam.formats.maps.nav2_map import read_nav2_map
 from mqslam.formats.ply import read_ply
 from mqslam.formats.shared.bag_writer import RADAR_FRAME, TF_TYPE, VEHICLE_FRAME, Bag, write_bag

@@ -6,9 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-from mqslam import untrusted
 from mqslam.core.trajectory import Trajectory
-from mqslam.errors import DataError
+from mqslam.errors import DataError, untrusted
 from mqslam.execution.files import write_text
 from mqslam.formats.shared.poses import make_trajectory, read_yaw
 from mqslam.formats.shared.stamps import LATEST_US

@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mqslam.execution import apart
-from mqslam.execution.apart import ProcessFailed, call_apart
+from mqslam.execution.guards import apart
+from mqslam.execution.guards.apart import ProcessFailed, call_apart
 
 MOST = 1 << 30
 

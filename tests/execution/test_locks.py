@@ -15,8 +15,8 @@ from support.commands import read_contents
 from mqslam.errors import OutputError
 from mqslam.execution.checkpoint import FOLDER
 from mqslam.execution.folders import claim_folder, write_folder_aside
-from mqslam.execution.locks import lock_output
-from mqslam.execution.written import list_entries, list_written
+from mqslam.execution.guards.locks import lock_output
+from mqslam.execution.guards.written import list_entries, list_written
 
 _KILLED = """
 import os, signal, sys
@@ -59,7 +59,9 @@ def test_a_second_owner_is_refused_and_told_who_the_first_one_is(tmp_path: Path)
 
 
 def test_another_process_is_refused_until_the_owner_dies(tmp_path: Path) -> None:
-    waits = "import sys, time\nfrom mqslam.execution.locks import *\nwith lock_output(Path(sys.argv[1])): time.sleep(600)"
+    waits = (
+        "import sys, time\nfrom mqslam.execution.guards.locks import *\nwith lock_output(Path(sys.argv[1])): time.sleep(600)"
+    )
     owner = subprocess.Popen([sys.executable, "-c", waits, tmp_path / "out"])
     while not (tmp_path / ".out.lock").exists() or not (tmp_path / ".out.lock").read_text():
         time.sleep(0.05)

@@ -109,7 +109,7 @@ def test_a_name_that_leaves_the_recording(drive: Path, tmp_path: Path) -> None:
 
 
 def test_a_link_a_pipe_or_a_device_in_place_of_a_file(drive: Path, tmp_path: Path) -> None:
-    """Every kind of both is in `tests/test_untrusted.py`."""
+    """Every kind of both is in `tests/execution/test_untrusted.py`."""
     secret = tmp_path / "secret"
     secret.write_text("t,v,omega\n0,1,0\n")
     for name in ("radar.timestamps", "recording.json", "odom.csv", "imu.csv", "gnss.csv", "gt/poses_tum.txt"):
@@ -147,7 +147,7 @@ def test_a_file_on_which_a_library_crashes(tmp_path: Path) -> None:
 
 
 def test_an_error_that_a_reader_lets_through(drive: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Every kind of error is in `tests/test_untrusted.py`."""
+    """Every kind of error is in `tests/execution/test_untrusted.py`."""
 
     def fail(*_: object) -> None:
         raise OverflowError("Python int too large to convert to C long")

@@ -8,12 +8,11 @@ from typing import Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from mqslam import untrusted
 from mqslam.commands.inputs.extrinsics import parse_extrinsics, to_pose
 from mqslam.config import list_shipped, load_config
 from mqslam.config.yaml_file import MOST_BYTES, parse_yaml
 from mqslam.core import frontend as frontends
-from mqslam.errors import ConfigError
+from mqslam.errors import ConfigError, untrusted
 from mqslam.results.batch_results import Order
 
 _CHOICES = ("auto", "none")  # instead of a file, or of extrinsics

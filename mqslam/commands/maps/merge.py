@@ -5,12 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from mqslam import untrusted
 from mqslam.commands.inputs.opening import choose_settings
 from mqslam.commands.result import MergeResult
 from mqslam.commands.work import QUIET, Work
 from mqslam.config import Config
-from mqslam.errors import ConfigError, DataError
+from mqslam.errors import ConfigError, DataError, untrusted
 from mqslam.execution.files import to_json_values
 from mqslam.execution.folders import claim_folder, write_folder_aside
 from mqslam.execution.runner import Runner

@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from mqslam import untrusted
-from mqslam.errors import DataError
+from mqslam.errors import DataError, untrusted
 from mqslam.formats.graphs.stored_graph import StoredGraph
 
 if TYPE_CHECKING:

@@ -6,9 +6,8 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
-from mqslam import untrusted
-from mqslam.errors import DataError
-from mqslam.execution.apart import ProcessFailed, call_apart
+from mqslam.errors import DataError, untrusted
+from mqslam.execution.guards.apart import ProcessFailed, call_apart
 from mqslam.formats.graphs.stored_graph import StoredGraph
 
 if TYPE_CHECKING:

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from mqslam import untrusted
 from mqslam.config.reading_config import USUAL_READING, ReadingConfig
 from mqslam.core.sensors.lidar import LidarRecording
+from mqslam.errors import untrusted
 from mqslam.formats.lidars import carmen, laserscan
 from mqslam.formats.shared import bags
 

@@ -20,8 +20,7 @@ from typing import IO
 import numpy as np
 from numpy.typing import NDArray
 
-from mqslam import untrusted
-from mqslam.errors import DataError
+from mqslam.errors import DataError, untrusted
 
 _LONGEST_LINE = 1 << 20  # [bytes] longer lines would fill the memory
 _GZIP_MAGIC = b"\x1f\x8b"

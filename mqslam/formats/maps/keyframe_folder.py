@@ -20,11 +20,10 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from mqslam import untrusted
 from mqslam.core.keyframes import KEYFRAME_POINT, KeyframeMap, Keyframes, MappedRecording, PlaceTable
 from mqslam.core.sensors.georeference import Georeference
 from mqslam.core.sensors.tangent_plane import TangentPlane
-from mqslam.errors import DataError, OutputError, Remedy
+from mqslam.errors import DataError, OutputError, Remedy, untrusted
 from mqslam.execution.files import write_aside, write_json
 from mqslam.version import __version__
 

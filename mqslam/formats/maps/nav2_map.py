@@ -9,12 +9,11 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
-from mqslam import untrusted
 from mqslam.core import se2
 from mqslam.core.point_map import OccupancyGrid
 from mqslam.core.sensors.georeference import Georeference
 from mqslam.core.stored import release
-from mqslam.errors import DataError
+from mqslam.errors import DataError, untrusted
 from mqslam.execution.files import write_aside, write_text
 
 _OCCUPIED = 0

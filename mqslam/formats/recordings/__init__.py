@@ -6,10 +6,9 @@ import importlib
 from pathlib import Path
 from typing import Protocol, cast
 
-from mqslam import untrusted
 from mqslam.config.reading_config import USUAL_READING, ReadingConfig
 from mqslam.core.recording import Recording
-from mqslam.errors import ConfigError, DataError, Remedy, suggest
+from mqslam.errors import ConfigError, DataError, Remedy, suggest, untrusted
 from mqslam.execution.checkpoint import FOLDER
 from mqslam.formats.odometry_files import read_odometry
 from mqslam.formats.shared.sensing import USUAL_TOPICS, Sensing, Stamp, Topics, is_bin_length

@@ -17,7 +17,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mqslam import untrusted
 from mqslam.config.reading_config import ReadingConfig
 from mqslam.core import se2
 from mqslam.core.recording import PolarScan, Recording
@@ -26,7 +25,7 @@ from mqslam.core.sensors.gyroscope import Gyroscope
 from mqslam.core.sensors.mount import Mount
 from mqslam.core.trajectory import Trajectory
 from mqslam.core.wording import count_of, is_or_are
-from mqslam.errors import DataError, Remedy
+from mqslam.errors import DataError, Remedy, untrusted
 from mqslam.execution.files import write_text
 from mqslam.execution.folders import write_folder_aside
 from mqslam.formats.odometry_files import read_beside, read_numbers, read_odometry, write_twists

@@ -16,12 +16,11 @@ from typing import TYPE_CHECKING, Any, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from mqslam import untrusted
 from mqslam.config.reading_config import ReadingConfig
 from mqslam.core.recording import PolarScan, Recording
 from mqslam.core.trajectory import Trajectory
 from mqslam.core.wording import count_of, is_or_are
-from mqslam.errors import DataError
+from mqslam.errors import DataError, untrusted
 from mqslam.formats.recordings.bag_configuration import read_bin_size
 from mqslam.formats.recordings.bag_poses import Frames
 from mqslam.formats.sensors.carried import read_carried

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from mqslam import untrusted
 from mqslam.core.sensors.fixes import Fixes
 from mqslam.core.sensors.gyroscope import Gyroscope
-from mqslam.errors import DataError
+from mqslam.errors import DataError, untrusted
 from mqslam.formats.sensors import fixes_csv, gyroscope_csv
 from mqslam.formats.sensors.boreas_fixes import TIME, read_boreas_fixes
 from mqslam.formats.sensors.boreas_imus import APPLANIX_COLUMN, DMU_NAMES, read_boreas_imu

@@ -11,9 +11,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from mqslam import untrusted
 from mqslam.core.sensors.mount import Mount
-from mqslam.errors import DataError
+from mqslam.errors import DataError, untrusted
 
 TO_FORWARD = np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
 """Takes vectors of the Applanix frame to x forward, y left, z up."""

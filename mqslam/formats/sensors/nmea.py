@@ -16,10 +16,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from mqslam import untrusted
 from mqslam.core.sensors.fixes import Fixes
 from mqslam.core.wording import count_of, is_or_are
-from mqslam.errors import DataError
+from mqslam.errors import DataError, untrusted
 from mqslam.formats.sensors.reading import Reading, make_fixes
 from mqslam.formats.sensors.sensor_table import SensorTable
 

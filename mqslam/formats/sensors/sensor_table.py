@@ -9,8 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from mqslam import untrusted
-from mqslam.errors import DataError
+from mqslam.errors import DataError, untrusted
 from mqslam.formats.shared.stamps import LATEST_US, UNITS, guess_unit
 
 _LONGEST_LINE = 10_000  # characters of a table's first line: in a longer one the file is no table

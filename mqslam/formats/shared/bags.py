@@ -10,11 +10,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from mqslam import untrusted
 from mqslam.core.trajectory import Trajectory
 from mqslam.core.wording import count_of, is_or_are
-from mqslam.errors import DataError, MqslamError
-from mqslam.formats.shared.bag_bounds import bound_rosbags
+from mqslam.errors import DataError, MqslamError, untrusted
+from mqslam.execution.guards.bag_bounds import bound_rosbags
 from mqslam.formats.shared.poses import mark_places, yaw_of_quaternion
 
 if TYPE_CHECKING:

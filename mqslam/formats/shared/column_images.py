@@ -9,11 +9,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from mqslam import untrusted
 from mqslam.config.reading_config import ReadingConfig
 from mqslam.core import se2
 from mqslam.core.recording import PolarScan, Recording
-from mqslam.errors import DataError
+from mqslam.errors import DataError, untrusted
 from mqslam.formats.shared.arrivals import smooth_arrivals
 from mqslam.formats.shared.azimuth_rows import note_spread, spread_azimuths
 from mqslam.formats.shared.images import read_first, read_grey, write_png

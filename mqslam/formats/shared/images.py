@@ -12,9 +12,8 @@ from typing import BinaryIO, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from mqslam import untrusted
 from mqslam.core.wording import is_or_are
-from mqslam.errors import DataError
+from mqslam.errors import DataError, untrusted
 
 _MOST_PIXELS, _LONGEST_SIDE = 16_000_000, 65_535  # largest polar scan: larger ones are damaged, or made to fill the memory
 _MOST_EXPANSION = 1032  # the most that deflate can do: an image with more pixels per byte of its file is cut short

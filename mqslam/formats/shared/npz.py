@@ -12,8 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mqslam import untrusted
-from mqslam.errors import DataError, MqslamError
+from mqslam.errors import DataError, MqslamError, untrusted
 
 _HEADERS = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}
 

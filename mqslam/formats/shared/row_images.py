@@ -10,11 +10,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from mqslam import untrusted
 from mqslam.config.reading_config import ReadingConfig
 from mqslam.core.recording import PolarScan, Recording
 from mqslam.core.trajectory import Trajectory
-from mqslam.errors import DataError
+from mqslam.errors import DataError, untrusted
 from mqslam.formats.shared.azimuth_rows import FLAG_BYTE, METADATA_BYTES, Azimuths, read_metadata, stamps_in_us
 from mqslam.formats.shared.images import read_first, read_grey
 from mqslam.formats.shared.turns import find_usual_turns, place_turns

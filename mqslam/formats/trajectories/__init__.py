@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from mqslam import untrusted
 from mqslam.core.trajectory import Trajectory
-from mqslam.errors import DataError
+from mqslam.errors import DataError, untrusted
 from mqslam.formats.shared import bags
 from mqslam.formats.trajectories.pose_bags import read_bag
 from mqslam.formats.trajectories.pose_matrices import read_array, read_kitti, read_stamped_matrices, write_kitti

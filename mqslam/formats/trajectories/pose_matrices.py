@@ -7,10 +7,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from mqslam import untrusted
 from mqslam.core import se2
 from mqslam.core.trajectory import Trajectory
-from mqslam.errors import DataError
+from mqslam.errors import DataError, untrusted
 from mqslam.execution.files import write_text
 from mqslam.formats.shared.poses import make_trajectory
 from mqslam.formats.trajectories.pose_rows import parse_numbers, parse_times, read_rows

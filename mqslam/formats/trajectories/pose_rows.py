@@ -8,8 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from mqslam import untrusted
-from mqslam.errors import DataError, find_near
+from mqslam.errors import DataError, find_near, untrusted
 from mqslam.formats.shared.stamps import parse_stamps
 
 KNOWN = "give TUM, KITTI with a file of times, a CSV whose header names t, x, y and yaw or qx, qy, qz, qw, or a bag"

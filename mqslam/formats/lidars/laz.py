@@ -9,9 +9,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Final
 
-from mqslam import untrusted
-from mqslam.errors import DataError
-from mqslam.execution.apart import ProcessFailed, call_apart
+from mqslam.errors import DataError, untrusted
+from mqslam.execution.guards.apart import ProcessFailed, call_apart
 
 _RECORD_BYTES, _COMPRESSED = 54, 0x80  # header of a variable-length record, flag of compressed points
 _ALWAYS_BYTES: Final = 1 << 30  # memory for an interpreter with its libraries; almost all of it is never used

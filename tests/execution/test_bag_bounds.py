@@ -18,8 +18,8 @@ from rosbags.rosbag2 import storage_mcap
 from support.recordings import START_US, Bag, bag_path, bag_writer, write_bag, write_oxford
 
 from mqslam.errors import DataError
+from mqslam.execution.guards.bag_bounds import bound_rosbags
 from mqslam.formats.recordings import open_recording
-from mqslam.formats.shared.bag_bounds import bound_rosbags
 
 zstd = second.zstd
 SMALL, LARGE = bytes(15_000_000), bytes(60_000_000)

@@ -11,8 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mqslam import untrusted
-from mqslam.errors import ConfigError, DataError
+from mqslam.errors import ConfigError, DataError, untrusted
 
 ERRORS = [
     ArithmeticError("a"),

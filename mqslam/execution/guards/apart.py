@@ -8,7 +8,7 @@ import sys
 from collections.abc import Callable
 from typing import Final, NoReturn
 
-from mqslam.execution.memory import bound_memory
+from mqslam.execution.guards.memory import bound_memory
 
 _PATIENCE_S: Final = 600.0  # time of such a process
 _REFUSED: Final = 3  # its exit code when it says on stderr what is wrong

@@ -12,7 +12,7 @@ from collections.abc import Callable, Mapping
 from functools import cache, partial
 from typing import Any, Protocol, cast
 
-from mqslam.untrusted import bound_unpacked
+from mqslam.errors.untrusted import bound_unpacked
 
 _LONGEST_DEFINITION = 1_000_000  # characters
 _LONGEST_ARRAY = 1000  # strings or messages in an array of fixed length, for each of which rosbags writes code
