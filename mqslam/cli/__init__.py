@@ -24,6 +24,7 @@ from mqslam.cli.score import score
 from mqslam.cli.simulate import simulate
 from mqslam.cli.terminal.remedies import name_options
 from mqslam.errors import MqslamError
+from mqslam.errors.shown import show
 from mqslam.execution.interrupts import Interrupted, raise_interrupts
 
 app = typer.Typer(
@@ -82,8 +83,8 @@ def main() -> None:
         with raise_interrupts():
             app(prog_name="mqslam")
     except MqslamError as error:
-        print(f"mqslam: error: {name_options(str(error), command)}", file=sys.stderr)
+        print(f"mqslam: error: {show(name_options(str(error), command))}", file=sys.stderr)
         sys.exit(2)
     except Interrupted as error:
-        print(f"mqslam: {name_options(str(error), command)}", file=sys.stderr)
+        print(f"mqslam: {show(name_options(str(error), command))}", file=sys.stderr)
         sys.exit(128 + error.number)

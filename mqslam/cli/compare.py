@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from mqslam.cli.terminal.echo import echo
 from mqslam.cli.terminal.options import (
     CORES,
     Cluster,
@@ -113,10 +114,10 @@ def compare(
         _print_table(result.table, result.marked)
         for row in result.summary["rows"]:
             if row.get("verdict") in ("warn", "fail"):
-                typer.echo(f"{row['name']} is judged {row['verdict']}: {name_options(row['reasons'])}")
-        typer.echo(f"results in {out}; open {result.report} in a browser")
+                echo(f"{row['name']} is judged {row['verdict']}: {name_options(row['reasons'])}")
+        echo(f"results in {out}; open {result.report} in a browser")
         if result.conclusion:
-            typer.echo(result.conclusion)
+            echo(result.conclusion)
 
 
 def _parse_trajectories(texts: list[str]) -> dict[str, Path | tuple[Path, Path]]:
@@ -165,6 +166,6 @@ def _print_table(cells: list[list[str]], marked: frozenset[tuple[int, int]]) -> 
         shown.add_row(head.translate(arrows), *values)
     console.print(shown)
     if marked:
-        typer.echo("* is the best value; ↓ less is better, ↑ more, → 1 nearer to 1".translate(arrows))
+        echo("* is the best value; ↓ less is better, ↑ more, → 1 nearer to 1".translate(arrows))
     for line in failed:
-        typer.echo(name_options(f"{line[0]} {line[1]}"))
+        echo(name_options(f"{line[0]} {line[1]}"))

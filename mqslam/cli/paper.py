@@ -8,6 +8,7 @@ from typing import Annotated
 
 import typer
 
+from mqslam.cli.terminal.echo import echo
 from mqslam.cli.terminal.options import CORES, Force, Jobs, Json, Quiet, Verbose
 
 paper = typer.Typer(help="Reproduce the paper's table and figures.", no_args_is_help=True)
@@ -63,4 +64,4 @@ def figures(
     if as_json:
         typer.echo(json.dumps([{"path": str(path), "text": text} for path, text in captions], indent=1))
     elif not quiet:
-        typer.echo("\n".join(f"{path}: {text}" for path, text in captions))
+        echo("\n".join(f"{path}: {text}" for path, text in captions))

@@ -9,6 +9,8 @@ from contextlib import contextmanager
 from enum import StrEnum
 from pathlib import Path
 
+from mqslam.errors.shown import show
+
 _log = logging.getLogger(__name__)
 _LONGEST = 800  # characters of a message; what it quotes from a damaged file may be of any length
 
@@ -143,7 +145,7 @@ def suggest(name: str, known: Collection[str]) -> str:
 
 def _shorten(message: str) -> str:
     """Returns a message in one line of bounded length."""
-    line = " ".join(message.split("\n"))
+    line = show(" ".join(message.split("\n")))
     return line if len(line) <= _LONGEST else f"{line[: _LONGEST // 2]} ... {line[-_LONGEST // 2 :]}"
 
 

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from mqslam.errors import OutputError, Remedy
+from mqslam.errors.shown import show_lines
 
 
 @contextlib.contextmanager
@@ -66,9 +67,9 @@ def _read_umask() -> int:
 
 
 def write_text(path: Path, text: str) -> None:
-    """Writes a UTF-8 text file, whole or not at all; bytes of a path that are no UTF-8 become escapes."""
+    """Writes a UTF-8 text file, whole or not at all, with escapes for what is not fit to be shown."""
     with write_aside(path) as aside:
-        aside.write_text(text, encoding="utf-8", errors="backslashreplace")
+        aside.write_text(show_lines(text), encoding="utf-8")
 
 
 def write_json(path: Path, content: Mapping[str, Any]) -> None:
@@ -82,11 +83,13 @@ def to_json(content: Mapping[str, Any]) -> str:
 
 
 def to_json_values(value: Any) -> Any:
-    """Returns a value with None for numbers that JSON does not have, and NumPy's numbers as Python's."""
+    """Returns a value with None for numbers that JSON does not have, Python's numbers, and texts fit to be shown."""
     if isinstance(value, Mapping):
         return {key: to_json_values(part) for key, part in value.items()}
     if isinstance(value, list | tuple):
         return [to_json_values(part) for part in value]
+    if isinstance(value, str):
+        return show_lines(value)
     if isinstance(value, np.generic):
         value = value.item()
     return None if isinstance(value, float) and not math.isfinite(value) else value

@@ -139,6 +139,17 @@ def test_a_line_without_an_end(drive: Path, tmp_path: Path) -> None:
     assert_refused(run_quickly(drive, tmp_path / "out", "--strict"), "odom.csv has a line of over 1000000 bytes")
 
 
+def test_a_name_that_commands_the_terminal(drive: Path, tmp_path: Path) -> None:
+    """Every kind of character and of place is in `tests/execution/test_shown.py`."""
+    hostile = "drive\x1b]0;PWNED\x07\x9b31m\u202e[red]gnp"
+    named = drive.rename(tmp_path / hostile)
+    images(named)[7].write_bytes(b"broken")
+    shown = run_quickly(named, tmp_path / "out", "-v")
+    assert shown.code == 0 and "drive\\x1b]0;PWNED\\x07\\x9b31m\\u202e[red]gnp" in shown.err
+    texts = [shown.out, shown.err, *(file.read_text() for file in (tmp_path / "out").glob("*.[hljcy]*") if file.is_file())]
+    assert len(texts) > 7 and not any(set(text) & set("\x1b\x07\x9b\u202e") for text in texts)
+
+
 def test_a_file_on_which_a_library_crashes(tmp_path: Path) -> None:
     """LAZ files and GTSAM's archives are read in a process of its own: `tests/execution/test_apart.py`."""
     crash = Path(__file__).parents[1] / "support" / "files" / "crash.laz"
