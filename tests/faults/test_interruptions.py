@@ -20,6 +20,8 @@ from support.parameters import mostly_slow
 
 from mqslam.cli import main
 from mqslam.execution.checkpoint import FOLDER
+from mqslam.execution.cluster import connect
+from mqslam.execution.local_engine import LocalEngine
 
 INTERRUPTS = list(itertools.product(("run", "compare", "audit", "simulate"), (signal.SIGINT, signal.SIGTERM)))
 
@@ -169,3 +171,9 @@ def test_a_terminal_that_is_closed(drive: Path, tmp_path: Path) -> None:
     last = process.stderr.read().splitlines()[-1]
     assert process.wait(timeout=300) == 129 and last == "mqslam: interrupted; continue with --resume"
     assert {path.name for path in out.iterdir()} == {FOLDER}
+
+
+def test_a_program_of_another_user_of_this_machine() -> None:
+    """No port is open: `tests/execution/test_cluster.py`, `test_no_network_reaches_the_workers_of_this_machine`."""
+    with connect("local:1") as engine:
+        assert isinstance(engine, LocalEngine)

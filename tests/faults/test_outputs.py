@@ -6,12 +6,13 @@ import contextlib
 import os
 import shutil
 import subprocess
+import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
 from support.commands import mqslam, read_contents
-from support.faults import assert_refused, run_quickly
+from support.faults import QUICK, assert_refused, run_quickly
 
 from mqslam.commands import run as commands_run
 from mqslam.execution.checkpoint import FOLDER
@@ -143,3 +144,15 @@ def test_a_mistake_in_a_command(drive: Path, tmp_path: Path) -> None:
     ):
         assert_refused(mqslam("run", drive, "--out", tmp_path / "out", "--quiet", *words), said)
     assert read_contents(tmp_path) == before
+
+
+def test_a_user_without_a_home_and_a_name(drive: Path, tmp_path: Path) -> None:
+    """What kernels need is in `tests/execution/test_kernel_cache.py`."""
+    quick = tmp_path / "quick.yaml"
+    quick.write_text("sensor: {doppler_beta: 0.0}\nloops: {enabled: false}\n")
+    words = ["mqslam", "run", str(drive), "--out", str(tmp_path / "out"), "--config", str(quick), *QUICK, "--quiet"]
+    program = f"import pwd, sys; pwd.getpwuid = {{}}.__getitem__; sys.argv = {words}; from mqslam.cli import main; main()"
+    left = {name: value for name, value in os.environ.items() if name in ("PATH", "PYTHONPATH")}
+    shown = subprocess.run([sys.executable, "-c", program], env=left, cwd=tmp_path, capture_output=True, text=True)
+    assert shown.returncode == 0, shown.stderr
+    assert (tmp_path / "out" / "report.html").is_file() and not (tmp_path / "~").exists()

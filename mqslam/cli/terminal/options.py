@@ -164,7 +164,7 @@ Cluster = Annotated[
     typer.Option(
         "--cluster",
         metavar="ADDRESS",
-        help="Work on a Dask cluster instead: tcp://host:port, or local:N for N workers on this machine.",
+        help="Work on a Dask cluster instead: tcp://host:port, or local:N for N worker processes on this machine.",
     ),
 ]
 Force = Annotated[bool, typer.Option("--force", help="Replace whatever is at --out.")]
