@@ -19,18 +19,18 @@ class TookTooLong(BaseException):
 
 
 @contextmanager
-def within_limits(size: int) -> Iterator[None]:
+def within_limits(size: int, always_mb: float = ALWAYS_MB, seconds: float = SECONDS) -> Iterator[None]:
     """Fails where the block takes longer, or more memory, than reading a file of a size [bytes] may.
 
     A block that does not come back from a library ends the whole process with a traceback.
     """
 
     def ring(number: int, frame: FrameType | None) -> None:
-        raise TookTooLong(f"not done after {SECONDS} s of processor time")
+        raise TookTooLong(f"not done after {seconds} s of processor time")
 
     before = signal.signal(signal.SIGPROF, ring)
-    signal.setitimer(signal.ITIMER_PROF, SECONDS)
-    faulthandler.dump_traceback_later(60 * SECONDS, exit=True)
+    signal.setitimer(signal.ITIMER_PROF, seconds)
+    faulthandler.dump_traceback_later(60 * seconds, exit=True)
     Path("/proc/self/clear_refs").write_text("5")  # sets the peak back to what is held now
     held = _kilobytes("VmRSS")
     try:
@@ -40,7 +40,7 @@ def within_limits(size: int) -> Iterator[None]:
         faulthandler.cancel_dump_traceback_later()
         signal.setitimer(signal.ITIMER_PROF, 0.0)
         signal.signal(signal.SIGPROF, before)
-    allowed = ALWAYS_MB + MOST_TIMES * size * 1e-6
+    allowed = always_mb + MOST_TIMES * size * 1e-6
     assert taken <= allowed, f"took {taken:.1f} MB, {allowed:.1f} MB are allowed"
 
 

@@ -8,9 +8,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import gtsam
 import laspy
 import numpy as np
 from numpy.typing import NDArray
+from support.keyframe_maps import two_recordings
 from support.layouts import (
     left_turn,
     write_boreas,
@@ -42,17 +44,22 @@ from support.soundness import (
     check_covariances,
     check_fixes,
     check_gyroscope,
+    check_keyframes,
     check_lidar,
+    check_nav2_map,
     check_pose_graph,
     check_radar,
     check_trajectory,
 )
 
+from mqslam.commands.batches.batch_plan import read_plan
 from mqslam.config import Config, dump_yaml, load_config
 from mqslam.core.trajectory import Trajectory
 from mqslam.formats.clouds import read_cloud
 from mqslam.formats.covariances import StampedCovariances, write_covariances
+from mqslam.formats.graphs.gtsam_text import read_gtsam
 from mqslam.formats.lidars import carmen, laserscan
+from mqslam.formats.maps.keyframe_folder import write_keyframes
 from mqslam.formats.recordings import open_recording, read_odometry
 from mqslam.formats.recordings.native import write as write_native
 from mqslam.formats.recordings.rosbag import write as write_own_bag
@@ -71,11 +78,13 @@ class Subject:
         write: writes a valid input into a folder and returns the path to be read.
         read: reads it, and checks what was read.
         inside: damage under what is compressed, by suffix; everything is damaged as it lies on the disk, too.
+        is_apart: whether each read takes a process of its own, and a second.
     """
 
     write: Callable[[Path], Path]
     read: Callable[[Path], None]
     inside: dict[str, Mutate]
+    is_apart: bool = False
 
     def mutations(self, file: Path) -> tuple[Mutate, ...]:
         """Returns the kinds of damage to a file."""
@@ -305,6 +314,25 @@ def pose_graph(spatial: bool) -> Callable[[Path], Path]:
     return write
 
 
+def gtsam_archive(folder: Path) -> Path:
+    """Writes a graph and its values as GTSAM does."""
+    graph, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
+    noise = gtsam.noiseModel.Isotropic.Sigma(3, 0.1)
+    for k in range(5):
+        values.insert(k, gtsam.Pose2(float(k), 0.0, 0.1))
+        if k:
+            graph.push_back(gtsam.BetweenFactorPose2(k - 1, k, gtsam.Pose2(1.0, 0.0, 0.0), noise))
+    (folder / "archive").mkdir()
+    (folder / "archive" / "graph.txt").write_text(graph.serialize())
+    (folder / "archive" / "values.txt").write_text(values.serialize())
+    return folder / "archive"
+
+
+def check_gtsam_archive(path: Path) -> None:
+    stored = read_gtsam(path / "graph.txt", path / "values.txt")
+    assert stored.keys and np.isfinite(stored.factors.error(stored.values))
+
+
 def twists(folder: Path) -> Path:
     return oxford(folder) / "odom.csv"
 
@@ -312,6 +340,39 @@ def twists(folder: Path) -> Path:
 def settings(folder: Path) -> Path:
     (folder / "settings.yaml").write_text(dump_yaml(Config()))
     return folder / "settings.yaml"
+
+
+def plan(folder: Path) -> Path:
+    """Writes what `batch` reads."""
+    (folder / "runs.yaml").write_text(
+        "runs:\n- {data: drive, name: one, odometry: none}\n- {data: other, extrinsics: '1,0,0.5'}\n"
+    )
+    return folder / "runs.yaml"
+
+
+def check_plan(path: Path) -> None:
+    orders, _ = read_plan(path)
+    assert orders and all(order.name for order in orders)
+
+
+def keyframes(folder: Path) -> Path:
+    write_keyframes(folder / "keyframes", two_recordings())
+    return folder / "keyframes"
+
+
+def nav2_map(folder: Path) -> Path:
+    (folder / "map.pgm").write_bytes(b"P5\n6 4\n255\n" + bytes(range(24)))
+    text = "image: map.pgm\nresolution: 0.2\norigin: [-1.0, 2.0, 0.0]\nnegate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.25\n"
+    (folder / "map.yaml").write_text(text)
+    return folder / "map.yaml"
+
+
+def result_folder(folder: Path) -> Path:
+    """Writes what CFEAR leaves."""
+    (folder / "est").mkdir()
+    write_kitti(folder / "est" / "00.txt", _track())
+    write_tum(folder / "est" / "tum_00.txt", _track())
+    return folder
 
 
 def _config(path: Path) -> None:
@@ -347,7 +408,8 @@ SUBJECTS = {
     "pcd compressed": Subject(pcd("binary_compressed"), lambda path: check_cloud(read_cloud(path)), {}),
     "pcd ascii": Subject(pcd("ascii"), lambda path: check_cloud(read_cloud(path)), {}),
     "las": Subject(las("las"), lambda path: check_cloud(read_cloud(path)), {}),
-    "laz": Subject(las("laz"), lambda path: check_cloud(read_cloud(path)), {}),
+    "laz": Subject(las("laz"), lambda path: check_cloud(read_cloud(path)), {}, is_apart=True),
+    "gtsam archive": Subject(gtsam_archive, check_gtsam_archive, {}, is_apart=True),
     "npz": Subject(npz, lambda path: check_cloud(read_cloud(path)), _NPZ),
     "tum": Subject(tum, lambda path: check_trajectory(read_trajectory(path)), {}),
     "kitti": Subject(kitti, lambda path: check_trajectory(read_trajectory(path / "poses.txt", path / "times.txt")), {}),
@@ -370,4 +432,8 @@ SUBJECTS = {
     ),
     "nmea": Subject(nmea, lambda path: check_fixes(read_fixes(path, START_US).sensor), {}),
     "settings": Subject(settings, _config, {}),
+    "plan": Subject(plan, check_plan, {}),
+    "keyframes": Subject(keyframes, check_keyframes, {}),
+    "nav2 map": Subject(nav2_map, check_nav2_map, {}),
+    "result": Subject(result_folder, lambda path: check_trajectory(read_trajectory(path)), {}),
 }
