@@ -60,14 +60,15 @@ def check_gyroscope(gyroscope: Gyroscope, scans: Scans, trajectory: Trajectory, 
     variances = np.full(len(yaws), np.median(np.abs(yaws)) ** 2 + _LEAST_VARIANCE)
     turns = Turns(times[:-1], times[1:], yaws, variances, np.ones(len(yaws), dtype=np.bool_), 0.0)
     start = find_start(gyroscope, scans.start_us, turns, settings.longest_delay_s)
-    if start is None or abs(start.correlation) < settings.least_correlation:
+    if start is None or not start.is_convincing(settings):
         what = "the trajectory turns too little, or otherwise than the gyroscope"
         return GyroscopeCheck(source, f"whether the gyroscope ({source}) agrees cannot be told: {what}", None)
     found = calibrate(gyroscope, start, turns, settings)
     spread = SIGMAS_PER_DEVIATION * float(np.nanmedian(np.abs(found.residuals))) if found.residuals.size else np.nan
     turns = turns._replace(variances=np.full(len(yaws), spread**2 + _LEAST_VARIANCE))
     found = calibrate(gyroscope, start, turns, settings)
-    faults, remark = _list_faults(found.rotation, settings), _describe_scale(found.rotation, settings)
+    faults = _list_faults(found.rotation, settings, own_clock=gyroscope.own_clock)
+    remark = _describe_scale(found.rotation, settings)
     agreed = (
         f"agrees with the trajectory step by step, within {np.rad2deg(spread):.2g} deg; "
         f"{_describe_bias(found.rotation)}{remark}"
@@ -86,7 +87,7 @@ def _pick_stamps(scans_us: NDArray[np.int64], poses_us: NDArray[np.int64]) -> ND
     return poses if len(poses) < _SPARSE * len(scans) else scans
 
 
-def _list_faults(rotation: Rotation, settings: GyroscopeConfig) -> list[str]:
+def _list_faults(rotation: Rotation, settings: GyroscopeConfig, *, own_clock: bool) -> list[str]:
     """Returns in which ways a gyroscope and a trajectory cannot both be right; which of them is wrong it does not say."""
     faults = []
     if rotation.sign < 0.0:
@@ -94,7 +95,7 @@ def _list_faults(rotation: Rotation, settings: GyroscopeConfig) -> list[str]:
     off, late_s = rotation.scale - 1.0, -rotation.delay_s
     if abs(off) > settings.likely_scale + settings.told_sigmas * rotation.scale_sigma:
         faults.append(_compare_turns(off))
-    if abs(late_s) > max(settings.told_sigmas * rotation.delay_sigma_s, settings.delay_tolerance_s):
+    if not own_clock and abs(late_s) > max(settings.told_sigmas * rotation.delay_sigma_s, settings.delay_tolerance_s):
         faults.append(
             f"the trajectory's stamps are {abs(late_s):.2f} s {'later' if late_s > 0.0 else 'earlier'} than its own"
         )

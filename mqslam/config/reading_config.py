@@ -117,6 +117,11 @@ class ReadingConfig(BaseModel):
         gt=0.0,
         description="An arrival stamp further than this many spreads of the jitter from its place tells nothing.",
     )
+    most_late_s: float = expert(
+        3.0,
+        gt=0.0,
+        description="An arrival stamp that is later by more than this [s] than those around it allow is damaged, not late.",
+    )
     scans_around_break: int = expert(
         8, ge=2, description="Number of polar scans on each side of a step that show whether the step is a lasting break."
     )

@@ -73,7 +73,10 @@ class GyroscopeConfig(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
 
     longest_delay_s: float = Field(
-        0.3, gt=0.0, description="Largest error of the gyroscope's clock, late or early, that is looked for [s]."
+        3.0,
+        gt=0.0,
+        description="Largest error of the gyroscope's clock, late or early, that is looked for [s]. That of "
+        "RADIATE's clock is 1.8 s.",
     )
     fewest: int = expert(
         40,
@@ -92,6 +95,16 @@ class GyroscopeConfig(BaseModel):
         gt=1.0,
         description="A gyroscope that turns more than this many times as far as the radar, or as little, is of another unit "
         "or broken, and is not used. The scale of smaller errors is put right.",
+    )
+    usual_delay_s: float = expert(
+        0.3, gt=0.0, description="Error of the gyroscope's clock that needs no further evidence [s]."
+    )
+    far_correlation: float = expert(
+        0.8,
+        gt=0.0,
+        lt=1.0,
+        description="A gyroscope whose clock is farther off is not used unless its turns correlate this well with those of "
+        "psi. Among many delays some fit by chance.",
     )
     most_wild: float = expert(
         0.1,
@@ -141,6 +154,9 @@ class GnssConfig(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
+    longest_delay_s: float = Field(
+        3.0, gt=0.0, description="Largest error of the receiver's clock, late or early, that is looked for [s]."
+    )
     fewest: int = expert(10, ge=3, description="With fewer fixes than this within the recording they are not used.")
     reach: float = Field(
         3.0,

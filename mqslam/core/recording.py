@@ -59,6 +59,8 @@ class Recording(ABC):
         turns_us: (N,) int64 [us], how long each turn takes: until the next one begins, unless a gap follows.
         range_resolution: length of a range bin [m].
         is_resolution_assumed: whether nothing states that length, and it is the usual one of the layout.
+        stamp_sigma_s: standard deviation of a turn's stamp [s] where stamps of arrival were freed of their delays; 0 where
+            stamps are exact.
         odometry: dead-reckoned poses the recording carries, or None: those of the vehicle's frame where the recording has a
             mount, else taken as those of the radar.
         ground_truth: poses of the radar that are known better than any estimate, for evaluation only, or None.
@@ -77,6 +79,7 @@ class Recording(ABC):
     turns_us: NDArray[np.int64]
     range_resolution: float
     is_resolution_assumed: bool = field(default=False, kw_only=True)
+    stamp_sigma_s: float = field(default=0.0, kw_only=True)
     odometry: Trajectory | None = None
     ground_truth: Trajectory | None = None
     truth_on_vehicle: bool = False

@@ -40,3 +40,8 @@ def describe_last_pose(last: Mapping[str, Any] | None) -> str:
     if not last["drift_is_prior"]:
         return sure
     return f"{sure}; no loop closes, so the drift that all motions have in common is a prior in it, not measured"
+
+
+def describe_delay(delay_s: float) -> str:
+    """Returns how late or early a clock is, in words."""
+    return f"{abs(delay_s):.2f} s {'late' if delay_s >= 0.0 else 'early'}"

@@ -73,6 +73,7 @@ def detect_and_count(polar_scan: PolarScan, range_resolution: float, config: Det
     ranges *= range_resolution
     join_m = max(config.join_m, config.join_bins * range_resolution)
     rows = _join_peaks(ranges, values, polar_scan.azimuths, polar_scan.times, join_m)
+    rows = rows[np.argsort(-rows[:, 3], kind="stable")[: config.most_returns]]
     rows = rows[np.argsort(rows[:, 2], kind="stable")]
     return Returns(*(np.ascontiguousarray(rows[:, column]) for column in range(4))), counts
 

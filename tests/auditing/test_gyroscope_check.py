@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -57,6 +58,11 @@ def test_a_trajectory_that_turned_otherwise_is_told_how(track: Trajectory, said:
     check = checked(track)
     assert check.agrees is False
     assert re.search(rf"contradicts the trajectory: .*{said}", check.statement), check.statement
+
+
+def test_a_gyroscope_with_a_clock_of_its_own_says_nothing_of_the_stamps() -> None:
+    check = check_gyroscope(replace(read(Unit(), 200.0), own_clock=True), SCANS, trajectory(late_s=1.6), GyroscopeConfig())
+    assert check.agrees is True, check.statement
 
 
 def test_a_difference_that_the_scale_of_a_gyroscope_may_explain_is_told_and_contradicts_nothing() -> None:

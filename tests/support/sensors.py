@@ -110,6 +110,33 @@ def write_mulran_gps(path: Path, start_us: int = START_US) -> Path:
     return write_lines(path, *rows)
 
 
+def write_radiate_messages(root: Path, rate: NDArray[np.float64] = RATE, start_us: int = START_US, count: int = 40) -> Path:
+    """Writes the messages of RADIATE's car, each of them twice, with nanoseconds that lack their leading zeros."""
+    folder = root / "GPS_IMU_Twist"
+    folder.mkdir()
+    zeros = ["0.0,0.0,0.0 "] * 3
+    lines = []
+    for k, stamp in enumerate(stamps(count, 50_000, start_us).tolist()):
+        place = [f"{LATITUDE + 1e-6 * k:.12f},{LONGITUDE:.12f},136.1 ", "9.0,0.0,0.0 ", " 0.0,16.0,0.0 ", " 0.0,0.0,25.0 "]
+        turns = f"{rate[0]:.5f},{-rate[1]:.5f},{-rate[2]:.5f} "
+        text = [
+            *place,
+            "-0.01979,-0.00856,0.31745,0.94803 ",
+            turns,
+            "0.7,-0.1,-0.1 ",
+            *zeros,
+            *zeros,
+            *zeros,
+            "4.2,5.6,-0.1 ",
+            turns,
+        ]
+        for number in (2 * k + 1, 2 * k + 2):
+            write_lines(folder / f"{number:06d}.txt", *text)
+            lines.append(f"Frame: {number:06d} Time: {stamp // 10**6}.{stamp % 10**6 * 1000}")
+    write_lines(root / "GPS_IMU_Twist.txt", *lines)
+    return folder
+
+
 def sentence(body: str) -> str:
     """Returns an NMEA sentence with its checksum."""
     return f"${body}*{reduce(xor, body.encode(), 0):02X}"

@@ -16,11 +16,13 @@ class Gyroscope:
         stamps_us: (N,) int64 [us], strictly increasing.
         rates: (N, 3) rad/s about x forward, y left and z up of the gyroscope, as its layout states its axes.
         source: the file or topic that they come from, for messages.
+        own_clock: whether its clock is known not to be that of the radar, so that no error of it says anything.
     """
 
     stamps_us: NDArray[np.int64]
     rates: NDArray[np.float64]
     source: str
+    own_clock: bool = False
 
     def __len__(self) -> int:
         return len(self.stamps_us)

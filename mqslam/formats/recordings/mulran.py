@@ -25,11 +25,11 @@ from mqslam.errors import DataError
 from mqslam.execution.files import write_text
 from mqslam.execution.folders import write_folder_aside
 from mqslam.formats.odometry_files import read_beside, read_stamped
+from mqslam.formats.recordings.column_images import ColumnImages, open_columns, write_columns
 from mqslam.formats.sensors.carried import Carried, read_carried
 from mqslam.formats.sensors.mulran_sensors import GPS_NAME, IMU_NAME, find_mulran_file, read_mulran_fixes, read_mulran_imu
 from mqslam.formats.sensors.sensor_table import read_header
 from mqslam.formats.shared.azimuth_rows import FIRST_NS, Azimuths, azimuth_stamps, make_rows, stamps_in_us
-from mqslam.formats.shared.column_images import ColumnImages, open_columns, write_columns
 from mqslam.formats.shared.images import list_stamps, write_png
 from mqslam.formats.shared.poses import make_trajectory
 from mqslam.formats.shared.row_images import index_rows
@@ -77,7 +77,7 @@ def open_recording(path: Path, sensing: Sensing, settings: ReadingConfig) -> Rec
         return _read_sensors(folder).add_to(replace(rows, is_resolution_assumed=bool(assumed)))
     columns = ColumnImages(folder, names)
     usual = RANGE_RESOLUTION_M, _RADAR
-    recording = open_columns(path, "mulran", columns, stamps_in_us(names), usual, sensing, settings)
+    recording = open_columns(path, "mulran", columns, stamps_in_us(names), None, usual, sensing, settings)
     return _read_sensors(folder).add_to(replace(recording, ground_truth=truth, faults=(*faults, *recording.faults)))
 
 

@@ -1,33 +1,35 @@
 """The layout RADIATE: `Navtech_Polar/000001.png`, one column per azimuth, with arrival stamps in `Navtech_Polar.txt`.
 
+The readings of its sensors lie in `GPS_IMU_Twist/`.
+
 Source: github.com/marcelsheeny/radiate_sdk, README.md.
 """
 
 from __future__ import annotations
 
-import re
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mqslam.config.reading_config import ReadingConfig
 from mqslam.core.recording import Recording
+from mqslam.core.sensors.sensors import NO_SENSORS
 from mqslam.errors import DataError
 from mqslam.execution.files import write_text
 from mqslam.execution.folders import write_folder_aside
-from mqslam.formats.shared.column_images import ColumnImageRecording, ColumnImages, open_columns, write_columns
+from mqslam.formats.odometry_files import read_beside
+from mqslam.formats.recordings.column_images import ColumnImageRecording, ColumnImages, open_columns, write_columns
+from mqslam.formats.sensors.carried import Carried, read_carried
+from mqslam.formats.sensors.radiate_sensors import NAME, make_radiate_fixes, make_radiate_gyroscope, read_radiate_messages
 from mqslam.formats.shared.images import list_numbers
 from mqslam.formats.shared.sensing import Sensing
-from mqslam.formats.shared.stamps import mark_increasing, parse_stamps
+from mqslam.formats.shared.stamps import FRAME_DIGITS, format_frame, read_listing
 from mqslam.formats.shared.target import Target
 
 _RADAR = "RADIATE's radar"
-RANGE_RESOLUTION_M = 100.0 / 576.0  # the images reach 100 m in 576 bins
-_DIGITS = 6
-_LINE = re.compile(r"\s*Frame:\s*(\d{1,18})\s+Time:\s*(\d+(?:\.\d+)?)\s*")
-_OTHER_CLOCK = "GPS and IMU run on another clock: neither odometry nor ground truth is taken from them"
+RANGE_RESOLUTION_M = 0.175  # of the CTS350-X as RADIATE uses it; 576 such bins reach 100.8 m
+_OTHER_CLOCK = "GPS and IMU run on another clock, which a run finds: neither odometry nor ground truth is taken from them"
 
 
 def recognises(path: Path) -> bool:
@@ -50,57 +52,40 @@ def open_recording(path: Path, sensing: Sensing, settings: ReadingConfig) -> Col
     if not folder.is_dir():
         raise DataError(path, "holds no folder Navtech_Polar/", "give the folder that holds it and Navtech_Polar.txt")
     listing = folder.parent / "Navtech_Polar.txt"
-    frames, stamps = _read_stamps(listing)
+    frames, stamps = read_listing(listing)
     faults = []
-    there = {int(name) for name in list_numbers(folder) if len(name) == _DIGITS}
+    there = {int(name) for name in list_numbers(folder) if len(name) == FRAME_DIGITS}
     if unlisted := sorted(there - set(frames.tolist())):
         others = f" and {len(unlisted) - 1} others" if len(unlisted) > 1 else ""
-        faults.append(f"{listing.name} has no line for frame {_format_name(unlisted[0])}{others}: left out")
+        faults.append(f"{listing.name} has no line for frame {format_frame(unlisted[0])}{others}: left out")
     order = np.argsort(frames, kind="stable")
     if backward := np.flatnonzero(np.diff(frames) <= 0).tolist():
         faults.append(
-            f"{listing.name} does not list its frames in order, first at {_format_name(frames[backward[0] + 1])}: sorted"
+            f"{listing.name} does not list its frames in order, first at {format_frame(frames[backward[0] + 1])}: sorted"
         )
-    order = order[mark_increasing(stamps[order].tolist()) & np.append(True, np.diff(frames[order]) > 0)[: len(order)]]
-    if dropped := sorted(set(frames.tolist()) - set(frames[order].tolist())):
-        others = f" and of {len(dropped) - 1} others" if len(dropped) > 1 else ""
-        faults.append(f"the stamp of frame {_format_name(dropped[0])}{others} repeats or runs backward: left out")
+    order = order[np.append(True, np.diff(frames[order]) > 0)[: len(order)]]
     present = order[np.isin(frames[order], list(there))]
     names, stamps = frames[present], stamps[present]
     missing = len(order) - len(names)
     skipped = [f"{missing} of {len(frames)} frames in {listing.name} have no image and are skipped"] if missing else []
-    notes = (*skipped, _OTHER_CLOCK)
-    images = ColumnImages(folder, names, _DIGITS)
-    recording = open_columns(path, "radiate", images, stamps, (RANGE_RESOLUTION_M, _RADAR), sensing, settings)
-    return replace(recording, notes=(*notes, *recording.notes), faults=(*faults, *recording.faults))
+    notes = (*skipped, *([_OTHER_CLOCK] if (folder.parent / NAME).exists() else []))
+    images = ColumnImages(folder, names, FRAME_DIGITS)
+    recording = open_columns(path, "radiate", images, stamps, names, (RANGE_RESOLUTION_M, _RADAR), sensing, settings)
+    recording = replace(recording, notes=(*notes, *recording.notes), faults=(*faults, *recording.faults))
+    return _read_sensors(folder.parent).add_to(recording)
+
+
+def _read_sensors(root: Path) -> Carried:
+    """Reads the sensors of the recording in a folder."""
+    messages, faults = read_beside(lambda: read_radiate_messages(root))
+    if messages is None:
+        return Carried(NO_SENSORS, (), tuple(faults))
+    return read_carried(lambda: make_radiate_gyroscope(root, messages), lambda: make_radiate_fixes(root, messages))
 
 
 def _find_image_folder(path: Path) -> Path:
     """Finds the folder of the images: the path itself if it is called Navtech_Polar, or the one inside."""
     return path.resolve() if path.resolve().name == "Navtech_Polar" else path / "Navtech_Polar"
-
-
-def _format_name(frame: int) -> str:
-    """Formats the number of a frame as the name of its image."""
-    return f"{frame:0{_DIGITS}d}"
-
-
-def _read_stamps(listing: Path) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Reads frames (N,) and when they arrived (N,) [us] from lines `Frame: 000001 Time: 1574859771.744660272` in s."""
-    try:
-        lines = [line for line in listing.read_text(encoding="utf-8").splitlines() if line.strip()]
-    except (OSError, ValueError) as error:
-        raise DataError(listing, "is not a readable text file", "it holds the stamps of the images") from error
-    matches = [_LINE.fullmatch(line) for line in lines]
-    if None in matches:
-        number = matches.index(None) + 1
-        raise DataError(listing, f"line {number} is not 'Frame: 000001 Time: 1574859771.744660272'", "repair it")
-    rows = [match.groups() for match in matches if match]
-    try:
-        stamps = parse_stamps([word for _, word in rows], "s")
-    except ValueError as error:
-        raise DataError(listing, str(error), "repair it") from error
-    return np.array([int(frame) for frame, _ in rows], dtype=np.int64), stamps
 
 
 def write(out: Path, recording: Recording) -> list[str]:
@@ -113,7 +98,7 @@ def write(out: Path, recording: Recording) -> list[str]:
         DataError: a polar scan cannot be read, or polar images cannot hold it.
         OutputError: the folder cannot be written.
     """
-    names = [_format_name(number) for number in range(1, len(recording) + 1)]
+    names = [format_frame(number) for number in range(1, len(recording) + 1)]
     lines = [
         f"Frame: {name} Time: {end // 1_000_000}.{end % 1_000_000:06d}000\n"
         for name, end in zip(names, recording.ends_us.tolist(), strict=True)

@@ -26,7 +26,7 @@ from mqslam.formats.recordings.bag_poses import Frames
 from mqslam.formats.sensors.carried import read_carried
 from mqslam.formats.sensors.ros_sensors import RosSensors, list_sensor_messages
 from mqslam.formats.shared import bags, polar_message
-from mqslam.formats.shared.arrivals import smooth_arrivals
+from mqslam.formats.shared.arrivals import estimate_arrivals
 from mqslam.formats.shared.azimuth_rows import azimuth_stamps, note_spread, spread_azimuths
 from mqslam.formats.shared.bag_writer import KINDS, RADAR_FRAME, VEHICLE_FRAME, Bag, write_bag
 from mqslam.formats.shared.bags import B_SCAN_TYPE, COMPRESSED_TYPE, IMAGE_TYPE, ODOMETRY_TYPE
@@ -121,14 +121,16 @@ def open_recording(path: Path, sensing: Sensing, settings: ReadingConfig) -> Ros
         odometry_topic, truth_topic = _choose_pose_topics(path, reader, sensing.topics)
         sensors, stated = RosSensors.choose(reader), read_bin_size(reader)
         index = _read_index(path, reader, (topic, layout), {odometry_topic, truth_topic} - {None}, sensors, settings)
-    ordered = mark_increasing(index.stamps_us)
+    ordered = np.ones(len(index.stamps_us), dtype=np.bool_)
+    if layout.stamps_azimuths:  # else the order of messages is that of the polar scans
+        ordered = mark_increasing(index.stamps_us)
     messages_us = np.array(index.stamps_us, dtype=np.int64)[ordered]
     left_out = f"could not be read and {is_or_are(index.unread)} left out: {index.error}"
     unread = f"{count_of(index.unread, 'message')} on {topic} {left_out}"
     faults = [unread] if index.unread else []
     if skipped := len(ordered) - len(messages_us):
         faults.append(f"the stamps of {count_of(skipped, 'message')} on {topic} repeat or run backward: left out")
-    clockwise = sensing.clockwise is not False
+    clockwise, stamp_sigma_s = sensing.clockwise is not False, 0.0
     if layout.stamps_azimuths:
         measured = [turn for turn, kept in zip(index.measured_turns_us, ordered.tolist(), strict=True) if kept]
         usual = find_usual_turns(messages_us, settings, measured.__getitem__)
@@ -137,10 +139,12 @@ def open_recording(path: Path, sensing: Sensing, settings: ReadingConfig) -> Ros
         notes += sensing.note_unused()
     else:
         stamp = sensing.stamp or polar_message.usual_stamp(topic, layout)
-        arrivals, smoothed = smooth_arrivals(messages_us, settings)
-        starts, turns = place_turns(arrivals, stamp, find_usual_turns(arrivals, settings), settings)
+        arrivals = estimate_arrivals(messages_us, settings)
+        starts, turns = place_turns(arrivals.stamps_us, stamp, find_usual_turns(arrivals.stamps_us, settings), settings)
+        stamp_sigma_s = arrivals.sigma_s
         notes.append(f"{layout.value} of the images are taken as azimuths; " + note_spread("header", stamp, clockwise))
-        notes += smoothed
+        notes += arrivals.notes
+        faults += arrivals.faults
     resolution = sensing.range_resolution
     if resolution is None and stated is not None:
         resolution = stated[0]
@@ -171,6 +175,7 @@ def open_recording(path: Path, sensing: Sensing, settings: ReadingConfig) -> Ros
         turns_us=turns,
         range_resolution=resolution or RANGE_RESOLUTION_M,
         is_resolution_assumed=resolution is None,
+        stamp_sigma_s=stamp_sigma_s,
         odometry=odometry,
         ground_truth=truth,
         truth_on_vehicle=truth_on_vehicle,

@@ -37,7 +37,7 @@ class Reading(Generic[_Sensor]):
     faults: tuple[str, ...] = ()
 
 
-def make_gyroscope(path: Path, source: str, table: SensorTable, *notes: str) -> Reading[Gyroscope]:
+def make_gyroscope(path: Path, source: str, table: SensorTable, *notes: str, own_clock: bool = False) -> Reading[Gyroscope]:
     """Makes a gyroscope of the rows of a file or topic that can be used.
 
     Args:
@@ -45,6 +45,7 @@ def make_gyroscope(path: Path, source: str, table: SensorTable, *notes: str) -> 
         source: the file or topic, for messages.
         table: stamps, and rates about x forward, y left and z up [rad/s].
         notes: how the file was understood.
+        own_clock: whether its clock is known not to be that of the radar.
 
     Raises:
         DataError: fewer than two rows can be used.
@@ -55,7 +56,7 @@ def make_gyroscope(path: Path, source: str, table: SensorTable, *notes: str) -> 
         has = "finite rates" if np.count_nonzero(finite) < 2 else "a later stamp than those before it"
         problem = _describe_unusable(table, int(np.count_nonzero(kept)), "reading of a gyroscope", has)
         raise DataError(path, problem, "a gyroscope needs at least two")
-    gyroscope = Gyroscope(table.stamps_us[kept], np.ascontiguousarray(table.columns[kept]), source)
+    gyroscope = Gyroscope(table.stamps_us[kept], np.ascontiguousarray(table.columns[kept]), source, own_clock)
     return Reading(gyroscope, (*notes, *_note_unit(gyroscope)), faults)
 
 

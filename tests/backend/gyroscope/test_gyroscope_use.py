@@ -37,6 +37,8 @@ def test_a_sound_gyroscope_is_used_without_a_word_about_errors() -> None:
     [
         (Unit(late_s=0.2), "clock is 0.20 s late, which is put right"),
         (Unit(late_s=-0.25), "clock is 0.25 s early, which is put right"),
+        (Unit(late_s=1.62), "clock is 1.62 s late, which is put right"),
+        (Unit(late_s=-2.9), "clock is 2.90 s early, which is put right"),
         (Unit(scale=1.05), r"turns 5.\d% too far, which is put right"),
         (Unit(scale=0.95), r"turns 5.\d% too little, which is put right"),
         (Unit(scale=-1.0), "mounted upside down"),
@@ -58,7 +60,7 @@ def test_what_is_wrong_all_the_time_is_put_right_and_said(unit: Unit, said: str)
     [
         (Unit(scale=57.3), "as if it were in degrees per second"),
         (Unit(scale=0.5), "the radar turns 2 times as far"),
-        (Unit(late_s=0.6), "late or more|too differently|contradicts|times as far"),
+        (Unit(late_s=4.0), "late or more|too differently|contradicts|times as far"),
         (Unit(clock_rate=1.001), "its clock runs at another rate|contradicts"),
         (Unit(wild=0.5), "contradicts the radar|times as far"),
     ],

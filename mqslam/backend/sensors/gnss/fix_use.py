@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from mqslam.backend.sensors.gnss.alignment import align, measure_stretch
 from mqslam.backend.sensors.gnss.antenna import Antenna, estimate_antenna
+from mqslam.backend.sensors.gnss.fix_clock import find_fix_delay
 from mqslam.backend.sensors.gnss.fix_noise import FixNoise, measure_fix_noise
 from mqslam.config import GnssConfig
 from mqslam.core import se2
@@ -20,7 +21,7 @@ from mqslam.core.measurement import Measurement
 from mqslam.core.sensors.fixes import Fixes
 from mqslam.core.sensors.georeference import Georeference
 from mqslam.core.sensors.tangent_plane import TangentPlane
-from mqslam.core.wording import left_or_right
+from mqslam.core.wording import describe_delay, left_or_right
 from mqslam.errors import Remedy
 from mqslam.factors.gnss_position import gnss_position, plane_walk
 
@@ -144,15 +145,18 @@ def join_fixes(
     def refuse(why: str, stretch: float | None = None) -> FixUse:
         return FixUse.refuse(fixes.source, why, stretch)
 
-    if not motions:
-        return refuse("there is no motion that they could be held against")
+    if not motions or not len(fixes):
+        return refuse("there is no motion that they could be held against" if not motions else "there are none")
     chain, starts = se2.chain(m.pose for m in motions), np.array([*(m.t0 for m in motions), motions[-1].t1])
-    times = (fixes.stamps_us - start_us) * 1e-6
+    times: NDArray[np.float64] = np.asarray((fixes.stamps_us - start_us) * 1e-6)
+    plane = TangentPlane.at_middle(fixes)
+    positions = plane.project(fixes.latitudes, fixes.longitudes)
+    delay_s = find_fix_delay(times, positions, starts, chain, settings.longest_delay_s)
+    times = times - delay_s
     inside = (starts[0] <= times) & (times <= starts[-1])
     if np.count_nonzero(inside) < settings.fewest:
         return refuse(f"{np.count_nonzero(inside)} of them lie within the recording, and {settings.fewest} are needed")
-    times, plane = times[inside], TangentPlane.at_middle(fixes)
-    positions = plane.project(fixes.latitudes[inside], fixes.longitudes[inside])
+    times, positions = times[inside], positions[inside]
     sensor = se2.interpolate(starts, chain, times)
     on_map, lies, residuals = _lay(sensor, np.zeros(2) if antenna is None else antenna, positions)
     stretch = measure_stretch(on_map, positions)
@@ -186,6 +190,8 @@ def join_fixes(
     poses = np.column_stack([positions - from_scan, se2.wrap(chain[scans, 2] + lies[2])])
     edges = FixEdges(scans, poses, knots, noise, walks_m, plane, se2.inverse(lies), settings.reach)
     told = []
+    if delay_s:
+        told.append(f"the clock of the GNSS fixes is {describe_delay(delay_s)}, which is put right")
     if found is not None and found.significance > settings.antenna_apart:
         x, y = found.place
         told.append(

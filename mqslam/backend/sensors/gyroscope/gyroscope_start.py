@@ -7,11 +7,12 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from mqslam.config import GyroscopeConfig
 from mqslam.core.sensors.gyroscope import Gyroscope
 from mqslam.core.sensors.turning import Turning
 
 _AXES: Final = "xyz"
-_STEP_S: Final = 0.01  # between the delays that are tried [s]; the calibration refines the best one
+_STEP_S: Final = 0.05  # between the delays that are tried [s]; the calibration refines the best one
 
 
 class Turns(NamedTuple):
@@ -52,6 +53,11 @@ class Start(NamedTuple):
     axis: str
     delay_s: float
     correlation: float
+
+    def is_convincing(self, settings: GyroscopeConfig) -> bool:
+        """Returns whether the correlation is more than chance gives; a clock that is far off needs more of it."""
+        is_far = abs(self.delay_s) > settings.usual_delay_s
+        return abs(self.correlation) >= (settings.far_correlation if is_far else settings.least_correlation)
 
 
 def find_start(gyroscope: Gyroscope, start_us: int, turns: Turns, longest_s: float) -> Start | None:

@@ -15,6 +15,7 @@ from mqslam.config import GyroscopeConfig
 from mqslam.core.measurement import Measurement, Status
 from mqslam.core.sensors.gyroscope import Gyroscope
 from mqslam.core.sensors.turning import KnownTurning, Turning
+from mqslam.core.wording import describe_delay
 
 _WILD: Final = 3.0  # standard deviations beyond which a turn disagrees with psi's
 _LEAST_VARIANCE: Final = 1e-14  # numerical: keeps a turn that psi states to be without error from counting as one
@@ -103,7 +104,7 @@ def _find_fault(
     """Returns why a gyroscope cannot be used, or None."""
     rotation = found.rotation
     is_told = rotation.scale > settings.told_sigmas * rotation.scale_sigma
-    if not is_told or abs(start.correlation) < settings.least_correlation:
+    if not is_told or not start.is_convincing(settings):
         return "the radar turned too little, or the gyroscope too differently, to tell that both turn together"
     if not 1.0 / settings.largest_scale <= rotation.scale <= settings.largest_scale:
         is_degrees = abs(np.rad2deg(rotation.scale) - 1.0) < 0.25
@@ -115,7 +116,7 @@ def _find_fault(
             "few or too unsure"
         )
     if abs(rotation.delay_s) > settings.longest_delay_s:
-        return f"its clock is {_describe_delay(rotation.delay_s)} or more; correct its stamps"
+        return f"its clock is {describe_delay(rotation.delay_s)} or more; correct its stamps"
     variances = turns.variances + rotation.noise.white**2 * (turns.ends - turns.begins)
     known = np.isfinite(found.residuals)
     wild = float(np.mean(found.residuals[known] ** 2 > _WILD**2 * variances[known]))
@@ -128,7 +129,7 @@ def _find_fault(
     sigma_s = float(np.hypot(first.delay_sigma_s, second.delay_sigma_s))
     apart_s = abs(second.delay_s - first.delay_s)
     if apart_s > max(settings.told_sigmas * sigma_s, settings.delay_tolerance_s):
-        early, late = (_describe_delay(part.delay_s) for part in (first, second))
+        early, late = (describe_delay(part.delay_s) for part in (first, second))
         return f"its clock runs at another rate than the radar's: it is {early} in the first half and {late} in the second"
     return None
 
@@ -141,17 +142,12 @@ def _describe_corrections(rotation: Rotation, settings: GyroscopeConfig) -> list
     if rotation.sign < 0.0:
         sentences.append("the gyroscope turns the other way than the radar: it is taken to be mounted upside down")
     if abs(rotation.delay_s) > max(settings.told_sigmas * rotation.delay_sigma_s, settings.delay_tolerance_s):
-        sentences.append(f"the gyroscope's clock is {_describe_delay(rotation.delay_s)}, which is put right")
+        sentences.append(f"the gyroscope's clock is {describe_delay(rotation.delay_s)}, which is put right")
     off = rotation.scale - 1.0
     if abs(off) > max(settings.told_sigmas * rotation.scale_sigma, settings.scale_tolerance):
         far = "too little" if off > 0.0 else "too far"
         sentences.append(f"the gyroscope turns {abs(off) / rotation.scale:.1%} {far}, which is put right")
     return sentences
-
-
-def _describe_delay(delay_s: float) -> str:
-    """Returns how late or early a clock is, in words."""
-    return f"{abs(delay_s):.2f} s {'late' if delay_s >= 0.0 else 'early'}"
 
 
 def _make_edges(found: Calibrated, turns: Turns, settings: GyroscopeConfig) -> TurnEdges:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +13,8 @@ from mqslam.config.reading_config import ReadingConfig
 from mqslam.core import se2
 from mqslam.core.recording import PolarScan, Recording
 from mqslam.errors import DataError, untrusted
-from mqslam.formats.shared.arrivals import smooth_arrivals
+from mqslam.formats.recordings.lost_columns import Restorer
+from mqslam.formats.shared.arrivals import estimate_arrivals
 from mqslam.formats.shared.azimuth_rows import note_spread, spread_azimuths
 from mqslam.formats.shared.images import read_first, read_grey, write_png
 from mqslam.formats.shared.sensing import Sensing
@@ -74,16 +75,30 @@ class ColumnImageRecording(Recording):
 
     @untrusted.reads_recording
     def polar_scans(self, start: int = 0, stop: int | None = None) -> Iterator[PolarScan]:
-        """Reads the polar scans start <= k < stop, one after the other."""
+        """Reads the polar scans start <= k < stop, one after the other.
+
+        Columns are put where they belong if the recorder lost azimuths, which are then marked as not measured.
+        """
+        restorer = Restorer(self._read_image, len(self))
         for k in range(len(self))[start:stop]:
-            image = self.images.path(int(self.images.names[k]))
-            pixels = read_grey(image)
-            if pixels.shape != self.shape:
-                sizes = [f"{rows} ranges by {columns} azimuths" for rows, columns in (pixels.shape, self.shape)]
-                raise DataError(image, f"holds {sizes[0]}, the first image {sizes[1]}", "leave it out of the recording")
+            pixels, measured = restorer.restore(k)
             stamp, duration = int(self.stamps_us[k]), int(self.turns_us[k])
             azimuths = spread_azimuths(pixels.shape[1], stamp, duration, clockwise=self.clockwise)
-            yield azimuths.to_polar_scan(np.ascontiguousarray(pixels.T), self.start_us)
+            polar_scan = azimuths.to_polar_scan(np.ascontiguousarray(pixels.T), self.start_us)
+            yield replace(polar_scan, valid=polar_scan.valid & measured)
+
+    def _read_image(self, k: int) -> NDArray[np.uint8]:
+        """Reads image k (R, A).
+
+        Raises:
+            DataError: it cannot be read, or differs in size from the first one.
+        """
+        image = self.images.path(int(self.images.names[k]))
+        pixels = read_grey(image)
+        if pixels.shape != self.shape:
+            sizes = [f"{rows} ranges by {columns} azimuths" for rows, columns in (pixels.shape, self.shape)]
+            raise DataError(image, f"holds {sizes[0]}, the first image {sizes[1]}", "leave it out of the recording")
+        return pixels
 
 
 def open_columns(
@@ -91,6 +106,7 @@ def open_columns(
     format: str,
     images: ColumnImages,
     named_us: NDArray[np.int64],
+    numbers: NDArray[np.int64] | None,
     usual_resolution: tuple[float, str],
     sensing: Sensing,
     settings: ReadingConfig,
@@ -101,7 +117,8 @@ def open_columns(
         path: the recording.
         format: name of its layout.
         images: the images.
-        named_us: (N,) increasing stamps of the polar scans [us]: their ends, unless `sensing` says otherwise.
+        named_us: (N,) stamps of the polar scans [us], in their order: their ends, unless `sensing` says otherwise.
+        numbers: (N,) increasing numbers of the polar scans, of which some may be missing; None numbers them one by one.
         usual_resolution: length of a range bin [m], unless `sensing` says otherwise, and whose radar has such bins.
         sensing: what the user says; the radar turns clockwise, unless it says otherwise.
         settings: how recordings are understood.
@@ -114,9 +131,9 @@ def open_columns(
     shape, skipped, missing = read_first(images.names.tolist(), images.read_shape, "first")
     stamp = sensing.stamp or "end"
     clockwise = sensing.clockwise is not False
-    arrivals, smoothed = smooth_arrivals(named_us[skipped:], settings)
+    arrivals = estimate_arrivals(named_us[skipped:], settings, None if numbers is None else numbers[skipped:])
     resolution, assumed = sensing.choose_resolution(*usual_resolution)
-    starts, turns = place_turns(arrivals, stamp, find_usual_turns(arrivals, settings), settings)
+    starts, turns = place_turns(arrivals.stamps_us, stamp, find_usual_turns(arrivals.stamps_us, settings), settings)
     return ColumnImageRecording(
         path=path,
         format=format,
@@ -124,8 +141,9 @@ def open_columns(
         turns_us=turns,
         range_resolution=resolution,
         is_resolution_assumed=bool(assumed),
-        notes=(*assumed, note_spread("file", stamp, clockwise), *smoothed),
-        faults=tuple(missing),
+        stamp_sigma_s=arrivals.sigma_s,
+        notes=(*assumed, note_spread("file", stamp, clockwise), *arrivals.notes),
+        faults=(*missing, *arrivals.faults),
         images=images.leave_out(skipped),
         shape=shape,
         clockwise=clockwise,

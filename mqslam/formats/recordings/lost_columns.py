@@ -1,0 +1,192 @@
+"""Azimuths that a recorder lost on the way, found in polar images that tell nothing of them.
+
+A recorder of polar images fills one column after the other with the azimuths of a turn, in a buffer that it uses again for
+the next turn. Where it loses azimuths, all later ones lie too far left, and the last columns still show the turn before.
+So the last columns tell how many azimuths were lost, and the images before and after tell where: a scene that moves past
+the radar shifts by as much from the image before to this one as from this one to the image after, for each azimuth and
+range. Where that cannot be, azimuths are missing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mqslam.errors import DataError
+
+Image = NDArray[np.uint8]
+"""Received power (R, A), one row per range bin and one column per azimuth."""
+
+_NEAR_SHARE = 36  # one in so many rows, the nearest, shows the radar's own leakage rather than the scene
+_ROWS = 600  # about as many range bins of an image are compared; more tell no more
+_BANDS = 8  # of range, each of which shifts by its own amount from one image to the next
+_SPAN = 15  # columns that are compared together; a band of fewer looks like others by chance
+_FASTEST = 10  # columns by which a scene shifts at most from one image to the next
+_STALE = 0.53  # a column that changes less since the turn before, as a share of the usual change, is a copy of it: copies
+#               change by at most half of that, by noise that the recorder adds, and others by more than 0.6 of it
+_ALIKE = 0.75  # copies also change by less than this share of their own spread; where there is only noise, the change is 1.4
+_MOST_LOST = 3  # seldom does a turn lose more azimuths
+_KEPT = 8  # images that are kept in memory; six are looked at for each
+
+
+class Restorer:
+    """Puts the columns of a series of images of one size where they belong, and reads each image once.
+
+    Args:
+        read: reads image k; raises DataError if it cannot be read.
+        count: number of images.
+    """
+
+    def __init__(self, read: Callable[[int], Image], count: int) -> None:
+        keep = lru_cache(maxsize=_KEPT)
+        self._image, self._number = keep(read), count
+        self._lost, self._bands = keep(self._count), keep(self._cut)
+        self._first_source = keep(lambda k: self._find_source(k, self._spread_evenly))
+
+    def restore(self, k: int) -> tuple[Image, NDArray[np.bool_]]:
+        """Puts the columns of image k where they belong.
+
+        Returns:
+            The image (R, A), black where azimuths were lost, and the mask (A,) of the azimuths that were not lost.
+
+        Raises:
+            DataError: the image cannot be read.
+        """
+        image = self._image(k)
+        if not self._lost(k):
+            return image, np.ones(image.shape[1], dtype=np.bool_)
+        source = self._find_source(k, self._first_source)
+        measured = source >= 0
+        return np.where(measured, image[:, source], 0).astype(np.uint8), measured
+
+    def _is_there(self, k: int) -> bool:
+        """Returns whether there is an image k that can be read."""
+        try:
+            return 0 <= k < self._number and self._image(k).size > 0
+        except DataError:
+            return False
+
+    def _count(self, k: int) -> int:
+        """Counts the azimuths that image k lost; none where the image before is missing."""
+        return count_lost(self._image(k - 1), self._image(k)) if self._is_there(k - 1) else 0
+
+    def _cut(self, k: int) -> NDArray[np.float32]:
+        """Returns the power (bands, rows, A) of image k in bands of range."""
+        return _cut_bands(self._image(k))
+
+    def _spread_evenly(self, k: int) -> NDArray[np.int64]:
+        """Returns which column (A,) of image k shows each azimuth if losses are spread evenly over the turn."""
+        azimuths, lost = self._image(k).shape[1], self._lost(k)
+        return _list_sources(azimuths, np.arange(1, lost + 1) * azimuths // (lost + 1))
+
+    def _find_source(self, k: int, of_neighbour: Callable[[int], NDArray[np.int64]]) -> NDArray[np.int64]:
+        """Returns which column (A,) of image k shows each azimuth, -1 where it was lost.
+
+        Args:
+            k: number of the image.
+            of_neighbour: the same of an image before or after, as far as it is known.
+        """
+        beside = (k - 1, k + 1)
+        if not self._lost(k) or not all(self._is_there(other) for other in beside):
+            return self._spread_evenly(k)
+        # a lost azimuth looks like the one before it
+        sources = (np.maximum(np.maximum.accumulate(of_neighbour(other)), 0) for other in beside)
+        before, after = (self._bands(other)[:, :, source] for other, source in zip(beside, sources, strict=True))
+        bands = self._bands(k)
+        return _list_sources(bands.shape[2], place_losses(before, bands, after, self._lost(k)))
+
+
+def count_lost(before: Image, image: Image) -> int:
+    """Counts the last columns of an image that still show the turn before."""
+    old, new = _choose_rows(before), _choose_rows(image)
+
+    def measure_change(shift: int) -> NDArray[np.float32]:
+        """Returns the RMS change (A,) of each column from the one that lies some columns further on in the turn before."""
+        change = _centre_columns(new - np.roll(old, -shift, axis=1))
+        return np.asarray(np.sqrt((change**2).mean(axis=0)))
+
+    # after a turn that lost azimuths, most columns show another azimuth than before
+    usual = min(float(np.median(measure_change(shift))) for shift in range(-_MOST_LOST, _MOST_LOST + 1))
+    copied = measure_change(0) < np.minimum(_STALE * usual, _ALIKE * new.std(axis=0))
+    return int(np.argmin(copied[::-1]))
+
+
+def place_losses(
+    before: NDArray[np.float32], bands: NDArray[np.float32], after: NDArray[np.float32], lost: int
+) -> NDArray[np.int64]:
+    """Finds where in a turn azimuths were lost.
+
+    The score of a column and a number of azimuths lost before it is the sum, over bands of range, of its correlation with
+    the images before and after, for the shift of the scene that suits that band best. The numbers of lost azimuths of all
+    columns never decrease along the turn; those with the greatest sum of scores are found by dynamic programming.
+
+    Args:
+        before: (bands, rows, A) the image before, its columns where they belong.
+        bands: (bands, rows, A) the image.
+        after: (bands, rows, A) the image after, its columns where they belong.
+        lost: number of lost azimuths.
+
+    Returns:
+        (lost,) column before which each of them is missing, not decreasing.
+    """
+    azimuths, reach = bands.shape[2], _FASTEST + lost
+    earlier, later = (_correlate(bands, other, reach) for other in (before, after))
+    shifts = np.arange(-_FASTEST, _FASTEST + 1)
+    sums = np.zeros((lost + 1, azimuths + 1))
+    for number in range(lost + 1):
+        pairs = earlier[reach + number - shifts] + later[reach + number + shifts]
+        np.cumsum(pairs.max(axis=0).sum(axis=0), out=sums[number, 1:])
+    best, begins = sums[0], np.zeros((lost + 1, azimuths + 1), dtype=np.int64)
+    for number in range(1, lost + 1):
+        gain = best - sums[number]
+        highest = np.maximum.accumulate(gain)
+        begins[number] = np.maximum.accumulate(np.where(gain >= highest, np.arange(azimuths + 1), 0))
+        best = highest + sums[number]
+    places = np.zeros(lost, dtype=np.int64)
+    end = azimuths - lost
+    for number in range(lost, 0, -1):
+        end = places[number - 1] = begins[number, end]
+    return places
+
+
+def _list_sources(azimuths: int, places: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Returns which column (A,) shows each azimuth, -1 where it was lost before one of some columns."""
+    columns = np.arange(azimuths - len(places))
+    source = np.full(azimuths, -1, dtype=np.int64)
+    source[columns + np.searchsorted(places, columns, side="right")] = columns
+    return source
+
+
+def _choose_rows(image: Image) -> NDArray[np.float32]:
+    """Returns the rows of an image that are compared, as many as bands can be cut from."""
+    near = image.shape[0] // _NEAR_SHARE
+    rows = image[near :: max(1, image.shape[0] // _ROWS)]
+    return rows[: max(1, len(rows) // _BANDS) * _BANDS].astype(np.float32)
+
+
+def _centre_columns(rows: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Returns rows whose columns have mean zero."""
+    return np.asarray(rows - rows.mean(axis=-2, keepdims=True))
+
+
+def _cut_bands(image: Image) -> NDArray[np.float32]:
+    """Returns the power (bands, rows, A) of an image in bands of range; columns have mean zero and length one."""
+    rows = _choose_rows(image)
+    bands = _centre_columns(rows.reshape(min(_BANDS, len(rows)), -1, rows.shape[1]))
+    return np.asarray(bands / np.sqrt((bands**2).sum(axis=1, keepdims=True) + 1e-6), dtype=np.float32)
+
+
+def _correlate(bands: NDArray[np.float32], other: NDArray[np.float32], reach: int) -> NDArray[np.float32]:
+    """Correlates each column with those of another image that lie up to `reach` columns away.
+
+    Returns:
+        (2 reach + 1, bands, A) mean correlation of the columns around each.
+    """
+    from scipy.ndimage import uniform_filter1d
+
+    shifted = (np.roll(other, -shift, axis=2) for shift in range(-reach, reach + 1))
+    products = np.array([np.einsum("rij,rij->rj", bands, shift) for shift in shifted])
+    return np.asarray(uniform_filter1d(products, _SPAN, axis=2, mode="wrap"))
