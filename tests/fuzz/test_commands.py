@@ -36,12 +36,12 @@ COMMANDS = {  # what is damaged, and the words of the command
 
 @pytest.fixture(scope="module")
 def base(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Two short coarse drives with all sensors, and their results."""
+    """Two short coarse drives through the same street with all sensors, and their results."""
     folder = tmp_path_factory.mktemp("base")
     sensor = SensorModel(turn_rate_hz=4.0, azimuths=120, range_resolution=0.35, max_range=50.0)
     (folder / "quick.yaml").write_text(QUICK)
-    for name, result, seed in (("drive", "result", 1), ("second", "other", 2)):
-        simulate(folder / name, duration_s=4.0, sensor=sensor, movers=0, seed=seed)
+    for name, result in (("drive", "result"), ("second", "other")):
+        simulate(folder / name, duration_s=4.0, sensor=sensor, movers=0)
         words = ("--config", folder / "quick.yaml", "--jobs", 1, "--quiet")
         assert mqslam("run", folder / name, "--out", folder / result, *words).code == 0
     shutil.copy(folder / "result" / "map.ply", folder / "map.ply")
