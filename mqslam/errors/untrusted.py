@@ -48,8 +48,10 @@ def check_file(path: Path) -> Path:
         DataError: it is a pipe, a socket or a device, or a link out of the folder that is being read.
     """
     folder = _folder.get()
-    if folder is not None and path.is_symlink() and path.absolute().is_relative_to(folder):
-        check_link(path, folder.resolve(), path.parent.resolve())
+    if folder is not None and path.is_symlink():
+        above = path.parent.resolve()
+        if path.absolute().is_relative_to(folder) or above.is_relative_to(folder.resolve()):
+            check_link(path, folder.resolve(), above)
     try:
         mode = path.stat().st_mode
     except OSError:

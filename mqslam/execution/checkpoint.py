@@ -23,7 +23,7 @@ from mqslam.config import Config, dump_yaml
 from mqslam.core.recording import Recording
 from mqslam.core.sensors.sensors import NO_SENSORS, Sensors
 from mqslam.core.trajectory import Trajectory
-from mqslam.errors import ClusterError, FrontEndError, MqslamError, OutputError, Remedy, WorkerError
+from mqslam.errors import ClusterError, DataError, FrontEndError, MqslamError, OutputError, Remedy, WorkerError, untrusted
 from mqslam.execution.files import write_aside, write_text
 from mqslam.execution.guards.written import CHECKPOINT, remove_checkpoint
 from mqslam.execution.kept import Kept
@@ -116,8 +116,8 @@ class Checkpoint:
             remove_checkpoint(out)
             return
         try:
-            kept = json.loads(run.read_text(encoding="utf-8"))["key"]
-        except (OSError, ValueError, KeyError, TypeError):
+            kept = json.loads(untrusted.read_document(run))["key"]
+        except (DataError, OSError, ValueError, KeyError, TypeError):
             kept = None
         if kept != key:
             problem = f"{out}: holds an unfinished run of other data or settings"
@@ -150,9 +150,9 @@ class Checkpoint:
     def _load(self, name: str, arrays: Sequence[str]) -> dict[str, NDArray[Any]] | None:
         """Returns the arrays of a file by name, or None if it is missing or damaged."""
         try:
-            with (self._folder / name).open("rb") as file, np.load(file, allow_pickle=False) as kept:
+            with untrusted.check_file(self._folder / name).open("rb") as file, np.load(file, allow_pickle=False) as kept:
                 return {key: kept[key] for key in arrays}
-        except (OSError, EOFError, ValueError, KeyError, NotImplementedError, zipfile.BadZipFile):
+        except (DataError, OSError, EOFError, ValueError, KeyError, NotImplementedError, zipfile.BadZipFile):
             return None
 
     def _save(self, name: str, arrays: dict[str, NDArray[Any]]) -> None:

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import bz2
+import contextlib
 import shutil
+import sqlite3
 import tracemalloc
 from collections.abc import Callable
 from pathlib import Path
@@ -51,6 +53,45 @@ def test_what_is_packed_has_a_size(kind: str) -> None:
         tracemalloc.stop()
         with pytest.raises(Exception, match=r"."):
             unpack(pack(noise)[:-30])
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (
+            "drop table messages; create table messages(id integer primary key, topic_id integer, timestamp integer, "
+            "data blob generated always as (zeroblob(900000000))); insert into messages values(1, 1, 1)",
+            "string or blob too big",
+        ),
+        (
+            "drop table message_definitions; create view message_definitions as with recursive rows(id) as "
+            "(select 1 union all select id + 1 from rows) select id, id as topic_type, 'ros2msg' as encoding, "
+            "'' as encoded_message_definition, '' as type_description_hash from rows",
+            "no such table",
+        ),
+    ],
+    ids=["computed column", "endless view"],
+)
+def test_a_database_has_no_more_than_its_file(tmp_path: Path, change: str, said: str) -> None:
+    bag = write_bag(open_recording(write_oxford(tmp_path / "drive")), bag_path(tmp_path, "ros2"), "ros2")
+    (file,) = bag.glob("*.db3")
+    with contextlib.closing(sqlite3.connect(file)) as database:
+        database.executescript(change)
+    with pytest.raises(DataError, match=f"is not a readable bag .*{said}"):
+        open_recording(bag)
+
+
+def test_descriptions_in_yaml_are_small_or_are_not_parsed(tmp_path: Path) -> None:
+    bag = write_bag(open_recording(write_oxford(tmp_path / "drive")), bag_path(tmp_path, "ros2"), "ros2")
+    (file,) = bag.glob("*.db3")
+    with contextlib.closing(sqlite3.connect(file)) as database:
+        database.execute("update topics set offered_qos_profiles = ?", ["[" + "[" * 3_000_000])
+        database.commit()
+    assert len(open_recording(bag)) > 1
+    with (bag / "metadata.yaml").open("a") as metadata:
+        metadata.write("more: [" + "1, " * 200_000 + "1]")
+    with pytest.raises(DataError, match=r"metadata\.yaml: is larger than 0\.5 MB"):
+        open_recording(bag)
 
 
 def test_a_bag_whose_files_are_packed_has_a_size(tmp_path: Path) -> None:

@@ -12,6 +12,7 @@ import gtsam
 import laspy
 import numpy as np
 from numpy.typing import NDArray
+from PIL import Image
 from support.keyframe_maps import two_recordings
 from support.layouts import (
     left_turn,
@@ -38,6 +39,7 @@ from support.sensors import (
     write_mulran_gps,
     write_mulran_imu,
     write_oxford_gps,
+    write_radiate_messages,
 )
 from support.soundness import (
     check_cloud,
@@ -146,6 +148,17 @@ def mulran(folder: Path) -> Path:
     write_mulran_poses(drive, left_turn())
     write_mulran_imu(drive / "xsens_imu.csv")
     write_mulran_gps(drive / "gps.csv")
+    return drive
+
+
+def radiate(folder: Path) -> Path:
+    """Writes a recording with all sensors, whose turns each lost an azimuth."""
+    drive = write_radiate(folder / "drive", left_turn())
+    write_radiate_messages(drive, count=6)
+    images = sorted((drive / "Navtech_Polar").glob("*.png"))
+    whole = [np.asarray(Image.open(image)) for image in images]
+    for image, before, pixels in zip(images[1:], whole, whole[1:], strict=False):
+        Image.fromarray(np.column_stack([np.delete(pixels, 20, axis=1), before[:, -1]])).save(image)
     return drive
 
 
@@ -392,7 +405,7 @@ SUBJECTS = {
     ),
     "mulran columns": Subject(mulran, check_radar("mulran"), _PNG),
     "mulran rows": Subject(lambda folder: write_mulran_rows(folder / "drive", left_turn()), check_radar("mulran"), _PNG),
-    "radiate": Subject(lambda folder: write_radiate(folder / "drive", left_turn()), check_radar("radiate"), _PNG),
+    "radiate": Subject(radiate, check_radar("radiate"), _PNG),
     "native": Subject(native, check_radar("native"), _NPZ),
     "ros1 bag": Subject(bag("ros1"), check_radar("rosbag"), {}),
     "ros2 bag": Subject(bag("ros2"), check_radar("rosbag"), {}),

@@ -1,6 +1,7 @@
 """Bounds for what a ROS bag may unpack and define: rosbags itself takes as much memory as a bag asks it to.
 
-They are put in the place of the functions by which rosbags unpacks data and parses the definitions of messages.
+They are put in the place of the functions by which rosbags unpacks data, opens databases, and parses profiles and
+the definitions of messages.
 """
 
 from __future__ import annotations
@@ -10,6 +11,7 @@ import io
 import re
 from collections.abc import Callable, Mapping
 from functools import cache, partial
+from pathlib import Path
 from typing import Any, Protocol, cast
 
 from mqslam.errors.untrusted import bound_unpacked
@@ -37,13 +39,13 @@ class _Unpacker(Protocol):
 @cache
 def bound_rosbags() -> None:
     """Puts the bounds in place, once."""
-    first, second, mcap, reading = (
-        cast(Any, importlib.import_module(f"rosbags.{name}"))
-        for name in ("rosbag1.reader", "rosbag2.reader", "rosbag2.storage_mcap", "highlevel.anyreader")
-    )
+    names = "rosbag1.reader", "rosbag2.reader", "rosbag2.storage_mcap", "rosbag2.storage_sqlite3", "highlevel.anyreader"
+    first, second, mcap, sqlite, reading = (cast(Any, importlib.import_module(f"rosbags.{name}")) for name in names)
     lz4, zstd = _unpack_with("lz4.frame", "LZ4FrameDecompressor"), _BoundedZstd(second.zstd)
     first.decompressors.update(bz2=_unpack_with("bz2", "BZ2Decompressor"), lz4=lz4)
     mcap.lz4_decompress, mcap.zstd, second.zstd = lz4, zstd, zstd
+    second.parse_qos = mcap.parse_qos = sqlite.parse_qos = _ignore_qualities
+    sqlite.apsw.connection_hooks.append(partial(_bound_database, sqlite.apsw))
     reading.get_types_from_msg = _bound_definitions(reading.get_types_from_msg)
     reading.get_types_from_idl = _bound_definitions(reading.get_types_from_idl)
 
@@ -113,6 +115,17 @@ def _unpack(make: Callable[[], _Unpacker], packed: bytes) -> bytes:
 def _refuse(most_bytes: int) -> ValueError:
     """Returns the error of data that would fill the memory."""
     return ValueError(f"packed data that unpacks to more than {most_bytes / 1e6:.0f} MB; write it in smaller chunks")
+
+
+def _ignore_qualities(profiles: object) -> list[object]:
+    """Returns no quality of service: it says how messages were sent, in YAML, which takes long and much memory to parse."""
+    return []
+
+
+def _bound_database(apsw: Any, database: Any) -> None:
+    """Keeps a database from making rows that are not in its file: by views, or by columns that are computed."""
+    database.config(apsw.SQLITE_DBCONFIG_ENABLE_VIEW, 0)
+    database.limit(apsw.SQLITE_LIMIT_LENGTH, bound_unpacked(0) + Path(database.filename).stat().st_size)
 
 
 def _bound_definitions(parse: Callable[..., Mapping[str, Any]]) -> Callable[..., Mapping[str, Any]]:

@@ -38,6 +38,7 @@ FORMATS = {
     "rosbag": "mqslam.formats.recordings.rosbag",
     "native": "mqslam.formats.recordings.native",
 }
+_IMAGE_FOLDERS = ("radar", "Navtech_Polar", "polar", "polar_oxford_form", "sensor_data")
 
 
 def open_recording(
@@ -70,13 +71,12 @@ def open_recording(
         raise ConfigError(f"range resolution {range_resolution}: is no length of a range bin; give metres, such as 0.0438")
     if format is not None and format not in FORMATS:
         raise ConfigError(f"format '{format}': is unknown; {suggest(format, FORMATS)}")
-    with untrusted.blame_file(path), untrusted.stay_within(path):
+    with untrusted.blame_file(path), untrusted.stay_within(_find_root(path)):
         if not path.exists():
             raise DataError(path, "does not exist", "check the path")
         if path.is_dir() and not any(path.iterdir()):
             raise DataError(path, "is an empty folder", "give the folder or file that holds the recording")
-        for file in (path / "Navtech_Polar.txt",) if path.is_dir() else (path,):  # others are checked where they are read
-            untrusted.check_file(file)
+        untrusted.check_file(path)  # other files are checked where they are read
         layout = _load(format) if format else _guess_layout(path)
         if topics != USUAL_TOPICS and layout is not _load("rosbag"):
             raise DataError(path, "is no bag, and has no topics", "leave the topics out")
@@ -91,6 +91,14 @@ def list_targets() -> list[Target]:
 def _load(format: str) -> Layout:
     """Imports the module of a layout."""
     return cast(Layout, importlib.import_module(FORMATS[format]))
+
+
+def _find_root(path: Path) -> Path:
+    """Returns the folder of the whole recording, which the path may be or lie in, as that of its images."""
+    root = path.resolve()
+    while root.name in _IMAGE_FOLDERS:
+        root = root.parent
+    return root
 
 
 def _is_result(path: Path) -> bool:

@@ -50,7 +50,7 @@ def read_transform(file: Path) -> NDArray[np.float64]:
         DataError: the file holds none.
     """
     try:
-        matrix = np.loadtxt(untrusted.check_file(file), ndmin=2)
+        matrix = np.loadtxt(untrusted.read_text(file).splitlines(), ndmin=2)
         turn = matrix[:3, :3]
         if (
             matrix.shape != (4, 4)

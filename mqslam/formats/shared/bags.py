@@ -30,6 +30,7 @@ POSE_TYPE = "geometry_msgs/msg/PoseStamped"
 POSE_WITH_COVARIANCE_TYPE = "geometry_msgs/msg/PoseWithCovarianceStamped"
 PATH_TYPE = "nav_msgs/msg/Path"
 TRUTH_NAME = re.compile(r"truth|(?<![a-z])gt(?![a-z])")
+_MOST_METADATA_BYTES = 500_000  # of a folder's metadata.yaml, which takes five hundred times its size once it is parsed
 PoseRow = tuple[int, float, float, float]
 
 
@@ -54,6 +55,8 @@ def open_bag(path: Path) -> Iterator[AnyReader]:
     for file in path.iterdir() if path.is_dir() else (path,):
         if not file.is_dir():
             untrusted.check_file(file)
+    if (described := path / "metadata.yaml").is_file():
+        untrusted.read_document(described, _MOST_METADATA_BYTES)
     bound_rosbags()
     store = get_typestore(Stores.ROS2_HUMBLE)
     store.register(get_types_from_msg(B_SCAN_DEFINITION, B_SCAN_TYPE))

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mqslam.errors import DataError
+from mqslam.errors import DataError, untrusted
 
 _TOO_LARGE = "holds stamps too large for any clock"
 _MOST_DIGITS = 40  # before the point; a larger number would overflow
@@ -143,7 +143,7 @@ def read_listing(listing: Path) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
         DataError: it cannot be read, or a line is of another form.
     """
     try:
-        lines = [line for line in listing.read_text(encoding="utf-8").splitlines() if line.strip()]
+        lines = [line for line in untrusted.read_text(listing).splitlines() if line.strip()]
     except (OSError, ValueError) as error:
         raise DataError(listing, "is not a readable text file", "it holds the stamps of the files") from error
     matches = [_FRAME.fullmatch(line) for line in lines]
