@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import faulthandler
 import signal
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from types import FrameType
 
@@ -18,9 +20,17 @@ class TookTooLong(BaseException):
     """A reader that does not come to an end."""
 
 
+@dataclass
+class Cost:
+    """What a block has taken: processor time [s], and memory beside what was held before [MB]."""
+
+    seconds: float = 0.0
+    megabytes: float = 0.0
+
+
 @contextmanager
-def within_limits(size: int, always_mb: float = ALWAYS_MB, seconds: float = SECONDS) -> Iterator[None]:
-    """Fails where the block takes longer, or more memory, than reading a file of a size [bytes] may.
+def within_limits(size: int, always_mb: float = ALWAYS_MB, seconds: float = SECONDS) -> Iterator[Cost]:
+    """Yields the cost of the block, known at its end, and fails where the block takes longer, or more memory, than reading a file of a size [bytes] may.
 
     A block that does not come back from a library ends the whole process with a traceback.
     """
@@ -32,16 +42,16 @@ def within_limits(size: int, always_mb: float = ALWAYS_MB, seconds: float = SECO
     signal.setitimer(signal.ITIMER_PROF, seconds)
     faulthandler.dump_traceback_later(60 * seconds, exit=True)
     Path("/proc/self/clear_refs").write_text("5")  # sets the peak back to what is held now
-    held = _kilobytes("VmRSS")
+    held, begin, cost = _kilobytes("VmRSS"), time.process_time(), Cost()
     try:
-        yield
-        taken = (_kilobytes("VmHWM") - held) / 1000.0
+        yield cost
     finally:
+        cost.seconds, cost.megabytes = time.process_time() - begin, (_kilobytes("VmHWM") - held) / 1000.0
         faulthandler.cancel_dump_traceback_later()
         signal.setitimer(signal.ITIMER_PROF, 0.0)
         signal.signal(signal.SIGPROF, before)
     allowed = always_mb + MOST_TIMES * size * 1e-6
-    assert taken <= allowed, f"took {taken:.1f} MB, {allowed:.1f} MB are allowed"
+    assert cost.megabytes <= allowed, f"took {cost.megabytes:.1f} MB, {allowed:.1f} MB are allowed"
 
 
 def _kilobytes(name: str) -> int:
