@@ -10,7 +10,7 @@ import os
 from pathlib import Path
 
 import pytest
-from support.fuzzing import INPUTS, fuzz
+from support.fuzzing import INPUTS, Outcome, fuzz
 from support.limits import within_limits
 from support.subjects import SUBJECTS, Subject
 
@@ -27,16 +27,19 @@ def test_a_damaged_input_is_read_soundly_or_refused_clearly(tmp_path: Path, name
     path = subject.write(tmp_path)
     subject.read(path)  # valid as it is; and libraries are loaded before anything is measured
     inputs = -(-INPUTS // OF_PROCESSES) if subject.is_apart else INPUTS
-    fuzz(path, subject.mutations, lambda size: read(subject, path, size), inputs)
+    fuzz(name, path, subject.mutations, lambda size: read(subject, path, size), inputs)
 
 
-def read(subject: Subject, path: Path, size: int) -> None:
+def read(subject: Subject, path: Path, size: int) -> Outcome:
     """Reads within the limits; an error must be one that is meant for users: a line or so, that names a file."""
     gc.collect(0)
-    with within_limits(size):
+    refused = False
+    with within_limits(size) as cost:
         try:
             subject.read(path)
         except MqslamError as error:
+            refused = True
             text = str(error)
             assert len(text) < 1000 and text.count("\n") == 0, text
             assert path.stem in text or path.name in text, text
+    return Outcome(refused, cost)

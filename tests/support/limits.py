@@ -30,7 +30,7 @@ class Cost:
 
 @contextmanager
 def within_limits(size: int, always_mb: float = ALWAYS_MB, seconds: float = SECONDS) -> Iterator[Cost]:
-    """Yields the cost of the block, known at its end, and fails where the block takes longer, or more memory, than reading a file of a size [bytes] may.
+    """Fails where the block takes longer, or more memory, than reading a file of a size [bytes] may; yields what it took.
 
     A block that does not come back from a library ends the whole process with a traceback.
     """
