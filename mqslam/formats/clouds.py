@@ -23,6 +23,8 @@ from mqslam.formats.shared.stamps import LATEST_US, convert_stamps, time_unit
 _WANTED = "a cloud needs x, y and one of time, t, timestamp, stamp or gps_time for every point"
 _COARSEST_S = 0.05  # coarser times cannot tell one sweep of a sensor from the next: such files are refused
 _NOTED_S = 1e-3  # finer steps of time than this move no map and are not worth a note
+_YEAR_US = 365.25 * 86400e6
+_LONGEST_US = 10 * _YEAR_US  # the times of a longer cloud are no times: as many windows as there can be would be judged
 _MOST_NUMBERS = 10_000  # a point may have this many numbers, for the same reason
 Columns = Mapping[str, Any]
 
@@ -75,7 +77,8 @@ def _make_cloud(path: Path, columns: Columns, z_range: tuple[float, float] | Non
     if len({len(x), len(y), len(times)}) > 1 or (z is not None and len(z) != len(x)):
         raise DataError(path, f"has {len(x)} x, {len(y)} y and {len(times)} times", "write it anew")
     notes = [_note_precision(path, name, times)] if times.dtype == np.float32 and len(times) else []
-    whole = mark_places(np.column_stack([x, y]).astype(np.float64)) & np.isfinite(times)
+    with np.errstate(invalid="ignore"):  # damaged numbers need not even be proper NaNs
+        whole = mark_places(np.column_stack([x, y]).astype(np.float64)) & np.isfinite(times)
     if dropped := len(x) - int(np.count_nonzero(whole)):
         notes.append(f"{count_of(dropped, 'point')} without finite coordinates and time: left out")
     if z is not None and z_range is not None:
@@ -87,6 +90,9 @@ def _make_cloud(path: Path, columns: Columns, z_range: tuple[float, float] | Non
         stamps, unit = convert_stamps(times[whole], unit)
     except ValueError as error:
         raise DataError(path, f"{name} {error}", _WANTED) from error
+    begin, end = np.quantile(stamps, [0.05, 0.95])
+    if end - begin > _LONGEST_US:
+        raise DataError(path, f"{name} runs over {(end - begin) / _YEAR_US:.0f} years", "write it anew")
     order = np.argsort(stamps, kind="stable")
     points = np.column_stack([x[whole], y[whole]]).astype(np.float64)
     notes.append(f"times are {name} in {unit}")
