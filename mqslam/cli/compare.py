@@ -28,6 +28,7 @@ from mqslam.cli.terminal.options import (
 )
 from mqslam.cli.terminal.remedies import name_options
 from mqslam.cli.terminal.topics import state_topics
+from mqslam.errors.shown import show
 
 _ASCII_ARROWS = str.maketrans({"↓": "v", "↑": "^", "→": "->"})  # for terminals that know no other letters
 
@@ -157,7 +158,7 @@ def _print_table(cells: list[list[str]], marked: frozenset[tuple[int, int]]) -> 
     shown = Table(show_edge=False, pad_edge=False)
     shown.add_column("")
     for line in ran.values():
-        shown.add_column(line[0], justify="right")
+        shown.add_column(show(line[0]), justify="right")
     arrows = _ASCII_ARROWS if console.options.ascii_only else {}
     for column, head in enumerate(cells[0][1:], 1):
         values = (
