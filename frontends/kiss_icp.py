@@ -127,7 +127,7 @@ def _load_config(path: Path) -> Any:
     from kiss_icp.kiss_icp import KissICP
 
     try:
-        tree = yaml.safe_load(untrusted.read_document(path))
+        tree = yaml.safe_load(untrusted.read_document(path, untrusted.YAML_BYTES))
         config = _make_repeatable(load_config(path))
         KissICP(config)  # refuses what the loader lets pass, such as null for a number
     except (OSError, UnicodeDecodeError, yaml.YAMLError, TypeError) as error:

@@ -29,7 +29,7 @@ from mqslam.config.psi_config import PsiConfig
 from mqslam.config.reading_config import ReadingConfig
 from mqslam.config.sensor_config import GnssConfig, GyroscopeConfig, SensorConfig, VelocityConfig
 from mqslam.config.tracker_config import TrackerConfig
-from mqslam.config.yaml_file import MOST_BYTES, parse_yaml
+from mqslam.config.yaml_file import parse_yaml
 from mqslam.errors import ConfigError, suggest, untrusted
 
 __all__ = [
@@ -120,7 +120,7 @@ def load_config(name: str | Path | None = None) -> Config:
     shipped = resources.files("mqslam.configs") / f"{name}.yaml"
     try:
         if path.is_file():
-            content: str | bytes = untrusted.read_document(path, MOST_BYTES)
+            content: str | bytes = untrusted.read_document(path, untrusted.YAML_BYTES)
         elif shipped.is_file():
             content = shipped.read_bytes()
         else:

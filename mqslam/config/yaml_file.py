@@ -13,9 +13,6 @@ from mqslam.errors import ConfigError, suggest
 M = TypeVar("M", bound=BaseModel)
 
 
-MOST_BYTES = 300_000  # size of a file of settings or runs; parsing takes a hundred times its size
-
-
 def parse_yaml(model: type[M], name: str | Path, text: str | bytes) -> M:
     """Returns the settings in a YAML text.
 

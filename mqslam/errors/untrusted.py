@@ -15,6 +15,7 @@ from mqslam.errors import DataError, MqslamError
 
 _ALWAYS_BYTES = 16_000_000  # whatever is packed may unpack to this size
 _MOST_EXPANSION = 20  # what is larger may unpack to this many times its size: measurements hardly pack
+YAML_BYTES = 300_000  # size of a text in YAML, whose parsing takes five hundred times as much memory, and seconds
 _LONGEST_LINE = 1_000_000  # bytes; no table, log or listing has longer ones
 _DAMAGED = "copy it anew, or leave it out"
 _KINDS = {
@@ -107,7 +108,7 @@ def read_text(path: Path, encoding: str = "utf-8") -> str:
 
 
 def read_document(path: Path, most_bytes: int = _ALWAYS_BYTES) -> str:
-    """Reads a text in JSON or YAML, which takes many times its size once it is parsed.
+    """Reads a text in JSON, or in YAML with its own bound, which takes many times its size once it is parsed.
 
     Raises:
         DataError: it is no file, or is too large.

@@ -89,8 +89,8 @@ def test_descriptions_in_yaml_are_small_or_are_not_parsed(tmp_path: Path) -> Non
         database.commit()
     assert len(open_recording(bag)) > 1
     with (bag / "metadata.yaml").open("a") as metadata:
-        metadata.write("more: [" + "1, " * 200_000 + "1]")
-    with pytest.raises(DataError, match=r"metadata\.yaml: is larger than 0\.5 MB"):
+        metadata.write("more: [" + "1, " * 300_000 + "1]")
+    with pytest.raises(DataError, match=r"metadata\.yaml: is larger than 0\.8 MB"):
         open_recording(bag)
 
 

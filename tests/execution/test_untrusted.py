@@ -5,13 +5,16 @@ from __future__ import annotations
 import logging
 import os
 import socket
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from mqslam.commands.batches.batch_plan import read_plan
+from mqslam.config import load_config
 from mqslam.errors import ConfigError, DataError, untrusted
+from mqslam.formats.maps.nav2_map import read_nav2_map
 
 ERRORS = [
     ArithmeticError("a"),
@@ -103,6 +106,14 @@ def test_lines_have_a_length(tmp_path: Path, length: int, is_read: bool, before:
     else:
         with pytest.raises(DataError, match="has a line of over 1000000 bytes"):
             untrusted.read_text(path)
+
+
+@pytest.mark.parametrize("read", [load_config, read_plan, read_nav2_map])
+def test_yaml_is_small(tmp_path: Path, read: Callable[[Path], object]) -> None:
+    path = tmp_path / "settings.yaml"
+    path.write_text("# " + "x" * 300_000)
+    with pytest.raises(DataError, match=r"is larger than 0\.3 MB"):
+        read(path)
 
 
 def test_documents_have_a_size(tmp_path: Path) -> None:

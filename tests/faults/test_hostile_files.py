@@ -183,6 +183,9 @@ def test_yaml_that_would_execute(drive: Path, tmp_path: Path, attack: str) -> No
     kiss.write_text(f"kiss_icp: {{config_file: {evil}}}\n")
     words = ["--frontend", "kiss_icp", "--config", kiss, "--quiet"]
     assert_refused(mqslam("run", drive, "--out", tmp_path / "out", *words), "evil.yaml: is not a YAML file")
+    evil.write_text("# " + "x" * 300_000)
+    assert_refused(mqslam("run", drive, "--out", tmp_path / "out", *words), "evil.yaml: is larger than 0.3 MB")
+    evil.write_text(text)
     bag = write_bag(open_recording(write_oxford(tmp_path / "few")), bag_path(tmp_path, "ros2"), "ros2")
     (bag / "metadata.yaml").write_text("rosbag2_bagfile_information: " + text)
     assert_refused(run_quickly(bag, tmp_path / "out"), f"{bag}: is not a readable bag")

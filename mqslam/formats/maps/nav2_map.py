@@ -86,7 +86,7 @@ def read_nav2_map(file: Path) -> Nav2Map:
         DataError: the files are no such map.
     """
     try:
-        settings = yaml.safe_load(untrusted.read_document(file))
+        settings = yaml.safe_load(untrusted.read_document(file, untrusted.YAML_BYTES))
         magic, width, height, most, pixels = (
             untrusted.check_file(file.parent / settings["image"]).read_bytes().split(maxsplit=4)
         )

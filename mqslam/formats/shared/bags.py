@@ -30,7 +30,7 @@ POSE_TYPE = "geometry_msgs/msg/PoseStamped"
 POSE_WITH_COVARIANCE_TYPE = "geometry_msgs/msg/PoseWithCovarianceStamped"
 PATH_TYPE = "nav_msgs/msg/Path"
 TRUTH_NAME = re.compile(r"truth|(?<![a-z])gt(?![a-z])")
-_MOST_METADATA_BYTES = 500_000  # of a folder's metadata.yaml, which takes five hundred times its size once it is parsed
+_MOST_METADATA_BYTES = 800_000  # of a folder's metadata.yaml; that of a day in files of a minute has about 500,000
 PoseRow = tuple[int, float, float, float]
 
 
