@@ -251,6 +251,15 @@ def damaged(tmp_path: Path) -> dict[str, bytes]:
     }
 
 
+@pytest.mark.parametrize("name", ["map.las", "map.laz"])
+def test_a_survey_that_claims_more_records_than_it_has_room_for_is_refused(tmp_path: Path, name: str) -> None:
+    content = bytearray(las(tmp_path / name).read_bytes())
+    content[100:104] = (100_000).to_bytes(4, "little")  # a thousand times as many would fill the memory
+    (tmp_path / name).write_bytes(content)
+    with pytest.raises(DataError, match="has a damaged header"):
+        read_cloud(tmp_path / name)
+
+
 @pytest.mark.filterwarnings("ignore")
 def test_damaged_clouds_are_named_in_one_line(tmp_path: Path) -> None:
     for name, content in damaged(tmp_path).items():

@@ -27,11 +27,11 @@ def unpack(path: Path) -> Iterator[Path]:
     compressed, points_bytes = _read_claims(path)
     if points_bytes > untrusted.bound_unpacked(path.stat().st_size):
         raise DataError(path, f"claims {points_bytes} bytes of points in {path.stat().st_size} bytes", "write it anew")
+    if not _is_plausible(path):
+        raise DataError(path, "has a damaged header or chunk table", "copy it anew")
     if not compressed:
         yield path
         return
-    if not _is_plausible(path):
-        raise DataError(path, "has a damaged header or chunk table", "copy it anew")
     with tempfile.TemporaryDirectory(prefix="mqslam-") as folder:
         copy = Path(folder) / "points.las"
         try:
