@@ -55,6 +55,7 @@ _PLANAR: Final = _Kind("VERTEX_SE2", "EDGE_SE2", 3, 3)
 _SPATIAL: Final = _Kind("VERTEX_SE3:QUAT", "EDGE_SE3:QUAT", 7, 6)
 _TAGS: Final = ("VERTEX", "EDGE", "FIX")  # begin the lines of any g2o file, also those that are not understood here
 _TRAJECTORY_WIDTHS: Final = (8, 12)  # numbers in a line of TUM (a stamp, a place and a quaternion) and of KITTI (a matrix)
+_LARGEST: Final = 1e18  # of a pose or an information: squares and products of larger ones overflow
 _LARGEST_NUMBER: Final = 2**56 - 1  # by definition: GTSAM keeps letters in the bits above
 _TURNED: Final = [3, 4, 5, 0, 1, 2]  # GTSAM has the rotation first, g2o the place
 _REMEDY: Final = f"give a graph of {_PLANAR.vertex} and {_PLANAR.edge}, or of {_SPATIAL.vertex} and {_SPATIAL.edge}"
@@ -243,7 +244,7 @@ def _parse_words(words: Sequence[str], ends: int, count: int) -> tuple[list[int]
         vertices, numbers = [int(word) for word in words[1 : 1 + ends]], [float(word) for word in words[1 + ends :]]
     except ValueError:
         return [], []
-    is_sound = len(vertices) == ends and len(numbers) == count and bool(np.isfinite(numbers).all())
+    is_sound = len(vertices) == ends and len(numbers) == count and bool((np.abs(numbers) <= _LARGEST).all())
     return (vertices, numbers) if is_sound and all(0 <= k <= _LARGEST_NUMBER for k in vertices) else ([], [])
 
 
