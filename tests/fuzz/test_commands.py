@@ -11,7 +11,6 @@ import shutil
 from pathlib import Path
 
 import pytest
-from matplotlib.figure import Figure
 from support.commands import mqslam, run_in_this_process
 from support.fuzzing import INPUTS, Outcome, fuzz
 from support.limits import within_limits
@@ -20,7 +19,14 @@ from support.mutation import Mutate, inside_png, plain
 from mqslam.simulator import SensorModel, simulate
 
 QUICK = "sensor: {doppler_beta: 0.0}\ndetector: {threshold: 3.0}\nmerge: {fewest: 2}\n"
-DRAWN = 16  # one in so many calls draws its figures, which takes longer than all the rest
+PAGED = 16  # one in so many calls makes its pages, which takes longer than all the rest
+PAGES = [
+    "mqslam.commands.run.write_run_pages",
+    "mqslam.commands.audit.write_audit_pages",
+    "mqslam.commands.compare.write_compare_pages",
+    "mqslam.commands.maps.localise.write_localise_page",
+    "mqslam.commands.maps.merge.write_merge_page",
+]
 SELDOM = {"audit of a cloud": 4, "audit of a trajectory": 4}  # other ways of calling a command get one in so many inputs
 COMMANDS = {  # what is damaged, and the words of the command
     "run": ("drive", "run drive --out out --config quick.yaml --jobs 1"),
@@ -65,8 +71,8 @@ def test_a_command_ends_with_a_code_and_a_line(
 
     def act(size: int) -> Outcome:
         with monkeypatch.context() as patch:
-            if next(calls) % DRAWN:
-                patch.setattr(Figure, "draw", lambda *_: None)
+            for pages in PAGES if next(calls) % PAGED else ():
+                patch.setattr(pages, lambda *_: [])
             return call(name, size, names)
 
     names = {path.name for path in place.iterdir()}
