@@ -29,7 +29,7 @@ def track_forward(scans: Sequence[Scan], context: Context) -> Iterator[Match]:
         EstimationError: there are fewer than two scans.
         FewReturnsError: no two scans in a row hold enough returns.
     """
-    return _track(scans, context, context.config.tracker, context.doppler_beta, context.told_twist)
+    return _track(scans, context, _choose_settings(context), context.doppler_beta, context.told_twist)
 
 
 def track_backward(scans: Sequence[Scan], context: Context) -> Iterator[Match]:
@@ -45,8 +45,16 @@ def track_backward(scans: Sequence[Scan], context: Context) -> Iterator[Match]:
         twist = context.told_twist(end - t1, end - t0)
         return None if twist is None else -twist
 
-    settings = reverse_settings(context.config.tracker)
+    settings = reverse_settings(_choose_settings(context))
     yield from _track(reverse_time(scans), context, settings, -context.doppler_beta, twist_back)
+
+
+def _choose_settings(context: Context) -> TrackerConfig:
+    """Returns the settings of the tracker, with how sure stamps are as the reader has found it unless they say it."""
+    settings = context.config.tracker
+    if settings.stamp_sigma_s is not None:
+        return settings
+    return settings.model_copy(update={"stamp_sigma_s": context.stamp_sigma_s})
 
 
 def _track(

@@ -6,16 +6,15 @@ recording -> scans -> measurements -> pose graph -> trajectory -> map -> psi
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import partial
+from typing import Final
 
 from mqslam.auditing.judge import audit_trajectory
+from mqslam.auditing.mending.along import measure_along, straighten
 from mqslam.backend.linear.marginals import compute_all_marginals
-from mqslam.backend.loops.closing import close_loops
-from mqslam.backend.measuring import measure
+from mqslam.backend.measuring import find_doppler, measure
 from mqslam.backend.pose_graph import poses_of
 from mqslam.backend.problem import Problem
-from mqslam.backend.recognition.recognise import Means
-from mqslam.backend.recognition.within_run import RunRecogniser
+from mqslam.backend.recognition.within_run import find_loops
 from mqslam.backend.refinement import refine
 from mqslam.backend.sensor_use import NO_USE, SensorSettings, join_sensors
 from mqslam.backend.sensors.odometry.odometry_edges import make_odometry_edges, read_odometry_motions, reckon
@@ -29,12 +28,14 @@ from mqslam.core.sensors.sensors import NO_SENSORS, Sensors
 from mqslam.core.trajectory import Trajectory
 from mqslam.detection.stage import detect_all
 from mqslam.errors import EstimationError, FewReturnsError
-from mqslam.execution.kept import LOOPS, MEASURED, REFINED
+from mqslam.execution.kept import ALONG, LOOPS, REFINED
 from mqslam.execution.runner import Runner
 from mqslam.mapping.render import render_track
-from mqslam.psi.doppler import choose_doppler_beta
 from mqslam.psi.place import beam_of
 from mqslam.solution import Run, Solution
+
+PSI: Final = "psi"
+"""The front end that measures motion by map quality."""
 
 
 class Slam:
@@ -51,7 +52,7 @@ class Slam:
     """
 
     def __init__(
-        self, config: Config | None = None, frontend: str = "psi", runner: Runner | None = None, *, strict: bool = False
+        self, config: Config | None = None, frontend: str = PSI, runner: Runner | None = None, *, strict: bool = False
     ) -> None:
         frontends.find_entry_point(frontend)
         self._config, self._name, self._runner, self._strict = config or Config(), frontend, runner or Runner(), strict
@@ -70,13 +71,14 @@ class Slam:
         """
         config, runner = self._config, self._runner
         with runner.time_stage("total"):
-            context = Context(config, recording.revolution_s, recording.start_us, odometry, sensors=sensors)
+            context = Context.of(recording, config, odometry, sensors)
             frontends.create(self._name, context)  # raises before the recording is read, if it lacks anything
             scans, detected = detect_all(recording, config.detector, runner, strict=self._strict, chirps=config.chirps)
             runner.runtime_s |= {"read": detected.read_s, "detect": detected.detect_s}
             try:
-                beta = self._measure_doppler(scans)
-                solution = self.solve(scans, replace(context, doppler_beta=beta, velocities=detected.velocities))
+                beta, sigma = find_doppler(scans, config, runner)
+                found = replace(context, doppler_beta=beta, doppler_sigma=sigma, velocities=detected.velocities)
+                solution = self.solve(scans, found)
             except FewReturnsError as error:
                 raise EstimationError(f"{error}: {detected.counts.remedy}") from error
             with runner.time_stage("render"):
@@ -113,6 +115,12 @@ class Slam:
         config, runner, beam = self._config, self._runner, beam_of(self._config.estimator, context.doppler_beta)
         with runner.time_stage("windows"):
             measurements = measure(self._name, scans, context, beam, runner)
+        with runner.time_stage("along"), runner.tolerate("the ties along the path"):
+            if self._name == PSI:
+                alone = Problem(measurements, [], config.graph, config.loops)
+                track = Trajectory(scans.stamps_us, alone.solve_poses([]))
+                ties = runner.make_once(ALONG, lambda: measure_along(scans, track, config, beam, runner))
+                measurements = straighten(measurements, alone.solve_poses([], ties))
         with runner.time_stage("optimise"):
             odometry = read_odometry_motions(scans, context, self._name)
             edges = make_odometry_edges(odometry, measurements, config.odometry, config.graph, context.sensors.mount)
@@ -125,10 +133,7 @@ class Slam:
         search = LoopSearch([], 0)
         if config.loops.enabled:
             with runner.time_stage("loops"), runner.tolerate("the search for loops"):
-                means = Means(config.recognition, config.loops, config.estimator, beam)
-                recogniser = RunRecogniser(means, runner.engine)
-                closing = partial(close_loops, scans, problem, config.estimator, beam, runner, recogniser)
-                search = runner.make_once(LOOPS, closing)
+                search = runner.make_once(LOOPS, lambda: find_loops(scans, problem, config, beam, runner))
         refined = Refined(search.loops, [])
         with runner.time_stage("refine"), runner.tolerate("the refinement"):
             refined = runner.make_once(REFINED, lambda: refine(before, problem, search.loops, scans, config, beam, runner))
@@ -142,6 +147,7 @@ class Slam:
             frontend=self._name,
             config=config,
             doppler_beta=context.doppler_beta,
+            doppler_sigma=context.doppler_sigma,
             measurements=measurements,
             odometry=before,
             optimised=Trajectory(scans.stamps_us, poses_of(optimum.values, graph.size)),
@@ -156,9 +162,3 @@ class Slam:
             unoptimised=optimum.failure,
             warnings=tuple(runner.warnings),
         )
-
-    def _measure_doppler(self, scans: Scans) -> float:
-        """Returns the Doppler shift [s] of kept measurements, or of the settings, or else as psi measures it."""
-        with self._runner.time_stage("windows"):
-            kept = self._runner.find(MEASURED)
-            return kept.doppler_beta if kept else choose_doppler_beta(scans, self._config, self._runner.engine)

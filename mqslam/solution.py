@@ -37,8 +37,9 @@ class Solution:
         frontend: name of the front end.
         config: all settings, as they were given.
         doppler_beta: range shift per closing speed [s], as the settings state it or as it was measured.
+        doppler_sigma: standard deviation of a shift that was measured [s]; zero elsewhere.
         measurements: the front end's relative motions, one per pair of successive scans.
-        odometry: trajectory before optimisation: the odometry given, or the front end's measurements chained.
+        odometry: trajectory before loops and sensors: the odometry given, or the measurements chained.
         optimised: trajectory after optimisation.
         graph: all factors, and the values that the optimisation started from.
         values: the optimised values.
@@ -55,6 +56,7 @@ class Solution:
     frontend: str
     config: Config
     doppler_beta: float
+    doppler_sigma: float
     measurements: Sequence[Measurement]
     odometry: Trajectory
     optimised: Trajectory

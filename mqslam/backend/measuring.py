@@ -7,6 +7,7 @@ from dataclasses import replace
 
 from mqslam.backend.problem import Problem
 from mqslam.backend.sensors.gyroscope.gyroscope_use import find_turning
+from mqslam.config import Config
 from mqslam.core import frontend as frontends
 from mqslam.core.frontend import Context, measure_motions
 from mqslam.core.measurement import Measured, Measurement, MotionTable, Status
@@ -15,7 +16,21 @@ from mqslam.core.sensors.turning import KnownTurning
 from mqslam.execution.kept import MEASURED
 from mqslam.execution.runner import Runner
 from mqslam.mapping.live import LiveMap
+from mqslam.psi.doppler import Doppler, choose_doppler
 from mqslam.psi.place import Beam
+
+
+def find_doppler(scans: Scans, config: Config, runner: Runner) -> Doppler:
+    """Returns the Doppler shift of kept measurements, or of the settings, or else as psi measures it.
+
+    Args:
+        scans: of the recording.
+        config: all settings.
+        runner: does the work, and may have kept the measurements of an earlier run.
+    """
+    with runner.time_stage("windows"):
+        kept = runner.find(MEASURED)
+        return Doppler(kept.doppler_beta, kept.doppler_sigma) if kept else choose_doppler(scans, config, runner.engine)
 
 
 def measure(name: str, scans: Scans, context: Context, beam: Beam, runner: Runner) -> MotionTable:
@@ -46,7 +61,7 @@ def measure(name: str, scans: Scans, context: Context, beam: Beam, runner: Runne
         live = LiveMap(scans, beam, runner)
         context = replace(context, preview=live.show, turning=turning)
         measurements = MotionTable(live.follow(measure_motions(name, context, scans)))
-    runner.keep(MEASURED, Measured(measurements, context.doppler_beta))
+    runner.keep(MEASURED, Measured(measurements, context.doppler_beta, context.doppler_sigma))
     return measurements
 
 

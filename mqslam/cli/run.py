@@ -127,10 +127,9 @@ def run(
         print_warnings(console, summary["warnings"])
         print_notes(console, list_sensor_notes(summary))
         if settings.sensor.doppler_beta is None and summary["doppler_beta"]:
-            beta = summary["doppler_beta"]
-            print_notes(
-                console, [f"the Doppler shift, as psi measured it, is {beta:.4f} m of range per m/s of closing speed"]
-            )
+            shift = f"{summary['doppler_beta']:.4f} ± {summary['doppler_sigma']:.4f} m of range per m/s of closing speed"
+            told = "wrong range bins or a range offset may be part of it"
+            print_notes(console, [f"the Doppler shift, as psi measured it, is {shift}; {told}"])
         Console(soft_wrap=True).print(tabulate_summary(summary))
         echo(f"report: {result.report}")
         if result.evo_command:

@@ -33,7 +33,7 @@ from mqslam.formats import lidars
 from mqslam.formats.clouds import read_cloud
 from mqslam.formats.trajectories import read_with_notes
 from mqslam.formats.tum import write_tum
-from mqslam.psi.doppler import choose_doppler_beta
+from mqslam.psi.doppler import choose_doppler
 from mqslam.psi.place import beam_of
 from mqslam.report.audit_page import write_audit_pages
 from mqslam.results.audit_results import summarise, summarise_mended, write_audit
@@ -331,5 +331,5 @@ def detect_radar(
     scans, detected = detect_all(recording, settings.detector, Runner(work.engine, work.progress))
     notes = (*recording.notes, *recording.faults, *warn_of_unread(detected.unread))
     source = Source(recording.path, recording.format, scans, tracks, notes, recording.gyroscope)
-    beta = choose_doppler_beta(scans, settings, work.engine)
+    beta = choose_doppler(scans, settings, work.engine).beta
     return source, track, set_doppler_beta(settings, beta)

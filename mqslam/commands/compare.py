@@ -35,7 +35,7 @@ from mqslam.execution.folders import claim_folder, write_folder_aside
 from mqslam.execution.runner import Runner
 from mqslam.formats.sensors.reading import Reading
 from mqslam.formats.trajectories import read_with_notes
-from mqslam.psi.doppler import choose_doppler_beta
+from mqslam.psi.doppler import choose_doppler
 from mqslam.psi.place import beam_of
 from mqslam.report.compare_page import write_compare_pages
 from mqslam.report.inputs.compare_report import report_comparison
@@ -111,19 +111,18 @@ def compare(  # noqa: PLR0913 - these are the options of a comparison, each with
         sensors, notes = chosen.sensor, [*notes, *chosen.notes, *chosen.faults]
         for note in recording.notes:
             work.tell(note)
-        revolution_s, start_us = recording.revolution_s, recording.start_us
         if kiss_config is not None and _KISS in frontends:  # a file that KISS-ICP refuses is a mistake, not a row that fails
-            known_frontends.create(_KISS, Context(settings, revolution_s, start_us, None))
+            known_frontends.create(_KISS, Context.of(recording, settings))
         take_common_scans(given, make_scans(recording), settings.audit)  # a mistake is raised before the recording is read
         key = hash_run(recording, settings, f"compare {','.join(frontends)} {odometry_only}", track, sensors)
         with keep_checkpoint(out, key, resume=resume) as checkpoint:
             runner = Runner(work.engine, work.progress, checkpoint)
             scans, detected = detect_all(recording, settings.detector, runner)
             notes += [*recording.faults, *warn_of_unread(detected.unread)]
-            beta = choose_doppler_beta(scans, settings, work.engine)
+            beta = choose_doppler(scans, settings, work.engine).beta
             settings = set_doppler_beta(settings, beta)
             beam = beam_of(settings.estimator, beta)
-            radar_alone = Context(settings, revolution_s, start_us, None, beta)
+            radar_alone = Context.of(recording, settings, doppler_beta=beta)
             contexts = {
                 name: replace(
                     radar_alone,

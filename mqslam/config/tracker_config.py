@@ -47,6 +47,13 @@ class TrackerConfig(BaseModel):
         description="The track may be lost where a scan's matched share is below this part of the usual one.",
     )
 
+    stamp_sigma_s: float | None = Field(
+        None,
+        ge=0.0,
+        description="Standard deviation of a scan's stamp [s]. null takes what the reader has found where scans are stamped "
+        "as they arrive, and 0 where stamps are the radar's own.",
+    )
+
     final_width: float = expert(
         1.2,
         ge=1.0,

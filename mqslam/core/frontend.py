@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from importlib.metadata import EntryPoint, entry_points
-from typing import Protocol
+from typing import Protocol, Self
 
 import numpy as np
 
@@ -15,6 +15,7 @@ from mqslam.config import Config
 from mqslam.core import se2
 from mqslam.core.engine import Engine
 from mqslam.core.measurement import Measurement
+from mqslam.core.recording import Recording
 from mqslam.core.scans import Scan, Scans
 from mqslam.core.sensors.sensors import NO_SENSORS, Sensors
 from mqslam.core.sensors.turning import KnownTurning
@@ -40,6 +41,8 @@ class Context:
         start_us: stamp [us] of the recording's time zero.
         odometry: dead-reckoned poses of another source, or None.
         doppler_beta: range shift per closing speed [s], as the settings name it or as it was measured.
+        doppler_sigma: standard deviation of a shift that was measured [s]; zero elsewhere.
+        stamp_sigma_s: standard deviation of a scan's stamp [s], as the reader has found it.
         preview: takes each motion, in order, as soon as a front end has a first estimate of it, to show it. A front end that
             yields its motions as it measures them need not call it.
         sensors: the other sensors of the vehicle, for what comes after the front end.
@@ -54,11 +57,34 @@ class Context:
     start_us: int
     odometry: Trajectory | None
     doppler_beta: float = 0.0
+    doppler_sigma: float = 0.0
+    stamp_sigma_s: float = 0.0
     preview: Callable[[Measurement], None] = ignore_motion
     engine: Engine | None = None
     sensors: Sensors = NO_SENSORS
     turning: KnownTurning | None = None
     velocities: Velocities | None = None
+
+    @classmethod
+    def of(
+        cls,
+        recording: Recording,
+        config: Config,
+        odometry: Trajectory | None = None,
+        sensors: Sensors = NO_SENSORS,
+        *,
+        doppler_beta: float = 0.0,
+    ) -> Self:
+        """Returns what is known of a recording before it is read."""
+        return cls(
+            config,
+            recording.revolution_s,
+            recording.start_us,
+            odometry,
+            doppler_beta,
+            stamp_sigma_s=recording.stamp_sigma_s,
+            sensors=sensors,
+        )
 
     def odometry_twist(self, t0: float, t1: float) -> se2.Array | None:
         """Returns the mean twist (3,) of the odometry between two times [s], or None where there is none."""

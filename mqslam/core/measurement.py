@@ -193,10 +193,12 @@ class Measured:
     Args:
         measurements: one per pair of successive scans.
         doppler_beta: range shift per closing speed [s].
+        doppler_sigma: its standard deviation [s]; zero where it was not measured.
     """
 
     measurements: Sequence[Measurement]
     doppler_beta: float
+    doppler_sigma: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)

@@ -19,6 +19,7 @@ R = TypeVar("R")
 Arrays = dict[str, NDArray[Any]]
 
 _VELOCITIES = {field.name: f"velocity_{field.name}" for field in fields(Velocities)}  # names of their arrays
+_DOPPLER = ("doppler_beta", "doppler_sigma")
 _COUNTS = ("tried", "ambiguous", "implausible", "unsure")  # of a search for loops
 
 
@@ -72,7 +73,7 @@ def _unpack_detected(arrays: Arrays) -> Detected:
 
 def _pack_measured(measured: Measured) -> Arrays:
     """Returns measurements as arrays, one per field."""
-    arrays: Arrays = {"doppler_beta": np.array(measured.doppler_beta)}
+    arrays: Arrays = {name: np.array(getattr(measured, name)) for name in _DOPPLER}
     columns = MotionTable(measured.measurements).columns
     for name in _list_fields(Measurement):
         arrays[name] = columns[name]
@@ -84,7 +85,7 @@ def _unpack_measured(arrays: Arrays) -> Measured:
     rows = np.empty(len(arrays["t0"]), MOTION)
     for name in _list_fields(Measurement):
         rows[name] = arrays[name]
-    return Measured(MotionTable(map(row_to_motion, rows)), float(arrays["doppler_beta"]))
+    return Measured(MotionTable(map(row_to_motion, rows)), *(float(arrays[name]) for name in _DOPPLER))
 
 
 def _pack_loops(search: LoopSearch) -> Arrays:
@@ -128,6 +129,7 @@ def _list_fields(kind: type) -> list[str]:
     return [f.name for f in fields(kind)]
 
 
-MEASURED = Kept("measurements.npz", [*_list_fields(Measurement), "doppler_beta"], _pack_measured, _unpack_measured)
+MEASURED = Kept("measurements.npz", [*_list_fields(Measurement), *_DOPPLER], _pack_measured, _unpack_measured)
+ALONG = Kept("along.npz", _list_fields(Loop), _stack_loops, _split_loops)
 LOOPS = Kept("loops.npz", [*_list_fields(Loop), *_COUNTS], _pack_loops, _unpack_loops)
 REFINED = Kept("refinement.npz", [*_list_fields(Loop), "staying", "psi_across", "refused"], _pack_refined, _unpack_refined)

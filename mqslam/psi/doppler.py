@@ -2,12 +2,14 @@
 
 A frequency-modulated radar sees a target it closes in on at another range: beta times the closing speed nearer or farther.
 A target that passes from ahead to behind therefore moves by twice that, and a map rendered with the wrong beta is blurred.
-The beta that makes short stretches of the recording crispest is the radar's own.
+The beta that makes short stretches of the recording crispest is the radar's own. Wrong range bins and a range offset bend a
+map in much the same way, and short stretches err, so that what is known of such radars holds it.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,11 +21,30 @@ from mqslam.psi.place import beam_of
 from mqslam.psi.tracking.plausibility import is_usable
 from mqslam.psi.tracking.tracker import Tracker
 
+_USUAL_S: Final = 0.045  # of Navtech's radars: carrier over the slope of the chirp is 0.03 to 0.06 s
+_USUAL_SIGMA_S: Final = 0.0075  # of these, so that the range is two of it to either side
+_OF_MEDIAN: Final = 1.2533  # by definition: how much less sure a median is than a mean
+_FINEST: Final = 0.02  # a parabola between shifts that are tried tells them no finer than this share of their step
+_CONTRADICTION: Final = 2.0  # a shift so many standard deviations from the usual one is that of another radar
+
+
+class Doppler(NamedTuple):
+    """The Doppler shift of a radar.
+
+    Args:
+        beta: range shift per closing speed [s].
+        sigma: its standard deviation [s], of which errors of range bins and range offset are no part; zero where the
+            settings name the shift, and where there is none.
+    """
+
+    beta: float
+    sigma: float = 0.0
+
 
 def measure_doppler(
     scans: Scans, sensor: SensorConfig, tracker: TrackerConfig, estimator: EstimatorConfig, engine: Engine
-) -> float:
-    """Measures the range shift per closing speed [s] that makes the recording's map crispest; zero where none does.
+) -> Doppler:
+    """Measures the Doppler shift that makes the recording's map crispest; there is none where it gains nothing.
 
     Args:
         scans: of the recording.
@@ -34,7 +55,7 @@ def measure_doppler(
     """
     stretches = _choose_stretches(scans, sensor, tracker)
     if not stretches:
-        return 0.0
+        return Doppler(0.0)
     grid: NDArray[np.float64] = sensor.doppler_step * np.arange(-sensor.doppler_steps, sensor.doppler_steps + 1.0)
     shared = tracker, estimator
     twists = engine.map(_find_first_twist, shared, stretches)
@@ -53,12 +74,34 @@ def measure_doppler(
 
     beta = _find_vertex(grid, compare(psi))
     if abs(beta) < sensor.doppler_least or compare(measure_all([beta]))[0] > 1.0 - sensor.doppler_gain:
-        return 0.0
-    return beta
+        return Doppler(0.0)
+    each = [_find_vertex(grid, of_stretch) for of_stretch in (psi / without).T]
+    return _hold(beta, _estimate_sigma(each, sensor))
 
 
-def choose_doppler_beta(scans: Scans, config: Config, engine: Engine) -> float:
-    """Returns the Doppler shift [s] that the settings name, or else the one that is measured.
+def _estimate_sigma(each: Sequence[float], sensor: SensorConfig) -> float:
+    """Returns the standard deviation [s] of a shift that the median stretch shows.
+
+    Args:
+        each: the shifts that single stretches show.
+        sensor: settings of the search. Of one stretch nothing is known but the step between shifts.
+    """
+    if len(each) < 2:
+        return sensor.doppler_step
+    return float(max(_OF_MEDIAN * np.std(each, ddof=1) / np.sqrt(len(each)), _FINEST * sensor.doppler_step))
+
+
+def _hold(beta: float, sigma: float) -> Doppler:
+    """Returns a measured shift [s] joined with what is known of such radars, unless it contradicts that."""
+    usual = float(np.copysign(_USUAL_S, beta))
+    if abs(beta - usual) > _CONTRADICTION * np.hypot(sigma, _USUAL_SIGMA_S):
+        return Doppler(beta, sigma)
+    own, known = sigma**-2, _USUAL_SIGMA_S**-2
+    return Doppler((own * beta + known * usual) / (own + known), float((own + known) ** -0.5))
+
+
+def choose_doppler(scans: Scans, config: Config, engine: Engine) -> Doppler:
+    """Returns the Doppler shift that the settings name, or else the one that is measured.
 
     Args:
         scans: of the recording.
@@ -66,8 +109,9 @@ def choose_doppler_beta(scans: Scans, config: Config, engine: Engine) -> float:
         engine: where it is measured.
     """
     if config.sensor.doppler_beta is not None:
-        return config.sensor.doppler_beta
-    return round(measure_doppler(scans, config.sensor, config.tracker, config.estimator, engine), 4)
+        return Doppler(config.sensor.doppler_beta)
+    beta, sigma = measure_doppler(scans, config.sensor, config.tracker, config.estimator, engine)
+    return Doppler(round(beta, 4), round(sigma, 4))
 
 
 def _choose_stretches(scans: Scans, sensor: SensorConfig, tracker: TrackerConfig) -> list[Scans]:

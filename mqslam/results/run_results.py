@@ -77,6 +77,7 @@ def summarise(run: Run, recording: Recording) -> dict[str, Any]:
         "before": run.before,
         "frame": RADAR if run.mount is None else VEHICLE,
         "doppler_beta": run.doppler_beta,
+        "doppler_sigma": run.doppler_sigma,
         "dataset": {
             "format": recording.format,
             "path": str(recording.path),
@@ -119,7 +120,7 @@ def summarise(run: Run, recording: Recording) -> dict[str, Any]:
         "evaluation_odometry": list_errors(run.odometry, truth),
         "runtime_s": {
             name: run.runtime_s.get(name, 0.0)
-            for name in ("read", "detect", "windows", "loops", "refine", "optimise", "render", "check", "total")
+            for name in ("read", "detect", "windows", "along", "loops", "refine", "optimise", "render", "check", "total")
         },
         "peak_rss_mb": find_peak_mb(children=True),
     }
@@ -231,7 +232,8 @@ def _log_text(summary: dict[str, Any], notes: Sequence[str]) -> str:
     dataset = summary["dataset"]
     lines = [f"note: {note}" for note in (*notes, *list_sensor_notes(summary))]
     lines += [f"warning: {warning}" for warning in summary["warnings"]]
-    lines.append(f"Doppler shift: {summary['doppler_beta']:.4f} s of range per closing speed")
+    beta, sigma = summary["doppler_beta"], summary["doppler_sigma"]
+    lines.append(f"Doppler shift: {beta:.4f} ± {sigma:.4f} s of range per closing speed")
     lines += [*list_stages(summary), *list_verdict(summary)]
     return format_log(f"mqslam {summary['mqslam_version']} on {dataset['path']} ({dataset['format']})", lines)
 

@@ -14,6 +14,7 @@ from support.drives import block_drive
 
 from mqslam.auditing.judge import Audit, audit
 from mqslam.auditing.laying import Laid
+from mqslam.auditing.mending.along import measure_along
 from mqslam.auditing.mending.evidence import allow_for_turns, tie_spans
 from mqslam.auditing.mending.rounds import Judged, Mended, carry, mend
 from mqslam.auditing.spans.torn import SpanAudit
@@ -25,6 +26,7 @@ from mqslam.core import se2
 from mqslam.core.trajectory import Trajectory
 from mqslam.execution.local_engine import LocalEngine
 from mqslam.execution.progress import ignore_progress
+from mqslam.execution.runner import Runner
 from mqslam.psi.place import beam_of
 
 CONFIG = Config()
@@ -185,3 +187,23 @@ def test_poses_between_scans_move_with_the_scans_beside_them() -> None:
     assert shift[before] == pytest.approx(0.0, abs=1e-9) and shift[after] == pytest.approx(0.6, abs=1e-9)
     between = ~before & ~after
     assert between.any() and np.all((shift[between] > 0.0) & (shift[between] < 0.6))
+
+
+def test_ties_along_the_path_show_a_scan_that_was_turned_wrongly() -> None:
+    """All that comes after one step is turned by a degree; ties across that step say so, and others do not."""
+    recording, scans = block_drive()
+    truth = recording.ground_truth.at(scans.stamps_us)
+    steps, kink = se2.between(truth[:-1], truth[1:]), len(truth) // 3
+    steps[kink, 2] += np.radians(1.0)
+    kinked = se2.chain(steps, truth[0])
+    ties = measure_along(scans, Trajectory(scans.stamps_us, kinked), CONFIG, BEAM, Runner(LocalEngine(2)))
+    earlier, later = (np.array([getattr(tie, end) for tie in ties]) for end in ("earlier", "later"))
+    yaws = np.array([tie.pose[2] for tie in ties])
+    wrong = np.degrees(se2.wrap(yaws - se2.between(kinked[earlier], kinked[later])[:, 2]))
+    right = np.degrees(se2.wrap(yaws - se2.between(truth[earlier], truth[later])[:, 2]))
+    across = (earlier <= kink) & (later > kink)
+    assert across.sum() > 3 and np.median(np.abs(right)) < 0.1
+    assert np.median(wrong[across]) == pytest.approx(-1.0, abs=0.1)
+    assert abs(np.median(wrong[~across])) < 0.05
+    sigmas = np.degrees(np.sqrt([tie.covariance[2, 2] for tie in ties]))
+    assert np.median(np.square(right / sigmas)) < 1.0  # 0.455 if they err as they say

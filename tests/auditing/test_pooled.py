@@ -237,3 +237,16 @@ def test_a_lidar_that_does_not_see_far_shows_no_scale(tmp_path: Path) -> None:
     found = pool(spans, measure_twists(sweeps, config.audit.step_scans), config.audit)
     assert found is None  # 30 m apart the lidar sees opposite faces, and the scale seems 3 % off; closer by is too close
     assert not judge_pooled(found, config.verdict).judged
+
+
+def test_a_drift_of_the_yaw_that_psi_itself_may_have_is_no_evidence_on_a_short_drive() -> None:
+    """Errors that all spans have in common do not show in their spread; on a long drive they average out."""
+
+    def p_value(count: int) -> float:
+        random = np.random.default_rng(1)
+        offsets = random.normal([0.0, 0.0, 30.0 * 2e-5], [0.02, 0.02, 1e-4], (count, 3))
+        found = pool([span(off) for off in offsets], STEADY, CONFIG.audit)
+        assert found is not None
+        return float(found.p_value[2])
+
+    assert p_value(20) > CONFIG.verdict.share_of_false_alarms > 1e-6 > p_value(400)

@@ -128,7 +128,7 @@ def test_a_run_that_was_killed_goes_on_where_it_stopped(work: Path, tmp_path: Pa
     orders, _ = read_plan(work / "runs.yaml")
     terms = batch_schedule.Terms(tmp_path, 1, False)
     with monkeypatch.context() as patch:
-        patch.setattr(slam, "close_loops", lambda *_: (_ for _ in ()).throw(KeyboardInterrupt))
+        patch.setattr(slam, "find_loops", lambda *_: (_ for _ in ()).throw(KeyboardInterrupt))
         with pytest.raises(KeyboardInterrupt):
             batch_schedule.run_one(terms, orders[1])
     assert {path.name for path in (tmp_path / "drive").iterdir()} == {FOLDER}

@@ -99,7 +99,7 @@ def test_a_map_its_check_and_loops_that_fail_cost_no_trajectory(
 ) -> None:
     monkeypatch.setattr("mqslam.mapping.render.render", failing(MemoryError("Unable to allocate 40 GiB")))
     monkeypatch.setattr("mqslam.slam.audit_trajectory", failing(np.linalg.LinAlgError("Singular matrix")))
-    monkeypatch.setattr("mqslam.slam.close_loops", failing(ValueError("by nothing")))
+    monkeypatch.setattr("mqslam.slam.find_loops", failing(ValueError("by nothing")))
     out = tmp_path / "out"
     shown = run(drive, out)
     assert shown.code == 0

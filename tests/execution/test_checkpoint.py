@@ -204,16 +204,17 @@ def test_a_resumed_run_repeats_no_finished_stage_and_ends_the_same(
     recording: SimulatedRecording, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The Doppler shift, which is measured, is kept with the measurements made with it."""
-    monkeypatch.setattr(doppler_module, "measure_doppler", lambda *_: 0.0123)
+    monkeypatch.setattr(doppler_module, "measure_doppler", lambda *_: doppler_module.Doppler(0.0123, 0.0045))
     config = Config(map=MapConfig(travel_m=2.0))
     first = Slam(config, "psi", Runner(checkpoint=Checkpoint(tmp_path / "out", "this run", resume=False))).run(
         recording, None
     )
     monkeypatch.setattr(doppler_module, "measure_doppler", lambda *_: pytest.fail("measured again"))
-    monkeypatch.setattr(slam_module, "close_loops", lambda *_: pytest.fail("searched again"))
+    monkeypatch.setattr(slam_module, "find_loops", lambda *_: pytest.fail("searched again"))
     monkeypatch.setattr(SimulatedRecording, "polar_scans", lambda *_: pytest.fail("read again"))
     again = Slam(config, "psi", Runner(checkpoint=resumed(tmp_path / "out"))).run(recording, None)
     assert again.config == first.config and again.doppler_beta == first.doppler_beta == 0.0123
+    assert again.doppler_sigma == first.doppler_sigma == 0.0045
     np.testing.assert_array_equal(again.optimised.poses, first.optimised.poses)
     np.testing.assert_array_equal(again.map_optimised.psi, first.map_optimised.psi)
     for one, other in zip(first.measurements, again.measurements, strict=True):

@@ -2,26 +2,51 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 from support.hard_recordings import drive, joined, without_returns
 
 from mqslam.config import Config, SensorConfig
 from mqslam.execution.local_engine import HERE
 from mqslam.psi import doppler
-from mqslam.psi.doppler import choose_doppler_beta
+from mqslam.psi.doppler import Doppler, _estimate_sigma, _hold, choose_doppler
 
 
 def test_a_shift_that_the_settings_name_is_not_measured(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(doppler, "measure_doppler", lambda *_: pytest.fail("measured"))
-    assert choose_doppler_beta(joined(drive(4)), Config(sensor=SensorConfig(doppler_beta=0.03)), HERE) == 0.03
+    assert choose_doppler(joined(drive(4)), Config(sensor=SensorConfig(doppler_beta=0.03)), HERE).beta == 0.03
 
 
 def test_scans_that_cannot_be_tracked_show_no_shift() -> None:
     empty = joined(without_returns(drive(14), range(14)))
-    assert choose_doppler_beta(empty, Config(), HERE) == 0.0
-    assert choose_doppler_beta(joined(drive(3)), Config(), HERE) == 0.0
+    assert choose_doppler(empty, Config(), HERE).beta == 0.0
+    assert choose_doppler(joined(drive(3)), Config(), HERE).beta == 0.0
 
 
 def test_a_radar_without_a_shift_shows_none() -> None:
     sensor = SensorConfig(doppler_stretches=1, doppler_scans=5, doppler_steps=1)
-    assert choose_doppler_beta(joined(drive(8)), Config(sensor=sensor), HERE) == 0.0
+    assert choose_doppler(joined(drive(8)), Config(sensor=sensor), HERE).beta == 0.0
+
+
+def test_a_shift_that_was_measured_badly_is_held_by_what_is_known_of_such_radars() -> None:
+    held, mirrored = _hold(0.030, 0.03), _hold(-0.030, 0.03)
+    assert 0.042 < held.beta < 0.045 and held.sigma < 0.0075
+    assert mirrored == Doppler(-held.beta, held.sigma)
+
+
+def test_a_shift_that_was_measured_well_stays_as_it_is() -> None:
+    assert _hold(0.050, 0.0002).beta == pytest.approx(0.050, abs=1e-4)
+
+
+def test_a_shift_that_contradicts_such_radars_is_believed() -> None:
+    assert _hold(0.012, 0.001) == Doppler(0.012, 0.001)
+
+
+def test_the_sigma_is_that_of_a_median_of_stretches() -> None:
+    sensor = SensorConfig()
+    rng = np.random.default_rng(1)
+    drawn = rng.normal(0.05, 0.004, (4000, 5))
+    told = np.sqrt(np.mean([_estimate_sigma(each.tolist(), sensor) ** 2 for each in drawn]))
+    assert told == pytest.approx(np.median(drawn, axis=1).std(), rel=0.1)
+    assert _estimate_sigma([0.05], sensor) == sensor.doppler_step
+    assert _estimate_sigma([0.05, 0.05, 0.05], sensor) > 0.0

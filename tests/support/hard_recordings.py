@@ -23,7 +23,7 @@ from mqslam.core.trajectory import Trajectory
 from mqslam.execution.local_engine import HERE
 from mqslam.formats.recordings.native import write as write_native
 from mqslam.formats.tum import write_tum
-from mqslam.psi.doppler import choose_doppler_beta
+from mqslam.psi.doppler import choose_doppler
 from mqslam.slam import Slam
 from mqslam.solution import Solution
 
@@ -199,7 +199,7 @@ def solve(
     """Finds the trajectory by a front end and the graph; where the Doppler shift is None, psi measures it."""
     config = (config or Config()).model_copy(update={"sensor": SensorConfig(doppler_beta=doppler_beta)})
     together = joined(scans)
-    beta = choose_doppler_beta(together, config, HERE)
+    beta = choose_doppler(together, config, HERE).beta
     context = Context(config, together.revolution_s, 0, odometry, beta)
     return Slam(config, frontend).solve(together, context)
 

@@ -16,7 +16,7 @@ from mqslam.auditing.revisits import RevisitAudit
 from mqslam.auditing.spans.measured import pick_ends
 from mqslam.auditing.spans.torn import SpanAudit
 from mqslam.auditing.speeds import contradicts
-from mqslam.auditing.steps import scale_covariances
+from mqslam.auditing.steps import StepAudit, scale_covariances
 from mqslam.auditing.sweeps import Sweeps
 from mqslam.auditing.windows.windows import WindowAudit
 from mqslam.config import AuditConfig, EstimatorConfig
@@ -96,13 +96,13 @@ def allow_for_turns(
     return wider
 
 
-def tie_steps(audit: Audit, sweeps: Sweeps, jumps: Collection[int], settings: AuditConfig) -> dict[int, Tie]:
+def tie_steps(steps: Sequence[StepAudit], sweeps: Sweeps, jumps: Collection[int], settings: AuditConfig) -> dict[int, Tie]:
     """Returns the motions across steps as psi has them, from the middle of the scans before to that of those after.
 
     Steps that are not sure are left out, and those of which either side holds a jump.
 
     Args:
-        audit: of the trajectory.
+        steps: of the trajectory.
         sweeps: points under it.
         jumps: sweeps that a jump leads to.
         settings: of the audit.
@@ -110,13 +110,13 @@ def tie_steps(audit: Audit, sweeps: Sweeps, jumps: Collection[int], settings: Au
     Returns:
         ties by the first sweep after the step.
     """
-    steps = [step.laid for step in audit.steps if np.isfinite(step.p_value)]
-    if not steps:
+    judged = [step.laid for step in steps if np.isfinite(step.p_value)]
+    if not judged:
         return {}
     size = settings.step_scans
     return {
         laid.later: _tie_step(laid, covariance, sweeps, size // 2)
-        for laid, covariance in zip(steps, scale_covariances(steps), strict=True)
+        for laid, covariance in zip(judged, scale_covariances(judged), strict=True)
         if laid.unrivalled and not any(0 < abs(laid.later - jump) < size for jump in jumps)
     }
 

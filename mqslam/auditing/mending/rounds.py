@@ -209,7 +209,7 @@ class _Mender:
         """Returns the poses (S, 3) of the sweeps with what an audit has found, and how many ties and loops hold them."""
         config, audit, sweeps = self._config, current.audit, current.sweeps
         jumps = {step.laid.later for step in audit.jumps}
-        across = tie_steps(audit, sweeps, jumps, config.audit)
+        across = tie_steps(audit.steps, sweeps, jumps, config.audit)
         self._across |= {place: across[place] for place in self._jumps if place in across}
         windows = tie_windows(audit, sweeps, jumps)
         if not self._is_noisy:

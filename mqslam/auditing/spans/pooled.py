@@ -20,9 +20,12 @@ from mqslam.auditing.spans import effects
 from mqslam.auditing.spans.delay import Delay, estimate_delay
 from mqslam.auditing.spans.lever import Lever, estimate_lever, find_turns
 from mqslam.auditing.spans.robust import HUBER, judge_by_jackknife, measure_spread, split_into_blocks
-from mqslam.config import AuditConfig
+from mqslam.config import AuditConfig, GraphConfig
 
 _FEWEST: Final = 10  # a spread of fewer places may be small by chance
+_COMMON_YAW: Final = (
+    GraphConfig().common_drift_rad / 10.0
+)  # [rad] over the root of a metre: the graph's is over that of 100 m
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,7 +64,7 @@ def pool(spans: Sequence[Laid], twists: NDArray[np.float64], settings: AuditConf
     delay = estimate_delay(spans, offsets, twists, with_lever=bool(turns))
     offsets = offsets - delay.seconds * effects.of_delay(spans, twists)
     path = np.array([span.path_m for span in spans])
-    turn = _estimate(path, offsets[:, 2])
+    turn = _estimate(path, offsets[:, 2], _COMMON_YAW * np.sqrt(np.sum(path)))
     placed = (offsets - turn[0] * effects.of_turn(spans))[:, :2]
     lever = estimate_lever(spans, placed, turns)
     if lever is not None:
@@ -97,16 +100,21 @@ def predict_offsets(
     return np.asarray(offsets)
 
 
-def _estimate(lengths: NDArray[np.float64], offsets: NDArray[np.float64]) -> tuple[float, float, float]:
+def _estimate(lengths: NDArray[np.float64], offsets: NDArray[np.float64], common: float = 0.0) -> tuple[float, float, float]:
     """Returns the slope of offsets over lengths, its standard deviation and its p-value.
 
     The slope is robust against places that are torn, and its standard deviation is that of a jackknife over parts of the
-    drive.
+    drive, joined with what all parts may get wrong together.
+
+    Args:
+        lengths: (N,) of the spans [m].
+        offsets: (N,) what they ask for.
+        common: standard deviation of what they may ask for together where nothing is wrong, over the sum of their lengths.
     """
     slope = _fit(lengths, offsets)
     blocks = split_into_blocks(len(lengths))
     without = [_fit(np.delete(lengths, block), np.delete(offsets, block)) for block in blocks]
-    sigma, p_value = judge_by_jackknife(np.array([slope]), np.array(without)[:, None])
+    sigma, p_value = judge_by_jackknife(np.array([slope]), np.array(without)[:, None], common / np.sum(lengths))
     return slope, float(sigma[0]), float(p_value[0])
 
 

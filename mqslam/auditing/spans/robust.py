@@ -51,14 +51,16 @@ def split_into_blocks(count: int) -> list[NDArray[np.int64]]:
 
 
 def judge_by_jackknife(
-    found: NDArray[np.float64], without: NDArray[np.float64]
+    found: NDArray[np.float64], without: NDArray[np.float64], common: float = 0.0
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Returns the standard deviations (Q,) and p-values (Q,) of what a fit has found.
 
     Args:
         found: (Q,) by all places.
         without: (B, Q) by all but those of each of B parts.
+        common: standard deviation of an error that all places have in common, which their spread does not show.
     """
     parts = len(without)
-    sigma = np.maximum(np.sqrt((parts - 1.0) / parts * np.sum((without - found) ** 2, axis=0)), _LEAST)
+    spread = np.sqrt((parts - 1.0) / parts * np.sum((without - found) ** 2, axis=0))
+    sigma = np.maximum(np.hypot(spread, common), _LEAST)
     return sigma, 2.0 * student.sf(np.abs(found) / sigma, parts - 1)

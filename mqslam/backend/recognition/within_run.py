@@ -8,15 +8,37 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mqslam.backend.loops.chain import Chain
-from mqslam.backend.loops.closing import Recognised
+from mqslam.backend.loops.closing import Recognised, close_loops
 from mqslam.backend.loops.layout import compute_layouts
+from mqslam.backend.problem import GraphProblem
 from mqslam.backend.recognition.out_of_reach import find_out_of_reach
 from mqslam.backend.recognition.place_index import PlaceIndex
 from mqslam.backend.recognition.places import describe_places
 from mqslam.backend.recognition.recognise import Ground, Means, recognise
+from mqslam.config import Config
 from mqslam.core.engine import Engine
-from mqslam.core.measurement import Loop
+from mqslam.core.measurement import Loop, LoopSearch
+from mqslam.core.scans import Scans
+from mqslam.execution.runner import Runner
 from mqslam.mapping.keyframing import pick_spaced
+from mqslam.psi.place import Beam
+
+
+def find_loops(scans: Scans, problem: GraphProblem, config: Config, beam: Beam, runner: Runner) -> LoopSearch:
+    """Returns the loops of a run: found around its trajectory and, where that is too unsure, by what places look like.
+
+    Args:
+        scans: of the recording.
+        problem: the trajectory that the loops join.
+        config: all settings.
+        beam: the sensor's errors.
+        runner: does the work.
+
+    Raises:
+        EstimationError: the uncertainty of the trajectory cannot be computed.
+    """
+    recogniser = RunRecogniser(Means(config.recognition, config.loops, config.estimator, beam), runner.engine)
+    return close_loops(scans, problem, config.estimator, beam, runner, recogniser)
 
 
 @dataclass(frozen=True, slots=True)

@@ -18,7 +18,7 @@ from mqslam.core.trajectory import Trajectory
 from mqslam.detection.stage import detect_all, warn_of_unread
 from mqslam.errors import EstimationError, FewReturnsError
 from mqslam.execution.runner import Runner
-from mqslam.psi.doppler import choose_doppler_beta
+from mqslam.psi.doppler import choose_doppler
 from mqslam.psi.place import Beam, beam_of
 
 Source: TypeAlias = Path | str | Recording | Scans
@@ -77,6 +77,6 @@ def look_at(recording: Source, config: Config | Path | str | None, work: Work) -
         for warning in warn_of_unread(detected.unread):
             work.tell(warning)
     try:
-        yield Radar(recording, settings, choose_doppler_beta(recording, settings, runner.engine), runner)
+        yield Radar(recording, settings, choose_doppler(recording, settings, runner.engine).beta, runner)
     except FewReturnsError as error:
         raise EstimationError(error.message, *error.remedies, remedy) from error

@@ -155,9 +155,7 @@ def _find(job: Job, made: KeyframeMap, runner: Runner) -> tuple[Localised, dict[
     recording, settings = job.recording, job.settings
     beta = settings.sensor.doppler_beta or 0.0
     beam = beam_of(settings.estimator, beta)
-    context = Context(
-        settings, recording.revolution_s, recording.start_us, job.odometry, doppler_beta=beta, sensors=job.sensors
-    )
+    context = Context.of(recording, settings, job.odometry, job.sensors, doppler_beta=beta)
     frontends.create(job.frontend, context)  # raises before the recording is read, if it lacks anything
     scans, detected = detect_all(recording, settings.detector, runner, strict=job.strict, chirps=settings.chirps)
     runner.runtime_s |= {"read": detected.read_s, "detect": detected.detect_s}

@@ -150,7 +150,10 @@ def predict(belief: Belief, dt: float, settings: TrackerConfig) -> Belief:
     motion = np.array([vx + dt * ax, vy, omega + dt * alpha, persistence * ax, persistence * alpha])
     pose_noise = [settings.sigma_position_m, settings.sigma_position_m, settings.sigma_yaw]
     noise = np.square(np.r_[pose_noise, list_motion_noise(settings)]) * (abs(dt) / _NOISE_PERIOD_S)
-    return Belief(State.of(pose, motion), symmetric(transition @ belief.covariance @ transition.T + np.diag(noise)))
+    joint = transition @ belief.covariance @ transition.T + np.diag(noise)
+    velocity = np.array([*(_rotation(pose[2])[:2, :2] @ [vx, vy]), omega])  # over which a wrong stamp carries the pose
+    joint[POSE, POSE] += 2.0 * (settings.stamp_sigma_s or 0.0) ** 2 * np.outer(velocity, velocity)
+    return Belief(State.of(pose, motion), symmetric(joint))
 
 
 def smooth_last(values: NDArray[np.float64], change: float) -> float:

@@ -261,3 +261,14 @@ def test_a_motion_that_was_never_observed_is_unknown_within_all_that_is_possible
     assert never.after(10.0, settings).travelled[0] == pytest.approx(
         10.0 * (settings.speed_max - settings.speed_min) / 12**0.5
     )
+
+
+def test_a_stamp_that_may_be_wrong_widens_a_prediction_along_the_motion_alone() -> None:
+    steady = np.r_[VECTOR[:6], 0.0, 0.0]
+    sure = predict(belief(steady), 0.25, SETTINGS)
+    unsure = predict(belief(steady), 0.25, SETTINGS.model_copy(update={"stamp_sigma_s": 0.01}))
+    np.testing.assert_array_equal(unsure.mean.vector, sure.mean.vector)
+    wider = (unsure.covariance - sure.covariance)[POSE, POSE]
+    forward, left = se2.compose([0.0, 0.0, sure.mean.yaw], [*VECTOR[TWIST][:2], 0.0])[:2]
+    along = np.array([forward, left, VECTOR[TWIST][2]])
+    np.testing.assert_allclose(wider, 2.0 * 0.01**2 * np.outer(along, along), atol=1e-12)

@@ -15,7 +15,7 @@ from mqslam.detection.stage import detect_all
 from mqslam.execution.local_engine import LocalEngine
 from mqslam.execution.runner import Runner
 from mqslam.formats.recordings import open_recording
-from mqslam.psi.doppler import choose_doppler_beta
+from mqslam.psi.doppler import choose_doppler
 
 _SEEDS = range(20)
 _BLOCK_SEEDS = range(4)
@@ -35,7 +35,7 @@ def _measure(out: Path) -> list[Row]:
             recording, runner = open_recording(data), Runner(engine)
             scans, _ = detect_all(recording, Config().detector, runner)
             assert recording.ground_truth is not None
-            beta = choose_doppler_beta(scans, Config(), engine)
+            beta = choose_doppler(scans, Config(), engine).beta
             truth = recording.ground_truth.at(scans.stamps_us)
             for seed in seeds:
                 cells: dict[str, Cell] = {"drive": name, "seed": str(seed)}

@@ -23,7 +23,7 @@ from mqslam.execution.local_engine import LocalEngine
 from mqslam.execution.runner import Runner
 from mqslam.formats.recordings import open_recording
 from mqslam.mapping.keyframing import pick_spaced
-from mqslam.psi.doppler import choose_doppler_beta
+from mqslam.psi.doppler import choose_doppler
 from mqslam.psi.place import Beam, beam_of
 
 _SEEDS = {"kaist01": 1, "kaist02": 2}  # of the simulated sensor
@@ -57,7 +57,7 @@ def _drive(name: str, seed: int, config: Config, engine: Engine) -> _Driven:
     recording = open_recording(twin(name, "hard", seed))
     scans, _ = detect_all(recording, config.detector, Runner(engine))
     assert recording.ground_truth is not None
-    beam = beam_of(config.estimator, choose_doppler_beta(scans, config, engine))
+    beam = beam_of(config.estimator, choose_doppler(scans, config, engine).beta)
     return _Driven(Drive.of(scans, recording.ground_truth.at(scans.stamps_us)), beam)
 
 
