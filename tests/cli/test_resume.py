@@ -96,7 +96,7 @@ def test_a_killed_run_is_resumed_to_the_same_bytes(
     if reached >= 1:  # what was done is not done again
         monkeypatch.setattr(detection, "detect_stretch", lambda *_: pytest.fail("detected again"))
     if reached >= 2:
-        monkeypatch.setattr(slam_module, "close_loops", lambda *_: pytest.fail("searched again"))
+        monkeypatch.setattr(slam_module, "find_loops", lambda *_: pytest.fail("searched again"))
     shown = mqslam(*command(lap, out, "--resume"))
     assert shown.code == 0, shown.err
     assert_as_whole(out, whole)
@@ -128,7 +128,7 @@ def test_an_interrupted_run_says_so_and_can_be_resumed(
 
     out = tmp_path / "out"
     with monkeypatch.context() as patch:
-        patch.setattr(slam_module, "close_loops", interrupted)
+        patch.setattr(slam_module, "find_loops", interrupted)
         shown = mqslam(*command(lap, out))
     assert shown.code not in (0, 2) and "Traceback" not in shown.err
     assert {path.name for path in out.iterdir()} == {FOLDER}
