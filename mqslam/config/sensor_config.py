@@ -177,7 +177,10 @@ class GnssConfig(BaseModel):
         "trajectory itself drifts as much.",
     )
     knot_s: float = expert(
-        10.0, gt=0.0, description="Time between two values of a receiver's wandering error in the graph [s]."
+        10.0,
+        gt=0.0,
+        description="Longest time between two values of a receiver's wandering error in the graph [s]. They stand closer "
+        "where it soon wanders by more than the noise of a fix.",
     )
     largest_walk_m: float = expert(
         3.0,

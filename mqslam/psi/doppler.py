@@ -23,6 +23,7 @@ from mqslam.psi.tracking.tracker import Tracker
 
 _USUAL_S: Final = 0.045  # of Navtech's radars: carrier over the slope of the chirp is 0.03 to 0.06 s
 _USUAL_SIGMA_S: Final = 0.0075  # of these, so that the range is two of it to either side
+_FEWEST: Final = 3  # fewer stretches than this may well show such a shift by chance
 _OF_MEDIAN: Final = 1.2533  # by definition: how much less sure a median is than a mean
 _FINEST: Final = 0.02  # a parabola between shifts that are tried tells them no finer than this share of their step
 _CONTRADICTION: Final = 2.0  # a shift so many standard deviations from the usual one is that of another radar
@@ -44,7 +45,9 @@ class Doppler(NamedTuple):
 def measure_doppler(
     scans: Scans, sensor: SensorConfig, tracker: TrackerConfig, estimator: EstimatorConfig, engine: Engine
 ) -> Doppler:
-    """Measures the Doppler shift that makes the recording's map crispest; there is none where it gains nothing.
+    """Measures the Doppler shift that makes the recording's map crispest.
+
+    There is none where it gains nothing, unless most stretches show one that such radars have, each for itself.
 
     Args:
         scans: of the recording.
@@ -73,10 +76,17 @@ def measure_doppler(
         return np.asarray(np.quantile(psi / without, 0.5, axis=-1, method="higher"))
 
     beta = _find_vertex(grid, compare(psi))
-    if abs(beta) < sensor.doppler_least or compare(measure_all([beta]))[0] > 1.0 - sensor.doppler_gain:
-        return Doppler(0.0)
     each = [_find_vertex(grid, of_stretch) for of_stretch in (psi / without).T]
+    is_crisper = compare(measure_all([beta]))[0] <= 1.0 - sensor.doppler_gain
+    if abs(beta) < sensor.doppler_least or not (is_crisper or _is_usual(each, beta)):
+        return Doppler(0.0)
     return _hold(beta, _estimate_sigma(each, sensor))
+
+
+def _is_usual(each: Sequence[float], beta: float) -> bool:
+    """Returns whether most of three stretches or more show a shift [s] as Navtech's radars have it, with beta's sign."""
+    usual = np.abs(np.array(each) - np.copysign(_USUAL_S, beta)) < _CONTRADICTION * _USUAL_SIGMA_S
+    return len(each) >= _FEWEST and bool(np.count_nonzero(usual) > len(each) / 2)
 
 
 def _estimate_sigma(each: Sequence[float], sensor: SensorConfig) -> float:

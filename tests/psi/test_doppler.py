@@ -9,7 +9,7 @@ from support.hard_recordings import drive, joined, without_returns
 from mqslam.config import Config, SensorConfig
 from mqslam.execution.local_engine import HERE
 from mqslam.psi import doppler
-from mqslam.psi.doppler import Doppler, _estimate_sigma, _hold, choose_doppler
+from mqslam.psi.doppler import Doppler, _estimate_sigma, _hold, _is_usual, choose_doppler
 
 
 def test_a_shift_that_the_settings_name_is_not_measured(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -50,3 +50,13 @@ def test_the_sigma_is_that_of_a_median_of_stretches() -> None:
     assert told == pytest.approx(np.median(drawn, axis=1).std(), rel=0.1)
     assert _estimate_sigma([0.05], sensor) == sensor.doppler_step
     assert _estimate_sigma([0.05, 0.05, 0.05], sensor) > 0.0
+
+
+def test_what_most_stretches_show_alike_is_believed_if_such_radars_have_it() -> None:
+    assert _is_usual([0.031, 0.023, 0.042, 0.043], 0.03) and _is_usual([-0.045, 0.06, -0.044, -0.046], -0.04)
+    assert not _is_usual([0.031, 0.023, 0.042, 0.043], -0.03)
+    assert not _is_usual([0.002, -0.002, -0.02, 0.037], 0.002)
+    assert not _is_usual([0.045, 0.045], 0.045)
+    rng = np.random.default_rng(1)
+    by_chance = [_is_usual(each.tolist(), float(np.median(each))) for each in rng.normal(0.0, 0.02, (2000, 4))]
+    assert np.mean(by_chance) < 0.01

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from gtsam.symbol_shorthand import E, X
 from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter1d
 
 from mqslam.backend.problem import Problem
 from mqslam.backend.sensors.gnss.alignment import align
@@ -202,3 +203,21 @@ def test_a_plane_touches_the_earth_where_it_says() -> None:
     np.testing.assert_allclose(PLANE.project(*degrees.T), points, atol=0.1)  # the plane lies above the Earth far from there
     north = PLANE.project(np.array([48.1 + 1.0 / 111.2]), np.array([11.5]))[0]
     np.testing.assert_allclose(north, [0.0, 1000.0], atol=3.0)
+
+
+def test_a_receiver_that_smooths_its_positions_wanders_all_the_same() -> None:
+    found = []
+    for seed in range(5):
+        rng, times = np.random.default_rng(seed), np.arange(0.0, 200.0, 0.05)
+        wandering = np.cumsum(rng.normal(0.0, 0.3 * 0.05**0.5, (len(times), 2)), axis=0)
+        smooth = gaussian_filter1d(wandering, 60.0, axis=0, mode="nearest")  # over three seconds to either side
+        found.append(measure_fix_noise(times, smooth, np.full(len(times), 0.2), 60.0).walk_m)
+    assert np.median(found) > 0.15
+
+
+def test_jumps_are_not_taken_for_wandering() -> None:
+    rng = np.random.default_rng(1)
+    residuals = rng.normal(0.0, 1.0, (800, 2))
+    for begin in range(20, 800, 40):
+        residuals[begin : begin + 6] += 20.0
+    assert measure_fix_noise(np.arange(800.0), residuals, np.full(800, np.nan), 60.0).walk_m < 0.2

@@ -9,7 +9,6 @@ from typing import Final
 
 import numpy as np
 
-from frontends.both_ways import reverse_time
 from mqslam.backend.measuring import find_doppler, measure
 from mqslam.backend.sensors.odometry.odometry_edges import reckon
 from mqslam.config import Config
@@ -21,11 +20,14 @@ from mqslam.detection.stage import detect_all
 from mqslam.execution.runner import Runner
 from mqslam.formats.recordings import open_recording
 from mqslam.formats.tum import write_tum
+from mqslam.frontends.both_ways import reverse_time
 from mqslam.psi.place import beam_of
 from mqslam.slam import PSI, Slam
 
 _DRAWS: Final = range(5)
-_BINS_M: Final = (0.1719, 0.1736, 0.1750)  # the lengths of a bin that have been published or estimated for this radar
+BIN_M: Final = 0.1750
+"""The length of a range bin [m] as GPS shows it."""
+_OTHER_BINS_M: Final = (0.1719, 0.1736)  # other lengths that have been published or estimated for this radar
 STARTS: Final = (0, 60, 150, 300)
 _THRESHOLDS: Final = (0.8, 1.2)  # of the usual one
 _SHIFTS_S: Final = (0.0, 0.048)
@@ -50,7 +52,7 @@ class Disturbance:
     """
 
     name: str
-    bin_m: float = _BINS_M[-1]
+    bin_m: float = BIN_M
     threshold: float = 1.0
     doppler_beta: float | None = None
     alter: Callable[[Scans], Scans] = _keep
@@ -60,7 +62,7 @@ class Disturbance:
 def list_disturbances() -> Iterator[Disturbance]:
     """Lists the disturbances; the first one disturbs nothing."""
     yield Disturbance("none")
-    yield from (Disturbance(f"range bins of {bin_m:.4f} m", bin_m=bin_m) for bin_m in _BINS_M[:-1])
+    yield from (Disturbance(f"range bins of {bin_m:.4f} m", bin_m=bin_m) for bin_m in _OTHER_BINS_M)
     yield from (Disturbance(f"threshold {factor - 1.0:+.0%}", threshold=factor) for factor in _THRESHOLDS)
     for start in STARTS[1:]:
         yield Disturbance(f"from scan {start} on", alter=lambda scans, start=start: scans[start:])

@@ -26,6 +26,7 @@ from mqslam.errors import Remedy
 from mqslam.factors.gnss_position import gnss_position, plane_walk
 
 _ROUNDS: Final = 3  # of antenna and noise, which settle in fewer
+_FIXES_OF_KNOT: Final = 5  # so many fixes and more outvote a jump among them
 _LEAST_WALK_M: Final = 1e-4  # numerical: a plane that does not wander at all would tie its poses without error
 
 
@@ -182,7 +183,9 @@ def join_fixes(
             "their clock is not that of the recording",
             stretch,
         )
-    knots = np.unique(np.floor(times / settings.knot_s), return_inverse=True)[1]  # none for times without a fix
+    knot_s = min(settings.knot_s, (noise.white_m / max(noise.walk_m, _LEAST_WALK_M)) ** 2)  # the walk shows beside the noise
+    least_s = _FIXES_OF_KNOT * float(np.median(np.diff(times)))
+    knots = np.unique(np.floor(times / max(knot_s, least_s)), return_inverse=True)[1]  # none for times without a fix
     middles = np.bincount(knots, times) / np.bincount(knots)
     walks_m = np.maximum(noise.walk_m * np.sqrt(np.diff(middles)), _LEAST_WALK_M)
     scans = np.clip(np.searchsorted(starts, times, side="right") - 1, 0, len(starts) - 1)
