@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib.metadata import EntryPoint, entry_points
 from typing import Protocol
 
@@ -168,11 +168,18 @@ def measure_motions(name: str, context: Context, scans: Scans) -> Iterator[Measu
                 break
             _check_motion(name, motion)
         count += 1
-        yield motion
+        yield _wrap_yaw(motion)
     if count != len(scans) - 1:
         raise EstimationError(
             f"front end {name}: gave {count} motions for {len(scans)} scans; it must give one for every two successive scans"
         )
+
+
+def _wrap_yaw(motion: Measurement) -> Measurement:
+    """Returns a motion whose yaw is between -180 and 180 deg: a front end may have it a whole turn off."""
+    if abs(motion.pose[2]) <= np.pi:
+        return motion
+    return replace(motion, pose=np.append(motion.pose[:2], se2.wrap(motion.pose[2])))
 
 
 def _check_motion(name: str, motion: Measurement) -> None:

@@ -266,7 +266,7 @@ def write_polar_scan(folder: Path, recording: Recording, k: int, polar_scan: Pol
 
 def _format_moves(truth: Trajectory) -> str:
     """Formats poses as motions in the frames of the poses before them; Oxford's frames are y right, yaw clockwise."""
-    moves = se2.between(truth.poses[:-1], truth.poses[1:])
+    moves = se2.wrapped_between(truth.poses[:-1], truth.poses[1:])
     lines = [_COLUMNS]
     for later, earlier, (x, y, yaw) in zip(truth.stamps_us[1:], truth.stamps_us[:-1], moves.tolist(), strict=True):
         lines.append(f"{later},{earlier},{x:.6f},{-y:.6f},0,0,0,{-yaw:.6f},{later},{earlier}")
