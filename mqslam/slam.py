@@ -17,8 +17,8 @@ from mqslam.backend.problem import Problem
 from mqslam.backend.recognition.recognise import Means
 from mqslam.backend.recognition.within_run import RunRecogniser
 from mqslam.backend.refinement import refine
-from mqslam.backend.sensor_use import NO_USE, SensorSettings, join_sensors
-from mqslam.backend.sensors.odometry.odometry_edges import make_odometry_edges, read_odometry_motions, reckon
+from mqslam.backend.sensor_use import SensorSettings, SensorUse, join_sensors
+from mqslam.backend.sensors.odometry.odometry_edges import hold_odometry, make_odometry_edges, reckon
 from mqslam.config import Config
 from mqslam.core import frontend as frontends
 from mqslam.core.frontend import Context
@@ -114,14 +114,14 @@ class Slam:
         with runner.time_stage("windows"):
             measurements = measure(self._name, scans, context, beam, runner)
         with runner.time_stage("optimise"):
-            odometry = read_odometry_motions(scans, context, self._name)
+            odometry, fault = hold_odometry(scans, context, self._name, measurements)
             edges = make_odometry_edges(odometry, measurements, config.odometry, config.graph, context.sensors.mount)
             before = reckon(scans, odometry or measurements)
-            problem, used = Problem(measurements, edges, config.graph, config.loops), NO_USE
+            problem, used = Problem(measurements, edges, config.graph, config.loops), SensorUse(odometry=fault)
             with runner.tolerate("the sensors beside the radar"):
                 sections = SensorSettings(config.gyroscope, config.gnss, config.velocity, config.odometry)
                 sensors, velocities = context.sensors, context.velocities
-                problem, used = join_sensors(problem, odometry, sensors, velocities, scans.start_us, sections)
+                problem, used = join_sensors(problem, odometry, sensors, velocities, scans.start_us, sections, fault)
         search = LoopSearch([], 0)
         if config.loops.enabled:
             with runner.time_stage("loops"), runner.tolerate("the search for loops"):
