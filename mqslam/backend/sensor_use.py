@@ -73,6 +73,23 @@ class SensorUse:
     contributions: Mapping[str, Contribution] = field(default_factory=dict)
 
     @property
+    def opposite(self) -> list[str]:
+        """The sensors that turn the other way than the radar, if there are two and more than agree with its direction.
+
+        A gyroscope on its side says nothing of the direction.
+        """
+        ways = {}
+        if self.odometry is not None:
+            ways["odometry"] = self.odometry.is_opposite
+        rotation = None if self.gyroscope is None else self.gyroscope.rotation
+        if self.gyroscope is not None and self.gyroscope.edges is not None and rotation is not None and rotation.axis == "z":
+            ways["the gyroscope"] = rotation.sign < 0.0
+        if self.fixes is not None and (self.fixes.edges is not None or self.fixes.is_mirrored):
+            ways["GNSS"] = self.fixes.is_mirrored
+        opposite = [name for name, is_opposite in ways.items() if is_opposite]
+        return opposite if len(opposite) >= 2 and 2 * len(opposite) > len(ways) else []
+
+    @property
     def notes(self) -> list[str]:
         """What a user should know of the sensors that are used, and how far each of them moves the trajectory."""
         used = [statement for use in self._uses if use.edges is not None for statement in use.statements]

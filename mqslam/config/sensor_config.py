@@ -28,8 +28,8 @@ class SensorConfig(BaseModel):
     )
     clockwise: bool | None = Field(
         None,
-        description="Whether the radar turns clockwise, seen from above. It matters only where azimuths carry no angles. "
-        "null takes the format's default, which is clockwise in all of them.",
+        description="Whether the radar turns clockwise, seen from above. false mirrors what a radar sees that is mounted "
+        "upside down. null takes what azimuths say, or clockwise where they carry no angles.",
     )
     stamp: Literal["start", "end"] | None = Field(
         None,

@@ -11,6 +11,7 @@ from mqslam.core.recording import Recording
 from mqslam.errors import ConfigError, DataError, Remedy, suggest, untrusted
 from mqslam.execution.checkpoint import FOLDER
 from mqslam.formats.odometry_files import read_odometry
+from mqslam.formats.recordings.mirrored import turn_as_told
 from mqslam.formats.shared.sensing import USUAL_TOPICS, Sensing, Stamp, Topics, is_bin_length
 from mqslam.formats.shared.target import Target
 
@@ -56,7 +57,7 @@ def open_recording(
         path: a file or folder in one of the layouts of `FORMATS`.
         format: name of the layout; None guesses it from the path.
         range_resolution: length of a range bin [m]; None takes it from the recording or the layout's default.
-        clockwise: whether the radar turns clockwise, where azimuths carry no angles; None takes the layout's default.
+        clockwise: whether the radar turns clockwise, seen from above; None takes what azimuths say, or the layout's default.
         stamp: whether the stamp of a polar scan is its start or its end, where azimuths carry no stamps; None takes the
             layout's default.
         topics: of a bag, where their types and names do not tell which ones are meant.
@@ -80,7 +81,8 @@ def open_recording(
         layout = _load(format) if format else _guess_layout(path)
         if topics != USUAL_TOPICS and layout is not _load("rosbag"):
             raise DataError(path, "is no bag, and has no topics", "leave the topics out")
-        return layout.open_recording(path, Sensing(range_resolution, clockwise, stamp, topics), settings)
+        opened = layout.open_recording(path, Sensing(range_resolution, clockwise, stamp, topics), settings)
+        return turn_as_told(opened, clockwise)
 
 
 def list_targets() -> list[Target]:

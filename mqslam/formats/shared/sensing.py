@@ -62,9 +62,8 @@ class Sensing:
         return usual_m, [note_resolution(usual_m, f", as {whose} has it")]
 
     def note_unused(self) -> list[str]:
-        """Notes which of these have no effect, in a recording whose azimuths carry angles and stamps of their own."""
-        given = [name for name in ("clockwise", "stamp") if getattr(self, name) is not None]
-        return [f"azimuths carry angles and stamps of their own: sensor.{name} has no effect" for name in given]
+        """Notes that an instant of stamping has no effect, in a recording whose azimuths carry stamps of their own."""
+        return [] if self.stamp is None else ["azimuths carry stamps of their own: sensor.stamp has no effect"]
 
 
 def note_resolution(metres: float, why: str = "") -> str:

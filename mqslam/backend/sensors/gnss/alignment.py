@@ -58,6 +58,17 @@ def measure_stretch(points: NDArray[np.float64], fixes: NDArray[np.float64]) -> 
     return stretch if stretched < 0.5 * as_it_is else None
 
 
+def is_mirrored(points: NDArray[np.float64], fixes: NDArray[np.float64]) -> bool:
+    """Returns whether the mirror image of a trajectory fits fixes far better than it does itself.
+
+    Args:
+        points: (N, 2) m, where the trajectory has the antenna, as for `align`.
+        fixes: (N, 2) m, likewise.
+    """
+    as_it_is, mirrored = (_measure_residual(points * [1.0, side], fixes) for side in (1.0, -1.0))
+    return mirrored < 0.5 * as_it_is
+
+
 def _measure_residual(points: NDArray[np.float64], fixes: NDArray[np.float64]) -> float:
     """Returns the median distance [m] between fixes and a trajectory that is laid on them."""
     return float(np.median(np.hypot(*(fixes - se2.transform(align(points, fixes), points)).T)))
