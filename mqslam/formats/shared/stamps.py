@@ -23,9 +23,10 @@ FRAME_DIGITS = 6
 """Least number of digits of the number of a frame, in a list of when frames arrived and in the name of its file."""
 _FRAME = re.compile(r"\s*Frame:\s*(\d{1,18})\s+Time:\s*(\d+)(?:\.(\d+))?\s*")
 _NANOSECONDS = 9  # digits of a fraction of a second
+_SECONDS = r"(s|secs?|seconds|ms|msecs?|milliseconds|us|usecs?|microseconds|ns|nsecs?|nanosecs?|nanoseconds)"
 _TIME_NAME = re.compile(
-    r"(?:t|times?|time_?stamps?|stamps?|gps_?time)"
-    r"(?:[ _]*[\[(]?(s|sec|seconds|ms|us|usec|ns|nsec)[\])]?)?"
+    r"(?:header[._/])?(?:t|times?|time_?stamps?|stamps?|gps_?time)"
+    rf"(?:[ _./]*[\[(]?{_SECONDS}[\])]?)?|(?:secs?|seconds|nsecs?|nanosecs?|nanoseconds)"
 )
 
 
@@ -37,8 +38,8 @@ def time_unit(name: str) -> str | None:
     match = _TIME_NAME.fullmatch(name.strip().lower())
     if match is None:
         return None
-    unit = match[1] or ""
-    return unit if unit in UNITS else {"sec": "s", "seconds": "s", "usec": "us", "nsec": "ns"}.get(unit, "")
+    unit = match[1] or (match[0] if match[0].startswith(("sec", "n")) else "")
+    return {"s": "s", "m": "ms", "u": "us", "n": "ns"}.get("us" if unit == "microseconds" else unit[:1], "")
 
 
 def guess_unit(largest: float) -> str:
