@@ -38,6 +38,13 @@ class SensorConfig(BaseModel):
         "start in other bags.",
     )
 
+    encoder_size: int | None = Field(
+        None,
+        ge=2,
+        le=65536,
+        description="Ticks of the encoder in a turn, where azimuths carry encoder values. null takes what the recording "
+        "states, else what Navtech's radars have: 5600, or 16000 in messages of its driver that show it.",
+    )
     radar_topic: str | None = Field(
         None, description="Topic of a bag's polar scans. null chooses it by type and name, or by the shape of its images."
     )

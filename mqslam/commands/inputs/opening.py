@@ -94,6 +94,7 @@ def open_data(
         clockwise=sensor.clockwise,
         stamp=sensor.stamp,
         topics=Topics(sensor.radar_topic, sensor.odometry_topic, sensor.truth_topic),
+        encoder_size=sensor.encoder_size,
         settings=settings.reading,
     )
     if strict and recording.faults:

@@ -49,6 +49,7 @@ def open_recording(
     clockwise: bool | None = None,
     stamp: Stamp | None = None,
     topics: Topics = USUAL_TOPICS,
+    encoder_size: int | None = None,
     settings: ReadingConfig = USUAL_READING,
 ) -> Recording:
     """Opens a recording without reading its polar scans.
@@ -61,6 +62,8 @@ def open_recording(
         stamp: whether the stamp of a polar scan is its start or its end, where azimuths carry no stamps; None takes the
             layout's default.
         topics: of a bag, where their types and names do not tell which ones are meant.
+        encoder_size: ticks of the encoder in a turn, where azimuths carry encoder values; None takes what the recording
+            states, else what Navtech's radars have.
         settings: how recordings are understood where they do not say.
 
     Raises:
@@ -81,7 +84,7 @@ def open_recording(
         layout = _load(format) if format else _guess_layout(path)
         if topics != USUAL_TOPICS and layout is not _load("rosbag"):
             raise DataError(path, "is no bag, and has no topics", "leave the topics out")
-        opened = layout.open_recording(path, Sensing(range_resolution, clockwise, stamp, topics), settings)
+        opened = layout.open_recording(path, Sensing(range_resolution, clockwise, stamp, topics, encoder_size), settings)
         return turn_as_told(opened, clockwise)
 
 

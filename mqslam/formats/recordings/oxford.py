@@ -72,7 +72,7 @@ def open_recording(path: Path, sensing: Sensing, settings: ReadingConfig) -> Row
     if not folder.is_dir():
         raise DataError(path, "holds no folder radar/", "give the folder whose radar/ holds <t>.png images")
     names, notes, faults = _list_names(root, folder)
-    images = index_rows(folder, names, settings)
+    images = index_rows(folder, names, settings, sensing.encoder_size)
     resolution, assumed = _find_resolution(root, sensing.range_resolution)
     end_us = int(images.stamps_us[-1] + images.turns_us[-1])
     beside, unread = read_beside(lambda: _read_ground_truth(root, int(images.stamps_us[0]), end_us))

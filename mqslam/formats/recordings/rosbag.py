@@ -21,13 +21,13 @@ from mqslam.core.recording import PolarScan, Recording
 from mqslam.core.trajectory import Trajectory
 from mqslam.core.wording import count_of, is_or_are
 from mqslam.errors import DataError, untrusted
-from mqslam.formats.recordings.bag_configuration import read_bin_size
+from mqslam.formats.recordings.bag_configuration import read_bin_size, read_encoder_size
 from mqslam.formats.recordings.bag_poses import Frames
 from mqslam.formats.sensors.carried import read_carried
 from mqslam.formats.sensors.ros_sensors import RosSensors, list_sensor_messages
 from mqslam.formats.shared import bags, polar_message
 from mqslam.formats.shared.arrivals import estimate_arrivals
-from mqslam.formats.shared.azimuth_rows import azimuth_stamps, note_spread, spread_azimuths
+from mqslam.formats.shared.azimuth_rows import azimuth_stamps, check_encoder, note_spread, spread_azimuths
 from mqslam.formats.shared.bag_writer import KINDS, RADAR_FRAME, VEHICLE_FRAME, Bag, write_bag
 from mqslam.formats.shared.bags import B_SCAN_TYPE, COMPRESSED_TYPE, IMAGE_TYPE, ODOMETRY_TYPE
 from mqslam.formats.shared.polar_message import Layout
@@ -57,6 +57,7 @@ class RosbagRecording(Recording):
         messages_us: (N,) int64 [us], stamp of the message of each polar scan, be it the start or the end of the turn.
         logged_ns: (N,) int64 [ns], when the message of each polar scan was recorded.
         clockwise: whether azimuths without stamps and angles of their own follow one another clockwise, seen from above.
+        encoder: encoder ticks of a turn, where they are stated.
     """
 
     topic: str
@@ -64,6 +65,7 @@ class RosbagRecording(Recording):
     messages_us: NDArray[np.int64]
     logged_ns: NDArray[np.int64]
     clockwise: bool
+    encoder: int | None = None
 
     @untrusted.reads_recording
     def polar_scans(self, start: int = 0, stop: int | None = None) -> Iterator[PolarScan]:
@@ -78,7 +80,7 @@ class RosbagRecording(Recording):
             for connection, logged, raw in reader.messages(connections, first, after):
                 try:
                     message = bags.deserialise(reader, connection, raw)
-                    if _stamp_us(self.layout, message, logged) != self.messages_us[k]:
+                    if _stamp_us(self.layout, message, logged, self.encoder) != self.messages_us[k]:
                         continue
                 except ValueError:  # the index has left it out, too
                     continue
@@ -93,7 +95,7 @@ class RosbagRecording(Recording):
     def _polar_scan(self, k: int, message: Any) -> PolarScan:
         power = polar_message.read_power(self.layout, message)
         if self.layout.stamps_azimuths:
-            azimuths = polar_message.read_azimuths(self.layout, message)
+            azimuths = polar_message.read_azimuths(self.layout, message, self.encoder)
         else:
             begin, duration = int(self.stamps_us[k]), int(self.turns_us[k])
             azimuths = spread_azimuths(len(power), begin, duration, clockwise=self.clockwise)
@@ -117,10 +119,13 @@ def open_recording(path: Path, sensing: Sensing, settings: ReadingConfig) -> Ros
         DataError: the bag cannot be read, has no radar topic, or a radar message cannot be used.
     """
     with bags.open_bag(path) as reader:
-        topic, layout, notes = polar_message.choose_topic(path, reader, sensing.topics.radar)
+        encoder = sensing.encoder_size or read_encoder_size(reader)
+        topic, layout, notes = polar_message.choose_topic(path, reader, sensing.topics.radar, encoder)
         odometry_topic, truth_topic = _choose_pose_topics(path, reader, sensing.topics)
         sensors, stated = RosSensors.choose(reader), read_bin_size(reader)
-        index = _read_index(path, reader, (topic, layout), {odometry_topic, truth_topic} - {None}, sensors, settings)
+        index = _read_index(
+            path, reader, (topic, layout, encoder), {odometry_topic, truth_topic} - {None}, sensors, settings
+        )
     ordered = np.ones(len(index.stamps_us), dtype=np.bool_)
     if layout.stamps_azimuths:  # else the order of messages is that of the polar scans
         ordered = mark_increasing(index.stamps_us)
@@ -133,6 +138,8 @@ def open_recording(path: Path, sensing: Sensing, settings: ReadingConfig) -> Ros
     clockwise, stamp_sigma_s = sensing.clockwise is not False, 0.0
     if layout.stamps_azimuths:
         measured = [turn for turn, kept in zip(index.measured_turns_us, ordered.tolist(), strict=True) if kept]
+        if encoder is None and layout is Layout.OXFORD_ROWS:
+            check_encoder(path, messages_us, [measured[0], measured[-1]])
         usual = find_usual_turns(messages_us, settings, measured.__getitem__)
         starts, turns = place_turns(messages_us, "start", usual, settings)
         turns[-1] = index.turns_us[int(np.flatnonzero(ordered)[-1])] or turns[-1]
@@ -186,6 +193,7 @@ def open_recording(path: Path, sensing: Sensing, settings: ReadingConfig) -> Ros
         messages_us=messages_us,
         logged_ns=np.array(index.logged_ns, dtype=np.int64)[ordered],
         clockwise=clockwise,
+        encoder=encoder,
     )
     return carried.add_to(recording)
 
@@ -230,13 +238,13 @@ def _choose_pose_topics(path: Path, reader: AnyReader, named: Topics) -> tuple[s
 def _read_index(
     path: Path,
     reader: AnyReader,
-    radar: tuple[str, Layout],
+    radar: tuple[str, Layout, int | None],
     pose_topics: set[str | None],
     sensors: RosSensors,
     settings: ReadingConfig,
 ) -> _Index:
     """Reads the messages of the radar, of the pose topics and of the sensors, once."""
-    topic, layout = radar
+    topic, layout, encoder = radar
     index = _Index()
     read = [c for c in reader.connections if c.topic == topic or c.topic in pose_topics or sensors.reads(c.topic)]
     for connection, logged, raw in reader.messages(read):
@@ -251,7 +259,7 @@ def _read_index(
         try:
             with bags.name_message(path, topic, logged):
                 message = bags.deserialise(reader, connection, raw)
-                stamp = _stamp_us(layout, message, logged)
+                stamp = _stamp_us(layout, message, logged, encoder)
         except DataError as error:
             index.unread += 1
             index.error = index.error or error.with_traceback(None)
@@ -260,7 +268,7 @@ def _read_index(
         index.logged_ns.append(logged)
         index.radar_frame = index.radar_frame or polar_message.read_frame(message)
         if layout.stamps_azimuths:
-            azimuths = polar_message.read_azimuths(layout, message)
+            azimuths = polar_message.read_azimuths(layout, message, encoder)
             index.turns_us.append(azimuths.find_duration(settings))
             index.measured_turns_us.append(azimuths.measure_turn(settings))
     if 2 * index.unread > index.unread + len(index.stamps_us) and index.error is not None:
@@ -268,10 +276,10 @@ def _read_index(
     return index
 
 
-def _stamp_us(layout: Layout, message: Any, logged_ns: int) -> int:
+def _stamp_us(layout: Layout, message: Any, logged_ns: int, encoder: int | None) -> int:
     """Returns the stamp [us] of a message: its first azimuth's, else the header's, else when it was recorded."""
     if layout.stamps_azimuths:
-        return int(polar_message.read_azimuths(layout, message).stamps_us[0])
+        return int(polar_message.read_azimuths(layout, message, encoder).stamps_us[0])
     if message.__msgtype__ != COMPRESSED_TYPE:  # decoding every image of a bag only to index it takes minutes
         polar_message.read_pixels(message)
     return bags.stamp_of(message) or logged_ns // 1000

@@ -18,10 +18,12 @@ from mqslam.core.recording import PolarScan, Recording
 from mqslam.errors import DataError, Remedy
 from mqslam.formats.shared.azimuth_rows import (
     METADATA_BYTES,
+    TURN_TICKS,
     Azimuths,
     azimuth_stamps,
     encode_azimuths,
     has_metadata,
+    has_times,
     make_rows,
     read_metadata,
     repair_azimuths,
@@ -67,13 +69,16 @@ class Layout(Enum):
         return self in (Layout.OXFORD_ROWS, Layout.B_SCAN)
 
 
-def choose_topic(path: Path, reader: AnyReader, named: str | None = None) -> tuple[str, Layout, list[str]]:
+def choose_topic(
+    path: Path, reader: AnyReader, named: str | None = None, encoder: int | None = None
+) -> tuple[str, Layout, list[str]]:
     """Chooses the radar's topic; returns it with the layout of its messages and a note on the choice.
 
     Args:
         path: of the bag.
         reader: of the bag.
         named: the topic that the user names, if any.
+        encoder: encoder ticks of a turn, if they are known.
 
     Raises:
         DataError: no topic holds polar scans, or several could, or the named one has no images.
@@ -83,7 +88,7 @@ def choose_topic(path: Path, reader: AnyReader, named: str | None = None) -> tup
     b_scans = [connection for connection in filled if connection.msgtype == B_SCAN_TYPE]
     if named is not None:
         meant = require_topic(path, named, (*images, *b_scans), "polar scans", "images")
-        return named, _find_layout(path, reader, meant), [f"radar from {named}, as asked"]
+        return named, _find_layout(path, reader, meant, encoder), [f"radar from {named}, as asked"]
     ranked = [(rank, c) for c in images if (rank := _rank_topic(c.topic)) is not None]
     usual = [c for _, c in sorted(ranked, key=lambda entry: entry[0])] + b_scans
     if usual:
@@ -100,17 +105,17 @@ def choose_topic(path: Path, reader: AnyReader, named: str | None = None) -> tup
             )
         chosen = next(iter(alike.values()))
         note = f"radar from {chosen.topic}, the only topic with images shaped like a radar's"
-    return chosen.topic, _find_layout(path, reader, chosen), [note]
+    return chosen.topic, _find_layout(path, reader, chosen, encoder), [note]
 
 
-def _find_layout(path: Path, reader: AnyReader, connection: Connection) -> Layout:
+def _find_layout(path: Path, reader: AnyReader, connection: Connection, encoder: int | None) -> Layout:
     """Finds the layout of a radar's messages from the first that is a polar scan."""
     first: DataError | None = None
     for _, logged, raw in itertools.islice(reader.messages([connection]), _FIRST_TRIED):
         try:
             with name_message(path, connection.topic, logged):
                 message = deserialise(reader, connection, raw)
-                return _interpret_layout(connection.topic, connection.msgtype, message)
+                return _interpret_layout(connection.topic, connection.msgtype, message, encoder)
         except DataError as error:
             first = first or error
     raise first or DataError(path, f"holds no message on {connection.topic}", "name another bag")
@@ -146,7 +151,7 @@ def read_pixels(image: Any) -> NDArray[np.uint8]:
     return data.reshape(height, step)[:, :width]
 
 
-def _interpret_layout(topic: str, message_type: str, message: Any) -> Layout:
+def _interpret_layout(topic: str, message_type: str, message: Any, encoder: int | None) -> Layout:
     """Finds the layout of a topic's messages from its first one.
 
     Raises:
@@ -155,7 +160,10 @@ def _interpret_layout(topic: str, message_type: str, message: Any) -> Layout:
     if message_type == B_SCAN_TYPE:
         return Layout.B_SCAN
     image = read_pixels(message)
-    if has_metadata(image):
+    if has_times(image):
+        read_metadata(image, turn=encoder or TURN_TICKS)  # says what is wrong with its angles
+        return Layout.OXFORD_ROWS
+    if has_metadata(image, encoder or TURN_TICKS):
         return Layout.OXFORD_ROWS
     name = topic.lower().removesuffix("/compressed")
     if name.endswith(_MULRAN_PLAYER):
@@ -183,7 +191,7 @@ def _looks_like_radar(message: Any) -> bool:
         image = read_pixels(message)
     except ValueError:
         return False
-    return has_metadata(image) or (min(image.shape) >= _FEWEST_PIXELS and max(image.shape) >= _LONG_SIDE * min(image.shape))
+    return has_times(image) or (min(image.shape) >= _FEWEST_PIXELS and max(image.shape) >= _LONG_SIDE * min(image.shape))
 
 
 def read_power(layout: Layout, message: Any) -> NDArray[np.uint8]:
@@ -201,19 +209,24 @@ def read_power(layout: Layout, message: Any) -> NDArray[np.uint8]:
     return image.T if layout is Layout.COLUMNS else image
 
 
-def read_azimuths(layout: Layout, message: Any) -> Azimuths:
+def read_azimuths(layout: Layout, message: Any, encoder: int | None = None) -> Azimuths:
     """Reads the azimuths of a message that carries their times and angles.
+
+    Args:
+        layout: of the message.
+        message: the message.
+        encoder: encoder ticks of a turn, as the bag or the user states them, or None.
 
     Raises:
         ValueError: its image cannot be used, or times and angles make no turn.
     """
     if layout is Layout.OXFORD_ROWS:
-        return read_metadata(read_pixels(message))
+        return read_metadata(read_pixels(message), turn=encoder or TURN_TICKS)
     ticks = np.asarray(message.encoder_values, dtype=np.uint16)
     stamps_us = (np.asarray(message.timestamps, dtype=np.uint64) // np.uint64(1000)).astype(np.int64)
     if not len(ticks) == len(stamps_us) == len(read_power(layout, message)):
         raise ValueError(f"holds {len(ticks)} encoder values and {len(stamps_us)} times for another number of azimuths")
-    turn = next((turn for turn in _ENCODER_TURNS if ticks.max(initial=0) <= turn), _ENCODER_TURNS[-1])
+    turn = encoder or next((turn for turn in _ENCODER_TURNS if ticks.max(initial=0) <= turn), _ENCODER_TURNS[-1])
     return repair_azimuths(stamps_us, ticks, np.ones(len(ticks), dtype=np.bool_), turn)
 
 

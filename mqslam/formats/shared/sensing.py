@@ -43,12 +43,14 @@ class Sensing:
         clockwise: whether the radar turns clockwise, seen from above.
         stamp: whether the only stamp of a polar scan is its start or its end.
         topics: of a bag.
+        encoder_size: ticks of the encoder in a turn, where azimuths carry encoder values.
     """
 
     range_resolution: float | None = None
     clockwise: bool | None = None
     stamp: Stamp | None = None
     topics: Topics = USUAL_TOPICS
+    encoder_size: int | None = None
 
     def choose_resolution(self, usual_m: float, whose: str) -> tuple[float, list[str]]:
         """Returns the length of a range bin [m], with a note where it is the usual one of a layout.
