@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 _NAMES: Final = ("/RadarConfigurationMessage", "/RadarConfigurationMsg")
 _BIN_M: Final = (0.005, 0.5)  # by the hardware: bins are about 4 to 18 cm long
 _ENCODER: Final = (400, 65536)  # by the hardware: encoders have a tick for every azimuth at least, in 16 bits
+_USUAL_ENCODERS: Final = (5600, 16000)
 _PER_M: Final = (1.0, 1e4)  # units in which drivers state it
 
 
@@ -51,9 +52,10 @@ def read_encoder_size(reader: AnyReader) -> int | None:
         reader: of an open bag.
     """
     for message in _read_configurations(reader):
-        for number in _list_numbers(getattr(message, "encoder_size", 0)):
-            if number.is_integer() and _ENCODER[0] <= number <= _ENCODER[1]:
-                return int(number)
+        numbers = [number for number in _list_numbers(getattr(message, "encoder_size", 0)) if number.is_integer()]
+        sizes = [int(number) for number in numbers if _ENCODER[0] <= number <= _ENCODER[1]]
+        if sizes:  # the radar sends its bytes the high one first
+            return next((size for size in sizes if size in _USUAL_ENCODERS), sizes[-1])
     return None
 
 
