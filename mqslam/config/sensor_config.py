@@ -34,8 +34,8 @@ class SensorConfig(BaseModel):
     stamp: Literal["start", "end"] | None = Field(
         None,
         description="Instant of a turn at which a polar scan is stamped. It matters only where azimuths carry no stamps. "
-        "null takes the format's default: end in mulran, radiate and images on a bag's /radar/polar (MulRan's player), "
-        "start in other bags.",
+        "null takes the format's default: end in mulran, radiate and images on a bag's /radar/polar (MulRan's player) "
+        "or /radar_data/b_scan_image (Navtech's driver), start in other bags.",
     )
 
     encoder_size: int | None = Field(

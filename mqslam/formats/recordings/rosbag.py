@@ -21,6 +21,7 @@ from mqslam.core.recording import PolarScan, Recording
 from mqslam.core.trajectory import Trajectory
 from mqslam.core.wording import count_of, is_or_are
 from mqslam.errors import DataError, untrusted
+from mqslam.formats.recordings.bag_azimuths import open_message, read_turns
 from mqslam.formats.recordings.bag_configuration import read_bin_size, read_encoder_size
 from mqslam.formats.recordings.bag_poses import Frames
 from mqslam.formats.sensors.carried import read_carried
@@ -76,10 +77,10 @@ class RosbagRecording(Recording):
         k = wanted.start
         with bags.open_bag(self.path) as reader:
             connections = [connection for connection in reader.connections if connection.topic == self.topic]
-            first, after = int(self.logged_ns[k]), int(self.logged_ns[wanted[-1]]) + 1
-            for connection, logged, raw in reader.messages(connections, first, after):
+            first, after = int(self.logged_ns[k]), self._until(connections, wanted.stop)
+            for connection, logged, raw in read_turns(reader, reader.messages(connections, first, after), self.topic):
                 try:
-                    message = bags.deserialise(reader, connection, raw)
+                    message = open_message(reader, connection, raw)
                     if _stamp_us(self.layout, message, logged, self.encoder) != self.messages_us[k]:
                         continue
                 except ValueError:  # the index has left it out, too
@@ -91,6 +92,12 @@ class RosbagRecording(Recording):
                 if k == wanted.stop:
                     return
         raise DataError(self.path, f"polar scan {k} on {self.topic} is gone", "the bag changed since it was opened")
+
+    def _until(self, connections: list[Connection], stop: int) -> int | None:
+        """Returns when all messages of the polar scans before `stop` are recorded [ns]; None if the bag ends with them."""
+        if not any(connection.msgtype.endswith(bags.FFT_NAMES) for connection in connections):
+            return int(self.logged_ns[stop - 1]) + 1
+        return int(self.logged_ns[stop]) if stop < len(self) else None
 
     def _polar_scan(self, k: int, message: Any) -> PolarScan:
         power = polar_message.read_power(self.layout, message)
@@ -138,8 +145,8 @@ def open_recording(path: Path, sensing: Sensing, settings: ReadingConfig) -> Ros
     clockwise, stamp_sigma_s = sensing.clockwise is not False, 0.0
     if layout.stamps_azimuths:
         measured = [turn for turn, kept in zip(index.measured_turns_us, ordered.tolist(), strict=True) if kept]
-        if encoder is None and layout is Layout.OXFORD_ROWS:
-            check_encoder(path, messages_us, [measured[0], measured[-1]])
+        if encoder is None:
+            check_encoder(path, messages_us, [measured[0], measured[-1]], index.turn_ticks)
         usual = find_usual_turns(messages_us, settings, measured.__getitem__)
         starts, turns = place_turns(messages_us, "start", usual, settings)
         turns[-1] = index.turns_us[int(np.flatnonzero(ordered)[-1])] or turns[-1]
@@ -204,7 +211,7 @@ class _Index:
 
     Turns are those of polar scans whose azimuths are stamped, None where these do not tell; of the messages that are no
     polar scans, the first is kept as an error. The radar's frame is that of its first message, and so is that whose poses
-    a topic has, "" where its messages do not name it.
+    a topic has, "" where its messages do not name it. `turn_ticks` are taken as a turn of the encoder if none are stated.
     """
 
     stamps_us: list[int] = field(default_factory=list)
@@ -215,6 +222,7 @@ class _Index:
     error: DataError | None = None
     poses: dict[str, list[bags.PoseRow]] = field(default_factory=dict)
     radar_frame: str = ""
+    turn_ticks: int = 0
     frames: dict[str, str] = field(default_factory=dict)
 
 
@@ -247,7 +255,7 @@ def _read_index(
     topic, layout, encoder = radar
     index = _Index()
     read = [c for c in reader.connections if c.topic == topic or c.topic in pose_topics or sensors.reads(c.topic)]
-    for connection, logged, raw in reader.messages(read):
+    for connection, logged, raw in read_turns(reader, reader.messages(read), topic):
         if sensors.reads(connection.topic):
             sensors.add(reader, connection, logged, raw)
             continue
@@ -258,7 +266,7 @@ def _read_index(
             continue
         try:
             with bags.name_message(path, topic, logged):
-                message = bags.deserialise(reader, connection, raw)
+                message = open_message(reader, connection, raw)
                 stamp = _stamp_us(layout, message, logged, encoder)
         except DataError as error:
             index.unread += 1
@@ -268,6 +276,7 @@ def _read_index(
         index.logged_ns.append(logged)
         index.radar_frame = index.radar_frame or polar_message.read_frame(message)
         if layout.stamps_azimuths:
+            index.turn_ticks = max(index.turn_ticks, polar_message.find_turn(layout, message))
             azimuths = polar_message.read_azimuths(layout, message, encoder)
             index.turns_us.append(azimuths.find_duration(settings))
             index.measured_turns_us.append(azimuths.measure_turn(settings))

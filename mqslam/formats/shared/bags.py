@@ -25,6 +25,13 @@ COMPRESSED_TYPE = "sensor_msgs/msg/CompressedImage"
 B_SCAN_TYPE = "navtech_msgs/msg/RadarBScanMsg"
 B_SCAN_DEFINITION = "sensor_msgs/Image b_scan_img\nuint16[] encoder_values\nuint64[] timestamps\n"
 """Message of Navtech's driver, and its definition, which ROS itself does not know."""
+FFT_NAMES = ("/RadarFftDataMessage", "/RadarFftDataMsg", "/FftDataMessage")
+"""Names of the messages of one azimuth that drivers of several ages publish; their packages differ, too."""
+_FFT_TYPES = ("messages/msg/RadarFftDataMessage", "nav_messages/msg/RadarFftDataMsg")
+_FFT_DEFINITION = "std_msgs/Header header\n" + "".join(
+    f"uint8[] {name}\n"
+    for name in ("angle", "azimuth", "sweep_counter", "ntp_seconds", "ntp_split_seconds", "data", "data_length")
+)
 ODOMETRY_TYPE = "nav_msgs/msg/Odometry"
 POSE_TYPE = "geometry_msgs/msg/PoseStamped"
 POSE_WITH_COVARIANCE_TYPE = "geometry_msgs/msg/PoseWithCovarianceStamped"
@@ -57,6 +64,8 @@ def open_bag(path: Path) -> Iterator[AnyReader]:
     bound_rosbags()
     store = get_typestore(Stores.ROS2_HUMBLE)
     store.register(get_types_from_msg(B_SCAN_DEFINITION, B_SCAN_TYPE))
+    for name in _FFT_TYPES:
+        store.register(get_types_from_msg(_FFT_DEFINITION, name))
     try:
         with AnyReader([path], default_typestore=store) as reader:
             yield reader

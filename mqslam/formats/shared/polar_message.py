@@ -32,6 +32,7 @@ from mqslam.formats.shared.bag_writer import RADAR_FRAME, Bag
 from mqslam.formats.shared.bags import (
     B_SCAN_TYPE,
     COMPRESSED_TYPE,
+    FFT_NAMES,
     IMAGE_TYPE,
     deserialise,
     list_topics,
@@ -53,6 +54,12 @@ _FEWEST_PIXELS = 100  # a polar image has at least this many pixels on its short
 _LONG_SIDE = 3  # on an unknown topic, a polar image is at least this many times as long as wide
 _MULRAN_PLAYER = "/radar/polar"
 _NAVTECH = "/navtech/polar"
+_DRIVER = ("/radar_data/b_scan_image", "/radar_data/b_scan_image_data")  # images by Navtech's ROS 2 driver, of two ages
+_GIVE_RADAR = (
+    f"give a bag with {IMAGE_TYPE} or CompressedImage on /Navtech/Polar, /radar/polar or {_DRIVER[0]}, "
+    f"or with {B_SCAN_TYPE} or RadarFftDataMessage"
+)
+_B_SCAN_RANK = 4  # behind the images that users of these names mean
 
 
 class Layout(Enum):
@@ -86,23 +93,20 @@ def choose_topic(
     filled = [connection for connection in reader.connections if connection.msgcount]
     images = [connection for connection in filled if connection.msgtype in (IMAGE_TYPE, COMPRESSED_TYPE)]
     b_scans = [connection for connection in filled if connection.msgtype == B_SCAN_TYPE]
+    b_scans += [connection for connection in filled if connection.msgtype.endswith(FFT_NAMES)]
     if named is not None:
         meant = require_topic(path, named, (*images, *b_scans), "polar scans", "images")
         return named, _find_layout(path, reader, meant, encoder), [f"radar from {named}, as asked"]
     ranked = [(rank, c) for c in images if (rank := _rank_topic(c.topic)) is not None]
-    usual = [c for _, c in sorted(ranked, key=lambda entry: entry[0])] + b_scans
+    ranked += [(_B_SCAN_RANK, c) for c in b_scans]
+    usual = [c for _, c in sorted(ranked, key=lambda entry: entry[0])]
     if usual:
         chosen, note = usual[0], f"radar from {usual[0].topic}"
     else:
         alike = {c.topic: c for c in images if _looks_like_radar(_read_first(reader, c))}
         if len(alike) != 1:
-            raise DataError(
-                path,
-                f"has {'several topics that could be' if alike else 'no'} radar (topics: {list_topics(reader)})",
-                Remedy.NAME_TOPIC
-                if alike
-                else f"give a bag with {IMAGE_TYPE} or CompressedImage on /Navtech/Polar or /radar/polar, or {B_SCAN_TYPE}",
-            )
+            problem = f"has {'several topics that could be' if alike else 'no'} radar (topics: {list_topics(reader)})"
+            raise DataError(path, problem, Remedy.NAME_TOPIC if alike else _GIVE_RADAR)
         chosen = next(iter(alike.values()))
         note = f"radar from {chosen.topic}, the only topic with images shaped like a radar's"
     return chosen.topic, _find_layout(path, reader, chosen, encoder), [note]
@@ -128,9 +132,16 @@ def _read_first(reader: AnyReader, connection: Connection) -> Any:
 
 
 def _rank_topic(topic: str) -> int | None:
-    """Ranks how usual a topic of images is for a radar, 0 first; None where only its images could show that it is one."""
-    known = (_NAVTECH, _MULRAN_PLAYER, f"{_NAVTECH}/compressed", f"{_MULRAN_PLAYER}/compressed")
-    return next((rank for rank, name in enumerate(known) if topic.lower().endswith(name)), None)
+    """Ranks how usual a topic of images is for a radar, 0 first; None where only its images could show that it is one.
+
+    Messages that carry the times and angles of their azimuths come before the driver's images, which do not.
+    """
+    known = [name + suffix for suffix in ("", "/compressed") for name in (_NAVTECH, _MULRAN_PLAYER)]
+    drivers = [name + suffix for suffix in ("", "/compressed") for name in _DRIVER]
+    ranks = {name: rank for rank, name in enumerate(known)} | {
+        name: rank for rank, name in enumerate(drivers, _B_SCAN_RANK + 1)
+    }
+    return next((rank for name, rank in ranks.items() if topic.lower().endswith(name)), None)
 
 
 def read_pixels(image: Any) -> NDArray[np.uint8]:
@@ -157,7 +168,7 @@ def _interpret_layout(topic: str, message_type: str, message: Any, encoder: int 
     Raises:
         ValueError: its image cannot be used.
     """
-    if message_type == B_SCAN_TYPE:
+    if message_type == B_SCAN_TYPE or message_type.endswith(FFT_NAMES):
         return Layout.B_SCAN
     image = read_pixels(message)
     if has_times(image):
@@ -168,7 +179,7 @@ def _interpret_layout(topic: str, message_type: str, message: Any, encoder: int 
     name = topic.lower().removesuffix("/compressed")
     if name.endswith(_MULRAN_PLAYER):
         return Layout.COLUMNS
-    if name.endswith(_NAVTECH):
+    if name.endswith((_NAVTECH, *_DRIVER)):
         return Layout.ROWS
     return Layout.ROWS if image.shape[1] >= image.shape[0] else Layout.COLUMNS
 
@@ -180,9 +191,13 @@ def read_frame(message: Any) -> str:
 
 
 def usual_stamp(topic: str, layout: Layout) -> Stamp:
-    """Returns which instant of a turn the only stamp of a topic's messages usually is: MulRan's player sends its ends."""
-    player = topic.lower().removesuffix("/compressed").endswith(_MULRAN_PLAYER)
-    return "end" if player and layout is Layout.COLUMNS else "start"
+    """Returns which instant of a turn the only stamp of a topic's messages usually is.
+
+    MulRan's player and Navtech's driver send a turn when it is complete.
+    """
+    name = topic.lower().removesuffix("/compressed")
+    is_late = name.endswith(_DRIVER) or (name.endswith(_MULRAN_PLAYER) and layout is Layout.COLUMNS)
+    return "end" if is_late else "start"
 
 
 def _looks_like_radar(message: Any) -> bool:
@@ -226,8 +241,15 @@ def read_azimuths(layout: Layout, message: Any, encoder: int | None = None) -> A
     stamps_us = (np.asarray(message.timestamps, dtype=np.uint64) // np.uint64(1000)).astype(np.int64)
     if not len(ticks) == len(stamps_us) == len(read_power(layout, message)):
         raise ValueError(f"holds {len(ticks)} encoder values and {len(stamps_us)} times for another number of azimuths")
-    turn = encoder or next((turn for turn in _ENCODER_TURNS if ticks.max(initial=0) <= turn), _ENCODER_TURNS[-1])
-    return repair_azimuths(stamps_us, ticks, np.ones(len(ticks), dtype=np.bool_), turn)
+    return repair_azimuths(stamps_us, ticks, np.ones(len(ticks), dtype=np.bool_), encoder or find_turn(layout, message))
+
+
+def find_turn(layout: Layout, message: Any) -> int:
+    """Finds the encoder ticks that are taken as a turn where nobody states them: the fewest that hold a message's values."""
+    if layout is not Layout.B_SCAN:
+        return TURN_TICKS
+    largest = np.asarray(message.encoder_values, dtype=np.uint16).max(initial=0)
+    return next((turn for turn in _ENCODER_TURNS if largest <= turn), _ENCODER_TURNS[-1])
 
 
 def make_image(bag: Bag, recording: Recording, k: int, polar_scan: PolarScan) -> Any:
