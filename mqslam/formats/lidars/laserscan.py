@@ -40,6 +40,7 @@ class _Index:
     sensor_frame: str = ""
     body_frame: str = ""
     mounts: Mounts = field(default_factory=Mounts)
+    clock: bags.Clock = field(default_factory=bags.Clock)
 
 
 def holds_scans(path: Path) -> bool:
@@ -77,7 +78,7 @@ def read_lidar(path: Path, settings: ReadingConfig = USUAL_READING) -> LidarReco
     if len(scans) < 2 or not any(map(len, scans)):
         problem = f"has {len(scans)} scans with stamps that increase on {topic}, {sum(map(len, scans))} returns in them"
         raise DataError(path, problem, "give a bag in which the lidar moves and sees something")
-    notes = [f"scans from {topic}"]
+    notes = [f"scans from {topic}", *index.clock.notes]
     if dropped := len(index.scans) - len(scans):
         notes.append(f"{count_of(dropped, 'scan')} with a stamp that repeats or runs backward: left out")
     mount = index.mounts.find(index.sensor_frame, index.body_frame)
@@ -133,12 +134,13 @@ def _read_index(path: Path, reader: AnyReader, topic: str, pose_topics: set[str 
         if connection.topic == topic:
             with bags.name_message(path, topic, logged):
                 index.scans.append(_parse_scan(message))
-            index.stamps_us.append(bags.stamp_of(message) or logged // 1000)
+            index.stamps_us.append(index.clock.stamp(topic, message, logged))
             index.sensor_frame = message.header.frame_id
         elif connection.topic == _STATIC:
             index.mounts.add(message)
         else:
-            index.poses.setdefault(connection.topic, []).append(bags.pose_of(connection.msgtype, message))
+            stamp = index.clock.stamp(connection.topic, message, logged)
+            index.poses.setdefault(connection.topic, []).append(bags.pose_of(connection.msgtype, message, stamp))
             if connection.msgtype == ODOMETRY_TYPE:
                 index.body_frame = message.child_frame_id
     return index

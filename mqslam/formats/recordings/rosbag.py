@@ -81,7 +81,10 @@ class RosbagRecording(Recording):
             for connection, logged, raw in read_turns(reader, reader.messages(connections, first, after), self.topic):
                 try:
                     message = open_message(reader, connection, raw)
-                    if _stamp_us(self.layout, message, logged, self.encoder) != self.messages_us[k]:
+                    if (
+                        _stamp_us(self.layout, message, bags.Clock(), (self.topic, logged), self.encoder)
+                        != self.messages_us[k]
+                    ):
                         continue
                 except ValueError:  # the index has left it out, too
                     continue
@@ -168,6 +171,7 @@ def open_recording(path: Path, sensing: Sensing, settings: ReadingConfig) -> Ros
     odometry, truth = (bags.trajectory_of(index.poses.get(name or "", ())) for name in (odometry_topic, truth_topic))
     for name in (odometry_topic, truth_topic):
         faults += bags.note_left_out(index.poses.get(name or "", ()), name)
+    notes += index.clock.notes
     carried = read_carried(
         lambda: sensors.read_gyroscope(path),
         lambda: sensors.read_fixes(path),
@@ -224,6 +228,7 @@ class _Index:
     radar_frame: str = ""
     turn_ticks: int = 0
     frames: dict[str, str] = field(default_factory=dict)
+    clock: bags.Clock = field(default_factory=bags.Clock)
 
 
 def _choose_pose_topics(path: Path, reader: AnyReader, named: Topics) -> tuple[str | None, str | None]:
@@ -261,13 +266,14 @@ def _read_index(
             continue
         if connection.topic != topic:
             message: Any = reader.deserialize(raw, connection.msgtype)
-            index.poses.setdefault(connection.topic, []).append(bags.pose_of(connection.msgtype, message))
+            stamp = index.clock.stamp(connection.topic, message, logged)
+            index.poses.setdefault(connection.topic, []).append(bags.pose_of(connection.msgtype, message, stamp))
             index.frames.setdefault(connection.topic, getattr(message, "child_frame_id", ""))
             continue
         try:
             with bags.name_message(path, topic, logged):
                 message = open_message(reader, connection, raw)
-                stamp = _stamp_us(layout, message, logged, encoder)
+                stamp = _stamp_us(layout, message, index.clock, (topic, logged), encoder)
         except DataError as error:
             index.unread += 1
             index.error = index.error or error.with_traceback(None)
@@ -285,13 +291,14 @@ def _read_index(
     return index
 
 
-def _stamp_us(layout: Layout, message: Any, logged_ns: int, encoder: int | None) -> int:
+def _stamp_us(layout: Layout, message: Any, clock: bags.Clock, recorded: tuple[str, int], encoder: int | None) -> int:
     """Returns the stamp [us] of a message: its first azimuth's, else the header's, else when it was recorded."""
     if layout.stamps_azimuths:
         return int(polar_message.read_azimuths(layout, message, encoder).stamps_us[0])
     if message.__msgtype__ != COMPRESSED_TYPE:  # decoding every image of a bag only to index it takes minutes
         polar_message.read_pixels(message)
-    return bags.stamp_of(message) or logged_ns // 1000
+    topic, logged_ns = recorded
+    return clock.stamp(topic, message, logged_ns)
 
 
 def write(kind: str, message: Message, out: Path, recording: Recording) -> list[str]:

@@ -53,6 +53,7 @@ class RosSensors:
         unread: number of messages that are damaged, by topic.
         unfixed: number of messages without a fix.
         mounts: the static transforms.
+        clock: reads the stamps of messages.
     """
 
     imu_topic: str | None
@@ -66,6 +67,7 @@ class RosSensors:
     unread: dict[str, int] = field(default_factory=dict)
     unfixed: int = 0
     mounts: Mounts = field(default_factory=Mounts)
+    clock: bags.Clock = field(default_factory=bags.Clock)
 
     @classmethod
     def choose(cls, reader: AnyReader) -> RosSensors:
@@ -85,9 +87,9 @@ class RosSensors:
             if connection.topic == STATIC_TOPIC:
                 self.mounts.add(message)
             elif connection.topic == self.imu_topic:
-                self._add_rates(message, bags.stamp_of(message) or logged_ns // 1000)
+                self._add_rates(message, self.clock.stamp(connection.topic, message, logged_ns))
             else:
-                self._add_place(message, bags.stamp_of(message) or logged_ns // 1000)
+                self._add_place(message, self.clock.stamp(connection.topic, message, logged_ns))
         except (ValueError, OverflowError, AttributeError):
             self.unread[connection.topic] = self.unread.get(connection.topic, 0) + 1
 
@@ -144,7 +146,7 @@ class RosSensors:
         notes += [f"{', '.join(self.others)}: other sensors of these kinds, not read"] if self.others else []
         if self.unfixed:
             notes.append(f"{count_of(self.unfixed, 'message')} on {self.fix_topic} without a fix")
-        return notes
+        return notes + self.clock.notes
 
     def _add_rates(self, message: Any, stamp_us: int) -> None:
         if message.angular_velocity_covariance[0] == _NOT_GIVEN:

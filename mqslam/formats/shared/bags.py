@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import re
 from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -135,11 +136,41 @@ def stamp_of(message: Any) -> int:
     return int(stamp.sec) * 1_000_000 + int(stamp.nanosec) // 1000
 
 
-def pose_of(message_type: str, message: Any) -> PoseRow:
+@dataclass(slots=True)
+class Clock:
+    """The stamps of a bag's messages: those of their headers or, where a header has none, when they were recorded.
+
+    Args:
+        read: number of messages on each topic.
+        unstamped: number of those among them whose headers have no stamp.
+    """
+
+    read: dict[str, int] = field(default_factory=dict)
+    unstamped: dict[str, int] = field(default_factory=dict)
+
+    def stamp(self, topic: str, message: Any, logged_ns: int) -> int:
+        """Returns the stamp [us] of a message with a header that was recorded at a time [ns], and counts it."""
+        stamp = stamp_of(message)
+        self.read[topic] = self.read.get(topic, 0) + 1
+        if not stamp:
+            self.unstamped[topic] = self.unstamped.get(topic, 0) + 1
+        return stamp or logged_ns // 1000
+
+    @property
+    def notes(self) -> list[str]:
+        """What a user should know of messages without stamps: one line for each of their topics."""
+        return [
+            f"{'the' if count == self.read[topic] else f'{count} of {self.read[topic]}'} messages on {topic} "
+            "have no stamps in their headers: they are taken at the times at which they were recorded"
+            for topic, count in self.unstamped.items()
+        ]
+
+
+def pose_of(message_type: str, message: Any, stamp_us: int) -> PoseRow:
     """Returns the stamp [us] and planar pose (x, y [m], yaw [rad]) of an odometry or pose message."""
     pose = message.pose if message_type == POSE_TYPE else message.pose.pose
     q = pose.orientation
-    return stamp_of(message), pose.position.x, pose.position.y, yaw_of_quaternion(q.x, q.y, q.z, q.w)
+    return stamp_us, pose.position.x, pose.position.y, yaw_of_quaternion(q.x, q.y, q.z, q.w)
 
 
 def trajectory_of(rows: Iterable[PoseRow]) -> Trajectory | None:
@@ -152,6 +183,8 @@ def trajectory_of(rows: Iterable[PoseRow]) -> Trajectory | None:
 
 def note_left_out(rows: Sequence[PoseRow], topic: str | None) -> list[str]:
     """Returns what to tell of poses that `trajectory_of` leaves out: one line, or none."""
+    if rows and trajectory_of(rows) is None:
+        return [f"{topic} is left out: it holds no two poses at different times"]
     left_out = sum(not mark_places(np.array(row[1:])) for row in rows)
     return describe_left_out(left_out, f"{left_out} of {count_of(len(rows), 'pose')} on {topic}")
 
