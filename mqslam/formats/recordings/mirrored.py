@@ -33,9 +33,14 @@ def turn_as_told(recording: Recording, clockwise: bool | None) -> Recording:
     """
     if clockwise is None or _is_clockwise(recording) is clockwise:
         return recording
-    same = {entry.name: getattr(recording, entry.name) for entry in fields(Recording)}
     told = "clockwise" if clockwise else "counter-clockwise"
     note = f"the radar turns {told} (sensor.clockwise), the other way than its azimuths say: what it sees is mirrored"
+    return mirror(recording, note)
+
+
+def mirror(recording: Recording, note: str) -> Recording:
+    """Returns a recording whose radar sees everything on the other side, with a note on why."""
+    same = {entry.name: getattr(recording, entry.name) for entry in fields(Recording)}
     same["notes"] = (*recording.notes, note)
     return MirroredRecording(inner=recording, **same)
 

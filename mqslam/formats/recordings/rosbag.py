@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import heapq
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, get_args
@@ -24,6 +24,7 @@ from mqslam.errors import DataError, untrusted
 from mqslam.formats.recordings.bag_azimuths import open_message, read_turns
 from mqslam.formats.recordings.bag_configuration import read_bin_size, read_encoder_size
 from mqslam.formats.recordings.bag_poses import Frames
+from mqslam.formats.recordings.mirrored import mirror
 from mqslam.formats.sensors.carried import read_carried
 from mqslam.formats.sensors.ros_sensors import RosSensors, list_sensor_messages
 from mqslam.formats.shared import bags, polar_message
@@ -117,7 +118,7 @@ def recognises(path: Path) -> bool:
     return bags.recognises(path)
 
 
-def open_recording(path: Path, sensing: Sensing, settings: ReadingConfig) -> RosbagRecording:
+def open_recording(path: Path, sensing: Sensing, settings: ReadingConfig) -> Recording:
     """Indexes a bag in one pass over its messages, of which only stamps, poses and the readings of sensors stay.
 
     Args:
@@ -145,7 +146,8 @@ def open_recording(path: Path, sensing: Sensing, settings: ReadingConfig) -> Ros
     faults = [unread] if index.unread else []
     if skipped := len(ordered) - len(messages_us):
         faults.append(f"the stamps of {count_of(skipped, 'message')} on {topic} repeat or run backward: left out")
-    clockwise, stamp_sigma_s = sensing.clockwise is not False, 0.0
+    upside_down = sensors.mounts.is_upside_down(index.radar_frame)
+    clockwise, stamp_sigma_s = (not upside_down if sensing.clockwise is None else sensing.clockwise), 0.0
     if layout.stamps_azimuths:
         measured = [turn for turn, kept in zip(index.measured_turns_us, ordered.tolist(), strict=True) if kept]
         if encoder is None:
@@ -206,7 +208,15 @@ def open_recording(path: Path, sensing: Sensing, settings: ReadingConfig) -> Ros
         clockwise=clockwise,
         encoder=encoder,
     )
-    return carried.add_to(recording)
+    placed = carried.add_to(recording)
+    if not upside_down:
+        return placed
+    over = f"{sensors.mounts.topics[bags.name_frame(index.radar_frame)]} places the radar upside down"
+    if sensing.clockwise is not None:
+        return replace(placed, notes=(*placed.notes, f"{over}, which counts for nothing since sensor.clockwise is set"))
+    if layout.stamps_azimuths:
+        return mirror(placed, f"{over}: what it sees is mirrored")
+    return replace(placed, notes=(*placed.notes, f"{over}: it turns counter-clockwise, seen from above"))
 
 
 @dataclass(slots=True)

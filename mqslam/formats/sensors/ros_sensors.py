@@ -1,4 +1,4 @@
-"""Sensors in ROS bags: `sensor_msgs/Imu`, `sensor_msgs/NavSatFix`, and where the radar sits by /tf_static.
+"""Sensors in ROS bags: `sensor_msgs/Imu`, `sensor_msgs/NavSatFix`, and where the radar sits by /tf_static or /tf.
 
 Fixes on a topic whose name says that it is ground truth are those that the ground truth was made from.
 """
@@ -52,13 +52,15 @@ class RosSensors:
         imu_frame: frame of the gyroscope.
         unread: number of messages that are damaged, by topic.
         unfixed: number of messages without a fix.
-        mounts: the static transforms.
+        transform_topics: topics of transforms, of which those count that never change.
+        mounts: these transforms.
         clock: reads the stamps of messages.
     """
 
     imu_topic: str | None
     fix_topic: str | None
     others: tuple[str, ...]
+    transform_topics: tuple[str, ...] = ()
     imu_stamps: array[int] = field(default_factory=lambda: array("q"))
     rates: array[float] = field(default_factory=lambda: array("d"))
     imu_frame: str = ""
@@ -74,18 +76,19 @@ class RosSensors:
         """Chooses the topics of a bag: those with most messages, and ground truth only where there is no other."""
         imus = [topic for topic in _rank_topics(reader, IMU_TYPE) if not _is_truth(topic)]
         receivers = _rank_topics(reader, FIX_TYPE)
-        return cls(next(iter(imus), None), next(iter(receivers), None), (*imus[1:], *receivers[1:]))
+        transforms = tuple(dict.fromkeys(c.topic for c in reader.connections if Mounts.reads(c)))
+        return cls(next(iter(imus), None), next(iter(receivers), None), (*imus[1:], *receivers[1:]), transforms)
 
     def reads(self, topic: str) -> bool:
         """Returns whether the messages of a topic are to be added."""
-        return topic in (self.imu_topic, self.fix_topic, STATIC_TOPIC)
+        return topic in (self.imu_topic, self.fix_topic, *self.transform_topics)
 
     def add(self, reader: AnyReader, connection: Connection, logged_ns: int, raw: bytes) -> None:
         """Takes in a message of one of the topics; a damaged one is counted."""
         try:
             message = bags.deserialise(reader, connection, raw)
-            if connection.topic == STATIC_TOPIC:
-                self.mounts.add(message)
+            if connection.topic in self.transform_topics:
+                self.mounts.add(message, connection.topic)
             elif connection.topic == self.imu_topic:
                 self._add_rates(message, self.clock.stamp(connection.topic, message, logged_ns))
             else:
@@ -94,7 +97,7 @@ class RosSensors:
             self.unread[connection.topic] = self.unread.get(connection.topic, 0) + 1
 
     def read_gyroscope(self, path: Path) -> Reading[Gyroscope] | None:
-        """Returns the gyroscope, its rates turned to the vehicle's axes where /tf_static places it; None without a topic.
+        """Returns the gyroscope, its rates turned to the vehicle's axes where transforms place it; None without a topic.
 
         Raises:
             DataError: fewer than two messages can be used.
@@ -124,19 +127,20 @@ class RosSensors:
         return make_fixes(path, self.fix_topic, table, made_truth=_is_truth(self.fix_topic))
 
     def read_mount(self, path: Path, radar_frame: str) -> Mount | None:
-        """Returns where /tf_static places the radar on the vehicle; None where it does not.
+        """Returns where the transforms place the radar on the vehicle; None where they do not.
 
         Raises:
             DataError: it holds damaged messages, or transforms that are not finite.
         """
-        mount = self.mounts.find(radar_frame, "") if bags.name_frame(radar_frame) in self.mounts.parents else None
+        topic = self.mounts.topics.get(bags.name_frame(radar_frame))
+        mount = self.mounts.find(radar_frame, "") if topic else None
         if mount is None:
             if damaged := self.unread.get(STATIC_TOPIC):
                 raise DataError(path, f"holds {count_of(damaged, 'damaged message')} on {STATIC_TOPIC}", "repair the bag")
             return None
         if not np.isfinite(mount.pose).all():
-            raise DataError(path, f"places {radar_frame} by transforms that are not finite", f"repair {STATIC_TOPIC}")
-        return Mount(mount.pose, STATIC_TOPIC)
+            raise DataError(path, f"places {radar_frame} by transforms that are not finite", f"repair {topic}")
+        return Mount(mount.pose, topic or STATIC_TOPIC)
 
     @property
     def notes(self) -> list[str]:
