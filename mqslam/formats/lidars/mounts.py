@@ -65,9 +65,7 @@ class Mounts:
             move, turn = stamped.transform.translation, stamped.transform.rotation
             frame, parent = name_frame(stamped.child_frame_id), name_frame(stamped.header.frame_id)
             numbers = (move.x, move.y, move.z, turn.x, turn.y, turn.z, turn.w)
-            if is_static:
-                self._place(frame, parent, numbers, topic)
-            elif frame not in self.moving and self._stays(frame, parent, numbers) and frame not in self.parents:
+            if is_static or (frame not in self.moving and self._stays(frame, parent, numbers) and frame not in self.parents):
                 self._place(frame, parent, numbers, topic)
 
     def _stays(self, frame: str, parent: str, numbers: tuple[float, ...]) -> bool:
