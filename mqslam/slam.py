@@ -34,7 +34,7 @@ from mqslam.execution.runner import Runner
 from mqslam.mapping.render import render_track
 from mqslam.psi.doppler import choose_doppler_beta
 from mqslam.psi.place import beam_of
-from mqslam.solution import Run, Solution
+from mqslam.solution import CHECK, Run, Solution
 
 
 class Slam:
@@ -84,14 +84,14 @@ class Slam:
                 maps = [render_track(what, scans, track, config, solution.beam, runner) for what, track in tracks.items()]
                 before, after = runner.follow("render", maps, len(maps))
             checked, kept = None, None
-            with runner.time_stage("check"), runner.tolerate("the check of the map"):
+            with runner.time_stage("check"), runner.tolerate(CHECK):
                 if len(scans) > 1:
                     optimum = None if solution.covariances.failure else (solution.graph, solution.values)
                     checked = audit_trajectory(scans, solution.optimised, config, solution.beam, runner, optimum)
             with runner.time_stage("render"), runner.tolerate("the keyframes of the map"):
                 kept = solution.keep_map(scans, recording, runner.engine)
         return Run(
-            **(vars(solution) | {"warnings": tuple(runner.warnings)}),
+            **(vars(solution) | {"warnings": tuple(runner.warnings), "crashes": dict(runner.crashes)}),
             map_odometry=before,
             map_optimised=after,
             kept=kept,

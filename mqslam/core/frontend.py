@@ -20,7 +20,16 @@ from mqslam.core.sensors.sensors import NO_SENSORS, Sensors
 from mqslam.core.sensors.turning import KnownTurning
 from mqslam.core.sensors.velocity import Velocities
 from mqslam.core.trajectory import Trajectory
-from mqslam.errors import ConfigError, EstimationError, FrontEndError, MqslamError, Remedy, describe_error, suggest
+from mqslam.errors import (
+    ConfigError,
+    EstimationError,
+    FrontEndError,
+    MqslamError,
+    Remedy,
+    describe_error,
+    raise_interrupt,
+    suggest,
+)
 
 _log = logging.getLogger(__name__)
 _NEGATIVE = 1e-6  # variance below zero that rounding explains, per sum of the variances
@@ -117,6 +126,7 @@ def load(name: str) -> type[FrontEnd]:
     try:
         front_end: type[FrontEnd] = find_entry_point(name).load()
     except Exception as error:  # a front end may be anyone's code
+        raise_interrupt(error)
         _log.info("front end %s cannot be imported", name, exc_info=error)
         raise ConfigError(f"front end {name}: cannot be imported ({describe_error(error)})") from error
     return front_end
@@ -211,5 +221,6 @@ def _blame(name: str) -> Iterator[None]:
     except (MqslamError, MemoryError):
         raise
     except Exception as error:
+        raise_interrupt(error)
         _log.info("front end %s stopped", name, exc_info=error)
         raise FrontEndError(f"front end {name}: stopped with {describe_error(error)}", Remedy.MEND_FRONT_END) from error

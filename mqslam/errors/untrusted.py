@@ -11,7 +11,7 @@ from functools import wraps
 from pathlib import Path
 from typing import Concatenate, ParamSpec, Protocol, TextIO, TypeVar
 
-from mqslam.errors import DataError, MqslamError
+from mqslam.errors import DataError, MqslamError, raise_interrupt
 
 _ALWAYS_BYTES = 16_000_000  # whatever is packed may unpack to this size
 _MOST_EXPANSION = 20  # what is larger may unpack to this many times its size: measurements hardly pack
@@ -133,6 +133,7 @@ def blame_file(path: Path) -> Iterator[None]:
     except OSError as error:
         raise DataError(path, f"cannot be read ({error.strerror or error})", "check its permissions") from error
     except Exception as error:  # damaged files meet code of many libraries, and no list of what that raises is complete
+        raise_interrupt(error)
         _log.info("%s cannot be read", path, exc_info=error)
         reason = (str(error).splitlines() or [""])[0][:160]
         what = f"{type(error).__name__}: {reason}" if reason else type(error).__name__
