@@ -151,8 +151,12 @@ def _parse_flaser(words: list[str], above: int) -> ScanLine:
 
 def _parse_robotlaser(words: list[str], above: int) -> ScanLine:
     """Parses the words of a ROBOTLASER1 line, with the number of ODOM lines above it."""
-    start, resolution, maximum = (float(words[column]) for column in (2, 4, 5))
+    start, view, resolution, maximum = (float(words[column]) for column in (2, 3, 4, 5))
     count = int(words[8])
+    if resolution <= 0.0:  # some programs leave it out
+        resolution = _parse_finite([view], 1)[0] / max(count - 1, 1)
+    if resolution <= 0.0:
+        raise ValueError(words[3])
     ranges, rest = _parse_numbers(words[9:], count), words[9 + count :]
     reflected = int(rest[0])
     remissions, tail = _parse_numbers(rest[1:], reflected), rest[1 + reflected :]
