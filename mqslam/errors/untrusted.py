@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import codecs
 import logging
 import stat
 from collections.abc import Callable, Iterator
@@ -82,14 +83,25 @@ def stay_within(folder: Path) -> Iterator[None]:
 
 
 def open_text(path: Path, encoding: str = "utf-8", errors: str | None = None) -> TextIO:
-    """Opens a text file whose lines are of bounded length.
+    """Opens a text file whose lines are of bounded length; a byte order mark is left out.
 
     Raises:
         DataError: it is no file, or has a line that is too long.
         OSError: it cannot be opened.
     """
     _check_lines(check_file(path))
-    return path.open(encoding=encoding, errors=errors)
+    with path.open("rb") as file:
+        is_marked = file.read(len(codecs.BOM_UTF8)) == codecs.BOM_UTF8
+    return path.open(encoding="utf-8-sig" if is_marked else encoding, errors=errors)
+
+
+def decode(content: bytes) -> str:
+    """Decodes a text in UTF-8, with or without a byte order mark.
+
+    Raises:
+        UnicodeDecodeError: it is in another encoding.
+    """
+    return content.decode("utf-8-sig")
 
 
 def read_text(path: Path, encoding: str = "utf-8") -> str:
@@ -114,7 +126,7 @@ def read_document(path: Path, most_bytes: int = _ALWAYS_BYTES) -> str:
     """
     if check_file(path).stat().st_size > most_bytes:
         raise DataError(path, f"is larger than {most_bytes / 1e6:g} MB, which nothing of its kind is", "give another one")
-    return path.read_text(encoding="utf-8")
+    return decode(path.read_bytes())
 
 
 @contextmanager

@@ -26,7 +26,7 @@ def write_tum(path: Path, trajectory: Trajectory) -> None:
 def read_tum(path: Path) -> Trajectory:
     """Reads a TUM file: `t[s] x y z qx qy qz qw`, `#` starts a comment; z, roll and pitch are dropped.
 
-    Stamps above 1e14 are taken as microseconds, above 1e17 as nanoseconds.
+    Stamps above 1e11 are taken as milliseconds, above 1e14 as microseconds, above 1e17 as nanoseconds.
 
     Raises:
         DataError: the file cannot be read, has a line of other than eight numbers, a quaternion of zeros, or its

@@ -9,6 +9,7 @@ ROBOTLASER1 type start_angle field_of_view resolution maximum_range accuracy rem
 
 from __future__ import annotations
 
+import codecs
 import gzip
 import zlib
 from collections import Counter
@@ -122,6 +123,7 @@ def _read_lines(path: Path) -> Iterator[tuple[int, str]]:
             number = unpacked = 0
             while line := lines.readline(_LONGEST_LINE):
                 number += 1
+                line = line.removeprefix(codecs.BOM_UTF8) if number == 1 else line
                 unpacked += len(line)
                 if unpacked > limit:
                     raise DataError(path, f"unpacks to more than {limit / 1e6:.0f} MB", "give a CARMEN log")

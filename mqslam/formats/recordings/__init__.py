@@ -12,6 +12,7 @@ from mqslam.errors import ConfigError, DataError, Remedy, suggest, untrusted
 from mqslam.execution.checkpoint import FOLDER
 from mqslam.formats.odometry_files import read_odometry
 from mqslam.formats.recordings.mirrored import turn_as_told
+from mqslam.formats.shared.bags import explain_packed
 from mqslam.formats.shared.sensing import USUAL_TOPICS, Sensing, Stamp, Topics, is_bin_length
 from mqslam.formats.shared.target import Target
 
@@ -42,7 +43,7 @@ FORMATS = {
 
 
 def open_recording(
-    path: Path,
+    path: Path | str,
     format: str | None = None,
     range_resolution: float | None = None,
     *,
@@ -70,6 +71,7 @@ def open_recording(
         ConfigError: the format is unknown, or the range resolution is no length.
         DataError: the path does not exist, is in no known layout, or holds a recording that cannot be used.
     """
+    path = Path(path)
     if range_resolution is not None and not is_bin_length(range_resolution):
         raise ConfigError(f"range resolution {range_resolution}: is no length of a range bin; give metres, such as 0.0438")
     if format is not None and format not in FORMATS:
@@ -116,6 +118,8 @@ def _guess_layout(path: Path) -> Layout:
     if (path / FOLDER).is_dir():
         remedy = "give the recording that it is made from, or resume the run before its result is used"
         raise DataError(path, "is an unfinished run of mqslam, not a recording", remedy)
+    if packed := explain_packed(path):
+        raise packed
     lidars = importlib.import_module("mqslam.formats.lidars")
     if lidars.recognises(path):
         raise DataError(path, "is a lidar's recording", "give a radar's; a lidar's can be audited")

@@ -15,6 +15,7 @@ import numpy as np
 
 from mqslam.core.sensors.fixes import Fixes
 from mqslam.core.sensors.gyroscope import Gyroscope
+from mqslam.errors import DataError, untrusted
 from mqslam.formats.sensors.reading import Reading, make_fixes, make_gyroscope
 from mqslam.formats.sensors.sensor_table import SensorTable
 from mqslam.formats.shared.stamps import format_frame, read_listing
@@ -67,10 +68,10 @@ def make_radiate_fixes(root: Path, messages: SensorTable) -> Reading[Fixes]:
 def _read_message(file: Path) -> list[float]:
     """Reads latitude, longitude, standard deviation and three turn rates from a file; NaN where it cannot be read."""
     try:
-        lines = [[float(word) for word in line.split(",")] for line in file.read_text(encoding="utf-8").splitlines()]
+        lines = [[float(word) for word in line.split(",")] for line in untrusted.read_text(file).splitlines()]
         latitude, longitude = lines[_PLACE][:2]
         variance = 0.5 * (lines[_EAST][0] + lines[_NORTH][1])
         x, y, z = lines[_RATES]
-    except (OSError, ValueError, IndexError):
+    except (OSError, ValueError, IndexError, DataError):
         return [float("nan")] * 6
     return [latitude, longitude, float(np.sqrt(max(variance, 0.0))), x, y, z]

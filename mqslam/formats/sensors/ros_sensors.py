@@ -35,7 +35,7 @@ STATIC_TOPIC = "/tf_static"
 _IMU_TOPIC, _FIX_TOPIC, _TRUTH_FIX_TOPIC = "/imu/data", "/gps/fix", "/ground_truth/fix"
 _IMU_FRAME, _FIX_FRAME = "imu", "gps"  # no transform places them: rates stay about the axes that they are read about
 _NOT_GIVEN = -1.0  # first number of a covariance whose quantity an Imu does not state
-_NO_FIX = -1  # status of a NavSatFix
+_NO_FIX, _UNKNOWN = -1, -2  # statuses of a NavSatFix; drivers that never set it leave the last one
 
 
 @dataclass(slots=True)
@@ -52,6 +52,7 @@ class RosSensors:
         imu_frame: frame of the gyroscope.
         unread: number of messages that are damaged, by topic.
         unfixed: number of messages without a fix.
+        unstated: number of messages that do not state whether they have a fix.
         transform_topics: topics of transforms, of which those count that never change.
         mounts: these transforms.
         clock: reads the stamps of messages.
@@ -68,6 +69,7 @@ class RosSensors:
     places: array[float] = field(default_factory=lambda: array("d"))
     unread: dict[str, int] = field(default_factory=dict)
     unfixed: int = 0
+    unstated: int = 0
     mounts: Mounts = field(default_factory=Mounts)
     clock: bags.Clock = field(default_factory=bags.Clock)
 
@@ -120,7 +122,7 @@ class RosSensors:
         Raises:
             DataError: no message can be used.
         """
-        if self.fix_topic is None or (self.unfixed and not self.fix_stamps):
+        if self.fix_topic is None or ((self.unfixed or self.unstated) and not self.fix_stamps):
             return None
         places = np.array(self.places, dtype=np.float64).reshape(-1, 3)
         table = self._tabulate(self.fix_topic, self.fix_stamps, places)
@@ -150,6 +152,9 @@ class RosSensors:
         notes += [f"{', '.join(self.others)}: other sensors of these kinds, not read"] if self.others else []
         if self.unfixed:
             notes.append(f"{count_of(self.unfixed, 'message')} on {self.fix_topic} without a fix")
+        if self.unstated:
+            said = "whose status is not set (-2): those with a place are taken as fixes"
+            notes.append(f"{count_of(self.unstated, 'message')} on {self.fix_topic} {said}")
         return notes + self.clock.notes
 
     def _add_rates(self, message: Any, stamp_us: int) -> None:
@@ -161,8 +166,10 @@ class RosSensors:
         self.imu_frame = message.header.frame_id
 
     def _add_place(self, message: Any, stamp_us: int) -> None:
-        if message.status.status <= _NO_FIX:
-            self.unfixed += 1
+        is_unknown = message.status.status == _UNKNOWN
+        self.unstated += is_unknown
+        if message.status.status <= _NO_FIX and not (is_unknown and _is_place(message.latitude, message.longitude)):
+            self.unfixed += not is_unknown
             return
         known = message.position_covariance_type != 0
         variance = float(message.position_covariance[0] + message.position_covariance[4]) / 2.0 if known else np.nan
@@ -172,6 +179,11 @@ class RosSensors:
 
     def _tabulate(self, topic: str, stamps: array[int], columns: NDArray[np.float64]) -> SensorTable:
         return SensorTable(np.array(stamps, dtype=np.int64), columns, self.unread.get(topic, 0))
+
+
+def _is_place(latitude: float, longitude: float) -> bool:
+    """Returns whether a latitude and a longitude [degrees] are a place, and not what a receiver without one leaves."""
+    return bool(np.isfinite([latitude, longitude]).all()) and (latitude, longitude) != (0.0, 0.0)
 
 
 def _rank_topics(reader: AnyReader, kind: str) -> list[str]:

@@ -15,6 +15,7 @@ from mqslam.core.trajectory import Trajectory
 from mqslam.core.wording import count_of, is_or_are
 from mqslam.errors import DataError, MqslamError, untrusted
 from mqslam.execution.guards.bag_bounds import bound_rosbags
+from mqslam.formats.shared.images import CONVERT_IMAGES, NotGreyError
 from mqslam.formats.shared.poses import mark_places, yaw_of_quaternion
 
 if TYPE_CHECKING:
@@ -39,6 +40,32 @@ POSE_WITH_COVARIANCE_TYPE = "geometry_msgs/msg/PoseWithCovarianceStamped"
 PATH_TYPE = "nav_msgs/msg/Path"
 TRUTH_NAME = re.compile(r"truth|(?<![a-z])gt(?![a-z])")
 PoseRow = tuple[int, float, float, float]
+_UNPACK = {
+    "zstd": "zstd -d FILE",
+    "zst": "zstd -d FILE",
+    "gz": "gunzip FILE",
+    "bz2": "bunzip2 FILE",
+    "xz": "unxz FILE",
+    "lz4": "unlz4 FILE",
+    "zip": "unzip FILE",
+    "7z": "7z x FILE",
+    "tar": "tar xf FILE",
+    "tgz": "tar xf FILE",
+}
+_PACKED = re.compile(rf".*?(?P<what>\.(?:db3|mcap|bag))?\.(?P<how>{'|'.join(_UNPACK)})")
+
+
+def explain_packed(path: Path) -> DataError | None:
+    """Returns the error of a file that is packed as a whole, such as one of a ROS 2 bag; None of any other."""
+    packed = _PACKED.fullmatch(path.name.lower())
+    if packed is None or not path.is_file():
+        return None
+    unpack = f"unpack it, as by '{_UNPACK[packed['how']]}'"
+    if packed["how"].startswith("zst") and packed["what"]:
+        return DataError(
+            path, "is a packed file of a ROS 2 bag", f"give the bag's folder, with its metadata.yaml, or {unpack}"
+        )
+    return DataError(path, "is packed", f"{unpack}, and give what was in it")
 
 
 def recognises(path: Path) -> bool:
@@ -84,7 +111,7 @@ def name_message(path: Path, topic: str, logged_ns: int) -> Iterator[None]:
     try:
         yield
     except ValueError as error:
-        remedy = "cut it out of the bag, or name another bag"
+        remedy = CONVERT_IMAGES if isinstance(error, NotGreyError) else "cut it out of the bag, or name another bag"
         raise DataError(path, f"the message on {topic} recorded at {logged_ns} ns {error}", remedy) from error
 
 

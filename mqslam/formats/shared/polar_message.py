@@ -39,7 +39,7 @@ from mqslam.formats.shared.bags import (
     name_message,
     require_topic,
 )
-from mqslam.formats.shared.images import check_size, decode_grey
+from mqslam.formats.shared.images import CONVERT_IMAGES, NotGreyError, check_size, decode_grey
 from mqslam.formats.shared.sensing import Stamp
 
 if TYPE_CHECKING:
@@ -47,6 +47,7 @@ if TYPE_CHECKING:
     from rosbags.interfaces import Connection
 
 _GREY = ("mono8", "8UC1")
+_DEEP = ("mono16", "16UC1", "16SC1", "32FC1")
 _COMPRESSIONS = ("PNG", "JPEG")
 _FIRST_TRIED = 10  # at least one of this many first messages of a topic must be a polar scan
 _ENCODER_TURNS = (5600, 16000)  # ticks per turn of the encoders that Navtech's radars have
@@ -98,18 +99,32 @@ def choose_topic(
         meant = require_topic(path, named, (*images, *b_scans), "polar scans", "images")
         return named, _find_layout(path, reader, meant, encoder), [f"radar from {named}, as asked"]
     ranked = [(rank, c) for c in images if (rank := _rank_topic(c.topic)) is not None]
-    ranked += [(_B_SCAN_RANK, c) for c in b_scans]
+    ranked += [(_B_SCAN_RANK + c.msgtype.endswith(FFT_NAMES), c) for c in b_scans]
     usual = [c for _, c in sorted(ranked, key=lambda entry: entry[0])]
     if usual:
-        chosen, note = usual[0], f"radar from {usual[0].topic}"
+        chosen = usual[0]
+        others = sorted({c.topic for c in usual if not _is_twin(c.topic, chosen.topic)})
+        first = min((rank for rank, _ in ranked), default=0)
+        if len(alike_ranked := sorted({c.topic for rank, c in ranked if rank == first})) > 1:
+            raise DataError(
+                path, f"has several topics that could be radar ({', '.join(alike_ranked[:12])})", Remedy.NAME_TOPIC
+            )
+        notes = [f"radar from {chosen.topic}"]
+        notes += [f"{', '.join(others[:12])} could be the radar, too: {Remedy.NAME_TOPIC} if it is"] if others else []
     else:
-        alike = {c.topic: c for c in images if _looks_like_radar(_read_first(reader, c))}
-        if len(alike) != 1:
-            problem = f"has {'several topics that could be' if alike else 'no'} radar (topics: {list_topics(reader)})"
-            raise DataError(path, problem, Remedy.NAME_TOPIC if alike else _GIVE_RADAR)
+        first_messages = {c.topic: (c, _read_first(reader, c)) for c in images}
+        alike = {topic: c for topic, (c, message) in first_messages.items() if _looks_like_radar(message)}
+        if len(alike) > 1:
+            raise DataError(path, f"has several topics that could be radar (topics: {', '.join(alike)})", Remedy.NAME_TOPIC)
+        if not alike:
+            deep = [f"{topic} {said}" for topic, (_, m) in first_messages.items() if (said := _find_other_depth(m))]
+            problem = f"has no radar (topics: {list_topics(reader)})" + "".join(
+                f"; the first on {text}" for text in deep[:4]
+            )
+            raise DataError(path, problem, CONVERT_IMAGES if deep else _GIVE_RADAR)
         chosen = next(iter(alike.values()))
-        note = f"radar from {chosen.topic}, the only topic with images shaped like a radar's"
-    return chosen.topic, _find_layout(path, reader, chosen, encoder), [note]
+        notes = [f"radar from {chosen.topic}, the only topic with images shaped like a radar's"]
+    return chosen.topic, _find_layout(path, reader, chosen, encoder), notes
 
 
 def _find_layout(path: Path, reader: AnyReader, connection: Connection, encoder: int | None) -> Layout:
@@ -139,7 +154,7 @@ def _rank_topic(topic: str) -> int | None:
     known = [name + suffix for suffix in ("", "/compressed") for name in (_NAVTECH, _MULRAN_PLAYER)]
     drivers = [name + suffix for suffix in ("", "/compressed") for name in _DRIVER]
     ranks = {name: rank for rank, name in enumerate(known)} | {
-        name: rank for rank, name in enumerate(drivers, _B_SCAN_RANK + 1)
+        name: rank for rank, name in enumerate(drivers, _B_SCAN_RANK + 2)
     }
     return next((rank for name, rank in ranks.items() if topic.lower().endswith(name)), None)
 
@@ -153,7 +168,7 @@ def read_pixels(image: Any) -> NDArray[np.uint8]:
     if image.__msgtype__ == COMPRESSED_TYPE:
         return decode_grey(io.BytesIO(np.asarray(image.data, dtype=np.uint8).tobytes()), _COMPRESSIONS)
     if image.encoding not in _GREY:
-        raise ValueError(f"is an image in {image.encoding!r}, not mono8")
+        raise NotGreyError(f"is an image in {image.encoding!r}, not mono8")
     height, width, step = int(image.height), int(image.width), int(image.step)
     data = np.asarray(image.data, dtype=np.uint8)
     check_size(height, width)
@@ -198,6 +213,23 @@ def usual_stamp(topic: str, layout: Layout) -> Stamp:
     name = topic.lower().removesuffix("/compressed")
     is_late = name.endswith(_DRIVER) or (name.endswith(_MULRAN_PLAYER) and layout is Layout.COLUMNS)
     return "end" if is_late else "start"
+
+
+def _is_twin(topic: str, other: str) -> bool:
+    """Returns whether two topics hold the same images, one of them compressed, or are the same."""
+    return topic.removesuffix("/compressed") == other.removesuffix("/compressed")
+
+
+def _find_other_depth(message: Any) -> str:
+    """Returns what is wrong with a grey image that is not of 8 bits; "" of any other, such as one in colour."""
+    try:
+        read_pixels(message)
+    except NotGreyError as error:
+        if getattr(message, "encoding", "") in _DEEP or "(mode I" in str(error):
+            return str(error)
+    except ValueError:
+        pass
+    return ""
 
 
 def _looks_like_radar(message: Any) -> bool:

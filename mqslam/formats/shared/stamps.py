@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from mqslam.errors import DataError
+from mqslam.errors import DataError, untrusted
 
 _TOO_LARGE = "holds stamps too large for any clock"
 _MOST_DIGITS = 40  # before the point; a larger number would overflow
@@ -43,11 +43,11 @@ def time_unit(name: str) -> str | None:
 
 
 def guess_unit(largest: float) -> str:
-    """Guesses the unit of stamps from their largest magnitude: ns above 1e17, us above 1e14, else s.
+    """Guesses the unit of stamps from their largest magnitude: ns above 1e17, us above 1e14, ms above 1e11, else s.
 
-    Stamps since 1970 lie at 1e9 s, 1e15 us, 1e18 ns; stamps since a recording's start are seconds.
+    Stamps since 1970 lie at 1e9 s, 1e12 ms, 1e15 us, 1e18 ns; stamps since a recording's start are seconds.
     """
-    return "ns" if largest > 1e17 else "us" if largest > 1e14 else "s"
+    return next((unit for unit, least in (("ns", 1e17), ("us", 1e14), ("ms", 1e11)) if largest > least), "s")
 
 
 def guess_stated_unit(first: int, last: int, start_us: int, end_us: int) -> str:
@@ -144,7 +144,7 @@ def read_listing(listing: Path) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
         DataError: it cannot be read, or a line is of another form.
     """
     try:
-        lines = [line for line in listing.read_text(encoding="utf-8").splitlines() if line.strip()]
+        lines = [line for line in untrusted.read_text(listing).splitlines() if line.strip()]
     except (OSError, ValueError) as error:
         raise DataError(listing, "is not a readable text file", "it holds the stamps of the files") from error
     matches = [_FRAME.fullmatch(line) for line in lines]
