@@ -40,6 +40,13 @@ POSE_WITH_COVARIANCE_TYPE = "geometry_msgs/msg/PoseWithCovarianceStamped"
 PATH_TYPE = "nav_msgs/msg/Path"
 TRUTH_NAME = re.compile(r"truth|(?<![a-z])gt(?![a-z])")
 PoseRow = tuple[int, float, float, float]
+_OTHER_SCHEMAS = {
+    "ros1msg": "of ROS 1 in an mcap",
+    "protobuf": "in protobuf",
+    "jsonschema": "in JSON",
+    "flatbuffer": "in FlatBuffers",
+}
+_GIVE_ROS = "give the .bag that it was made from, or convert that with rosbags-convert"
 _UNPACK = {
     "zstd": "zstd -d FILE",
     "zst": "zstd -d FILE",
@@ -100,6 +107,8 @@ def open_bag(path: Path) -> Iterator[AnyReader]:
     except MqslamError:
         raise
     except Exception as error:  # on damaged files rosbags lets through whatever struct, zlib, apsw, yaml... raise
+        if isinstance(error, KeyError) and error.args and (kind := _OTHER_SCHEMAS.get(error.args[0])):
+            raise DataError(path, f"holds messages {kind}, not of ROS 2", _GIVE_ROS) from error
         reason = (str(error) or type(error).__name__).splitlines()[0]
         remedy = "copy it anew, or repair it with 'rosbag reindex' or 'mcap recover'"
         raise DataError(path, f"is not a readable bag ({reason})", remedy) from error

@@ -92,3 +92,12 @@ def test_python_takes_extrinsics_as_text_and_as_numbers(given: Any) -> None:
         numbers, pose = read_extrinsics(stated)
         assert numbers == (1.0, 2.0, 90.0)
         np.testing.assert_allclose(pose, [1.0, 2.0, np.pi / 2])
+
+
+def test_messages_of_ros_1_in_an_mcap_are_named(tmp_path: Path) -> None:
+    path = write(tmp_path / "drive.mcap", "/Navtech/Polar")
+    path.write_bytes(path.read_bytes().replace(b"ros2msg", b"ros1msg"))
+    said = "holds messages of ROS 1 in an mcap, not of ROS 2; give the .bag that it was made from, or convert that"
+    for read in (open_recording, read_trajectory):
+        with pytest.raises(DataError, match=said):
+            read(path)
