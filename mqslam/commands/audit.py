@@ -14,7 +14,7 @@ from mqslam.auditing.mending.rounds import Judged, Mended
 from mqslam.auditing.mending.rounds import mend as mend_trajectory
 from mqslam.auditing.sources import LIDAR_CONFIG, Source, divide_cloud, is_cloud, make_lidar_source, move_cloud, place_source
 from mqslam.auditing.sweeps import Sweeps, require_covered
-from mqslam.commands.inputs.extrinsics import to_pose
+from mqslam.commands.inputs.extrinsics import read_extrinsics
 from mqslam.commands.inputs.given_covariances import find_claims
 from mqslam.commands.inputs.opening import WHOLE, Span, carry_to_radar, choose_settings, open_data
 from mqslam.commands.result import JudgedResult
@@ -50,11 +50,11 @@ def audit(  # noqa: PLR0913 - these are the options of an audit, each with its d
     out: Path | str,
     *,
     trajectory: Trajectory | Path | str = _OWN,
-    times: Path | None = None,
+    times: Path | str | None = None,
     topic: str | None = None,
     frame: str | None = None,
     time_offset_s: float = 0.0,
-    extrinsics: tuple[float, float, float] | None = None,
+    extrinsics: tuple[float, float, float] | str | None = None,
     heights: tuple[float, float] | None = None,
     covariances: Path | str | None = None,
     false_alarms: float | None = None,
@@ -79,7 +79,8 @@ def audit(  # noqa: PLR0913 - these are the options of an audit, each with its d
         frame: frame whose pose the transforms of a bag give.
         time_offset_s: added to the stamps of the trajectory [s], if its clock is not that of the data.
         extrinsics: x [m] forward, y [m] to the left and yaw [degrees] to the left of the sensor in the frame of which the
-            trajectory is, such as a vehicle's base; None where the trajectory is the sensor's own.
+            trajectory is, such as a vehicle's base, or the three as a text X,Y,YAW; None where the trajectory is the
+            sensor's own.
         heights: the lowest and highest points of a cloud to use [m]; None takes all.
         covariances: file of the covariances of the trajectory's poses, as a run's covariances.csv, which revisits are held
             against; None takes the one beside a run's own trajectory.tum.
@@ -107,12 +108,12 @@ def audit(  # noqa: PLR0913 - these are the options of an audit, each with its d
     data, out = Path(data), Path(out)
     with claim_folder(out, force=force, sources=[data]):
         _check_options(data, format, false_alarms, (start_s, end_s))
-        mount = None if extrinsics is None else to_pose(extrinsics)
+        stated, mount = read_extrinsics(extrinsics)
         if mount is not None and covariances is not None:
             raise ConfigError(
                 "covariances are those of the sensor's poses; extrinsics say otherwise; leave out one of the two"
             )
-        given, told = _read_given(trajectory, times, topic, frame, time_offset_s, mount)
+        given, told = _read_given(trajectory, None if times is None else Path(times), topic, frame, time_offset_s, mount)
         name = (
             trajectory if isinstance(trajectory, str) else "given" if isinstance(trajectory, Trajectory) else str(trajectory)
         )
@@ -142,8 +143,8 @@ def audit(  # noqa: PLR0913 - these are the options of an audit, each with its d
         if mount is not None:
             notes.append(f"the trajectory is carried to the sensor by its extrinsics: {_describe_mount(mount)}")
         if given is not None and sweeps.track is not None and not of_cloud:  # the points of a cloud are placed already
-            stated = np.zeros(3) if mount is None else mount
-            sweeps = replace(sweeps, track=replace(sweeps.track, extrinsics=stated, time_offset_s=time_offset_s))
+            sat = np.zeros(3) if mount is None else mount
+            sweeps = replace(sweeps, track=replace(sweeps.track, extrinsics=sat, time_offset_s=time_offset_s))
         claims = None
         if mount is None:
             claims, unclaimed = find_claims(covariances, trajectory, given, round(1e6 * time_offset_s), sweeps)
@@ -157,7 +158,7 @@ def audit(  # noqa: PLR0913 - these are the options of an audit, each with its d
         dataset = {"format": kind, "path": str(data)}
         origin = name if sweeps.track is not None else None
         summary = {
-            **summarise(judged, sweeps, settings.audit, settings.verdict, dataset, origin, notes, extrinsics),
+            **summarise(judged, sweeps, settings.audit, settings.verdict, dataset, origin, notes, stated),
             "gyroscope": None if turning is None else summarise_check(turning),
         }
         mended: Mended | None = None

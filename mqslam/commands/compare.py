@@ -242,7 +242,9 @@ def _make_given_rows(
         if isinstance(given, Trajectory):
             track = given
         else:
-            track, notes = read_with_notes(*given) if isinstance(given, tuple) else read_with_notes(Path(given))
+            track, notes = (
+                read_with_notes(Path(given[0]), Path(given[1])) if isinstance(given, tuple) else read_with_notes(Path(given))
+            )
             told += [f"{name}: {note}" for note in notes]
         rows.append(make_given_row(name, track))
     return rows, told

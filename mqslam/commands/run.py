@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from mqslam.commands.inputs.extrinsics import name_extrinsics
 from mqslam.commands.inputs.opening import (
     USUAL_INPUTS,
     WHOLE,
@@ -50,7 +51,7 @@ def run(  # noqa: PLR0913 - these are the options of a run, each with its defaul
     odometry: str = "auto",
     imu: str = "auto",
     gnss: str = "auto",
-    extrinsics: str = "auto",
+    extrinsics: tuple[float, float, float] | str = "auto",
     frame: str = RADAR,
     config: Config | Path | str | None = None,
     format: str | None = None,
@@ -71,8 +72,8 @@ def run(  # noqa: PLR0913 - these are the options of a run, each with its defaul
         odometry: `auto` (the recording's own, if it has one), `none`, or the path of a file.
         imu: `auto` (the recording's own gyroscope, if it has one), `none`, or the path of a file.
         gnss: `auto` (the recording's own fixes, unless its ground truth was made from them), `none`, or the path of a file.
-        extrinsics: where the radar sits on the vehicle: `auto` (what the recording states, if it does), `none`, or a text
-            X,Y,YAW of metres forward, metres to the left and degrees to the left.
+        extrinsics: where the radar sits on the vehicle: `auto` (what the recording states, if it does), `none`, or
+            metres forward, metres to the left and degrees to the left, as numbers or as a text X,Y,YAW.
         frame: whose poses are written, in the frame of its first one: `radar` or `vehicle`, for which it must be known where
             the radar sits.
         config: settings, or the path of a YAML file, or the name of one that ships with mqslam; None takes the defaults.
@@ -97,7 +98,7 @@ def run(  # noqa: PLR0913 - these are the options of a run, each with its defaul
     """
     data, out = Path(data), Path(out)
     settings = choose_settings(config)
-    inputs = Inputs(odometry, imu, gnss, extrinsics, frame)
+    inputs = Inputs(str(odometry), str(imu), str(gnss), name_extrinsics(extrinsics), frame)
     with claim_folder(out, force=force, resume=resume, sources=[data]):
         job = open_job(data, settings, frontend, inputs, format, range_resolution, strict=strict, span=(start_s, end_s))
         for note in job.recording.notes:

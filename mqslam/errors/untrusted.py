@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import codecs
 import logging
 import stat
 from collections.abc import Callable, Iterator
@@ -11,7 +12,7 @@ from functools import wraps
 from pathlib import Path
 from typing import Concatenate, ParamSpec, Protocol, TextIO, TypeVar
 
-from mqslam.errors import DataError, MqslamError
+from mqslam.errors import DataError, MqslamError, raise_interrupt
 
 _ALWAYS_BYTES = 16_000_000  # whatever is packed may unpack to this size
 _MOST_EXPANSION = 20  # what is larger may unpack to this many times its size: measurements hardly pack
@@ -85,14 +86,25 @@ def stay_within(folder: Path) -> Iterator[None]:
 
 
 def open_text(path: Path, encoding: str = "utf-8", errors: str | None = None) -> TextIO:
-    """Opens a text file whose lines are of bounded length.
+    """Opens a text file whose lines are of bounded length; a byte order mark is left out.
 
     Raises:
         DataError: it is no file, or has a line that is too long.
         OSError: it cannot be opened.
     """
     _check_lines(check_file(path))
-    return path.open(encoding=encoding, errors=errors)
+    with path.open("rb") as file:
+        is_marked = file.read(len(codecs.BOM_UTF8)) == codecs.BOM_UTF8
+    return path.open(encoding="utf-8-sig" if is_marked else encoding, errors=errors)
+
+
+def decode(content: bytes) -> str:
+    """Decodes a text in UTF-8, with or without a byte order mark.
+
+    Raises:
+        UnicodeDecodeError: it is in another encoding.
+    """
+    return content.decode("utf-8-sig")
 
 
 def read_text(path: Path, encoding: str = "utf-8") -> str:
@@ -117,7 +129,7 @@ def read_document(path: Path, most_bytes: int = _ALWAYS_BYTES) -> str:
     """
     if check_file(path).stat().st_size > most_bytes:
         raise DataError(path, f"is larger than {most_bytes / 1e6:g} MB, which nothing of its kind is", "give another one")
-    return path.read_text(encoding="utf-8")
+    return decode(path.read_bytes())
 
 
 @contextmanager
@@ -136,6 +148,7 @@ def blame_file(path: Path) -> Iterator[None]:
     except OSError as error:
         raise DataError(path, f"cannot be read ({error.strerror or error})", "check its permissions") from error
     except Exception as error:  # damaged files meet code of many libraries, and no list of what that raises is complete
+        raise_interrupt(error)
         _log.info("%s cannot be read", path, exc_info=error)
         reason = (str(error).splitlines() or [""])[0][:160]
         what = f"{type(error).__name__}: {reason}" if reason else type(error).__name__

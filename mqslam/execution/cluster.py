@@ -15,7 +15,7 @@ from functools import partial
 from typing import Any, TypeVar, cast
 
 from mqslam.core.engine import Engine, ignore_result
-from mqslam.errors import ClusterError, ConfigError
+from mqslam.errors import ClusterError, ConfigError, raise_interrupt
 from mqslam.execution.extras import describe_missing
 from mqslam.execution.local_engine import LocalEngine
 from mqslam.version import __version__
@@ -290,4 +290,5 @@ def _attempt(function: Callable[[S, T], R], shared: S, item: T) -> tuple[R | Non
     try:
         return function(shared, item), None
     except Exception as error:
+        raise_interrupt(error)
         return None, error

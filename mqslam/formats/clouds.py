@@ -17,6 +17,7 @@ from mqslam.execution.extras import describe_missing
 from mqslam.formats.lidars import laz
 from mqslam.formats.ply import read_clock
 from mqslam.formats.shared import npz
+from mqslam.formats.shared.columns import find_stamps
 from mqslam.formats.shared.poses import mark_places
 from mqslam.formats.shared.stamps import LATEST_US, convert_stamps, time_unit
 
@@ -66,13 +67,18 @@ def read_cloud(path: Path, z_range: tuple[float, float] | None = None) -> TimedC
 
 def _make_cloud(path: Path, columns: Columns, z_range: tuple[float, float] | None) -> TimedCloud:
     """Makes a cloud of the columns of a file."""
-    name, unit = next(((name, unit) for name in columns if (unit := time_unit(name)) is not None), (None, ""))
+    fields = [*columns]
+    stamps_at = [(fields[column], unit) for column, unit in find_stamps(fields)]
+    name, unit = stamps_at[0] if stamps_at else (None, "")
     if name is None or "x" not in columns or "y" not in columns:
         missing = "time per point" if name is None else "x and y"
         raise DataError(path, f"has no {missing} (fields: {', '.join([*columns][:20]) or 'none'})", _WANTED)
     if z_range is not None and "z" not in columns:
         raise DataError(path, "has no z to choose points by", "leave the range of z out")
     x, y, times = (_read_column(path, columns, field) for field in ("x", "y", name))
+    if len(stamps_at) > 1:
+        times = _join(times, _read_column(path, columns, stamps_at[1][0]))
+        name, unit = f"{name} and {stamps_at[1][0]}", "ns"
     z = _read_column(path, columns, "z") if z_range is not None else None
     if len({len(x), len(y), len(times)}) > 1 or (z is not None and len(z) != len(x)):
         raise DataError(path, f"has {len(x)} x, {len(y)} y and {len(times)} times", "write it anew")
@@ -97,6 +103,15 @@ def _make_cloud(path: Path, columns: Columns, z_range: tuple[float, float] | Non
     points = np.column_stack([x[whole], y[whole]]).astype(np.float64)
     notes.append(f"times are {name} in {unit}")
     return TimedCloud(path, points[order], stamps[order], tuple(note for note in notes if note))
+
+
+def _join(seconds: NDArray[Any], parts: NDArray[Any]) -> NDArray[Any]:
+    """Joins times (N,) in whole seconds with their nanoseconds to times in nanoseconds."""
+    if seconds.shape != parts.shape or not all(np.issubdtype(values.dtype, np.integer) for values in (seconds, parts)):
+        return np.round(seconds.astype(np.float64) * 1e9)
+    if np.abs(parts).max(initial=0) >= 10**9:  # times of their own
+        return parts
+    return np.asarray(seconds.astype(np.int64) * 10**9 + parts.astype(np.int64))
 
 
 def _read_column(path: Path, columns: Columns, name: str) -> NDArray[Any]:

@@ -10,7 +10,7 @@ from mqslam.commands.inputs.opening import Inputs
 from mqslam.commands.run import Job, execute, find_finished, open_job
 from mqslam.commands.work import Work
 from mqslam.core.engine import Engine
-from mqslam.errors import MqslamError, describe_error
+from mqslam.errors import MqslamError, describe_error, raise_interrupt
 from mqslam.execution.folders import claim_folder
 from mqslam.execution.local_engine import DIED, LocalEngine
 from mqslam.execution.progress import Progress
@@ -74,6 +74,7 @@ def run_one(terms: Terms, order: Order) -> Outcome:
                 summary = execute(job, out, Work(engine), resume=not terms.force, how=AGAIN)
         return Outcome(summary)
     except Exception as error:  # a front end may be anyone's code, and the others are to go on
+        raise_interrupt(error)
         return Outcome(failure=describe_error(error))
 
 

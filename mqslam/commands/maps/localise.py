@@ -8,6 +8,7 @@ from pathlib import Path
 from pydantic import ValidationError
 
 from mqslam.backend.measuring import measure
+from mqslam.commands.inputs.extrinsics import name_extrinsics
 from mqslam.commands.inputs.opening import Inputs, choose_settings
 from mqslam.commands.result import LocaliseResult
 from mqslam.commands.run import Job, open_job
@@ -39,7 +40,7 @@ def localise(  # noqa: PLR0913 - these are the options of the command, each with
     frontend: str = "psi",
     odometry: str = "auto",
     imu: str = "auto",
-    extrinsics: str = "auto",
+    extrinsics: tuple[float, float, float] | str = "auto",
     config: Config | Path | str | None = None,
     format: str | None = None,
     range_resolution: float | None = None,
@@ -84,7 +85,7 @@ def localise(  # noqa: PLR0913 - these are the options of the command, each with
     with claim_folder(out, force=force, sources=[data]):
         made = open_map(map)
         settings = _choose_settings(config, map, made)
-        inputs = Inputs(odometry, imu, "none", extrinsics)
+        inputs = Inputs(str(odometry), str(imu), "none", name_extrinsics(extrinsics))
         job = open_job(data, settings, frontend, inputs, format, range_resolution, strict=strict, span=(start_s, end_s))
         for note in job.recording.notes:
             work.tell(note)

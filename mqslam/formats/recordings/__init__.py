@@ -11,6 +11,8 @@ from mqslam.core.recording import Recording
 from mqslam.errors import ConfigError, DataError, Remedy, suggest, untrusted
 from mqslam.execution.checkpoint import FOLDER
 from mqslam.formats.odometry_files import read_odometry
+from mqslam.formats.recordings.mirrored import turn_as_told
+from mqslam.formats.shared.bags import explain_packed
 from mqslam.formats.shared.sensing import USUAL_TOPICS, Sensing, Stamp, Topics, is_bin_length
 from mqslam.formats.shared.target import Target
 
@@ -42,13 +44,14 @@ _IMAGE_FOLDERS = ("radar", "Navtech_Polar", "polar", "polar_oxford_form", "senso
 
 
 def open_recording(
-    path: Path,
+    path: Path | str,
     format: str | None = None,
     range_resolution: float | None = None,
     *,
     clockwise: bool | None = None,
     stamp: Stamp | None = None,
     topics: Topics = USUAL_TOPICS,
+    encoder_size: int | None = None,
     settings: ReadingConfig = USUAL_READING,
 ) -> Recording:
     """Opens a recording without reading its polar scans.
@@ -57,16 +60,19 @@ def open_recording(
         path: a file or folder in one of the layouts of `FORMATS`.
         format: name of the layout; None guesses it from the path.
         range_resolution: length of a range bin [m]; None takes it from the recording or the layout's default.
-        clockwise: whether the radar turns clockwise, where azimuths carry no angles; None takes the layout's default.
+        clockwise: whether the radar turns clockwise, seen from above; None takes what azimuths say, or the layout's default.
         stamp: whether the stamp of a polar scan is its start or its end, where azimuths carry no stamps; None takes the
             layout's default.
         topics: of a bag, where their types and names do not tell which ones are meant.
+        encoder_size: ticks of the encoder in a turn, where azimuths carry encoder values; None takes what the recording
+            states, else what Navtech's radars have.
         settings: how recordings are understood where they do not say.
 
     Raises:
         ConfigError: the format is unknown, or the range resolution is no length.
         DataError: the path does not exist, is in no known layout, or holds a recording that cannot be used.
     """
+    path = Path(path)
     if range_resolution is not None and not is_bin_length(range_resolution):
         raise ConfigError(f"range resolution {range_resolution}: is no length of a range bin; give metres, such as 0.0438")
     if format is not None and format not in FORMATS:
@@ -80,7 +86,8 @@ def open_recording(
         layout = _load(format) if format else _guess_layout(path)
         if topics != USUAL_TOPICS and layout is not _load("rosbag"):
             raise DataError(path, "is no bag, and has no topics", "leave the topics out")
-        return layout.open_recording(path, Sensing(range_resolution, clockwise, stamp, topics), settings)
+        opened = layout.open_recording(path, Sensing(range_resolution, clockwise, stamp, topics, encoder_size), settings)
+        return turn_as_told(opened, clockwise)
 
 
 def list_targets() -> list[Target]:
@@ -119,6 +126,8 @@ def _guess_layout(path: Path) -> Layout:
     if (path / FOLDER).is_dir():
         remedy = "give the recording that it is made from, or resume the run before its result is used"
         raise DataError(path, "is an unfinished run of mqslam, not a recording", remedy)
+    if packed := explain_packed(path):
+        raise packed
     lidars = importlib.import_module("mqslam.formats.lidars")
     if lidars.recognises(path):
         raise DataError(path, "is a lidar's recording", "give a radar's; a lidar's can be audited")

@@ -72,7 +72,7 @@ def open_recording(path: Path, sensing: Sensing, settings: ReadingConfig) -> Row
     if not folder.is_dir():
         raise DataError(path, "holds no folder radar/", "give the folder whose radar/ holds <t>.png images")
     names, notes, faults = _list_names(root, folder)
-    images = index_rows(folder, names, settings)
+    images = index_rows(folder, names, settings, sensing.encoder_size)
     resolution, assumed = _find_resolution(root, sensing.range_resolution)
     end_us = int(images.stamps_us[-1] + images.turns_us[-1])
     beside, unread = read_beside(lambda: _read_ground_truth(root, int(images.stamps_us[0]), end_us))
@@ -266,7 +266,7 @@ def write_polar_scan(folder: Path, recording: Recording, k: int, polar_scan: Pol
 
 def _format_moves(truth: Trajectory) -> str:
     """Formats poses as motions in the frames of the poses before them; Oxford's frames are y right, yaw clockwise."""
-    moves = se2.between(truth.poses[:-1], truth.poses[1:])
+    moves = se2.wrapped_between(truth.poses[:-1], truth.poses[1:])
     lines = [_COLUMNS]
     for later, earlier, (x, y, yaw) in zip(truth.stamps_us[1:], truth.stamps_us[:-1], moves.tolist(), strict=True):
         lines.append(f"{later},{earlier},{x:.6f},{-y:.6f},0,0,0,{-yaw:.6f},{later},{earlier}")

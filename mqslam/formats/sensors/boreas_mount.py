@@ -50,7 +50,8 @@ def read_transform(file: Path) -> NDArray[np.float64]:
         DataError: the file holds none.
     """
     try:
-        matrix = np.loadtxt(untrusted.read_text(file).splitlines(), ndmin=2)
+        with untrusted.open_text(file) as lines:
+            matrix = np.loadtxt(lines, ndmin=2)
         turn = matrix[:3, :3]
         if (
             matrix.shape != (4, 4)

@@ -15,7 +15,7 @@ import numpy as np
 
 from mqslam.core.sensors.fixes import Fixes
 from mqslam.core.sensors.gyroscope import Gyroscope
-from mqslam.errors import untrusted
+from mqslam.errors import DataError, untrusted
 from mqslam.formats.sensors.reading import Reading, make_fixes, make_gyroscope
 from mqslam.formats.sensors.sensor_table import SensorTable
 from mqslam.formats.shared.stamps import format_frame, read_listing
@@ -75,6 +75,6 @@ def _read_message(file: Path) -> list[float]:
         latitude, longitude = lines[_PLACE][:2]
         variance = 0.5 * (lines[_EAST][0] + lines[_NORTH][1])
         x, y, z = lines[_RATES]
-    except (OSError, ValueError, IndexError):
+    except (OSError, ValueError, IndexError, DataError):
         return [float("nan")] * 6
     return [latitude, longitude, float(np.sqrt(max(variance, 0.0))), x, y, z]

@@ -81,7 +81,9 @@ def make_fixes(path: Path, source: str, table: SensorTable, *notes: str, made_tr
     if not kept.any():
         has = "a latitude within 90 degrees and a longitude within 180 degrees that are not both 0"
         problem = _describe_unusable(table, 0, "position of a GNSS receiver", has)
-        raise DataError(path, problem, "give a log with fixes, in degrees")
+        swapped = (np.abs(longitudes) <= 90.0) & (np.abs(latitudes) <= 180.0) & (np.abs(latitudes) > 90.0)
+        hint = ": its latitudes seem to be longitudes, and the other way round" if swapped.any() else ""
+        raise DataError(path, problem, f"give a log with fixes, in degrees{hint}")
     sigmas = np.where(np.isfinite(sigmas) & (sigmas > 0.0), sigmas, np.nan)
     fixes = Fixes(table.stamps_us[kept], latitudes[kept], longitudes[kept], sigmas[kept], source, made_truth)
     return Reading(fixes, notes, faults)

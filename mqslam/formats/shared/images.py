@@ -17,8 +17,13 @@ from mqslam.errors import DataError, untrusted
 
 _MOST_PIXELS, _LONGEST_SIDE = 16_000_000, 65_535  # largest polar scan: larger ones are damaged, or made to fill the memory
 _MOST_EXPANSION = 1032  # the most that deflate can do: an image with more pixels per byte of its file is cut short
+CONVERT_IMAGES = "convert the images to 8-bit grey (mono8)"
 _Read = TypeVar("_Read")
 _DAMAGE = (OSError, SyntaxError, ValueError, EOFError, zlib.error, struct.error)
+
+
+class NotGreyError(ValueError):
+    """An image that is not 8-bit grey."""
 
 
 class TooLargeError(ValueError):
@@ -33,6 +38,8 @@ def read_grey(path: Path) -> NDArray[np.uint8]:
     """
     try:
         return decode_grey(path, ("PNG",))
+    except NotGreyError as error:
+        raise DataError(path, str(error), CONVERT_IMAGES) from error
     except ValueError as error:
         raise DataError(path, str(error), "copy it anew, or leave it out of the recording") from error
 
@@ -61,7 +68,7 @@ def decode_grey(source: Path | BinaryIO, formats: tuple[str, ...]) -> NDArray[np
         raise
     except (*_DAMAGE, Image.DecompressionBombError) as error:
         raise ValueError(f"is not a readable {' or '.join(formats)} ({error})") from error
-    raise ValueError(problem)
+    raise NotGreyError(problem)
 
 
 def check_size(height: int, width: int) -> None:

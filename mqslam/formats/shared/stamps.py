@@ -23,9 +23,10 @@ FRAME_DIGITS = 6
 """Least number of digits of the number of a frame, in a list of when frames arrived and in the name of its file."""
 _FRAME = re.compile(r"\s*Frame:\s*(\d{1,18})\s+Time:\s*(\d+)(?:\.(\d+))?\s*")
 _NANOSECONDS = 9  # digits of a fraction of a second
+_SECONDS = r"(s|secs?|seconds|ms|msecs?|milliseconds|us|usecs?|microseconds|ns|nsecs?|nanosecs?|nanoseconds)"
 _TIME_NAME = re.compile(
-    r"(?:t|times?|time_?stamps?|stamps?|gps_?time)"
-    r"(?:[ _]*[\[(]?(s|sec|seconds|ms|us|usec|ns|nsec)[\])]?)?"
+    r"(?:header[._/])?(?:t|times?|time_?stamps?|stamps?|gps_?time)"
+    rf"(?:[ _./]*[\[(]?{_SECONDS}[\])]?)?|(?:secs?|seconds|nsecs?|nanosecs?|nanoseconds)"
 )
 
 
@@ -37,16 +38,16 @@ def time_unit(name: str) -> str | None:
     match = _TIME_NAME.fullmatch(name.strip().lower())
     if match is None:
         return None
-    unit = match[1] or ""
-    return unit if unit in UNITS else {"sec": "s", "seconds": "s", "usec": "us", "nsec": "ns"}.get(unit, "")
+    unit = match[1] or (match[0] if match[0].startswith(("sec", "n")) else "")
+    return {"s": "s", "m": "ms", "u": "us", "n": "ns"}.get("us" if unit == "microseconds" else unit[:1], "")
 
 
 def guess_unit(largest: float) -> str:
-    """Guesses the unit of stamps from their largest magnitude: ns above 1e17, us above 1e14, else s.
+    """Guesses the unit of stamps from their largest magnitude: ns above 1e17, us above 1e14, ms above 1e11, else s.
 
-    Stamps since 1970 lie at 1e9 s, 1e15 us, 1e18 ns; stamps since a recording's start are seconds.
+    Stamps since 1970 lie at 1e9 s, 1e12 ms, 1e15 us, 1e18 ns; stamps since a recording's start are seconds.
     """
-    return "ns" if largest > 1e17 else "us" if largest > 1e14 else "s"
+    return next((unit for unit, least in (("ns", 1e17), ("us", 1e14), ("ms", 1e11)) if largest > least), "s")
 
 
 def guess_stated_unit(first: int, last: int, start_us: int, end_us: int) -> str:

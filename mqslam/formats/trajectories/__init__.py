@@ -63,6 +63,8 @@ def _read_file(path: Path, times: Path | None) -> Trajectory:
         path, times = find_result(path, times)
     if path.suffix == ".npy":
         return read_array(path, times)
+    if packed := bags.explain_packed(path):
+        raise packed
     rows = read_rows(path)
     first = next((row for row in rows if not row.startswith("#")), "")
     if not first:
