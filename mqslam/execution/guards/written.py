@@ -23,7 +23,7 @@ _RECORDINGS = """
 """
 _UNFINISHED = """
     checkpoint/run.json checkpoint/returns-*-*.npz checkpoint/measurements.npz checkpoint/loops.npz
-    checkpoint/refinement.npz checkpoint/.run.json.* checkpoint/.*.npz.*
+    checkpoint/refinement.npz checkpoint/along.npz checkpoint/.run.json.* checkpoint/.*.npz.*
 """
 _NAMES = (*_RESULTS.split(), *_RECORDINGS.split(), *_UNFINISHED.split())
 

@@ -151,7 +151,7 @@ def open_recording(path: Path, sensing: Sensing, settings: ReadingConfig) -> Rec
     if layout.stamps_azimuths:
         measured = [turn for turn, kept in zip(index.measured_turns_us, ordered.tolist(), strict=True) if kept]
         if encoder is None:
-            check_encoder(path, messages_us, [measured[0], measured[-1]], index.turn_ticks)
+            faults += check_encoder(path, messages_us, [measured[0], measured[-1]], index.turn_ticks)
         usual = find_usual_turns(messages_us, settings, measured.__getitem__)
         starts, turns = place_turns(messages_us, "start", usual, settings)
         turns[-1] = index.turns_us[int(np.flatnonzero(ordered)[-1])] or turns[-1]

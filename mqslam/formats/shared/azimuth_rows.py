@@ -25,6 +25,8 @@ FIRST_NS = 1e17
 STATE_ENCODER = "state the encoder's ticks per turn by sensor.encoder_size if it has others"
 _NEAR_STEPS = 5  # steps between polar scans at either end whose median tells how long a turn takes there
 _OVERLAP = 1.05  # no turn of a radar takes so many times as long as until the next one begins: it keeps its rate better
+_MADE = (500, 512, 1000, 1024, 1250, 1800, 2000, 2048, 2500, 3000, 3600, 4000, 4096, 5000, 7200, 8000, 8192, 10000, 16000)
+_SAME_SIZE = 0.02  # how well the steps between polar scans show the ticks of a turn
 _LONGEST_TURN_US = 30e6  # a stamp further than this from the others of its turn is damaged
 
 
@@ -134,8 +136,13 @@ def note_spread(whose: str, stamp: Stamp, clockwise: bool) -> str:
     )
 
 
-def check_encoder(path: Path, stamps_us: NDArray[np.int64], ends: Sequence[float | None], turn: int = TURN_TICKS) -> None:
+def check_encoder(
+    path: Path, stamps_us: NDArray[np.int64], ends: Sequence[float | None], turn: int = TURN_TICKS
+) -> list[str]:
     """Checks that turns do not overlap by far, which they seem to where the encoder has fewer ticks than is taken.
+
+    They also seem to where the radar sweeps a part of the turn only, slowly. Such a recording is told from one of another
+    encoder by the number of ticks, since encoders are made with a few of them.
 
     Args:
         path: of the recording.
@@ -143,18 +150,23 @@ def check_encoder(path: Path, stamps_us: NDArray[np.int64], ends: Sequence[float
         ends: how long the first and the last turn take at the rate of their azimuths [us]; None where these do not tell.
         turn: encoder ticks that were taken as a turn.
 
+    Returns:
+        A fault for the user where they do, but no encoder that is made has as many ticks as the turns show.
+
     Raises:
-        DataError: they do.
+        DataError: they do, as with an encoder of another size.
     """
     steps = np.diff(stamps_us)
     if len(steps) < _NEAR_STEPS:
-        return
+        return []
     until_next = [float(np.median(near)) for near in (steps[:_NEAR_STEPS], steps[-_NEAR_STEPS:])]
     too_long = [end / until for end, until in zip(ends, until_next, strict=True) if end is not None]
     if len(too_long) < 2 or min(too_long) < _OVERLAP or max(too_long) > _OVERLAP * min(too_long):
-        return
+        return []
     ticks = turn / float(np.mean(too_long))
     problem = f"its encoder values sweep {ticks:.0f} of {turn} ticks while the radar turns once"
+    if not any(abs(ticks - size) < _SAME_SIZE * size for size in _MADE):
+        return [f"{problem}: it sweeps a part of the turn only, or sensor.encoder_size is to be set to the ticks of a turn"]
     raise DataError(path, problem, f"set sensor.encoder_size to the ticks of a turn, about {ticks:.0f}")
 
 

@@ -201,7 +201,7 @@ def index_rows(path: Path, names: NDArray[np.int64], settings: ReadingConfig, en
     named_us = stamps_in_us(names)
     known = {0: first, len(names) - 1: last}
     if encoder is None:
-        check_encoder(path, named_us, [azimuths.measure_turn(settings) for azimuths in (first, last)])
+        faults = [*faults, *check_encoder(path, named_us, [azimuths.measure_turn(settings) for azimuths in (first, last)])]
 
     def measure(k: int) -> float | None:
         try:
