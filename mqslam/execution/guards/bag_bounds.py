@@ -16,6 +16,7 @@ from typing import Any, Protocol, cast
 
 from mqslam.errors.untrusted import bound_unpacked
 
+_LONGEST_QUALITIES = 4000  # characters: a profile takes 300
 _LONGEST_DEFINITION = 1_000_000  # characters
 _LONGEST_ARRAY = 1000  # strings or messages in an array of fixed length, for each of which rosbags writes code
 _LARGE_CONSTANT = re.compile(r"<<|\bconst\b[^;]*=[^;]*\*")  # a few of these make numbers that fill the memory
@@ -44,7 +45,7 @@ def bound_rosbags() -> None:
     lz4, zstd = _unpack_with("lz4.frame", "LZ4FrameDecompressor"), _BoundedZstd(second.zstd)
     first.decompressors.update(bz2=_unpack_with("bz2", "BZ2Decompressor"), lz4=lz4)
     mcap.lz4_decompress, mcap.zstd, second.zstd = lz4, zstd, zstd
-    second.parse_qos = mcap.parse_qos = sqlite.parse_qos = _ignore_qualities
+    second.parse_qos = mcap.parse_qos = sqlite.parse_qos = partial(_parse_qualities, second.parse_qos)
     sqlite.apsw.connection_hooks.append(partial(_bound_database, sqlite.apsw))
     reading.get_types_from_msg = _bound_definitions(reading.get_types_from_msg)
     reading.get_types_from_idl = _bound_definitions(reading.get_types_from_idl)
@@ -117,9 +118,13 @@ def _refuse(most_bytes: int) -> ValueError:
     return ValueError(f"packed data that unpacks to more than {most_bytes / 1e6:.0f} MB; write it in smaller chunks")
 
 
-def _ignore_qualities(profiles: object) -> list[object]:
-    """Returns no quality of service: it says how messages were sent, in YAML, which takes long and much memory to parse."""
-    return []
+def _parse_qualities(parse: Callable[[Any], list[Any]], profiles: Any) -> list[Any]:
+    """Returns the quality of service, or none where its YAML is damaged, or long or repetitive, which takes much memory."""
+    is_short = isinstance(profiles, str) and len(profiles) <= _LONGEST_QUALITIES and not set("&*") & set(profiles)
+    try:
+        return parse(profiles) if is_short else []
+    except Exception:  # whatever is wrong with them: nothing is read by them
+        return []
 
 
 def _bound_database(apsw: Any, database: Any) -> None:
